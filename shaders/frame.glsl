@@ -1,0 +1,21 @@
+// The two uniform blocks: Frame changes with the view, Style with the scene.
+// Lengths are in mean voxel spacings; eye axes are right, down, forward.
+
+layout(std140) uniform Frame {
+    vec4 eye_from_index[3];  // columns of A in eye axes: x, y, z steps of the grid
+    vec4 eye_from_world[3];  // columns of the rotation, for normals
+    vec4 eye_whole;          // eye in grid indices, rounded: subtracts exactly from a position
+    vec4 eye_part;           // the rest of it
+    vec2 clip_scale;         // clip units per slope (perspective) or per length (orthographic)
+    float pixel_pitch;       // a pixel's side at depth 1 (perspective) or everywhere (orthographic)
+    float switch_depth;      // z_s: grid-aligned from here on
+    float near;              // nothing nearer is drawn
+} frame;
+
+layout(std140) uniform Style {
+    float radius;         // R, the kernel's support
+    float peak;           // F(0); the table holds F/F(0)
+    float opacity_length; // reference length of opacities, for mip
+    float ambient;        // shading: C = c (ambient + diffuse |n·l|)
+    float diffuse;
+} style;

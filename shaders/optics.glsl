@@ -1,0 +1,7 @@
+// From optical depth to opacity without cancellation.
+
+// 1 − exp(−x) for x ≥ 0; the series below 1/16 is good to float32's last digit
+float one_minus_exp(float x) {
+    if (x < 0.0625) return x * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x / 120.0))));
+    return 1.0 - exp(-x);
+}

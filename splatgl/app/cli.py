@@ -1,0 +1,82 @@
+"""The command line: `splatgl COMMAND …`. Exit codes: 0 done, 1 a comparison differs, 2 bad input."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+
+from splatgl import __version__
+from splatgl.data.errors import InputError
+
+BAD_INPUT = 2
+# what a shell reports for a program ended by Ctrl-C
+INTERRUPTED = 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one command; returns its exit code. Bad input is one line on standard error."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    parser = _parser(arguments)
+    args = parser.parse_args(arguments)
+    try:
+        return int(args.run(args))
+    except InputError as error:
+        print(f"splatgl: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except MemoryError as error:
+        print(f"splatgl: not enough memory: {error}; use a smaller volume or a higher --threshold", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("splatgl: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        return 0
+
+
+def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    parser = Parser(
+        prog="splatgl",
+        description="Volume rendering by texture splats in OpenGL.",
+        epilog="splatgl COMMAND --help tells a command's options.",
+    )
+    parser.add_argument("--version", action="version", version=f"splatgl {__version__}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for name, (about, add) in COMMANDS.items():
+        command = commands.add_parser(name, help=about, description=about)
+        # only the command that runs needs its options, and with them its imports
+        if name in arguments[:1]:
+            add()(command)
+    return parser
+
+
+class Parser(argparse.ArgumentParser):
+    """One line for a usage error, as for any bad input."""
+
+    def error(self, message: str) -> None:  # type: ignore[override]
+        self.exit(BAD_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def _render() -> Callable[[argparse.ArgumentParser], None]:
+    from splatgl.app.render import add_parser
+
+    return add_parser
+
+
+def _info() -> Callable[[argparse.ArgumentParser], None]:
+    from splatgl.app.inspect import add_info_parser
+
+    return add_info_parser
+
+
+def _doctor() -> Callable[[argparse.ArgumentParser], None]:
+    from splatgl.app.inspect import add_doctor_parser
+
+    return add_doctor_parser
+
+
+COMMANDS: dict[str, tuple[str, Callable[[], Callable[[argparse.ArgumentParser], None]]]] = {
+    "render": ("draw a volume or a scene into a picture", _render),
+    "info": ("tell what is in a volume file", _info),
+    "doctor": ("tell what this machine draws with, and whether it draws right", _doctor),
+}

@@ -1,0 +1,162 @@
+"""Command-line options as records: how a source is read, seen and drawn."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.app.scene import Scene, View
+from splatgl.data.color import linear_from_srgb
+from splatgl.splat.settings import CHOICES, Settings
+
+NAMED_COLORS = {"black": "#000000", "white": "#ffffff", "gray": "#808080"}
+
+
+def add_source(parser: argparse.ArgumentParser) -> None:
+    """What is read, and how."""
+    parser.add_argument("source", help="a volume file, a built-in scene (tunnel, terrain, nerve), or a scene.toml")
+    group = parser.add_argument_group("reading")
+    group.add_argument("--shape", type=_integers(3), metavar="X,Y,Z", help="voxels along x, y, z of a headerless file")
+    group.add_argument("--dtype", help="sample type of a headerless file: uint8, int16, >u2, float32, …")
+    group.add_argument("--offset", dest="header_offset", type=int, help="bytes to skip in a headerless file")
+    group.add_argument("--spacing", type=_numbers(3), metavar="X,Y,Z", help="voxel spacing, where the file has none")
+    group.add_argument("--array", help="which array of a file that holds several (VTK, npz, Zarr)")
+    group.add_argument("--channel", type=int, help="which channel of a multi-channel TIFF")
+    group.add_argument("--color", help="colour picture laid over a height map")
+    group.add_argument("--relief", type=float, help="height of a height map's relief, world units")
+
+
+def add_transfer(parser: argparse.ArgumentParser) -> None:
+    """What values mean."""
+    group = parser.add_argument_group("transfer function (default: chosen from the data)")
+    group.add_argument("--preset", help="ct-bone, ct-soft, mri, microscopy or terrain")
+    group.add_argument("--transfer", metavar="FILE.toml", help="a transfer function saved before")
+    group.add_argument("--points", type=_pairs, metavar="V:A,V:A…", help="opacity A at value V, linear between")
+    group.add_argument("--gradient", type=_pairs, metavar="G:W,G:W…", help="weight W at gradient G: t = F(∇, ρ)")
+    group.add_argument("--colormap", help="gray, bone, hot, viridis, …, or any of cmap's or matplotlib's")
+    group.add_argument("--window", type=_numbers(2), metavar="LOW,HIGH", help="values that the colours span")
+    group.add_argument("--unit", type=float, help="world length that opacities are stated for (mean spacing)")
+    group.add_argument("--threshold", type=float, help="keep voxels with t above this opacity (0)")
+
+
+def add_view(parser: argparse.ArgumentParser) -> None:
+    """Where the eye is."""
+    group = parser.add_argument_group("view (default: all of it, from the front)")
+    group.add_argument("--size", type=_size, metavar="W×H", help="pixels, such as 800x600 or 512 (512x512)")
+    group.add_argument("--azimuth", type=float, help="degrees about the up axis, counter-clockwise from above")
+    group.add_argument("--elevation", type=float, help="degrees above the horizon")
+    group.add_argument("--zoom", type=float, help="above 1 is nearer")
+    group.add_argument("--fov", type=float, help="full vertical angle in degrees")
+    group.add_argument("--eye", type=_numbers(3), metavar="X,Y,Z", help="the eye, world units")
+    group.add_argument("--look-at", type=_numbers(3), metavar="X,Y,Z", help="what the eye looks at (the middle)")
+    group.add_argument("--up", type=_numbers(3), metavar="X,Y,Z", help="the direction drawn upwards (0,0,1)")
+    group.add_argument("--orthographic", action="store_true", default=None, help="parallel rays")
+    group.add_argument("--height", type=float, help="height of an orthographic picture, world units")
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """How it is drawn: the fields of Settings."""
+    group = parser.add_argument_group("drawing (the first is the default)")
+    for name, allowed in CHOICES.items():
+        if len(allowed) > 1:
+            group.add_argument(f"--{name}", choices=allowed, metavar="|".join(allowed))
+    group.add_argument("--samples", type=int, help="supersampling: samples along each axis of a pixel (4)")
+    group.add_argument("--z-s", type=float, help="hybrid: depth at which splats become grid-aligned")
+    group.add_argument("--table-size", type=int, help="texels along each axis of the footprint table (256)")
+    group.add_argument("--table-bits", type=int, choices=(8, 16, 32), help="bits a texel (32)")
+    group.add_argument("--tolerance", type=float, help="largest allowed error (1/255)")
+    group.add_argument("--background", type=_color, metavar="COLOUR", help="transparent, black, white or #rrggbb")
+    group.add_argument("--paper", action="store_true", help="the 1998 hardware path: hybrid, 8-bit table and target")
+
+
+def scene_from_source(args: argparse.Namespace) -> Scene:
+    """The scene that the source and the reading options name."""
+    path = Path(args.source)
+    scene = Scene.from_toml(path) if path.suffix == ".toml" else Scene(args.source)
+    reading = _given(args, "shape", "dtype", "header_offset", "spacing", "array", "channel", "color", "relief")
+    return replace(scene, load={**scene.load, **reading})
+
+
+def scene_from(args: argparse.Namespace) -> Scene:
+    """The scene that all options name; a scene.toml comes first, options are laid over it."""
+    scene = scene_from_source(args)
+    settings = Settings.paper() if args.paper else scene.settings
+    threshold = scene.threshold if args.threshold is None else args.threshold
+    return replace(
+        scene,
+        transfer={**scene.transfer, **_transfer_file(args.transfer), **_given(args, *TRANSFER)},
+        view=replace(scene.view, **_given(args, *(f.name for f in fields(View)))),
+        settings=settings.but(**_given(args, *(f.name for f in fields(Settings)))),
+        threshold=threshold,
+    )
+
+
+TRANSFER = ("preset", "points", "gradient", "colormap", "window", "unit")
+
+
+def _transfer_file(path: str | None) -> dict[str, Any]:
+    if path is None:
+        return {}
+    from splatgl.splat.transfer import Transfer
+
+    transfer = Transfer.load(path)
+    return {f.name: getattr(transfer, f.name) for f in fields(Transfer)}
+
+
+def _given(args: argparse.Namespace, *names: str) -> dict[str, Any]:
+    return {name: value for name in names if (value := getattr(args, name, None)) is not None}
+
+
+def _numbers(count: int) -> Any:
+    def parse(text: str) -> tuple[float, ...]:
+        try:
+            numbers = tuple(float(part) for part in text.replace("×", ",").split(","))
+        except ValueError:
+            numbers = ()
+        if len(numbers) != count:
+            raise argparse.ArgumentTypeError(f"expected {count} numbers separated by commas, got {text!r}")
+        return numbers
+
+    return parse
+
+
+def _integers(count: int) -> Any:
+    def parse(text: str) -> tuple[int, ...]:
+        return tuple(int(n) for n in _numbers(count)(text.replace("x", ",")))
+
+    return parse
+
+
+def _pairs(text: str) -> tuple[tuple[float, float], ...]:
+    try:
+        pairs = tuple((float(v), float(a)) for v, a in (part.split(":") for part in text.split(",")))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected pairs V:A separated by commas, got {text!r}") from None
+    return pairs
+
+
+def _size(text: str) -> tuple[int, int]:
+    try:
+        numbers = [int(part) for part in text.lower().replace("×", "x").split("x")]
+        width, height = numbers * 2 if len(numbers) == 1 else numbers
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT or one number, got {text!r}") from None
+    return width, height
+
+
+def _color(text: str) -> tuple[float, float, float] | None:
+    if text == "transparent":
+        return None
+    code = NAMED_COLORS.get(text, text)
+    try:
+        rgb = [int(code[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+        if len(code) != 7 or code[0] != "#":
+            raise ValueError
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected transparent, black, white or #rrggbb, got {text!r}") from None
+    red, green, blue = linear_from_srgb(np.array(rgb))
+    return float(red), float(green), float(blue)

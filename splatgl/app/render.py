@@ -1,0 +1,104 @@
+"""`splatgl render`: one picture, from a file or a scene."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from splatgl import __version__
+from splatgl.app.options import add_settings, add_source, add_transfer, add_view, scene_from
+from splatgl.app.scene import Scene
+from splatgl.data.errors import InputError, expected
+from splatgl.data.image import Image
+from splatgl.data.volume import Slab
+from splatgl.gl.renderer import Renderer
+from splatgl.splat.camera import Camera
+from splatgl.splat.extract import extract
+from splatgl.splat.plan import plan
+from splatgl.splat.rows import Splats
+from splatgl.splat.transfer import Transfer
+
+# seconds of work before a progress bar shows
+PATIENCE = 1.0
+
+
+def add_parser(parser: argparse.ArgumentParser) -> None:
+    add_source(parser)
+    parser.add_argument("-o", "--output", help="picture to write, .png or .npy (default: SOURCE.png)")
+    parser.add_argument("--bits", type=int, choices=(8, 16), default=8, help="bits a sample of a PNG (8)")
+    parser.add_argument("--explain", action="store_true", help="say what is drawn, what is left out, and why")
+    parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
+    parser.add_argument("--backend", default="auto", help="auto, egl, osmesa or window")
+    parser.add_argument("--device", type=int, help="index of the EGL device")
+    parser.add_argument("--gpu", action="store_true", help="fail if only a software renderer is there")
+    add_view(parser)
+    add_transfer(parser)
+    add_settings(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Draws one picture and says what it did; 0."""
+    scene = scene_from(args)
+    output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
+    check_output(output)
+    volume = scene.open()
+    transfer = scene.transfer_for(volume)
+    splats = extract(volume, transfer, scene.threshold, progress=None if args.quiet else _bar)
+    camera = scene.view.camera(volume, splats if len(splats) else volume)
+    if args.explain:
+        print(plan(splats, camera, scene.settings).explain())
+    with Renderer(args.backend, args.device, args.gpu) as renderer:
+        image = renderer.render(splats, camera, scene.settings)
+    image = Image(image.pixels, {**image.info, **_origin(scene, transfer)})
+    image.save(output, args.bits, scene.settings.background if scene.settings.blend == "xray" else None)
+    if not args.quiet:
+        print(_summary(output, image, splats, camera))
+    return 0
+
+
+def check_output(path: Path) -> None:
+    """InputError, before any work is done, if `path` can't be written or has no known suffix."""
+    if path.suffix.lower() not in (".png", ".npy"):
+        raise expected(path, "a name that ends in .png or .npy", repr(path.suffix))
+    if path.is_dir():
+        raise expected(path, "a file to write", "a directory")
+    if not path.parent.is_dir():
+        raise expected(path, "a folder that exists", f"no folder {path.parent}", "make it first")
+    if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
+        raise InputError(f"{path}: cannot be written: permission denied")
+
+
+def _origin(scene: Scene, transfer: Transfer) -> dict[str, object]:
+    return {
+        "version": __version__,
+        "source": Path(scene.volume).name,
+        "threshold": scene.threshold,
+        "transfer": transfer.to_toml(),
+    }
+
+
+def _summary(output: Path, image: Image, splats: Splats, camera: Camera) -> str:
+    info = image.info
+    lines = [
+        f"{output}: {camera.size[0]}×{camera.size[1]}, {len(splats):,} splats in {info['seconds']:.2f} s",
+        f"{info['blend']}, {info['kernel']}, align {info['align']}, {info['footprint']}, target {info['target']}",
+        f"by {info['renderer']} ({info['backend']})",
+    ]
+    if not len(splats):
+        lines.append("nothing is opaque enough to be drawn: the picture is empty; lower --threshold or set --points")
+    return "\n".join(lines)
+
+
+def _bar(slabs: Iterator[Slab], count: int) -> Iterator[Slab]:
+    """A progress bar over slabs, where tqdm is installed and someone is watching."""
+    if not sys.stderr.isatty():
+        return slabs
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        return slabs
+    return iter(tqdm(slabs, "extracting", total=count, unit="slab", delay=PATIENCE, leave=False))

@@ -1,0 +1,138 @@
+"""What one command shows: a source, how it is read, seen and drawn; from options or a scene.toml.
+
+    volume = "head.nii.gz"          # beside the scene file, or the name of a built-in scene
+    threshold = 0.0
+    [load]                          # as LoadOptions
+    [transfer]                      # preset = "…", or points, colormap, window, unit, gradient, shading
+    [camera]                        # size, azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
+    [settings]                      # as Settings
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from splatgl.data.errors import InputError, expected
+from splatgl.data.readers import load
+from splatgl.data.scenes import SCENES
+from splatgl.data.volume import Triple, Volume
+from splatgl.splat.camera import Bounded, Camera
+from splatgl.splat.presets import default_transfer, preset
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
+
+# a volume thinner than this share of its width is looked at from above
+FLAT = 0.5
+AZIMUTH, ELEVATION, ELEVATION_FLAT, FOV = 30.0, 20.0, 60.0, 40.0
+
+
+@dataclass(frozen=True)
+class View:
+    """Where the eye is; what is None comes from the volume's hints, its anatomy or its shape."""
+
+    size: tuple[int, int] = (512, 512)
+    azimuth: float | None = None
+    elevation: float | None = None
+    fov: float | None = None
+    zoom: float | None = None
+    eye: Triple | None = None
+    look_at: Triple | None = None
+    up: Triple | None = None
+    orthographic: bool = False
+    height: float | None = None
+
+    def camera(self, volume: Volume, subject: Bounded) -> Camera:
+        """The camera; an orbit fits `subject`."""
+        hints = volume.hints
+        fov = _first(self.fov, hints.fov, FOV)
+        orbits = any(x is not None for x in (self.azimuth, self.elevation, self.zoom))
+        if self.eye is not None or (hints.eye is not None and not orbits):
+            target = _first(self.look_at, hints.target if self.eye is None else None, tuple(volume.center))
+            up = _first(self.up, hints.up, (0.0, 0.0, 1.0))
+            camera = Camera.look_at(_first(self.eye, hints.eye), target, up, fov, self.size)
+        else:
+            azimuth, elevation = _default_orbit(volume)
+            camera = Camera.orbit(
+                subject,
+                _first(self.azimuth, hints.azimuth, azimuth),
+                _first(self.elevation, hints.elevation, elevation),
+                fov,
+                self.size,
+                _first(self.zoom, 1.0),
+                _first(self.up, hints.up, (0.0, 0.0, 1.0)),
+            )
+        return camera.parallel(subject, self.height) if self.orthographic or self.height else camera
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One scene, complete enough to draw."""
+
+    volume: str
+    load: Mapping[str, Any] = field(default_factory=dict)
+    transfer: Mapping[str, Any] = field(default_factory=dict)
+    view: View = field(default_factory=View)
+    settings: Settings = field(default_factory=Settings)
+    threshold: float = 0.0
+
+    @classmethod
+    def from_toml(cls, path: Path) -> Scene:
+        """Raises InputError for a file that is not there, bad TOML, and unknown keys."""
+        try:
+            table = tomllib.loads(path.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise InputError(f"{path}: expected a scene in TOML, got {error}") from error
+        known = {"volume": str, "threshold": (int, float), "load": dict, "transfer": dict, "camera": dict}
+        _check_keys(str(path), table, {*known, "settings"})
+        for key, kind in {**known, "settings": dict}.items():
+            if key in table and not isinstance(table[key], kind):
+                raise expected(f"{path}: {key}", "another type", repr(table[key]))
+        if "volume" not in table:
+            raise expected(path, "the key volume", ", ".join(table) or "an empty file")
+        source = table["volume"]
+        if source not in SCENES:
+            source = str(path.parent / source)
+        camera = table.get("camera", {})
+        _check_keys(f"{path} [camera]", camera, {f.name for f in fields(View)})
+        view = View(**{key: tuple(value) if isinstance(value, list) else value for key, value in camera.items()})
+        settings = Settings().but(**table.get("settings", {}))
+        scene = cls(source, table.get("load", {}), table.get("transfer", {}), view, settings)
+        return replace(scene, threshold=float(table.get("threshold", 0.0)))
+
+    def open(self) -> Volume:
+        """The volume: a built-in scene, or a file through its reader."""
+        if self.volume in SCENES and not self.load:
+            return SCENES[self.volume]()
+        return load(self.volume, **self.load)
+
+    def transfer_for(self, volume: Volume) -> Transfer:
+        """The transfer function: the data's own or a preset's, with what was asked laid over it."""
+        asked = dict(self.transfer)
+        name = asked.pop("preset", None)
+        if "points" in asked and name is None:
+            return Transfer.from_table(asked)
+        base = preset(name, volume) if name else default_transfer(volume)
+        _check_keys("transfer", asked, {f.name for f in fields(Transfer)})
+        return replace(base, **asked)
+
+
+def _default_orbit(volume: Volume) -> tuple[float, float]:
+    """Azimuth and elevation: anatomy from the front, flat volumes from above."""
+    extent = volume.corners.max(axis=0) - volume.corners.min(axis=0)
+    elevation = ELEVATION_FLAT if extent[2] < FLAT * min(extent[0], extent[1]) else ELEVATION
+    # in RAS the front is +y, in LPS it is −y
+    return (180.0 + AZIMUTH if volume.frame == "RAS" else AZIMUTH), elevation
+
+
+def _first(*values: Any) -> Any:
+    return next((value for value in values if value is not None), None)
+
+
+def _check_keys(what: str, table: Mapping[str, Any], known: set[str]) -> None:
+    unknown = [key for key in table if key not in known]
+    if unknown:
+        raise expected(what, f"keys {', '.join(sorted(known))}", ", ".join(unknown))

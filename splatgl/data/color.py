@@ -1,0 +1,24 @@
+"""sRGB and linear light, both ways, exactly as IEC 61966-2-1 states them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+# the curve is a straight line below these encoded and linear values, a power above them
+ENCODED_KNEE, LINEAR_KNEE = 0.04045, 0.0031308
+SLOPE, OFFSET, EXPONENT = 12.92, 0.055, 2.4
+
+
+def linear_from_srgb(encoded: ArrayLike) -> np.ndarray:
+    """Linear light, float64, of sRGB values in [0, 1], any shape; negatives follow the straight line."""
+    s = np.asarray(encoded, dtype=np.float64)
+    curved = ((np.maximum(s, ENCODED_KNEE) + OFFSET) / (1 + OFFSET)) ** EXPONENT
+    return np.where(s <= ENCODED_KNEE, s / SLOPE, curved)
+
+
+def srgb_from_linear(linear: ArrayLike) -> np.ndarray:
+    """sRGB values, float64, of linear light in [0, 1], any shape; negatives follow the straight line."""
+    c = np.asarray(linear, dtype=np.float64)
+    curved = (1 + OFFSET) * np.maximum(c, LINEAR_KNEE) ** (1 / EXPONENT) - OFFSET
+    return np.where(c <= LINEAR_KNEE, c * SLOPE, curved)

@@ -1,0 +1,136 @@
+"""What all readers share: byte counts checked before anything is allocated, mapping, inflating, library errors."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path, PureWindowsPath
+
+import numpy as np
+
+from splatgl.data.errors import InputError, expected
+
+DEFLATE_RATIO = 1032
+"""Most bytes that one byte of deflate data can expand to (zlib's technical notes: 1032:1)."""
+
+MAX_BYTES = 4 * 2**30
+"""Most bytes allocated on a file's word alone: where the codec's ratio is unbounded and the file is small."""
+
+CHUNK_BYTES = 2**20
+"""Bytes inflated or read at a time: small beside a volume, large beside a call's cost."""
+
+Shape = tuple[int, int, int]
+
+
+def grid_shape(sizes: Sequence[int], what: str = "dimensions") -> Shape:
+    """(D, H, W) from the sizes (x, y, z) that a header states. Raises InputError unless all are positive."""
+    if len(sizes) != 3:
+        raise expected(what, "three axes", f"{len(sizes)} ({_times(sizes)})")
+    if min(sizes) < 1:
+        raise expected(what, "at least one voxel along each axis", _times(sizes), "the header is damaged")
+    x, y, z = (int(size) for size in sizes)
+    return z, y, x
+
+
+def byte_count(shape: Sequence[int], dtype: np.dtype) -> int:
+    """Bytes of an array, exact for sizes of any magnitude."""
+    return math.prod(int(size) for size in shape) * dtype.itemsize
+
+
+def require_bytes(needed: int, there: int, what: str = "data") -> None:
+    """Raises InputError if fewer bytes are there than needed."""
+    if there < needed:
+        got = f"{max(there, 0)} bytes"
+        raise expected(what, f"{needed} bytes", got, "the file is cut short or its header states a wrong size")
+
+
+def require_plausible(needed: int, there: int, bounded: bool = True) -> None:
+    """Raises InputError if `there` compressed bytes cannot hold `needed`; unbounded codecs are given MAX_BYTES."""
+    limit = there * DEFLATE_RATIO if bounded else max(there * DEFLATE_RATIO, MAX_BYTES)
+    if needed > limit:
+        got = f"{there} compressed bytes, which hold {limit} at most"
+        raise expected("data", f"{needed} bytes", got, "the file is cut short or its header states a wrong size")
+
+
+def map_array(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> np.ndarray:
+    """A read-only array [shape] (C order) mapped from `path` at `offset` bytes. Raises InputError if it is too short."""
+    require_bytes(byte_count(shape, dtype), path.stat().st_size - offset)
+    return np.memmap(path, dtype=dtype, mode="r", offset=offset, shape=tuple(int(size) for size in shape))
+
+
+def is_mapped(array: np.ndarray) -> bool:
+    """Whether an array is a view of a memory-mapped file."""
+    base: object = array
+    while isinstance(base, np.ndarray):
+        if isinstance(base, np.memmap):
+            return True
+        base = base.base
+    return False
+
+
+def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> np.ndarray:
+    """An array [shape] from zlib or gzip data in `path` at `offset`; never inflates more than the array holds."""
+    # 1. the file must be able to hold what the header says
+    needed, there = byte_count(shape, dtype), path.stat().st_size - offset
+    require_plausible(needed, max(there, 0))
+    # 2. inflate piece by piece into the array; 47 = 32 (zlib or gzip, told by the header) + 15 (window bits)
+    engine, out, filled = zlib.decompressobj(wbits=47), np.empty(needed, np.uint8), 0
+    with path.open("rb") as file, library("zlib data"):
+        file.seek(offset)
+        while filled < needed and not engine.eof:
+            piece = engine.unconsumed_tail or file.read(CHUNK_BYTES)
+            block = engine.decompress(piece, needed - filled)
+            if not piece and not block:
+                break
+            out[filled : filled + len(block)] = np.frombuffer(block, np.uint8)
+            filled += len(block)
+    require_bytes(needed, filled, "inflated data")
+    return out.view(dtype).reshape(tuple(shape))
+
+
+def beside(header: Path, name: str) -> Path:
+    """The data file `name` in the folder of `header` or below. Raises InputError for any other place."""
+    outside = name.startswith(("/", "\\")) or PureWindowsPath(name).drive or ".." in PureWindowsPath(name).parts
+    if outside:
+        raise expected("data file", "a name inside the header's folder", repr(name), "put both files side by side")
+    path = header.parent / name
+    if not path.resolve().is_relative_to(header.parent.resolve()):
+        raise expected("data file", "a file inside the header's folder", repr(name), "replace the link by the file")
+    if not path.is_file():
+        raise expected("data file", "a file beside the header", f"nothing named {name!r}", "copy it there")
+    return path
+
+
+def selection(shape: Sequence[int], extra: Mapping[int, tuple[str, int | None]]) -> tuple[int | slice, ...]:
+    """An index that keeps the axes not in `extra` and picks one entry of each that is.
+
+    extra: axis → (option's name, entry asked for or None). Raises InputError naming the choices if one must be made.
+    """
+    index: list[int | slice] = [slice(None)] * len(shape)
+    for axis, (option, entry) in extra.items():
+        count = int(shape[axis])
+        if entry is None and count > 1:
+            fix = f"pick one with {option}=0 … {option}={count - 1}"
+            raise expected("axes", "one sample per voxel", f"{count} along an extra axis", fix)
+        if entry is not None and entry >= count:
+            raise expected(option, f"a number from 0 to {count - 1}", entry)
+        index[axis] = entry or 0
+    return tuple(index)
+
+
+@contextmanager
+def library(title: str, *errors: type[Exception]) -> Iterator[None]:
+    """Turns what a decoder raises about a bad file into one InputError; wrap the decoder's own calls only."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (OSError, EOFError, ValueError, KeyError, OverflowError, MemoryError, zlib.error, *errors) as error:
+        reason = str(error) or type(error).__name__
+        raise InputError(" ".join(f"cannot be read as {title}: {reason}".split())) from error
+
+
+def _times(sizes: Sequence[int]) -> str:
+    return "x".join(str(size) for size in sizes)

@@ -1,0 +1,94 @@
+"""NIfTI-1 and -2 through nibabel; uncompressed samples without scaling are memory-mapped.
+
+nibabel's arrays are [x, y, z] with x fastest, and its affine takes (x, y, z) to RAS+ (nipy.org/nibabel,
+"Coordinate systems and affines"); the transpose of the array is [z, y, x].
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.errors import expected, missing_extra
+from splatgl.data.readers.files import (
+    byte_count,
+    grid_shape,
+    library,
+    require_bytes,
+    require_plausible,
+    selection,
+)
+from splatgl.data.readers.grid import axes_of, triple, unit_name
+from splatgl.data.readers.options import LoadOptions
+from splatgl.data.volume import Volume
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a .nii or .nii.gz file in RAS; `array` picks the time point of a 4-D one.
+
+    Samples with a slope or intercept are scaled to float32, the others keep their type.
+    """
+    image, errors = _open(path)
+    # 1. sizes, checked against the file
+    sizes = list(image.shape)
+    grid_shape(sizes[:3])
+    _check_bytes(path, image)
+    long = [axis for axis in range(3, len(sizes)) if sizes[axis] > 1]
+    extra = {axis: ("array", options.array_number(sizes[axis]) if axis in long else 0) for axis in range(3, len(sizes))}
+    # 2. samples
+    with library("NIfTI", *errors):
+        stored = np.asanyarray(image.dataobj.get_unscaled())
+    slope, intercept = float(image.dataobj.slope), float(image.dataobj.inter)
+    samples = _scaled(stored[selection(sizes, extra)].T, slope, intercept)
+    # 3. grid
+    unit = unit_name(image.header.get_xyzt_units()[0])
+    if not (image.header["sform_code"] or image.header["qform_code"]):
+        return Volume(samples, _pixdim(image), unit=unit)
+    spacing, direction = axes_of(image.affine[:3, :3], "affine")
+    return Volume(samples, spacing, triple(image.affine[:3, 3], "affine"), direction, unit, frame="RAS")
+
+
+def _open(path: Path) -> tuple[Any, tuple[type[Exception], ...]]:
+    try:
+        import nibabel
+    except ImportError:
+        raise missing_extra("NIfTI files", "nibabel", "readers") from None
+    errors = (
+        nibabel.filebasedimages.ImageFileError,
+        nibabel.spatialimages.HeaderDataError,
+        nibabel.spatialimages.HeaderTypeError,
+    )
+    with library("NIfTI", *errors):
+        image = nibabel.load(path, mmap="r")
+    if not isinstance(image, nibabel.Nifti1Pair):
+        raise expected("contents", "a NIfTI image", type(image).__name__)
+    return image, errors
+
+
+def _check_bytes(path: Path, image: Any) -> None:
+    dtype = image.get_data_dtype()
+    if dtype.kind not in "uif":
+        raise expected("samples", "real numbers", dtype, "convert the file to one number per voxel")
+    needed, there = int(image.dataobj.offset) + byte_count(image.shape, dtype), path.stat().st_size
+    if path.name.lower().endswith(".gz"):
+        require_plausible(needed, there)
+    else:
+        require_bytes(needed, there)
+
+
+def _pixdim(image: Any) -> tuple[float, float, float]:
+    """Spacing of an image that states no orientation; zero means unknown."""
+    zooms = [abs(float(zoom)) for zoom in image.header.get_zooms()[:3]]
+    return triple([zoom or 1.0 for zoom in zooms], "pixdim")
+
+
+def _scaled(stored: np.ndarray, slope: float, intercept: float) -> np.ndarray:
+    if slope == 1 and intercept == 0:
+        return stored
+    # plane by plane, so that no float64 copy of the whole is made
+    scaled = np.empty(stored.shape, np.float32)
+    for plane, source in zip(scaled, stored, strict=True):
+        plane[...] = source * np.float64(slope) + intercept
+    return scaled

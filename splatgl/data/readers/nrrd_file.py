@@ -1,0 +1,196 @@
+"""NRRD, attached (.nrrd) and detached (.nhdr), header parsed by pynrrd; raw data is memory-mapped.
+
+Format: teem.sourceforge.net/nrrd/format.html. Axes are listed fastest first, and each entry of "space directions" is
+the step along one axis: the columns of world-from-index.
+"""
+
+from __future__ import annotations
+
+import bz2
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.errors import expected, missing_extra
+from splatgl.data.readers.files import (
+    byte_count,
+    grid_shape,
+    inflate,
+    library,
+    map_array,
+    require_bytes,
+    require_plausible,
+    selection,
+)
+from splatgl.data.readers.files import beside as data_file_beside
+from splatgl.data.readers.grid import axes_of, triple, unit_name
+from splatgl.data.readers.options import LoadOptions
+from splatgl.data.volume import Volume
+
+_TYPES = {
+    "i1": "signed char, int8, int8_t",
+    "u1": "uchar, unsigned char, uint8, uint8_t",
+    "i2": "short, short int, signed short, signed short int, int16, int16_t",
+    "u2": "ushort, unsigned short, unsigned short int, uint16, uint16_t",
+    "i4": "int, signed int, int32, int32_t",
+    "u4": "uint, unsigned int, uint32, uint32_t",
+    "i8": "longlong, long long, long long int, signed long long, signed long long int, int64, int64_t",
+    "u8": "ulonglong, unsigned long long, unsigned long long int, uint64, uint64_t",
+    "f4": "float",
+    "f8": "double",
+}
+_CODES = {spelling: code for code, spellings in _TYPES.items() for spelling in spellings.split(", ")}
+
+_FRAMES = {"left-posterior-superior": "LPS", "lps": "LPS", "right-anterior-superior": "RAS", "ras": "RAS"}
+"""Frames kept by name; in the scanner's and other frames "superior" is not known to be +z."""
+
+_TEXT = ("ascii", "text", "txt")
+
+Header = Mapping[str, Any]
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a NRRD file; `channel` picks one sample of a file with several per voxel."""
+    header, start = _header(path)
+    # 1. the three axes of space, and what is picked along a fourth
+    sizes = [int(size) for size in header["sizes"]]
+    space = _space_axes(header, sizes)
+    grid_shape([sizes[axis] for axis in space])
+    shape, last = sizes[::-1], len(sizes) - 1
+    index = selection(shape, {last - axis: ("channel", options.channel) for axis in range(last + 1) if axis not in space})
+    # 2. the samples, mapped if they can be
+    samples = _data(path, header, start, shape)[index]
+    # 3. the grid
+    matrix = _matrix(header, space)
+    spacing, direction = axes_of(matrix, "space directions")
+    frame = _FRAMES.get(str(header.get("space", "")).lower())
+    return Volume(samples, spacing, _origin(header), direction, _unit(header, space), frame=frame)
+
+
+def _header(path: Path) -> tuple[Header, int]:
+    try:
+        import nrrd
+    except ImportError:
+        raise missing_extra("NRRD files", "pynrrd", "readers") from None
+    with path.open("rb") as file, library("NRRD", nrrd.NRRDError, StopIteration):
+        header, start = nrrd.read_header(file), file.tell()
+    for name in ("dimension", "type", "encoding", "sizes"):
+        if name not in header:
+            raise expected("header", f"a field {name!r}", "none", "the header is incomplete")
+    if header["dimension"] != len(header["sizes"]):
+        raise expected("sizes", f"{header['dimension']} (dimension)", len(header["sizes"]))
+    if min(header["sizes"]) < 1:
+        raise expected("sizes", "at least one sample along each axis", header["sizes"].tolist())
+    return header, start
+
+
+def _space_axes(header: Header, sizes: list[int]) -> list[int]:
+    """Numbers of the axes of space, fastest first: those with a direction, or of a spatial kind, or the first three."""
+    directions, kinds = header.get("space directions"), header.get("kinds")
+    if directions is not None and len(directions) != len(sizes):
+        raise expected("space directions", f"one per axis ({len(sizes)})", len(directions))
+    if directions is not None:
+        axes = [axis for axis, row in enumerate(directions) if np.isfinite(row).all()]
+    elif kinds is not None and len(sizes) > 3:
+        axes = [axis for axis, kind in enumerate(kinds) if kind.lower() in ("domain", "space")]
+    else:
+        axes = list(range(min(len(sizes), 3)))
+    if len(axes) != 3:
+        raise expected("axes", "three axes of space", f"{len(axes)} among {len(sizes)}")
+    return axes
+
+
+def _data(path: Path, header: Header, start: int, shape: list[int]) -> np.ndarray:
+    encoding = str(header["encoding"]).lower()
+    dtype = _dtype(header, encoding)
+    # 1. where the data are: here, or in one file beside; "line skip" counts before "byte skip"
+    name = header.get("data file", header.get("datafile"))
+    if name is not None:
+        if name.startswith("LIST") or "%" in name:
+            raise expected("data file", "one file", repr(name), "join the slices in one file")
+        path, start = data_file_beside(path, name), 0
+    start = _skip_lines(path, start, int(header.get("line skip", header.get("lineskip", 0))))
+    skip = int(header.get("byte skip", header.get("byteskip", 0)))
+    # 2. what they are coded in; "byte skip" of compressed data counts inflated bytes
+    if encoding == "raw":
+        from_end = path.stat().st_size - byte_count(shape, dtype)
+        return map_array(path, max(from_end, 0) if skip == -1 else start + skip, dtype, shape)
+    if skip > 0:
+        raise expected("byte skip", "0 in compressed or text data", skip)
+    if encoding in ("gzip", "gz"):
+        return inflate(path, start, dtype, shape)
+    if encoding in ("bzip2", "bz2"):
+        return _bunzip(path, start, dtype, shape)
+    if encoding in _TEXT:
+        return _text(path, start, dtype, shape)
+    raise expected("encoding", "raw, gzip, bzip2 or text", repr(encoding), "convert the file to gzip")
+
+
+def _dtype(header: Header, encoding: str) -> np.dtype:
+    if header["type"] not in _CODES:
+        raise expected("type", "a real number type", repr(header["type"]))
+    dtype = np.dtype(_CODES[header["type"]])
+    if dtype.itemsize == 1 or encoding in _TEXT:
+        return dtype
+    endian = str(header.get("endian", "missing")).lower()
+    if endian not in ("little", "big"):
+        raise expected("endian", "little or big", endian)
+    return dtype.newbyteorder("<" if endian == "little" else ">")
+
+
+def _skip_lines(path: Path, start: int, lines: int) -> int:
+    with path.open("rb") as file:
+        file.seek(start)
+        for _ in range(lines):
+            file.readline()
+        return file.tell()
+
+
+def _bunzip(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.ndarray:
+    needed = byte_count(shape, dtype)
+    require_plausible(needed, path.stat().st_size - start, bounded=False)
+    with path.open("rb") as file, library("bzip2 data"):
+        file.seek(start)
+        data = bz2.BZ2File(file).read(needed)
+    require_bytes(needed, len(data), "inflated data")
+    return np.frombuffer(data, dtype).reshape(shape)
+
+
+def _text(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.ndarray:
+    count = byte_count(shape, np.dtype("u1"))
+    with path.open("rb") as file, library("NRRD text data"):
+        file.seek(start)
+        words = file.read().replace(b",", b" ").split()
+        if len(words) != count:
+            raise expected("data", f"{count} numbers", len(words), "the file is cut short or its sizes are wrong")
+        return np.array(words).astype(dtype).reshape(shape)
+
+
+def _matrix(header: Header, space: list[int]) -> np.ndarray:
+    """World-from-index [3, 3] from "space directions", else from "spacings", whose sign turns an axis."""
+    directions = header.get("space directions")
+    if directions is not None:
+        matrix = np.array([directions[axis] for axis in space], dtype=np.float64).T
+        if matrix.shape != (3, 3):
+            raise expected("space directions", "vectors of three numbers", f"{matrix.shape[0]} numbers")
+        return matrix
+    spacings = header.get("spacings", np.ones(int(header["dimension"])))
+    if len(spacings) != header["dimension"]:
+        raise expected("spacings", f"one per axis ({header['dimension']})", len(spacings))
+    known = [spacings[axis] if np.isfinite(spacings[axis]) else 1.0 for axis in space]
+    return np.diag(np.asarray(known, dtype=np.float64))
+
+
+def _origin(header: Header) -> tuple[float, float, float]:
+    origin = np.asarray(header.get("space origin", (0.0, 0.0, 0.0)), dtype=np.float64)
+    return triple(np.where(np.isfinite(origin), origin, 0.0), "space origin")
+
+
+def _unit(header: Header, space: list[int]) -> str:
+    """The unit that all axes share, "" if there is none."""
+    units = header.get("space units")
+    if units is None and "units" in header:
+        units = [unit for axis, unit in enumerate(header["units"]) if axis in space]
+    return unit_name(units[0]) if units and len(set(units)) == 1 else ""

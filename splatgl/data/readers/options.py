@@ -1,0 +1,84 @@
+"""`LoadOptions`: what a caller may say about a file, and how option texts are read."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from splatgl.data.errors import InputError, expected
+from splatgl.data.volume import Triple
+
+DEFAULT_LEVELS = 103
+"""Voxel levels of a terrain: the height of the terrain volume in [M98], 512 × 512 × 103."""
+
+_NAMED_DTYPE = re.compile(r"(bool|u?int8|u?int16|u?int32|u?int64|float16|float32|float64)(le|be)?")
+
+
+@dataclass(frozen=True)
+class LoadOptions:
+    """What may be said about a file beyond its path; each format takes some of these and refuses the others.
+
+    shape: voxels along (x, y, z), x fastest; dtype: "uint8", "uint16be", ">u2"; header_offset: bytes to skip (raw).
+    spacing: (x, y, z) in world units, overrides what the file says.
+    array: name of the array (npz, VTK, zarr) or number of the time point (NIfTI, TIFF).
+    channel: number of the channel of a file with several samples per voxel.
+    color: path of the colour picture of a height map; relief: the world height that the map spans;
+    levels: voxel levels of the terrain.
+    Raises InputError for values that no file could have.
+    """
+
+    shape: tuple[int, int, int] | None = None
+    dtype: str | None = None
+    spacing: Triple | None = None
+    header_offset: int = 0
+    array: str | None = None
+    channel: int | None = None
+    color: str | Path | None = None
+    relief: float | None = None
+    levels: int = DEFAULT_LEVELS
+
+    def __post_init__(self) -> None:
+        if self.shape is not None and (len(self.shape) != 3 or min(self.shape) < 1):
+            raise expected("shape", "three positive numbers of voxels (x, y, z)", self.shape)
+        if self.dtype is not None:
+            sample_type(self.dtype)
+        if self.header_offset < 0:
+            raise expected("header_offset", "zero or more bytes", self.header_offset)
+        if self.channel is not None and self.channel < 0:
+            raise expected("channel", "zero or more", self.channel)
+        if self.levels < 2:
+            raise expected("levels", "two or more voxel levels", self.levels)
+        if self.relief is not None and not 0 < self.relief < np.inf:
+            raise expected("relief", "a positive height in world units", self.relief)
+
+    @property
+    def given(self) -> set[str]:
+        """Names of the options that differ from their defaults."""
+        return {option.name for option in fields(self) if getattr(self, option.name) != option.default}
+
+    def array_number(self, count: int) -> int | None:
+        """`array` as a number below `count`, or None if it was not given."""
+        if self.array is None:
+            return None
+        if not str(self.array).isdigit() or int(self.array) >= count:
+            raise expected("array", f"a number from 0 to {count - 1}", repr(self.array))
+        return int(self.array)
+
+
+def sample_type(text: str) -> np.dtype:
+    """The dtype named by "uint8", "uint16be", "float32le" or a numpy code such as ">u2"; little-endian if unsaid."""
+    named = _NAMED_DTYPE.fullmatch(text.lower())
+    try:
+        dtype = np.dtype(named[1]).newbyteorder(">" if named[2] == "be" else "<") if named else np.dtype(text)
+    except TypeError:
+        raise _bad_dtype(text) from None
+    if dtype.kind not in "buif":
+        raise _bad_dtype(text)
+    return dtype
+
+
+def _bad_dtype(text: str) -> InputError:
+    return expected("dtype", 'a real number type such as uint8, uint16be, float32 or ">u2"', repr(text))

@@ -1,0 +1,46 @@
+"""Headerless raw files: shape and type from the name (`male_128x256x256_uint8.raw`) or from the options."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from splatgl.data.errors import expected
+from splatgl.data.readers.files import byte_count, grid_shape, map_array
+from splatgl.data.readers.options import LoadOptions, sample_type
+from splatgl.data.volume import Volume
+
+_SHAPE = re.compile(r"(?<!\d)(\d+)x(\d+)x(\d+)(?!\d)", re.IGNORECASE)
+_DTYPE = re.compile(r"(?<![a-z])(u?int(?:8|16|32|64)|float(?:16|32|64))(le|be)?(?![a-z0-9])", re.IGNORECASE)
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume mapped from `path`, x fastest. Raises InputError if the byte count differs from shape and type."""
+    dtype = _dtype(path, options)
+    shape = grid_shape(options.shape or _shape(path))
+    needed, there = options.header_offset + byte_count(shape, dtype), path.stat().st_size
+    if needed != there:
+        this = f"{needed} bytes ({shape[2]}x{shape[1]}x{shape[0]} {dtype.name} after {options.header_offset})"
+        raise expected("size", this, f"{there} bytes", "state the right shape, dtype and header_offset")
+    return Volume(map_array(path, options.header_offset, dtype, shape))
+
+
+def _shape(path: Path) -> tuple[int, int, int]:
+    found = _SHAPE.search(path.name)
+    if found is None:
+        raise expected("shape", "one in the name (such as _128x256x256_) or as an option", "neither", _fix(path))
+    return int(found[1]), int(found[2]), int(found[3])
+
+
+def _dtype(path: Path, options: LoadOptions) -> np.dtype:
+    found = options.dtype or _DTYPE.search(path.name)
+    if found is None:
+        raise expected("dtype", "one in the name (such as _uint8) or as an option", "neither", _fix(path))
+    return sample_type(found if isinstance(found, str) else found[0])
+
+
+def _fix(path: Path) -> str:
+    headers = [header for header in (path.with_suffix(".mhd"), path.with_suffix(".nhdr")) if header.is_file()]
+    return f"load its header {headers[0].name}" if headers else "give shape=x,y,z and dtype"

@@ -1,0 +1,114 @@
+"""The numbers of a .vti array: ASCII, base64 or raw, plain or in zlib blocks, each behind a header of byte counts."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from splatgl.data.errors import expected
+from splatgl.data.readers.files import byte_count, library, map_array, require_bytes, require_plausible
+
+Shape4 = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True)
+class Coding:
+    """How a file codes its arrays: the dtype of the header's counts, and whether blocks are zlib data."""
+
+    header: np.dtype
+    compressed: bool
+
+
+@dataclass(frozen=True)
+class Source:
+    """Coded bytes: `inline` text, or the file itself (None), from `start` on; raw or base64."""
+
+    path: Path
+    inline: bytes | None
+    start: int
+    raw: bool
+
+    def at(self, offset: int) -> Source:
+        """The source `offset` stored bytes further on."""
+        if offset < 0:
+            raise expected("offset", "zero or more bytes", offset)
+        return replace(self, start=self.start + offset)
+
+    def stored(self, count: int) -> int:
+        """Stored bytes that code `count` bytes: base64 turns three into four characters."""
+        return count if self.raw else 4 * -(-count // 3)
+
+    def take(self, count: int) -> bytes:
+        """The first `count` bytes, decoded. Raises InputError if they are not there."""
+        stored = self.stored(count)
+        size = self.path.stat().st_size if self.inline is None else len(self.inline)
+        require_bytes(stored, size - self.start)
+        if self.inline is not None:
+            data = self.inline[self.start : self.start + stored]
+        else:
+            with self.path.open("rb") as file:
+                file.seek(self.start)
+                data = file.read(stored)
+        if self.raw:
+            return data
+        with library("base64"):
+            decoded = base64.b64decode(data, validate=True)
+        require_bytes(count, len(decoded), "base64 data")
+        return decoded[:count]
+
+
+def parse_ascii(text: str, dtype: np.dtype, shape: Shape4) -> np.ndarray:
+    """The numbers of a text [shape]. Raises InputError if there are more or fewer."""
+    words, count = text.split(), byte_count(shape, np.dtype("u1"))
+    if len(words) != count:
+        raise expected("data", f"{count} numbers", len(words), "the file is cut short or its extent is wrong")
+    with library("VTI numbers"):
+        return np.array(words).astype(dtype.newbyteorder("=")).reshape(shape)
+
+
+def decode(source: Source, coding: Coding, dtype: np.dtype, shape: Shape4) -> np.ndarray:
+    """The array [shape] behind `source`; raw bytes of a file that are not compressed are mapped."""
+    needed, width = byte_count(shape, dtype), coding.header.itemsize
+    if coding.compressed:
+        return _inflate_blocks(source, coding, needed).view(dtype).reshape(shape)
+    # 1. the header is the number of bytes that follow
+    _same(needed, int(np.frombuffer(source.take(width), coding.header)[0]))
+    if source.raw:
+        return map_array(source.path, source.start + width, dtype, shape)
+    # 2. base64: header and data are one run of characters, or two if the header was padded
+    stored = source.stored(width)
+    characters = source.take_text(stored)
+    data = source.at(stored).take(needed) if characters.endswith(b"=") else source.take(width + needed)[width:]
+    return np.frombuffer(data, dtype).reshape(shape)
+
+
+def _inflate_blocks(source: Source, coding: Coding, needed: int) -> np.ndarray:
+    """zlib blocks behind their header: number of blocks, bytes of each, of the last, compressed bytes of each."""
+    # 1. the header, whose length is in its first number
+    width = coding.header.itemsize
+    blocks = int(np.frombuffer(source.take(width), coding.header)[0])
+    header = [int(count) for count in np.frombuffer(source.take((3 + blocks) * width), coding.header)]
+    full, last, packed = header[1], header[2], header[3:]
+    sizes = [full] * blocks
+    if blocks and last:
+        sizes[-1] = last
+    _same(needed, sum(sizes))
+    require_plausible(needed, sum(packed))
+    # 2. the blocks, one behind the other
+    data, out, filled, start = source.at(source.stored((3 + blocks) * width)).take(sum(packed)), bytearray(), 0, 0
+    for size, stored in zip(sizes, packed, strict=True):
+        with library("zlib data"):
+            block = zlib.decompressobj().decompress(data[start : start + stored], size)
+        require_bytes(size, len(block), "inflated block")
+        out += block
+        filled, start = filled + size, start + stored
+    return np.frombuffer(out, np.uint8)
+
+
+def _same(needed: int, stated: int) -> None:
+    if needed != stated:
+        raise expected("data", f"{needed} bytes, as the extent says", f"{stated} by its own header")

@@ -1,0 +1,70 @@
+"""The arrays of a VTK image, and which of them become a volume's samples and vectors; shared by .vtk and .vti."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.data.errors import expected
+from splatgl.data.readers.options import LoadOptions
+
+
+@dataclass(frozen=True)
+class PointArray:
+    """One array of a VTK image. read() returns it as [D, H, W, components]; nothing is read before."""
+
+    name: str
+    components: int
+    is_vectors: bool
+    read: Callable[[], np.ndarray]
+
+
+def pick(arrays: Sequence[PointArray], options: LoadOptions) -> tuple[np.ndarray, np.ndarray | None]:
+    """(samples [D, H, W], vectors float32 [D, H, W, 3] or None) out of a file's arrays.
+
+    Without options the first array with one component, else the length of the first vectors, becomes the samples.
+    `array` names another one; "scalars", "vectors" and "speed" also stand for the first of their kind. `channel`
+    picks a component. Raises InputError naming the arrays if the choice is not clear.
+    """
+    if not arrays:
+        raise expected("arrays", "point data", "none")
+    vectors = next((array for array in arrays if array.is_vectors), None)
+    chosen = _chosen(arrays, vectors, options)
+    if chosen.is_vectors:
+        vectors = chosen
+    field = None if vectors is None else np.asarray(vectors.read(), dtype=np.float32)
+    if options.channel is None and chosen.is_vectors and field is not None:
+        return _lengths(field), field
+    return _component(chosen, options), field
+
+
+def _chosen(arrays: Sequence[PointArray], vectors: PointArray | None, options: LoadOptions) -> PointArray:
+    scalars = next((array for array in arrays if array.components == 1), None)
+    if options.array is None:
+        return scalars or vectors or arrays[0]
+    named = next((array for array in arrays if array.name == options.array), None)
+    chosen = named or {"scalars": scalars, "vectors": vectors, "speed": vectors}.get(options.array)
+    if chosen is None:
+        listed = ", ".join(f"{array.name} ({array.components})" for array in arrays)
+        raise expected("array", f"one of {listed}", repr(options.array))
+    return chosen
+
+
+def _component(chosen: PointArray, options: LoadOptions) -> np.ndarray:
+    count = chosen.components
+    if options.channel is None and count > 1:
+        fix = f"pick one with channel=0 … channel={count - 1}"
+        raise expected("array", "one number per voxel", f"{count} in {chosen.name!r}", fix)
+    if options.channel is not None and options.channel >= count:
+        raise expected("channel", f"a number from 0 to {count - 1}", options.channel)
+    return chosen.read()[..., options.channel or 0]
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    """Lengths float32 [D, H, W], plane by plane."""
+    lengths = np.empty(vectors.shape[:3], np.float32)
+    for plane, source in zip(lengths, vectors, strict=True):
+        plane[...] = np.linalg.norm(source, axis=-1)
+    return lengths

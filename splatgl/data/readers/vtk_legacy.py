@@ -1,0 +1,226 @@
+"""Legacy VTK files (.vtk) of structured points, ASCII or binary (big-endian, memory-mapped).
+
+Format: "VTK File Formats", docs.vtk.org; x runs fastest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+from urllib.parse import unquote
+
+import numpy as np
+
+from splatgl.data.errors import InputError, expected
+from splatgl.data.readers.files import Shape, byte_count, grid_shape, library, map_array, require_bytes
+from splatgl.data.readers.grid import triple
+from splatgl.data.readers.options import LoadOptions
+from splatgl.data.readers.vtk_arrays import PointArray, pick
+from splatgl.data.volume import Volume
+
+_TYPES = {
+    "unsigned_char": "u1",
+    "char": "i1",
+    "signed_char": "i1",
+    "unsigned_short": ">u2",
+    "short": ">i2",
+    "unsigned_int": ">u4",
+    "int": ">i4",
+    "unsigned_long": ">u8",
+    "long": ">i8",
+    "vtktypeint64": ">i8",
+    "vtktypeuint64": ">u8",
+    "vtkidtype": ">i8",
+    "float": ">f4",
+    "double": ">f8",
+}
+"""Big-endian numpy codes; long has the eight bytes that 64-bit Unix writes."""
+
+_LINE_LIMIT = 4096
+"""Longest header line in bytes; a longer one means that the file is something else."""
+
+_BATCH = 65536
+"""Numbers of an ASCII file converted at a time."""
+
+_COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9}
+
+Words = list[str]
+
+
+@dataclass
+class _Parser:
+    """A walk through the file: where it stands, and the grid and the arrays that it has met."""
+
+    path: Path
+    file: BinaryIO
+    binary: bool
+    grid: dict[str, Words] = field(default_factory=dict)
+    arrays: list[PointArray] = field(default_factory=list)
+    count: int = 0
+    of_points: bool = False
+
+    def words(self) -> Words:
+        """The words of the next line that is not blank; none at the end of the file."""
+        while line := self.file.readline(_LINE_LIMIT):
+            if line.strip():
+                return line.decode("latin-1").split()
+        return []
+
+    def values(self, count: int, type_name: str) -> Callable[[], np.ndarray]:
+        """Steps over `count` numbers; the result reads them (binary) or holds them (ASCII)."""
+        code = _TYPES.get(type_name.lower())
+        if code is None:
+            raise expected("type", "a VTK number type such as float", type_name)
+        dtype, start = np.dtype(code), self.file.tell()
+        if not self.binary:
+            numbers = _ascii(self.file, count, dtype, self.path.stat().st_size - start)
+            return lambda: numbers
+        size, there = byte_count((count,), dtype), self.path.stat().st_size - start
+        require_bytes(size, there)
+        self.file.seek(start + size)
+        return lambda: map_array(self.path, start, dtype, (count,))
+
+    def shape(self) -> Shape:
+        return grid_shape(_whole(self.grid.get("DIMENSIONS", []), "DIMENSIONS"), "DIMENSIONS")
+
+    def add(self, name: str, components: int, type_name: str, is_vectors: bool, count: int) -> None:
+        """Steps over an array and keeps it if it has one entry per point."""
+        if components < 1 or count < 0:
+            raise expected(name, "one or more components and entries", f"{components}, {count}")
+        read = self.values(count * components, type_name)
+        if self.of_points and count == self.count:
+            shape = (*self.shape(), components)
+            self.arrays.append(PointArray(unquote(name), components, is_vectors, lambda: read().reshape(shape)))
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a legacy VTK file; `array` picks one by name, the first vectors go to `Volume.vectors`."""
+    with path.open("rb") as file:
+        parser = _Parser(path, file, _is_binary(file))
+        while words := parser.words():
+            _section(parser, words)
+    samples, vectors = pick(parser.arrays, options)
+    grid = parser.grid
+    spacing = _floats(grid.get("SPACING", grid.get("ASPECT_RATIO", ["1", "1", "1"])), "SPACING")
+    return Volume(samples, spacing, _floats(grid.get("ORIGIN", ["0", "0", "0"]), "ORIGIN"), vectors=vectors)
+
+
+def _is_binary(file: BinaryIO) -> bool:
+    first = file.readline(_LINE_LIMIT)
+    if not first.lower().startswith(b"# vtk datafile"):
+        raise expected("first line", "'# vtk DataFile Version …'", repr(first[:16]), "is this a legacy VTK file?")
+    file.readline(_LINE_LIMIT)
+    coding = file.readline(_LINE_LIMIT).strip().upper()
+    if coding not in (b"ASCII", b"BINARY"):
+        raise expected("third line", "ASCII or BINARY", repr(coding[:16]))
+    return coding == b"BINARY"
+
+
+def _section(parser: _Parser, words: Words) -> None:
+    """One keyword and what belongs to it."""
+    keyword, rest = words[0].upper(), words[1:]
+    if keyword == "DATASET":
+        if rest[:1] != ["STRUCTURED_POINTS"]:
+            raise expected("DATASET", "STRUCTURED_POINTS", " ".join(rest), "resample it to an image first")
+    elif keyword in ("DIMENSIONS", "SPACING", "ASPECT_RATIO", "ORIGIN"):
+        parser.grid[keyword] = rest
+    elif keyword in ("POINT_DATA", "CELL_DATA"):
+        _start_data(parser, keyword, rest)
+    elif keyword == "METADATA":
+        _skip_metadata(parser.file)
+    elif keyword == "FIELD":
+        _fields(parser, rest)
+    elif keyword == "LOOKUP_TABLE":
+        parser.values(4 * _whole(rest[1:2], "LOOKUP_TABLE")[0], "unsigned_char" if parser.binary else "float")
+    else:
+        _attribute(parser, keyword, rest)
+
+
+def _start_data(parser: _Parser, keyword: str, rest: Words) -> None:
+    parser.count, parser.of_points = _whole(rest[:1], keyword)[0], keyword == "POINT_DATA"
+    depth, height, width = parser.shape()
+    if parser.of_points and parser.count != depth * height * width:
+        raise expected("POINT_DATA", f"{depth * height * width} points, as DIMENSIONS say", parser.count)
+
+
+def _attribute(parser: _Parser, keyword: str, rest: Words) -> None:
+    if keyword == "SCALARS" and len(rest) >= 2:
+        components = _whole(rest[2:3], "SCALARS")[0] if len(rest) > 2 else 1
+        _skip_table_name(parser.file)
+        parser.add(rest[0], components, rest[1], False, parser.count)
+    elif keyword in _COMPONENTS and len(rest) >= 2:
+        parser.add(rest[0], _COMPONENTS[keyword], rest[1], keyword == "VECTORS", parser.count)
+    elif keyword == "TEXTURE_COORDINATES" and len(rest) >= 3:
+        parser.add(rest[0], _whole(rest[1:2], keyword)[0], rest[2], False, parser.count)
+    elif keyword == "COLOR_SCALARS" and len(rest) >= 2:
+        type_name = "unsigned_char" if parser.binary else "float"
+        parser.add(rest[0], _whole(rest[1:2], keyword)[0], type_name, False, parser.count)
+    else:
+        raise expected("section", "a VTK keyword such as SCALARS", repr(" ".join([keyword, *rest])[:40]))
+
+
+def _fields(parser: _Parser, rest: Words) -> None:
+    for _ in range(_whole(rest[1:2], "FIELD")[0]):
+        words = parser.words()
+        while words[:1] == ["METADATA"]:
+            _skip_metadata(parser.file)
+            words = parser.words()
+        if len(words) != 4:
+            raise expected("FIELD", "a line 'name components tuples type'", repr(" ".join(words)[:40]))
+        components, count = _whole(words[1:3], "FIELD")
+        is_vectors = components == 3 and words[3] in ("float", "double")
+        parser.add(words[0], components, words[3], is_vectors, count)
+
+
+def _skip_table_name(file: BinaryIO) -> None:
+    """Steps over the line 'LOOKUP_TABLE name' after SCALARS, which some writers leave out."""
+    start = file.tell()
+    if not file.readline(_LINE_LIMIT).upper().startswith(b"LOOKUP_TABLE"):
+        file.seek(start)
+
+
+def _skip_metadata(file: BinaryIO) -> None:
+    """Steps over a METADATA block, which ends at a blank line."""
+    while file.readline(_LINE_LIMIT).strip():
+        pass
+
+
+def _ascii(file: BinaryIO, count: int, dtype: np.dtype, there: int) -> np.ndarray:
+    """The next `count` numbers of a text file, read line by line."""
+    require_bytes(2 * count - 1, there)
+    numbers, filled, words = np.empty(count, dtype.newbyteorder("=")), 0, list[bytes]()
+    while filled < count:
+        line = file.readline()
+        words += line.split()
+        if len(words) >= _BATCH or filled + len(words) >= count or not line:
+            if filled + len(words) > count or not line:
+                raise expected("data", f"{count} numbers", filled + len(words), "the file is cut short or damaged")
+            with library("VTK numbers"):
+                numbers[filled : filled + len(words)] = np.array(words).astype(numbers.dtype)
+            filled, words = filled + len(words), []
+    return numbers
+
+
+def _whole(words: Words, what: str) -> list[int]:
+    try:
+        numbers = [int(word) for word in words]
+    except ValueError:
+        raise _not_numbers(what, words) from None
+    if not numbers:
+        raise expected(what, "whole numbers", "none", "the header is incomplete")
+    return numbers
+
+
+def _floats(words: Words, what: str) -> tuple[float, float, float]:
+    try:
+        return triple([float(word) for word in words], what)
+    except InputError:
+        raise
+    except ValueError:
+        raise _not_numbers(what, words) from None
+
+
+def _not_numbers(what: str, words: Words) -> InputError:
+    return expected(what, "numbers", repr(" ".join(words)))

@@ -1,0 +1,172 @@
+"""A landscape: heights from noise that slopes damp, coloured like a satellite photograph.  [M98 Fig. 6]"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatgl.data.volume import Hints, Volume
+
+# voxels along z, y, x
+TERRAIN_SHAPE = (103, 512, 512)
+# the land is worn on a grid this many voxels wide a cell, in so many rounds
+CELL, ROUNDS = 2, 40
+# noise of the raw land and of its rise: longest wavelength in voxels; share of it that stays water
+LONGEST, LAKES = 260.0, 0.08
+# what running water takes: strength against uplift, and the exponent of the area it drains (stream power law)
+WEAR, DRAINAGE = 0.05, 0.5
+# height of the water's surface, and of the highest peak, in voxels
+WATER, PEAK = 16.0, 100.0
+# a column reaches this many voxels below its lowest neighbour, so that no ray slips through a step
+SKIN = 1
+# direction towards the sun (x, y, z): afternoon, from the left
+SUN = np.array([-0.62, -0.35, 0.70]) / np.linalg.norm([-0.62, -0.35, 0.70])
+# sRGB of the ground
+DEEP, SHALLOW, SAND, GRASS, MEADOW = (18, 44, 74), (46, 98, 116), (190, 172, 128), (112, 128, 66), (140, 140, 82)
+FOREST, SOIL, ROCK, SCREE, SNOW = (44, 70, 38), (128, 102, 72), (112, 102, 94), (150, 142, 132), (246, 248, 252)
+
+
+def terrain(seed: int = 7) -> Volume:
+    """Mountains, valleys and a lake, 512×512×103 voxels, z up.
+
+    samples uint8: 255 in the ground's outer shell, less in the voxels its surface cuts, 0 elsewhere;
+    color: water, sand, grass, forest, rock or snow with the sun's shading in it. The view is a low one
+    towards the horizon.
+    """
+    rng = np.random.default_rng(seed)
+    ground = _heights(rng)
+    surface = np.maximum(ground, WATER)
+    photo = _photograph(ground, surface, rng)
+
+    # occupancy of every voxel, kept only down to where a neighbour's column could bare it
+    planes = np.arange(TERRAIN_SHAPE[0], dtype=np.float32)[:, None, None]
+    filled = np.clip(surface.astype(np.float32) - planes + 0.5, 0.0, 1.0)
+    shell = planes >= _floor(surface)
+    samples = np.where(shell, np.rint(filled * 255), 0).astype(np.uint8)
+    color = np.where(samples[..., None] > 0, photo, np.uint8(0))
+    hints = Hints(
+        points=((0.0, 0.0), (255.0, 0.99)),
+        shading=False,
+        eye=(256.0, -400.0, 190.0),
+        target=(256.0, 256.0, 20.0),
+        up=(0.0, 0.0, 1.0),
+        fov=60.0,
+    )
+    return Volume(samples, name="terrain", color=color, hints=hints)
+
+
+def _heights(rng: np.random.Generator) -> np.ndarray:
+    """Ground heights [y, x] in voxels: rising land worn by running water, with fine noise where it is steep."""
+    worn = _worn(*(_fractal(rng, LONGEST)[::CELL, ::CELL] for _ in range(2)))
+    relief = (worn / np.quantile(worn, 0.9999)) ** 0.6
+    land = WATER - 1.0 + (PEAK - WATER) * _enlarged(np.minimum(relief, 1.0))
+
+    # fine noise roughens slopes; the lakes' ground falls away from their shores
+    dy, dx = np.gradient(land)
+    land = land + 0.35 * np.minimum(np.hypot(dx, dy), 2.0) * _fractal(rng, 16.0)
+    return land - 8.0 * _enlarged((worn <= 0).astype(float)) ** 2
+
+
+def _worn(land: np.ndarray, rise: np.ndarray) -> np.ndarray:
+    """Land (periodic, [y, x]) after ROUNDS of uplift and of wear by the water that each cell drains."""
+    height, width = land.shape
+    here = np.arange(land.size).reshape(land.shape)
+    shifts = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)]
+    around = np.stack([np.roll(here, shift, (0, 1)).ravel() for shift in shifts])
+    distance = np.array([np.hypot(*shift) for shift in shifts])[:, None]
+    h = (land - np.quantile(land, LAKES)).ravel() * 4
+    water = h <= 0
+    h = np.maximum(h, 0.0)
+    uplift = (np.exp(0.7 * rise)).ravel()
+    for _ in range(ROUNDS):
+        h = h + np.where(water, 0.0, uplift)
+        # each cell drains into its steepest neighbour; a pit is filled up to its lowest one
+        neighbours = h[around]
+        fall = (h - neighbours) / distance
+        steepest = fall.argmax(axis=0)
+        target = around[steepest, here.ravel()]
+        lowest = neighbours.min(axis=0)
+        pit = (fall.max(axis=0) <= 0) & ~water
+        h = np.where(pit, lowest + 0.01, h)
+        area = _drained(np.where(water | pit, here.ravel(), target))
+        # an implicit step towards the receiver's height never overshoots
+        share = WEAR * area**DRAINAGE / distance.ravel()[steepest]
+        h = np.where(water | pit, h, (h + share * h[target]) / (1 + share))
+    return h.reshape(land.shape)
+
+
+def _drained(target: np.ndarray) -> np.ndarray:
+    """How many cells drain through each one, itself among them; one that drains into itself is an end."""
+    sink = len(target)
+    jump = np.append(np.where(target == np.arange(sink), sink, target), sink)
+    area = np.ones(sink + 1)
+    # paths of doubling length: 2¹² cells is longer than any river here
+    for _ in range(12):
+        area = area + np.bincount(jump, area, sink + 1)
+        area[sink] = 0
+        jump = jump[jump]
+    return area[:sink]
+
+
+def _enlarged(small: np.ndarray) -> np.ndarray:
+    """[y, x] on the full grid by cubic B-spline-like smoothing of a periodic coarse one."""
+    spectrum = np.fft.rfft2(np.kron(small, np.ones((CELL, CELL))))
+    height, width = TERRAIN_SHAPE[1:]
+    fy, fx = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)
+    return np.asarray(np.fft.irfft2(spectrum * np.exp(-((np.hypot(fy, fx) * CELL * 1.6) ** 2) * 2), (height, width)))
+
+
+def _fractal(rng: np.random.Generator, longest: float, power: float = 1.1) -> np.ndarray:
+    """Noise [y, x] of unit variance, periodic, without a scale of its own below `longest` voxels."""
+    height, width = TERRAIN_SHAPE[1:]
+    frequency = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)) * longest
+    spectrum = np.fft.rfft2(rng.standard_normal((height, width))) / np.maximum(frequency, 1.0) ** (1 + power)
+    spectrum[frequency < 0.5] = 0.0
+    noise = np.fft.irfft2(spectrum, (height, width))
+    return np.asarray(noise / noise.std())
+
+
+def _floor(surface: np.ndarray) -> np.ndarray:
+    """The lowest plane [y, x] to fill: SKIN below the lowest of nine columns, so that no ray slips through;
+    at the four borders 0, so that the land is a block."""
+    padded = np.pad(surface, 1, constant_values=0.0)
+    rows = np.minimum(np.minimum(padded[:-2], padded[1:-1]), padded[2:])
+    lowest = np.minimum(np.minimum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
+    return np.asarray(np.floor(lowest) - SKIN)
+
+
+def _photograph(ground: np.ndarray, surface: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """sRGB uint8 [y, x, 3] of the land from above."""
+    dy, dx = np.gradient(ground)
+    steep = np.hypot(dx, dy)
+    patches, mottle, grain = _fractal(rng, 120.0, 0.6), _fractal(rng, 40.0, 0.2), rng.standard_normal(ground.shape)
+    height = (ground - WATER) / (PEAK - WATER) + 0.03 * patches + 0.01 * mottle
+
+    # layers from the shore upwards, each over the last
+    photo = _blend(SAND, GRASS, _ramp(height, 0.0, 0.04))
+    photo = _over(photo, MEADOW, _ramp(patches, -0.5, 1.5))
+    photo = _over(photo, FOREST, _ramp(height, 0.08, 0.16) * _ramp(patches + 0.5 * mottle, -0.8, 0.1))
+    photo = _over(photo, SOIL, _ramp(height, 0.40, 0.52) * 0.9)
+    photo = _over(photo, SCREE, _ramp(height, 0.52, 0.66) * 0.8)
+    photo = _over(photo, ROCK, _ramp(steep + 0.15 * mottle, 1.0, 1.5) * _ramp(height, 0.2, 0.4))
+    photo = _over(photo, SNOW, _ramp(height - 0.06 * steep, 0.56, 0.64))
+
+    # sunlight on the slopes, fine grain, and the lake, which is flat
+    light = (SUN[2] - dx * SUN[0] - dy * SUN[1]) / np.sqrt(1.0 + steep**2)
+    photo = photo * (0.40 + 0.85 * np.clip(light, 0.0, 1.0) + 0.03 * grain + 0.03 * mottle)[..., None]
+    depth = _ramp(surface - ground, 0.0, 6.0)
+    photo = np.where((ground < WATER)[..., None], _blend(SHALLOW, DEEP, depth), photo)
+    return np.clip(np.rint(photo), 0, 255).astype(np.uint8)
+
+
+def _ramp(values: np.ndarray, low: float, high: float) -> np.ndarray:
+    """0 below low, 1 above high, smooth between."""
+    t = np.clip((values - low) / (high - low), 0.0, 1.0)
+    return np.asarray(t * t * (3.0 - 2.0 * t))
+
+
+def _blend(first: tuple[int, int, int], second: tuple[int, int, int], share: np.ndarray) -> np.ndarray:
+    return _over(np.broadcast_to(np.array(first, np.float64), (*share.shape, 3)), second, share)
+
+
+def _over(photo: np.ndarray, paint: tuple[int, int, int], share: np.ndarray) -> np.ndarray:
+    return np.asarray(photo + (np.array(paint) - photo) * share[..., None])

@@ -1,0 +1,65 @@
+"""Scenes by arithmetic alone: the paper's tunnel, terrain and nerve cell, and phantoms with known answers.
+
+The same numbers come out every time: seeds are fixed. Every scene says in its hints how it wants to be seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from splatgl.data.errors import expected
+from splatgl.data.scene_nerve import nerve
+from splatgl.data.scene_phantoms import ball, constant, letter_f, single_voxel
+from splatgl.data.scene_terrain import terrain
+from splatgl.data.volume import Hints, Volume
+
+__all__ = ["SCENES", "ball", "constant", "letter_f", "nerve", "single_voxel", "terrain", "tunnel"]
+
+# the tube, in voxels: the box's sides and length, and a bore that leaves 0.69 million voxels of wall
+TUNNEL_SHAPE = (300, 160, 160)
+TUNNEL_OUTER, TUNNEL_BORE = 80.0, 75.29
+# sRGB of the checks; black ones are matter too
+BLACK, WHITE = 10, 250
+# the eye stands this far before the mouth, in voxels
+TUNNEL_EYE = 8.0
+
+
+def tunnel(check: int = 10) -> Volume:
+    """A tube of black and white checks along z, 160×160×300 voxels, 0.69 million of them wall.  [M98 Fig. 5]
+
+    samples uint8: 255 in the wall, 0 elsewhere; color: the checks, about `check` voxels long and wide
+    (an even number goes around). The view is down the bore. Raises InputError for checks under a voxel.
+    """
+    if not 1 <= check <= TUNNEL_SHAPE[0]:
+        raise expected("check", f"a size from 1 to {TUNNEL_SHAPE[0]} voxels", check)
+    length, height, width = TUNNEL_SHAPE
+    x, y = np.arange(width) - (width - 1) / 2, np.arange(height)[:, None] - (height - 1) / 2
+
+    # the wall's cross-section, and its checks around and along
+    radius, turn = np.hypot(x, y), np.arctan2(y, x) / (2 * np.pi) + 0.5
+    wall = (radius <= TUNNEL_OUTER) & (radius > TUNNEL_BORE)
+    around = max(2, 2 * round(np.pi * TUNNEL_BORE / check))
+    check_around = np.floor(turn * around).astype(int) % around
+    check_along = np.arange(length) // check
+    odd = (check_around + check_along[:, None, None]) % 2 == 1
+
+    # the same cross-section all along
+    samples = np.broadcast_to(wall * np.uint8(255), TUNNEL_SHAPE).copy()
+    shade = np.where(wall, np.where(odd, np.uint8(WHITE), np.uint8(BLACK)), np.uint8(0))
+    color = np.repeat(shade[..., None], 3, axis=-1)
+    middle = ((width - 1) / 2, (height - 1) / 2)
+    hints = Hints(
+        points=((0.0, 0.0), (255.0, 0.99)),
+        shading=False,
+        eye=(*middle, -TUNNEL_EYE),
+        target=(*middle, length / 2),
+        up=(0.0, -1.0, 0.0),
+        fov=60.0,
+    )
+    return Volume(samples, name="tunnel", color=color, hints=hints)
+
+
+# the scenes that a command line can name
+SCENES: dict[str, Callable[[], Volume]] = {"tunnel": tunnel, "terrain": terrain, "nerve": nerve, "letter-f": letter_f}

@@ -1,0 +1,141 @@
+"""`Volume`: samples on an affine grid, and slabs of it with a halo; never copies what it can map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from splatgl.data.errors import expected
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Hints:
+    """What a file or scene knows about how it wants to be seen; plain values, all optional.
+
+    window: (low, high) sample values that colours span. points: (value, opacity) pairs, the
+    opacity per `unit` world lengths (None: the mean spacing). preset: a transfer preset's name.
+    The view is either an orbit (azimuth, elevation in degrees) or an eye and a target in world
+    units; fov is the full vertical angle in degrees.
+    """
+
+    window: tuple[float, float] | None = None
+    points: tuple[tuple[float, float], ...] | None = None
+    unit: float | None = None
+    preset: str | None = None
+    colormap: str | None = None
+    shading: bool | None = None
+    azimuth: float | None = None
+    elevation: float | None = None
+    eye: Triple | None = None
+    target: Triple | None = None
+    up: Triple | None = None
+    fov: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Slab:
+    """Planes start ≤ z < stop of a volume, with up to `halo` more planes on either side.
+
+    samples: [stop-start+before+after, H, W]; plane `before` of it is plane `start` of the volume.
+    """
+
+    start: int
+    stop: int
+    before: int
+    samples: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """Samples on an affine grid: world = direction · diag(spacing) · (x, y, z) + origin.
+
+    samples: [D, H, W] (z, y, x), any real dtype, possibly memory-mapped.
+    spacing, origin: (x, y, z) in world units. direction: [3, 3], its columns the unit axes of x, y, z.
+    unit: name of the world's unit of length ("mm", "um", ""). frame: "LPS", "RAS" or None.
+    color: uint8 [D, H, W, 3] sRGB, or None. vectors: [D, H, W, 3] along world x, y, z, or None.
+    Raises InputError for samples that are not 3-D real numbers and for an impossible grid.
+    """
+
+    samples: np.ndarray
+    spacing: Triple = (1.0, 1.0, 1.0)
+    origin: Triple = (0.0, 0.0, 0.0)
+    direction: np.ndarray = field(default_factory=lambda: np.eye(3))
+    unit: str = ""
+    name: str = ""
+    frame: str | None = None
+    color: np.ndarray | None = None
+    vectors: np.ndarray | None = None
+    hints: Hints = field(default_factory=Hints)
+
+    def __post_init__(self) -> None:
+        samples = self.samples if isinstance(self.samples, np.ndarray) else np.asarray(self.samples)
+        if samples.ndim != 3 or samples.dtype.kind not in "buif":
+            raise expected("samples", "a 3-D array [z, y, x] of real numbers", f"{samples.dtype} {samples.shape}")
+        if min(samples.shape) < 1:
+            raise expected("samples", "at least one voxel along each axis", f"shape {samples.shape}")
+        for name, array in (("color", self.color), ("vectors", self.vectors)):
+            if array is not None and array.shape != (*samples.shape, 3):
+                raise expected(name, f"shape {(*samples.shape, 3)}", array.shape)
+        if self.frame not in (None, "LPS", "RAS"):
+            raise expected("frame", "LPS, RAS or None", repr(self.frame))
+        object.__setattr__(self, "samples", samples)
+        object.__setattr__(self, "spacing", _spacing(self.spacing))
+        object.__setattr__(self, "origin", _triple("origin", self.origin))
+        object.__setattr__(self, "direction", _direction(self.direction))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(D, H, W): the number of voxels along z, y, x."""
+        d, h, w = self.samples.shape
+        return d, h, w
+
+    @property
+    def world_from_index(self) -> np.ndarray:
+        """A [3, 3] = direction · diag(spacing); a voxel (x, y, z) lies at A @ (x, y, z) + origin."""
+        return self.direction * np.asarray(self.spacing)
+
+    @property
+    def center(self) -> np.ndarray:
+        """The middle of the box of samples, world (x, y, z)."""
+        d, h, w = self.shape
+        return np.asarray(self.world_from_index @ (np.array([w, h, d]) - 1) / 2 + self.origin)
+
+    @property
+    def corners(self) -> np.ndarray:
+        """The box's eight corners [8, 3] in world units; it reaches half a voxel beyond the outer samples."""
+        d, h, w = self.shape
+        grid = np.array([[x, y, z] for z in (-0.5, d - 0.5) for y in (-0.5, h - 0.5) for x in (-0.5, w - 0.5)])
+        return np.asarray(grid @ self.world_from_index.T + self.origin)
+
+    def slabs(self, depth: int, halo: int = 1) -> Iterator[Slab]:
+        """Slabs of at most `depth` planes along z; only a slab's own planes are read."""
+        planes = self.shape[0]
+        for start in range(0, planes, depth):
+            stop = min(start + depth, planes)
+            first, last = max(start - halo, 0), min(stop + halo, planes)
+            yield Slab(start, stop, start - first, self.samples[first:last])
+
+
+def _triple(what: str, value: Sequence[float]) -> Triple:
+    numbers = np.asarray(value, dtype=np.float64)
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+        raise expected(what, "three finite numbers (x, y, z)", value)
+    return float(numbers[0]), float(numbers[1]), float(numbers[2])
+
+
+def _spacing(value: Sequence[float]) -> Triple:
+    spacing = _triple("spacing", value)
+    if min(spacing) <= 0:
+        raise expected("spacing", "three positive numbers (x, y, z)", value, "turn an axis by `direction` instead")
+    return spacing
+
+
+def _direction(value: object) -> np.ndarray:
+    direction = np.array(value, dtype=np.float64)
+    if direction.shape != (3, 3) or not np.isfinite(direction).all() or abs(np.linalg.det(direction)) < 1e-9:
+        raise expected("direction", "an invertible 3×3 matrix", np.asarray(value).tolist())
+    return direction

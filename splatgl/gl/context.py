@@ -1,0 +1,194 @@
+"""Opening an OpenGL 3.3 core context: EGL, OSMesa, or a hidden window, and saying which one answered."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import moderngl
+
+from splatgl.data.errors import InputError, expected
+from splatgl.gl.egl import EglLoader, device_count
+from splatgl.gl.loader import BackendError, Loader, current_loader, switch_to
+from splatgl.gl.osmesa import OsmesaLoader
+from splatgl.gl.window import WindowLoader
+
+BACKENDS = ("egl", "osmesa", "window")  # the order in which "auto" tries them
+# What brings a backend that is not there; "auto" needs only the first
+INSTALL = {
+    "egl": "install software OpenGL with: sudo apt-get install libegl1 libgl1 libgl1-mesa-dri",
+    "osmesa": "install it with: sudo apt-get install libosmesa6",
+    "window": "set DISPLAY, or install what draws without one: sudo apt-get install libosmesa6",
+}
+REQUIRE_GPU = "SPLATGL_REQUIRE_GPU"  # environment: 1 refuses software renderers
+GL_SHADING_LANGUAGE_VERSION = 0x8B8C  # gl.h
+# Parts of GL_RENDERER, lower case, that name renderers which draw on the CPU
+SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software", "gdi generic", "basic render")
+
+
+@dataclass(frozen=True)
+class ContextInfo:
+    """Who draws: the backend that was opened and what OpenGL says of itself."""
+
+    backend: str  # egl, osmesa or window
+    vendor: str
+    renderer: str
+    version: str
+    glsl: str
+    max_texture_size: int  # texels a side
+    max_samples: int  # of a multisampled target
+    max_uniform_block: int  # bytes
+    software: bool  # drawn on the CPU
+
+    def __str__(self) -> str:
+        kind = ", software" if self.software else ""
+        return f"{self.backend}: {self.renderer}, OpenGL {self.version}{kind}"
+
+
+def open_context(
+    backend: str = "auto", device: int | None = None, *, require_gpu: bool | None = None
+) -> moderngl.Context:
+    """An OpenGL 3.3 core context, current in this thread; free it with its `release()`.
+
+    backend: egl, osmesa, window, or auto, which takes the first of these that opens. device: the EGL device, counted
+    from 0, which leaves only egl to try; None takes the first that is a graphics card, else the first that opens.
+    require_gpu refuses software renderers; None asks the environment variable SPLATGL_REQUIRE_GPU. Draw inside
+    `with current(ctx):` where several contexts are open. Raises InputError that says what each backend answered and
+    what to install.
+    """
+    if backend != "auto" and backend not in BACKENDS:
+        raise expected("backend", " | ".join(("auto", *BACKENDS)), backend)
+    if device is not None and device < 0:
+        raise expected("device", "an EGL device number from 0", device)
+    if device is not None and backend not in ("auto", "egl"):
+        raise expected("device", "none, since only egl chooses one", device, "leave it out or use the backend egl")
+    if require_gpu is None:
+        require_gpu = os.environ.get(REQUIRE_GPU, "") not in ("", "0")
+
+    # Try in order; every refusal is kept, since the reader of the message needs all of them
+    before = current_loader()
+    refusals: list[str] = []
+    asked = "egl" if device is not None else backend
+    for name in BACKENDS if asked == "auto" else (asked,):
+        try:
+            return _open(name, device, require_gpu)
+        except BackendError as error:
+            refusals.append(f"{name} says: {error}")
+    switch_to(before)
+    what = "OpenGL on a graphics card" if require_gpu else "OpenGL"
+    fix = INSTALL.get(asked, INSTALL["egl"])
+    if require_gpu:
+        fix = f"unset {REQUIRE_GPU} to draw in software"
+    elif device is not None:
+        fix = "leave the device out to take the first that works"
+    raise expected(what, "a context of version 3.3 or newer", "none (" + "; ".join(refusals) + ")", fix)
+
+
+def adopt(loader: Loader) -> moderngl.Context:
+    """The moderngl context of an opened loader, say a visible `WindowLoader`; its `release()` frees both.
+
+    Raises BackendError, and frees the loader, where OpenGL is older than 3.3.
+    """
+    # A window has a framebuffer of its own, which becomes `ctx.screen`; the others draw to targets only
+    try:
+        settings: dict[str, Any] = {"context": loader}
+        context = moderngl.create_context(standalone=loader.backend != "window", **settings)
+    except (moderngl.Error, ValueError) as error:
+        loader.release()
+        raise BackendError(str(error)) from error
+    context.extra = loader
+    return context
+
+
+@contextmanager
+def current(ctx: moderngl.Context) -> Iterator[moderngl.Context]:
+    """Make `ctx` the thread's current context, and afterwards the one that was current before."""
+    with _loader(ctx):
+        yield ctx
+
+
+def context_info(ctx: moderngl.Context) -> ContextInfo:
+    """What is behind a context from `open_context`."""
+    loader = _loader(ctx)
+    with loader:
+        info = ctx.info
+        renderer = str(info["GL_RENDERER"])
+        return ContextInfo(
+            backend=loader.backend,
+            vendor=str(info["GL_VENDOR"]),
+            renderer=renderer,
+            version=str(info["GL_VERSION"]),
+            glsl=_glsl_version(loader),
+            max_texture_size=int(info["GL_MAX_TEXTURE_SIZE"]),
+            max_samples=int(info["GL_MAX_SAMPLES"]),
+            max_uniform_block=int(info["GL_MAX_UNIFORM_BLOCK_SIZE"]),
+            software=is_software(renderer),
+        )
+
+
+def egl_devices() -> range:
+    """The device numbers that EGL offers; empty where there is no EGL or it cannot say."""
+    try:
+        return range(device_count())
+    except BackendError:
+        return range(0)
+
+
+def is_software(renderer: str) -> bool:
+    """Whether a GL_RENDERER string names a renderer that draws on the CPU."""
+    return any(name in renderer.lower() for name in SOFTWARE_RENDERERS)
+
+
+def _loader(ctx: moderngl.Context) -> Loader:
+    """The loader behind a context from this module."""
+    if not isinstance(ctx.extra, Loader):
+        raise InputError("context: expected one from splatgl's open_context, got one made elsewhere")
+    return ctx.extra
+
+
+def _open(name: str, device: int | None, require_gpu: bool) -> moderngl.Context:
+    """A context of one backend, of several EGL devices a graphics card before a software renderer."""
+    software: moderngl.Context | None = None
+    refusals: list[str] = []
+    for opener in _openers(name, device):
+        try:
+            context = adopt(opener())
+        except BackendError as error:
+            refusals.append(str(error))
+            continue
+        renderer = context_info(context).renderer
+        if not is_software(renderer):
+            if software is not None:
+                software.release()
+            return context
+        if software is None and not require_gpu:
+            software = context
+        else:
+            refusals.append(f"{renderer} draws in software")
+            context.release()
+    if software is None:
+        raise BackendError("; ".join(refusals))
+    _loader(software).make_current()
+    return software
+
+
+def _openers(name: str, device: int | None) -> list[Callable[[], Loader]]:
+    """What to call, in order, for a context of this backend."""
+    if name == "osmesa":
+        return [OsmesaLoader]
+    if name == "window":
+        return [WindowLoader]
+    # A driver that cannot count its devices may still open its first
+    numbers = range(max(device_count(), 1)) if device is None else (device,)
+    return [partial(EglLoader, number) for number in numbers]
+
+
+def _glsl_version(loader: Loader) -> str:
+    """GL_SHADING_LANGUAGE_VERSION, which moderngl does not report; the context is current."""
+    get_string = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_uint)(loader.address("glGetString"))
+    return (get_string(GL_SHADING_LANGUAGE_VERSION) or b"").decode()

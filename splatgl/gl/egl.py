@@ -1,0 +1,86 @@
+"""EGL without a display: a graphics card's driver or Mesa's llvmpipe, on a chosen device."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from typing import Any
+
+from splatgl.gl.loader import BackendError, Loader, switch_to
+
+OPENGL_VERSION = 330  # 3.3 core: the least that has instanced attributes and float targets
+EGL_LIBRARIES = ("libEGL.so.1", "libEGL.so")
+# Any of these finds the functions; EGL itself does where libGL, which X needs, is not installed
+GL_LIBRARIES = ("libGL.so.1", "libOpenGL.so.0", *EGL_LIBRARIES)
+
+
+class EglLoader(Loader):
+    """An EGL context on device number `device`, counted from 0 in the driver's order."""
+
+    backend = "egl"
+
+    def __init__(self, device: int) -> None:
+        super().__init__()
+        self._context, self._egl = _create(device)
+        self.make_current()
+
+    def address(self, name: str) -> int:
+        return int(self._context.load_opengl_function(name))
+
+    def bind(self) -> None:
+        self._context.__enter__()
+        if not self._egl.eglGetCurrentContext():
+            raise BackendError("EGL refused to make its context current; is another window system's current here?")
+
+    def unbind(self) -> None:
+        self._context.__exit__(None, None, None)
+
+    def destroy(self) -> None:
+        self._context.release()
+
+
+def device_count() -> int:
+    """How many devices EGL offers; 0 where it cannot say."""
+    egl = ctypes.CDLL(_first_library("GLCONTEXT_LINUX_LIBEGL", EGL_LIBRARIES))
+    egl.eglGetProcAddress.restype = ctypes.c_void_p
+    egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
+    address = egl.eglGetProcAddress(b"eglQueryDevicesEXT")
+    if not address:
+        return 0
+    query = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(ctypes.c_int))(address)
+    count = ctypes.c_int(0)
+    return count.value if query(0, None, ctypes.byref(count)) else 0
+
+
+def _create(device: int) -> tuple[Any, ctypes.CDLL]:
+    """glcontext's EGL context and the library, for asking what is current. glcontext raises bare Exceptions."""
+    try:
+        from glcontext import egl
+    except ImportError as error:  # not built on this system
+        raise BackendError(f"glcontext has no EGL here ({error})") from error
+    libegl = _first_library("GLCONTEXT_LINUX_LIBEGL", EGL_LIBRARIES)
+    libgl = _first_library("GLCONTEXT_LINUX_LIBGL", GL_LIBRARIES)
+    library = ctypes.CDLL(libegl)
+    library.eglGetCurrentContext.restype = ctypes.c_void_p
+    # glcontext makes the new context current: whatever is current now has to go first
+    switch_to(None)
+    try:
+        context = egl.create_context(
+            mode="standalone", libgl=libgl, libegl=libegl, glversion=OPENGL_VERSION, device_index=device
+        )
+    except Exception as error:
+        raise BackendError(str(error)) from error
+    return context, library
+
+
+def _first_library(variable: str, names: tuple[str, ...]) -> str:
+    """The environment variable's library or the first of `names` that loads."""
+    if os.environ.get(variable):
+        names = (os.environ[variable],)
+    for name in names:
+        try:
+            ctypes.CDLL(name)
+        except OSError:
+            continue
+        return name
+    raise BackendError(f"{names[0]} is not installed")

@@ -1,0 +1,71 @@
+"""OSMesa: Mesa's software renderer through a library that needs neither display nor device. Left out of Mesa ≥ 25.1."""
+
+from __future__ import annotations
+
+import ctypes
+
+from splatgl.gl.loader import BackendError, Loader
+
+LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
+# From osmesa.h and gl.h
+OSMESA_FORMAT, OSMESA_DEPTH_BITS, OSMESA_PROFILE, OSMESA_CORE_PROFILE = 0x22, 0x30, 0x33, 0x34
+OSMESA_MAJOR, OSMESA_MINOR = 0x36, 0x37
+GL_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
+# OSMesa insists on a colour buffer of its own in memory; nothing is drawn there, so the smallest serves
+BUFFER_SIDE = 1  # pixels
+BUFFER_BYTES = 4 * BUFFER_SIDE * BUFFER_SIDE
+
+
+class OsmesaLoader(Loader):
+    """An OSMesa context, OpenGL 3.3 core."""
+
+    backend = "osmesa"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._library = _library()
+        attributes = (OSMESA_FORMAT, GL_RGBA, OSMESA_DEPTH_BITS, 0, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
+        version = (OSMESA_MAJOR, 3, OSMESA_MINOR, 3, 0)
+        packed = (ctypes.c_int * (len(attributes) + len(version)))(*attributes, *version)
+        self._context = self._library.OSMesaCreateContextAttribs(packed, None)
+        if not self._context:
+            raise BackendError("OSMesa made no OpenGL 3.3 core context")
+        self._buffer = ctypes.create_string_buffer(BUFFER_BYTES)
+        self.make_current()
+
+    def address(self, name: str) -> int:
+        return self._library.OSMesaGetProcAddress(name.encode()) or 0
+
+    def bind(self) -> None:
+        side = BUFFER_SIDE
+        if not self._library.OSMesaMakeCurrent(self._context, self._buffer, GL_UNSIGNED_BYTE, side, side):
+            raise BackendError("OSMesa refused to make its context current")
+
+    def unbind(self) -> None:
+        self._library.OSMesaMakeCurrent(None, None, GL_UNSIGNED_BYTE, 0, 0)
+
+    def destroy(self) -> None:
+        self._library.OSMesaDestroyContext(self._context)
+
+
+def _library() -> ctypes.CDLL:
+    """libOSMesa with its functions' types; pointers would be cut to 32 bits without them."""
+    for name in LIBRARIES:
+        try:
+            library = ctypes.CDLL(name)
+        except OSError:
+            continue
+        if not hasattr(library, "OSMesaCreateContextAttribs"):
+            raise BackendError(f"{name} is older than Mesa 12 and has no core profile")
+        library.OSMesaCreateContextAttribs.restype = ctypes.c_void_p
+        library.OSMesaCreateContextAttribs.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
+        library.OSMesaMakeCurrent.restype = ctypes.c_ubyte
+        # Context, then the buffer's address, type, width and height
+        pointer, number = ctypes.c_void_p, ctypes.c_int
+        library.OSMesaMakeCurrent.argtypes = [pointer, pointer, ctypes.c_uint, number, number]
+        library.OSMesaGetProcAddress.restype = ctypes.c_void_p
+        library.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
+        library.OSMesaDestroyContext.restype = None
+        library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
+        return library
+    raise BackendError(f"{LIBRARIES[0]} is not installed")

@@ -1,0 +1,153 @@
+"""The draw pass (splats into a float target) and the resolve pass (samples into pixels)."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+
+import moderngl
+import numpy as np
+
+from splatgl.gl.program import BLENDS, Programs
+from splatgl.gl.target import Target, Targets
+from splatgl.gl.uniforms import FRAME, FRAME_BINDING, STYLE, STYLE_BINDING, frame_block, style_block
+from splatgl.splat.camera import Camera
+from splatgl.splat.kernel import Kernel, footprint_table
+from splatgl.splat.order import Cell, back_to_front, eye_cell
+from splatgl.splat.plan import Plan
+from splatgl.splat.rows import GL_ATTRIBUTES, GL_FORMAT, Splats
+
+# bits of a footprint table → moderngl's dtype, numpy's, and what 1.0 is stored as
+TABLES = {32: ("f4", np.dtype("<f4"), 1), 16: ("nu2", np.dtype("<u2"), 65535), 8: ("f1", np.dtype("u1"), 255)}
+CORNERS = 4
+
+
+class Passes:
+    """What is kept in the context between pictures: programs, targets, tables, and the last splats."""
+
+    def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
+        self.ctx = ctx
+        self.owned = owned
+        self.programs = Programs(ctx, owned)
+        self.targets = Targets(ctx, owned)
+        self.tables: dict[tuple[str, int, int], moderngl.Texture] = {}
+        self.splats = SplatBuffer(ctx, owned)
+        self.frame = ctx.buffer(reserve=FRAME.itemsize)
+        owned.callback(self.frame.release)
+        self.style = ctx.buffer(reserve=STYLE.itemsize)
+        owned.callback(self.style.release)
+
+    def draw(self, splats: Splats, camera: Camera, plan: Plan) -> np.ndarray:
+        """float32 [H, W, 4]."""
+        size = (camera.size[0] * plan.samples, camera.size[1] * plan.samples)
+        target = self.targets.get("draw", size, plan.program.target)
+        target.framebuffer.use()
+        target.framebuffer.clear()
+        if len(splats):
+            self._draw_splats(splats, camera, plan)
+        # the sum of an X-ray has nothing to lie over
+        background = plan.background if plan.program.blend != "xray" else None
+        if plan.samples > 1 or background is not None:
+            target = self._resolve(target, camera.size, plan.samples, background)
+        return target.read()
+
+    def _draw_splats(self, splats: Splats, camera: Camera, plan: Plan) -> None:
+        program = self.programs.for_splats(plan.program)
+        self.frame.write(frame_block(splats, camera, plan).tobytes())
+        self.style.write(style_block(splats, plan).tobytes())
+        self.frame.bind_to_uniform_block(FRAME_BINDING)
+        self.style.bind_to_uniform_block(STYLE_BINDING)
+        self._table(plan.kernel, plan.table_size, plan.table_bits).use(location=0)
+
+        blend = BLENDS[plan.program.blend, plan.program.order]
+        self.ctx.enable_only(moderngl.BLEND)
+        self.ctx.blend_equation = blend.equation
+        self.ctx.blend_func = blend.source, blend.destination
+        cell = eye_cell(splats, camera) if plan.program.blend == "composite" else None
+        vertices = self.splats.vertices(program, splats, cell, plan.program.order == "front-to-back")
+        vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=len(splats))
+
+    def _resolve(
+        self, drawn: Target, size: tuple[int, int], samples: int, background: tuple[float, float, float] | None
+    ) -> Target:
+        program = self.programs.for_resolve()
+        target = self.targets.get("resolve", size, "rgba32f")
+        target.framebuffer.use()
+        self.ctx.enable_only(moderngl.NOTHING)
+        drawn.texture.use(location=0)
+        program["samples"] = samples
+        program["background"] = (*background, 1.0) if background else (0.0, 0.0, 0.0, 0.0)
+        whole = self.ctx.vertex_array(program, [])
+        try:
+            whole.render(moderngl.TRIANGLES, vertices=3)
+        finally:
+            whole.release()
+        return target
+
+    def _table(self, kernel: Kernel, size: int, bits: int) -> moderngl.Texture:
+        key = (kernel.name, size, bits)
+        if key not in self.tables:
+            dtype, store, one = TABLES[bits]
+            texels = footprint_table(kernel, size) * one
+            data = (np.rint(texels) if one > 1 else texels).astype(store)
+            texture = self.ctx.texture((size, size), 1, data.tobytes(), alignment=1, dtype=dtype)
+            self.owned.callback(texture.release)
+            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+            texture.repeat_x = texture.repeat_y = False
+            self.tables[key] = texture
+        return self.tables[key]
+
+
+class SplatBuffer:
+    """The last splats' records on the GPU, in the order in which they are drawn."""
+
+    def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
+        self.ctx = ctx
+        self.splats: Splats | None = None
+        self.order: tuple[Cell | None, bool] | None = None
+        self.buffer: moderngl.Buffer | None = None
+        self.arrays: dict[int, moderngl.VertexArray] = {}
+        owned.callback(self.release)
+
+    def vertices(
+        self, program: moderngl.Program, splats: Splats, cell: Cell | None, nearest_first: bool
+    ) -> moderngl.VertexArray:
+        """A vertex array whose instances are the splats in drawing order; cell None: any order will do."""
+        order = (cell, nearest_first)
+        if splats is not self.splats:
+            self.release()
+            self.splats = splats
+        if self.buffer is None or (order != self.order and cell is not None):
+            self._upload(splats, cell, nearest_first)
+            self.order = order
+        assert self.buffer is not None
+        if program.glo not in self.arrays:
+            used = [name for name in GL_ATTRIBUTES if name in program]
+            self.arrays[program.glo] = self.ctx.vertex_array(program, [(self.buffer, _format(used), *used)])
+        return self.arrays[program.glo]
+
+    def release(self) -> None:
+        for array in self.arrays.values():
+            array.release()
+        self.arrays.clear()
+        if self.buffer is not None:
+            self.buffer.release()
+        self.buffer, self.splats, self.order = None, None, None
+
+    def _upload(self, splats: Splats, cell: Cell | None, nearest_first: bool) -> None:
+        records = splats.records
+        if cell is not None:
+            order = back_to_front(splats, cell)
+            records = records[order[::-1] if nearest_first else order]
+        if self.buffer is None:
+            self.buffer = self.ctx.buffer(records)
+        else:
+            self.buffer.write(records)
+
+
+def _format(used: list[str]) -> str:
+    """The record's format with the attributes that a program does not read skipped."""
+    parts = GL_FORMAT.removesuffix("/i").split()
+    sizes = {"3f4": "12x", "1f4": "4x", "3i2": "6x"}
+    named = iter(GL_ATTRIBUTES)
+    kept = [part if part.endswith("x") or next(named) in used else sizes[part] for part in parts]
+    return " ".join(kept) + "/i"

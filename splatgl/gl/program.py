@@ -1,0 +1,96 @@
+"""Compiled programs, kept by the choices that made them; and the table of blend states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import moderngl
+
+from splatgl.gl.shader import ShaderError, compose, declared_switches
+from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING
+from splatgl.splat.plan import Program
+
+Switches = Mapping[str, str | int | bool]
+
+
+@dataclass(frozen=True)
+class Blend:
+    """How a fragment joins what is drawn already; both premultiplied."""
+
+    equation: int
+    source: int
+    destination: int
+
+
+# (blend, order) → state; the sum and the maximum do not depend on order
+BLENDS = {
+    ("composite", "back-to-front"): Blend(moderngl.FUNC_ADD, moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA),
+    ("composite", "front-to-back"): Blend(moderngl.FUNC_ADD, moderngl.ONE_MINUS_DST_ALPHA, moderngl.ONE),
+    ("xray", "back-to-front"): Blend(moderngl.FUNC_ADD, moderngl.ONE, moderngl.ONE),
+    ("xray", "front-to-back"): Blend(moderngl.FUNC_ADD, moderngl.ONE, moderngl.ONE),
+    ("mip", "back-to-front"): Blend(moderngl.MAX, moderngl.ONE, moderngl.ONE),
+    ("mip", "front-to-back"): Blend(moderngl.MAX, moderngl.ONE, moderngl.ONE),
+}
+
+
+def splat_switches(program: Program) -> dict[str, str | int | bool]:
+    """The shader switches that a plan's choices set."""
+    return {
+        "ALIGN": f"ALIGN_{program.align.upper()}",
+        "PERSPECTIVE": program.perspective,
+        "ANTIALIAS": program.antialias,
+        "CUBIC": program.cubic,
+        "SHADING": program.shading,
+        "BLEND": f"BLEND_{program.blend.upper()}",
+        "ATTENUATION": f"ATTENUATION_{program.attenuation.upper().replace('-', '_')}",
+    }
+
+
+def build(
+    ctx: moderngl.Context, vertex: str, fragment: str | None, switches: Switches, varyings: tuple[str, ...] = ()
+) -> moderngl.Program:
+    """Composes and compiles one program; a compiler's message is told with files and lines."""
+    stages = [name for name in (vertex, fragment) if name]
+    known = frozenset().union(*map(declared_switches, stages))
+    texts = [compose(name, switches, known) for name in stages]
+    try:
+        program = ctx.program(
+            vertex_shader=texts[0].source,
+            fragment_shader=texts[1].source if fragment else None,
+            varyings=varyings,
+        )
+    except moderngl.Error as error:
+        explained = "\n".join(f"{name}: {text.explain(str(error))}" for name, text in zip(stages, texts, strict=True))
+        raise ShaderError(explained) from error
+    for block, binding in (("Frame", FRAME_BINDING), ("Style", STYLE_BINDING)):
+        if block in program:
+            program[block].binding = binding  # type: ignore[union-attr]
+    return program
+
+
+class Programs:
+    """The program cache: compiles on the first use of a plan's choices only."""
+
+    def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
+        self.ctx = ctx
+        self.owned = owned
+        self.splat: dict[tuple[tuple[str, str | int | bool], ...], moderngl.Program] = {}
+        self._resolve: moderngl.Program | None = None
+
+    def for_splats(self, program: Program) -> moderngl.Program:
+        switches = splat_switches(program)
+        key = tuple(switches.items())
+        if key not in self.splat:
+            self.splat[key] = self._keep(build(self.ctx, "splat.vert", "splat.frag", switches))
+        return self.splat[key]
+
+    def for_resolve(self) -> moderngl.Program:
+        if self._resolve is None:
+            self._resolve = self._keep(build(self.ctx, "resolve.vert", "resolve.frag", {}))
+        return self._resolve
+
+    def _keep(self, program: moderngl.Program) -> moderngl.Program:
+        self.owned.callback(program.release)
+        return program

@@ -1,0 +1,99 @@
+"""`Renderer`: owns a context and everything made in it; draws splats through a camera into an `Image`."""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack
+from types import TracebackType
+
+import moderngl
+import numpy as np
+
+from splatgl.data.image import Image
+from splatgl.gl.context import context_info, current, open_context
+from splatgl.gl.passes import Passes
+from splatgl.gl.target import check_size
+from splatgl.splat.camera import Camera
+from splatgl.splat.plan import Plan, plan
+from splatgl.splat.rows import Splats
+from splatgl.splat.settings import Settings
+
+
+class Renderer:
+    """Draws headless. Use it in a `with` block, or call `close()`.
+
+    backend: egl | osmesa | window | auto. device: index of the EGL device. require_gpu: fail if a
+    software renderer answers. Raises InputError if no context can be had.
+    """
+
+    def __init__(self, backend: str = "auto", device: int | None = None, require_gpu: bool = False) -> None:
+        self.owned = ExitStack()
+        self.ctx: moderngl.Context = open_context(backend, device, require_gpu=require_gpu or None)
+        self.owned.callback(self.ctx.release)
+        try:
+            self.info = context_info(self.ctx)
+            self.passes = Passes(self.ctx, self.owned)
+        except BaseException:
+            self.owned.close()
+            raise
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Releases every GL object and the context; further calls do nothing."""
+        with current(self.ctx):
+            self.owned.close()
+
+    def render(self, splats: Splats, camera: Camera, settings: Settings | None = None) -> Image:
+        """The picture, linear premultiplied float32 [H, W, 4], row 0 on top.
+
+        In `xray` A is Σ τ and RGB Σ τ·colour, unclamped. Raises InputError for a size beyond OpenGL's.
+        """
+        started = time.perf_counter()
+        settings = settings or Settings()
+        chosen = plan(splats, camera, settings)
+        with current(self.ctx):
+            check_size(self.ctx, (camera.size[0] * chosen.samples, camera.size[1] * chosen.samples))
+            pixels = self.passes.draw(splats, camera, chosen)
+        return Image(pixels, self._provenance(splats, camera, chosen, time.perf_counter() - started))
+
+    def _provenance(self, splats: Splats, camera: Camera, chosen: Plan, seconds: float) -> dict[str, object]:
+        """What was drawn, how, and by what; plain values that fit into a PNG's text."""
+        program = chosen.program
+        return {
+            "scene": splats.name,
+            "splats": len(splats),
+            "size": list(camera.size),
+            "projection": "perspective" if camera.perspective else "orthographic",
+            "eye": [float(x) for x in camera.eye],
+            "forward": [float(x) for x in camera.forward],
+            "blend": program.blend,
+            "kernel": chosen.kernel.name,
+            "align": program.align,
+            "z_s": chosen.z_s,
+            "z_k": _finite(chosen.z_k),
+            "antialias": program.antialias,
+            "samples": chosen.samples,
+            "attenuation": program.attenuation,
+            "shading": program.shading,
+            "order": program.order,
+            "footprint": f"table {chosen.table_size}×{chosen.table_size} at {chosen.table_bits} bits",
+            "target": program.target,
+            "tolerance": chosen.tolerance,
+            "dropped_depth": splats.dropped_depth,
+            "background": None if chosen.background is None else list(chosen.background),
+            "renderer": self.info.renderer,
+            "backend": self.info.backend,
+            "opengl": self.info.version,
+            "seconds": round(seconds, 6),
+        }
+
+
+def _finite(x: float) -> float | None:
+    return float(x) if np.isfinite(x) else None

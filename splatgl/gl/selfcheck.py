@@ -1,0 +1,149 @@
+"""Does this OpenGL blend and filter as the renderer relies on? Small drawings with answers known in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+
+from splatgl.gl.context import current
+
+LAYERS = 2000  # as deep as a fine volume: 8 bits lose every layer of this opacity, half floats lose a third of the sum
+OPACITY = 0.001  # of one layer
+SIDE = 8  # pixels of the target
+# 2000 roundings to the nearest float32 at a sum of at most 2, each by half a unit in the last place of [1, 2)
+FLOAT32_ERROR = LAYERS * 2.0**-24
+TABLE_SIZE = 256  # texels of the footprint table
+# Graphics cards keep 8 fractional bits of the position between two texels; more is better, less is a fault
+FILTER_ERROR = 2.0**-8  # of the step between neighbouring texels
+
+QUAD = """
+#version 330 core
+flat out int layer;
+out float across;
+void main() {
+    vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1);
+    layer = gl_InstanceID;
+    across = corner.x;
+    gl_Position = vec4(corner * 2.0 - 1.0, 0.0, 1.0);
+}
+"""
+# Premultiplied white of one opacity, or (ramp) a different exact value per layer in shuffled order
+LAYER = """
+#version 330 core
+flat in int layer;
+in float across;
+uniform float opacity;
+uniform bool ramp;
+out vec4 color;
+void main() { color = vec4(ramp ? float((layer * 1237) % 2000) / 2048.0 : opacity); }
+"""
+SAMPLE = """
+#version 330 core
+flat in int layer;
+in float across;
+uniform sampler2D table;
+out vec4 color;
+void main() { color = vec4(texture(table, vec2(across, 0.5)).r); }
+"""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One drawing compared with its answer. `required`: float32 pictures are wrong where this is."""
+
+    name: str
+    got: float
+    answer: float
+    tolerance: float  # absolute
+    required: bool
+
+    @property
+    def passed(self) -> bool:
+        return abs(self.got - self.answer) <= self.tolerance
+
+
+def run_checks(ctx: moderngl.Context) -> tuple[Check, ...]:
+    """Blending into float32, half and 8-bit targets, and filtering of float32 tables; frees all it makes."""
+    checks: list[Check] = []
+    with current(ctx):
+        for target, dtype in (("rgba32f", "f4"), ("rgba16f", "f2"), ("rgba8", "f1")):
+            checks += _blending(ctx, target, dtype)
+        checks.append(_filtering(ctx))
+    return tuple(checks)
+
+
+def _blending(ctx: moderngl.Context, target: str, dtype: str) -> list[Check]:
+    """2000 layers under the three blend states of the renderer."""
+    over = (moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
+    add = (moderngl.ONE, moderngl.ONE)
+    cases = (
+        ("over", moderngl.FUNC_ADD, over, False, 1.0 - (1.0 - OPACITY) ** LAYERS, FLOAT32_ERROR),
+        ("add", moderngl.FUNC_ADD, add, False, LAYERS * OPACITY, FLOAT32_ERROR),
+        ("max", moderngl.MAX, add, True, (LAYERS - 1) / 2048.0, 0.0),
+    )
+    checks = []
+    for name, equation, function, ramp, answer, tolerance in cases:
+        pixels = _draw_layers(ctx, dtype, equation, function, ramp)
+        # The pixel that is farthest off speaks for all, in every channel
+        got = float(pixels.flat[np.abs(pixels - answer).argmax()])
+        checks.append(Check(f"{name} {target}", got, answer, tolerance, required=dtype == "f4"))
+    return checks
+
+
+def _draw_layers(
+    ctx: moderngl.Context, dtype: str, equation: int, function: tuple[int, int], ramp: bool
+) -> np.ndarray:
+    """The target [SIDE,SIDE,4] after LAYERS full-screen quads, float64."""
+    program = ctx.program(vertex_shader=QUAD, fragment_shader=LAYER)
+    program["ramp"] = ramp
+    program["opacity"] = OPACITY
+    ctx.enable_only(moderngl.BLEND)
+    ctx.blend_func = function
+    ctx.blend_equation = equation, equation  # of colour and of opacity
+    pixels = _draw(ctx, program, (SIDE, SIDE), dtype, LAYERS)
+    ctx.blend_equation = moderngl.FUNC_ADD, moderngl.FUNC_ADD
+    ctx.enable_only(moderngl.NOTHING)
+    return pixels
+
+
+def _filtering(ctx: moderngl.Context) -> Check:
+    """Linear filtering of a float32 table that leaves [0, 1]: largest error, in steps between neighbours."""
+    # Alternating values make every step the same height and every error visible
+    step = 6.0
+    table = np.where(np.arange(TABLE_SIZE) % 2 == 0, -3.0, -3.0 + step).astype("f4")
+    texture = ctx.texture((TABLE_SIZE, 1), 1, table.tobytes(), dtype="f4")
+    texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+    texture.repeat_x = texture.repeat_y = False
+
+    # 16 and a bit pixels a texel, so that the positions between two texels are all different
+    width = TABLE_SIZE * 16 + 1
+    program = ctx.program(vertex_shader=QUAD, fragment_shader=SAMPLE)
+    ctx.enable_only(moderngl.NOTHING)
+    texture.use(0)
+    pixels = _draw(ctx, program, (width, 1), "f4", 1)[0, :, 0]
+    texture.release()
+
+    position = (np.arange(width) + 0.5) / width * TABLE_SIZE - 0.5  # in texels, texel centres at whole numbers
+    answer = np.interp(position, np.arange(TABLE_SIZE), table)  # clamps at the ends, as the texture does
+    error = float(np.abs(pixels - answer).max() / step)
+    return Check("linear filter r32f", error, 0.0, FILTER_ERROR, required=True)
+
+
+def _draw(
+    ctx: moderngl.Context, program: moderngl.Program, size: tuple[int, int], dtype: str, layers: int
+) -> np.ndarray:
+    """`layers` full-screen quads into a cleared target of its own: [H,W,4] float64; releases the program too."""
+    texture = ctx.texture(size, 4, dtype=dtype)
+    target = ctx.framebuffer([texture])
+    vertices = ctx.vertex_array(program, [])
+    target.use()
+    target.clear()
+    vertices.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=layers)
+    raw = np.frombuffer(target.read(components=4, dtype="f4"), "f4")
+    # moderngl binds the last target again when it makes the next one, so it must not be a deleted one
+    ctx.detect_framebuffer(0).use()
+    for owned in (vertices, target, texture, program):
+        owned.release()
+    return raw.reshape(size[1], size[0], 4).astype(np.float64)

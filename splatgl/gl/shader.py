@@ -1,0 +1,92 @@
+"""Shader text from the folder `shaders/`: includes and switches, strictly.
+
+A file declares each switch it reads as `// switch NAME DEFAULT`. Composing with a switch that no file
+declares, a file that is not there, or a cycle is an error that names file and line. The composed text
+knows where each of its lines came from, so that a compiler's message can say it too.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
+SWITCH = re.compile(r"^// switch (\w+) (\w+)\s*$")
+# how llvmpipe/Mesa ("0:12(3): error"), NVIDIA ("0(12) : error") and AMD/Intel ("ERROR: 0:12:") name a line
+ERROR_LINE = re.compile(r"\b0[:(](\d+)")
+VERSION = "#version 330 core"
+
+
+class ShaderError(RuntimeError):
+    """A mistake in shader text or in how it is composed: a defect of the program, not of its input."""
+
+
+@dataclass(frozen=True)
+class ShaderText:
+    """Composed source, and the file and line that each of its lines came from."""
+
+    source: str
+    lines: tuple[str, ...]
+
+    def explain(self, message: str) -> str:
+        """A compiler's message with the places it names."""
+        places = {int(n) for n in ERROR_LINE.findall(message)}
+        known = [f"line {n} is {self.lines[n - 1]}" for n in sorted(places) if 0 < n <= len(self.lines)]
+        return "\n".join([message.strip(), *known])
+
+
+def folder() -> Path:
+    """Where the shaders are: inside the installed package, or beside it in a checkout."""
+    inside = Path(__file__).parents[1] / "shaders"
+    return inside if inside.is_dir() else Path(__file__).parents[2] / "shaders"
+
+
+def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozenset[str] = frozenset()) -> ShaderText:
+    """The text of shader `name` with its includes, switches set, ready to compile.
+
+    allowed: switches that another stage of the same program declares and that may be given here too.
+    """
+    lines = list(_expand(name, ()))
+    declared = {match[1]: match[2] for _, text in lines if (match := SWITCH.match(text))}
+    unknown = set(switches) - set(declared) - allowed
+    if unknown:
+        raise ShaderError(f"{name}: no such switch: {', '.join(sorted(unknown))}; it has {', '.join(declared)}")
+    values = {switch: _literal(switches.get(switch, default)) for switch, default in declared.items()}
+    head = [VERSION, *(f"#define {switch} {value}" for switch, value in values.items())]
+    places = [f"{name}: switches"] * len(head) + [place for place, _ in lines]
+    return ShaderText("\n".join([*head, *(text for _, text in lines)]) + "\n", tuple(places))
+
+
+def declared_switches(name: str) -> frozenset[str]:
+    """The switches that shader `name` and its includes declare."""
+    return frozenset(match[1] for _, text in _expand(name, ()) if (match := SWITCH.match(text)))
+
+
+def _expand(name: str, outer: tuple[str, ...]) -> Iterator[tuple[str, str]]:
+    """(place, text) of every line, includes in their place."""
+    for number, text in enumerate(_read(name), 1):
+        place = f"{name}:{number}"
+        match = INCLUDE.match(text)
+        if not match:
+            yield place, text
+        elif match[1] in (*outer, name):
+            raise ShaderError(f"{place}: includes {match[1]}, which includes it")
+        elif not (folder() / match[1]).is_file():
+            raise ShaderError(f"{place}: no such file: {match[1]}")
+        else:
+            yield from _expand(match[1], (*outer, name))
+
+
+@lru_cache(maxsize=64)
+def _read(name: str) -> tuple[str, ...]:
+    path = folder() / name
+    if not path.is_file():
+        raise ShaderError(f"{name}: no such shader in {folder()}")
+    return tuple(path.read_text(encoding="utf-8").splitlines())
+
+
+def _literal(value: str | int | bool) -> str:
+    return str(int(value)) if isinstance(value, bool | int) else value

@@ -1,0 +1,82 @@
+"""Float targets to draw into, and reading them back."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+
+from splatgl.data.errors import InputError, expected
+
+# target → moderngl's dtype, numpy's, and what 1.0 is stored as
+FORMATS = {
+    "rgba32f": ("f4", np.dtype("<f4"), 1.0),
+    "rgba16f": ("f2", np.dtype("<f2"), 1.0),
+    "rgba8": ("f1", np.dtype("u1"), 255.0),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A texture to draw into, [H, W] of RGBA, row 0 on top."""
+
+    texture: moderngl.Texture
+    framebuffer: moderngl.Framebuffer
+    format: str
+
+    def read(self) -> np.ndarray:
+        """float32 [H, W, 4]."""
+        _, dtype, one = FORMATS[self.format]
+        width, height = self.texture.size
+        pixels = np.empty((height, width, 4), dtype)
+        self.framebuffer.read_into(pixels, components=4, alignment=1, dtype=FORMATS[self.format][0])
+        return pixels if self.format == "rgba32f" else pixels.astype(np.float32) / np.float32(one)
+
+
+class Targets:
+    """One target a role ("draw", "resolve"), made anew only when its size or format changes."""
+
+    def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
+        self.ctx = ctx
+        self.kept: dict[str, Target] = {}
+        owned.callback(self.release)
+
+    def get(self, role: str, size: tuple[int, int], form: str) -> Target:
+        target = self.kept.get(role)
+        if target is None or target.texture.size != size or target.format != form:
+            self._drop(role)
+            target = self.kept[role] = self._make(size, form)
+        return target
+
+    def release(self) -> None:
+        for role in list(self.kept):
+            self._drop(role)
+
+    def _drop(self, role: str) -> None:
+        target = self.kept.pop(role, None)
+        if target:
+            target.framebuffer.release()
+            target.texture.release()
+
+    def _make(self, size: tuple[int, int], form: str) -> Target:
+        check_size(self.ctx, size)
+        try:
+            texture = self.ctx.texture(size, 4, dtype=FORMATS[form][0])
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            return Target(texture, self.ctx.framebuffer([texture]), form)
+        except moderngl.Error as error:
+            raise InputError(
+                f"image size {size[0]}×{size[1]}: OpenGL cannot draw into {form} of that size ({error})"
+            ) from error
+
+
+def check_size(ctx: moderngl.Context, size: tuple[int, int]) -> None:
+    """InputError if a picture of that size is beyond what this OpenGL draws."""
+    limits = [ctx.info["GL_MAX_TEXTURE_SIZE"], *ctx.info["GL_MAX_VIEWPORT_DIMS"]]
+    limit = int(min(limits))
+    if max(size) > limit:
+        raise expected(
+            "image size", f"at most {limit}×{limit} samples on this OpenGL", f"{size[0]}×{size[1]}", "ask for less"
+        )

@@ -1,0 +1,71 @@
+"""The uniform blocks Frame and Style of `shaders/frame.glsl`, mirrored as std140 records."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatgl.splat.camera import Camera
+from splatgl.splat.plan import NEAR, Plan
+from splatgl.splat.rows import Splats
+
+# binding points of the blocks
+FRAME_BINDING, STYLE_BINDING = 0, 1
+
+FRAME = np.dtype(
+    {
+        "names": [
+            "eye_from_index",
+            "eye_from_world",
+            "eye_whole",
+            "eye_part",
+            "clip_scale",
+            "pixel_pitch",
+            "switch_depth",
+            "near",
+        ],
+        "formats": [("<f4", (3, 4)), ("<f4", (3, 4)), ("<f4", 4), ("<f4", 4), ("<f4", 2), "<f4", "<f4", "<f4"],
+        "offsets": [0, 48, 96, 112, 128, 136, 140, 144],
+        "itemsize": 160,
+    }
+)
+STYLE = np.dtype(
+    {
+        "names": ["radius", "peak", "opacity_length", "ambient", "diffuse"],
+        "formats": ["<f4"] * 5,
+        "offsets": [0, 4, 8, 12, 16],
+        "itemsize": 32,
+    }
+)
+
+# shading: C = c (0.3 + 0.7 |n·l|)
+AMBIENT, DIFFUSE = 0.3, 0.7
+
+
+def frame_block(splats: Splats, camera: Camera, plan: Plan) -> np.ndarray:
+    """The view, computed in float64 in units of the mean spacing and only then rounded; FRAME, shape ()."""
+    spacing = splats.grid.mean_spacing
+    block = np.zeros((), FRAME)
+    eye = splats.grid.index_from_world(camera.eye)
+    pitch = camera.extent / (camera.size[1] * plan.samples)
+    aspect = camera.size[0] / camera.size[1]
+    scale = np.array([2 / (camera.extent * aspect), 2 / camera.extent])
+
+    block["eye_from_index"][:, :3] = (camera.eye_from_world @ splats.grid.world_from_index / spacing).T
+    block["eye_from_world"][:, :3] = camera.eye_from_world.T
+    block["eye_whole"][:3] = np.rint(eye)
+    block["eye_part"][:3] = eye - np.rint(eye).astype(np.float32)
+    block["clip_scale"] = scale if camera.perspective else scale * spacing
+    block["pixel_pitch"] = pitch if camera.perspective else pitch / spacing
+    block["switch_depth"] = plan.z_s / spacing
+    block["near"] = NEAR
+    return block
+
+
+def style_block(splats: Splats, plan: Plan) -> np.ndarray:
+    """The scene's numbers; STYLE, shape ()."""
+    block = np.zeros((), STYLE)
+    block["radius"] = plan.kernel.radius
+    block["peak"] = plan.kernel.footprint(np.zeros(()))
+    block["opacity_length"] = splats.unit / splats.grid.mean_spacing
+    block["ambient"], block["diffuse"] = AMBIENT, DIFFUSE
+    return block

@@ -1,0 +1,96 @@
+"""GLFW windows, hidden or shown; without a display, GLFW's null platform drawing through OSMesa."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from splatgl.gl.loader import BackendError, Loader
+
+HIDDEN_SIZE = (16, 16)  # pixels; a hidden window is never drawn to
+
+
+class WindowLoader(Loader):
+    """The OpenGL context of a GLFW window, which is destroyed with it. GLFW wants the main thread."""
+
+    backend = "window"
+
+    def __init__(self, size: tuple[int, int] = HIDDEN_SIZE, title: str = "splatgl", visible: bool = False) -> None:
+        super().__init__()
+        self.window = _create(size, title, visible)
+        self.make_current()
+
+    def address(self, name: str) -> int:
+        import glfw
+
+        address = glfw.get_proc_address(name)
+        return ctypes.cast(address, ctypes.c_void_p).value or 0 if address else 0
+
+    def bind(self) -> None:
+        import glfw
+
+        with _glfw_errors():
+            glfw.make_context_current(self.window)
+
+    def unbind(self) -> None:
+        import glfw
+
+        with _glfw_errors():
+            glfw.make_context_current(None)  # type: ignore[arg-type]
+
+    def destroy(self) -> None:
+        import glfw
+
+        with _glfw_errors():
+            glfw.destroy_window(self.window)
+
+
+def _create(size: tuple[int, int], title: str, visible: bool) -> Any:
+    """A GLFW window with an OpenGL 3.3 core context."""
+    try:
+        import glfw
+    except ImportError as error:
+        raise BackendError(f"GLFW could not be loaded ({error})") from error
+    with _glfw_errors():
+        # Without a display only the null platform starts, and there only OSMesa draws
+        headless = not _has_display()
+        glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL if headless else glfw.ANY_PLATFORM)
+        glfw.init()
+        glfw.default_window_hints()
+        if glfw.get_platform() == glfw.PLATFORM_NULL:
+            glfw.window_hint(glfw.CONTEXT_CREATION_API, glfw.OSMESA_CONTEXT_API)
+        glfw.window_hint(glfw.CONTEXT_VERSION_MAJOR, 3)
+        glfw.window_hint(glfw.CONTEXT_VERSION_MINOR, 3)
+        glfw.window_hint(glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE)
+        glfw.window_hint(glfw.OPENGL_FORWARD_COMPAT, sys.platform == "darwin")  # macOS insists, OSMesa refuses
+        glfw.window_hint(glfw.VISIBLE, visible)
+        window = glfw.create_window(*size, title, None, None)
+    if not window:
+        raise BackendError("GLFW made no window")
+    return window
+
+
+def _has_display() -> bool:
+    """Whether a window system is announced; macOS and Windows always have one."""
+    if sys.platform in ("darwin", "win32"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+@contextmanager
+def _glfw_errors() -> Iterator[None]:
+    """Turn what GLFW reports, by default as warnings, into a BackendError."""
+    import glfw
+
+    glfw.get_error()  # forget what was reported before
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", glfw.GLFWError)
+        yield
+    code, description = glfw.get_error()
+    if code != glfw.NO_ERROR:
+        raise BackendError(description.decode() if isinstance(description, bytes) else str(description))

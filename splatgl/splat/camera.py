@@ -1,0 +1,206 @@
+"""`Camera`: perspective and orthographic, float64. Eye axes are right, down, forward.
+
+Matrices are named destination first: `eye_from_world @ (x − eye)`. Pixel (i, j) is column i, row j,
+row 0 on top, its centre at (i + ½, j + ½).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import pyrr
+
+from splatgl.data.errors import expected
+
+# |sin| of the smallest angle between `up` and the view that still fixes a horizon
+UP_TOLERANCE = 1e-9
+# how much larger than the object's bounding sphere the default picture is
+FIT_MARGIN = 1.02
+
+
+class Bounded(Protocol):
+    """Anything with a box in world units: volumes and splats."""
+
+    @property
+    def corners(self) -> np.ndarray: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One view. Build it by `look_at`, `orbit` or `orthographic`.
+
+    eye [3] world; eye_from_world [3, 3]: rows right, down, forward; size (width, height) in pixels.
+    extent: height of the image at depth 1 (perspective, 2·tan(fov/2)) or in world units (orthographic).
+    """
+
+    eye: np.ndarray
+    eye_from_world: np.ndarray
+    size: tuple[int, int]
+    extent: float
+    perspective: bool = True
+
+    @classmethod
+    def look_at(
+        cls,
+        eye: Sequence[float],
+        target: Sequence[float],
+        up: Sequence[float],
+        fov: float = 60.0,
+        size: tuple[int, int] = (512, 512),
+    ) -> Camera:
+        """A perspective view from `eye` to `target`; fov is the full vertical angle in degrees.
+
+        Raises InputError if eye = target, `up` is along the view, or fov is not within (0, 180).
+        """
+        if not 0.0 < fov < 180.0:
+            raise expected("fov", "an angle between 0 and 180 degrees", fov)
+        extent = 2.0 * float(np.tan(np.radians(fov) / 2))
+        return cls(_point("eye", eye), _axes(eye, target, up), _size(size), extent)
+
+    @classmethod
+    def orthographic(
+        cls,
+        eye: Sequence[float],
+        target: Sequence[float],
+        up: Sequence[float],
+        height: float = 300.0,
+        size: tuple[int, int] = (512, 512),
+    ) -> Camera:
+        """A parallel view along target − eye; `height` is the image's height in world units.
+
+        Nothing behind the plane through `eye` is seen. Raises InputError as `look_at`, and for height ≤ 0.
+        """
+        if not (np.isfinite(height) and height > 0):
+            raise expected("height", "a positive length", height)
+        return cls(_point("eye", eye), _axes(eye, target, up), _size(size), float(height), perspective=False)
+
+    @classmethod
+    def orbit(
+        cls,
+        subject: Bounded,
+        azimuth: float = 0.0,
+        elevation: float = 0.0,
+        fov: float = 40.0,
+        size: tuple[int, int] = (512, 512),
+        zoom: float = 1.0,
+        up: Sequence[float] = (0.0, 0.0, 1.0),
+    ) -> Camera:
+        """A perspective view that shows all of `subject`. At (0, 0) it looks along +y with +z up;
+        azimuth turns the eye counter-clockwise seen from +z, elevation lifts it (degrees). Another
+        `up` turns all of this by the shortest way from +z.
+        """
+        if not (0.0 < fov < 180.0):
+            raise expected("fov", "an angle between 0 and 180 degrees", fov)
+        if not zoom > 0:
+            raise expected("zoom", "a positive number", zoom)
+        back, top = _orbit_axes(azimuth, elevation, up)
+        corners = subject.corners
+        center = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        distance = _fit_distance(corners - center, back, top, np.tan(np.radians(fov) / 2), _size(size))
+        return cls.look_at(center + back * distance / zoom, center, top, fov, size)
+
+    def parallel(self, subject: Bounded, height: float | None = None) -> Camera:
+        """The orthographic view from the same eye; `height` in world units, None: the height of the
+        perspective picture at the middle of `subject`.
+        """
+        middle = float(self.eye_from_points(subject.corners)[:, 2].mean())
+        extent = height if height is not None else self.extent * max(middle, 1e-300)
+        if not (np.isfinite(extent) and extent > 0):
+            raise expected("height", "a positive length", height)
+        return Camera(self.eye, self.eye_from_world, self.size, float(extent), perspective=False)
+
+    @property
+    def right(self) -> np.ndarray:
+        return np.asarray(self.eye_from_world[0])
+
+    @property
+    def forward(self) -> np.ndarray:
+        return np.asarray(self.eye_from_world[2])
+
+    def pixel_pitch(self, depth: float | np.ndarray) -> float | np.ndarray:
+        """World length of one pixel's side at `depth` (constant in orthographic views)."""
+        pitch = self.extent / self.size[1]
+        return np.asarray(depth) * pitch if self.perspective else np.full(np.shape(depth), pitch)[()]
+
+    def z_k(self, spacing: float) -> float:
+        """Depth at which a voxel of that spacing is one pixel wide [M98 Eq. 3].
+
+        Orthographic: 0 if voxels are smaller than pixels everywhere, else infinity.
+        """
+        pitch = self.extent / self.size[1]
+        if self.perspective:
+            return spacing / pitch
+        return np.inf if spacing >= pitch else 0.0
+
+    def eye_from_points(self, points: np.ndarray) -> np.ndarray:
+        """World points [..., 3] in eye axes, camera-relative, float64."""
+        return np.asarray((np.asarray(points, dtype=np.float64) - self.eye) @ self.eye_from_world.T)
+
+    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pixel centres along each image axis, [W] and [H]: slopes x/z (perspective) or eye x, y in world units."""
+        width, height = self.size
+        pitch = self.extent / height
+        return (np.arange(width) + 0.5 - width / 2) * pitch, (np.arange(height) + 0.5 - height / 2) * pitch
+
+    def resized(self, size: tuple[int, int]) -> Camera:
+        """The same view with another number of pixels; the vertical field of view stays."""
+        return Camera(self.eye, self.eye_from_world, _size(size), self.extent, self.perspective)
+
+
+def _point(what: str, value: Sequence[float]) -> np.ndarray:
+    point = np.array(value, dtype=np.float64)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise expected(what, "three finite numbers (x, y, z)", value)
+    return point
+
+
+def _size(size: tuple[int, int]) -> tuple[int, int]:
+    width, height = (int(n) for n in size)
+    if width < 1 or height < 1:
+        raise expected("size", "a width and a height of at least 1 pixel", f"{width}×{height}")
+    return width, height
+
+
+def _axes(eye: Sequence[float], target: Sequence[float], up: Sequence[float]) -> np.ndarray:
+    view = _point("target", target) - _point("eye", eye)
+    length = float(np.linalg.norm(view))
+    if not length > 0.0:
+        raise expected("target", "a point other than the eye", target, "move one of them")
+    vertical = _point("up", up)
+    vertical = vertical / (np.abs(vertical).max() or 1.0)
+    view = view / length
+    side = np.linalg.norm(np.cross(view, vertical))
+    if side <= UP_TOLERANCE * np.linalg.norm(vertical) or not side > 0.0:
+        raise expected("up", "a direction that is not along the view", up, "choose another --up")
+    # GL's axes are right, up, backward; pyrr gives them as columns
+    axes = pyrr.matrix33.create_from_matrix44(pyrr.matrix44.create_look_at(np.zeros(3), view, vertical)).T
+    return np.asarray(axes * np.array([[1.0], [-1.0], [-1.0]]))
+
+
+def _orbit_axes(azimuth: float, elevation: float, up: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors from the subject to the eye, and up in the picture."""
+    pole = _point("up", up)
+    if not np.abs(pole).max() > 0:
+        raise expected("up", "a direction", up)
+    pole = pyrr.vector.normalise(pole / np.abs(pole).max())
+    a, e = np.radians(azimuth), np.radians(elevation)
+    back = np.array([np.sin(a) * np.cos(e), -np.cos(a) * np.cos(e), np.sin(e)])
+    top = np.array([-np.sin(a) * np.sin(e), np.cos(a) * np.sin(e), np.cos(e)])
+    # the shortest turn from +z to the pole; half a turn about y where they are opposite
+    if pole[2] <= UP_TOLERANCE - 1:
+        turn = np.diag([-1.0, 1.0, -1.0])
+    else:
+        v = pyrr.vector3.cross(np.array([0.0, 0.0, 1.0]), pole)
+        skew = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+        turn = np.eye(3) + skew + skew @ skew / (1 + pole[2])
+    return turn @ back, turn @ top
+
+
+def _fit_distance(local: np.ndarray, back: np.ndarray, up: np.ndarray, half: float, size: tuple[int, int]) -> float:
+    """How far from the middle an eye sees every corner (relative to it): slope = lateral / (distance − depth)."""
+    widest = np.array([half * size[0] / size[1], half])
+    lateral = np.abs(np.stack([local @ np.cross(back, up), local @ up], axis=1)) / widest
+    return float((lateral.max(axis=1) + local @ back).max()) * FIT_MARGIN

@@ -1,0 +1,96 @@
+"""Colour maps by name: a few of our own, solid "#rrggbb", and those of cmap or matplotlib where installed."""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from importlib.util import find_spec
+
+import numpy as np
+
+from splatgl.data.color import linear_from_srgb
+from splatgl.data.errors import expected, missing_extra
+
+ENTRIES = 256
+
+# control colours (sRGB) at equal steps; mixed in sRGB, where equal steps look about equal
+EVEN = {
+    "gray": "000000 ffffff",
+    "white": "ffffff",
+    "ivory": "5a3a26 a87d55 dcc298 f4e9d0 fffdf6",
+    "flesh": "2a0f0a 7c3a2a c47a5e e6ab8c f6d8c2 fff3ea",
+    "fire": "000000 3b0a2a 8c1230 d63a14 f98a10 fdd24a fffde0",
+    "glow": "04121c 0b3f4a 127a6a 35c06a b4ee7a fbffe0",
+    "terrain": "1f4f8a 3f86b4 d8cda0 7ea85a 3f7a3a 8a7350 b0a8a0 ffffff",
+    "viridis": "440154 482878 3e4989 31688e 26828e 1f9e89 35b779 6ece58 b5de2b fde725",
+    "cool-warm": "3b4cc0 7b9ff9 c0d4f5 dddddd f2cbb7 ee8468 b40426",
+}
+# the same with places of their own: (position, colour)
+UNEVEN: dict[str, tuple[tuple[float, str], ...]] = {
+    "bone": ((0.0, "000000"), (0.365, "515171"), (0.746, "a6c6c6"), (1.0, "ffffff")),
+    "hot": ((0.0, "0b0000"), (0.365, "ff0000"), (0.746, "ffff00"), (1.0, "ffffff")),
+}
+CORE = tuple(sorted((*EVEN, *UNEVEN)))
+# libraries that know more names, in the order they are asked
+LIBRARIES = ("cmap", "matplotlib")
+
+
+@lru_cache(maxsize=64)
+def colormap(name: str) -> np.ndarray:
+    """A colour map as linear RGB, float64 [256, 3], read-only; entry 0 is the low end.
+
+    name: one of CORE, a solid "#rrggbb", or a name that cmap or matplotlib knows. Raises InputError
+    for a name that none of them knows.
+    """
+    table = linear_from_srgb(_srgb(name))
+    table.setflags(write=False)
+    return table
+
+
+def _srgb(name: str) -> np.ndarray:
+    if name in EVEN:
+        colors = [_hex(color) for color in EVEN[name].split()]
+        return _mix(np.linspace(0.0, 1.0, len(colors)), np.array(colors))
+    if name in UNEVEN:
+        nodes = UNEVEN[name]
+        return _mix(np.array([place for place, _ in nodes]), np.array([_hex(code) for _, code in nodes]))
+    if re.fullmatch(r"#[0-9a-fA-F]{6}", name):
+        return np.tile(_hex(name[1:]), (ENTRIES, 1))
+    return _from_library(name)
+
+
+def _hex(code: str) -> list[float]:
+    return [channel / 255 for channel in bytes.fromhex(code)]
+
+
+def _mix(places: np.ndarray, colors: np.ndarray) -> np.ndarray:
+    at = np.linspace(0.0, 1.0, ENTRIES)
+    return np.stack([np.interp(at, places, colors[:, channel]) for channel in range(3)], axis=1)
+
+
+def _from_library(name: str) -> np.ndarray:
+    installed = [library for library in LIBRARIES if find_spec(library)]
+    own = f"{', '.join(CORE)}, #rrggbb"
+    if not installed:
+        raise missing_extra(f"colormap {name!r} (not one of {own})", "cmap", "colormaps")
+    for library in installed:
+        table = _from_cmap(name) if library == "cmap" else _from_matplotlib(name)
+        if table is not None:
+            return table
+    raise expected("colormap", f"one of {own}, or a name that {' or '.join(installed)} knows", repr(name))
+
+
+def _from_cmap(name: str) -> np.ndarray | None:
+    import cmap
+
+    try:
+        return np.asarray(cmap.Colormap(name)(np.linspace(0.0, 1.0, ENTRIES)), dtype=np.float64)[:, :3]
+    except (ValueError, TypeError):
+        return None
+
+
+def _from_matplotlib(name: str) -> np.ndarray | None:
+    import matplotlib
+
+    known = name in matplotlib.colormaps
+    return np.asarray(matplotlib.colormaps[name](np.linspace(0.0, 1.0, ENTRIES)))[:, :3] if known else None

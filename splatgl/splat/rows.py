@@ -1,0 +1,171 @@
+"""`Splats`: what is drawn, as rows (z, y) of splats sorted by x; and the record each splat has on the GPU.
+
+Positions are grid indices, small and exact in float32; the affine grid places them in the world in
+float64. Only rows that hold a splat are stored (compressed sparse rows).  [M98 §5, voxel extractor]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from splatgl.data.errors import expected
+
+# 36 bytes a splat. position: (x, y, z) in grid indices. optical_depth: extinction × mean spacing.
+# color: linear RGB. normal: unit world gradient as signed 16-bit fractions, zero where there is none.
+RECORD = np.dtype(
+    [
+        ("position", "<f4", 3),
+        ("optical_depth", "<f4"),
+        ("color", "<f4", 3),
+        ("normal", "<i2", 3),
+        ("unused", "<i2"),
+    ]
+)
+GL_FORMAT = "3f4 1f4 3f4 3i2 2x/i"
+GL_ATTRIBUTES = ("in_position", "in_optical_depth", "in_color", "in_normal")
+NORMAL_SCALE = 32767.0
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The affine lattice that positions count in: world = world_from_index @ position + origin."""
+
+    world_from_index: np.ndarray
+    origin: np.ndarray
+
+    @property
+    def mean_spacing(self) -> float:
+        """|det A|^(1/3): the side of the cube with a voxel's volume; GL counts lengths in it."""
+        return float(np.exp(np.linalg.slogdet(self.world_from_index)[1] / 3))
+
+    @property
+    def cubic(self) -> bool:
+        """True if a voxel is a cube, however turned: the footprint is then a disc."""
+        scaled = self.world_from_index / self.mean_spacing
+        return bool(np.abs(scaled.T @ scaled - np.eye(3)).max() < 1e-6)
+
+    def index_from_world(self, point: np.ndarray) -> np.ndarray:
+        """Grid coordinates (x, y, z) of world points [..., 3], float64."""
+        return np.asarray((np.asarray(point) - self.origin) @ np.linalg.inv(self.world_from_index).T)
+
+
+@dataclass(frozen=True, eq=False)
+class Splats:
+    """Splats in row order: z, then y, then x ascending.
+
+    records [N] of RECORD. cell_x int32 [N]: each splat's cell along x.
+    row_z, row_y int32 [M]: the rows that hold a splat; row_start int64 [M+1] into the records.
+    unit: world length that opacities are stated for. shaded: whether the transfer function shades.
+    dropped_depth: largest optical depth that the threshold removed from one axis line.
+    """
+
+    records: np.ndarray
+    cell_x: np.ndarray
+    row_z: np.ndarray
+    row_y: np.ndarray
+    row_start: np.ndarray
+    grid: Grid
+    unit: float
+    shaded: bool = False
+    dropped_depth: float = 0.0
+    name: str = ""
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    @classmethod
+    def from_points(
+        cls,
+        points: np.ndarray,
+        colors: np.ndarray,
+        extinctions: np.ndarray,
+        spacing: float | Sequence[float] = 1.0,
+    ) -> Splats:
+        """Unshaded splats at any place.
+
+        points [N, 3] world; colors [N, 3] linear RGB ≥ 0; extinctions [N] ≥ 0 per world length.
+        spacing, a number or (x, y, z), is the kernel's scale and the lattice whose cells
+        round(p / spacing) give the order; ties keep the input's. Non-finite and transparent points
+        are absent. Raises InputError for other shapes and negative numbers.
+        """
+        points, colors, extinctions = _checked_points(points, colors, extinctions)
+        scale = _checked_spacing(spacing)
+        with np.errstate(invalid="ignore", over="ignore"):
+            cells = np.rint(points / scale)
+        keep = np.isfinite(cells).all(axis=1) & np.isfinite(colors).all(axis=1)
+        keep &= np.isfinite(extinctions) & (extinctions > 0)
+        points, colors, extinctions, cells = points[keep], colors[keep], extinctions[keep], cells[keep]
+        base = cells.min(axis=0) if len(cells) else np.zeros(3)
+        if len(cells) and np.ptp(cells, axis=0).max() >= 2**31:
+            raise expected("points", "at most 2³¹ cells along each axis", np.ptp(cells, axis=0).max())
+        grid = Grid(np.diag(scale), base * scale)
+        cells = (cells - base).astype(np.int32)
+        order = np.lexsort((cells[:, 0], cells[:, 1], cells[:, 2]))
+        records = np.zeros(len(points), RECORD)
+        records["position"] = ((points - grid.origin) / scale)[order]
+        records["optical_depth"] = extinctions[order] * grid.mean_spacing
+        records["color"] = colors[order]
+        return assemble(records, cells[order], grid, unit=grid.mean_spacing, name="points")
+
+    @cached_property
+    def index_bounds(self) -> np.ndarray:
+        """[2, 3]: smallest and largest position, in grid indices; zeros if there is no splat."""
+        if not len(self):
+            return np.zeros((2, 3))
+        position = self.records["position"]
+        return np.array([[reach(position[:, axis]) for axis in range(3)] for reach in (np.min, np.max)], np.float64)
+
+    @property
+    def corners(self) -> np.ndarray:
+        """The eight corners [8, 3], in world units, of the box of all splats, half a voxel larger."""
+        low, high = self.index_bounds + np.array([[-0.5], [0.5]])
+        box = np.array([[x, y, z] for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])])
+        return np.asarray(box @ self.grid.world_from_index.T + self.grid.origin)
+
+    @cached_property
+    def plane_start(self) -> np.ndarray:
+        """int64 [P+1]: where each z plane's rows begin."""
+        changes = np.flatnonzero(np.diff(self.row_z)) + 1
+        return np.concatenate([[0], changes, [len(self.row_z)]]) if len(self.row_z) else np.zeros(1, np.int64)
+
+
+def assemble(
+    records: np.ndarray, cells: np.ndarray, grid: Grid, unit: float, name: str, shaded: bool = False, dropped: float = 0.0
+) -> Splats:
+    """Splats from records already in row order; cells int [N, 3] (x, y, z)."""
+    row_z, row_y, row_start = index_rows(cells[:, 1], cells[:, 2])
+    cell_x = np.ascontiguousarray(cells[:, 0], dtype=np.int32)
+    return Splats(records, cell_x, row_z, row_y, row_start, grid, unit, shaded, dropped, name)
+
+
+def index_rows(y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(row_z, row_y, row_start) of splats whose cells' y and z are given in row order."""
+    if not len(y):
+        return np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(1, np.int64)
+    first = np.concatenate([[True], (np.diff(y) != 0) | (np.diff(z) != 0)])
+    start = np.flatnonzero(first)
+    return z[start].astype(np.int32), y[start].astype(np.int32), np.append(start, len(y))
+
+
+def _checked_points(points: object, colors: object, extinctions: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    p, c, e = (np.asarray(array, dtype=np.float64) for array in (points, colors, extinctions))
+    if p.ndim != 2 or p.shape[1] != 3:
+        raise expected("points", "shape [N, 3]", p.shape)
+    if c.shape != p.shape:
+        raise expected("colors", f"shape {p.shape}", c.shape)
+    if e.shape != (len(p),):
+        raise expected("extinctions", f"shape {(len(p),)}", e.shape)
+    if (c < 0).any() or (e < 0).any():
+        raise expected("colors and extinctions", "numbers of at least 0", min(c.min(), e.min()))
+    return p, c, e
+
+
+def _checked_spacing(spacing: float | Sequence[float]) -> np.ndarray:
+    scale = np.asarray(spacing, dtype=np.float64)
+    if scale.shape not in ((), (3,)) or not np.isfinite(scale).all() or not (scale > 0).all():
+        raise expected("spacing", "a positive number or three (x, y, z)", spacing)
+    return np.broadcast_to(scale, (3,))

@@ -1,0 +1,107 @@
+"""`Settings`: what a user asks of a picture. Every value that is named is obeyed; `auto` is the plan's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.errors import expected
+
+CHOICES: dict[str, tuple[str, ...]] = {
+    "blend": ("composite", "xray", "mip"),
+    "kernel": ("crawfis-max", "gaussian"),
+    "antialias": ("paper", "off", "supersample"),
+    "align": ("auto", "ray", "grid", "hybrid"),
+    "attenuation": ("auto", "opacity", "optical-depth"),
+    "footprint": ("auto", "table"),
+    "target": ("rgba32f", "rgba16f", "rgba8", "auto"),
+    "primitive": ("auto", "quad"),
+    "shading": ("auto", "on", "off"),
+    "motion": ("off",),
+    "order": ("back-to-front", "front-to-back"),
+}
+# largest footprint table; beyond it the kernel is resolved to float32
+MAX_TABLE_SIZE = 4096
+# supersampling beyond 64 samples an axis would need a picture of 4096 pixels for one of 64
+MAX_SAMPLES = 64
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to draw; the paper's names, the default first.
+
+    blend composite | xray | mip. kernel crawfis-max | gaussian.
+    antialias paper | off | supersample (samples × samples a pixel). align auto | ray | grid | hybrid
+    (ray-perpendicular up to depth z_s, grid-aligned beyond; z_s in world units, None: from `tolerance`).
+    attenuation auto | opacity | optical-depth. footprint auto | table (table_size², table_bits 32 | 16 | 8).
+    target rgba32f | rgba16f | rgba8 | auto. shading auto (as the transfer function says) | on | off.
+    order back-to-front | front-to-back. tolerance: largest allowed error, linear light.
+    background: None (transparent) or a linear RGB triple. Raises InputError for anything else.
+    """
+
+    blend: str = "composite"
+    kernel: str = "crawfis-max"
+    antialias: str = "paper"
+    samples: int = 4
+    align: str = "auto"
+    z_s: float | None = None
+    attenuation: str = "auto"
+    footprint: str = "auto"
+    table_size: int = 256
+    table_bits: int = 32
+    target: str = "rgba32f"
+    primitive: str = "auto"
+    shading: str = "auto"
+    motion: str = "off"
+    order: str = "back-to-front"
+    tolerance: float = 1 / 255
+    background: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        for name, allowed in CHOICES.items():
+            if getattr(self, name) not in allowed:
+                raise expected(name, " or ".join(allowed), repr(getattr(self, name)))
+        _check_number("samples", self.samples, 1, MAX_SAMPLES)
+        _check_number("table_size", self.table_size, 2, MAX_TABLE_SIZE)
+        if self.table_bits not in (8, 16, 32):
+            raise expected("table_bits", "8, 16 or 32", self.table_bits)
+        if not (0 < self.tolerance <= 1):
+            raise expected("tolerance", "a number in (0, 1]", self.tolerance)
+        if self.z_s is not None and not self.z_s >= 0:
+            raise expected("z_s", "a depth of at least 0", self.z_s)
+        if self.background is not None:
+            object.__setattr__(self, "background", _background(self.background))
+
+    def but(self, **changes: Any) -> Settings:
+        """These settings with some changed; InputError for a name that does not exist."""
+        unknown = set(changes) - {field.name for field in fields(self)}
+        if unknown:
+            raise expected("settings", "names of Settings' fields", ", ".join(sorted(unknown)))
+        return replace(self, **changes)
+
+    @classmethod
+    def paper(cls, **changes: Any) -> Settings:
+        """The 1998 hardware path: hybrid, an 8-bit 256×256 table, opacity attenuation, quads, 8-bit target."""
+        return cls(
+            align="hybrid",
+            footprint="table",
+            table_size=256,
+            table_bits=8,
+            attenuation="opacity",
+            primitive="quad",
+            target="rgba8",
+        ).but(**changes)
+
+
+def _check_number(name: str, value: int, low: int, high: int) -> None:
+    if int(value) != value or not low <= value <= high:
+        raise expected(name, f"a whole number from {low} to {high}", value)
+
+
+def _background(color: object) -> tuple[float, float, float]:
+    rgb = np.asarray(color, dtype=np.float64)
+    if rgb.shape != (3,) or not ((rgb >= 0) & (rgb <= 1)).all():
+        raise expected("background", "three linear numbers from 0 to 1", color)
+    return float(rgb[0]), float(rgb[1]), float(rgb[2])

@@ -1,0 +1,145 @@
+"""What a volume's values are like, from a sample of its planes: range, background, and where to cut.
+
+Big mapped files are not read whole: at most PLANES planes, and of each only every so many samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.data.volume import Volume
+
+# planes and values that a sample takes at most: a few tens of MB read, half a second
+PLANES, VALUES = 32, 1 << 21
+# share of samples at exactly the lowest value from which a volume counts as sparse
+SPARSE = 0.95
+# sparse volumes with fewer other values than this in the sample are read whole
+FEW = 2000
+BINS = 256
+# percentile of the values where the histogram ends, so that a few outliers don't stretch its bins
+HISTOGRAM_END = 99.9
+# a face of the box is touched by an object if more than this share of it is covered
+TOUCHED = 0.015
+# an object that is whole touches at most this many of the box's six faces (a cut neck: 1; a slab: 2)
+WHOLE = 3
+# otherwise, one that covers at most this share of the faces is taken for foreground
+COVERED = 0.25
+RUNGS = 3
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A threshold between two classes of values, with the classes' mean values."""
+
+    value: float
+    below: float
+    above: float
+
+    def ramp(self, share: float) -> tuple[float, float]:
+        """From `share` of the way to the class below, to `share` of the way to the class above."""
+        return self.value - share * (self.value - self.below), self.value + share * (self.above - self.value)
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """values: finite samples, sorted. background: share of them at exactly the lowest value.
+
+    cuts: thresholds, each splitting what lies above the last one (empty for a constant volume).
+    whole: which of the cuts parts the object from what surrounds it.
+    """
+
+    values: np.ndarray
+    background: float
+    cuts: tuple[Cut, ...]
+    whole: int
+
+    @property
+    def sparse(self) -> bool:
+        return self.background >= SPARSE
+
+    @property
+    def constant(self) -> bool:
+        return len(self.values) == 0 or bool(self.values[0] == self.values[-1])
+
+    def percentile(self, percent: float) -> float:
+        return float(np.percentile(self.values, percent))
+
+    def share_above(self, value: float) -> float:
+        """Share of the sampled values above a value."""
+        return 1.0 - float(np.searchsorted(self.values, value, side="right")) / max(len(self.values), 1)
+
+
+def statistics(volume: Volume) -> Statistics:
+    """The statistics of a volume's finite values; of a sparse one, all values that stand out count."""
+    sample = _sample(volume)
+    finite = np.sort(sample[np.isfinite(sample)])
+    if len(finite) == 0:
+        return Statistics(finite, 1.0, (), 0)
+    outstanding = finite[finite > finite[0]]
+    background = 1.0 - len(outstanding) / len(finite)
+    if background >= SPARSE and len(outstanding) < FEW:
+        finite = _with_outstanding(volume, float(finite[0]))
+    cuts = _ladder(finite)
+    return Statistics(finite, background, cuts, _whole(sample, cuts))
+
+
+def _sample(volume: Volume) -> np.ndarray:
+    """float64 [d, h, w] of at most PLANES planes; first and last planes, rows and columns are in it."""
+    depth, height, width = volume.shape
+    planes = np.unique(np.linspace(0, depth - 1, PLANES).round().astype(int))
+    step = max(1, int(np.ceil(np.sqrt(len(planes) * height * width / VALUES))))
+    y, x = (np.unique(np.append(np.arange(0, n, step), n - 1)) for n in (height, width))
+    return np.stack([np.asarray(volume.samples[z])[np.ix_(y, x)].astype(np.float64) for z in planes])
+
+
+def _with_outstanding(volume: Volume, lowest: float) -> np.ndarray:
+    """All finite values other than the lowest sampled one (at most VALUES of them), and that one, sorted."""
+    found = [np.array([lowest])]
+    for slab in volume.slabs(16, halo=0):
+        others = slab.samples[slab.samples != slab.samples.dtype.type(lowest)].astype(np.float64)
+        found.append(others[np.isfinite(others)])
+    values = np.concatenate(found)
+    return np.sort(values[:: len(values) // VALUES + 1])
+
+
+def _ladder(values: np.ndarray) -> tuple[Cut, ...]:
+    """Cuts by Otsu's rule: between all values, then between those above the first cut, and so on."""
+    cuts: list[Cut] = []
+    while len(cuts) < RUNGS and len(values) > 1 and values[0] < values[-1]:
+        cut = _otsu(values)
+        cuts.append(cut)
+        values = values[values > cut.value]
+    return tuple(cuts)
+
+
+def _otsu(values: np.ndarray) -> Cut:
+    """The cut that parts sorted values into two classes of the largest variance between them (Otsu 1979)."""
+    end = float(np.percentile(values, HISTOGRAM_END))
+    end = end if end > values[0] else float(values[-1])
+    counts, edges = np.histogram(np.minimum(values, end), BINS, (float(values[0]), end))
+    middles = (edges[1:] + edges[:-1]) / 2
+    mass, moment = np.cumsum(counts)[:-1], np.cumsum(counts * middles)
+    rest = len(values) - mass
+    parted = (mass > 0) & (rest > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        below, above = moment[:-1] / mass, (moment[-1] - moment[:-1]) / rest
+        between = np.where(parted, mass * rest * (above - below) ** 2, -1.0)
+    # an empty stretch between the classes has many best cuts: its middle is taken
+    best = np.flatnonzero(between >= between.max() * (1 - 1e-12))
+    at = int(best[len(best) // 2])
+    return Cut(float(edges[at + 1]), float(below[at]), float(above[at]))
+
+
+def _whole(sample: np.ndarray, cuts: tuple[Cut, ...]) -> int:
+    """The first cut whose foreground touches few faces of the box; else the first that covers little of them."""
+    faces = [face for axis in range(3) for face in (np.take(sample, 0, axis), np.take(sample, -1, axis))]
+    shares = [[float(np.mean(face > cut.value)) for face in faces] for cut in cuts]
+    for rung, covered in enumerate(shares):
+        if sum(share > TOUCHED for share in covered) <= WHOLE:
+            return rung
+    for rung, covered in enumerate(shares):
+        if np.mean(covered) <= COVERED:
+            return rung
+    return 0

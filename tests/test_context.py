@@ -1,0 +1,266 @@
+"""Contexts: every backend opens, several live side by side, release frees, and refusals say what to do."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import threading
+from collections.abc import Callable, Iterator
+
+import moderngl
+import numpy as np
+import pytest
+
+from splatgl.app import doctor
+from splatgl.data.errors import InputError
+from splatgl.gl import context as contexts
+from splatgl.gl import egl, osmesa
+from splatgl.gl.context import BACKENDS, context_info, current, is_software, open_context
+from splatgl.gl.loader import BackendError, current_loader, switch_to
+from splatgl.gl.selfcheck import Check, run_checks
+
+Open = Callable[..., moderngl.Context]
+# The library whose absence excuses a backend; asked without the code under test, so that its faults do not skip
+LIBRARIES = {"egl": egl.EGL_LIBRARIES[:1], "osmesa": osmesa.LIBRARIES[:2], "window": osmesa.LIBRARIES[:2]}
+
+
+def need(backend: str) -> None:
+    """Skip where the system lacks the library behind a backend."""
+    if backend == "window" and os.environ.get("DISPLAY"):
+        return
+    for name in LIBRARIES[backend]:
+        try:
+            ctypes.CDLL(name)
+        except OSError:
+            continue
+        return
+    pytest.skip(f"{backend}: {LIBRARIES[backend][0]} is not installed")
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> Iterator[Open]:
+    """Opens contexts and frees them after the test; brings back what was current before it."""
+    monkeypatch.delenv("SPLATGL_REQUIRE_GPU", raising=False)
+    before, made = current_loader(), []
+
+    def open_one(backend: str = "auto", **options: object) -> moderngl.Context:
+        if backend != "auto":
+            need(backend)
+        made.append(open_context(backend, **options))
+        return made[-1]
+
+    yield open_one
+    for ctx in made:
+        ctx.release()
+    switch_to(before)
+
+
+def fill(ctx: moderngl.Context, value: float, size: tuple[int, int] = (4, 4)) -> moderngl.Framebuffer:
+    """A float target of one value, left alive."""
+    target = ctx.framebuffer([ctx.texture(size, 4, dtype="f4")])
+    target.clear(value, value, value, value)
+    return target
+
+
+def values(target: moderngl.Framebuffer) -> set[float]:
+    return set(np.frombuffer(target.read(components=4, dtype="f4"), "f4").tolist())
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_every_backend_opens_and_draws(opened: Open, backend: str) -> None:
+    ctx = opened(backend)
+    info = context_info(ctx)
+    assert info.backend == backend
+    assert ctx.version_code >= 330 and info.renderer and info.glsl[0].isdigit()
+    assert info.max_texture_size >= 1024 and info.max_uniform_block >= 16384  # what OpenGL 3.3 guarantees
+    assert values(fill(ctx, 0.3)) == {float(np.float32(0.3))}
+    assert ctx.error == "GL_NO_ERROR"
+
+
+def test_contexts_draw_in_turn(opened: Open) -> None:
+    # Each makes objects with the same GL names; drawn into the wrong context they would overwrite each other
+    pair = [opened("egl"), opened("osmesa"), opened("egl")]
+    targets = []
+    for ctx in pair:
+        with current(ctx):
+            targets.append(fill(ctx, 0.0))
+    assert len({target.glo for target in targets}) == 1, "same names, else this test proves nothing"
+
+    for step in range(3):
+        for number, (ctx, target) in enumerate(zip(pair, targets, strict=True)):
+            with current(ctx):
+                target.clear(*[step + number / 8] * 4)
+        for number, (ctx, target) in enumerate(zip(pair, targets, strict=True)):
+            with current(ctx):
+                assert values(target) == {step + number / 8}
+                assert ctx.error == "GL_NO_ERROR"
+
+
+def test_current_is_brought_back(opened: Open) -> None:
+    first, second = opened("egl"), opened("osmesa")
+    assert current_loader() is second.extra
+    with current(first):
+        assert current_loader() is first.extra
+        with current(second), current(first):
+            assert current_loader() is first.extra
+        assert current_loader() is first.extra
+        with pytest.raises(RuntimeError), current(second):
+            raise RuntimeError
+        assert values(fill(first, 0.5)) == {0.5}
+    assert values(fill(second, 0.25)) == {0.25}
+
+
+def test_each_thread_has_its_own_current_context(opened: Open) -> None:
+    need("osmesa")
+    ctx = opened("egl")
+    seen: list[object] = []
+
+    def work() -> None:
+        seen.append(current_loader())
+        other = open_context("osmesa")
+        seen.append(values(fill(other, 0.75)))
+        other.release()
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == [None, {0.75}]
+    assert current_loader() is ctx.extra and values(fill(ctx, 0.5)) == {0.5}
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_release_frees_the_context(opened: Open, backend: str) -> None:
+    # 30 contexts with 4 MiB of texels each: kept, they would hold 120 MiB
+    opened(backend).release()
+    before = resident_mebibytes()
+    for _ in range(30):
+        ctx = opened(backend)
+        fill(ctx, 0.5, (512, 512)).read()
+        ctx.release()
+    assert resident_mebibytes() - before < 60
+
+
+def resident_mebibytes() -> float:
+    """Memory that this process holds."""
+    try:
+        with open("/proc/self/statm") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+    except OSError:
+        pytest.skip("no /proc here to read the memory from")
+
+
+def test_release_twice_and_out_of_order(opened: Open) -> None:
+    first, second = opened("egl"), opened("osmesa")
+    with current(first):
+        second.release()
+        second.extra.release()
+    # What was current before has gone meanwhile: nothing is, and the other still draws
+    assert current_loader() is None
+    with current(first):
+        assert values(fill(first, 0.5)) == {0.5}
+    third = opened("egl")
+    third.release()
+    assert current_loader() is None, "a freed context must not pass for the current one"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"backend": "vulkan"}, "backend: expected auto | egl | osmesa | window, got vulkan"),
+        ({"device": -1}, "device: expected an EGL device number from 0, got -1"),
+        ({"backend": "osmesa", "device": 0}, "device: expected none"),
+    ],
+)
+def test_bad_requests_are_refused(options: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match="^" + message.replace("|", r"\|")):
+        open_context(**options)
+
+
+def test_a_device_that_is_not_there_is_not_replaced(opened: Open) -> None:
+    need("egl")
+    with pytest.raises(InputError, match=r"egl says: .*99.*leave the device out") as caught:
+        open_context("auto", device=99)
+    assert "osmesa" not in str(caught.value)
+
+
+def test_auto_tries_all_and_quotes_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(name: str, device: int | None, require_gpu: bool) -> moderngl.Context:
+        raise BackendError(f"no {name} today")
+
+    monkeypatch.setattr(contexts, "_open", refuse)
+    with pytest.raises(InputError) as caught:
+        open_context()
+    message = str(caught.value)
+    assert "\n" not in message and "apt-get install libegl1" in message
+    assert [message.index(f"{name} says: no {name} today") for name in BACKENDS] == sorted(
+        message.index(f"{name} says") for name in BACKENDS
+    )
+
+
+def test_auto_prefers_egl(opened: Open) -> None:
+    need("egl")
+    assert context_info(opened("auto")).backend == "egl"
+
+
+def test_a_graphics_card_can_be_required(opened: Open, monkeypatch: pytest.MonkeyPatch) -> None:
+    software = context_info(opened("egl")).software
+    for by_argument in (True, False):
+        monkeypatch.setenv("SPLATGL_REQUIRE_GPU", "0" if by_argument else "1")
+        ask = {"require_gpu": True} if by_argument else {}
+        if software:
+            with pytest.raises(InputError, match=r"OpenGL on a graphics card: .*draws in software"):
+                open_context("egl", **ask)
+        else:
+            assert not context_info(opened("egl", **ask)).software
+
+
+@pytest.mark.parametrize(
+    ("renderer", "software"),
+    [
+        ("llvmpipe (LLVM 15.0.6, 256 bits)", True),
+        ("softpipe", True),
+        ("Google SwiftShader", True),
+        ("Apple Software Renderer", True),
+        ("NVIDIA H200/PCIe/SSE2", False),
+        ("AMD Radeon RX 7900 XTX (radeonsi, navi31, LLVM 15.0.7)", False),
+        ("Mesa Intel(R) UHD Graphics 620 (KBL GT2)", False),
+    ],
+)
+def test_software_renderers_are_known_by_name(renderer: str, software: bool) -> None:
+    assert is_software(renderer) is software
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_selfcheck_passes_and_leaves_no_error(opened: Open, backend: str) -> None:
+    ctx = opened(backend)
+    checks = {check.name: check for check in run_checks(ctx)}
+    assert all(check.passed for check in checks.values() if check.required)
+    assert checks["over rgba32f"].answer == pytest.approx(0.86480, abs=5e-6)
+    assert ctx.error == "GL_NO_ERROR"
+    # The checks can tell: half floats and bytes lose what float32 keeps
+    assert not checks["over rgba16f"].passed and not checks["over rgba8"].passed
+
+
+def test_doctor_reports(opened: Open) -> None:
+    need("egl")
+    text, ok = doctor.report("egl")
+    assert ok
+    for word in ("Python", "moderngl", "pyrr", *BACKENDS, "over rgba32f", "linear filter", "textures up to"):
+        assert word in text
+
+
+def test_doctor_says_when_blending_is_wrong(opened: Open, monkeypatch: pytest.MonkeyPatch) -> None:
+    need("egl")
+    wrong = Check("over rgba32f", got=0.512, answer=0.8648, tolerance=1e-4, required=True)
+    monkeypatch.setattr(doctor, "run_checks", lambda ctx: (wrong,))
+    text, ok = doctor.report("egl")
+    assert not ok and "WRONG" in text
+
+
+def test_doctor_without_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(name: str, device: int | None, require_gpu: bool) -> moderngl.Context:
+        raise BackendError("nothing here")
+
+    monkeypatch.setattr(contexts, "_open", refuse)
+    text, ok = doctor.report()
+    assert not ok and "nothing can be drawn" in text and "apt-get install" in text

@@ -1,0 +1,120 @@
+"""The rules a reader relies on: imports point left, moderngl stays in gl/, files and functions stay small."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "splatgl"
+ROOMS = ("data", "splat", "gl", "truth", "app")  # data flows to the right, imports point to the left
+FILES = sorted(PACKAGE.rglob("*.py"))
+MAX_FILE_LINES, MAX_MEDIAN_LINES, MAX_FUNCTION_LINES, MAX_PARAMETERS = 350, 160, 60, 7
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def relative(path: Path) -> str:
+    return path.relative_to(PACKAGE).as_posix()
+
+
+def room(parts: tuple[str, ...]) -> int | None:
+    """The room's place from the left, None for the package itself."""
+    return ROOMS.index(parts[0]) if parts and parts[0] in ROOMS else None
+
+
+def imports(path: Path) -> Iterator[tuple[str, int]]:
+    """Every module that a file imports, in functions too, by its full name, with the line."""
+    package = ("splatgl", *path.relative_to(PACKAGE).parts[:-1])
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, node.lineno) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+            module = ".".join(part for part in (base, node.module) if part)
+            # `from splatgl import gl` imports the room gl
+            yield from ((f"{module}.{alias.name}", node.lineno) for alias in node.names)
+
+
+def functions(path: Path) -> Iterator[Function]:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, Function):
+            yield node
+
+
+def wrong_imports(path: Path) -> list[str]:
+    """Imports to the right, and of the whole package from inside a room, which would be a cycle."""
+    here = room(path.relative_to(PACKAGE).parts[:-1])
+    if here is None:
+        return []
+    wrong = []
+    for name, line in imports(path):
+        parts = tuple(name.split("."))
+        if parts[0] != "splatgl":
+            continue
+        there = room(parts[1:])
+        if there is not None and there > here:
+            wrong.append(f"{relative(path)}:{line} imports {name}")
+        if there is None and ROOMS[here] != "app":
+            wrong.append(f"{relative(path)}:{line} imports {name}, the package that imports it")
+    return wrong
+
+
+def parameters(node: Function) -> int:
+    """Parameters that a caller gives: without self and cls."""
+    names = [argument.arg for argument in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+    return len([name for name in names if name not in ("self", "cls")])
+
+
+def test_the_rooms_are_all_there() -> None:
+    assert {path.relative_to(PACKAGE).parts[0] for path in FILES if path.parent != PACKAGE} == set(ROOMS)
+
+
+@pytest.mark.parametrize("path", FILES, ids=relative)
+def test_imports_point_left(path: Path) -> None:
+    assert wrong_imports(path) == []
+
+
+@pytest.mark.parametrize("path", FILES, ids=relative)
+def test_moderngl_stays_in_gl(path: Path) -> None:
+    used = [line for name, line in imports(path) if name.split(".")[0] in ("moderngl", "glcontext")]
+    assert path.relative_to(PACKAGE).parts[0] == "gl" or used == []
+
+
+@pytest.mark.parametrize("path", FILES, ids=relative)
+def test_files_and_functions_stay_small(path: Path) -> None:
+    lines = len(path.read_text(encoding="utf-8").splitlines())
+    assert lines <= MAX_FILE_LINES
+    for node in functions(path):
+        length = (node.end_lineno or node.lineno) - node.lineno + 1
+        assert length <= MAX_FUNCTION_LINES, f"{node.name} has {length} lines"
+        assert parameters(node) <= MAX_PARAMETERS, f"{node.name} has {parameters(node)} parameters"
+
+
+def test_the_median_file_is_short() -> None:
+    lengths = sorted(len(path.read_text(encoding="utf-8").splitlines()) for path in FILES)
+    assert lengths[len(lengths) // 2] <= MAX_MEDIAN_LINES
+
+
+@pytest.mark.parametrize(
+    ("place", "text", "count"),
+    [
+        ("data/x.py", "from splatgl.splat.rows import SplatRows", 1),
+        ("splat/x.py", "def f():\n    import splatgl.gl.context", 1),
+        ("gl/x.py", "from splatgl import truth", 1),
+        ("data/x.py", "from ..app import cli", 1),
+        ("splat/x.py", "import splatgl", 1),
+        ("truth/x.py", "from splatgl.gl.context import current\nfrom ..data import volume\nimport numpy", 0),
+        ("app/x.py", "import splatgl", 0),
+    ],
+)
+def test_wrong_imports_are_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str, text: str, count: int
+) -> None:
+    monkeypatch.setitem(globals(), "PACKAGE", tmp_path)
+    path = tmp_path / place
+    path.parent.mkdir()
+    path.write_text(text)
+    assert len(wrong_imports(path)) == count
