@@ -63,7 +63,7 @@ apt_install() { # packages…; false where this user may not or apt could not
     say "installing with apt: $*"
     as_root apt-get update -qq >&2 || say "apt-get update failed; trying with the package lists that are here"
     as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends --no-upgrade \
-        -o DPkg::Lock::Timeout=300 -o Dpkg::Use-Pty=0 "$@" >&2
+        -o DPkg::Lock::Timeout=300 -o Dpkg::Use-Pty=0 "$@" >/dev/null
 }
 
 # --- Python -------------------------------------------------------------------------------------------------------
@@ -128,16 +128,18 @@ except InputError as error:
 print("software" if info.software else "hardware", info.renderer)' "$1"
 }
 
-ensure_opengl() { # Mesa's software renderer, only where no driver answers
+# Mesa's software renderer, only where no driver answers. Set-up goes on without: OSMesa or a window may still serve,
+# and the command itself says what it found.
+ensure_opengl() {
     local answer status=0
     answer=$(probe egl) || status=$?
     if [ $status = 0 ]; then say "OpenGL: $answer"; return 0; fi
     [ $status = 3 ] || die "the check for OpenGL itself failed"
-    say "no working EGL here ($answer)"
+    say "EGL does not work here. $answer"
     # shellcheck disable=SC2086
-    if apt_install $mesa_packages && answer=$(probe egl); then say "OpenGL: $answer"; return 0; fi
-    # Set-up goes on: OSMesa or a window may still serve, and the command itself says what it found
-    say "OpenGL without a display is not there; install it with: sudo apt-get install $mesa_packages"
+    if ! apt_install $mesa_packages; then return 0; fi  # the line above says what to install
+    answer=$(probe egl) || true
+    say "OpenGL: $answer"
 }
 
 ensure_osmesa() { # for the tests only; never at the price of a package that a graphics card depends on

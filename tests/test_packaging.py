@@ -43,6 +43,7 @@ def test_wheel_carries_shaders_and_types(tmp_path: Path) -> None:
 
 def test_wheel_from_sdist_is_the_same(tmp_path: Path) -> None:
     with tarfile.open(build(ROOT, "sdist", tmp_path / "sdist")) as archive:
+        archive.extraction_filter = getattr(tarfile, "data_filter", None)  # the default from Python 3.14 on
         archive.extractall(tmp_path / "unpacked")
     (source,) = (tmp_path / "unpacked").iterdir()
     wheel = build(source, "wheel", tmp_path / "wheel")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from splatgl.data.errors import expected
-from splatgl.data.volume import Hints, Volume
+from splatgl.data.volume import Hints, Triple, Volume
 
 OPAQUE_POINTS = ((0.0, 0.0), (255.0, 0.99))
 # sRGB of the letter's parts
@@ -60,7 +60,7 @@ def single_voxel(size: int = 1) -> Volume:
 
 def ball(
     radius: float = 30.0,
-    spacing: Sequence[float] = (1.0, 1.0, 1.0),
+    spacing: Triple = (1.0, 1.0, 1.0),
     direction: np.ndarray | None = None,
     smooth: bool = True,
 ) -> Volume:
@@ -72,7 +72,7 @@ def ball(
         raise expected("radius", "a positive length", radius)
     axes = np.eye(3) if direction is None else np.asarray(direction, dtype=np.float64)
     # a volume of one voxel checks the grid; then how many steps along each axis the ball reaches
-    grid = Volume(np.zeros((1, 1, 1)), spacing=tuple(spacing), direction=axes)
+    grid = Volume(np.zeros((1, 1, 1)), spacing=spacing, direction=axes)
     matrix = grid.world_from_index
     reach = np.ceil(radius * np.linalg.norm(np.linalg.inv(matrix), axis=1)).astype(int) + 1
     x, y, z = (np.arange(-n, n + 1, dtype=np.float64) for n in reach)
@@ -81,7 +81,8 @@ def ball(
     points = matrix[:, 0] * x[:, None] + (matrix[:, 1] * y[:, None, None]) + (matrix[:, 2] * z[:, None, None, None])
     r = np.linalg.norm(points, axis=-1)
     inside = 0.5 * (1.0 + np.cos(np.pi * np.minimum(r / radius, 1.0))) if smooth else np.ones_like(r)
-    origin = tuple(-(matrix @ reach))
+    corner = -(matrix @ reach)
+    origin = (corner[0], corner[1], corner[2])
     name = "smooth ball" if smooth else "hard ball"
     hints = Hints(points=((0.0, 0.0), (1.0, 0.5)))
     return Volume(np.where(r <= radius, inside, 0.0), grid.spacing, origin, axes, name=name, hints=hints)

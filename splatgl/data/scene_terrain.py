@@ -1,4 +1,4 @@
-"""A landscape: heights from noise that slopes damp, coloured like a satellite photograph.  [M98 Fig. 6]"""
+"""A landscape: noise worn by running water, coloured like a satellite photograph.  [M98 Fig. 6]"""
 
 from __future__ import annotations
 
@@ -12,14 +12,26 @@ TERRAIN_SHAPE = (103, 512, 512)
 CELL, ROUNDS = 2, 40
 # noise of the raw land and of its rise: longest wavelength in voxels; share of it that stays water
 LONGEST, LAKES = 260.0, 0.08
+# the land repeats; this shift along y, in voxels, keeps the lakes clear of the near edge
+SHIFT = 78
+# heights in rounds of mean uplift: of the raw land's deviation, and of the fill over a pit; how uneven uplift is
+RAW, PIT_FILL, UNEVEN = 4.0, 0.01, 0.7
 # what running water takes: strength against uplift, and the exponent of the area it drains (stream power law)
 WEAR, DRAINAGE = 0.05, 0.5
-# height of the water's surface, and of the highest peak, in voxels
-WATER, PEAK = 16.0, 100.0
+# cells that no river is longer than
+LONGEST_RIVER = 2048
+# height of the water's surface and of the highest peak, and the lakes' depth, in voxels
+WATER, PEAK, LAKE_DEPTH = 16.0, 100.0, 8.0
+# quantile of the worn land that counts as a summit; power that lowers peaks against the plains
+SUMMITS, FLATTENED = 0.9999, 0.6
+# fine noise on slopes: voxels of height a unit of slope, and its longest wavelength in voxels
+ROUGHNESS, FINE = 0.35, 16.0
 # a column reaches this many voxels below its lowest neighbour, so that no ray slips through a step
 SKIN = 1
 # direction towards the sun (x, y, z): afternoon, from the left
 SUN = np.array([-0.62, -0.35, 0.70]) / np.linalg.norm([-0.62, -0.35, 0.70])
+# depth below the surface, in voxels, where a cut shows earth; its colours (sRGB)
+TURF, EARTH, STONE = 3.0, (104, 76, 52), (74, 64, 58)
 # sRGB of the ground
 DEEP, SHALLOW, SAND, GRASS, MEADOW = (18, 44, 74), (46, 98, 116), (190, 172, 128), (112, 128, 66), (140, 140, 82)
 FOREST, SOIL, ROCK, SCREE, SNOW = (44, 70, 38), (128, 102, 72), (112, 102, 94), (150, 142, 132), (246, 248, 252)
@@ -43,11 +55,12 @@ def terrain(seed: int = 7) -> Volume:
     shell = planes >= _floor(surface)
     samples = np.where(shell, np.rint(filled * 255), 0).astype(np.uint8)
     color = np.where(samples[..., None] > 0, photo, np.uint8(0))
+    _paint_sides(color, samples, surface)
     hints = Hints(
         points=((0.0, 0.0), (255.0, 0.99)),
         shading=False,
-        eye=(256.0, -400.0, 190.0),
-        target=(256.0, 256.0, 20.0),
+        eye=(256.0, -355.0, 250.0),
+        target=(256.0, 256.0, -20.0),
         up=(0.0, 0.0, 1.0),
         fov=60.0,
     )
@@ -57,39 +70,38 @@ def terrain(seed: int = 7) -> Volume:
 def _heights(rng: np.random.Generator) -> np.ndarray:
     """Ground heights [y, x] in voxels: rising land worn by running water, with fine noise where it is steep."""
     worn = _worn(*(_fractal(rng, LONGEST)[::CELL, ::CELL] for _ in range(2)))
-    relief = (worn / np.quantile(worn, 0.9999)) ** 0.6
+    worn = np.roll(worn, SHIFT // CELL, axis=0)
+    relief = (worn / np.quantile(worn, SUMMITS)) ** FLATTENED
     land = WATER - 1.0 + (PEAK - WATER) * _enlarged(np.minimum(relief, 1.0))
 
     # fine noise roughens slopes; the lakes' ground falls away from their shores
     dy, dx = np.gradient(land)
-    land = land + 0.35 * np.minimum(np.hypot(dx, dy), 2.0) * _fractal(rng, 16.0)
-    return land - 8.0 * _enlarged((worn <= 0).astype(float)) ** 2
+    land = land + ROUGHNESS * np.minimum(np.hypot(dx, dy), 2.0) * _fractal(rng, FINE)
+    return np.asarray(land - LAKE_DEPTH * _enlarged((worn <= 0).astype(np.float64)) ** 2)
 
 
 def _worn(land: np.ndarray, rise: np.ndarray) -> np.ndarray:
-    """Land (periodic, [y, x]) after ROUNDS of uplift and of wear by the water that each cell drains."""
-    height, width = land.shape
-    here = np.arange(land.size).reshape(land.shape)
+    """Land (periodic, [y, x], unit variance) after ROUNDS of uplift and of wear by the water that each cell drains."""
+    here = np.arange(land.size)
     shifts = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)]
-    around = np.stack([np.roll(here, shift, (0, 1)).ravel() for shift in shifts])
-    distance = np.array([np.hypot(*shift) for shift in shifts])[:, None]
-    h = (land - np.quantile(land, LAKES)).ravel() * 4
+    around = np.stack([np.roll(here.reshape(land.shape), shift, (0, 1)).ravel() for shift in shifts])
+    distance = np.array([np.hypot(*shift) for shift in shifts])
+    h = np.maximum(land - np.quantile(land, LAKES), 0.0).ravel() * RAW
     water = h <= 0
-    h = np.maximum(h, 0.0)
-    uplift = (np.exp(0.7 * rise)).ravel()
+    uplift = np.where(water, 0.0, np.exp(UNEVEN * rise.ravel()))
     for _ in range(ROUNDS):
-        h = h + np.where(water, 0.0, uplift)
-        # each cell drains into its steepest neighbour; a pit is filled up to its lowest one
+        # the land rises; each cell drains into its steepest neighbour; a pit is filled over its lowest one
+        h = h + uplift
         neighbours = h[around]
-        fall = (h - neighbours) / distance
+        fall = (h - neighbours) / distance[:, None]
         steepest = fall.argmax(axis=0)
-        target = around[steepest, here.ravel()]
-        lowest = neighbours.min(axis=0)
+        target = around[steepest, here]
         pit = (fall.max(axis=0) <= 0) & ~water
-        h = np.where(pit, lowest + 0.01, h)
-        area = _drained(np.where(water | pit, here.ravel(), target))
-        # an implicit step towards the receiver's height never overshoots
-        share = WEAR * area**DRAINAGE / distance.ravel()[steepest]
+        h = np.where(pit, neighbours.min(axis=0) + PIT_FILL, h)
+
+        # the stream power law, implicit: a step towards the receiver's height never overshoots
+        area = _drained(np.where(water | pit, here, target))
+        share = WEAR * area**DRAINAGE / distance[steepest]
         h = np.where(water | pit, h, (h + share * h[target]) / (1 + share))
     return h.reshape(land.shape)
 
@@ -99,8 +111,8 @@ def _drained(target: np.ndarray) -> np.ndarray:
     sink = len(target)
     jump = np.append(np.where(target == np.arange(sink), sink, target), sink)
     area = np.ones(sink + 1)
-    # paths of doubling length: 2¹² cells is longer than any river here
-    for _ in range(12):
+    # paths of doubling length
+    for _ in range(LONGEST_RIVER.bit_length()):
         area = area + np.bincount(jump, area, sink + 1)
         area[sink] = 0
         jump = jump[jump]
@@ -108,7 +120,7 @@ def _drained(target: np.ndarray) -> np.ndarray:
 
 
 def _enlarged(small: np.ndarray) -> np.ndarray:
-    """[y, x] on the full grid by cubic B-spline-like smoothing of a periodic coarse one."""
+    """A periodic coarse grid [y, x] on the full one, its cells' edges smoothed away."""
     spectrum = np.fft.rfft2(np.kron(small, np.ones((CELL, CELL))))
     height, width = TERRAIN_SHAPE[1:]
     fy, fx = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)
@@ -132,6 +144,17 @@ def _floor(surface: np.ndarray) -> np.ndarray:
     rows = np.minimum(np.minimum(padded[:-2], padded[1:-1]), padded[2:])
     lowest = np.minimum(np.minimum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
     return np.asarray(np.floor(lowest) - SKIN)
+
+
+def _paint_sides(color: np.ndarray, samples: np.ndarray, surface: np.ndarray) -> None:
+    """Gives the block's four sides the colours of cut earth, in layers, from TURF below the surface."""
+    planes = np.arange(TERRAIN_SHAPE[0])[:, None]
+    for side in (np.s_[0, :], np.s_[-1, :], np.s_[:, 0], np.s_[:, -1]):
+        depth = surface[side] - planes
+        layers = 0.5 + 0.3 * np.sin(depth * 0.35) + 0.2 * np.sin(planes * 0.9)
+        earth = _blend(EARTH, STONE, np.clip(depth / 60.0 + 0.4 * layers, 0.0, 1.0))
+        cut = (depth > TURF) & (samples[:, *side] > 0)
+        color[:, *side][cut] = np.rint(earth[cut])
 
 
 def _photograph(ground: np.ndarray, surface: np.ndarray, rng: np.random.Generator) -> np.ndarray:

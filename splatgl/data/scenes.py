@@ -19,7 +19,7 @@ __all__ = ["SCENES", "ball", "constant", "letter_f", "nerve", "single_voxel", "t
 
 # the tube, in voxels: the box's sides and length, and a bore that leaves 0.69 million voxels of wall
 TUNNEL_SHAPE = (300, 160, 160)
-TUNNEL_OUTER, TUNNEL_BORE = 80.0, 75.29
+TUNNEL_OUTER, TUNNEL_BORE = 80.0, 75.32
 # sRGB of the checks; black ones are matter too
 BLACK, WHITE = 10, 250
 # the eye stands this far before the mouth, in voxels

@@ -111,6 +111,11 @@ class Volume:
         grid = np.array([[x, y, z] for z in (-0.5, d - 0.5) for y in (-0.5, h - 0.5) for x in (-0.5, w - 0.5)])
         return np.asarray(grid @ self.world_from_index.T + self.origin)
 
+    @property
+    def outline(self) -> np.ndarray:
+        """Points whose hull holds the volume: its corners."""
+        return self.corners
+
     def slabs(self, depth: int, halo: int = 1) -> Iterator[Slab]:
         """Slabs of at most `depth` planes along z; only a slab's own planes are read."""
         planes = self.shape[0]

@@ -46,19 +46,17 @@ class Targets:
     def get(self, role: str, size: tuple[int, int], form: str) -> Target:
         target = self.kept.get(role)
         if target is None or target.texture.size != size or target.format != form:
-            self._drop(role)
-            target = self.kept[role] = self._make(size, form)
+            # moderngl binds the framebuffer in use again whenever it makes one, so the old one goes last
+            old, target = target, self._make(size, form)
+            target.framebuffer.use()
+            self.kept[role] = target
+            if old:
+                _release(old)
         return target
 
     def release(self) -> None:
-        for role in list(self.kept):
-            self._drop(role)
-
-    def _drop(self, role: str) -> None:
-        target = self.kept.pop(role, None)
-        if target:
-            target.framebuffer.release()
-            target.texture.release()
+        while self.kept:
+            _release(self.kept.popitem()[1])
 
     def _make(self, size: tuple[int, int], form: str) -> Target:
         check_size(self.ctx, size)
@@ -70,6 +68,11 @@ class Targets:
             raise InputError(
                 f"image size {size[0]}×{size[1]}: OpenGL cannot draw into {form} of that size ({error})"
             ) from error
+
+
+def _release(target: Target) -> None:
+    target.framebuffer.release()
+    target.texture.release()
 
 
 def check_size(ctx: moderngl.Context, size: tuple[int, int]) -> None:

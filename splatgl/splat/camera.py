@@ -18,14 +18,20 @@ from splatgl.data.errors import expected
 # |sin| of the smallest angle between `up` and the view that still fixes a horizon
 UP_TOLERANCE = 1e-9
 # how much larger than the object's bounding sphere the default picture is
-FIT_MARGIN = 1.02
+FIT_MARGIN = 1.05
 
 
 class Bounded(Protocol):
-    """Anything with a box in world units: volumes and splats."""
+    """Anything that takes up room: volumes and splats.
+
+    corners [8, 3]: its box; outline [N, 3]: points whose hull holds all of it; world units.
+    """
 
     @property
     def corners(self) -> np.ndarray: ...
+
+    @property
+    def outline(self) -> np.ndarray: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +105,7 @@ class Camera:
         back, top = _orbit_axes(azimuth, elevation, up)
         corners = subject.corners
         center = (corners.min(axis=0) + corners.max(axis=0)) / 2
-        distance = _fit_distance(corners - center, back, top, np.tan(np.radians(fov) / 2), _size(size))
+        distance = _fit_distance(subject.outline - center, back, top, np.tan(np.radians(fov) / 2), _size(size))
         return cls.look_at(center + back * distance / zoom, center, top, fov, size)
 
     def parallel(self, subject: Bounded, height: float | None = None) -> Camera:
@@ -200,7 +206,7 @@ def _orbit_axes(azimuth: float, elevation: float, up: Sequence[float]) -> tuple[
 
 
 def _fit_distance(local: np.ndarray, back: np.ndarray, up: np.ndarray, half: float, size: tuple[int, int]) -> float:
-    """How far from the middle an eye sees every corner (relative to it): slope = lateral / (distance − depth)."""
+    """How far from the middle an eye sees every point (relative to it): slope = lateral / (distance − depth)."""
     widest = np.array([half * size[0] / size[1], half])
     lateral = np.abs(np.stack([local @ np.cross(back, up), local @ up], axis=1)) / widest
     return float((lateral.max(axis=1) + local @ back).max()) * FIT_MARGIN

@@ -127,6 +127,14 @@ class Splats:
         return np.asarray(box @ self.grid.world_from_index.T + self.grid.origin)
 
     @cached_property
+    def outline(self) -> np.ndarray:
+        """Points [N, 3], world units, whose hull holds every splat's centre: the ends of all rows."""
+        if not len(self):
+            return self.corners
+        ends = np.concatenate([self.row_start[:-1], self.row_start[1:] - 1])
+        return np.asarray(self.records["position"][ends] @ self.grid.world_from_index.T + self.grid.origin)
+
+    @cached_property
     def plane_start(self) -> np.ndarray:
         """int64 [P+1]: where each z plane's rows begin."""
         changes = np.flatnonzero(np.diff(self.row_z)) + 1

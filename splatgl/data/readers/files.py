@@ -55,7 +55,7 @@ def require_plausible(needed: int, there: int, bounded: bool = True) -> None:
 
 
 def map_array(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> np.ndarray:
-    """A read-only array [shape] (C order) mapped from `path` at `offset` bytes. Raises InputError if it is too short."""
+    """A read-only array [shape] (C order) mapped from `path` at `offset` bytes. Raises InputError if it is cut."""
     require_bytes(byte_count(shape, dtype), path.stat().st_size - offset)
     return np.memmap(path, dtype=dtype, mode="r", offset=offset, shape=tuple(int(size) for size in shape))
 
@@ -79,11 +79,13 @@ def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> n
     engine, out, filled = zlib.decompressobj(wbits=47), np.empty(needed, np.uint8), 0
     with path.open("rb") as file, library("zlib data"):
         file.seek(offset)
-        while filled < needed and not engine.eof:
+        while not engine.eof:
             piece = engine.unconsumed_tail or file.read(CHUNK_BYTES)
-            block = engine.decompress(piece, needed - filled)
+            block = engine.decompress(piece, needed - filled + 1)
             if not piece and not block:
-                break
+                raise expected("compressed data", "an end mark", "the end of the file", "the file is cut short")
+            if filled + len(block) > needed:
+                raise expected("inflated data", f"{needed} bytes", "more", "the header states a wrong size")
             out[filled : filled + len(block)] = np.frombuffer(block, np.uint8)
             filled += len(block)
     require_bytes(needed, filled, "inflated data")
@@ -92,7 +94,12 @@ def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> n
 
 def beside(header: Path, name: str) -> Path:
     """The data file `name` in the folder of `header` or below. Raises InputError for any other place."""
-    outside = name.startswith(("/", "\\")) or PureWindowsPath(name).drive or ".." in PureWindowsPath(name).parts
+    outside = (
+        name.startswith(("/", "\\"))
+        or PureWindowsPath(name).drive
+        or ".." in PureWindowsPath(name).parts
+        or "\0" in name
+    )
     if outside:
         raise expected("data file", "a name inside the header's folder", repr(name), "put both files side by side")
     path = header.parent / name
@@ -121,15 +128,19 @@ def selection(shape: Sequence[int], extra: Mapping[int, tuple[str, int | None]])
 
 
 @contextmanager
-def library(title: str, *errors: type[Exception]) -> Iterator[None]:
-    """Turns what a decoder raises about a bad file into one InputError; wrap the decoder's own calls only."""
+def library(title: str) -> Iterator[None]:
+    """Turns whatever a decoder raises about a bad file into one InputError.
+
+    Decoders fail in every way (IndexError, AssertionError, struct.error, …), so that this is kept narrow by what it
+    stands around, the decoder's own calls, and not by the kind of exception.
+    """
     try:
         yield
     except InputError:
         raise
-    except (OSError, EOFError, ValueError, KeyError, OverflowError, MemoryError, zlib.error, *errors) as error:
+    except Exception as error:
         reason = str(error) or type(error).__name__
-        raise InputError(" ".join(f"cannot be read as {title}: {reason}".split())) from error
+        raise InputError(" ".join(f"cannot be read as {title}: {reason}; the file may be damaged".split())) from error
 
 
 def _times(sizes: Sequence[int]) -> str:

@@ -70,7 +70,7 @@ def _header(path: Path) -> tuple[Fields, int]:
         while "ElementDataFile" not in fields:
             line = file.readline(_LINE_LIMIT)
             key, equals, value = line.decode("latin-1").partition("=")
-            if line.strip() and not equals or len(line) == _LINE_LIMIT or not key.strip().isascii():
+            if (line.strip() and not equals) or len(line) == _LINE_LIMIT or not key.strip().isascii():
                 raise expected("header", "lines 'key = value'", repr(line[:16]), "is this a MetaImage file?")
             if not line:
                 raise expected("header", "a last line 'ElementDataFile = …'", "none", "the file is cut short")

@@ -6,6 +6,7 @@ nibabel's arrays are [x, y, z] with x fastest, and its affine takes (x, y, z) to
 
 from __future__ import annotations
 
+import gzip
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +25,16 @@ from splatgl.data.readers.grid import axes_of, triple, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Volume
 
+_SNIFF_BYTES = 1024
+"""Bytes that nibabel reads to tell what a file is."""
+
 
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of a .nii or .nii.gz file in RAS; `array` picks the time point of a 4-D one.
 
     Samples with a slope or intercept are scaled to float32, the others keep their type.
     """
-    image, errors = _open(path)
+    image = _open(path)
     # 1. sizes, checked against the file
     sizes = list(image.shape)
     grid_shape(sizes[:3])
@@ -38,7 +42,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     long = [axis for axis in range(3, len(sizes)) if sizes[axis] > 1]
     extra = {axis: ("array", options.array_number(sizes[axis]) if axis in long else 0) for axis in range(3, len(sizes))}
     # 2. samples
-    with library("NIfTI", *errors):
+    with library("NIfTI"):
         stored = np.asanyarray(image.dataobj.get_unscaled())
     slope, intercept = float(image.dataobj.slope), float(image.dataobj.inter)
     samples = _scaled(stored[selection(sizes, extra)].T, slope, intercept)
@@ -50,21 +54,20 @@ def read(path: Path, options: LoadOptions) -> Volume:
     return Volume(samples, spacing, triple(image.affine[:3, 3], "affine"), direction, unit, frame="RAS")
 
 
-def _open(path: Path) -> tuple[Any, tuple[type[Exception], ...]]:
+def _open(path: Path) -> Any:
     try:
         import nibabel
     except ImportError:
         raise missing_extra("NIfTI files", "nibabel", "readers") from None
-    errors = (
-        nibabel.filebasedimages.ImageFileError,
-        nibabel.spatialimages.HeaderDataError,
-        nibabel.spatialimages.HeaderTypeError,
-    )
-    with library("NIfTI", *errors):
+    if path.name.lower().endswith(".gz"):
+        # nibabel calls a damaged gzip stream an unknown file type
+        with library("gzip data"), gzip.open(path) as file:
+            file.read(_SNIFF_BYTES)
+    with library("NIfTI"):
         image = nibabel.load(path, mmap="r")
     if not isinstance(image, nibabel.Nifti1Pair):
         raise expected("contents", "a NIfTI image", type(image).__name__)
-    return image, errors
+    return image
 
 
 def _check_bytes(path: Path, image: Any) -> None:

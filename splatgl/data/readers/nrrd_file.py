@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.errors import expected, missing_extra
+from splatgl.data.readers.files import beside as data_file_beside
 from splatgl.data.readers.files import (
     byte_count,
     grid_shape,
@@ -24,7 +25,6 @@ from splatgl.data.readers.files import (
     require_plausible,
     selection,
 )
-from splatgl.data.readers.files import beside as data_file_beside
 from splatgl.data.readers.grid import axes_of, triple, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Volume
@@ -59,7 +59,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
     space = _space_axes(header, sizes)
     grid_shape([sizes[axis] for axis in space])
     shape, last = sizes[::-1], len(sizes) - 1
-    index = selection(shape, {last - axis: ("channel", options.channel) for axis in range(last + 1) if axis not in space})
+    others = [axis for axis in range(len(sizes)) if axis not in space]
+    index = selection(shape, {last - axis: ("channel", options.channel) for axis in others})
     # 2. the samples, mapped if they can be
     samples = _data(path, header, start, shape)[index]
     # 3. the grid
@@ -74,7 +75,7 @@ def _header(path: Path) -> tuple[Header, int]:
         import nrrd
     except ImportError:
         raise missing_extra("NRRD files", "pynrrd", "readers") from None
-    with path.open("rb") as file, library("NRRD", nrrd.NRRDError, StopIteration):
+    with path.open("rb") as file, library("NRRD"):
         header, start = nrrd.read_header(file), file.tell()
     for name in ("dimension", "type", "encoding", "sizes"):
         if name not in header:

@@ -9,15 +9,15 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
 from splatgl.data.errors import InputError, expected, missing_extra
-from splatgl.data.readers.files import library, map_array, require_bytes, require_plausible, selection
+from splatgl.data.readers.files import byte_count, library, map_array, require_bytes, require_plausible, selection
 from splatgl.data.readers.grid import METRES, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.terrain import grey_heights, terrain_of_picture
@@ -26,40 +26,46 @@ from splatgl.data.volume import Triple, Volume
 Grid = tuple[Triple, str]
 
 
+@dataclass(frozen=True)
+class _Series:
+    """What tifffile says of the first series; offset: where its samples lie in one uncompressed run, if they do."""
+
+    axes: str
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    offset: int | None
+    is_color: bool
+    is_compressed: bool
+    segments: tuple[tuple[int, int], ...]
+    grid: Grid
+
+    @property
+    def long(self) -> list[int]:
+        """Axes that are z, y or x, or have more than one entry."""
+        return [axis for axis, size in enumerate(self.shape) if size > 1 or self.axes[axis] in "ZYX"]
+
+
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of the first series of a TIFF file, or the terrain of a 2-D one.
 
     `channel` picks one of several channels, `array` the number of a time point. Spacing and unit are those of
     ImageJ's or OME's metadata, else 1.
     """
-    with _complaints(), ExitStack() as stack:
-        with _decoding():
-            tiff = stack.enter_context(_tifffile().TiffFile(path, _multifile=False))
-            series = next(iter(tiff.series), None)
-        if series is None:
-            raise expected("contents", "an image", "none")
-        _check_bytes(path, series)
-        index = _index(series, options)
-        pixels = _pixels(path, tiff, series)
-        spacing, unit = _grid(tiff)
-    if index is None:
-        return terrain_of_picture(path, grey_heights(np.squeeze(pixels)), options)
-    return Volume(pixels[index], spacing, unit=unit)
-
-
-def _tifffile() -> ModuleType:
     try:
         import tifffile
     except ImportError:
         raise missing_extra("TIFF files", "tifffile", "readers") from None
-    return tifffile
-
-
-@contextmanager
-def _decoding() -> Iterator[None]:
-    """Around tifffile's own calls; the errors of its codecs are RuntimeErrors."""
-    with library("TIFF", _tifffile().TiffFileError, RuntimeError):
-        yield
+    with _complaints(), ExitStack() as stack:
+        with library("TIFF"):
+            # files that OME's metadata name beside this one are left alone
+            tiff = stack.enter_context(tifffile.TiffFile(path, _multifile=False))
+            series = _describe(tiff)
+        _check_bytes(path, series)
+        z = _stack_axis(series)
+        pixels = _pixels(path, tiff, series)
+    if z is None:
+        return terrain_of_picture(path, grey_heights(np.squeeze(pixels)), options)
+    return Volume(pixels[_index(series, z, options)], series.grid[0], unit=series.grid[1])
 
 
 @contextmanager
@@ -79,6 +85,8 @@ def _complaints() -> Iterator[None]:
 
 
 class _FirstError(logging.Handler):
+    """Keeps the first error that is logged."""
+
     message = ""
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -86,47 +94,66 @@ class _FirstError(logging.Handler):
             self.message = record.getMessage()
 
 
-def _check_bytes(path: Path, series: Any) -> None:
+def _describe(tiff: Any) -> _Series:
+    series = tiff.series[0]
+    pages = [page for page in series.pages if page is not None]
+    segments = tuple(pair for page in pages for pair in zip(page.dataoffsets, page.databytecounts, strict=True))
+    return _Series(
+        axes=series.axes,
+        shape=tuple(series.shape),
+        dtype=np.dtype(series.dtype).newbyteorder(tiff.byteorder),
+        offset=series.dataoffset,
+        is_color=series.keyframe.photometric.name in ("RGB", "YCBCR", "CIELAB", "SEPARATED"),
+        is_compressed=series.keyframe.compression != 1,
+        segments=segments,
+        grid=_grid(tiff),
+    )
+
+
+def _check_bytes(path: Path, series: _Series) -> None:
     """Every strip must lie in the file, and the strips must be able to hold the samples."""
-    size, stored = path.stat().st_size, 0
-    for page in series.pages:
-        if page is not None:
-            require_bytes(max(map(sum, zip(page.dataoffsets, page.databytecounts, strict=False)), default=0), size)
-            stored += sum(page.databytecounts)
-    if series.keyframe.compression == 1 and series.dataoffset is None:
-        require_bytes(series.nbytes, stored)
-    elif series.dataoffset is None:
-        require_plausible(series.nbytes, stored, bounded=False)
+    if series.offset is not None:
+        return
+    require_bytes(max((start + count for start, count in series.segments), default=0), path.stat().st_size)
+    needed, stored = byte_count(series.shape, series.dtype), sum(count for _, count in series.segments)
+    if series.is_compressed:
+        require_plausible(needed, stored, bounded=False)
+    else:
+        require_bytes(needed, stored)
 
 
-def _index(series: Any, options: LoadOptions) -> tuple[int | slice, ...] | None:
-    """What picks [z, y, x] from the series' axes; None for a 2-D picture."""
-    axes, shape = series.axes, series.shape
-    long = [axis for axis, size in enumerate(shape) if size > 1 or axes[axis] in "YXZ"]
-    planar = series.keyframe.photometric.name not in ("RGB", "YCBCR", "CIELAB", "SEPARATED")
-    # 1. z is the axis named Z, else the one other axis that is not a colour or channel
-    stacks = [axis for axis in long if axes[axis] not in "YXC" and (axes[axis] != "S" or (planar and axis == 0))]
-    named = [axis for axis in long if axes[axis] == "Z"]
-    z = named[0] if named else stacks[0] if stacks else None
-    if z is None and options.channel is None and not any(axes[axis] == "C" for axis in long):
-        return None
-    if z is None:
-        raise expected("axes", "a stack of planes", f"axes {axes} of shape {shape}", "give a stack or a grey picture")
-    # 2. one entry of every further axis
+def _stack_axis(series: _Series) -> int | None:
+    """The axis of planes: Z, else the one other that is neither row, column, colour nor channel; None for a picture.
+
+    Samples along a first axis S of a file that is not in colour are planes too: so are stacks often written.
+    """
+    letters = {axis: series.axes[axis] for axis in series.long}
+    stacks = [axis for axis, letter in letters.items() if letter not in "YXCS"]
+    stacks += [axis for axis, letter in letters.items() if letter == "S" and axis == 0 and not series.is_color]
+    named = [axis for axis in stacks if letters[axis] == "Z"]
+    if not stacks and "C" in letters.values():
+        got = f"axes {series.axes} of shape {series.shape}"
+        raise expected("axes", "a stack of planes or a grey picture", got, "save one channel")
+    return next(iter(named + stacks), None)
+
+
+def _index(series: _Series, z: int, options: LoadOptions) -> tuple[int | slice, ...]:
+    """What picks [z, y, x] from the series' axes."""
     extra: dict[int, tuple[str, int | None]] = {}
-    for axis, letter in enumerate(axes):
-        if axis != z and letter not in "YX":
-            times = letter not in "CS"
-            extra[axis] = ("array", options.array_number(shape[axis])) if times else ("channel", options.channel)
-            extra[axis] = extra[axis] if shape[axis] > 1 else (extra[axis][0], 0)
-    return selection(shape, extra)
+    for axis, letter in enumerate(series.axes):
+        if axis == z or letter in "YX":
+            continue
+        option = "channel" if letter in "CS" else "array"
+        entry = options.channel if letter in "CS" else options.array_number(series.shape[axis])
+        extra[axis] = (option, entry if axis in series.long else 0)
+    return selection(series.shape, extra)
 
 
-def _pixels(path: Path, tiff: Any, series: Any) -> np.ndarray:
-    if series.dataoffset is not None:
-        return map_array(path, series.dataoffset, series.dtype.newbyteorder(tiff.byteorder), series.shape)
-    with _decoding():
-        return np.asarray(series.asarray())
+def _pixels(path: Path, tiff: Any, series: _Series) -> np.ndarray:
+    if series.offset is not None:
+        return map_array(path, series.offset, series.dtype, series.shape)
+    with library("TIFF"):
+        return np.asarray(tiff.series[0].asarray())
 
 
 def _grid(tiff: Any) -> Grid:
@@ -148,9 +175,8 @@ def _imagej_grid(tiff: Any) -> Grid:
 
 def _ome_grid(text: str) -> Grid:
     """OME: PhysicalSizeX/Y/Z, micrometres unless said otherwise; all are turned into the unit of x."""
-    with library("OME-XML", ElementTree.ParseError):
-        pixels = next(node for node in ElementTree.fromstring(text).iter() if node.tag.endswith("}Pixels"))
-        sizes = {axis: float(pixels.get(f"PhysicalSize{axis}", 0)) for axis in "XYZ"}
+    pixels = next(node for node in ElementTree.fromstring(text).iter() if node.tag.endswith("}Pixels"))
+    sizes = {axis: float(pixels.get(f"PhysicalSize{axis}", 0)) for axis in "XYZ"}
     units = {axis: unit_name(pixels.get(f"PhysicalSize{axis}Unit", "um")) for axis in "XYZ"}
     if not any(sizes.values()):
         return (1.0, 1.0, 1.0), ""

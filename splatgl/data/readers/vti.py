@@ -66,7 +66,7 @@ def _parse(path: Path) -> tuple[Element, Source | None]:
         raw = b'"raw"' in data[len(text) : tag_end].tobytes()
         appended = Source(path, None, first, raw)
         text += b"</VTKFile>"
-    with library("VTI", ElementTree.ParseError):
+    with library("VTI"):
         return ElementTree.fromstring(text), appended
 
 

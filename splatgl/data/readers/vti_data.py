@@ -42,20 +42,22 @@ class Source:
         """Stored bytes that code `count` bytes: base64 turns three into four characters."""
         return count if self.raw else 4 * -(-count // 3)
 
-    def take(self, count: int) -> bytes:
-        """The first `count` bytes, decoded. Raises InputError if they are not there."""
-        stored = self.stored(count)
+    def read(self, stored: int) -> bytes:
+        """The first `stored` bytes as they are. Raises InputError if they are not there."""
         size = self.path.stat().st_size if self.inline is None else len(self.inline)
         require_bytes(stored, size - self.start)
         if self.inline is not None:
-            data = self.inline[self.start : self.start + stored]
-        else:
-            with self.path.open("rb") as file:
-                file.seek(self.start)
-                data = file.read(stored)
+            return self.inline[self.start : self.start + stored]
+        with self.path.open("rb") as file:
+            file.seek(self.start)
+            return file.read(stored)
+
+    def take(self, count: int) -> bytes:
+        """The first `count` bytes, decoded. Raises InputError if they are not there."""
+        data = self.read(self.stored(count))
         if self.raw:
             return data
-        with library("base64"):
+        with library("base64 data"):
             decoded = base64.b64decode(data, validate=True)
         require_bytes(count, len(decoded), "base64 data")
         return decoded[:count]
@@ -81,8 +83,8 @@ def decode(source: Source, coding: Coding, dtype: np.dtype, shape: Shape4) -> np
         return map_array(source.path, source.start + width, dtype, shape)
     # 2. base64: header and data are one run of characters, or two if the header was padded
     stored = source.stored(width)
-    characters = source.take_text(stored)
-    data = source.at(stored).take(needed) if characters.endswith(b"=") else source.take(width + needed)[width:]
+    padded = source.read(stored).endswith(b"=")
+    data = source.at(stored).take(needed) if padded else source.take(width + needed)[width:]
     return np.frombuffer(data, dtype).reshape(shape)
 
 
@@ -97,15 +99,18 @@ def _inflate_blocks(source: Source, coding: Coding, needed: int) -> np.ndarray:
     if blocks and last:
         sizes[-1] = last
     _same(needed, sum(sizes))
+    if min(sizes) < 1:
+        raise expected("blocks", "at least one byte in each", min(sizes))
     require_plausible(needed, sum(packed))
     # 2. the blocks, one behind the other
-    data, out, filled, start = source.at(source.stored((3 + blocks) * width)).take(sum(packed)), bytearray(), 0, 0
+    data = source.at(source.stored((3 + blocks) * width)).take(sum(packed))
+    out, start = bytearray(), 0
     for size, stored in zip(sizes, packed, strict=True):
         with library("zlib data"):
             block = zlib.decompressobj().decompress(data[start : start + stored], size)
         require_bytes(size, len(block), "inflated block")
         out += block
-        filled, start = filled + size, start + stored
+        start += stored
     return np.frombuffer(out, np.uint8)
 
 

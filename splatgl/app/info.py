@@ -1,0 +1,164 @@
+"""`splatgl info FILE`: what a volume is, in a page of text: grid, samples, and their values as a histogram."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.data.readers.files import is_mapped
+from splatgl.data.volume import Volume
+
+WIDTH = 78
+"""Columns of the page: fits a terminal of 80."""
+
+BINS = 16
+"""Bars of the histogram: they fit a screen together with the text above."""
+
+SLAB_BYTES = 16 * 2**20
+"""Samples looked at together: a mapped file is never read whole."""
+
+_LABEL = 11
+_EIGHTHS = " ▏▎▍▌▋▊▉"
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Of all finite samples: lowest, highest, mean; counts of finite and other samples. NaN if none is finite."""
+
+    low: float
+    high: float
+    mean: float
+    finite: int
+    not_finite: int
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """Counts [bins] of the samples between edges [bins + 1]; the last bin holds its upper edge too."""
+
+    edges: np.ndarray
+    counts: np.ndarray
+    whole: bool
+
+
+def describe(volume: Volume) -> str:
+    """The page of text for a volume, at most 78 columns wide; reads the samples slab by slab, twice."""
+    statistics = measure(volume)
+    lines = [*_grid_lines(volume), *_sample_lines(volume, statistics)]
+    if statistics.finite:
+        lines += ["", *_bars(histogram(volume, statistics))]
+    return "\n".join(line[:WIDTH].rstrip() for line in [_fit(volume.name) or "volume", *lines])
+
+
+def measure(volume: Volume) -> Statistics:
+    """Range, mean and counts of a volume's samples."""
+    low, high, total, finite = np.inf, -np.inf, 0.0, 0
+    for values in _slabs(volume):
+        if values.size:
+            low, high = min(low, float(values.min())), max(high, float(values.max()))
+            total, finite = total + float(values.sum(dtype=np.float64)), finite + values.size
+    if not finite:
+        return Statistics(np.nan, np.nan, np.nan, 0, volume.samples.size)
+    return Statistics(low, high, total / finite, finite, volume.samples.size - finite)
+
+
+def histogram(volume: Volume, statistics: Statistics) -> Histogram:
+    """Counts in at most BINS equal bins; bins of whole numbers are whole, so that none gets more values than another."""
+    low, high = statistics.low, statistics.high
+    whole = volume.samples.dtype.kind in "bui"
+    if whole:
+        step = max(1, -(-(int(high) - int(low) + 1) // BINS))
+        bins = -(-(int(high) - int(low) + 1) // step)
+        edges = low + step * np.arange(bins + 1, dtype=np.float64)
+    else:
+        # halves, so that a range as wide as float64 itself does not overflow
+        edges = 2 * np.linspace(low / 2, high / 2, (BINS if high > low else 1) + 1)
+    counts = np.zeros(len(edges) - 1, np.int64)
+    for values in _slabs(volume):
+        places = np.searchsorted(edges, values, side="right") - 1
+        counts += np.bincount(np.clip(places, 0, len(counts) - 1), minlength=len(counts))
+    return Histogram(edges, counts, whole)
+
+
+def _slabs(volume: Volume) -> Iterator[np.ndarray]:
+    """The finite samples of each slab, flat."""
+    plane_bytes = volume.samples[0].size * volume.samples.dtype.itemsize
+    for slab in volume.slabs(max(1, SLAB_BYTES // plane_bytes), halo=0):
+        values = np.asarray(slab.samples).ravel()
+        yield values[np.isfinite(values)] if values.dtype.kind == "f" else values
+
+
+def _grid_lines(volume: Volume) -> list[str]:
+    depth, height, width = volume.shape
+    unit = f" {volume.unit}" if volume.unit else ""
+    size = np.array([width, height, depth]) * volume.spacing
+    lines = [
+        _line("voxels", f"{width} × {height} × {depth}   ({width * height * depth:,})"),
+        _line("spacing", _times(volume.spacing) + unit),
+        _line("size", _times(size) + unit),
+        _line("origin", ", ".join(_number(value) for value in volume.origin)),
+    ]
+    if not np.allclose(volume.direction, np.eye(3), atol=1e-9):
+        rows = ["".join(f"{value:10.5f}" for value in row) for row in volume.direction + 0.0]
+        lines += [_line("direction", rows[0]), _line("", rows[1]), _line("", rows[2])]
+    frames = {"LPS": "LPS (+x left, +y back, +z head)", "RAS": "RAS (+x right, +y front, +z head)"}
+    return [*lines, _line("frame", frames.get(volume.frame or "", "not stated"))]
+
+
+def _sample_lines(volume: Volume, statistics: Statistics) -> list[str]:
+    dtype = volume.samples.dtype
+    order = ", big-endian" if dtype.byteorder == ">" else ""
+    where = "mapped from the file" if is_mapped(volume.samples) else "in memory"
+    lines = [_line("samples", f"{dtype.name}{order}   {_bytes(volume.samples.nbytes)}, {where}")]
+    if statistics.finite:
+        span = f"{_number(statistics.low)} … {_number(statistics.high)}"
+        lines.append(_line("range", f"{span}   mean {_number(statistics.mean)}"))
+    if statistics.not_finite:
+        lines.append(_line("not finite", f"{statistics.not_finite:,} of {volume.samples.size:,}"))
+    extras = [name for name, array in (("colour", volume.color), ("vectors", volume.vectors)) if array is not None]
+    return [*lines, _line("also", " and ".join(extras) + " per voxel")] if extras else lines
+
+
+def _bars(values: Histogram) -> list[str]:
+    """A bar per bin, its length the logarithm of its count."""
+    # 1. labels of the same width: the bins' lower edges, and the counts
+    labels = [_number(edge) for edge in values.edges[:-1]]
+    counts = [f"{count:,}" for count in values.counts]
+    left, right = max(map(len, labels)), max(map(len, counts))
+    room = WIDTH - left - right - 8
+    # 2. bars in eighths of a column; a count of one is still seen
+    lengths = np.log1p(values.counts) / np.log1p(max(values.counts.max(), 1)) * room
+    lines = [_line("values", "voxels from this value up to the next; bars on a log scale")]
+    for label, count, length in zip(labels, counts, lengths, strict=True):
+        full, eighth = divmod(round(float(length) * 8), 8)
+        bar = "█" * full + (_EIGHTHS[eighth] if eighth else "")
+        lines.append(f"  {label:>{left}} │{bar:<{room}} {count:>{right}}")
+    return lines
+
+
+def _line(label: str, text: str) -> str:
+    return f"  {label:<{_LABEL}}{text}"
+
+
+def _fit(text: str) -> str:
+    return text if len(text) <= WIDTH else text[: WIDTH - 1] + "…"
+
+
+def _times(values: tuple[float, ...] | np.ndarray) -> str:
+    return " × ".join(_number(value) for value in values)
+
+
+def _number(value: float) -> str:
+    """Six digits, whole numbers of up to fifteen in full."""
+    if float(value).is_integer() and abs(value) < 1e15:
+        return str(int(value))
+    return f"{value:.6g}"
+
+
+def _bytes(count: int) -> str:
+    size, units = float(count), ["bytes", "KiB", "MiB", "GiB", "TiB"]
+    while size >= 1024 and len(units) > 1:
+        size, units = size / 1024, units[1:]
+    return f"{size:.0f} {units[0]}" if units[0] == "bytes" else f"{size:.1f} {units[0]}"

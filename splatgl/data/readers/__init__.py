@@ -1,0 +1,144 @@
+"""`load`: one face over all volume formats; a format is one row of `FORMATS` and one file of this folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+from splatgl.data.errors import InputError, expected
+from splatgl.data.readers import (
+    metaimage,
+    nifti,
+    nrrd_file,
+    numpy_files,
+    raw,
+    terrain,
+    tiff,
+    vti,
+    vtk_legacy,
+    zarr_store,
+)
+from splatgl.data.readers.options import LoadOptions
+from splatgl.data.readers.terrain import terrain_from_heights
+from splatgl.data.volume import Volume
+
+__all__ = ["FORMATS", "Format", "LoadOptions", "load", "terrain_from_heights"]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format: how it is called, what its names end in, what reads it, the options it takes and its first bytes."""
+
+    title: str
+    suffixes: tuple[str, ...]
+    read: Callable[[Path, LoadOptions], Volume]
+    takes: tuple[str, ...] = ()
+    starts: tuple[str, ...] = ()
+
+
+_TERRAIN = ("color", "relief", "levels")
+
+FORMATS = (
+    Format("NumPy", (".npy",), numpy_files.read_npy, starts=("NumPy",)),
+    Format("NumPy archive", (".npz",), numpy_files.read_npz, ("array",), ("ZIP",)),
+    Format("raw", (".raw", ".bin", ".dat"), raw.read, ("shape", "dtype", "header_offset"), ("*",)),
+    Format("NRRD", (".nrrd", ".nhdr"), nrrd_file.read, ("channel",), ("NRRD",)),
+    Format("NIfTI", (".nii",), nifti.read, ("array",)),
+    Format("NIfTI, gzipped", (".nii.gz",), nifti.read, ("array",), ("gzip",)),
+    Format("TIFF", (".tif", ".tiff"), tiff.read, ("array", "channel", *_TERRAIN), ("TIFF",)),
+    Format("MetaImage", (".mha", ".mhd"), metaimage.read, ("channel",)),
+    Format("legacy VTK", (".vtk",), vtk_legacy.read, ("array", "channel")),
+    Format("VTK image", (".vti",), vti.read, ("array", "channel")),
+    Format("Zarr", (".zarr",), zarr_store.read, ("array", "channel")),
+    Format("height picture", (".png", ".jpg", ".jpeg"), terrain.read_picture, _TERRAIN, ("PNG", "JPEG")),
+    Format("height table", (".csv",), terrain.read_csv, _TERRAIN),
+)
+"""All formats; every one takes `spacing` too."""
+
+_STARTS = {
+    b"\x93NUMPY": "NumPy",
+    b"\x89PNG": "PNG",
+    b"\xff\xd8\xff": "JPEG",
+    b"PK\x03\x04": "ZIP",
+    b"\x1f\x8b": "gzip",
+    b"NRRD": "NRRD",
+    b"II*\x00": "TIFF",
+    b"MM\x00*": "TIFF",
+    b"II+\x00": "TIFF",
+    b"MM\x00+": "TIFF",
+    b"\x89HDF": "HDF5",
+    b"# vtk": "legacy VTK",
+    b"<?xml": "XML",
+    b"%PDF": "PDF",
+}
+"""First bytes that tell a format for certain."""
+
+
+def load(path: str | Path, options: LoadOptions | None = None, **given: object) -> Volume:
+    """The volume in a file (or Zarr folder); the name's ending says how it is read.
+
+    path: see `FORMATS` for the endings; a 2-D picture or CSV becomes a terrain. Further keywords are fields of
+    `LoadOptions`. Samples that can be memory-mapped are; the name is the file's stem. Raises InputError, which begins
+    with the path, for a file or an option that makes no volume.
+    """
+    path = Path(path)
+    try:
+        options = _options(options, given)
+        form = _format(path)
+        _check(path, form, options)
+        volume = form.read(path, options)
+        name = path.name[: -len(_suffix(path, form))].removesuffix(".ome")
+        return replace(volume, name=name, spacing=options.spacing or volume.spacing)
+    except InputError as error:
+        line = f"{path}: {error}"
+        # a damaged header may hold control characters, which a terminal would obey
+        raise InputError("".join(c if c.isprintable() else "?" for c in line)) from error.__cause__
+
+
+def _options(options: LoadOptions | None, given: dict[str, object]) -> LoadOptions:
+    names = [field.name for field in fields(LoadOptions)]
+    unknown = sorted(set(given) - set(names))
+    if unknown:
+        raise expected("options", f"some of {', '.join(names)}", ", ".join(unknown))
+    return replace(options or LoadOptions(), **given)  # type: ignore[arg-type]
+
+
+def _format(path: Path) -> Format:
+    """The format of a name, or of a folder that holds a Zarr store."""
+    if path.is_dir() and any((path / marker).is_file() for marker in zarr_store.MARKERS):
+        return next(form for form in FORMATS if form.read is zarr_store.read)
+    for form in FORMATS:
+        if _suffix(path, form):
+            return form
+    if path.is_dir():
+        raise expected("path", "a file or a Zarr folder", "another folder", "name a file in it")
+    known = ", ".join(suffix for form in FORMATS for suffix in form.suffixes)
+    raise expected("format", f"a name that ends in one of {known}", repr("".join(path.suffixes[-2:])), "convert it")
+
+
+def _suffix(path: Path, form: Format) -> str:
+    return next((suffix for suffix in form.suffixes if path.name.lower().endswith(suffix)), "")
+
+
+def _check(path: Path, form: Format, options: LoadOptions) -> None:
+    """Raises InputError for what no reader need look at: no file, no bytes, another format, options not taken."""
+    folder = form.read is zarr_store.read
+    if not path.exists():
+        raise expected("path", "a file", "nothing of that name", "check the path")
+    if path.is_dir() != folder or not (folder or path.is_file()):
+        raise expected("path", "a Zarr folder" if folder else "a file", "a folder" if path.is_dir() else "a file")
+    if not folder and path.stat().st_size == 0:
+        raise expected("file", "data", "0 bytes", "the file is empty")
+    refused = sorted(options.given - {"spacing", *form.takes})
+    if refused:
+        raise expected("options", f"some of {', '.join(('spacing', *form.takes))} for {form.title}", ", ".join(refused))
+    start = None if folder or "*" in form.starts else _start(path)
+    if start and start not in (*form.starts, form.title) and not (start == "XML" and form.read is vti.read):
+        raise expected("contents", f"{form.title}, as the name says", start, "rename or convert the file")
+
+
+def _start(path: Path) -> str | None:
+    with path.open("rb") as file:
+        first = file.read(8)
+    return next((title for mark, title in _STARTS.items() if first.startswith(mark)), None)

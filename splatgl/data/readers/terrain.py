@@ -1,0 +1,140 @@
+"""Terrain: a height map (picture or CSV), with or without a colour picture, becomes solid columns of voxels.
+
+The picture's row 0 is the far, northern edge, so that y = H − 1 − row; a CSV's row 0 is the southern edge, y = 0.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from splatgl.data.errors import expected
+from splatgl.data.readers.files import MAX_BYTES, library
+from splatgl.data.readers.options import DEFAULT_LEVELS, LoadOptions
+from splatgl.data.volume import Hints, Volume
+
+SOLID = 255
+"""Sample of a voxel at or below the ground; 0 above it."""
+
+RELIEF = (DEFAULT_LEVELS - 1) / 512
+"""Default relief as a part of the longer side: cubic voxels for the 512 × 512 × 103 terrain of [M98]."""
+
+_TINTS = np.array([[64, 104, 60], [122, 143, 79], [176, 158, 106], [142, 112, 86], [244, 244, 244]], np.float64)
+"""sRGB of lowland, meadow, steppe, rock and snow: what is drawn where no colour picture is given."""
+
+_HINTS = Hints(
+    window=(0.0, float(SOLID)),
+    points=((SOLID / 2 - 0.5, 0.0), (SOLID / 2 + 0.5, 1.0)),
+    shading=True,
+    azimuth=25.0,
+    elevation=35.0,
+)
+
+
+def terrain_from_heights(
+    heights: np.ndarray, color: np.ndarray | None = None, levels: int = DEFAULT_LEVELS, relief: float | None = None
+) -> Volume:
+    """A volume [levels, H, W] of uint8: 255 up to each column's height, 0 above; z is up, voxels are 1 wide.
+
+    heights: [H, W] real numbers, row 0 at y = 0; not finite ones are holes. color: uint8 [H', W', 3] sRGB, row 0 at
+    y = 0, resampled to the grid; without it heights are tinted. relief: world height between the lowest and highest
+    column. Raises InputError for heights that make no terrain.
+    """
+    # 1. heights in voxel levels; −1 for a hole
+    if heights.ndim != 2 or min(heights.shape) < 1 or heights.dtype.kind not in "buif":
+        raise expected("heights", "a 2-D map of real numbers", f"{heights.dtype} {heights.shape}")
+    if heights.size * levels > MAX_BYTES:
+        got = f"{heights.size * levels} ({heights.shape[1]}x{heights.shape[0]}x{levels})"
+        raise expected("terrain", f"at most {MAX_BYTES} voxels", got, "use a smaller map or fewer levels")
+    parts = _parts(np.asarray(heights, dtype=np.float64))
+    tops = np.where(np.isfinite(parts), np.rint(parts * (levels - 1)), -1).astype(np.int32)
+    # 2. solid columns, level by level; one colour per column, shared by its voxels
+    samples = np.empty((levels, *heights.shape), np.uint8)
+    for level in range(levels):
+        samples[level] = np.where(tops >= level, SOLID, 0)
+    ground = _tints(parts) if color is None else _fit(color, heights.shape)
+    # 3. the grid
+    relief = relief or RELIEF * max(heights.shape)
+    return Volume(
+        samples,
+        spacing=(1.0, 1.0, relief / (levels - 1)),
+        color=np.broadcast_to(ground, (*samples.shape, 3)),
+        hints=_HINTS,
+    )
+
+
+def read_picture(path: Path, options: LoadOptions) -> Volume:
+    """The terrain of a picture of heights: grey, 8 or 16 bits or float, bright is high."""
+    return terrain_of_picture(path, grey_heights(_open_picture(path)), options)
+
+
+def read_csv(path: Path, options: LoadOptions) -> Volume:
+    """The terrain of a table of heights: comma-separated numbers, the first line the southern edge (y = 0)."""
+    with library("a CSV table of heights"):
+        heights = np.loadtxt(path, delimiter=",", ndmin=2, dtype=np.float64)
+    return terrain_from_heights(heights, _color(path, options), options.levels, options.relief)
+
+
+def terrain_of_picture(path: Path, rows: np.ndarray, options: LoadOptions) -> Volume:
+    """The terrain of heights in picture order [H, W], row 0 the northern edge."""
+    return terrain_from_heights(rows[::-1], _color(path, options), options.levels, options.relief)
+
+
+def grey_heights(pixels: np.ndarray) -> np.ndarray:
+    """[H, W] of a grey picture, [H, W] or [H, W, 2…4]. Raises InputError if its channels differ."""
+    if pixels.ndim == 2:
+        return pixels
+    colors = pixels[..., :3] if pixels.shape[-1] > 2 else pixels[..., :1]
+    if pixels.ndim != 3 or (colors != colors[..., :1]).any():
+        raise expected("height map", "a grey picture", "colours", "give heights first and the picture as color=")
+    return colors[..., 0]
+
+
+def _color(path: Path, options: LoadOptions) -> np.ndarray | None:
+    """The colour picture uint8 [H, W, 3], turned so that row 0 is at y = 0."""
+    if options.color is None:
+        return None
+    picture = Path(options.color)
+    if not picture.is_file():
+        raise expected("color", "a picture", f"nothing named {str(picture)!r}", "check its path")
+    return _open_picture(picture, as_color=True)[::-1]
+
+
+def _open_picture(path: Path, as_color: bool = False) -> np.ndarray:
+    from PIL import Image
+
+    with library(f"a picture ({path.name})"), Image.open(path) as picture:
+        if as_color or picture.mode in ("P", "PA", "CMYK", "YCbCr", "LAB", "HSV"):
+            return np.asarray(picture.convert("RGB"))
+        return np.asarray(picture)
+
+
+def _parts(heights: np.ndarray) -> np.ndarray:
+    """Heights as parts of the range, 0 lowest and 1 highest; NaN where there is none."""
+    finite = heights[np.isfinite(heights)]
+    if finite.size == 0:
+        raise expected("heights", "at least one finite number", "none")
+    low, span = float(finite.min()), float(np.ptp(finite))
+    return np.where(np.isfinite(heights), (heights - low) / (span or 1.0), np.nan)
+
+
+def _tints(parts: np.ndarray) -> np.ndarray:
+    """uint8 [H, W, 3] by height."""
+    stops = np.linspace(0, 1, len(_TINTS))
+    channels = [np.interp(np.nan_to_num(parts), stops, _TINTS[:, channel]) for channel in range(3)]
+    return np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
+
+
+def _fit(color: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """A picture resampled to [H, W, 3]: area averages where it shrinks, Lanczos where it grows."""
+    from PIL import Image
+
+    if color.ndim != 3 or color.shape[2] != 3 or color.dtype != np.uint8:
+        raise expected("color", "uint8 [H, W, 3]", f"{color.dtype} {color.shape}")
+    height, width = shape
+    if color.shape[:2] == (height, width):
+        return color
+    shrinks = color.shape[0] >= height and color.shape[1] >= width
+    method = Image.Resampling.BOX if shrinks else Image.Resampling.LANCZOS
+    return np.asarray(Image.fromarray(np.ascontiguousarray(color)).resize((width, height), method))

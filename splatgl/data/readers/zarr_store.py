@@ -1,0 +1,136 @@
+"""Zarr (format 2 and 3) arrays, groups and OME-Zarr images through zarr; the chosen array is read whole.
+
+A multiscale image gives its finest level unless `array` names another; spacing, origin and unit come from the
+level's coordinate transformations (OME-Zarr 0.4 and 0.5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.errors import InputError, expected, missing_extra
+from splatgl.data.readers.files import byte_count, library, require_plausible, selection
+from splatgl.data.readers.grid import unit_name
+from splatgl.data.readers.options import LoadOptions
+from splatgl.data.volume import Triple, Volume
+
+MARKERS = ("zarr.json", ".zarray", ".zgroup")
+"""A folder with one of these files is a Zarr store."""
+
+Multiscale = Mapping[str, Any]
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a Zarr store; `channel` picks one channel. The samples are a numpy array, read whole."""
+    try:
+        import zarr
+    except ImportError:
+        raise missing_extra("Zarr stores", "zarr", "readers") from None
+    # 1. the array, and what OME's metadata say of it
+    with library("Zarr"):
+        node = zarr.open(path, mode="r")
+    multiscale: Multiscale | None = None
+    if isinstance(node, zarr.Group):
+        multiscale = _multiscale(node)
+        node = _level(node, multiscale, options)
+    if min(node.shape, default=0) < 1 or node.dtype.kind not in "buif":
+        raise expected("array", "real numbers along at least three axes", f"{node.dtype} {node.shape}")
+    # 2. its samples
+    names = _axis_names(multiscale, len(node.shape))
+    index = _index(node.shape, names, options)
+    _check_bytes(path, node)
+    with library("Zarr"):
+        samples = np.asarray(node[index])
+    # 3. its grid
+    if multiscale is None:
+        return Volume(samples)
+    spacing, origin = _grid(multiscale, node.path.rsplit("/", 1)[-1], names)
+    return Volume(samples, spacing, origin, unit=_unit(multiscale))
+
+
+def _multiscale(group: Any) -> Multiscale | None:
+    attributes = group.attrs.asdict()
+    images = attributes.get("ome", attributes).get("multiscales")
+    return images[0] if images else None
+
+
+def _level(group: Any, multiscale: Multiscale | None, options: LoadOptions) -> Any:
+    """The array called `array`, else the first level, else the only array of the group."""
+    import zarr
+
+    name = options.array
+    with library("Zarr"):
+        names = [key for key, _ in group.arrays()]
+        if name is None and multiscale is not None:
+            name = multiscale["datasets"][0]["path"]
+        if name is None and len(names) == 1:
+            name = names[0]
+        node = group.get(name) if name is not None else None
+    if not isinstance(node, zarr.Array):
+        fix = f"pick one with array=NAME; there are: {', '.join(names) or 'none'}"
+        raise expected("array", "the name of one array", repr(name), fix)
+    return node
+
+
+def _check_bytes(path: Path, array: Any) -> None:
+    """The chunks on disk must be able to hold the array: a chunk that is missing costs nothing to write."""
+    stored = sum(file.stat().st_size for file in (path / array.path).rglob("*") if file.is_file())
+    require_plausible(byte_count(array.shape, array.dtype), stored, bounded=False)
+
+
+def _axis_names(multiscale: Multiscale | None, count: int) -> list[str]:
+    """One letter per axis; without metadata the last three are z, y, x."""
+    axes = (multiscale or {}).get("axes")
+    names = [axis if isinstance(axis, str) else axis.get("name", "?") for axis in axes] if axes else []
+    names = names or list("tczyx")[5 - min(count, 5) :]
+    if len(names) != count or [name for name in names if name in "zyx"] != ["z", "y", "x"]:
+        raise expected("axes", "z, y, x in this order among the array's axes", f"{names} of {count}")
+    return names
+
+
+def _index(shape: Sequence[int], names: list[str], options: LoadOptions) -> tuple[int | slice, ...]:
+    extra: dict[int, tuple[str, int | None]] = {}
+    long = [axis for axis, name in enumerate(names) if name not in "zyx" and shape[axis] > 1]
+    if len(long) > 1:
+        raise expected("axes", "one axis beside z, y, x", f"{[names[axis] for axis in long]}", "save one time point")
+    for axis, name in enumerate(names):
+        if name not in "zyx":
+            extra[axis] = ("channel", options.channel if axis in long else 0)
+    return selection(shape, extra)
+
+
+def _grid(multiscale: Multiscale, level: str, names: list[str]) -> tuple[Triple, Triple]:
+    """Spacing and origin (x, y, z): the level's scale and translation, then those of the whole image."""
+    scale, origin = np.ones(len(names)), np.zeros(len(names))
+    datasets = [entry for entry in multiscale["datasets"] if entry["path"].rsplit("/", 1)[-1] == level]
+    for owner in (*datasets[:1], multiscale):
+        for step in owner.get("coordinateTransformations", ()):
+            values = np.asarray(step.get(step.get("type"), ()), dtype=np.float64)
+            if step.get("type") == "identity":
+                continue
+            if values.shape != scale.shape:
+                raise _bad_step(step)
+            if step["type"] == "scale":
+                scale, origin = scale * values, origin * values
+            elif step["type"] == "translation":
+                origin = origin + values
+            else:
+                raise _bad_step(step)
+    order = [names.index(name) for name in "xyz"]
+    (sx, sy, sz), (ox, oy, oz) = scale[order].tolist(), origin[order].tolist()
+    return (sx, sy, sz), (ox, oy, oz)
+
+
+def _bad_step(step: object) -> InputError:
+    return expected("coordinateTransformations", "a scale or translation with one number per axis", step)
+
+
+def _unit(multiscale: Multiscale) -> str:
+    """The unit that x, y and z share, "" if there is none."""
+    axes = [axis for axis in multiscale.get("axes", ()) if isinstance(axis, Mapping)]
+    units = {axis.get("unit", "") for axis in axes if axis.get("name") in ("x", "y", "z")}
+    return unit_name(units.pop()) if len(units) == 1 else ""

@@ -1,0 +1,42 @@
+"""One context a session, fenced by a GL error check; the pinned vectors."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+
+
+@pytest.fixture(scope="session")
+def session_renderer() -> Iterator[sg.Renderer]:
+    with sg.Renderer() as renderer:
+        yield renderer
+
+
+@pytest.fixture
+def renderer(session_renderer: sg.Renderer) -> Iterator[sg.Renderer]:
+    """The session's renderer; a test that leaves a GL error behind fails."""
+    yield session_renderer
+    assert session_renderer.ctx.error == "GL_NO_ERROR"
+
+
+@pytest.fixture(scope="session")
+def pinned() -> list[dict]:
+    """48 single voxels seen by one pixel each: rows 1–5 of Table 1 and the forms beyond, to 15 digits."""
+    return json.loads((Path(__file__).parent / "pinned_vectors.json").read_text())["vectors"]
+
+
+@pytest.fixture(scope="session")
+def pinned_camera() -> sg.Camera:
+    """The frame of the pinned vectors."""
+    return sg.Camera.look_at((0, 0, 0), (0, 0, 1), up=(0, -1, 0), fov=60, size=(512, 512))
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(1998)
