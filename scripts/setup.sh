@@ -1,3 +1,4 @@
+# shellcheck shell=bash
 # Sourced by scripts/run, scripts/test and scripts/check_core.sh: brings the virtual environment and OpenGL up.
 # Functions only; nothing happens on sourcing but the settings below.
 
@@ -104,10 +105,10 @@ install_package() { # level
     local extras=all
     if [ "$1" = test ]; then extras=all,dev; fi
     say "installing splatgl[$extras] into $venv (needed once; about a minute)"
-    pip_install -c "$repo/constraints.txt" -e "$repo[$extras]" && return 0
+    pip_install -c "$repo/constraints.txt" -e "${repo}[$extras]" && return 0
     # A pinned version may have no wheel for this Python; the ranges in pyproject.toml still hold
     say "the versions in constraints.txt could not be installed; trying the newest that pyproject.toml allows"
-    pip_install -e "$repo[$extras]" || die "pip could not install the packages; see its message above"
+    pip_install -e "${repo}[$extras]" || die "pip could not install the packages; see its message above"
 }
 
 pip_install() { "$venv/bin/python" -m pip install --quiet "$@" >&2; }

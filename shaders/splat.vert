@@ -3,6 +3,7 @@
 // switch SHADING 0
 // switch FEEDBACK 0
 #include "frame.glsl"
+#include "optics.glsl"
 #include "footprint.glsl"
 
 in vec3 in_position;        // grid indices
@@ -10,13 +11,15 @@ in float in_optical_depth;  // extinction × mean spacing
 in vec3 in_color;           // linear RGB
 in ivec3 in_normal;         // gradient direction, world axes; zero: unshaded
 
+// few and packed: a software rasteriser sets up each of them for each triangle
 out vec2 table_at;          // place in the footprint table, [0, 1]²
-flat out vec3 color;        // linear RGB, shaded
-flat out float optical_depth;  // of the unstretched voxel, per mean spacing
-flat out float gain;
-flat out float coverage;
+flat out vec4 splat;        // linear RGB, shaded; optical depth, or for mip the opacity, at the centre
+#if ATTENUATION == ATTENUATION_OPACITY
+flat out float coverage;    // 1/m² [M98 Eq. 6]
+#endif
 #if FEEDBACK
 out vec3 corner_eye;        // the corner in eye axes, mean spacings
+out float gain;
 #endif
 
 // C = c (0.3 + 0.7 |n·l|), l towards the eye; a zero gradient is unshaded
@@ -40,20 +43,26 @@ void main() {
     Quad quad = splat_quad(v);
     vec3 at = v + style.radius * (corner.x * quad.axis_1 + corner.y * quad.axis_2);
     table_at = corner * 0.5 + 0.5;
-    optical_depth = in_optical_depth;
-    gain = quad.gain;
+#if BLEND == BLEND_MIP
+    splat.a = one_minus_exp(in_optical_depth * style.opacity_length);
+#else
+    splat.a = in_optical_depth * quad.gain * style.peak;
+#endif
+#if ATTENUATION == ATTENUATION_OPACITY
     coverage = quad.coverage;
+#endif
 #if FEEDBACK
     corner_eye = at;
+    gain = quad.gain;
 #endif
 
     // no depth test: z is only there to clip what is nearer than `near`
 #if PERSPECTIVE
     gl_Position = vec4(at.xy * frame.clip_scale, at.z - 2.0 * frame.near, at.z);
     float far = length(v);
-    color = in_color * head_light(far > 0.0 ? -v / far : vec3(0.0, 0.0, -1.0));
+    splat.rgb = in_color * head_light(far > 0.0 ? -v / far : vec3(0.0, 0.0, -1.0));
 #else
     gl_Position = v.z < 0.0 ? vec4(0.0, 0.0, 2.0, 1.0) : vec4(at.xy * frame.clip_scale, 0.0, 1.0);
-    color = in_color * head_light(vec3(0.0, 0.0, -1.0));
+    splat.rgb = in_color * head_light(vec3(0.0, 0.0, -1.0));
 #endif
 }

@@ -63,8 +63,7 @@ def test_corners_by_transform_feedback(align: str, direction: np.ndarray, render
     assert plan.program.antialias
     switches = {**splat_switches(plan.program), "FEEDBACK": True}
     ctx = renderer.ctx
-    program = build(ctx, "splat.vert", None, {k: switches[k] for k in switches if k not in ("BLEND", "ATTENUATION")},
-                    varyings=("corner_eye", "gain"))  # fmt: skip
+    program = build(ctx, "splat.vert", None, switches, varyings=("corner_eye", "gain"))
     count = len(splats)
     buffers = [ctx.buffer(frame_block(splats, camera, plan).tobytes()), ctx.buffer(style_block(splats, plan).tobytes())]
     records, out = ctx.buffer(splats.records), ctx.buffer(reserve=count * 4 * 16)

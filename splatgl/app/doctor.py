@@ -85,4 +85,4 @@ def _chosen(backend: str, device: int | None) -> tuple[list[str], bool]:
 def _check_line(check: Check) -> str:
     """One check; a failure of one that is not required is a property of the target, which is good to know."""
     word = "ok" if check.passed else ("WRONG" if check.required else "coarse")
-    return f"  {check.name:17} {word:6} {check.got:.6f}, exact {check.answer:.6f}"
+    return f"  {check.name:18} {word:6} {check.got:.6f}, exact {check.answer:.6f}"

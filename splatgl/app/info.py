@@ -16,8 +16,8 @@ WIDTH = 78
 BINS = 16
 """Bars of the histogram: they fit a screen together with the text above."""
 
-SLAB_BYTES = 16 * 2**20
-"""Samples looked at together: a mapped file is never read whole."""
+SLAB_SAMPLES = 2**20
+"""Samples looked at together: a mapped file is never read whole; their bins and copies take some 30 MiB."""
 
 _LABEL = 11
 _EIGHTHS = " ▏▎▍▌▋▊▉"
@@ -40,7 +40,6 @@ class Histogram:
 
     edges: np.ndarray
     counts: np.ndarray
-    whole: bool
 
 
 def describe(volume: Volume) -> str:
@@ -65,10 +64,9 @@ def measure(volume: Volume) -> Statistics:
 
 
 def histogram(volume: Volume, statistics: Statistics) -> Histogram:
-    """Counts in at most BINS equal bins; bins of whole numbers are whole, so that none gets more values than another."""
+    """Counts in at most BINS equal bins; those of whole numbers are whole, so that all hold as many values."""
     low, high = statistics.low, statistics.high
-    whole = volume.samples.dtype.kind in "bui"
-    if whole:
+    if volume.samples.dtype.kind in "bui":
         step = max(1, -(-(int(high) - int(low) + 1) // BINS))
         bins = -(-(int(high) - int(low) + 1) // step)
         edges = low + step * np.arange(bins + 1, dtype=np.float64)
@@ -79,13 +77,12 @@ def histogram(volume: Volume, statistics: Statistics) -> Histogram:
     for values in _slabs(volume):
         places = np.searchsorted(edges, values, side="right") - 1
         counts += np.bincount(np.clip(places, 0, len(counts) - 1), minlength=len(counts))
-    return Histogram(edges, counts, whole)
+    return Histogram(edges, counts)
 
 
 def _slabs(volume: Volume) -> Iterator[np.ndarray]:
     """The finite samples of each slab, flat."""
-    plane_bytes = volume.samples[0].size * volume.samples.dtype.itemsize
-    for slab in volume.slabs(max(1, SLAB_BYTES // plane_bytes), halo=0):
+    for slab in volume.slabs(max(1, SLAB_SAMPLES // volume.samples[0].size), halo=0):
         values = np.asarray(slab.samples).ravel()
         yield values[np.isfinite(values)] if values.dtype.kind == "f" else values
 

@@ -13,7 +13,7 @@ CELL, ROUNDS = 2, 40
 # noise of the raw land and of its rise: longest wavelength in voxels; share of it that stays water
 LONGEST, LAKES = 260.0, 0.08
 # the land repeats; this shift along y, in voxels, keeps the lakes clear of the near edge
-SHIFT = 78
+SHIFT = 90
 # heights in rounds of mean uplift: of the raw land's deviation, and of the fill over a pit; how uneven uplift is
 RAW, PIT_FILL, UNEVEN = 4.0, 0.01, 0.7
 # what running water takes: strength against uplift, and the exponent of the area it drains (stream power law)

@@ -100,7 +100,7 @@ PRESETS = {
         Preset("mri", "the whole object, its inside showing through", "gray", _soft, 0),
         Preset("microscopy", "bright structures on a dark ground", "glow", _glow, shading=False),
         Preset("terrain", "everything above the lowest value, opaque", "terrain", _solid),
-        Preset("surface", "the object's surface", "bone", _surface),
+        Preset("surface", "the object's surface", "ivory", _surface),
     )
 }
 

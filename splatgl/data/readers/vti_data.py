@@ -99,16 +99,15 @@ def _inflate_blocks(source: Source, coding: Coding, needed: int) -> np.ndarray:
     if blocks and last:
         sizes[-1] = last
     _same(needed, sum(sizes))
-    if min(sizes) < 1:
-        raise expected("blocks", "at least one byte in each", min(sizes))
     require_plausible(needed, sum(packed))
     # 2. the blocks, one behind the other
     data = source.at(source.stored((3 + blocks) * width)).take(sum(packed))
     out, start = bytearray(), 0
     for size, stored in zip(sizes, packed, strict=True):
         with library("zlib data"):
-            block = zlib.decompressobj().decompress(data[start : start + stored], size)
-        require_bytes(size, len(block), "inflated block")
+            block = zlib.decompressobj().decompress(data[start : start + stored], size + 1)
+        if len(block) != size:
+            raise expected("inflated block", f"{size} bytes", "more" if len(block) > size else len(block))
         out += block
         start += stored
     return np.frombuffer(out, np.uint8)

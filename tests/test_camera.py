@@ -1,0 +1,87 @@
+"""Cameras: axes, z_k, orbits that show all, and views that cannot be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+
+BOX = sg.Volume(np.zeros((30, 20, 10)), spacing=(1, 2, 0.5), origin=(5, -7, 100))
+
+
+def test_axes_are_right_down_forward() -> None:
+    camera = sg.Camera.look_at((0, 0, 0), (0, 0, 1), up=(0, -1, 0))
+    assert np.abs(camera.eye_from_world - np.eye(3)).max() < 1e-15
+    slanted = sg.Camera.look_at((3, 1, 4), (1, 5, -9), up=(0.2, 0.6, 0.5))
+    right, down, forward = slanted.eye_from_world
+    assert np.cross(forward, [0.2, 0.6, 0.5]) @ right > 0
+    assert np.abs(np.cross(right, down) - forward).max() < 1e-14
+    assert down @ [0.2, 0.6, 0.5] < 0
+
+
+def test_z_k() -> None:
+    """z_k = s·z_img/p: 443.405 for 512 pixels, half-angle 30°."""
+    camera = sg.Camera.look_at((0, 0, 0), (0, 0, 1), (0, 1, 0), fov=60, size=(512, 512))
+    assert camera.z_k(1.0) == pytest.approx(443.405006737633, abs=1e-11)
+    assert camera.pixel_pitch(camera.z_k(2.5)) == pytest.approx(2.5)
+    parallel = sg.Camera.orthographic((0, 0, 0), (0, 0, 1), (0, 1, 0), height=100, size=(50, 50))
+    assert parallel.pixel_pitch(7.0) == 2
+    assert (parallel.z_k(2.5), parallel.z_k(1.5)) == (np.inf, 0)
+
+
+def test_orbit_convention() -> None:
+    front = sg.Camera.orbit(BOX)
+    assert front.forward == pytest.approx([0, 1, 0])
+    assert front.right == pytest.approx([1, 0, 0])
+    # counter-clockwise seen from +z: from −y to +x
+    side = sg.Camera.orbit(BOX, azimuth=90)
+    assert (side.eye - BOX.center)[0] > 0
+    assert side.forward == pytest.approx([-1, 0, 0], abs=1e-12)
+    above = sg.Camera.orbit(BOX, elevation=90)
+    assert above.forward == pytest.approx([0, 0, -1], abs=1e-12)
+
+
+@pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (0, 0, -1), (1, 2, 3)])
+def test_orbit_shows_every_corner(up: tuple) -> None:
+    for azimuth in range(0, 360, 37):
+        for elevation in (-90, -30, 0, 55):
+            camera = sg.Camera.orbit(BOX, azimuth, elevation, fov=30, size=(300, 100), up=up)
+            eye = camera.eye_from_points(BOX.corners)
+            half = np.array([1.5, 0.5]) * camera.extent
+            assert (np.abs(eye[:, :2] / eye[:, 2:]) * [1 / 3, 1] <= half[1]).all()
+            assert (eye[:, 2] > 0).all()
+            assert camera.eye_from_world[1] @ up <= 1e-12
+
+
+def test_parallel_keeps_the_middle() -> None:
+    camera = sg.Camera.orbit(BOX, 20, 30)
+    parallel = camera.parallel(BOX)
+    depth = camera.eye_from_points(BOX.center)[2]
+    assert parallel.pixel_pitch(0.0) == pytest.approx(camera.pixel_pitch(depth))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"target": (1, 2, 3)}, "target: expected a point other than the eye"),
+        ({"up": (2, 2, 2)}, "up: expected a direction that is not along the view"),
+        ({"up": (0, 0, 0)}, "up: expected a direction"),
+        ({"fov": 0}, "fov: expected an angle"),
+        ({"fov": 180}, "fov: expected an angle"),
+        ({"size": (0, 5)}, "size: expected a width"),
+        ({"eye": (np.nan, 0, 0)}, "eye: expected three finite"),
+        ({"eye": (1, 2)}, "eye: expected three finite"),
+    ],
+)
+def test_impossible_views(change: dict, message: str) -> None:
+    good = {"eye": (1, 2, 3), "target": (2, 3, 4), "up": (0, 0, 1), "fov": 40, "size": (9, 9)}
+    with pytest.raises(sg.InputError, match=message):
+        sg.Camera.look_at(**{**good, **change})
+
+
+def test_impossible_heights_and_zooms() -> None:
+    with pytest.raises(sg.InputError, match="height: expected a positive length"):
+        sg.Camera.orthographic((0, 0, 0), (0, 0, 1), (0, 1, 0), height=0)
+    with pytest.raises(sg.InputError, match="zoom: expected a positive"):
+        sg.Camera.orbit(BOX, zoom=0)

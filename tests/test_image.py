@@ -1,0 +1,93 @@
+"""Images: exact sRGB, straight alpha, 8 and 16 bits, provenance, whole files or none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+import splatgl as sg
+
+RNG = np.random.default_rng(2)
+
+
+def picture() -> sg.Image:
+    alpha = RNG.random((7, 5, 1))
+    return sg.Image(np.concatenate([RNG.random((7, 5, 3)) * alpha, alpha], axis=-1).astype(np.float32), {"a": [1, "é"]})
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_png_round_trip(bits: int, tmp_path: Path) -> None:
+    image = picture()
+    image.save(tmp_path / "a.png", bits)
+    back = sg.Image.load(tmp_path / "a.png")
+    assert back.info == {"a": [1, "é"]}
+    # half a step of alpha and of sRGB, whose slope in linear light is at most 2.4
+    assert np.abs(back.pixels - image.pixels).max() < 2.0 / (2**bits - 1)
+    assert np.abs(back.pixels - image.pixels).max() > 0
+
+
+def test_png_is_straight_srgb(tmp_path: Path) -> None:
+    pixels = np.zeros((1, 3, 4), np.float32)
+    pixels[0, 0] = [0.25, 0.0, 0.0, 0.5]
+    pixels[0, 1] = [0.2158605, 1.0, 0.001, 1.0]
+    sg.Image(pixels).save(tmp_path / "a.png")
+    found = np.asarray(Pillow.open(tmp_path / "a.png"))
+    # linear 0.5 is sRGB 0.7354, 0.2158605 is 128/255, 0.001 is 0.01292
+    assert found[0].tolist() == [[188, 0, 0, 128], [128, 255, 3, 255], [0, 0, 0, 0]]
+
+
+def test_background(tmp_path: Path) -> None:
+    pixels = np.full((1, 1, 4), 0.5, np.float32)
+    sg.Image(pixels).save(tmp_path / "a.png", background=(0.0, 1.0, 0.2))
+    back = sg.Image.load(tmp_path / "a.png").pixels[0, 0]
+    assert back == pytest.approx([0.5, 1.0, 0.6, 1.0], abs=5e-3)
+
+
+def test_xray_is_scaled_to_its_maximum(tmp_path: Path) -> None:
+    pixels = np.zeros((1, 2, 4), np.float32)
+    pixels[0, 0], pixels[0, 1] = 40.0, 10.0
+    sg.Image(pixels, {"blend": "xray"}).save(tmp_path / "a.png")
+    back = sg.Image.load(tmp_path / "a.png")
+    assert back.info["scale"] == pytest.approx(1 / 40)
+    assert back.pixels[0, :, 3] == pytest.approx([1, 0.25], abs=3e-3)
+    sg.Image(pixels, {"blend": "xray"}).save(tmp_path / "a.npy")
+    assert (sg.Image.load(tmp_path / "a.npy").pixels == pixels).all()
+
+
+def test_unwritable_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(sg.InputError, match="cannot be written"):
+        picture().save(tmp_path / "no" / "a.png")
+    with pytest.raises(sg.InputError, match=r"a name that ends in \.png or \.npy"):
+        picture().save(tmp_path / "a.jpg")
+    (tmp_path / "d.png").mkdir()
+    with pytest.raises(sg.InputError, match="cannot be written"):
+        picture().save(tmp_path / "d.png")
+    assert [p.name for p in tmp_path.iterdir()] == ["d.png"]
+
+
+def test_an_old_picture_survives_a_failed_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    picture().save(tmp_path / "a.png")
+    before = (tmp_path / "a.png").read_bytes()
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    with pytest.raises(sg.InputError, match="No space left"):
+        picture().save(tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes() == before
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_unreadable(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n nonsense")
+    with pytest.raises(sg.InputError, match="cannot be read as a picture"):
+        sg.Image.load(tmp_path / "a.png")
+    with pytest.raises(sg.InputError, match="cannot be read"):
+        sg.Image.load(tmp_path / "none.npy")
+    np.save(tmp_path / "b.npy", np.zeros((3, 3)))
+    with pytest.raises(sg.InputError, match="expected float pixels"):
+        sg.Image.load(tmp_path / "b.npy")

@@ -1,0 +1,360 @@
+"""Every format but VTK and terrain: the phantom written and read back, mapped where it can be."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import tracemalloc
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_readers_phantom import ORIGIN, SIZES, SPACING, F, Q
+
+from splatgl.data.errors import InputError
+from splatgl.data.readers import LoadOptions, load
+from splatgl.data.readers.files import is_mapped
+from splatgl.data.volume import Volume
+
+Writer = Callable[[Path], Path]
+
+
+def put(path: Path, *parts: str | bytes) -> Path:
+    path.write_bytes(b"".join(part.encode() if isinstance(part, str) else part for part in parts))
+    return path
+
+
+def check(volume: Volume, grid: bool, frame: str | None, mapped: bool, samples: np.ndarray = F) -> None:
+    np.testing.assert_array_equal(volume.samples, samples)
+    assert volume.frame == frame
+    assert is_mapped(volume.samples) == mapped
+    assert volume.name == "letter"
+    np.testing.assert_allclose(volume.spacing, SPACING if grid else (1, 1, 1), rtol=1e-6)
+    np.testing.assert_allclose(volume.origin, ORIGIN if grid else (0, 0, 0), rtol=1e-6)
+    np.testing.assert_allclose(volume.direction, Q if grid else np.eye(3), atol=1e-6)
+
+
+# --- NumPy and raw ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_npy(tmp_path: Path, order: str) -> None:
+    np.save(tmp_path / "letter.npy", np.asarray(F, order=order))
+    check(load(tmp_path / "letter.npy"), grid=False, frame=None, mapped=True)
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_npz_picks_the_only_volume_or_the_named_array(tmp_path: Path, save: Callable[..., None]) -> None:
+    save(tmp_path / "letter.npz", table=np.eye(3), letter=F)
+    check(load(tmp_path / "letter.npz"), grid=False, frame=None, mapped=False)
+    save(tmp_path / "letter.npz", other=F + 1, letter=F)
+    with pytest.raises(InputError, match="pick one with array=NAME; there are: other, letter"):
+        load(tmp_path / "letter.npz")
+    check(load(tmp_path / "letter.npz", array="letter"), grid=False, frame=None, mapped=False)
+
+
+def test_raw_by_its_name(tmp_path: Path) -> None:
+    path = put(tmp_path / "letter_5x7x4_uint16be.raw", F.astype(">u2").tobytes())
+    volume = load(path)
+    np.testing.assert_array_equal(volume.samples, F)
+    assert is_mapped(volume.samples) and volume.name == "letter_5x7x4_uint16be"
+
+
+@pytest.mark.parametrize("dtype", [">u2", "uint16be"])
+def test_raw_by_options(tmp_path: Path, dtype: str) -> None:
+    path = put(tmp_path / "letter.raw", b"head", F.astype(">u2").tobytes())
+    options = LoadOptions(shape=SIZES, dtype=dtype, header_offset=4)
+    check(load(path, options), grid=False, frame=None, mapped=True)
+    assert load(path, options, spacing=SPACING).spacing == SPACING
+
+
+# --- NRRD ------------------------------------------------------------------------------------------------------------
+
+NRRD = "NRRD0004\n# comment\ntype: {type}\ndimension: 3\nsizes: 5 7 4\nendian: {endian}\nencoding: {encoding}\n"
+
+
+def vectors(matrix: np.ndarray) -> str:
+    """The columns of world-from-index as NRRD's vectors, one per axis."""
+    return " ".join("(" + ",".join(repr(float(value)) for value in column) + ")" for column in matrix.T)
+
+
+DIRECTIONS = f"space directions: {vectors(Q * SPACING)}\n"
+SPACE = f"space: left-posterior-superior\nspace origin: {vectors(np.array([ORIGIN]).T)}\n"
+
+
+@pytest.mark.parametrize("grid", [SPACE + DIRECTIONS, DIRECTIONS + SPACE], ids=["space first", "directions first"])
+@pytest.mark.parametrize("endian", ["little", "big"])
+def test_nrrd_raw_is_mapped(tmp_path: Path, grid: str, endian: str) -> None:
+    header = NRRD.format(type="short", endian=endian, encoding="raw")
+    data = F.astype("<i2" if endian == "little" else ">i2").tobytes()
+    check(load(put(tmp_path / "letter.nrrd", header, grid, "\n", data)), grid=True, frame="LPS", mapped=True)
+    put(tmp_path / "letter.bin", b"line\n\0\0\0", data)
+    detached = header + grid + "data file: letter.bin\nline skip: 1\nbyte skip: 3\n"
+    check(load(put(tmp_path / "letter.nhdr", detached)), grid=True, frame="LPS", mapped=True)
+    detached = header + grid + "data file: ./letter.bin\nbyte skip: -1\n"
+    check(load(put(tmp_path / "letter.nhdr", detached)), grid=True, frame="LPS", mapped=True)
+
+
+ENCODED = {
+    "gzip": gzip.compress(F.tobytes()),
+    "bzip2": bz2.compress(F.tobytes()),
+    "text": " ".join(map(str, F.ravel())).encode(),
+}
+
+
+@pytest.mark.parametrize("encoding", ENCODED)
+def test_nrrd_encodings(tmp_path: Path, encoding: str) -> None:
+    header = NRRD.format(type="uchar", endian="little", encoding=encoding)
+    path = put(tmp_path / "letter.nrrd", header, SPACE, DIRECTIONS, "\n", ENCODED[encoding])
+    check(load(path), grid=True, frame="LPS", mapped=False)
+
+
+@pytest.mark.parametrize(
+    ("space", "frame"),
+    [("right-anterior-superior", "RAS"), ("RAS", "RAS"), ("LPS", "LPS"), ("left-anterior-superior", None)]
+    + [("3D-left-handed", None), ("scanner-xyz", None)],
+)
+def test_nrrd_frames(tmp_path: Path, space: str, frame: str | None) -> None:
+    header = NRRD.format(type="uchar", endian="little", encoding="raw")
+    units = 'space units: "mm" "mm" "mm"\n'
+    path = put(tmp_path / "letter.nrrd", header, f"space: {space}\n", DIRECTIONS, units, "\n", F.tobytes())
+    assert (load(path).frame, load(path).unit) == (frame, "mm")
+
+
+def test_nrrd_spacings(tmp_path: Path) -> None:
+    header = NRRD.format(type="uchar", endian="little", encoding="raw")
+    volume = load(put(tmp_path / "letter.nrrd", header, "spacings: 1.5 -2.25 nan\n", "\n", F.tobytes()))
+    assert volume.spacing == (1.5, 2.25, 1.0) and volume.frame is None
+    np.testing.assert_array_equal(volume.world_from_index, np.diag([1.5, -2.25, 1.0]))
+
+
+def test_nrrd_channel(tmp_path: Path) -> None:
+    header = "NRRD0004\ntype: uchar\ndimension: 4\nsizes: 2 5 7 4\nencoding: raw\n" + SPACE
+    header += DIRECTIONS.replace("directions: ", "directions: none ") + "\n"
+    path = put(tmp_path / "letter.nrrd", header, np.stack([F + 1, F], axis=-1).tobytes())
+    with pytest.raises(InputError, match="pick one with channel=0 … channel=1"):
+        load(path)
+    check(load(path, channel=1), grid=True, frame="LPS", mapped=True)
+
+
+# --- NIfTI -----------------------------------------------------------------------------------------------------------
+
+
+def nifti(path: Path, samples: np.ndarray, slope: float = 1.0, intercept: float = 0.0, oriented: bool = True) -> Path:
+    nibabel = pytest.importorskip("nibabel")
+    affine = np.eye(4)
+    affine[:3, :3], affine[:3, 3] = Q * SPACING, ORIGIN
+    image = nibabel.Nifti1Image(samples.T, affine if oriented else None)
+    image.header.set_xyzt_units("mm")
+    image.header.set_slope_inter(slope, intercept)
+    if not oriented:
+        image.header.set_zooms(SPACING)
+    image.to_filename(path)
+    return path
+
+
+@pytest.mark.parametrize(("name", "mapped"), [("letter.nii", True), ("letter.nii.gz", False)])
+def test_nifti(tmp_path: Path, name: str, mapped: bool) -> None:
+    volume = load(nifti(tmp_path / name, F))
+    check(volume, grid=True, frame="RAS", mapped=mapped)
+    assert volume.unit == "mm" and volume.samples.dtype == np.uint8
+
+
+def test_nifti_agrees_with_nibabel(tmp_path: Path) -> None:
+    """nibabel's own array is [x, y, z], and its own affine takes (x, y, z) to RAS."""
+    nibabel = pytest.importorskip("nibabel")
+    path = nifti(tmp_path / "letter.nii", F, slope=0.5, intercept=-3.0)
+    image, volume = nibabel.load(path), load(path)
+    assert volume.samples.dtype == np.float32
+    np.testing.assert_allclose(volume.samples, image.get_fdata().T)
+    point = np.array([3.0, 5.0, 2.0])
+    world = nibabel.affines.apply_affine(image.affine, point)
+    np.testing.assert_allclose(volume.world_from_index @ point + volume.origin, world, rtol=1e-6)
+
+
+def test_nifti_without_orientation_has_no_frame(tmp_path: Path) -> None:
+    volume = load(nifti(tmp_path / "letter.nii", F, oriented=False))
+    assert volume.frame is None and volume.origin == (0, 0, 0)
+    np.testing.assert_allclose(volume.spacing, SPACING)
+    np.testing.assert_array_equal(volume.direction, np.eye(3))
+
+
+def test_nifti_time_points(tmp_path: Path) -> None:
+    path = nifti(tmp_path / "letter.nii", np.stack([F + 1, F]))
+    with pytest.raises(InputError, match="pick one with array=0 … array=1"):
+        load(path)
+    check(load(path, array="1"), grid=True, frame="RAS", mapped=True)
+
+
+# --- TIFF ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("compression", [None, "zlib"])
+@pytest.mark.parametrize("byteorder", ["<", ">"])
+def test_tiff_ignores_resolution_tags_without_metadata(tmp_path: Path, compression: str | None, byteorder: str) -> None:
+    tifffile = pytest.importorskip("tifffile")
+    options = {"photometric": "minisblack", "resolution": (72, 72), "metadata": None, "byteorder": byteorder}
+    tifffile.imwrite(tmp_path / "letter.tif", F.astype(np.uint16), compression=compression, **options)
+    check(load(tmp_path / "letter.tif"), grid=False, frame=None, mapped=compression is None)
+
+
+def test_tiff_imagej(tmp_path: Path) -> None:
+    tifffile = pytest.importorskip("tifffile")
+    metadata = {"spacing": 3.0, "unit": "micron", "axes": "ZYX"}
+    resolution = (1 / SPACING[0], 1 / SPACING[1])
+    tifffile.imwrite(tmp_path / "letter.tif", F, imagej=True, resolution=resolution, metadata=metadata)
+    volume = load(tmp_path / "letter.tif")
+    np.testing.assert_array_equal(volume.samples, F)
+    np.testing.assert_allclose(volume.spacing, SPACING, rtol=1e-6)
+    assert volume.unit == "um" and is_mapped(volume.samples)
+
+
+def test_tiff_ome_channels_and_units(tmp_path: Path) -> None:
+    tifffile = pytest.importorskip("tifffile")
+    metadata = {"axes": "CZYX", "PhysicalSizeX": 1.5, "PhysicalSizeY": 2.25, "PhysicalSizeZ": 3000}
+    metadata |= {"PhysicalSizeZUnit": "nm"}
+    tifffile.imwrite(tmp_path / "letter.ome.tif", np.stack([F + 1, F]), metadata=metadata)
+    with pytest.raises(InputError, match="pick one with channel=0 … channel=1"):
+        load(tmp_path / "letter.ome.tif")
+    volume = load(tmp_path / "letter.ome.tif", channel=1)
+    np.testing.assert_array_equal(volume.samples, F)
+    np.testing.assert_allclose(volume.spacing, SPACING)
+    assert (volume.unit, volume.name, is_mapped(volume.samples)) == ("um", "letter", True)
+
+
+# --- MetaImage -------------------------------------------------------------------------------------------------------
+
+META = "ObjectType = Image\nNDims = 3\nDimSize = 5 7 4\n"
+META_GRID = (
+    f"TransformMatrix = {' '.join(map(repr, Q.T.ravel().tolist()))}\nOffset = 10 -20 30.5\nElementSpacing = 1.5 2.25 3\n"
+)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_metaimage_raw_is_mapped(tmp_path: Path, order: str) -> None:
+    header = META + META_GRID + f"ElementByteOrderMSB = {order == '>'}\nElementType = MET_SHORT\n"
+    data = F.astype(order + "i2").tobytes()
+    path = put(tmp_path / "letter.mha", header, "ElementDataFile = LOCAL\n", data)
+    check(load(path), grid=True, frame="LPS", mapped=True)
+    put(tmp_path / "samples.raw", b"skipped", data)
+    path = put(tmp_path / "letter.mhd", header, "HeaderSize = -1\nElementDataFile = samples.raw\n")
+    check(load(path), grid=True, frame="LPS", mapped=True)
+
+
+def test_metaimage_zlib(tmp_path: Path) -> None:
+    data = zlib.compress(F.tobytes())
+    header = META + META_GRID + f"CompressedData = True\nCompressedDataSize = {len(data)}\nElementType = MET_UCHAR\n"
+    path = put(tmp_path / "letter.mha", header, "ElementDataFile = LOCAL\n", data)
+    check(load(path), grid=True, frame="LPS", mapped=False)
+
+
+def test_metaimage_text_channels_and_fallbacks(tmp_path: Path) -> None:
+    header = META + "BinaryData = False\nElementSize = 1.5 2.25 3\nPosition = 1 2 3\nElementNumberOfChannels = 2\n"
+    text = " ".join(map(str, np.stack([F + 1, F], axis=-1).ravel()))
+    path = put(tmp_path / "letter.mha", header, "ElementType = MET_UCHAR\nElementDataFile = LOCAL\n", text)
+    volume = load(path, channel=1)
+    np.testing.assert_array_equal(volume.samples, F)
+    assert (volume.spacing, volume.origin, volume.frame) == (SPACING, (1, 2, 3), None)
+
+
+# --- Zarr ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_zarr_arrays_and_groups(tmp_path: Path, version: int) -> None:
+    zarr = pytest.importorskip("zarr")
+    zarr.create_array(tmp_path / "letter.zarr", data=F, chunks=(2, 3, 5), zarr_format=version)
+    check(load(tmp_path / "letter.zarr"), grid=False, frame=None, mapped=False)
+    group = zarr.open_group(tmp_path / "group.zarr", mode="w", zarr_format=version)
+    for name in ("one", "two"):
+        group.create_array(name, data=F + (name == "one"))
+    with pytest.raises(InputError, match=r"pick one with array=NAME; there are: (one, two|two, one)"):
+        load(tmp_path / "group.zarr")
+    np.testing.assert_array_equal(load(tmp_path / "group.zarr", array="two").samples, F)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_ome_zarr_level_channel_and_grid(tmp_path: Path, version: int) -> None:
+    zarr = pytest.importorskip("zarr")
+    group = zarr.open_group(tmp_path / "letter.ome.zarr", mode="w", zarr_format=version)
+    group.create_array("0", data=np.stack([F + 1, F]))
+    group.create_array("1", data=np.stack([F + 1, F])[:, ::2, ::2, ::2])
+    axes = [{"name": "c", "type": "channel"}] + [{"name": name, "unit": "micrometer"} for name in "zyx"]
+    levels = [
+        {
+            "path": str(level),
+            "coordinateTransformations": [
+                {"type": "scale", "scale": [1, 1.0 * step, 0.75 * step, 0.5 * step]},
+                {"type": "translation", "translation": [0, 10, 20, 30]},
+            ],
+        }
+        for level, step in enumerate((1, 2))
+    ]
+    whole = [{"type": "scale", "scale": [1, 3, 3, 3]}]
+    multiscale = {"axes": axes, "datasets": levels, "coordinateTransformations": whole}
+    attributes = {"multiscales": [multiscale]}
+    group.attrs.update(attributes if version == 2 else {"ome": attributes})
+    finest, coarse = (load(tmp_path / "letter.ome.zarr", channel=1, array=array) for array in (None, "1"))
+    np.testing.assert_array_equal(finest.samples, F)
+    assert (finest.spacing, finest.origin, finest.unit) == (SPACING, (90, 60, 30), "um")
+    np.testing.assert_array_equal(coarse.samples, F[::2, ::2, ::2])
+    assert coarse.spacing == (3.0, 4.5, 6.0)
+
+
+# --- nothing is read before it is asked for --------------------------------------------------------------------------
+
+BIG = (512, 256, 256)
+"""Voxels along x, y, z of a sparse file of 32 MiB, which takes no room on disk."""
+
+
+def sparse(path: Path, header: str | bytes) -> Path:
+    put(path, header)
+    with path.open("r+b") as file:
+        file.truncate(len(header) + 512 * 256 * 256)
+    return path
+
+
+def big_nifti(folder: Path) -> Path:
+    path = nifti(folder / "big.nii", np.zeros((1, 1, 1), np.uint8))
+    header = bytearray(path.read_bytes()[:352])
+    header[42:48] = np.array(BIG, "<i2").tobytes()
+    return sparse(path, bytes(header))
+
+
+def big_npy(folder: Path) -> Path:
+    np.save(folder / "big.npy", np.zeros((1, 1, 1), np.uint8))
+    header = (folder / "big.npy").read_bytes()[:128].replace(b"(1, 1, 1), }        ", b"(256, 256, 512), }  ")
+    return sparse(folder / "big.npy", header)
+
+
+SIZE = " ".join(map(str, BIG))
+MAPPED: dict[str, Writer] = {
+    "raw": lambda folder: sparse(folder / "big_512x256x256_uint8.raw", b""),
+    "npy": big_npy,
+    "nrrd": lambda folder: sparse(
+        folder / "big.nrrd", f"NRRD0004\ntype: uchar\ndimension: 3\nsizes: {SIZE}\nencoding: raw\n\n"
+    ),
+    "nifti": big_nifti,
+    "metaimage": lambda folder: sparse(
+        folder / "big.mha", f"NDims = 3\nDimSize = {SIZE}\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
+    ),
+    "vtk": lambda folder: sparse(
+        folder / "big.vtk",
+        f"# vtk DataFile Version 3.0\nbig\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS {SIZE}\n"
+        "POINT_DATA 33554432\nSCALARS s unsigned_char\nLOOKUP_TABLE default\n",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", MAPPED)
+def test_a_file_that_can_be_mapped_is_not_read(tmp_path: Path, kind: str) -> None:
+    path = MAPPED[kind](tmp_path)
+    load(path)  # imports
+    tracemalloc.start()
+    volume = load(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert volume.shape == BIG[::-1] and is_mapped(volume.samples)
+    assert peak < 2**20

@@ -1,0 +1,36 @@
+"""The phantom that the readers' tests write and read: a letter F in three different axes, on an oblique grid."""
+
+from __future__ import annotations
+
+import numpy as np
+
+SPACING = (1.5, 2.25, 3.0)
+ORIGIN = (10.0, -20.0, 30.5)
+
+
+def letter_f() -> np.ndarray:
+    """uint8 [4, 7, 5]: an F in (y, x), brighter with z, on a background that differs in every voxel."""
+    z, y, x = np.indices((4, 7, 5))
+    stroke = (x == 1) | ((y == 0) & (x > 0)) | ((y == 3) & (x > 0) & (x < 4))
+    return np.where(stroke, 150 + 25 * z, z * 35 + y * 5 + x).astype(np.uint8)
+
+
+def oblique() -> np.ndarray:
+    """A rotation [3, 3] whose transpose is another one; its columns are the axes."""
+    a, b = np.deg2rad(20), np.deg2rad(-35)
+    about_z = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    about_x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
+    return about_z @ about_x
+
+
+F = letter_f()
+Q = oblique()
+SIZES = (5, 7, 4)
+"""The phantom's voxels along x, y, z."""
+
+
+def test_phantom_tells_every_turn_and_flip_apart() -> None:
+    turned = [F.transpose(order) for order in ((0, 2, 1), (1, 0, 2), (2, 1, 0))]
+    flipped = [np.flip(F, axis) for axis in range(3)]
+    assert all(other.shape != F.shape or (other != F).any() for other in turned + flipped)
+    assert np.linalg.norm(Q - Q.T) > 0.5 and np.allclose(Q @ Q.T, np.eye(3))

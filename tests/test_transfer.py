@@ -1,0 +1,365 @@
+"""Transfer functions, colour maps, presets, and the choice made from a volume's values."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from splatgl.data.color import linear_from_srgb, srgb_from_linear
+from splatgl.data.errors import InputError
+from splatgl.data.volume import Hints, Volume
+from splatgl.splat import colormap as maps
+from splatgl.splat.colormap import CORE, colormap
+from splatgl.splat.presets import BONE_HU, PRESETS, SOLID, default_transfer, preset
+from splatgl.splat.statistics import PLANES, statistics
+from splatgl.splat.transfer import OPAQUE, Transfer
+
+DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[2] / "shared" / "data"))
+
+
+def data_file(name: str) -> Path:
+    path = DATA / name
+    if not path.exists():
+        pytest.skip(f"{path} is not here")
+    return path
+
+
+# --- sRGB ---
+
+
+def test_srgb_known_values_and_round_trip() -> None:
+    assert np.allclose(
+        linear_from_srgb([0.0, 0.04045, 0.5, 1.0]), [0.0, 0.0031308049535603713, 0.21404114048223255, 1.0]
+    )
+    encoded = np.linspace(0.0, 1.0, 4097)
+    # the standard's two knees are rounded, so the inverse is off by up to 3e-8 there
+    assert np.abs(srgb_from_linear(linear_from_srgb(encoded)) - encoded).max() < 5e-8
+
+
+# --- opacity, weight, colour, extinction ---
+
+
+def test_opacity_is_linear_between_nodes_and_constant_outside() -> None:
+    transfer = Transfer(((10, 0.2), (20, 0.6), (40, 0.0)))
+    assert np.allclose(transfer.opacity([-5, 10, 15, 20, 30, 40, 99]), [0.2, 0.2, 0.4, 0.6, 0.3, 0.0, 0.0], atol=1e-15)
+
+
+def test_a_step_takes_its_upper_side() -> None:
+    transfer = Transfer([(5, 0.1), (10, 0.2), (10, 0.9), (12, 0.9)])
+    below = np.nextafter(10.0, 0.0)
+    assert np.allclose(transfer.opacity([below, 10.0]), [0.2, 0.9], atol=1e-12)
+    assert Transfer([(3, 0.0), (3, 1.0)]).opacity([2.9, 3.0, 3.1]).tolist() == [0.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_is_transparent(value: float) -> None:
+    transfer = Transfer(((0, 0.5), (1, 0.5)), gradient=((0, 1.0), (1, 1.0)))
+    assert transfer.opacity(value) == 0.0
+    assert transfer.weight(value) == 0.0
+    assert np.isfinite(transfer.color(value)).all()
+
+
+def test_integers_and_shapes_pass_through() -> None:
+    transfer = Transfer(((0, 0.0), (255, 1.0)))
+    values = np.arange(6, dtype=np.uint8).reshape(2, 3)
+    assert transfer.opacity(values).shape == (2, 3)
+    assert transfer.color(values).shape == (2, 3, 3)
+    assert transfer.opacity(values).dtype == transfer.color(values).dtype == np.float64
+
+
+def test_weight_of_the_gradient() -> None:
+    assert np.allclose(Transfer(((0, 1),), gradient=((1, 0.0), (3, 1.0))).weight([0, 2, 9]), [0.0, 0.5, 1.0])
+    assert np.array_equal(Transfer(((0, 1),)).weight([0, 2, 9]), np.ones(3))
+
+
+def test_extinction_keeps_tiny_and_full_opacities() -> None:
+    tiny = 1e-12
+    # −log1p(−a) = a + a²/2 + …
+    assert abs(Transfer.extinction(tiny, 2.0) / ((tiny + tiny**2 / 2) / 2.0) - 1) < 1e-15
+    full = Transfer.extinction([1.0, 2.0], 1.0)
+    assert np.array_equal(full, np.full(2, -np.log1p(-OPAQUE)))
+    assert full[0] == pytest.approx(24 * np.log(2))
+    assert Transfer.extinction(0.5, 0.5) == pytest.approx(2 * np.log(2))
+    assert Transfer.extinction(0.0, 1.0) == 0.0
+
+
+def test_color_spans_the_window() -> None:
+    transfer = Transfer(((0, 0), (9, 1)), window=(10, 20))
+    assert np.allclose(transfer.color([0, 10, 15, 20, 30])[:, 0], [0, 0, 0.2140, 1, 1], atol=1e-3)
+    from_points = Transfer(((10, 0), (20, 1)))
+    assert np.array_equal(from_points.color([10, 13, 20]), transfer.color([10, 13, 20]))
+
+
+def test_color_of_a_step_without_a_window() -> None:
+    transfer = Transfer(((5, 0), (5, 1)))
+    assert transfer.color([4, 5, 6])[:, 0].tolist() == [0.0, 1.0, 1.0]
+
+
+# --- what is refused ---
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"points": ()}, "at least one"),
+        ({"points": ((0, 1.5),)}, "opacity from 0 to 1"),
+        ({"points": ((0, -0.1),)}, "opacity from 0 to 1"),
+        ({"points": ((2, 0), (1, 1))}, "never fall"),
+        ({"points": ((0, np.nan),)}, "finite"),
+        ({"points": ((np.inf, 1),)}, "finite"),
+        ({"points": ((0, 1, 2),)}, "pairs"),
+        ({"points": "abc"}, "pairs"),
+        ({"points": 7}, "pairs"),
+        ({"gradient": ((0, 2),)}, "weight from 0 to 1"),
+        ({"window": (2, 2)}, "low < high"),
+        ({"window": (2, 1)}, "low < high"),
+        ({"window": (0, np.nan)}, "low < high"),
+        ({"window": 5}, "two numbers"),
+        ({"unit": 0}, "positive"),
+        ({"unit": -1}, "positive"),
+        ({"unit": "mm"}, "length"),
+        ({"colormap": "no such map"}, "viridis"),
+        ({"colormap": "#12345"}, "#rrggbb"),
+        ({"shading": "yes"}, "true or false"),
+    ],
+)
+def test_bad_fields_are_refused_in_one_line(changes: dict, says: str) -> None:
+    with pytest.raises(InputError, match=says) as caught:
+        Transfer(**{"points": ((0, 1),), **changes})
+    assert "\n" not in str(caught.value)
+
+
+# --- files ---
+
+
+FULL = Transfer([[0.1, 0], [0.1, 1 / 3], [1e-300, 1]][:2], "#a0B1c2", (-1e9, 1 / 7), 0.3, [(0, 0), (2.5, 1)], False)
+
+
+@pytest.mark.parametrize("transfer", [FULL, Transfer(((1, 1),))])
+def test_toml_round_trip_is_exact(transfer: Transfer, tmp_path: Path) -> None:
+    assert Transfer.from_toml(transfer.to_toml()) == transfer
+    transfer.save(tmp_path / "t.toml")
+    assert Transfer.load(tmp_path / "t.toml") == transfer
+    assert [path.name for path in tmp_path.iterdir()] == ["t.toml"]
+
+
+def test_lists_and_tuples_are_the_same_transfer() -> None:
+    assert Transfer([[0, 1]], window=[0, 1]) == Transfer(((0.0, 1.0),), window=(0.0, 1.0))
+    assert hash(Transfer([[0, 1]])) == hash(Transfer(((0, 1),)))
+
+
+@pytest.mark.parametrize(
+    "text", ["points = [", "colormap = 'gray'", "points = [[0, 1]]\ncolour = 'gray'", "points = 3"]
+)
+def test_bad_toml_is_refused(text: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        Transfer.from_toml(text)
+    (tmp_path / "bad.toml").write_text(text)
+    with pytest.raises(InputError, match=r"bad\.toml"):
+        Transfer.load(tmp_path / "bad.toml")
+
+
+def test_a_failed_save_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "t.toml"
+    FULL.save(path)
+
+    def fail(*_: object) -> None:
+        raise OSError("disk full")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(InputError, match=r"t\.toml"):
+        Transfer(((9, 1),)).save(path)
+    assert Transfer.load(path) == FULL
+    assert [entry.name for entry in tmp_path.iterdir()] == ["t.toml"]
+
+
+def test_missing_file_and_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.toml"):
+        Transfer.load(tmp_path / "none.toml")
+    with pytest.raises(InputError, match="no_folder"):
+        FULL.save(tmp_path / "no_folder" / "t.toml")
+
+
+# --- colour maps ---
+
+
+@pytest.mark.parametrize("name", [*CORE, "#ff8000"])
+def test_core_maps(name: str) -> None:
+    table = colormap(name)
+    assert table.shape == (256, 3)
+    assert table.dtype == np.float64
+    assert table.min() >= 0.0
+    assert table.max() <= 1.0
+
+
+def test_maps_are_linear_light() -> None:
+    assert np.allclose(colormap("gray")[:, 0], linear_from_srgb(np.arange(256) / 255))
+    assert np.allclose(colormap("#ff8000"), linear_from_srgb([1.0, 128 / 255, 0.0]))
+
+
+def test_other_maps_come_from_a_library() -> None:
+    matplotlib = pytest.importorskip("matplotlib")
+    expected = linear_from_srgb(matplotlib.colormaps["magma"](np.linspace(0, 1, 256))[:, :3])
+    assert np.abs(colormap("magma") - expected).max() < 0.01
+    own = srgb_from_linear(colormap("viridis"))
+    assert np.abs(own - matplotlib.colormaps["viridis"](np.linspace(0, 1, 256))[:, :3]).max() < 0.03
+
+
+def test_without_a_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(maps, "find_spec", lambda _: None)
+    with pytest.raises(InputError, match=r"splatgl\[colormaps\]"):
+        Transfer(((0, 1),), colormap="plasma")
+    Transfer(((0, 1),), colormap="viridis")
+
+
+# --- what is chosen from the values ---
+
+
+def ball(size: int = 48, low: float = 20.0, high: float = 100.0, noise: float = 6.0) -> np.ndarray:
+    grid = np.indices((size, size, size)) - (size - 1) / 2
+    inside = np.linalg.norm(grid, axis=0) < size / 3
+    rng = np.random.default_rng(3)
+    return np.where(inside, high, low) + rng.normal(0.0, noise, inside.shape)
+
+
+def first_value(transfer: Transfer, level: float) -> float:
+    """The value where the opacity first reaches `level`."""
+    values = np.linspace(transfer.points[0][0], transfer.points[-1][0], 100_001)
+    return float(values[np.argmax(transfer.opacity(values) >= level)])
+
+
+def test_an_object_in_noise_is_cut_out() -> None:
+    samples = ball()
+    transfer = default_transfer(Volume(samples))
+    kept = transfer.opacity(samples) > 0.1
+    inside = ball(noise=0.0) > 60
+    assert (kept == inside).mean() > 0.999
+    # not a fog: the object is close to opaque, and its colour is not dark
+    assert transfer.opacity(100.0) > 0.7
+    assert transfer.color(80.0).mean() > 0.2
+
+
+def test_values_that_are_not_finite_are_ignored() -> None:
+    samples = ball()
+    spoilt = samples.copy()
+    spoilt[::7, ::5, ::3] = np.nan
+    spoilt[0, 0, 0] = np.inf
+    assert first_value(default_transfer(Volume(spoilt)), 0.4) == pytest.approx(
+        first_value(default_transfer(Volume(samples)), 0.4), abs=3
+    )
+
+
+def test_what_surrounds_the_object_on_all_sides_is_background() -> None:
+    # tissue (100) fills most of the box and touches its faces; a vessel (220) runs inside it
+    samples = ball(low=100.0, high=220.0)
+    samples[:, :6] = 5.0
+    assert 110 < first_value(default_transfer(Volume(samples)), 0.4) < 215
+
+
+@pytest.mark.parametrize("value", [0.0, -3.0, 7e20])
+def test_a_constant_volume_is_opaque(value: float) -> None:
+    transfer = default_transfer(Volume(np.full((4, 5, 6), value)))
+    assert transfer.opacity(value) == SOLID
+
+
+def test_a_volume_of_nothing_is_transparent() -> None:
+    transfer = default_transfer(Volume(np.full((3, 3, 3), np.nan)))
+    assert transfer.opacity([np.nan, 0.0, 1.0]).tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("name", list(PRESETS))
+@pytest.mark.parametrize("samples", [np.zeros((1, 1, 1)), np.array([[[0, 255]]], np.uint8), ball(16)])
+def test_every_preset_takes_any_volume(name: str, samples: np.ndarray) -> None:
+    transfer = preset(name, Volume(samples))
+    assert transfer.opacity(samples.max()) > 0.3
+
+
+def test_a_sparse_volume_shows_what_stands_out() -> None:
+    samples = np.zeros((40, 64, 64), np.uint8)
+    samples[20, 30:34, :] = np.linspace(14, 255, 64).astype(np.uint8)
+    transfer = default_transfer(Volume(samples))
+    assert transfer.opacity(0) == 0.0
+    assert np.all(transfer.opacity(np.arange(14, 256)) > 0.0)
+    assert transfer.opacity(255) > 0.7
+
+
+def test_a_tiny_object_between_the_sampled_planes_is_found() -> None:
+    samples = np.zeros((20 * PLANES, 8, 8), np.float32)
+    samples[11, 4, 4], samples[11, 4, 5] = 3.0, 5.0
+    transfer = default_transfer(Volume(samples))
+    assert transfer.opacity(0.0) == 0.0
+    assert transfer.opacity(5.0) > 0.5
+
+
+def test_labels_and_masks_are_solid() -> None:
+    mask = ball(noise=0.0) > 60
+    assert default_transfer(Volume(mask)).opacity([0, 1]).tolist() == [0.0, SOLID]
+    labels = np.where(mask, 3, 0).astype(np.uint8)
+    labels[20:22] *= 2
+    assert default_transfer(Volume(labels)).opacity([0, 3, 6]).tolist() == [0.0, SOLID, SOLID]
+
+
+def test_hounsfield_units_are_recognised() -> None:
+    samples = ball(low=-1000.0, high=40.0, noise=15.0)
+    soft = default_transfer(Volume(samples))
+    assert soft.opacity(40.0) > 0.5
+    samples[20:28, 20:28, 20:28] += 900.0
+    assert default_transfer(Volume(samples)).points == BONE_HU.points
+    # a range without air is not a CT
+    assert default_transfer(Volume(ball())).points != BONE_HU.points
+
+
+def test_hints_come_first() -> None:
+    hints = Hints(points=((1.0, 0.0), (2.0, 0.5)), window=(0.0, 9.0), unit=2.0, colormap="hot", shading=False)
+    transfer = default_transfer(Volume(ball(16), hints=hints))
+    assert transfer == Transfer(((1, 0), (2, 0.5)), "hot", (0, 9), 2.0, shading=False)
+    assert default_transfer(Volume(ball(16), hints=Hints(preset="mri"))) == preset("mri", Volume(ball(16)))
+    window = default_transfer(Volume(ball(16), hints=Hints(window=(30.0, 60.0))))
+    assert window.opacity(30.0) == 0.0
+    assert window.window == (30.0, 60.0)
+
+
+def test_an_unknown_preset_is_refused() -> None:
+    with pytest.raises(InputError, match="ct-bone"):
+        preset("ct", Volume(np.zeros((2, 2, 2))))
+
+
+def test_only_a_few_planes_of_a_big_volume_are_read() -> None:
+    asked = set()
+
+    class Counting(np.ndarray):
+        def __getitem__(self, key: Any) -> Any:
+            asked.add(key)
+            return np.asarray(super().__getitem__(key))
+
+    samples = np.tile(ball(48), (6, 1, 1)).view(Counting)
+    assert len(statistics(Volume(samples)).values) > 0
+    assert 0 < len(asked) <= PLANES
+
+
+# --- real data: near the thresholds that are known to show it ---
+
+
+@pytest.mark.parametrize(
+    ("name", "dtype", "shape", "about"),
+    [
+        ("visible_male_128x256x256_uint8.raw", "u1", (256, 256, 128), 40),
+        ("tooth.raw", ">u2", (161, 94, 103), 650),
+        ("HeadMRVolume.raw", "u1", (42, 62, 48), 40),
+    ],
+)
+def test_real_volumes_are_cut_where_people_cut_them(
+    name: str, dtype: str, shape: tuple[int, int, int], about: float
+) -> None:
+    samples = np.fromfile(data_file(name), dtype).reshape(shape)
+    transfer = default_transfer(Volume(samples))
+    assert first_value(transfer, 0.4) == pytest.approx(about, rel=0.1)
+
+
+def test_the_visible_males_bone() -> None:
+    samples = np.fromfile(data_file("visible_male_128x256x256_uint8.raw"), "u1").reshape(256, 256, 128)
+    assert first_value(preset("ct-bone", Volume(samples)), 0.4) == pytest.approx(90, rel=0.1)
