@@ -52,7 +52,7 @@ _PUBLIC = {
 }
 _MODULES = {"scenes": "splatgl.data.scenes"}
 
-__all__ = ["__version__", *sorted([*_PUBLIC, *_MODULES])]  # noqa: PLE0604
+__all__ = ["__version__", *sorted([*_PUBLIC, *_MODULES])]
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""Every format but VTK and terrain: the phantom written and read back, mapped where it can be."""
+"""NumPy, raw, NRRD, NIfTI and MetaImage: the phantom written and read back, mapped where it can be."""
 
 from __future__ import annotations
 
@@ -11,37 +11,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_readers_phantom import ORIGIN, SIZES, SPACING, F, Q
+from test_readers_phantom import ORIGIN, SIZES, SPACING, F, Q, check, put
 
 from splatgl.data.errors import InputError
 from splatgl.data.readers import LoadOptions, load
 from splatgl.data.readers.files import is_mapped
-from splatgl.data.volume import Volume
 
 Writer = Callable[[Path], Path]
-
-
-def put(path: Path, *parts: str | bytes) -> Path:
-    path.write_bytes(b"".join(part.encode() if isinstance(part, str) else part for part in parts))
-    return path
-
-
-def check(volume: Volume, grid: bool, frame: str | None, mapped: bool, samples: np.ndarray = F) -> None:
-    np.testing.assert_array_equal(volume.samples, samples)
-    assert volume.frame == frame
-    assert is_mapped(volume.samples) == mapped
-    assert volume.name == "letter"
-    np.testing.assert_allclose(volume.spacing, SPACING if grid else (1, 1, 1), rtol=1e-6)
-    np.testing.assert_allclose(volume.origin, ORIGIN if grid else (0, 0, 0), rtol=1e-6)
-    np.testing.assert_allclose(volume.direction, Q if grid else np.eye(3), atol=1e-6)
 
 
 # --- NumPy and raw ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("order", ["C", "F"])
-def test_npy(tmp_path: Path, order: str) -> None:
-    np.save(tmp_path / "letter.npy", np.asarray(F, order=order))
+@pytest.mark.parametrize("samples", [F, np.asfortranarray(F)], ids=["C", "F"])
+def test_npy(tmp_path: Path, samples: np.ndarray) -> None:
+    np.save(tmp_path / "letter.npy", samples)
     check(load(tmp_path / "letter.npy"), grid=False, frame=None, mapped=True)
 
 
@@ -113,8 +97,14 @@ def test_nrrd_encodings(tmp_path: Path, encoding: str) -> None:
 
 @pytest.mark.parametrize(
     ("space", "frame"),
-    [("right-anterior-superior", "RAS"), ("RAS", "RAS"), ("LPS", "LPS"), ("left-anterior-superior", None)]
-    + [("3D-left-handed", None), ("scanner-xyz", None)],
+    [
+        ("right-anterior-superior", "RAS"),
+        ("RAS", "RAS"),
+        ("LPS", "LPS"),
+        ("left-anterior-superior", None),
+        ("3D-left-handed", None),
+        ("scanner-xyz", None),
+    ],
 )
 def test_nrrd_frames(tmp_path: Path, space: str, frame: str | None) -> None:
     header = NRRD.format(type="uchar", endian="little", encoding="raw")
@@ -188,48 +178,11 @@ def test_nifti_time_points(tmp_path: Path) -> None:
     check(load(path, array="1"), grid=True, frame="RAS", mapped=True)
 
 
-# --- TIFF ------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("compression", [None, "zlib"])
-@pytest.mark.parametrize("byteorder", ["<", ">"])
-def test_tiff_ignores_resolution_tags_without_metadata(tmp_path: Path, compression: str | None, byteorder: str) -> None:
-    tifffile = pytest.importorskip("tifffile")
-    options = {"photometric": "minisblack", "resolution": (72, 72), "metadata": None, "byteorder": byteorder}
-    tifffile.imwrite(tmp_path / "letter.tif", F.astype(np.uint16), compression=compression, **options)
-    check(load(tmp_path / "letter.tif"), grid=False, frame=None, mapped=compression is None)
-
-
-def test_tiff_imagej(tmp_path: Path) -> None:
-    tifffile = pytest.importorskip("tifffile")
-    metadata = {"spacing": 3.0, "unit": "micron", "axes": "ZYX"}
-    resolution = (1 / SPACING[0], 1 / SPACING[1])
-    tifffile.imwrite(tmp_path / "letter.tif", F, imagej=True, resolution=resolution, metadata=metadata)
-    volume = load(tmp_path / "letter.tif")
-    np.testing.assert_array_equal(volume.samples, F)
-    np.testing.assert_allclose(volume.spacing, SPACING, rtol=1e-6)
-    assert volume.unit == "um" and is_mapped(volume.samples)
-
-
-def test_tiff_ome_channels_and_units(tmp_path: Path) -> None:
-    tifffile = pytest.importorskip("tifffile")
-    metadata = {"axes": "CZYX", "PhysicalSizeX": 1.5, "PhysicalSizeY": 2.25, "PhysicalSizeZ": 3000}
-    metadata |= {"PhysicalSizeZUnit": "nm"}
-    tifffile.imwrite(tmp_path / "letter.ome.tif", np.stack([F + 1, F]), metadata=metadata)
-    with pytest.raises(InputError, match="pick one with channel=0 … channel=1"):
-        load(tmp_path / "letter.ome.tif")
-    volume = load(tmp_path / "letter.ome.tif", channel=1)
-    np.testing.assert_array_equal(volume.samples, F)
-    np.testing.assert_allclose(volume.spacing, SPACING)
-    assert (volume.unit, volume.name, is_mapped(volume.samples)) == ("um", "letter", True)
-
-
 # --- MetaImage -------------------------------------------------------------------------------------------------------
 
 META = "ObjectType = Image\nNDims = 3\nDimSize = 5 7 4\n"
-META_GRID = (
-    f"TransformMatrix = {' '.join(map(repr, Q.T.ravel().tolist()))}\nOffset = 10 -20 30.5\nElementSpacing = 1.5 2.25 3\n"
-)
+META_MATRIX = " ".join(map(repr, Q.T.ravel().tolist()))
+META_GRID = f"TransformMatrix = {META_MATRIX}\nOffset = 10 -20 30.5\nElementSpacing = 1.5 2.25 3\n"
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -257,50 +210,6 @@ def test_metaimage_text_channels_and_fallbacks(tmp_path: Path) -> None:
     volume = load(path, channel=1)
     np.testing.assert_array_equal(volume.samples, F)
     assert (volume.spacing, volume.origin, volume.frame) == (SPACING, (1, 2, 3), None)
-
-
-# --- Zarr ------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("version", [2, 3])
-def test_zarr_arrays_and_groups(tmp_path: Path, version: int) -> None:
-    zarr = pytest.importorskip("zarr")
-    zarr.create_array(tmp_path / "letter.zarr", data=F, chunks=(2, 3, 5), zarr_format=version)
-    check(load(tmp_path / "letter.zarr"), grid=False, frame=None, mapped=False)
-    group = zarr.open_group(tmp_path / "group.zarr", mode="w", zarr_format=version)
-    for name in ("one", "two"):
-        group.create_array(name, data=F + (name == "one"))
-    with pytest.raises(InputError, match=r"pick one with array=NAME; there are: (one, two|two, one)"):
-        load(tmp_path / "group.zarr")
-    np.testing.assert_array_equal(load(tmp_path / "group.zarr", array="two").samples, F)
-
-
-@pytest.mark.parametrize("version", [2, 3])
-def test_ome_zarr_level_channel_and_grid(tmp_path: Path, version: int) -> None:
-    zarr = pytest.importorskip("zarr")
-    group = zarr.open_group(tmp_path / "letter.ome.zarr", mode="w", zarr_format=version)
-    group.create_array("0", data=np.stack([F + 1, F]))
-    group.create_array("1", data=np.stack([F + 1, F])[:, ::2, ::2, ::2])
-    axes = [{"name": "c", "type": "channel"}] + [{"name": name, "unit": "micrometer"} for name in "zyx"]
-    levels = [
-        {
-            "path": str(level),
-            "coordinateTransformations": [
-                {"type": "scale", "scale": [1, 1.0 * step, 0.75 * step, 0.5 * step]},
-                {"type": "translation", "translation": [0, 10, 20, 30]},
-            ],
-        }
-        for level, step in enumerate((1, 2))
-    ]
-    whole = [{"type": "scale", "scale": [1, 3, 3, 3]}]
-    multiscale = {"axes": axes, "datasets": levels, "coordinateTransformations": whole}
-    attributes = {"multiscales": [multiscale]}
-    group.attrs.update(attributes if version == 2 else {"ome": attributes})
-    finest, coarse = (load(tmp_path / "letter.ome.zarr", channel=1, array=array) for array in (None, "1"))
-    np.testing.assert_array_equal(finest.samples, F)
-    assert (finest.spacing, finest.origin, finest.unit) == (SPACING, (90, 60, 30), "um")
-    np.testing.assert_array_equal(coarse.samples, F[::2, ::2, ::2])
-    assert coarse.spacing == (3.0, 4.5, 6.0)
 
 
 # --- nothing is read before it is asked for --------------------------------------------------------------------------

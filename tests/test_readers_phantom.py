@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+
+from splatgl.data.readers.files import is_mapped
+from splatgl.data.volume import Volume
 
 SPACING = (1.5, 2.25, 3.0)
 ORIGIN = (10.0, -20.0, 30.5)
@@ -27,6 +32,23 @@ F = letter_f()
 Q = oblique()
 SIZES = (5, 7, 4)
 """The phantom's voxels along x, y, z."""
+
+
+def put(path: Path, *parts: str | bytes) -> Path:
+    """Writes texts and bytes one behind the other."""
+    path.write_bytes(b"".join(part.encode() if isinstance(part, str) else part for part in parts))
+    return path
+
+
+def check(volume: Volume, grid: bool, frame: str | None, mapped: bool, samples: np.ndarray = F) -> None:
+    """The phantom, on its own grid or the plain one."""
+    np.testing.assert_array_equal(volume.samples, samples)
+    assert volume.frame == frame
+    assert is_mapped(volume.samples) == mapped
+    assert volume.name == "letter"
+    np.testing.assert_allclose(volume.spacing, SPACING if grid else (1, 1, 1), rtol=1e-6)
+    np.testing.assert_allclose(volume.origin, ORIGIN if grid else (0, 0, 0), rtol=1e-6)
+    np.testing.assert_allclose(volume.direction, Q if grid else np.eye(3), atol=1e-6)
 
 
 def test_phantom_tells_every_turn_and_flip_apart() -> None:

@@ -54,7 +54,7 @@ def sections(binary: bool) -> list[bytes]:
     """A file-level field, metadata, cells, tables and points: all that a reader must step over."""
     return [
         b"FIELD FieldData 1\nTimeValue 1 1 double\n" + numbers(np.array([2.5]), binary),
-        b"CELL_DATA 2\nSCALARS cells float\nLOOKUP_TABLE default\n" + numbers(np.float32([1, 2]), binary),
+        b"CELL_DATA 2\nSCALARS cells float\nLOOKUP_TABLE default\n" + numbers(np.array([1, 2], np.float32), binary),
         b"POINT_DATA 140\nSCALARS letter%20F short 1\nLOOKUP_TABLE mine\n" + numbers(F.astype(np.int16), binary),
         b"METADATA\nINFORMATION 1\nNAME x LOCATION y\nDATA 1\n\n",
         b"LOOKUP_TABLE mine 1\n" + (bytes(4) + b"\n" if binary else b"0 0 0 1\n"),
@@ -110,12 +110,15 @@ def coded(array: np.ndarray, header: np.dtype, compressed: bool, raw: bool, spli
     return head + body if raw else base64.b64encode(head) + base64.b64encode(body)
 
 
-def vti(path: Path, mode: str, header: str = "UInt32", order: str = "<", zipped: bool = False, split: bool = False) -> Path:
+def vti(
+    path: Path, mode: str, header: str = "UInt32", order: str = "<", zipped: bool = False, split: bool = False
+) -> Path:
     """mode: ascii, binary (inline base64), raw or base64 (appended). The extent begins at (2, 3, 4)."""
     width = np.dtype(order + {"UInt32": "u4", "UInt64": "u8"}[header])
-    attributes, tail, offset = [], b"", 0
+    attributes = list[str]()
+    tail, offset = b"", 0
     for array, name, kind, parts in ((F.astype("i2"), "letter", "Int16", 1), (WIND, "wind", "Float32", 3)):
-        ordered = array.astype(array.dtype.newbyteorder(order))
+        ordered = array.astype(array.dtype.newbyteorder("<" if order == "<" else ">"))
         data = coded(ordered, width, zipped, mode == "raw", split)
         start = f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{parts}" '
         if mode == "ascii":
@@ -131,7 +134,7 @@ def vti(path: Path, mode: str, header: str = "UInt32", order: str = "<", zipped:
         f'<?xml version="1.0"?>\n<VTKFile type="ImageData" version="1.0" header_type="{header}" '
         f'byte_order="{"LittleEndian" if order == "<" else "BigEndian"}" {packer}>\n'
         f'<ImageData WholeExtent="2 6 3 9 4 7" Origin="10 -20 30.5" Spacing="1.5 2.25 3" Direction="{matrix}">\n'
-        f'<Piece Extent="2 6 3 9 4 7"><PointData Scalars="letter">{"".join(attributes)}</PointData></Piece>\n</ImageData>\n'
+        f'<Piece Extent="2 6 3 9 4 7"><PointData>{"".join(attributes)}</PointData></Piece>\n</ImageData>\n'
     ).encode()
     if mode in ("raw", "base64"):
         head += f'<AppendedData encoding="{mode}">\n   _'.encode() + tail + b"\n</AppendedData>\n"
@@ -162,7 +165,7 @@ DAMAGE = [
     ("raw", b"ImageData", b"PolyData_", b"", b"", "expected a VTKFile of ImageData"),
     ("raw", b"<?xml version", b"<!DOCTYPE a><?xml version", b"", b"", "a DOCTYPE"),
     ("raw", b'Spacing="1.5', b'Spacing="nan', b"", b"", "Spacing: expected 3 numbers"),
-    ("binary", b"type=\"Int16\"", b"type=\"Bit\"", b"", b"", "DataArray letter"),
+    ("binary", b'type="Int16"', b'type="Bit"', b"", b"", "DataArray letter"),
     ("raw", b"</Piece>", b'</Piece><Piece Extent="0 0 0 0 0 0"/>', b"", b"", "expected one piece, got 2"),
 ]
 

@@ -124,7 +124,7 @@ def test_orthographic_footprint(name: str, pixel: float, renderer: sg.Renderer) 
     """One voxel at 0.5 … 16 voxels a pixel: F(d/m)/m² within 0.15 level at every pixel centre."""
     h = kernel(name)
     offset = np.array([0.31, -0.17]) * pixel
-    camera = sg.Camera.orthographic((offset[0], offset[1], -50), (offset[0], offset[1], 0), (0, -1, 0), 32 * pixel, (32, 32))
+    camera = sg.Camera.orthographic((*offset, -50), (*offset, 0), (0, -1, 0), 32 * pixel, (32, 32))
     image = renderer.render(one_splat((0, 0, 0)), camera, sg.Settings(blend="xray", kernel=name))
     x, y = camera.slopes()
     m = max(1.0, pixel)

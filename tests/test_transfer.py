@@ -1,32 +1,18 @@
-"""Transfer functions, colour maps, presets, and the choice made from a volume's values."""
+"""Transfer functions and colour maps."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.errors import InputError
-from splatgl.data.volume import Hints, Volume
 from splatgl.splat import colormap as maps
 from splatgl.splat.colormap import CORE, colormap
-from splatgl.splat.presets import BONE_HU, PRESETS, SOLID, default_transfer, preset
-from splatgl.splat.statistics import PLANES, statistics
 from splatgl.splat.transfer import OPAQUE, Transfer
-
-DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[2] / "shared" / "data"))
-
-
-def data_file(name: str) -> Path:
-    path = DATA / name
-    if not path.exists():
-        pytest.skip(f"{path} is not here")
-    return path
-
 
 # --- sRGB ---
 
@@ -214,152 +200,3 @@ def test_without_a_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -
     with pytest.raises(InputError, match=r"splatgl\[colormaps\]"):
         Transfer(((0, 1),), colormap="plasma")
     Transfer(((0, 1),), colormap="viridis")
-
-
-# --- what is chosen from the values ---
-
-
-def ball(size: int = 48, low: float = 20.0, high: float = 100.0, noise: float = 6.0) -> np.ndarray:
-    grid = np.indices((size, size, size)) - (size - 1) / 2
-    inside = np.linalg.norm(grid, axis=0) < size / 3
-    rng = np.random.default_rng(3)
-    return np.where(inside, high, low) + rng.normal(0.0, noise, inside.shape)
-
-
-def first_value(transfer: Transfer, level: float) -> float:
-    """The value where the opacity first reaches `level`."""
-    values = np.linspace(transfer.points[0][0], transfer.points[-1][0], 100_001)
-    return float(values[np.argmax(transfer.opacity(values) >= level)])
-
-
-def test_an_object_in_noise_is_cut_out() -> None:
-    samples = ball()
-    transfer = default_transfer(Volume(samples))
-    kept = transfer.opacity(samples) > 0.1
-    inside = ball(noise=0.0) > 60
-    assert (kept == inside).mean() > 0.999
-    # not a fog: the object is close to opaque, and its colour is not dark
-    assert transfer.opacity(100.0) > 0.7
-    assert transfer.color(80.0).mean() > 0.2
-
-
-def test_values_that_are_not_finite_are_ignored() -> None:
-    samples = ball()
-    spoilt = samples.copy()
-    spoilt[::7, ::5, ::3] = np.nan
-    spoilt[0, 0, 0] = np.inf
-    assert first_value(default_transfer(Volume(spoilt)), 0.4) == pytest.approx(
-        first_value(default_transfer(Volume(samples)), 0.4), abs=3
-    )
-
-
-def test_what_surrounds_the_object_on_all_sides_is_background() -> None:
-    # tissue (100) fills most of the box and touches its faces; a vessel (220) runs inside it
-    samples = ball(low=100.0, high=220.0)
-    samples[:, :6] = 5.0
-    assert 110 < first_value(default_transfer(Volume(samples)), 0.4) < 215
-
-
-@pytest.mark.parametrize("value", [0.0, -3.0, 7e20])
-def test_a_constant_volume_is_opaque(value: float) -> None:
-    transfer = default_transfer(Volume(np.full((4, 5, 6), value)))
-    assert transfer.opacity(value) == SOLID
-
-
-def test_a_volume_of_nothing_is_transparent() -> None:
-    transfer = default_transfer(Volume(np.full((3, 3, 3), np.nan)))
-    assert transfer.opacity([np.nan, 0.0, 1.0]).tolist() == [0.0, 0.0, 0.0]
-
-
-@pytest.mark.parametrize("name", list(PRESETS))
-@pytest.mark.parametrize("samples", [np.zeros((1, 1, 1)), np.array([[[0, 255]]], np.uint8), ball(16)])
-def test_every_preset_takes_any_volume(name: str, samples: np.ndarray) -> None:
-    transfer = preset(name, Volume(samples))
-    assert transfer.opacity(samples.max()) > 0.3
-
-
-def test_a_sparse_volume_shows_what_stands_out() -> None:
-    samples = np.zeros((40, 64, 64), np.uint8)
-    samples[20, 30:34, :] = np.linspace(14, 255, 64).astype(np.uint8)
-    transfer = default_transfer(Volume(samples))
-    assert transfer.opacity(0) == 0.0
-    assert np.all(transfer.opacity(np.arange(14, 256)) > 0.0)
-    assert transfer.opacity(255) > 0.7
-
-
-def test_a_tiny_object_between_the_sampled_planes_is_found() -> None:
-    samples = np.zeros((20 * PLANES, 8, 8), np.float32)
-    samples[11, 4, 4], samples[11, 4, 5] = 3.0, 5.0
-    transfer = default_transfer(Volume(samples))
-    assert transfer.opacity(0.0) == 0.0
-    assert transfer.opacity(5.0) > 0.5
-
-
-def test_labels_and_masks_are_solid() -> None:
-    mask = ball(noise=0.0) > 60
-    assert default_transfer(Volume(mask)).opacity([0, 1]).tolist() == [0.0, SOLID]
-    labels = np.where(mask, 3, 0).astype(np.uint8)
-    labels[20:22] *= 2
-    assert default_transfer(Volume(labels)).opacity([0, 3, 6]).tolist() == [0.0, SOLID, SOLID]
-
-
-def test_hounsfield_units_are_recognised() -> None:
-    samples = ball(low=-1000.0, high=40.0, noise=15.0)
-    soft = default_transfer(Volume(samples))
-    assert soft.opacity(40.0) > 0.5
-    samples[20:28, 20:28, 20:28] += 900.0
-    assert default_transfer(Volume(samples)).points == BONE_HU.points
-    # a range without air is not a CT
-    assert default_transfer(Volume(ball())).points != BONE_HU.points
-
-
-def test_hints_come_first() -> None:
-    hints = Hints(points=((1.0, 0.0), (2.0, 0.5)), window=(0.0, 9.0), unit=2.0, colormap="hot", shading=False)
-    transfer = default_transfer(Volume(ball(16), hints=hints))
-    assert transfer == Transfer(((1, 0), (2, 0.5)), "hot", (0, 9), 2.0, shading=False)
-    assert default_transfer(Volume(ball(16), hints=Hints(preset="mri"))) == preset("mri", Volume(ball(16)))
-    window = default_transfer(Volume(ball(16), hints=Hints(window=(30.0, 60.0))))
-    assert window.opacity(30.0) == 0.0
-    assert window.window == (30.0, 60.0)
-
-
-def test_an_unknown_preset_is_refused() -> None:
-    with pytest.raises(InputError, match="ct-bone"):
-        preset("ct", Volume(np.zeros((2, 2, 2))))
-
-
-def test_only_a_few_planes_of_a_big_volume_are_read() -> None:
-    asked = set()
-
-    class Counting(np.ndarray):
-        def __getitem__(self, key: Any) -> Any:
-            asked.add(key)
-            return np.asarray(super().__getitem__(key))
-
-    samples = np.tile(ball(48), (6, 1, 1)).view(Counting)
-    assert len(statistics(Volume(samples)).values) > 0
-    assert 0 < len(asked) <= PLANES
-
-
-# --- real data: near the thresholds that are known to show it ---
-
-
-@pytest.mark.parametrize(
-    ("name", "dtype", "shape", "about"),
-    [
-        ("visible_male_128x256x256_uint8.raw", "u1", (256, 256, 128), 40),
-        ("tooth.raw", ">u2", (161, 94, 103), 650),
-        ("HeadMRVolume.raw", "u1", (42, 62, 48), 40),
-    ],
-)
-def test_real_volumes_are_cut_where_people_cut_them(
-    name: str, dtype: str, shape: tuple[int, int, int], about: float
-) -> None:
-    samples = np.fromfile(data_file(name), dtype).reshape(shape)
-    transfer = default_transfer(Volume(samples))
-    assert first_value(transfer, 0.4) == pytest.approx(about, rel=0.1)
-
-
-def test_the_visible_males_bone() -> None:
-    samples = np.fromfile(data_file("visible_male_128x256x256_uint8.raw"), "u1").reshape(256, 256, 128)
-    assert first_value(preset("ct-bone", Volume(samples)), 0.4) == pytest.approx(90, rel=0.1)

@@ -8,12 +8,14 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
 from splatgl import __version__
 from splatgl.app.options import add_settings, add_source, add_transfer, add_view, scene_from
 from splatgl.app.scene import Scene
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
-from splatgl.data.volume import Slab
+from splatgl.data.volume import Slab, Volume
 from splatgl.gl.renderer import Renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
@@ -48,7 +50,9 @@ def run(args: argparse.Namespace) -> int:
     volume = scene.open()
     transfer = scene.transfer_for(volume)
     splats = extract(volume, transfer, scene.threshold, progress=None if args.quiet else _bar)
-    camera = scene.view.camera(volume, splats if len(splats) else volume)
+    if not len(splats):
+        raise _nothing(scene, volume)
+    camera = scene.view.camera(volume, splats)
     if args.explain:
         print(plan(splats, camera, scene.settings).explain())
     with Renderer(args.backend, args.device, args.gpu) as renderer:
@@ -83,14 +87,23 @@ def _origin(scene: Scene, transfer: Transfer) -> dict[str, object]:
 
 def _summary(output: Path, image: Image, splats: Splats, camera: Camera) -> str:
     info = image.info
-    lines = [
+    return "\n".join([
         f"{output}: {camera.size[0]}×{camera.size[1]}, {len(splats):,} splats in {info['seconds']:.2f} s",
         f"{info['blend']}, {info['kernel']}, align {info['align']}, {info['footprint']}, target {info['target']}",
         f"by {info['renderer']} ({info['backend']})",
-    ]
-    if not len(splats):
-        lines.append("nothing is opaque enough to be drawn: the picture is empty; lower --threshold or set --points")
-    return "\n".join(lines)
+    ])
+
+
+def _nothing(scene: Scene, volume: Volume) -> InputError:
+    """Why there is nothing to draw."""
+    if not any(np.isfinite(slab.samples).any() for slab in volume.slabs(1, halo=0)):
+        return expected(scene.volume, "finite samples", "none")
+    return expected(
+        scene.volume,
+        f"voxels with an opacity above the threshold {scene.threshold:g}",
+        "none",
+        "lower --threshold, or set --points to the values that matter",
+    )
 
 
 def _bar(slabs: Iterator[Slab], count: int) -> Iterator[Slab]:

@@ -27,6 +27,15 @@ from splatgl.splat.transfer import Transfer
 
 # a volume thinner than this share of its width is looked at from above
 FLAT = 0.5
+# the types of a scene file's keys
+KEYS: dict[str, tuple[type, ...]] = {
+    "volume": (str,),
+    "threshold": (int, float),
+    "load": (dict,),
+    "transfer": (dict,),
+    "camera": (dict,),
+    "settings": (dict,),
+}
 AZIMUTH, ELEVATION, ELEVATION_FLAT, FOV = 30.0, 20.0, 60.0, 40.0
 
 
@@ -86,11 +95,10 @@ class Scene:
             table = tomllib.loads(path.read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise InputError(f"{path}: expected a scene in TOML, got {error}") from error
-        known = {"volume": str, "threshold": (int, float), "load": dict, "transfer": dict, "camera": dict}
-        _check_keys(str(path), table, {*known, "settings"})
-        for key, kind in {**known, "settings": dict}.items():
+        _check_keys(str(path), table, set(KEYS))
+        for key, kind in KEYS.items():
             if key in table and not isinstance(table[key], kind):
-                raise expected(f"{path}: {key}", "another type", repr(table[key]))
+                raise expected(f"{path}: {key}", " or ".join(k.__name__ for k in kind), repr(table[key]))
         if "volume" not in table:
             raise expected(path, "the key volume", ", ".join(table) or "an empty file")
         source = table["volume"]
@@ -98,7 +106,8 @@ class Scene:
             source = str(path.parent / source)
         camera = table.get("camera", {})
         _check_keys(f"{path} [camera]", camera, {f.name for f in fields(View)})
-        view = View(**{key: tuple(value) if isinstance(value, list) else value for key, value in camera.items()})
+        given: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in camera.items()}
+        view = View(**given)
         settings = Settings().but(**table.get("settings", {}))
         scene = cls(source, table.get("load", {}), table.get("transfer", {}), view, settings)
         return replace(scene, threshold=float(table.get("threshold", 0.0)))

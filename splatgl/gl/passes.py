@@ -17,7 +17,11 @@ from splatgl.splat.plan import Plan
 from splatgl.splat.rows import GL_ATTRIBUTES, GL_FORMAT, Splats
 
 # bits of a footprint table → moderngl's dtype, numpy's, and what 1.0 is stored as
-TABLES = {32: ("f4", np.dtype("<f4"), 1), 16: ("nu2", np.dtype("<u2"), 65535), 8: ("f1", np.dtype("u1"), 255)}
+TABLES: dict[int, tuple[str, np.dtype, int]] = {
+    32: ("f4", np.dtype("<f4"), 1),
+    16: ("nu2", np.dtype("<u2"), 65535),
+    8: ("f1", np.dtype("u1"), 255),
+}
 CORNERS = 4
 
 
@@ -60,7 +64,7 @@ class Passes:
 
         blend = BLENDS[plan.program.blend, plan.program.order]
         self.ctx.enable_only(moderngl.BLEND)
-        self.ctx.blend_equation = blend.equation
+        self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
         self.ctx.blend_func = blend.source, blend.destination
         cell = eye_cell(splats, camera) if plan.program.blend == "composite" else None
         vertices = self.splats.vertices(program, splats, cell, plan.program.order == "front-to-back")

@@ -11,7 +11,7 @@ import numpy as np
 from splatgl.data.errors import InputError, expected
 
 # target → moderngl's dtype, numpy's, and what 1.0 is stored as
-FORMATS = {
+FORMATS: dict[str, tuple[str, np.dtype, float]] = {
     "rgba32f": ("f4", np.dtype("<f4"), 1.0),
     "rgba16f": ("f2", np.dtype("<f2"), 1.0),
     "rgba8": ("f1", np.dtype("u1"), 255.0),

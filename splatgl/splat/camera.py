@@ -21,6 +21,9 @@ UP_TOLERANCE = 1e-9
 FIT_MARGIN = 1.05
 
 
+Vector = Sequence[float] | np.ndarray
+
+
 class Bounded(Protocol):
     """Anything that takes up room: volumes and splats.
 
@@ -51,9 +54,9 @@ class Camera:
     @classmethod
     def look_at(
         cls,
-        eye: Sequence[float],
-        target: Sequence[float],
-        up: Sequence[float],
+        eye: Vector,
+        target: Vector,
+        up: Vector,
         fov: float = 60.0,
         size: tuple[int, int] = (512, 512),
     ) -> Camera:
@@ -69,9 +72,9 @@ class Camera:
     @classmethod
     def orthographic(
         cls,
-        eye: Sequence[float],
-        target: Sequence[float],
-        up: Sequence[float],
+        eye: Vector,
+        target: Vector,
+        up: Vector,
         height: float = 300.0,
         size: tuple[int, int] = (512, 512),
     ) -> Camera:
@@ -92,7 +95,7 @@ class Camera:
         fov: float = 40.0,
         size: tuple[int, int] = (512, 512),
         zoom: float = 1.0,
-        up: Sequence[float] = (0.0, 0.0, 1.0),
+        up: Vector = (0.0, 0.0, 1.0),
     ) -> Camera:
         """A perspective view that shows all of `subject`. At (0, 0) it looks along +y with +z up;
         azimuth turns the eye counter-clockwise seen from +z, elevation lifts it (degrees). Another
@@ -156,7 +159,7 @@ class Camera:
         return Camera(self.eye, self.eye_from_world, _size(size), self.extent, self.perspective)
 
 
-def _point(what: str, value: Sequence[float]) -> np.ndarray:
+def _point(what: str, value: Vector) -> np.ndarray:
     point = np.array(value, dtype=np.float64)
     if point.shape != (3,) or not np.isfinite(point).all():
         raise expected(what, "three finite numbers (x, y, z)", value)
@@ -170,7 +173,7 @@ def _size(size: tuple[int, int]) -> tuple[int, int]:
     return width, height
 
 
-def _axes(eye: Sequence[float], target: Sequence[float], up: Sequence[float]) -> np.ndarray:
+def _axes(eye: Vector, target: Vector, up: Vector) -> np.ndarray:
     view = _point("target", target) - _point("eye", eye)
     length = float(np.linalg.norm(view))
     if not length > 0.0:
@@ -186,7 +189,7 @@ def _axes(eye: Sequence[float], target: Sequence[float], up: Sequence[float]) ->
     return np.asarray(axes * np.array([[1.0], [-1.0], [-1.0]]))
 
 
-def _orbit_axes(azimuth: float, elevation: float, up: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+def _orbit_axes(azimuth: float, elevation: float, up: Vector) -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors from the subject to the eye, and up in the picture."""
     pole = _point("up", up)
     if not np.abs(pole).max() > 0:

@@ -128,11 +128,14 @@ class Splats:
 
     @cached_property
     def outline(self) -> np.ndarray:
-        """Points [N, 3], world units, whose hull holds every splat's centre: the ends of all rows."""
+        """Points [N, 3], world units, around all splats: the ends of all rows, half a voxel outwards."""
         if not len(self):
             return self.corners
-        ends = np.concatenate([self.row_start[:-1], self.row_start[1:] - 1])
-        return np.asarray(self.records["position"][ends] @ self.grid.world_from_index.T + self.grid.origin)
+        ends = self.records["position"][np.concatenate([self.row_start[:-1], self.row_start[1:] - 1])]
+        middle = self.index_bounds.mean(axis=0)
+        # twice, since an end in the middle has no outwards
+        outwards = [ends + np.where(side(ends, middle), 0.5, -0.5) for side in (np.greater, np.greater_equal)]
+        return np.asarray(np.concatenate(outwards) @ self.grid.world_from_index.T + self.grid.origin)
 
     @cached_property
     def plane_start(self) -> np.ndarray:

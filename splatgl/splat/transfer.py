@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 from splatgl.data.errors import InputError, expected
 from splatgl.splat.colormap import colormap
 
-Nodes = tuple[tuple[float, float], ...]
+# given as any sequence of pairs, kept as tuples
+Nodes = Sequence[Sequence[float]]
 
 # opacity 1 would be an infinite extinction; one step of float32 below it is opaque in any picture
 OPAQUE = 1.0 - 2.0**-24
@@ -34,7 +35,7 @@ class Transfer:
 
     points: Nodes
     colormap: str = "gray"
-    window: tuple[float, float] | None = None
+    window: Sequence[float] | None = None
     unit: float | None = None
     gradient: Nodes = ()
     shading: bool = True

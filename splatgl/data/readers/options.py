@@ -16,6 +16,17 @@ DEFAULT_LEVELS = 103
 
 _NAMED_DTYPE = re.compile(r"(bool|u?int8|u?int16|u?int32|u?int64|float16|float32|float64)(le|be)?")
 
+_TYPES: dict[str, tuple[tuple[type, ...], str]] = {
+    "dtype": ((str,), "the name of a type"),
+    "header_offset": ((int,), "a whole number of bytes"),
+    "array": ((str, int), "a name or a number"),
+    "channel": ((int,), "a whole number"),
+    "color": ((str, Path), "the path of a picture"),
+    "relief": ((int, float), "a positive height in world units"),
+    "levels": ((int,), "a whole number"),
+}
+"""What an option may be, and how that is said."""
+
 
 @dataclass(frozen=True)
 class LoadOptions:
@@ -34,15 +45,23 @@ class LoadOptions:
     dtype: str | None = None
     spacing: Triple | None = None
     header_offset: int = 0
-    array: str | None = None
+    array: str | int | None = None
     channel: int | None = None
     color: str | Path | None = None
     relief: float | None = None
     levels: int = DEFAULT_LEVELS
 
     def __post_init__(self) -> None:
-        if self.shape is not None and (len(self.shape) != 3 or min(self.shape) < 1):
-            raise expected("shape", "three positive numbers of voxels (x, y, z)", self.shape)
+        # 1. types: options also come from command lines and scene files
+        for name, (types, this) in _TYPES.items():
+            value = getattr(self, name)
+            if value is not None and (not isinstance(value, types) or isinstance(value, bool)):
+                raise expected(name, this, repr(value))
+        for name in ("shape", "spacing"):
+            _set_triple(self, name)
+        if self.array is not None:
+            object.__setattr__(self, "array", str(self.array))
+        # 2. values
         if self.dtype is not None:
             sample_type(self.dtype)
         if self.header_offset < 0:
@@ -63,9 +82,24 @@ class LoadOptions:
         """`array` as a number below `count`, or None if it was not given."""
         if self.array is None:
             return None
-        if not str(self.array).isdigit() or int(self.array) >= count:
+        if not re.fullmatch("[0-9]{1,9}", str(self.array)) or int(self.array) >= count:
             raise expected("array", f"a number from 0 to {count - 1}", repr(self.array))
         return int(self.array)
+
+
+def _set_triple(options: LoadOptions, name: str) -> None:
+    """Turns `shape` into three positive ints, `spacing` into three positive floats; lists will do."""
+    value = getattr(options, name)
+    if value is None:
+        return
+    kind, this = (int, "positive whole numbers") if name == "shape" else (float, "positive numbers")
+    try:
+        numbers = tuple(kind(number) for number in value)
+    except (TypeError, ValueError):
+        numbers = ()
+    if len(numbers) != 3 or not all(0 < number < np.inf for number in numbers) or list(numbers) != list(value):
+        raise expected(name, f"three {this} (x, y, z)", repr(value))
+    object.__setattr__(options, name, numbers)
 
 
 def sample_type(text: str) -> np.dtype:

@@ -45,7 +45,7 @@ def _chosen(arrays: Sequence[PointArray], vectors: PointArray | None, options: L
     if options.array is None:
         return scalars or vectors or arrays[0]
     named = next((array for array in arrays if array.name == options.array), None)
-    chosen = named or {"scalars": scalars, "vectors": vectors, "speed": vectors}.get(options.array)
+    chosen = named or {"scalars": scalars, "vectors": vectors, "speed": vectors}.get(str(options.array))
     if chosen is None:
         listed = ", ".join(f"{array.name} ({array.components})" for array in arrays)
         raise expected("array", f"one of {listed}", repr(options.array))

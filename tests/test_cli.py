@@ -1,0 +1,203 @@
+"""The command line as users use it: good defaults, one clear line for bad input, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.app.cli import main
+
+NOISE = np.random.default_rng(6).random((6, 7, 8)).astype(np.float32)
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    np.save("noise.npy", NOISE)
+    return tmp_path
+
+
+def said(capsys: pytest.CaptureFixture[str]) -> str:
+    return capsys.readouterr().err.strip()
+
+
+def test_render_a_file(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["render", "noise.npy", "--size", "40x30"]) == 0
+    image = sg.Image.load("noise.png")
+    assert image.pixels.shape == (30, 40, 4)
+    assert image.pixels[..., 3].max() > 0.5
+    info = image.info
+    assert info["source"] == "noise.npy"
+    assert info["renderer"]
+    assert info["version"] == sg.__version__
+    assert sg.Transfer.from_toml(str(info["transfer"])).points
+    assert "noise.png: 40×30" in capsys.readouterr().out
+    assert sorted(p.name for p in here.iterdir()) == ["noise.npy", "noise.png"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--paper"],
+        ["--blend", "xray", "--background", "black"],
+        ["--blend", "mip", "--colormap", "hot"],
+        ["--orthographic"],
+        ["--height", "3", "--azimuth", "90", "--elevation", "-20", "--zoom", "2"],
+        ["--eye", "20,30,10", "--look-at", "3,3,3", "--up", "0,1,0", "--fov", "20"],
+        ["--points", "0:0,1:0.5", "--window", "0,1", "--unit", "2", "--gradient", "0:0.1,1:1"],
+        ["--preset", "microscopy", "--threshold", "0.1"],
+        ["--antialias", "supersample", "--samples", "2", "--align", "hybrid", "--z-s", "30"],
+        ["--bits", "16", "--background", "#336699"],
+    ],
+)
+def test_options(options: list[str], here: Path) -> None:
+    assert main(["render", "noise.npy", "--size", "24", "-o", "a.png", *options]) == 0
+    assert sg.Image.load("a.png").pixels[..., 3].max() > 0.1
+
+
+def test_scene_file_and_options_over_it(here: Path) -> None:
+    (here / "sub").mkdir()
+    (here / "sub" / "s.toml").write_text(
+        'volume = "../noise.npy"\nthreshold = 0.1\n[transfer]\npoints = [[0, 0], [1, 0.9]]\ncolormap = "hot"\n'
+        '[camera]\nsize = [20, 10]\nazimuth = 70\n[settings]\nblend = "mip"\n'
+    )
+    assert main(["render", "sub/s.toml", "-o", "a.npy"]) == 0
+    volume = sg.load("noise.npy")
+    splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.9)], colormap="hot"), 0.1)
+    camera = sg.Camera.orbit(splats, 70, 20, size=(20, 10))
+    with sg.Renderer() as renderer:
+        assert (np.load("a.npy") == renderer.render(splats, camera, sg.Settings(blend="mip")).pixels).all()
+    assert main(["render", "sub/s.toml", "-o", "b.png", "--blend", "xray", "--size", "8"]) == 0
+    assert sg.Image.load("b.png").info["blend"] == "xray"
+
+
+BAD = {
+    "missing file": (["render", "none.nrrd"], "none.nrrd"),
+    "directory": (["render", "folder"], "folder"),
+    "empty file": (["render", "empty.nii"], "empty.nii"),
+    "unknown format": (["render", "what.xyz"], "what.xyz"),
+    "wrong type": (["render", "text.nrrd"], "text.nrrd"),
+    "truncated": (["render", "cut.npy"], "cut.npy"),
+    "raw of the wrong size": (["render", "a_9x9x9_uint8.raw"], "a_9x9x9_uint8.raw"),
+    "all NaN": (["render", "nan.npy"], "nan.npy: expected finite samples, got none"),
+    "nothing left": (["render", "noise.npy", "--threshold", "0.9999"], "expected voxels with an opacity above"),
+    "zero spacing": (["render", "a_2x2x2_uint8.raw", "--spacing", "0,1,1"], "spacing: expected three positive"),
+    "negative spacing": (["render", "a_2x2x2_uint8.raw", "--spacing=-1,1,1"], "spacing: expected three positive"),
+    "eye is target": (["render", "noise.npy", "--eye", "1,2,3", "--look-at", "1,2,3"], "target: expected a point"),
+    "up along view": (["render", "noise.npy", "--eye", "9,0,0", "--look-at", "0,0,0", "--up", "1,0,0"], "up: expected"),
+    "size 0": (["render", "noise.npy", "--size", "0"], "size: expected a width and a height"),
+    "size beyond OpenGL": (["render", "noise.npy", "--size", "999999x2"], "image size: expected at most"),
+    "suffix": (["render", "noise.npy", "-o", "a.gif"], "a.gif: expected a name that ends in"),
+    "no folder": (["render", "noise.npy", "-o", "no/a.png"], "no/a.png: expected a folder"),
+    "output is a folder": (["render", "noise.npy", "-o", "folder.png"], "folder.png: expected a file"),
+    "backend": (["render", "noise.npy", "--backend", "metal"], "backend: expected auto"),
+    "threshold": (["render", "noise.npy", "--threshold", "1.5"], "threshold: expected an opacity"),
+    "preset": (["render", "noise.npy", "--preset", "nice"], "nice"),
+    "bad scene": (["render", "bad.toml"], "bad.toml"),
+    "unknown scene key": (["render", "key.toml"], "key.toml"),
+    "transfer file": (["render", "noise.npy", "--transfer", "none.toml"], "none.toml"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input(name: str, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each with one clear line, exit code 2, and no half-written file."""
+    (here / "folder").mkdir()
+    (here / "folder.png").mkdir()
+    (here / "empty.nii").touch()
+    (here / "what.xyz").write_text("hello")
+    (here / "text.nrrd").write_text("hello")
+    (here / "cut.npy").write_bytes((here / "noise.npy").read_bytes()[:300])
+    (here / "a_9x9x9_uint8.raw").write_bytes(b"12345678")
+    (here / "a_2x2x2_uint8.raw").write_bytes(b"12345678")
+    (here / "bad.toml").write_text("volume = [")
+    (here / "key.toml").write_text('volume = "noise.npy"\ncolour = 3\n')
+    np.save("nan.npy", np.full((3, 3, 3), np.nan))
+    before = sorted(p.name for p in here.rglob("*"))
+    arguments, message = BAD[name]
+    assert main(arguments) == 2
+    line = said(capsys)
+    assert message in line
+    assert line.startswith("splatgl: ")
+    assert len(line.splitlines()) == 1
+    assert sorted(p.name for p in here.rglob("*")) == before
+
+
+@pytest.mark.parametrize("arguments", [["render", "noise.npy", "--size", "a"], ["fly"], [], ["render"]])
+def test_bad_usage(arguments: list[str], here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    assert len(said(capsys).splitlines()) == 1
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_unwritable_folder(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "locked").mkdir(mode=0o500)
+    assert main(["render", "noise.npy", "-o", "locked/a.png"]) == 2
+    assert "permission denied" in said(capsys)
+
+
+@pytest.mark.parametrize("samples", [np.full((4, 4, 4), 3.0), np.ones((1, 1, 1)), np.ones((1, 5, 6)), NOISE[:, :1]])
+def test_plain_volumes_render(samples: np.ndarray, here: Path) -> None:
+    """Constant, single-voxel and one-voxel-thin volumes are shown."""
+    np.save("v.npy", samples)
+    assert main(["render", "v.npy", "--size", "32", "-o", "v.npy.png"]) == 0
+    assert sg.Image.load("v.npy.png").pixels[..., 3].max() > 0.3
+
+
+def test_no_opengl_at_all(here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise sg.InputError("no OpenGL: egl: …; osmesa: …; window: …; install …")
+
+    monkeypatch.setattr("splatgl.gl.renderer.open_context", refuse)
+    assert main(["render", "noise.npy"]) == 2
+    assert "no OpenGL" in said(capsys)
+
+
+def test_ctrl_c(here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("splatgl.app.render.extract", interrupt)
+    assert main(["render", "noise.npy"]) == 130
+    assert said(capsys) == "splatgl: interrupted"
+    assert [p.name for p in here.iterdir()] == ["noise.npy"]
+
+
+def test_info_and_doctor(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", "noise.npy"]) == 0
+    assert "8" in capsys.readouterr().out
+    assert main(["doctor"]) == 0
+    assert "OpenGL" in capsys.readouterr().out
+
+
+def test_explain(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["render", "noise.npy", "--size", "16", "--explain"]) == 0
+    assert "align ray" in capsys.readouterr().out
+
+
+def test_help_fits_a_terminal() -> None:
+    """--help of the program and of every command: no line wider than a terminal, every option told."""
+    for arguments in ([], ["render"], ["info"], ["doctor"]):
+        run = subprocess.run(
+            [sys.executable, "-m", "splatgl", *arguments, "--help"],
+            capture_output=True, text=True, env={**os.environ, "COLUMNS": "100"}, check=True,
+        )  # fmt: skip
+        assert max(map(len, run.stdout.splitlines())) <= 100
+        assert "SUPPRESS" not in run.stdout
+
+
+def test_provenance_is_json_in_the_png(here: Path) -> None:
+    from PIL import Image as Pillow
+
+    assert main(["render", "noise.npy", "--size", "8", "--paper"]) == 0
+    text = json.loads(Pillow.open("noise.png").text["splatgl"])
+    assert text["footprint"] == "table 256×256 at 8 bits"

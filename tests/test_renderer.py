@@ -1,0 +1,212 @@
+"""The renderer: settings and plan, caches, what is left behind, and any backend the same picture."""
+
+from __future__ import annotations
+
+import gc
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.data.scenes import letter_f
+from splatgl.splat.plan import plan
+
+
+@pytest.fixture(scope="module")
+def letter() -> sg.Splats:
+    return sg.extract(letter_f(), sg.default_transfer(letter_f()))
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"blend": "add"}, "blend: expected composite or xray or mip, got 'add'"),
+        ({"align": "sideways"}, "align: expected auto or ray or grid or hybrid"),
+        ({"samples": 0}, "samples: expected a whole number from 1"),
+        ({"table_bits": 12}, "table_bits: expected 8, 16 or 32"),
+        ({"tolerance": 0}, "tolerance: expected a number in"),
+        ({"z_s": -1}, "z_s: expected a depth"),
+        ({"background": (1, 2, 3)}, "background: expected three linear numbers"),
+        ({"table_size": 1}, "table_size: expected a whole number"),
+    ],
+)
+def test_bad_settings(asked: dict, message: str) -> None:
+    with pytest.raises(sg.InputError, match=message):
+        sg.Settings(**asked)
+    with pytest.raises(sg.InputError, match="names of Settings"):
+        sg.Settings().but(colour="red")
+
+
+def test_plan_leaves_out_what_is_not_needed(letter: sg.Splats) -> None:
+    near = sg.Camera.orbit(letter, size=(400, 400))
+    far = sg.Camera.orbit(letter, size=(40, 40))
+    assert not plan(letter, near).program.antialias
+    assert plan(letter, far).program.antialias
+    assert not plan(letter, far, sg.Settings(antialias="off")).program.antialias
+    assert plan(letter, far).program.cubic
+    assert plan(letter, far).program.shading
+    assert not plan(letter, far, sg.Settings(blend="mip")).program.shading
+    assert plan(letter, near.parallel(letter)).program.align == "grid"
+    assert "antialiasing left out" in plan(letter, near).explain()
+    # supersampling moves z_k to the finer pixel
+    assert not plan(letter, far, sg.Settings(antialias="supersample", samples=10)).program.antialias
+
+
+def test_auto_never_picks_grid(letter: sg.Splats) -> None:
+    assert plan(letter, sg.Camera.orbit(letter)).program.align == "ray"
+
+
+def test_leaving_antialiasing_out_changes_nothing(letter: sg.Splats, renderer: sg.Renderer) -> None:
+    """Every splat before z_k: with and without, bit for bit the same."""
+    camera = sg.Camera.orbit(letter, 30, 20, size=(150, 150))
+    chosen = plan(letter, camera)
+    assert not chosen.program.antialias
+    # one far splat forces it on; the rest of the picture must stay
+    forced = renderer.render(letter, camera, sg.Settings())
+    from dataclasses import replace
+
+    with_it = renderer.passes.draw(letter, camera, replace(chosen, program=replace(chosen.program, antialias=True)))
+    assert (with_it == forced.pixels).all()
+
+
+def test_the_general_path_draws_cubes_alike(letter: sg.Splats, renderer: sg.Renderer) -> None:
+    """Cubic voxels through the path for any grid: the same picture within float32."""
+    from dataclasses import replace
+
+    camera = sg.Camera.orbit(letter, 30, 20, size=(64, 64))
+    chosen = plan(letter, camera)
+    assert chosen.program.cubic
+    simple = renderer.passes.draw(letter, camera, chosen)
+    general = renderer.passes.draw(letter, camera, replace(chosen, program=replace(chosen.program, cubic=False)))
+    assert np.abs(simple - general).max() < 2e-4
+    assert not (simple == general).all()
+
+
+def test_a_moving_camera_compiles_and_makes_nothing(letter: sg.Splats, renderer: sg.Renderer) -> None:
+    first = sg.Camera.orbit(letter, 0, 20, size=(48, 48))
+    renderer.render(letter, first)
+    programs, arrays = len(renderer.passes.programs.splat), len(renderer.passes.splats.arrays)
+    buffer, target = renderer.passes.splats.buffer, renderer.passes.targets.kept["draw"]
+    for azimuth in range(0, 360, 30):
+        renderer.render(letter, sg.Camera.orbit(letter, azimuth, 20, size=(48, 48)))
+    assert len(renderer.passes.programs.splat) == programs
+    assert len(renderer.passes.splats.arrays) == arrays
+    assert renderer.passes.splats.buffer is buffer
+    assert renderer.passes.targets.kept["draw"] is target
+
+
+def test_pictures_repeat_bit_for_bit(letter: sg.Splats, renderer: sg.Renderer) -> None:
+    camera = sg.Camera.orbit(letter, 30, 20, size=(64, 64))
+    once = renderer.render(letter, camera).pixels
+    renderer.render(letter, sg.Camera.orbit(letter, 200, -40, size=(32, 64)), sg.Settings(blend="xray"))
+    assert (renderer.render(letter, camera).pixels == once).all()
+
+
+def test_nothing_is_left_behind(letter: sg.Splats) -> None:
+    """Everything made in a context is released by close(), also after pictures of every kind."""
+    import moderngl
+
+    def alive() -> int:
+        gc.collect()
+        kinds = (moderngl.Buffer, moderngl.Texture, moderngl.Program, moderngl.VertexArray, moderngl.Framebuffer)
+        return sum(
+            isinstance(thing, kinds) and not isinstance(thing.mglo, moderngl.InvalidObject)
+            for thing in gc.get_objects()
+        )
+
+    before = alive()
+    with sg.Renderer() as renderer:
+        for blend in ("composite", "xray", "mip"):
+            for size in ((16, 16), (20, 10)):
+                settings = sg.Settings(blend=blend, antialias="supersample", samples=2, kernel="gaussian")
+                renderer.render(letter, sg.Camera.orbit(letter, size=size), settings)
+        assert alive() > before
+        kept = renderer
+    kept.close()
+    del kept, renderer
+    assert alive() == before
+
+
+def test_no_splats_is_the_background(renderer: sg.Renderer) -> None:
+    nothing = sg.extract(sg.Volume(np.zeros((4, 4, 4))), sg.Transfer([(0, 0), (1, 1)]))
+    assert len(nothing) == 0
+    volume = sg.Volume(np.zeros((4, 4, 4)))
+    image = renderer.render(nothing, sg.Camera.orbit(volume, size=(8, 8)), sg.Settings(background=(0.5, 0, 1)))
+    assert (image.pixels == np.array([0.5, 0, 1, 1], np.float32)).all()
+    assert (renderer.render(nothing, sg.Camera.orbit(nothing, size=(8, 8))).pixels == 0).all()
+
+
+def test_eye_inside_the_volume(renderer: sg.Renderer) -> None:
+    volume = sg.Volume(np.ones((20, 20, 20), np.uint8))
+    splats = sg.extract(volume, sg.Transfer([(0, 0.05)], unit=1.0, shading=False))
+    camera = sg.Camera.look_at((9.5, 9.5, 9.5), (9.5, 9.5, 30), (0, 1, 0), 90, (32, 32))
+    for align in ("ray", "grid"):
+        pixels = renderer.render(splats, camera, sg.Settings(align=align)).pixels
+        assert np.isfinite(pixels).all()
+        # half the way through: about 1 − 0.95^10, less what the nearest splats' quads lose behind the eye
+        assert pixels[..., 3].mean() == pytest.approx(1 - 0.95**10, abs=0.12)
+
+
+def test_size_beyond_opengl(letter: sg.Splats, renderer: sg.Renderer) -> None:
+    with pytest.raises(sg.InputError, match="image size: expected at most"):
+        renderer.render(letter, sg.Camera.orbit(letter, size=(1_000_000, 2)))
+    with pytest.raises(sg.InputError, match="image size: expected at most"):
+        settings = sg.Settings(antialias="supersample", samples=64)
+        renderer.render(letter, sg.Camera.orbit(letter, size=(4096, 2)), settings)
+
+
+def test_far_from_the_origin(renderer: sg.Renderer) -> None:
+    """At 1e7 from the origin the picture is the one at the origin."""
+    rng = np.random.default_rng(8)
+    samples = rng.random((10, 10, 10)).astype(np.float32)
+    pictures = []
+    for offset in (0.0, 1e7):
+        volume = sg.Volume(samples, origin=(offset, -offset, offset))
+        splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.5)], colormap="hot"))
+        eye = np.array([20.0, -14, 25]) + volume.origin
+        camera = sg.Camera.look_at(eye, np.array([4.0, 5, 5]) + volume.origin, (0, 0, 1), 40, (48, 48))
+        pictures.append(renderer.render(splats, camera).pixels)
+    assert np.abs(pictures[0] - pictures[1]).max() < 1e-5
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e9])
+def test_any_unit_of_length(scale: float, renderer: sg.Renderer) -> None:
+    samples = np.random.default_rng(8).random((6, 6, 6)).astype(np.float32)
+    pictures = []
+    for s in (1.0, scale):
+        volume = sg.Volume(samples, spacing=(s, 2 * s, s))
+        splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.5)]))
+        pictures.append(renderer.render(splats, sg.Camera.orbit(volume, 30, 20, size=(24, 24))).pixels)
+    assert np.abs(pictures[0] - pictures[1]).max() < 1e-4
+
+
+def test_egl_and_osmesa_draw_the_same_bits(letter: sg.Splats, renderer: sg.Renderer) -> None:
+    """One Mesa, two ways in: every float the same."""
+    try:
+        other = sg.Renderer("osmesa")
+    except sg.InputError as error:
+        pytest.skip(str(error))
+    with other:
+        if other.info.version.split("Mesa")[-1] != renderer.info.version.split("Mesa")[-1]:
+            pytest.skip(f"two drivers: {renderer.info.version} and {other.info.version}")
+        camera = sg.Camera.orbit(letter, 30, 20, size=(64, 64))
+        for settings in (sg.Settings(), sg.Settings(blend="xray"), sg.Settings.paper()):
+            pictures = [each.render(letter, camera, settings).pixels for each in (renderer, other)]
+            assert (pictures[0] == pictures[1]).all()
+
+
+def test_paper_settings_sample_an_8_bit_table(letter: sg.Splats, renderer: sg.Renderer) -> None:
+    image = renderer.render(letter, sg.Camera.orbit(letter, size=(32, 32)), sg.Settings.paper())
+    assert image.info["footprint"] == "table 256×256 at 8 bits"
+    texture = renderer.passes.tables["crawfis-max", 256, 8]
+    assert (texture.size, texture.dtype) == ((256, 256), "f1")
+    assert (image.info["align"], image.info["target"], image.info["attenuation"]) == ("hybrid", "rgba8", "opacity")
+
+
+def test_tunnel_count_and_order_inside() -> None:
+    """The eye in a tunnel's mouth: all eight kinds of boxes are used without losing a splat."""
+    from splatgl.splat.order import back_to_front
+
+    splats = sg.extract(sg.Volume(np.ones((5, 6, 7))), sg.Transfer([(0, 0.5)]))
+    for cell in ((3, 2, 2), (-1, 6, 5), (7, -1, 0)):
+        assert sorted(back_to_front(splats, cell)) == list(range(len(splats)))

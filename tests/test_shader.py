@@ -1,0 +1,104 @@
+"""Shader text is composed strictly, and its mistakes are told by file and line."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.gl import shader
+from splatgl.gl.program import build, splat_switches
+from splatgl.gl.shader import ShaderError, compose, folder
+from splatgl.gl.uniforms import FRAME, STYLE
+from splatgl.splat.plan import Program
+
+
+@pytest.fixture
+def shaders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(shader, "folder", lambda: tmp_path)
+    shader._read.cache_clear()
+    yield tmp_path
+    shader._read.cache_clear()
+
+
+def test_switches_and_includes(shaders: Path) -> None:
+    (shaders / "a.vert").write_text('// one\n// switch DEEP 3\n#include "b.glsl"\nvoid main() {}\n')
+    (shaders / "b.glsl").write_text("// two\n// switch WIDE 0\n")
+    text = compose("a.vert", {"WIDE": True})
+    assert text.source.splitlines()[:3] == ["#version 330 core", "#define DEEP 3", "#define WIDE 1"]
+    place = text.source.splitlines().index("// two")
+    assert text.lines[place] == "b.glsl:1"
+
+
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [
+        ({"a.vert": '#include "none.glsl"\n'}, "a.vert:1: no such file: none.glsl"),
+        ({"a.vert": '\n#include "b.glsl"\n', "b.glsl": '#include "a.vert"\n'}, "b.glsl:1: includes a.vert"),
+        ({}, "a.vert: no such shader"),
+        ({"a.vert": "// switch SHAPE 1\n"}, "a.vert: no such switch: COLOUR; it has SHAPE"),
+    ],
+)
+def test_mistakes_are_errors(files: dict[str, str], message: str, shaders: Path) -> None:
+    for name, text in files.items():
+        (shaders / name).write_text(text)
+    with pytest.raises(ShaderError, match=message):
+        compose("a.vert", {"COLOUR": 1})
+
+
+def test_a_compiler_message_names_file_and_line(shaders: Path, renderer: sg.Renderer) -> None:
+    (shaders / "a.vert").write_text('#include "b.glsl"\nvoid main() { gl_Position = vec4(0.0); }\n')
+    (shaders / "b.glsl").write_text("// fine\nfloat wrong = missing;\n")
+    with pytest.raises(ShaderError, match=r"b\.glsl:2"):
+        build(renderer.ctx, "a.vert", None, {})
+
+
+@pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
+@pytest.mark.parametrize("align", ["ray", "grid", "hybrid"])
+def test_every_choice_compiles(blend: str, align: str, renderer: sg.Renderer) -> None:
+    for perspective, antialias, cubic, shading in itertools.product((False, True), repeat=4):
+        for attenuation in ("opacity", "optical-depth"):
+            program = Program(
+                blend, align, perspective, antialias, cubic, shading, attenuation, "back-to-front", "rgba32f"
+            )
+            build(renderer.ctx, "splat.vert", "splat.frag", splat_switches(program)).release()
+
+
+def test_blocks_mirror_the_shader(renderer: sg.Renderer) -> None:
+    """Every field of both blocks, written from numpy, is echoed by the shader from its own layout."""
+    fields = {name: (FRAME, "frame") for name in FRAME.names} | {name: (STYLE, "style") for name in STYLE.names}
+    for name, (dtype, block) in fields.items():
+        shape = dtype[name].shape
+        wide = {(): "{}", (2,): "{}.x * 3.0 + {}.y", (4,): "{}.x * 3.0 + {}.z", (3, 4): "{}[1].x * 3.0 + {}[2].z"}
+        value = wide[shape].replace("{}", f"{block}.{name}")
+        source = "\n".join(["#version 330 core", (folder() / "frame.glsl").read_text(), "out float echo;",
+                            f"void main() {{ echo = {value}; gl_Position = vec4(0.0); }}"])  # fmt: skip
+        program = renderer.ctx.program(vertex_shader=source, varyings=("echo",))
+        record = np.zeros((), dtype)
+        numbers = np.arange(1, 1 + int(np.prod(shape)), dtype=np.float32).reshape(shape)
+        record[name] = numbers
+        title = block.capitalize()
+        assert program[title].size <= dtype.itemsize
+        program[title].binding = 0
+        buffer, out = renderer.ctx.buffer(record.tobytes()), renderer.ctx.buffer(reserve=4)
+        buffer.bind_to_uniform_block(0)
+        array = renderer.ctx.vertex_array(program, [])
+        array.transform(out, vertices=1)
+        right = {(): lambda n: n, (2,): lambda n: n[0] * 3 + n[1], (4,): lambda n: n[0] * 3 + n[2],
+                 (3, 4): lambda n: n[1, 0] * 3 + n[2, 2]}[shape](numbers)  # fmt: skip
+        assert np.frombuffer(out.read(), np.float32)[0] == right, name
+        for thing in (array, program, buffer, out):
+            thing.release()
+
+
+def test_tags_name_what_the_paper_has() -> None:
+    """Every [M98 …] in shaders names an equation, table, section or figure of the paper."""
+    import re
+
+    known = re.compile(r"(Eq\. \d+(, \d+)*|Table 1( row [1-5])?|§[1-6](\.\d)?( \d+)?|Fig(s?)\. \d+)")
+    for path in folder().glob("*"):
+        for tag in re.findall(r"\[M98 ([^\]]+)\]", path.read_text()):
+            assert known.match(tag), f"{path.name}: [M98 {tag}]"
