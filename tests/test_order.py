@@ -9,7 +9,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.splat import order as order_module
-from splatgl.splat.order import back_to_front, eye_cell
+from splatgl.splat.order import Order, back_to_front, order_for
 
 
 def full_grid(rng: np.random.Generator, share: float = 0.6) -> tuple[np.ndarray, sg.Splats]:
@@ -23,7 +23,7 @@ def wrong_pairs(kept: np.ndarray, splats: sg.Splats, camera: sg.Camera) -> tuple
     """(wrong, all): of each two cells with a common face, the one on the eye's side must come last."""
     rank = np.full(kept.shape, -1)
     position = splats.records["position"].astype(int)
-    sequence = back_to_front(splats, eye_cell(splats, camera))
+    sequence = back_to_front(splats, order_for(splats, camera))
     assert sorted(sequence) == list(range(len(splats)))
     x, y, z = position[sequence].T
     rank[z, y, x] = np.arange(len(splats))
@@ -74,6 +74,22 @@ def test_the_check_sees_a_wrong_order(rng: np.random.Generator, monkeypatch: pyt
 
 def test_no_sort_in_the_order() -> None:
     assert "sort" not in inspect.getsource(order_module).replace("without a sort", "")
+
+
+def test_planes_lie_across_the_view() -> None:
+    splats = sg.extract(sg.Volume(np.ones((5, 6, 7)), spacing=(1, 3, 1)), sg.Transfer([(0, 0.5)]))
+    for axis, eye in enumerate(((90.0, 20, 3), (3, 90, 3), (3, 2, -90))):
+        order = order_for(splats, sg.Camera.look_at(eye, (3, 2, 2), (0.1, 0.2, 0.3)))
+        assert order.axis == axis
+        cells = splats.records["position"][back_to_front(splats, order)][:, axis]
+        assert len(np.flatnonzero(np.diff(cells))) == splats.index_bounds[1, axis]
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_every_splat_is_drawn_once(axis: int) -> None:
+    splats = sg.extract(sg.Volume(np.ones((5, 6, 7))), sg.Transfer([(0, 0.5)]))
+    for cell in ((3, 2, 2), (-1, 6, 5), (7, -1, 0)):
+        assert sorted(back_to_front(splats, Order(cell, axis))) == list(range(len(splats)))
 
 
 def test_front_to_back_is_the_same_picture(renderer: sg.Renderer) -> None:

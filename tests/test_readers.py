@@ -171,6 +171,15 @@ def test_nifti_without_orientation_has_no_frame(tmp_path: Path) -> None:
     np.testing.assert_array_equal(volume.direction, np.eye(3))
 
 
+@pytest.mark.parametrize(("code", "unit"), [(3, "um"), (10, "mm"), (4, ""), (0, "")])
+def test_nifti_units(tmp_path: Path, code: int, unit: str) -> None:
+    """xyzt_units also holds the unit of time, and in damaged files anything; byte 123 of the header."""
+    path = nifti(tmp_path / "letter.nii", F)
+    data = bytearray(path.read_bytes())
+    data[123] = code
+    assert load(put(path, bytes(data))).unit == unit
+
+
 def test_nifti_time_points(tmp_path: Path) -> None:
     path = nifti(tmp_path / "letter.nii", np.stack([F + 1, F]))
     with pytest.raises(InputError, match="pick one with array=0 … array=1"):

@@ -201,12 +201,3 @@ def test_paper_settings_sample_an_8_bit_table(letter: sg.Splats, renderer: sg.Re
     texture = renderer.passes.tables["crawfis-max", 256, 8]
     assert (texture.size, texture.dtype) == ((256, 256), "f1")
     assert (image.info["align"], image.info["target"], image.info["attenuation"]) == ("hybrid", "rgba8", "opacity")
-
-
-def test_tunnel_count_and_order_inside() -> None:
-    """The eye in a tunnel's mouth: all eight kinds of boxes are used without losing a splat."""
-    from splatgl.splat.order import back_to_front
-
-    splats = sg.extract(sg.Volume(np.ones((5, 6, 7))), sg.Transfer([(0, 0.5)]))
-    for cell in ((3, 2, 2), (-1, 6, 5), (7, -1, 0)):
-        assert sorted(back_to_front(splats, cell)) == list(range(len(splats)))

@@ -163,11 +163,9 @@ def test_targets_hold_what_they_can(target: str, renderer: sg.Renderer) -> None:
 
 
 def test_shading_is_a_head_light(renderer: sg.Renderer) -> None:
-    """C = c (0.3 + 0.7 |n·l|): full on a wall seen straight, 0.3 + 0.35 at 60°."""
-    samples = np.zeros((9, 41, 41), np.float32)
-    samples[4:] = 1
-    volume = sg.Volume(samples)
-    splats = sg.extract(volume, sg.Transfer([(0.5, 0), (0.5, 0.9999)], colormap="white"))
+    """C = c (0.3 + 0.7 |n·l|): full along the gradient, 0.3 + 0.35 at 60° to it."""
+    volume = sg.Volume(np.broadcast_to(np.arange(9.0)[:, None, None], (9, 41, 41)))
+    splats = sg.extract(volume, sg.Transfer([(0, 0.99)], colormap="white"))
     for slant, right in ((0.0, 1.0), (60.0, 0.65)):
         a = np.radians(slant)
         eye = np.array([20, 20, 4]) + 50 * np.array([np.sin(a), 0, -np.cos(a)])

@@ -12,7 +12,7 @@ from splatgl.gl.target import Target, Targets
 from splatgl.gl.uniforms import FRAME, FRAME_BINDING, STYLE, STYLE_BINDING, frame_block, style_block
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel, footprint_table
-from splatgl.splat.order import Cell, back_to_front, eye_cell
+from splatgl.splat.order import Order, back_to_front, order_for
 from splatgl.splat.plan import Plan
 from splatgl.splat.rows import GL_ATTRIBUTES, GL_FORMAT, Splats
 
@@ -66,8 +66,8 @@ class Passes:
         self.ctx.enable_only(moderngl.BLEND)
         self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
         self.ctx.blend_func = blend.source, blend.destination
-        cell = eye_cell(splats, camera) if plan.program.blend == "composite" else None
-        vertices = self.splats.vertices(program, splats, cell, plan.program.order == "front-to-back")
+        order = order_for(splats, camera) if plan.program.blend == "composite" else None
+        vertices = self.splats.vertices(program, splats, order, plan.program.order == "front-to-back")
         vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=len(splats))
 
     def _resolve(
@@ -107,22 +107,21 @@ class SplatBuffer:
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
         self.ctx = ctx
         self.splats: Splats | None = None
-        self.order: tuple[Cell | None, bool] | None = None
+        self.uploaded: tuple[Order | None, bool] | None = None
         self.buffer: moderngl.Buffer | None = None
         self.arrays: dict[int, moderngl.VertexArray] = {}
         owned.callback(self.release)
 
     def vertices(
-        self, program: moderngl.Program, splats: Splats, cell: Cell | None, nearest_first: bool
+        self, program: moderngl.Program, splats: Splats, order: Order | None, nearest_first: bool
     ) -> moderngl.VertexArray:
-        """A vertex array whose instances are the splats in drawing order; cell None: any order will do."""
-        order = (cell, nearest_first)
+        """A vertex array whose instances are the splats in drawing order; order None: any will do."""
         if splats is not self.splats:
             self.release()
             self.splats = splats
-        if self.buffer is None or (order != self.order and cell is not None):
-            self._upload(splats, cell, nearest_first)
-            self.order = order
+        if self.buffer is None or (order is not None and (order, nearest_first) != self.uploaded):
+            self._upload(splats, order, nearest_first)
+            self.uploaded = (order, nearest_first)
         assert self.buffer is not None
         if program.glo not in self.arrays:
             used = [name for name in GL_ATTRIBUTES if name in program]
@@ -135,13 +134,13 @@ class SplatBuffer:
         self.arrays.clear()
         if self.buffer is not None:
             self.buffer.release()
-        self.buffer, self.splats, self.order = None, None, None
+        self.buffer, self.splats, self.uploaded = None, None, None
 
-    def _upload(self, splats: Splats, cell: Cell | None, nearest_first: bool) -> None:
+    def _upload(self, splats: Splats, order: Order | None, nearest_first: bool) -> None:
         records = splats.records
-        if cell is not None:
-            order = back_to_front(splats, cell)
-            records = records[order[::-1] if nearest_first else order]
+        if order is not None:
+            sequence = back_to_front(splats, order)
+            records = records[sequence[::-1] if nearest_first else sequence]
         if self.buffer is None:
             self.buffer = self.ctx.buffer(records)
         else:

@@ -1,72 +1,74 @@
 """Back to front straight from the rows, without a sort: each axis is split at the eye's cell.
 
-Cells beyond the eye's are read downwards first, the rest upwards, along z, then y, then x: at most
-eight boxes, each in a fixed direction. Of two cells that share a face, the one on the eye's side of
-the face comes last.  [M98 §5: drawn back to front without a sort]
+Along every axis the cells beyond the eye's are read downwards first, the rest upwards: plane after
+plane, in each plane row after row, in each row splat after splat. Of two cells that share a face, the
+one on the eye's side of the face comes last. Planes lie across the view, so that footprints which
+overlap are seldom drawn out of depth order.  [M98 §5: drawn back to front without a sort]
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from splatgl.splat.camera import Camera
 from splatgl.splat.rows import Splats
 
-Cell = tuple[int, int, int]
+
+@dataclass(frozen=True)
+class Order:
+    """What decides the drawing order: the eye's cell (x, y, z), and the axis (0 is x) that planes are across."""
+
+    cell: tuple[int, int, int]
+    axis: int
 
 
-def eye_cell(splats: Splats, camera: Camera) -> Cell:
-    """The cell (x, y, z) that holds the eye, at most one beyond the splats: the key of the order.
+def order_for(splats: Splats, camera: Camera) -> Order:
+    """The order for a view; it changes only when the eye goes to another cell or turns to another axis.
 
-    Orthographic: the eye is infinitely far back along the view.
+    The cell is at most one beyond the splats; an orthographic eye is infinitely far back along the view.
     """
     low, high = np.rint(splats.index_bounds).astype(np.int64) + np.array([[-1], [1]])
+    index_from_world = np.linalg.inv(splats.grid.world_from_index)
+    view = index_from_world @ camera.forward
     if camera.perspective:
         eye = np.rint(splats.grid.index_from_world(camera.eye))
     else:
-        view = np.linalg.solve(splats.grid.world_from_index, camera.forward)
         eye = np.where(view > 0, -np.inf, np.inf)
     x, y, z = (int(n) for n in np.clip(eye, low, high))
-    return x, y, z
+    # the planes whose normal is nearest to the view; z where two are as near
+    across = np.abs(view) / np.linalg.norm(index_from_world, axis=1)
+    axis = 2 - int(np.argmax(across[::-1]))
+    return Order((x, y, z), axis)
 
 
-def back_to_front(splats: Splats, cell: Cell) -> np.ndarray:
-    """Record indices int64 [N] in drawing order for an eye in `cell`; reversed it is front to back."""
-    x, y, z = cell
-    boxes = []
-    planes, rows = splats.plane_start, splats.row_start
-    # where each plane's rows pass the eye's y, and each row's splats the eye's x
-    split_y = planes[:-1] + _count_to(splats.row_y <= y, planes)
-    split_x = rows[:-1] + _count_to(splats.cell_x <= x, rows)
-    plane_z = splats.row_z[planes[:-1]] if len(splats.row_z) else splats.row_z
-    for far_z in (True, False):
-        chosen = _directed(np.flatnonzero((plane_z > z) == far_z), far_z)
-        for far_y in (True, False):
-            start, stop = _side(planes, split_y, chosen, far_y)
-            row = _ranges(start, stop, far_y)
-            for far_x in (True, False):
-                start, stop = _side(rows, split_x, row, far_x)
-                boxes.append(_ranges(start, stop, far_x))
-    return np.concatenate(boxes)
+def back_to_front(splats: Splats, order: Order) -> np.ndarray:
+    """Record indices int64 [N] in drawing order; reversed it is front to back."""
+    lattice = splats.lattice(order.axis)
+    outer, middle, inner = (order.cell[axis] for axis in lattice.axes)
+    planes = _far_first(np.array([0]), np.array([len(lattice.plane)]), _up_to(lattice.plane <= outer))
+    rows = _split_ranges(lattice.plane_start, _up_to(lattice.row <= middle), planes)
+    splat = _split_ranges(lattice.row_start, _up_to(lattice.cell <= inner), rows)
+    return splat if lattice.index is None else lattice.index[splat]
 
 
-def _directed(indices: np.ndarray, downwards: bool) -> np.ndarray:
-    return indices[::-1] if downwards else indices
+def _up_to(inside: np.ndarray) -> np.ndarray:
+    """How many of the first 0, 1, … n members are inside: int64 [n+1]."""
+    return np.concatenate([[0], np.cumsum(inside)])
 
 
-def _side(start: np.ndarray, split: np.ndarray, chosen: np.ndarray, far: bool) -> tuple[np.ndarray, np.ndarray]:
-    """The part of each chosen range beyond the eye (far) or up to it."""
-    return (split[chosen], start[chosen + 1]) if far else (start[chosen], split[chosen])
+def _split_ranges(start: np.ndarray, inside: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """The members of each chosen range in turn, each range far side first."""
+    return _far_first(start[chosen], start[chosen + 1], inside)
 
 
-def _count_to(inside: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """How many of each range's members are inside; members inside come first."""
-    return np.diff(np.concatenate([[0], np.cumsum(inside)])[start])
-
-
-def _ranges(start: np.ndarray, stop: np.ndarray, downwards: bool) -> np.ndarray:
-    """All of start … stop−1 of every range in turn, each range read downwards or upwards."""
-    length = stop - start
-    offset = np.concatenate([[0], np.cumsum(length)])
-    within = np.arange(offset[-1]) - np.repeat(offset[:-1], length)
-    return np.repeat(stop - 1, length) - within if downwards else np.repeat(start, length) + within
+def _far_first(start: np.ndarray, stop: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Members start … stop−1 of every range: those beyond the eye downwards, then those up to it upwards."""
+    split = start + inside[stop] - inside[start]
+    first = np.stack([stop - 1, start], axis=1).ravel()
+    length = np.stack([stop - split, split - start], axis=1).ravel()
+    step = np.tile([-1, 1], len(start))
+    before = np.cumsum(length) - length
+    within = np.arange(length.sum()) - np.repeat(before, length)
+    return np.repeat(first, length) + np.repeat(step, length) * within

@@ -54,6 +54,24 @@ class Grid:
 
 
 @dataclass(frozen=True, eq=False)
+class Lattice:
+    """Splats as planes of rows: members are ordered by their cells along axes[0], then [1], then [2].
+
+    index int64 [N]: the members' records; None: they are the records as they stand.
+    plane [P], row [M], cell [N]: coordinates along the three axes; plane_start [P+1] counts rows,
+    row_start [M+1] members.
+    """
+
+    axes: tuple[int, int, int]
+    index: np.ndarray | None
+    plane: np.ndarray
+    plane_start: np.ndarray
+    row: np.ndarray
+    row_start: np.ndarray
+    cell: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Splats:
     """Splats in row order: z, then y, then x ascending.
 
@@ -137,11 +155,34 @@ class Splats:
         outwards = [ends + np.where(side(ends, middle), 0.5, -0.5) for side in (np.greater, np.greater_equal)]
         return np.asarray(np.concatenate(outwards) @ self.grid.world_from_index.T + self.grid.origin)
 
+    def lattice(self, axis: int) -> Lattice:
+        """The splats in planes across `axis` (0 is x); made on the first use and kept."""
+        if axis not in self._lattices:
+            self._lattices[axis] = self._make_lattice(axis)
+        return self._lattices[axis]
+
     @cached_property
-    def plane_start(self) -> np.ndarray:
-        """int64 [P+1]: where each z plane's rows begin."""
-        changes = np.flatnonzero(np.diff(self.row_z)) + 1
-        return np.concatenate([[0], changes, [len(self.row_z)]]) if len(self.row_z) else np.zeros(1, np.int64)
+    def _lattices(self) -> dict[int, Lattice]:
+        return {}
+
+    def _make_lattice(self, axis: int) -> Lattice:
+        count = np.diff(self.row_start)
+        if axis == 2:
+            plane, plane_start = _groups(self.row_z)
+            return Lattice((2, 1, 0), None, plane, plane_start, self.row_y, self.row_start, self.cell_x)
+        if axis == 1:
+            # whole rows, put under their y; z still ascends
+            rows = _bucketed(self.row_y)
+            row_start = np.concatenate([[0], np.cumsum(count[rows])])
+            index = np.arange(len(self)) + np.repeat(self.row_start[rows] - row_start[:-1], count[rows])
+            plane, plane_start = _groups(self.row_y[rows])
+            return Lattice((1, 2, 0), index, plane, plane_start, self.row_z[rows], row_start, self.cell_x[index])
+        # single splats, put under their x; z, then y still ascend
+        index = _bucketed(self.cell_x)
+        x, y, z = self.cell_x[index], np.repeat(self.row_y, count)[index], np.repeat(self.row_z, count)[index]
+        row_x, row_z, row_start = index_rows(z, x)
+        plane, plane_start = _groups(row_x)
+        return Lattice((0, 2, 1), index, plane, plane_start, row_z, row_start, y)
 
 
 def assemble(
@@ -160,6 +201,21 @@ def index_rows(y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     first = np.concatenate([[True], (np.diff(y) != 0) | (np.diff(z) != 0)])
     start = np.flatnonzero(first)
     return z[start].astype(np.int32), y[start].astype(np.int32), np.append(start, len(y))
+
+
+def _groups(ascending: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The different values of an ascending array, and where each begins: [P] and int64 [P+1]."""
+    start = np.flatnonzero(np.diff(ascending, prepend=ascending[:1] - 1))
+    return ascending[start], np.append(start, len(ascending))
+
+
+def _bucketed(coordinate: np.ndarray) -> np.ndarray:
+    """int64 [N]: members by coordinate, ties as they stand. Made once for a volume, never for a view.
+
+    Coordinates of 16 bits, as nearly all are, take numpy's counting (radix) pass.
+    """
+    narrow = len(coordinate) and np.iinfo(np.int16).min <= coordinate.min() and coordinate.max() <= 32767
+    return np.argsort(coordinate.astype(np.int16) if narrow else coordinate, kind="stable")
 
 
 def _checked_points(points: object, colors: object, extinctions: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

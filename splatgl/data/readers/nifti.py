@@ -21,9 +21,12 @@ from splatgl.data.readers.files import (
     require_plausible,
     selection,
 )
-from splatgl.data.readers.grid import axes_of, triple, unit_name
+from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Volume
+
+_UNITS = {1: "m", 2: "mm", 3: "um"}
+"""Units of length by the lowest three bits of xyzt_units (nifti1.h); other codes are no lengths."""
 
 _SNIFF_BYTES = 1024
 """Bytes that nibabel reads to tell what a file is."""
@@ -47,7 +50,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     slope, intercept = float(image.dataobj.slope), float(image.dataobj.inter)
     samples = _scaled(stored[selection(sizes, extra)].T, slope, intercept)
     # 3. grid
-    unit = unit_name(image.header.get_xyzt_units()[0])
+    unit = _UNITS.get(int(image.header["xyzt_units"]) & 7, "")
     if not (image.header["sform_code"] or image.header["qform_code"]):
         return Volume(samples, _pixdim(image), unit=unit)
     spacing, direction = axes_of(image.affine[:3, :3], "affine")
