@@ -16,7 +16,9 @@ def noise(shape: tuple[int, int, int] = (9, 10, 11), dtype: str = "float32") -> 
     return samples.astype(dtype) if np.dtype(dtype).kind == "f" else (samples * 100).astype(dtype)
 
 
-@pytest.mark.parametrize("dtype", ["uint8", "int8", "int16", ">u2", "uint16", "int32", "float16", "float32", ">f8", "bool"])
+@pytest.mark.parametrize(
+    "dtype", ["uint8", "int8", "int16", ">u2", "uint16", "int32", "float16", "float32", ">f8", "bool"]
+)
 @pytest.mark.parametrize("threshold", [0.0, 0.3])
 def test_slabs_do_not_matter(dtype: str, threshold: float) -> None:
     """The same splats bit for bit whatever the slab; a gradient term included."""

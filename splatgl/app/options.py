@@ -11,6 +11,7 @@ import numpy as np
 
 from splatgl.app.scene import Scene, View
 from splatgl.data.color import linear_from_srgb
+from splatgl.splat.presets import PRESETS
 from splatgl.splat.settings import CHOICES, Settings
 
 NAMED_COLORS = {"black": "#000000", "white": "#ffffff", "gray": "#808080"}
@@ -33,7 +34,7 @@ def add_source(parser: argparse.ArgumentParser) -> None:
 def add_transfer(parser: argparse.ArgumentParser) -> None:
     """What values mean."""
     group = parser.add_argument_group("transfer function (default: chosen from the data)")
-    group.add_argument("--preset", help="ct-bone, ct-soft, mri, microscopy or terrain")
+    group.add_argument("--preset", help=", ".join(PRESETS))
     group.add_argument("--transfer", metavar="FILE.toml", help="a transfer function saved before")
     group.add_argument("--points", type=_pairs, metavar="V:A,V:A…", help="opacity A at value V, linear between")
     group.add_argument("--gradient", type=_pairs, metavar="G:W,G:W…", help="weight W at gradient G: t = F(∇, ρ)")

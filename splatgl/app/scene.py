@@ -109,7 +109,10 @@ class Scene:
         given: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in camera.items()}
         view = View(**given)
         settings = Settings().but(**table.get("settings", {}))
-        scene = cls(source, table.get("load", {}), table.get("transfer", {}), view, settings)
+        reading = dict(table.get("load", {}))
+        if isinstance(reading.get("color"), str):
+            reading["color"] = str(path.parent / reading["color"])
+        scene = cls(source, reading, table.get("transfer", {}), view, settings)
         return replace(scene, threshold=float(table.get("threshold", 0.0)))
 
     def open(self) -> Volume:

@@ -186,7 +186,13 @@ class Splats:
 
 
 def assemble(
-    records: np.ndarray, cells: np.ndarray, grid: Grid, unit: float, name: str, shaded: bool = False, dropped: float = 0.0
+    records: np.ndarray,
+    cells: np.ndarray,
+    grid: Grid,
+    unit: float,
+    name: str,
+    shaded: bool = False,
+    dropped: float = 0.0,
 ) -> Splats:
     """Splats from records already in row order; cells int [N, 3] (x, y, z)."""
     row_z, row_y, row_start = index_rows(cells[:, 1], cells[:, 2])

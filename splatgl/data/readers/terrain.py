@@ -1,4 +1,4 @@
-"""Terrain: a height map (picture or CSV), with or without a colour picture, becomes solid columns of voxels.
+"""Terrain: a height map (picture or CSV), with or without a colour picture, becomes columns of voxels.
 
 The picture's row 0 is the far, northern edge, so that y = H − 1 − row; a CSV's row 0 is the southern edge, y = 0.
 """
@@ -16,6 +16,9 @@ from splatgl.data.volume import Hints, Volume
 
 SOLID = 255
 """Sample of a voxel at or below the ground; 0 above it."""
+
+SHELL = 3
+"""Levels below what can be seen: the surface's gradients and its opacity need matter behind it."""
 
 RELIEF = (DEFAULT_LEVELS - 1) / 512
 """Default relief as a part of the longer side: cubic voxels for the 512 × 512 × 103 terrain of [M98]."""
@@ -35,7 +38,9 @@ _HINTS = Hints(
 def terrain_from_heights(
     heights: np.ndarray, color: np.ndarray | None = None, levels: int = DEFAULT_LEVELS, relief: float | None = None
 ) -> Volume:
-    """A volume [levels, H, W] of uint8: 255 up to each column's height, 0 above; z is up, voxels are 1 wide.
+    """A volume [levels, H, W] of uint8: 255 at the ground, 0 above and deep below; z is up, voxels are 1 wide.
+
+    Columns reach below their lowest neighbour's top, so that no hole shows; those at the map's edge to the bottom.
 
     heights: [H, W] real numbers, row 0 at y = 0; not finite ones are holes. color: uint8 [H', W', 3] sRGB, row 0 at
     y = 0, resampled to the grid; without it heights are tinted. relief: world height between the lowest and highest
@@ -49,10 +54,11 @@ def terrain_from_heights(
         raise expected("terrain", f"at most {MAX_BYTES} voxels", got, "use a smaller map or fewer levels")
     parts = _parts(np.asarray(heights, dtype=np.float64))
     tops = np.where(np.isfinite(parts), np.rint(parts * (levels - 1)), -1).astype(np.int32)
-    # 2. solid columns, level by level; one colour per column, shared by its voxels
+    # 2. the ground's shell, level by level; one colour per column, shared by its voxels
     samples = np.empty((levels, *heights.shape), np.uint8)
+    floor = _floor(tops)
     for level in range(levels):
-        samples[level] = np.where(tops >= level, SOLID, 0)
+        samples[level] = np.where((tops >= level) & (floor <= level), SOLID, 0)
     ground = _tints(parts) if color is None else _fit(color, heights.shape)
     # 3. the grid
     relief = relief or RELIEF * max(heights.shape)
@@ -108,6 +114,14 @@ def _open_picture(path: Path, as_color: bool = False) -> np.ndarray:
         if as_color or picture.mode in ("P", "PA", "CMYK", "YCbCr", "LAB", "HSV"):
             return np.asarray(picture.convert("RGB"))
         return np.asarray(picture)
+
+
+def _floor(tops: np.ndarray) -> np.ndarray:
+    """int32 [H, W]: the lowest level of each column that anything above the ground can see, less SHELL."""
+    padded = np.pad(tops, 1, constant_values=-1)
+    height, width = tops.shape
+    around = [padded[y : y + height, x : x + width] for y in range(3) for x in range(3)]
+    return np.asarray(np.minimum.reduce(around)) - SHELL
 
 
 def _parts(heights: np.ndarray) -> np.ndarray:
