@@ -43,7 +43,8 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"splatgl {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name, (about, add) in COMMANDS.items():
-        command = commands.add_parser(name, help=about, description=about)
+        usage = f"splatgl {name} [options]" + (" SOURCE" if name in ("render", "info") else "")
+        command = commands.add_parser(name, help=about, description=f"{about[0].upper()}{about[1:]}.", usage=usage)
         # only the command that runs needs its options, and with them its imports
         if name in arguments[:1]:
             add()(command)

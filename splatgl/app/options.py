@@ -22,41 +22,49 @@ def add_source(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("source", help="a volume file, a built-in scene (tunnel, terrain, nerve), or a scene.toml")
     group = parser.add_argument_group("reading")
     group.add_argument("--shape", type=_integers(3), metavar="X,Y,Z", help="voxels along x, y, z of a headerless file")
-    group.add_argument("--dtype", help="sample type of a headerless file: uint8, int16, >u2, float32, …")
-    group.add_argument("--offset", dest="header_offset", type=int, help="bytes to skip in a headerless file")
+    group.add_argument(
+        "--dtype", metavar="TYPE", help="sample type of a headerless file: uint8, int16, >u2, float32, …"
+    )
+    group.add_argument("--offset", dest="header_offset", type=int, metavar="BYTES", help="skipped in a headerless file")
     group.add_argument("--spacing", type=_numbers(3), metavar="X,Y,Z", help="voxel spacing, where the file has none")
-    group.add_argument("--array", help="which array of a file that holds several (VTK, npz, Zarr)")
-    group.add_argument("--channel", type=int, help="which channel of a multi-channel TIFF")
-    group.add_argument("--color", help="colour picture laid over a height map")
-    group.add_argument("--relief", type=float, help="height of a height map's relief, world units")
+    group.add_argument("--array", metavar="NAME", help="which array of a file that holds several (VTK, npz, Zarr)")
+    group.add_argument("--channel", type=int, metavar="N", help="which channel of a multi-channel TIFF")
+    group.add_argument("--color", metavar="PICTURE", help="colour picture laid over a height map")
+    group.add_argument("--relief", type=float, metavar="L", help="height of a height map's relief, world units")
 
 
 def add_transfer(parser: argparse.ArgumentParser) -> None:
     """What values mean."""
     group = parser.add_argument_group("transfer function (default: chosen from the data)")
-    group.add_argument("--preset", help=", ".join(PRESETS))
+    group.add_argument("--preset", metavar="NAME", help=", ".join(PRESETS))
     group.add_argument("--transfer", metavar="FILE.toml", help="a transfer function saved before")
     group.add_argument("--points", type=_pairs, metavar="V:A,V:A…", help="opacity A at value V, linear between")
     group.add_argument("--gradient", type=_pairs, metavar="G:W,G:W…", help="weight W at gradient G: t = F(∇, ρ)")
-    group.add_argument("--colormap", help="gray, bone, hot, viridis, …, or any of cmap's or matplotlib's")
+    group.add_argument(
+        "--colormap", metavar="NAME", help="gray, bone, hot, viridis, …, or any of cmap's or matplotlib's"
+    )
     group.add_argument("--window", type=_numbers(2), metavar="LOW,HIGH", help="values that the colours span")
-    group.add_argument("--unit", type=float, help="world length that opacities are stated for (mean spacing)")
-    group.add_argument("--threshold", type=float, help="keep voxels with t above this opacity (0)")
+    group.add_argument(
+        "--unit", type=float, metavar="L", help="world length that opacities are stated for (mean spacing)"
+    )
+    group.add_argument("--threshold", type=float, metavar="T", help="keep voxels with t above this opacity (0)")
 
 
 def add_view(parser: argparse.ArgumentParser) -> None:
     """Where the eye is."""
     group = parser.add_argument_group("view (default: all of it, from the front)")
     group.add_argument("--size", type=_size, metavar="W×H", help="pixels, such as 800x600 or 512 (512x512)")
-    group.add_argument("--azimuth", type=float, help="degrees about the up axis, counter-clockwise from above")
-    group.add_argument("--elevation", type=float, help="degrees above the horizon")
-    group.add_argument("--zoom", type=float, help="above 1 is nearer")
-    group.add_argument("--fov", type=float, help="full vertical angle in degrees")
+    group.add_argument(
+        "--azimuth", type=float, metavar="A", help="degrees about the up axis, counter-clockwise from above"
+    )
+    group.add_argument("--elevation", type=float, metavar="A", help="degrees above the horizon")
+    group.add_argument("--zoom", type=float, metavar="F", help="above 1 is nearer")
+    group.add_argument("--fov", type=float, metavar="A", help="full vertical angle in degrees")
     group.add_argument("--eye", type=_numbers(3), metavar="X,Y,Z", help="the eye, world units")
     group.add_argument("--look-at", type=_numbers(3), metavar="X,Y,Z", help="what the eye looks at (the middle)")
     group.add_argument("--up", type=_numbers(3), metavar="X,Y,Z", help="the direction drawn upwards (0,0,1)")
     group.add_argument("--orthographic", action="store_true", default=None, help="parallel rays")
-    group.add_argument("--height", type=float, help="height of an orthographic picture, world units")
+    group.add_argument("--height", type=float, metavar="L", help="height of an orthographic picture, world units")
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
@@ -65,11 +73,13 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     for name, allowed in CHOICES.items():
         if len(allowed) > 1:
             group.add_argument(f"--{name}", choices=allowed, metavar="|".join(allowed))
-    group.add_argument("--samples", type=int, help="supersampling: samples along each axis of a pixel (4)")
-    group.add_argument("--z-s", type=float, help="hybrid: depth at which splats become grid-aligned")
-    group.add_argument("--table-size", type=int, help="texels along each axis of the footprint table (256)")
-    group.add_argument("--table-bits", type=int, choices=(8, 16, 32), help="bits a texel (32)")
-    group.add_argument("--tolerance", type=float, help="largest allowed error (1/255)")
+    group.add_argument("--samples", type=int, metavar="N", help="supersampling: samples along each axis of a pixel (4)")
+    group.add_argument("--z-s", type=float, metavar="Z", help="hybrid: depth at which splats become grid-aligned")
+    group.add_argument(
+        "--table-size", type=int, metavar="N", help="texels along each axis of the footprint table (256)"
+    )
+    group.add_argument("--table-bits", type=int, choices=(8, 16, 32), metavar="8|16|32", help="bits a texel (32)")
+    group.add_argument("--tolerance", type=float, metavar="E", help="largest allowed error (1/255)")
     group.add_argument("--background", type=_color, metavar="COLOUR", help="transparent, black, white or #rrggbb")
     group.add_argument("--paper", action="store_true", help="the 1998 hardware path: hybrid, 8-bit table and target")
 

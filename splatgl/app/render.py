@@ -29,12 +29,14 @@ PATIENCE = 1.0
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
     add_source(parser)
-    parser.add_argument("-o", "--output", help="picture to write, .png or .npy (default: SOURCE.png)")
-    parser.add_argument("--bits", type=int, choices=(8, 16), default=8, help="bits a sample of a PNG (8)")
+    parser.add_argument("-o", "--output", metavar="FILE", help="picture to write, .png or .npy (default: SOURCE.png)")
+    parser.add_argument(
+        "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample of a PNG (8)"
+    )
     parser.add_argument("--explain", action="store_true", help="say what is drawn, what is left out, and why")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
-    parser.add_argument("--backend", default="auto", help="auto, egl, osmesa or window")
-    parser.add_argument("--device", type=int, help="index of the EGL device")
+    parser.add_argument("--backend", default="auto", metavar="NAME", help="auto, egl, osmesa or window")
+    parser.add_argument("--device", type=int, metavar="N", help="index of the EGL device")
     parser.add_argument("--gpu", action="store_true", help="fail if only a software renderer is there")
     add_view(parser)
     add_transfer(parser)
@@ -87,11 +89,13 @@ def _origin(scene: Scene, transfer: Transfer) -> dict[str, object]:
 
 def _summary(output: Path, image: Image, splats: Splats, camera: Camera) -> str:
     info = image.info
-    return "\n".join([
-        f"{output}: {camera.size[0]}×{camera.size[1]}, {len(splats):,} splats in {info['seconds']:.2f} s",
-        f"{info['blend']}, {info['kernel']}, align {info['align']}, {info['footprint']}, target {info['target']}",
-        f"by {info['renderer']} ({info['backend']})",
-    ])
+    return "\n".join(
+        [
+            f"{output}: {camera.size[0]}×{camera.size[1]}, {len(splats):,} splats in {info['seconds']:.2f} s",
+            f"{info['blend']}, {info['kernel']}, align {info['align']}, {info['footprint']}, target {info['target']}",
+            f"by {info['renderer']} ({info['backend']})",
+        ]
+    )
 
 
 def _nothing(scene: Scene, volume: Volume) -> InputError:
