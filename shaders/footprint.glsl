@@ -1,12 +1,6 @@
 // The quad of one splat: its plane, its two half axes and what antialiasing does to them.
 // Twin of splatgl/splat/footprint.py, rows 4 and 5.  [M98 Table 1 row 4] [M98 Table 1 row 5]
-// switch ALIGN ALIGN_RAY
-// switch PERSPECTIVE 1
-// switch ANTIALIAS 1
-// switch CUBIC 1
-#define ALIGN_GRID 0
-#define ALIGN_RAY 1
-#define ALIGN_HYBRID 2
+#include "ellipse.glsl"
 
 // All lengths in mean voxel spacings, in eye axes.
 struct Quad {
@@ -15,15 +9,6 @@ struct Quad {
     float gain;      // line integral of the splat at its centre over F(0): 1/m² for cubic voxels [M98 Eq. 6]
     float coverage;  // share of the stretched footprint that the unstretched one would fill: 1/m²
 };
-
-// Two unit vectors perpendicular to the unit vector u and to each other: the rotation of the quad.
-void perpendicular_axes(vec3 u, out vec3 e1, out vec3 e2) {
-    float s = u.z < 0.0 ? -1.0 : 1.0;
-    float a = -1.0 / (s + u.z);
-    float b = u.x * u.y * a;
-    e1 = vec3(1.0 + s * u.x * u.x * a, s * b, -s * u.x);
-    e2 = vec3(b, s + u.y * u.y * a, -u.y);
-}
 
 // The plane the quad lies in: parallel to the image, or perpendicular to the eye–voxel ray.
 void quad_plane(vec3 v, out vec3 e1, out vec3 e2) {
@@ -39,17 +24,6 @@ void quad_plane(vec3 v, out vec3 e1, out vec3 e2) {
 #endif
 }
 
-// A pixel's side at depth z: the antialiasing's smallest half axis; 0 without antialiasing.  [M98 Eq. 3]
-float smallest_axis(float z) {
-#if !ANTIALIAS
-    return 0.0;
-#elif PERSPECTIVE
-    return frame.pixel_pitch * max(z, 0.0);
-#else
-    return frame.pixel_pitch;
-#endif
-}
-
 // v: the voxel's centre.  Stretch m = max(1, p/s) [M98 Eq. 4], along each axis of a non-cubic voxel by itself.
 Quad splat_quad(vec3 v) {
     vec3 e1, e2;
@@ -57,25 +31,22 @@ Quad splat_quad(vec3 v) {
     float p = smallest_axis(v.z);
 #if CUBIC
     float g = max(1.0, p);
+#if ALIGN == ALIGN_A
+    // elliptic: the radial axis × q_v cos θ_v, the gain × sec θ_v / q_v, so that the sum over many splats is right
+    float out_2 = dot(v.xy, v.xy);
+    if (g > 1.0 && out_2 > 0.0) {
+        float far = length(v);
+        float squeeze = sqrt(1.0 + out_2 / (v.z * v.z * g * g)) * v.z / far;
+        vec3 across = vec3(-v.y, v.x, 0.0) * inversesqrt(out_2);
+        vec3 radial = cross(across, v / far);
+        return Quad(radial * (g * squeeze), across * g, 1.0 / (g * g * squeeze), 1.0 / (g * g));
+    }
+#endif
     return Quad(e1 * g, e2 * g, 1.0 / (g * g), 1.0 / (g * g));
 #else
-    // the voxel's ellipse on the plane: C = A₂A₂ᵀ and its eigenvectors
-    mat3 a = mat3(frame.eye_from_index[0].xyz, frame.eye_from_index[1].xyz, frame.eye_from_index[2].xyz);
-    vec3 row_1 = e1 * a;
-    vec3 row_2 = e2 * a;
-    float diff = (dot(row_1, row_1) - dot(row_2, row_2)) * 0.5;
-    float mixed = dot(row_1, row_2);
-    float root = length(vec2(diff, mixed));
-    vec2 major = diff >= 0.0 ? vec2(diff + root, mixed) : vec2(mixed, root - diff);
-    major = root > 0.0 ? normalize(major) : vec2(1.0, 0.0);
-    // widths σ₁ ≥ σ₂; their product from the cross product, so that a flat voxel loses no digits
-    float area = length(cross(row_1, row_2));
-    float width_1 = sqrt((dot(row_1, row_1) + dot(row_2, row_2)) * 0.5 + root);
-    float width_2 = area / width_1;
-    float g1 = max(width_1, p);
-    float g2 = max(width_2, p);
-    vec3 along_1 = e1 * major.x + e2 * major.y;
-    vec3 along_2 = e2 * major.x - e1 * major.y;
-    return Quad(along_1 * g1, along_2 * g2, 1.0 / (g1 * g2), area / (g1 * g2));
+    Ellipse ellipse = voxel_ellipse(e1, e2);
+    vec2 g = max(ellipse.width, vec2(p));
+    return Quad(ellipse.axis_1 * g.x, ellipse.axis_2 * g.y, 1.0 / (g.x * g.y),
+                ellipse.width.x * ellipse.width.y / (g.x * g.y));
 #endif
 }

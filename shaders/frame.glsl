@@ -3,6 +3,7 @@
 
 layout(std140) uniform Frame {
     vec4 eye_from_index[3];  // columns of A in eye axes: x, y, z steps of the grid
+    vec4 index_from_eye[3];  // and of its inverse
     vec4 eye_from_world[3];  // columns of the rotation, for normals
     vec4 eye_whole;          // eye in grid indices, rounded: subtracts exactly from a position
     vec4 eye_part;           // the rest of it
@@ -10,6 +11,8 @@ layout(std140) uniform Frame {
     float pixel_pitch;       // a pixel's side at depth 1 (perspective) or everywhere (orthographic)
     float switch_depth;      // z_s: grid-aligned from here on
     float near;              // nothing nearer is drawn
+    float depth_reach;       // how far in depth a kernel reaches
+    vec2 image_center;       // in pixels: a pixel's slope is (gl_FragCoord − image_center) pixel_pitch
 } frame;
 
 layout(std140) uniform Style {
@@ -18,4 +21,6 @@ layout(std140) uniform Style {
     float opacity_length; // reference length of opacities, for mip
     float ambient;        // shading: C = c (ambient + diffuse |n·l|)
     float diffuse;
+    float radial_scale;   // texels of the radial table a squared voxel
+    float radial_last;    // its last texel, which holds 0
 } style;

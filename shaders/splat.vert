@@ -5,18 +5,15 @@
 #include "frame.glsl"
 #include "optics.glsl"
 #include "footprint.glsl"
+#include "exact.glsl"
+#define VARYING out
+#include "varyings.glsl"
 
 in vec3 in_position;        // grid indices
 in float in_optical_depth;  // extinction × mean spacing
 in vec3 in_color;           // linear RGB
 in ivec3 in_normal;         // gradient direction, world axes; zero: unshaded
 
-// few and packed: a software rasteriser sets up each of them for each triangle
-out vec2 table_at;          // place in the footprint table, [0, 1]²
-flat out vec4 splat;        // linear RGB, shaded; optical depth, or for mip the opacity, at the centre
-#if ATTENUATION == ATTENUATION_OPACITY
-flat out float coverage;    // 1/m² [M98 Eq. 6]
-#endif
 #if FEEDBACK
 out vec3 corner_eye;        // the corner in eye axes, mean spacings
 out float gain;
@@ -25,24 +22,66 @@ out float gain;
 // C = c (0.3 + 0.7 |n·l|), l towards the eye; a zero gradient is unshaded
 float head_light(vec3 towards_eye) {
 #if SHADING
-    vec3 n = mat3(frame.eye_from_world[0].xyz, frame.eye_from_world[1].xyz, frame.eye_from_world[2].xyz) * vec3(in_normal);
+    mat3 eye_from_world = mat3(frame.eye_from_world[0].xyz, frame.eye_from_world[1].xyz, frame.eye_from_world[2].xyz);
+    vec3 n = eye_from_world * vec3(in_normal);
     float size = length(n);
     if (size > 0.0) return style.ambient + style.diffuse * min(abs(dot(n / size, towards_eye)), 1.0);
 #endif
     return 1.0;
 }
 
+// Clip coordinates of a point in eye axes. No depth test: z only clips what is nearer than `near`.
+vec4 clip_from_eye(vec3 point) {
+#if PERSPECTIVE
+    return vec4(point.xy * frame.clip_scale, point.z - 2.0 * frame.near, point.z);
+#else
+    return vec4(point.xy * frame.clip_scale, 0.0, 1.0);
+#endif
+}
+
 void main() {
     // relative to the eye before anything is rounded
     vec3 index = (in_position - frame.eye_whole.xyz) - frame.eye_part.xyz;
-    mat3 a = mat3(frame.eye_from_index[0].xyz, frame.eye_from_index[1].xyz, frame.eye_from_index[2].xyz);
-    vec3 v = a * index;
-
-    // the corner
+    vec3 v = eye_from_index() * index;
     vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
+
+    // the corner, and where it lies in the footprint
+    bool seen = true;
+#if ALIGN == ALIGN_EXACT || ALIGN == ALIGN_B1
+#if ALIGN == ALIGN_B1
+    seen = v.z > frame.near;
+    ExactQuad quad = exact_quad(v, true);
+    at = corner;
+#else
+    bool stretched = is_stretched(v);
+    ExactQuad quad = exact_quad(v, stretched);
+    at = corner * quad.reach;
+    bend = quad.bend;
+#if ANTIALIAS && !CUBIC
+    cubic = quad.cubic;
+    mixed = quad.mixed;
+#endif
+#endif
+    vec3 point = v + quad.reach * (corner.x * quad.axis_1 + corner.y * quad.axis_2);
+#else
     Quad quad = splat_quad(v);
-    vec3 at = v + style.radius * (corner.x * quad.axis_1 + corner.y * quad.axis_2);
-    table_at = corner * 0.5 + 0.5;
+    at = corner;
+    vec3 point = v + style.radius * (corner.x * quad.axis_1 + corner.y * quad.axis_2);
+#if !PERSPECTIVE
+    seen = v.z >= 0.0;
+#endif
+#endif
+    gl_Position = seen ? clip_from_eye(point) : vec4(0.0, 0.0, 2.0, 1.0);
+#if HALF_LINE
+    // a kernel around the eye may be seen by any pixel
+    center = vec4(to_index(v), 0.0);
+    if (!stretched && dot(center.xyz, center.xyz) < HALF_LINE_REACH * style.radius * style.radius) {
+        center.w = 1.0;
+        gl_Position = vec4(corner, 0.0, 1.0);
+    }
+#endif
+
+    // its matter
 #if BLEND == BLEND_MIP
     splat.a = one_minus_exp(in_optical_depth * style.opacity_length);
 #else
@@ -51,18 +90,14 @@ void main() {
 #if ATTENUATION == ATTENUATION_OPACITY
     coverage = quad.coverage;
 #endif
-#if FEEDBACK
-    corner_eye = at;
-    gain = quad.gain;
-#endif
-
-    // no depth test: z is only there to clip what is nearer than `near`
 #if PERSPECTIVE
-    gl_Position = vec4(at.xy * frame.clip_scale, at.z - 2.0 * frame.near, at.z);
     float far = length(v);
     splat.rgb = in_color * head_light(far > 0.0 ? -v / far : vec3(0.0, 0.0, -1.0));
 #else
-    gl_Position = v.z < 0.0 ? vec4(0.0, 0.0, 2.0, 1.0) : vec4(at.xy * frame.clip_scale, 0.0, 1.0);
     splat.rgb = in_color * head_light(vec3(0.0, 0.0, -1.0));
+#endif
+#if FEEDBACK
+    corner_eye = point;
+    gain = quad.gain;
 #endif
 }

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from splatgl.splat.rows import Splats as Splats
     from splatgl.splat.settings import Settings as Settings
     from splatgl.splat.transfer import Transfer as Transfer
+    from splatgl.truth import reference as reference
+    from splatgl.truth.compare import compare as compare
 
 # public name → where it lives; loaded on first use, so that a command imports only what it needs
 _PUBLIC = {
@@ -44,13 +46,14 @@ _PUBLIC = {
     "Splats": "splatgl.splat.rows",
     "Transfer": "splatgl.splat.transfer",
     "Volume": "splatgl.data.volume",
+    "compare": "splatgl.truth.compare",
     "default_transfer": "splatgl.splat.presets",
     "extract": "splatgl.splat.extract",
     "load": "splatgl.data.readers",
     "plan": "splatgl.splat.plan",
     "preset": "splatgl.splat.presets",
 }
-_MODULES = {"scenes": "splatgl.data.scenes"}
+_MODULES = {"reference": "splatgl.truth.reference", "scenes": "splatgl.data.scenes"}
 
 __all__ = ["__version__", *sorted([*_PUBLIC, *_MODULES])]
 

@@ -181,7 +181,7 @@ def test_info_and_doctor(here: Path, capsys: pytest.CaptureFixture[str]) -> None
 
 def test_explain(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["render", "noise.npy", "--size", "16", "--explain"]) == 0
-    assert "align ray" in capsys.readouterr().out
+    assert "align exact" in capsys.readouterr().out
 
 
 def test_help_fits_a_terminal() -> None:

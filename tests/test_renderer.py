@@ -21,7 +21,7 @@ def letter() -> sg.Splats:
     ("asked", "message"),
     [
         ({"blend": "add"}, "blend: expected composite or xray or mip, got 'add'"),
-        ({"align": "sideways"}, "align: expected auto or ray or grid or hybrid"),
+        ({"align": "sideways"}, "align: expected auto or exact or ray or grid"),
         ({"samples": 0}, "samples: expected a whole number from 1"),
         ({"table_bits": 12}, "table_bits: expected 8, 16 or 32"),
         ({"tolerance": 0}, "tolerance: expected a number in"),
@@ -53,7 +53,8 @@ def test_plan_leaves_out_what_is_not_needed(letter: sg.Splats) -> None:
 
 
 def test_auto_never_picks_grid(letter: sg.Splats) -> None:
-    assert plan(letter, sg.Camera.orbit(letter)).program.align == "ray"
+    assert plan(letter, sg.Camera.orbit(letter)).program.align == "exact"
+    assert plan(letter, sg.Camera.orbit(letter), sg.Settings(tolerance=1.0)).program.align == "exact"
 
 
 def test_leaving_antialiasing_out_changes_nothing(letter: sg.Splats, renderer: sg.Renderer) -> None:
@@ -198,6 +199,6 @@ def test_egl_and_osmesa_draw_the_same_bits(letter: sg.Splats, renderer: sg.Rende
 def test_paper_settings_sample_an_8_bit_table(letter: sg.Splats, renderer: sg.Renderer) -> None:
     image = renderer.render(letter, sg.Camera.orbit(letter, size=(32, 32)), sg.Settings.paper())
     assert image.info["footprint"] == "table 256×256 at 8 bits"
-    texture = renderer.passes.tables["crawfis-max", 256, 8]
+    texture = renderer.passes.tables["crawfis-max", "table", 256, 8]
     assert (texture.size, texture.dtype) == ((256, 256), "f1")
     assert (image.info["align"], image.info["target"], image.info["attenuation"]) == ("hybrid", "rgba8", "opacity")

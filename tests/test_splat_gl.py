@@ -63,6 +63,7 @@ def test_corners_by_transform_feedback(align: str, direction: np.ndarray, render
     assert plan.program.antialias
     switches = {**splat_switches(plan.program), "FEEDBACK": True}
     ctx = renderer.ctx
+    switches.pop("FOOTPRINT")  # the fragment shader's alone
     program = build(ctx, "splat.vert", None, switches, varyings=("corner_eye", "gain"))
     count = len(splats)
     buffers = [ctx.buffer(frame_block(splats, camera, plan).tobytes()), ctx.buffer(style_block(splats, plan).tobytes())]
@@ -140,7 +141,8 @@ def test_table_bits(bits: int, bound: float, renderer: sg.Renderer) -> None:
     """
     h = kernel("crawfis-max")
     camera = sg.Camera.orthographic((0, 0, -9), (0, 0, 0), (0, -1, 0), 4.0, (200, 200))
-    image = renderer.render(one_splat((0, 0, 0)), camera, sg.Settings(blend="xray", table_bits=bits))
+    settings = sg.Settings(blend="xray", footprint="table", table_bits=bits)
+    image = renderer.render(one_splat((0, 0, 0)), camera, settings)
     x, y = camera.slopes()
     right = h.footprint(np.hypot(x[None, :], y[:, None]))
     worst = LEVEL * np.abs(image.pixels[..., 3] - right).max() / right.max()

@@ -11,7 +11,7 @@ from splatgl.gl.program import BLENDS, Programs
 from splatgl.gl.target import Target, Targets
 from splatgl.gl.uniforms import FRAME, FRAME_BINDING, STYLE, STYLE_BINDING, frame_block, style_block
 from splatgl.splat.camera import Camera
-from splatgl.splat.kernel import Kernel, footprint_table
+from splatgl.splat.kernel import Kernel, footprint_table, half_line_table, radial_table
 from splatgl.splat.order import Order, back_to_front, order_for
 from splatgl.splat.plan import Plan
 from splatgl.splat.rows import GL_ATTRIBUTES, GL_FORMAT, Splats
@@ -23,6 +23,8 @@ TABLES: dict[int, tuple[str, np.dtype, int]] = {
     8: ("f1", np.dtype("u1"), 255),
 }
 CORNERS = 4
+# texels along each axis of the half-line table: bilinear error 1e−5
+HALF_TABLE_SIZE = 256
 
 
 class Passes:
@@ -33,7 +35,7 @@ class Passes:
         self.owned = owned
         self.programs = Programs(ctx, owned)
         self.targets = Targets(ctx, owned)
-        self.tables: dict[tuple[str, int, int], moderngl.Texture] = {}
+        self.tables: dict[tuple[str, str, int, int], moderngl.Texture] = {}
         self.splats = SplatBuffer(ctx, owned)
         self.frame = ctx.buffer(reserve=FRAME.itemsize)
         owned.callback(self.frame.release)
@@ -60,7 +62,10 @@ class Passes:
         self.style.write(style_block(splats, plan).tobytes())
         self.frame.bind_to_uniform_block(FRAME_BINDING)
         self.style.bind_to_uniform_block(STYLE_BINDING)
-        self._table(plan.kernel, plan.table_size, plan.table_bits).use(location=0)
+        self._table(plan).use(location=0)
+        if plan.program.half_line:
+            program["half_table"] = 1
+            self._half_table(plan.kernel).use(location=1)
 
         blend = BLENDS[plan.program.blend, plan.program.order]
         self.ctx.enable_only(moderngl.BLEND)
@@ -87,18 +92,27 @@ class Passes:
             whole.release()
         return target
 
-    def _table(self, kernel: Kernel, size: int, bits: int) -> moderngl.Texture:
-        key = (kernel.name, size, bits)
-        if key not in self.tables:
-            dtype, store, one = TABLES[bits]
-            texels = footprint_table(kernel, size) * one
-            data = (np.rint(texels) if one > 1 else texels).astype(store)
-            texture = self.ctx.texture((size, size), 1, data.tobytes(), alignment=1, dtype=dtype)
-            self.owned.callback(texture.release)
-            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-            texture.repeat_x = texture.repeat_y = False
-            self.tables[key] = texture
-        return self.tables[key]
+    def _table(self, plan: Plan) -> moderngl.Texture:
+        """F/F(0), over the plane or over the squared distance."""
+        size, bits = plan.table_size, plan.table_bits
+        make = footprint_table if plan.program.footprint == "table" else radial_table
+        key = (plan.kernel.name, plan.program.footprint, size, bits)
+        return self.tables.get(key) or self._texture(key, make(plan.kernel, size), bits)
+
+    def _half_table(self, kernel: Kernel) -> moderngl.Texture:
+        key = (kernel.name, "half", HALF_TABLE_SIZE, 32)
+        return self.tables.get(key) or self._texture(key, half_line_table(kernel, HALF_TABLE_SIZE), 32)
+
+    def _texture(self, key: tuple[str, str, int, int], texels: np.ndarray, bits: int) -> moderngl.Texture:
+        dtype, store, one = TABLES[bits]
+        data = (np.rint(texels * one) if one > 1 else texels).astype(store)
+        height, width, *components = data.shape
+        texture = self.ctx.texture((width, height), *(components or [1]), data.tobytes(), alignment=1, dtype=dtype)
+        self.owned.callback(texture.release)
+        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        texture.repeat_x = texture.repeat_y = False
+        self.tables[key] = texture
+        return texture
 
 
 class SplatBuffer:

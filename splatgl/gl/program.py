@@ -45,6 +45,8 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "SHADING": program.shading,
         "BLEND": f"BLEND_{program.blend.upper()}",
         "ATTENUATION": f"ATTENUATION_{program.attenuation.upper().replace('-', '_')}",
+        "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",
+        "HALF_LINE": program.half_line,
     }
 
 
@@ -62,8 +64,9 @@ def build(
             varyings=varyings,
         )
     except moderngl.Error as error:
-        explained = "\n".join(f"{name}: {text.explain(str(error))}" for name, text in zip(stages, texts, strict=True))
-        raise ShaderError(explained) from error
+        # moderngl's message names the stage that failed
+        stage = 1 if fragment and "fragment_shader" in str(error) else 0
+        raise ShaderError(f"{stages[stage]}: {texts[stage].explain(str(error))}") from error
     for block, binding in (("Frame", FRAME_BINDING), ("Style", STYLE_BINDING)):
         if block in program:
             program[block].binding = binding  # type: ignore[union-attr]

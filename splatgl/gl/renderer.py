@@ -83,7 +83,7 @@ class Renderer:
             "attenuation": program.attenuation,
             "shading": program.shading,
             "order": program.order,
-            "footprint": f"table {chosen.table_size}×{chosen.table_size} at {chosen.table_bits} bits",
+            "footprint": chosen.table,
             "target": program.target,
             "tolerance": chosen.tolerance,
             "dropped_depth": splats.dropped_depth,

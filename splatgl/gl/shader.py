@@ -49,7 +49,7 @@ def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozen
 
     allowed: switches that another stage of the same program declares and that may be given here too.
     """
-    lines = list(_expand(name, ()))
+    lines = list(_expand(name, (), set()))
     declared = {match[1]: match[2] for _, text in lines if (match := SWITCH.match(text))}
     unknown = set(switches) - set(declared) - allowed
     if unknown:
@@ -62,11 +62,12 @@ def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozen
 
 def declared_switches(name: str) -> frozenset[str]:
     """The switches that shader `name` and its includes declare."""
-    return frozenset(match[1] for _, text in _expand(name, ()) if (match := SWITCH.match(text)))
+    return frozenset(match[1] for _, text in _expand(name, (), set()) if (match := SWITCH.match(text)))
 
 
-def _expand(name: str, outer: tuple[str, ...]) -> Iterator[tuple[str, str]]:
-    """(place, text) of every line, includes in their place."""
+def _expand(name: str, outer: tuple[str, ...], seen: set[str]) -> Iterator[tuple[str, str]]:
+    """(place, text) of every line, includes in their place, each file once."""
+    seen.add(name)
     for number, text in enumerate(_read(name), 1):
         place = f"{name}:{number}"
         match = INCLUDE.match(text)
@@ -76,8 +77,8 @@ def _expand(name: str, outer: tuple[str, ...]) -> Iterator[tuple[str, str]]:
             raise ShaderError(f"{place}: includes {match[1]}, which includes it")
         elif not (folder() / match[1]).is_file():
             raise ShaderError(f"{place}: no such file: {match[1]}")
-        else:
-            yield from _expand(match[1], (*outer, name))
+        elif match[1] not in seen:
+            yield from _expand(match[1], (*outer, name), seen)
 
 
 @lru_cache(maxsize=64)

@@ -15,6 +15,7 @@ FRAME = np.dtype(
     {
         "names": [
             "eye_from_index",
+            "index_from_eye",
             "eye_from_world",
             "eye_whole",
             "eye_part",
@@ -22,17 +23,19 @@ FRAME = np.dtype(
             "pixel_pitch",
             "switch_depth",
             "near",
+            "depth_reach",
+            "image_center",
         ],
-        "formats": [("<f4", (3, 4)), ("<f4", (3, 4)), ("<f4", 4), ("<f4", 4), ("<f4", 2), "<f4", "<f4", "<f4"],
-        "offsets": [0, 48, 96, 112, 128, 136, 140, 144],
-        "itemsize": 160,
+        "formats": [*[("<f4", (3, 4))] * 3, "<4f4", "<4f4", "<2f4", "<f4", "<f4", "<f4", "<f4", "<2f4"],
+        "offsets": [0, 48, 96, 144, 160, 176, 184, 188, 192, 196, 200],
+        "itemsize": 208,
     }
 )
 STYLE = np.dtype(
     {
-        "names": ["radius", "peak", "opacity_length", "ambient", "diffuse"],
-        "formats": ["<f4"] * 5,
-        "offsets": [0, 4, 8, 12, 16],
+        "names": ["radius", "peak", "opacity_length", "ambient", "diffuse", "radial_scale", "radial_last"],
+        "formats": ["<f4"] * 7,
+        "offsets": [0, 4, 8, 12, 16, 20, 24],
         "itemsize": 32,
     }
 )
@@ -50,7 +53,9 @@ def frame_block(splats: Splats, camera: Camera, plan: Plan) -> np.ndarray:
     aspect = camera.size[0] / camera.size[1]
     scale = np.array([2 / (camera.extent * aspect), 2 / camera.extent])
 
-    block["eye_from_index"][:, :3] = (camera.eye_from_world @ splats.grid.world_from_index / spacing).T
+    eye_from_index = camera.eye_from_world @ splats.grid.world_from_index / spacing
+    block["eye_from_index"][:, :3] = eye_from_index.T
+    block["index_from_eye"][:, :3] = np.linalg.inv(eye_from_index).T
     block["eye_from_world"][:, :3] = camera.eye_from_world.T
     block["eye_whole"][:3] = np.rint(eye)
     block["eye_part"][:3] = eye - np.rint(eye).astype(np.float32)
@@ -58,6 +63,8 @@ def frame_block(splats: Splats, camera: Camera, plan: Plan) -> np.ndarray:
     block["pixel_pitch"] = pitch if camera.perspective else pitch / spacing
     block["switch_depth"] = plan.z_s / spacing
     block["near"] = NEAR
+    block["depth_reach"] = plan.kernel.radius * np.linalg.norm(eye_from_index[2])
+    block["image_center"] = np.array(camera.size) * plan.samples / 2
     return block
 
 
@@ -67,5 +74,7 @@ def style_block(splats: Splats, plan: Plan) -> np.ndarray:
     block["radius"] = plan.kernel.radius
     block["peak"] = plan.kernel.footprint(np.zeros(()))
     block["opacity_length"] = splats.unit / splats.grid.mean_spacing
+    block["radial_scale"] = (plan.table_size - 1) / plan.kernel.radius**2
+    block["radial_last"] = plan.table_size - 1
     block["ambient"], block["diffuse"] = AMBIENT, DIFFUSE
     return block

@@ -13,11 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.splat.kernel import Kernel
-
-# quadrature points in each smooth stretch of the trapezoid's line integral: 1e−13 of its value
-QUADRATURE_ORDER = 24
-# bisections of the line's entry into a knot's shell: 2⁻⁵⁴ of the bracket
-BISECTIONS = 54
+from splatgl.splat.path import Path
 
 
 @dataclass(frozen=True)
@@ -166,69 +162,17 @@ def _oblique(splat: Splat, e: np.ndarray, a: np.ndarray, seconds: np.ndarray) ->
 
 
 def _trapezoid(splat: Splat) -> np.ndarray:
-    """(sec_p/m²) ∫ g(√(|E + a_v t|² + (t/(1 − t/z_v))²)) dt, cut where the line enters each knot's shell."""
-    m = splat.m[..., None]
-    z = np.where(splat.beyond, splat.z, 1.0)
+    """(sec_p/m²) ∫ g(√(|E + a_v t|² + (t/(1 − t/z_v))²)) dt."""
     shape = np.broadcast_shapes(splat.voxel.shape[:-1], splat.slope.shape[:-1])
-    e = np.broadcast_to(splat.offset / m, (*shape, 2))
-    a = np.broadcast_to(splat.voxel[..., :2] / (np.where(splat.beyond, splat.z, 1.0)[..., None] * m), (*shape, 2))
-    z = np.broadcast_to(z, shape)
-    line = _Line(e, a, z)
-    closest = line.closest(splat.kernel.radius)
-    # from the closest point outwards through each shell, on both sides
+    beyond = np.broadcast_to(splat.beyond, shape)
+    z = np.broadcast_to(splat.z, shape)[beyond]
+    e = np.broadcast_to(splat.offset / splat.m[..., None], (*shape, 2))[beyond]
+    a = np.broadcast_to(splat.voxel[..., :2] / splat.m[..., None], (*shape, 2))[beyond] / z[:, None]
+    zero, one = np.zeros_like(z), np.ones_like(z)
+    path = Path.of((*e.T, zero), (*a.T, zero), (zero, zero, one), z, reach=1.0)
     total = np.zeros(shape)
-    for side in (-1.0, 1.0):
-        start = closest
-        for knot in splat.kernel.knots:
-            stop = line.crossing(closest, side, knot)
-            for node, weight in zip(*_RULE, strict=True):
-                t = start + (stop - start) * node
-                value = splat.kernel.value(line.radius(t))
-                total += weight * np.abs(stop - start) * (value / (1 - t / z) if splat.planar else value)
-            start = stop
-    return splat.sec_p * splat.gain * total
-
-
-@dataclass(frozen=True)
-class _Line:
-    """A pixel's ray in the voxel's perspective space: straight across, t/(1 − t/z) in depth."""
-
-    e: np.ndarray
-    a: np.ndarray
-    z: np.ndarray
-
-    def radius(self, t: np.ndarray) -> np.ndarray:
-        x = self.e + self.a * t[..., None]
-        depth = t / (1 - t / self.z)
-        return np.sqrt(_dot(x, x) + depth * depth)
-
-    def closest(self, reach: float) -> np.ndarray:
-        """The t of the smallest radius, by Newton from the straight line's."""
-        q2 = 1 + _dot(self.a, self.a)
-        t = np.clip(-_dot(self.e, self.a) / q2, -4 * reach, 4 * reach)
-        for _ in range(8):
-            bend = 1 / (1 - t / self.z)
-            slope = _dot(self.e + self.a * t[..., None], self.a) + t * bend**3
-            curve = _dot(self.a, self.a) + bend**3 + 3 * t * bend**4 / self.z
-            t = t - slope / curve
-        return np.asarray(t)
-
-    def crossing(self, closest: np.ndarray, side: float, knot: float) -> np.ndarray:
-        """Where the radius grows past `knot` on that side of the closest point (there, if it never is less)."""
-        inside, outside = closest, closest + side * 2 * knot
-        for _ in range(BISECTIONS):
-            middle = (inside + outside) / 2
-            within = self.radius(middle) < knot
-            inside, outside = np.where(within, middle, inside), np.where(within, outside, middle)
-        return inside
-
-
-def _unit_rule() -> tuple[np.ndarray, np.ndarray]:
-    nodes, weights = np.polynomial.legendre.leggauss(QUADRATURE_ORDER)
-    return (nodes + 1) / 2, weights / 2
-
-
-_RULE = _unit_rule()
+    total[beyond] = path.integral(splat.kernel, power=1 if splat.planar else 0)
+    return np.asarray(splat.sec_p * splat.gain * total)
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

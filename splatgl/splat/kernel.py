@@ -71,6 +71,7 @@ class Gaussian:
         return np.where(d < self.radius, self.scale * line * _erf(np.sqrt(self.k) * np.asarray(t)), 0.0)
 
     def footprint(self, d: np.ndarray) -> np.ndarray:
+        d = np.minimum(d, self.radius)
         return 2 * self.partial(d, _half_chord(self.radius, d))
 
 
@@ -112,6 +113,8 @@ class PiecewiseCubic:
         return self.scale * np.copysign(total, t)
 
     def footprint(self, d: np.ndarray) -> np.ndarray:
+        # a ray that never comes near (d = ∞) has no footprint either
+        d = np.minimum(d, self.radius)
         return 2 * self.partial(d, _half_chord(self.radius, d))
 
 
@@ -137,6 +140,28 @@ def footprint_table(shape: Kernel, size: int = 256) -> np.ndarray:
     across = ((np.arange(size) + 0.5) / size * 2 - 1) * shape.radius
     d = np.hypot(across[:, None], across[None, :])
     return shape.footprint(d) / shape.footprint(np.zeros(()))
+
+
+def radial_table(shape: Kernel, size: int = 1024) -> np.ndarray:
+    """F/F(0) at `size` squared distances from 0 to R², and the step to the next: float64 [1, size, 2].
+
+    F is smooth in d², so that straight lines between 1024 of them are within 1e−5; the last is 0.
+    """
+    d = np.sqrt(np.linspace(0.0, 1.0, size)) * shape.radius
+    value = shape.footprint(d) / shape.footprint(np.zeros(()))
+    return np.stack([value, np.diff(value, append=0.0)], axis=-1)[None]
+
+
+def half_line_table(shape: Kernel, size: int = 256) -> np.ndarray:
+    """Share of a chord's integral ahead of the eye, float64 [size, size].
+
+    Columns: the chord's middle ahead of the eye, in half chords L from −1 to 1; rows: d²/R² from 0 to 1.
+    """
+    # the last row's chord has no length; its limit is that of one close by
+    d = np.sqrt(np.linspace(0.0, 1.0, size).clip(max=1 - 1e-9))[:, None] * shape.radius
+    chord = _half_chord(shape.radius, d)
+    whole = shape.partial(d, chord)
+    return np.asarray((whole + shape.partial(d, chord * np.linspace(-1.0, 1.0, size))) / (2 * whole))
 
 
 def _half_chord(radius: float, d: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from splatgl.data.errors import expected
 from splatgl.splat.camera import Camera
 from splatgl.splat.footprint import switch_depth
 from splatgl.splat.kernel import Kernel, kernel
@@ -19,6 +20,11 @@ from splatgl.splat.settings import Settings
 
 # nearest depth drawn, in voxels: a perspective quad nearer than that would overflow its clip coordinates
 NEAR = 1e-3
+# texels along an axis: the paper's, and what brings a radial table's error to 1e−5
+TABLE_SIZES = {"table": 256, "radial": 1024}
+RADIAL_BITS = 32
+# the eye is near where a kernel is nearer than this many radii: √1.1, as shaders/exact.glsl has it, and some
+NEAR_RADII = 1.06
 # one level of an 8-bit picture
 LEVELS = 255.0
 # the volume's reach, for z_s, is rounded up to powers of this: a moving camera seldom needs a new z_s
@@ -38,6 +44,8 @@ class Program:
     attenuation: str
     order: str
     target: str
+    footprint: str = "table"
+    half_line: bool = False
 
 
 @dataclass(frozen=True)
@@ -57,12 +65,19 @@ class Plan:
     tolerance: float
     notes: tuple[str, ...]
 
+    @property
+    def table(self) -> str:
+        """The footprint table in words."""
+        size = f"{self.table_size}×{self.table_size}" if self.program.footprint == "table" else str(self.table_size)
+        name = "table" if self.program.footprint == "table" else "radial table"
+        return f"{name} {size} at {self.table_bits} bits"
+
     def explain(self) -> str:
         """The plan in words, a line a decision."""
         p = self.program
         lines = [
             f"blend {p.blend}, {'perspective' if p.perspective else 'orthographic'}, target {p.target}",
-            f"footprint {self.kernel.name}, table {self.table_size}×{self.table_size} at {self.table_bits} bits",
+            f"footprint {self.kernel.name}, {self.table}",
             f"align {p.align}" + (f", switch to grid-aligned at z_s = {self.z_s:.6g}" if p.align == "hybrid" else ""),
             f"antialias {'on' if p.antialias else 'off'}, z_k = {self.z_k:.6g}, "
             f"splats from depth {self.nearest:.6g} to {self.farthest:.6g}",
@@ -95,6 +110,10 @@ def plan(splats: Splats, camera: Camera, settings: Settings | None = None) -> Pl
         notes.append(f"shading left out: {settings.blend} shows values, not surfaces")
     align, z_s = _alignment(splats, fine, settings, notes)
     attenuation = "optical-depth" if settings.attenuation == "auto" else settings.attenuation
+    footprint = _footprint(align, settings)
+    half_line = align == "exact" and _eye_is_near(splats, camera, shape.radius)
+    if align == "exact" and not half_line:
+        notes.append("half lines left out: the eye is in no kernel")
     program = Program(
         blend=settings.blend,
         align=align,
@@ -106,13 +125,15 @@ def plan(splats: Splats, camera: Camera, settings: Settings | None = None) -> Pl
         attenuation=attenuation if settings.blend == "composite" and antialias else "optical-depth",
         order=settings.order,
         target="rgba32f" if settings.target == "auto" else settings.target,
+        footprint=footprint,
+        half_line=half_line,
     )
     if settings.blend != "composite":
         notes.append(f"ordering left out: {settings.blend} is the same in any order")
     return Plan(
         program,
         shape,
-        settings.table_size,
+        settings.table_size or TABLE_SIZES[footprint],
         settings.table_bits,
         samples,
         z_k,
@@ -139,15 +160,35 @@ def _smallest_scale(splats: Splats) -> float:
 def _alignment(splats: Splats, camera: Camera, settings: Settings, notes: list[str]) -> tuple[str, float]:
     """(align, z_s). `auto` never picks grid: it loses path length, and the sum of many splats shows it."""
     if not camera.perspective:
-        if settings.align in ("auto", "ray", "hybrid"):
+        if settings.align != "grid":
             notes.append("rotation left out: in an orthographic view every ray is perpendicular to the image")
         return "grid", 0.0
+    if settings.align == "a" and not splats.grid.cubic:
+        raise expected("align a", "cubic voxels", "others", "use exact, b1 or ray")
     if settings.align != "hybrid":
-        return ("ray" if settings.align == "auto" else settings.align), 0.0
+        return ("exact" if settings.align == "auto" else settings.align), 0.0
     if settings.z_s is not None:
         return "hybrid", settings.z_s
     z_k = camera.z_k(splats.grid.mean_spacing)
     return "hybrid", z_k * _switch(splats, camera, settings)
+
+
+def _footprint(align: str, settings: Settings) -> str:
+    """`auto`: the paper's table for its quads, the finer radial one where a table's 0.04 level would show."""
+    exact = align == "exact" or settings.align in ("auto", "exact")
+    kind = settings.footprint
+    if kind == "auto":
+        kind = "radial" if exact and settings.table_bits == RADIAL_BITS else "table"
+    if kind == "radial" and settings.table_bits != RADIAL_BITS:
+        raise expected("table_bits", f"{RADIAL_BITS} for a radial table", settings.table_bits, "use footprint table")
+    return kind
+
+
+def _eye_is_near(splats: Splats, camera: Camera, radius: float) -> bool:
+    """Whether the eye may lie inside a kernel: within NEAR_RADII of the box of all centres."""
+    low, high = splats.index_bounds
+    eye = splats.grid.index_from_world(camera.eye)
+    return bool(np.linalg.norm(eye - np.clip(eye, low, high)) < NEAR_RADII * radius)
 
 
 def _switch(splats: Splats, camera: Camera, settings: Settings) -> float:

@@ -13,9 +13,9 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "blend": ("composite", "xray", "mip"),
     "kernel": ("crawfis-max", "gaussian"),
     "antialias": ("paper", "off", "supersample"),
-    "align": ("auto", "ray", "grid", "hybrid"),
+    "align": ("auto", "exact", "ray", "grid", "hybrid", "a", "b1"),
     "attenuation": ("auto", "opacity", "optical-depth"),
-    "footprint": ("auto", "table"),
+    "footprint": ("auto", "table", "radial"),
     "target": ("rgba32f", "rgba16f", "rgba8", "auto"),
     "primitive": ("auto", "quad"),
     "shading": ("auto", "on", "off"),
@@ -33,9 +33,10 @@ class Settings:
     """How to draw; the paper's names, the default first.
 
     blend composite | xray | mip. kernel crawfis-max | gaussian.
-    antialias paper | off | supersample (samples × samples a pixel). align auto | ray | grid | hybrid
-    (ray-perpendicular up to depth z_s, grid-aligned beyond; z_s in world units, None: from `tolerance`).
-    attenuation auto | opacity | optical-depth. footprint auto | table (table_size², table_bits 32 | 16 | 8).
+    antialias paper | off | supersample (samples × samples a pixel). align auto | exact | ray | grid | hybrid
+    (ray-perpendicular up to depth z_s, grid-aligned beyond; z_s in world units, None: from `tolerance`) | a | b1.
+    attenuation auto | opacity | optical-depth. footprint auto | table (table_size², table_bits 32 | 16 | 8) |
+    radial (by the squared distance). table_size None: 256 for a table, 1024 for a radial one.
     target rgba32f | rgba16f | rgba8 | auto. shading auto (as the transfer function says) | on | off.
     order back-to-front | front-to-back. tolerance: largest allowed error, linear light.
     background: None (transparent) or a linear RGB triple. Raises InputError for anything else.
@@ -49,7 +50,7 @@ class Settings:
     z_s: float | None = None
     attenuation: str = "auto"
     footprint: str = "auto"
-    table_size: int = 256
+    table_size: int | None = None
     table_bits: int = 32
     target: str = "rgba32f"
     primitive: str = "auto"
@@ -64,7 +65,8 @@ class Settings:
             if getattr(self, name) not in allowed:
                 raise expected(name, " or ".join(allowed), repr(getattr(self, name)))
         _check_number("samples", self.samples, 1, MAX_SAMPLES)
-        _check_number("table_size", self.table_size, 2, MAX_TABLE_SIZE)
+        if self.table_size is not None:
+            _check_number("table_size", self.table_size, 2, MAX_TABLE_SIZE)
         if self.table_bits not in (8, 16, 32):
             raise expected("table_bits", "8, 16 or 32", self.table_bits)
         if not (0 < self.tolerance <= 1):

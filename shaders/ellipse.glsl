@@ -1,0 +1,61 @@
+// A voxel seen on a plane, and the smallest width that antialiasing leaves it.
+// switch ALIGN ALIGN_RAY
+// switch PERSPECTIVE 1
+// switch ANTIALIAS 1
+// switch CUBIC 1
+#define ALIGN_GRID 0
+#define ALIGN_RAY 1
+#define ALIGN_HYBRID 2
+#define ALIGN_A 3
+#define ALIGN_B1 4
+#define ALIGN_EXACT 5
+
+mat3 eye_from_index() {
+    return mat3(frame.eye_from_index[0].xyz, frame.eye_from_index[1].xyz, frame.eye_from_index[2].xyz);
+}
+
+mat3 index_from_eye() {
+    return mat3(frame.index_from_eye[0].xyz, frame.index_from_eye[1].xyz, frame.index_from_eye[2].xyz);
+}
+
+// Two unit vectors perpendicular to the unit vector u and to each other: the rotation of the quad.
+void perpendicular_axes(vec3 u, out vec3 e1, out vec3 e2) {
+    float s = u.z < 0.0 ? -1.0 : 1.0;
+    float a = -1.0 / (s + u.z);
+    float b = u.x * u.y * a;
+    e1 = vec3(1.0 + s * u.x * u.x * a, s * b, -s * u.x);
+    e2 = vec3(b, s + u.y * u.y * a, -u.y);
+}
+
+// A pixel's side at depth z: the antialiasing's smallest half axis; 0 without antialiasing.  [M98 Eq. 3]
+float smallest_axis(float z) {
+#if !ANTIALIAS
+    return 0.0;
+#elif PERSPECTIVE
+    return frame.pixel_pitch * max(z, 0.0);
+#else
+    return frame.pixel_pitch;
+#endif
+}
+
+// Half axes of a kernel of unit radius, projected across the plane of e1 and e2.
+struct Ellipse {
+    vec3 axis_1;  // unit vectors
+    vec3 axis_2;
+    vec2 width;   // σ₁ ≥ σ₂
+};
+
+// Eigenvectors of C = A₂A₂ᵀ, A₂ the rows of A along e1 and e2.
+Ellipse voxel_ellipse(vec3 e1, vec3 e2) {
+    vec3 row_1 = e1 * eye_from_index();
+    vec3 row_2 = e2 * eye_from_index();
+    float diff = (dot(row_1, row_1) - dot(row_2, row_2)) * 0.5;
+    float mixed = dot(row_1, row_2);
+    float root = length(vec2(diff, mixed));
+    vec2 major = diff >= 0.0 ? vec2(diff + root, mixed) : vec2(mixed, root - diff);
+    major = root > 0.0 ? normalize(major) : vec2(1.0, 0.0);
+    // the widths' product from the cross product, so that a flat voxel loses no digits
+    float area = length(cross(row_1, row_2));
+    float width_1 = sqrt((dot(row_1, row_1) + dot(row_2, row_2)) * 0.5 + root);
+    return Ellipse(e1 * major.x + e2 * major.y, e2 * major.x - e1 * major.y, vec2(width_1, area / width_1));
+}

@@ -1,0 +1,158 @@
+// Quads beyond Table 1: the footprint at the true distance before z_k (form c), and beyond it the ellipse
+// of perspective space with the trapezoid's first-order term (b′), or without it (b1).
+// Twin of splatgl/splat/forms.py. All lengths in mean voxel spacings, in eye axes; g and τ in index axes.
+// switch HALF_LINE 0
+#include "ellipse.glsl"
+// a kernel whose centre is nearer than √1.1 R is taken to be around the eye: from there on a quad holds it
+#define HALF_LINE_REACH 1.1
+
+// A quad whose local coordinates r ("at") are in voxels, |r| = distance to the ray as the kernel sees it.
+struct ExactQuad {
+    vec3 axis_1;     // eye-space steps of r.x and r.y
+    vec3 axis_2;
+    float reach;     // |r.x|, |r.y| at the corners: covers the exact support
+    float gain;
+    float coverage;  // share of the stretched footprint that the unstretched one would fill
+    // before z_k: (1/|v|², 0, 0, 0): D² = r²/(1 + r²/|v|²).  Beyond it:
+    // cubes (−γ, κ, λ, β): D² = r² + κ r.x³, value × (1 + λ r.x + β r.x² + γ r.y²);
+    // others (−1, 0, λ.x, λ.y): value × (1 + λ·r) × the length of the pixel's ray
+    vec4 bend;
+    vec4 cubic;      // others: D² = r² + (cubic.xy·r)(cubic.zw·r)² + …
+    vec4 mixed;      // … + (mixed.xy·r)(mixed.zw·r)(cubic.zw·r), where only one axis is stretched
+};
+
+vec3 to_index(vec3 offset) {
+#if CUBIC
+    return offset;  // a cube's kernel looks the same in eye axes
+#else
+    return index_from_eye() * offset;
+#endif
+}
+
+// Before z_k d² = |v×U|²/|v+U|² on any plane through the centre v; on the one perpendicular to v it is
+// U²/(1 + U²/|v|²). The sphere of radius R seen from the eye reaches this far there.
+float near_reach(float far2) {
+    return style.radius * sqrt(far2 / max(far2 - style.radius * style.radius, 1e-6 * far2));
+}
+
+// Beyond z_k, on the plane at the voxel's depth: the pixel's ray is a straight line of the voxel's own slope in the
+// space in which the kernel is stretched; along it the depth is t + t²/z to first order.
+#if CUBIC
+ExactQuad exact_quad(vec3 v, bool stretched) {
+    float out_ = length(v.xy);
+    vec3 radial = out_ > 0.0 ? vec3(v.xy / out_, 0.0) : vec3(1.0, 0.0, 0.0);
+    vec3 across = vec3(-radial.y, radial.x, 0.0);
+    float far2 = dot(v, v);
+    ExactQuad quad = ExactQuad((radial * v.z - vec3(0.0, 0.0, out_)) * inversesqrt(far2), across, near_reach(far2), 1.0,
+                               1.0, vec4(1.0 / far2, 0.0, 0.0, 0.0), vec4(0.0), vec4(0.0));
+#if ANTIALIAS || ALIGN == ALIGN_B1
+    if (stretched) {
+        // a_v = c/(z m) and q_v = √(1 + a²); the ellipse is q times as long along c
+        float m = max(1.0, smallest_axis(v.z));
+        float a = out_ / (v.z * m);
+        float q = sqrt(1.0 + a * a);
+        float a_q = a / q;
+        quad.axis_1 = radial * (m * q);
+        quad.axis_2 = across * m;
+        quad.coverage = 1.0 / (m * m);
+        float sec2 = far2 / (v.z * v.z);
+        quad.gain = quad.coverage * sqrt(sec2) / q;
+        // the cubic term moves the rim outwards by less than this share
+        float cubic = -2.0 * a_q * a_q * a_q / v.z;
+        quad.reach = style.radius * (1.0 - cubic * style.radius);
+        // the pixel's ray is longer or shorter than the voxel's: sec_p/sec_v to second order, and the trapezoid's term
+        float across_step = m / v.z;
+        float along_step = across_step * q;
+        float turn = out_ / v.z * along_step / sec2;
+        float trapezoid = 3.0 * a_q / (q * q * v.z);
+#if BLEND == BLEND_MIP
+        // a share of the peak on a ray of that slant
+        quad.bend = vec4(-1e-30, cubic, trapezoid, 0.0);
+#else
+        quad.bend = vec4(-across_step * across_step / (2.0 * sec2), cubic, turn + trapezoid,
+                         along_step * along_step / (2.0 * sec2 * sec2) + turn * trapezoid);
+#endif
+#if ALIGN == ALIGN_B1
+        quad.reach = style.radius;
+#endif
+    }
+#endif
+    return quad;
+}
+#else
+ExactQuad near_quad(vec3 i) {
+    vec3 f1, f2;
+    float far2 = dot(i, i);
+    perpendicular_axes(i * inversesqrt(far2), f1, f2);
+    return ExactQuad(eye_from_index() * f1, eye_from_index() * f2, near_reach(far2), 1.0, 1.0,
+                     vec4(1.0 / far2, 0.0, 0.0, 0.0), vec4(0.0), vec4(0.0));
+}
+
+ExactQuad far_quad(vec3 v) {
+    Ellipse ellipse = voxel_ellipse(vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0));
+    // offsets across the view shrink by f, where a pixel is wider than the voxel
+    vec2 f = min(vec2(1.0), ellipse.width / max(smallest_axis(v.z), 1e-30));
+    vec2 slope = vec2(dot(v, ellipse.axis_1), dot(v, ellipse.axis_2)) / v.z;
+    vec3 o1 = to_index(ellipse.axis_1 * f.x);
+    vec3 o2 = to_index(ellipse.axis_2 * f.y);
+    vec3 depth = to_index(vec3(0.0, 0.0, 1.0));
+    vec3 line = o1 * slope.x + o2 * slope.y + depth;
+    float line2 = dot(line, line);
+
+    // local coordinates across the line; e: the step on the plane that each stands for
+    vec3 g1, g2;
+    perpendicular_axes(line * inversesqrt(line2), g1, g2);
+    mat2 local = mat2(dot(g1, o1), dot(g2, o1), dot(g1, o2), dot(g2, o2));
+    mat2 e = inverse(local);
+    vec3 step_1 = ellipse.axis_1 * e[0].x + ellipse.axis_2 * e[0].y;
+    vec3 step_2 = ellipse.axis_1 * e[1].x + ellipse.axis_2 * e[1].y;
+    float gain = f.x * f.y * inversesqrt(line2);
+
+#if ALIGN == ALIGN_B1
+    return ExactQuad(step_1, step_2, style.radius, gain * length(v) / v.z, f.x * f.y, vec4(0.0), vec4(0.0), vec4(0.0));
+#else
+    // t₀ = τ·r: the line's closest point to the centre
+    vec3 off_1 = o1 * e[0].x + o2 * e[0].y;
+    vec3 off_2 = o1 * e[1].x + o2 * e[1].y;
+    vec2 tau = -vec2(dot(off_1, line), dot(off_2, line)) / line2;
+    // an axis that is not stretched keeps the pixel's slope, slope + (ε·r)/z, and bends with the depth
+    vec2 still = vec2(f.x < 1.0 ? 0.0 : 1.0, f.y < 1.0 ? 0.0 : 1.0);
+    vec3 still_axis = o1 * still.x + o2 * still.y;
+    vec2 epsilon = vec2(dot(still, e[0]), dot(still, e[1]));
+    vec3 curve = depth + o1 * (still.x * slope.x) + o2 * (still.y * slope.y);
+    vec2 gamma = vec2(dot(g1, curve), dot(g2, curve));
+    vec2 pi_ = vec2(dot(g1, still_axis), dot(g2, still_axis));
+    // and counts its width once less often: a further z/z_v under the integral
+    vec2 sloped = (tau * (still.x + still.y) - (gamma + 2.0 * tau * dot(line, curve)) / line2) / v.z;
+#if BLEND != BLEND_MIP
+    // mip is the share of the peak on a ray of the same slant; all else is the integral itself
+    sloped -= epsilon * (dot(line, still_axis) / (v.z * line2));
+#endif
+    vec4 cubic = vec4(gamma * (2.0 / v.z), tau);
+    vec4 mixed = vec4(pi_ * (2.0 / v.z), epsilon);
+    // the cubic terms move the rim outwards by less than this
+    float shift = length(cubic.xy) * dot(tau, tau) + length(mixed.xy) * length(epsilon) * length(tau);
+    float reach = style.radius * (1.0 + shift * style.radius);
+    return ExactQuad(step_1, step_2, reach, gain, f.x * f.y, vec4(-1.0, 0.0, sloped), cubic, mixed);
+#endif
+}
+
+ExactQuad exact_quad(vec3 v, bool stretched) {
+    if (stretched) return far_quad(v);
+    return near_quad(index_from_eye() * v);
+}
+#endif
+
+// Whether antialiasing widens the voxel. A kernel that reaches to the eye's plane can't be, and is left alone.
+bool is_stretched(vec3 v) {
+#if ANTIALIAS
+    if (v.z <= frame.depth_reach) return false;
+#if CUBIC
+    return smallest_axis(v.z) > 1.0;
+#else
+    return smallest_axis(v.z) > voxel_ellipse(vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0)).width.y;
+#endif
+#else
+    return false;
+#endif
+}

@@ -1,0 +1,18 @@
+// What a quad's corners hand to its fragments: few and packed, since a software rasteriser sets up each of
+// them for each triangle. VARYING is defined as `out` in the vertex shader and `in` in the fragment shader.
+
+VARYING vec2 at;           // place in the footprint: [−1, 1]², or for exact quads in voxels
+flat VARYING vec4 splat;   // linear RGB, shaded; optical depth, or for mip the opacity, at the centre
+#if ATTENUATION == ATTENUATION_OPACITY
+flat VARYING float coverage;  // 1/m² [M98 Eq. 6]
+#endif
+#if ALIGN == ALIGN_EXACT
+flat VARYING vec4 bend;    // see ExactQuad
+#if ANTIALIAS && !CUBIC
+flat VARYING vec4 cubic;
+flat VARYING vec4 mixed;
+#endif
+#if HALF_LINE
+flat VARYING vec4 center;  // the voxel relative to the eye, index axes (eye axes for cubes); w is 1 if around the eye
+#endif
+#endif

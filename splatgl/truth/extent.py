@@ -1,0 +1,118 @@
+"""Which pixels a splat can reach: boxes that hold every ray on which its footprint is not 0.
+
+Lengths in mean spacings, eye axes; boxes are of slopes (perspective) or of eye x, y (orthographic).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.splat.affine import View
+from splatgl.splat.camera import Camera
+
+# share of a box by which it is widened against rounding
+MARGIN = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Pixels left ≤ column < right, top ≤ row < bottom; int64 [N]; empty ones have right = left."""
+
+    left: np.ndarray
+    right: np.ndarray
+    top: np.ndarray
+    bottom: np.ndarray
+
+
+def pixel_boxes(view: View, row: str, voxel: np.ndarray, camera: Camera) -> Boxes:
+    """The pixels of `camera` that voxels [3, N] can reach in that row of Table 1."""
+    low, high = _bounds(view, row, voxel, camera)
+    width, height = camera.size
+    grow = MARGIN * (high - low)
+    ends = []
+    for axis, count in ((0, width), (1, height)):
+        # pixel i's centre is at (i + ½ − count/2) · pitch
+        first = np.ceil((low[axis] - grow[axis]) / view.pitch + count / 2 - 0.5)
+        last = np.floor((high[axis] + grow[axis]) / view.pitch + count / 2 - 0.5) + 1
+        ends += [np.clip(end, 0, count).astype(np.int64) for end in (first, last)]
+    empty = (ends[1] <= ends[0]) | (ends[3] <= ends[2])
+    return Boxes(ends[0], np.where(empty, ends[0], ends[1]), ends[2], ends[3])
+
+
+def _bounds(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest slope, or x and y, [2, N] each; low > high where nothing is seen."""
+    z = voxel[2]
+    if not view.perspective:
+        half = _half_axes(view, np.maximum(view.widths[:, None], view.smallest(z)))
+        return voxel[:2] - half, np.where(z < 0, -np.inf, voxel[:2] + half)
+    corner = np.array([camera.extent * camera.size[0] / camera.size[1], camera.extent]) / 2
+    if row == "row5":
+        ahead = z > 0
+        depth = np.where(ahead, z, 1.0)
+        p = view.pitch * depth if view.antialias else np.zeros_like(z)
+        half = _half_axes(view, np.maximum(view.widths[:, None], p))
+        return (voxel[:2] - half) / depth, np.where(ahead, (voxel[:2] + half) / depth, -np.inf)
+    if row == "row4":
+        # the quad's outline seen from the eye is inside that of a ball
+        p = view.pitch * np.maximum(z, 0.0) if view.antialias else np.zeros_like(z)
+        size = view.kernel.radius * np.maximum(np.linalg.norm(view.eye_from_index, 2), p)
+        length = np.sqrt((voxel * voxel).sum(axis=0))
+        square = (size / np.maximum(np.hypot(length, size), 1e-300) * length) ** 2
+        return _outline(voxel, corner, (square, square, square, 0.0, 0.0))
+    low, high = _outline(voxel, corner, _ellipsoid(view))
+    widened = view.smallest(z) > view.widths[1]
+    some = _widened(view, row, voxel[:, widened], corner)
+    low[:, widened], high[:, widened] = some
+    return low, high
+
+
+def _half_axes(view: View, size: np.ndarray) -> np.ndarray:
+    """[2, N]: half the box of an ellipse across the view of half axes size · R [2, N] along the view's axes."""
+    return np.asarray(view.kernel.radius * np.sqrt((view.axes**2) @ (size * size)))
+
+
+Quadric = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | float, np.ndarray | float]
+
+
+def _ellipsoid(view: View) -> Quadric:
+    """R² A Aᵀ, which holds the kernel: its xx, yy, zz, xz and yz."""
+    q = view.kernel.radius**2 * view.eye_from_index @ view.eye_from_index.T
+    return q[0, 0], q[1, 1], q[2, 2], q[0, 2], q[1, 2]
+
+
+def _outline(voxel: np.ndarray, corner: np.ndarray, quadric: Quadric) -> tuple[np.ndarray, np.ndarray]:
+    """The slopes between which ellipsoids around voxels are seen from the eye, [2, N] each.
+
+    Planes through the eye touch one where (n·v)² = nᵀQn. One that crosses the eye's plane is seen
+    everywhere, unless it is wholly outside of the picture's sides or behind the eye.
+    """
+    z, zz = voxel[2], quadric[2]
+    reach = np.sqrt(zz)
+    before = z > reach
+    low, high = np.full((2, len(z)), -np.inf), np.full((2, len(z)), np.inf)
+    hidden = z <= -reach
+    for axis, (aa, az) in enumerate(((quadric[0], quadric[3]), (quadric[1], quadric[4]))):
+        a = voxel[axis]
+        scale = np.where(before, (z - reach) * (z + reach), 1.0)
+        root = np.sqrt(np.maximum(z * z * aa - 2 * a * z * az + a * a * zz - (aa * zz - az * az), 0.0))
+        low[axis] = np.where(before, (a * z - az - root) / scale, low[axis])
+        high[axis] = np.where(before, (a * z - az + root) / scale, high[axis])
+        for side in (-1.0, 1.0):
+            slope = side * corner[axis]
+            hidden |= side * (a - slope * z) > np.sqrt(np.maximum(aa - 2 * slope * az + slope * slope * zz, 0.0))
+    return np.where(hidden, np.inf, low), np.where(hidden, -np.inf, high)
+
+
+def _widened(view: View, row: str, voxel: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same for voxels that antialiasing widens: the reach across is the kernel's or a pixel's."""
+    z, p = voxel[2], view.smallest(voxel[2])
+    near = z - view.reach
+    half = _half_axes(view, np.maximum(view.widths[:, None] / near, p / z))
+    if row in ("row2", "row3"):
+        # against the plane at the voxel's depth, or its own ray, they slant by the picture's corner at most
+        length, radius = np.sqrt((voxel * voxel).sum(axis=0)), view.kernel.radius
+        half = half * np.sqrt(1 + corner @ corner) * length / np.sqrt((length - radius) * (length + radius))
+    ends = np.stack([voxel[:2] / near, voxel[:2] / (z + view.reach)])
+    return ends.min(axis=0) - half, ends.max(axis=0) + half

@@ -1,0 +1,102 @@
+"""(Splat, pixel) pairs: which splats meet which pixels of a band of the picture, and with what value.
+
+No loop over splats: boxes are unrolled into rows, rows into pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.data.errors import expected
+from splatgl.splat.affine import Integral, View, row1
+from splatgl.splat.camera import Camera
+from splatgl.splat.footprint import ROWS, Splat
+from splatgl.splat.quads import Quads, on_quads, quads
+from splatgl.splat.rows import Grid
+from splatgl.truth.extent import Boxes
+
+# pairs worked on at once: temporaries of 2 MB stay near the processor
+PAIRS = 1 << 18
+# rows that are one formula for every grid; the others are for cubes
+QUAD_ROWS = {"row4": "ray", "row5": "grid"}
+
+
+@dataclass(frozen=True, eq=False)
+class Values:
+    """Pairs by splat, in drawing order. splat int [P], pixel int [P] (row-major in the band), integral [P]."""
+
+    splat: np.ndarray
+    pixel: np.ndarray
+    integral: Integral
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One row of Table 1 for voxels [3, N]."""
+
+    view: View
+    name: str
+    voxel: np.ndarray
+    quads: Quads | None
+
+    @classmethod
+    def of(cls, view: View, name: str, voxel: np.ndarray, grid: Grid) -> Row:
+        """InputError for a row that does not exist, or not for this grid."""
+        if name not in ROWS:
+            raise expected("row", " or ".join(ROWS), repr(name))
+        if name in ("row2", "row3") and not grid.cubic:
+            raise expected("row", "row1, row4 or row5 for voxels that are not cubes", repr(name))
+        # seen in parallel, all rows are the same
+        own = name if view.perspective or name in QUAD_ROWS else "row1"
+        return cls(view, own, voxel, quads(view, voxel, QUAD_ROWS[own]) if own in QUAD_ROWS else None)
+
+    def coverage(self) -> np.ndarray:
+        """[N]: the share of each footprint that it would fill without antialiasing."""
+        return self.quads.coverage if self.quads else self.view.coverage(self.voxel[2])
+
+    def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
+        """The value of splats [P] on rays [2, P]."""
+        if self.quads:
+            return on_quads(self.view, self.quads.take(splat), ray)
+        voxel = self.voxel[:, splat]
+        found = row1(self.view, voxel, ray)
+        if self.name != "row1":
+            # rows 2 and 3 are row 1 where nothing is widened
+            some = np.flatnonzero(self.view.smallest(voxel[2]) > 1.0)
+            cubes = Splat(self.view.kernel, voxel[:, some].T, ray[:, some].T, 1 / self.view.pitch)
+            found.value[some] = ROWS[self.name](cubes)
+        return found
+
+
+def values(row: Row, boxes: Boxes, order: np.ndarray, band: tuple[int, int], camera: Camera) -> Iterator[Values]:
+    """The pairs of the picture's rows band[0] ≤ j < band[1], splats in that order, a chunk at a time."""
+    across, down = ((np.arange(count) + 0.5 - count / 2) * row.view.pitch for count in camera.size)
+    top, bottom = np.maximum(boxes.top, band[0]), np.minimum(boxes.bottom, band[1])
+    seen = order[((boxes.right > boxes.left) & (bottom > top))[order]]
+    count = (boxes.right - boxes.left)[seen] * (bottom - top)[seen]
+    for chunk in np.split(seen, _cuts(count)):
+        lines, line = _unroll(top[chunk], bottom[chunk])
+        owner = chunk[lines]
+        spans, column = _unroll(boxes.left[owner], boxes.right[owner])
+        splat, line = owner[spans], line[spans]
+        found = row.on(splat, np.stack([across[column], down[line]]))
+        hit = np.flatnonzero(found.value > 0)
+        pixel = (line[hit] - band[0]) * camera.size[0] + column[hit]
+        yield Values(splat[hit], pixel, Integral(found.value[hit], found.peak[hit]))
+
+
+def _cuts(count: np.ndarray) -> np.ndarray:
+    """Where to cut splats that have so many pairs each, so that a part has about PAIRS of them."""
+    part = np.cumsum(count) // PAIRS
+    return np.flatnonzero(np.diff(part)) + 1
+
+
+def _unroll(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All members of the ranges start ≤ n < stop in turn: which range each is of, and itself."""
+    length = stop - start
+    owner = np.repeat(np.arange(len(length)), length)
+    before = np.cumsum(length) - length
+    return owner, np.arange(len(owner)) + np.repeat(start - before, length)
