@@ -43,7 +43,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"splatgl {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name, (about, add) in COMMANDS.items():
-        usage = f"splatgl {name} [options]" + (" SOURCE" if name in ("render", "info") else "")
+        usage = f"splatgl {name} [options]" + OPERANDS.get(name, "")
         command = commands.add_parser(name, help=about, description=f"{about[0].upper()}{about[1:]}.", usage=usage)
         # only the command that runs needs its options, and with them its imports
         if name in arguments[:1]:
@@ -76,8 +76,24 @@ def _doctor() -> Callable[[argparse.ArgumentParser], None]:
     return add_doctor_parser
 
 
+def _figure() -> Callable[[argparse.ArgumentParser], None]:
+    from splatgl.app.figure import add_parser
+
+    return add_parser
+
+
+def _explain_splat() -> Callable[[argparse.ArgumentParser], None]:
+    from splatgl.app.explain import add_parser
+
+    return add_parser
+
+
 COMMANDS: dict[str, tuple[str, Callable[[], Callable[[argparse.ArgumentParser], None]]]] = {
     "render": ("draw a volume or a scene into a picture", _render),
     "info": ("tell what is in a volume file", _info),
     "doctor": ("tell what this machine draws with, and whether it draws right", _doctor),
+    "figure": ("draw a figure of the paper, or tell which of its claims hold", _figure),
+    "explain-splat": ("tell how right each kind of splat is for one voxel", _explain_splat),
 }
+# what a command is given besides options
+OPERANDS = {"render": " SOURCE", "info": " SOURCE", "figure": " N", "explain-splat": " X,Y,Z"}

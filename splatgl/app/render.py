@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 
 from splatgl import __version__
 from splatgl.app.options import add_settings, add_source, add_transfer, add_view, scene_from
+from splatgl.app.output import check_output
 from splatgl.app.scene import Scene
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
@@ -64,18 +64,6 @@ def run(args: argparse.Namespace) -> int:
     if not args.quiet:
         print(_summary(output, image, splats, camera))
     return 0
-
-
-def check_output(path: Path) -> None:
-    """InputError, before any work is done, if `path` can't be written or has no known suffix."""
-    if path.suffix.lower() not in (".png", ".npy"):
-        raise expected(path, "a name that ends in .png or .npy", repr(path.suffix))
-    if path.is_dir():
-        raise expected(path, "a file to write", "a directory")
-    if not path.parent.is_dir():
-        raise expected(path, "a folder that exists", f"no folder {path.parent}", "make it first")
-    if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
-        raise InputError(f"{path}: cannot be written: permission denied")
 
 
 def _origin(scene: Scene, transfer: Transfer) -> dict[str, object]:

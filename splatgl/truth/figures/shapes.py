@@ -1,0 +1,50 @@
+"""A kernel as the antialiasing leaves it, in a plane through the eye: what Figs. 7 and 9 draw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.splat.kernel import Kernel
+
+
+@dataclass(frozen=True)
+class Stretched:
+    """The kernel of the voxel (y, z) where a voxel is one pixel wide at depth z_k; eye axes, voxel spacings."""
+
+    kernel: Kernel
+    y: float
+    z: float
+    z_k: float
+
+    @property
+    def m(self) -> float:
+        """z_v/z_k beyond z_k, else 1 [M98 Eq. 4]."""
+        return max(self.z / self.z_k, 1.0)
+
+    def width(self, depth: np.ndarray, box: bool = False) -> np.ndarray:
+        """How many times as wide it is at a depth: z/z_k, as the rays diverge; m in a box [M98 Fig. 7]."""
+        fixed = box or self.z < self.z_k
+        return np.full(np.shape(depth), self.m) if fixed else np.asarray(depth) / self.z_k
+
+    def value(self, y: np.ndarray, depth: np.ndarray, box: bool = False) -> np.ndarray:
+        """g at points (y, depth), unweakened, as a share of g(0)."""
+        across = (y - self.y) / self.width(depth, box)
+        radius = np.hypot(across, depth - self.z)
+        return np.asarray(self.kernel.value(radius) / self.kernel.value(np.zeros(())))
+
+    def outline(self, box: bool = False) -> np.ndarray:
+        """[5, 2]: corners (depth, y) of the trapezoid, or box, that holds it."""
+        near, far = self.z - self.kernel.radius, self.z + self.kernel.radius
+        ends = np.array([near, near, far, far, near])
+        half = self.kernel.radius * self.width(ends, box) * np.array([-1, 1, 1, -1, -1])
+        return np.stack([ends, self.y + half], axis=1)
+
+    def box_for_trapezoid(self) -> tuple[float, float]:
+        """How far a box is from the trapezoid [M98 §4.2], at their outlines' corners and at the kernel's own rim."""
+        corners = np.abs(self.outline()[:, 1] - self.outline(box=True)[:, 1]).max()
+        turn = np.linspace(0, np.pi, 1801)
+        depth, across = self.z + self.kernel.radius * np.cos(turn), self.kernel.radius * np.sin(turn)
+        rim = np.abs(across * (self.width(depth) - self.width(depth, box=True))).max()
+        return float(corners), float(rim)
