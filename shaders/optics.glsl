@@ -6,6 +6,7 @@
 #define BLEND_MIP 2
 #define ATTENUATION_OPTICAL_DEPTH 0
 #define ATTENUATION_OPACITY 1
+#define ATTENUATION_FILL 2
 
 // 1 − exp(−x) for x ≥ 0; the series below 1/16 is good to float32's last digit
 float one_minus_exp(float x) {

@@ -6,6 +6,7 @@
 #include "optics.glsl"
 #include "footprint.glsl"
 #include "exact.glsl"
+#include "fill.glsl"
 #define VARYING out
 #include "varyings.glsl"
 
@@ -13,6 +14,7 @@ in vec3 in_position;        // grid indices
 in float in_optical_depth;  // extinction × mean spacing
 in vec3 in_color;           // linear RGB
 in ivec3 in_normal;         // gradient direction, world axes; zero: unshaded
+in int in_runs;             // how far matter goes on along the grid's axes, coded
 
 #if FEEDBACK
 out vec3 corner_eye;        // the corner in eye axes, mean spacings
@@ -85,7 +87,11 @@ void main() {
 #if BLEND == BLEND_MIP
     splat.a = one_minus_exp(in_optical_depth * style.opacity_length);
 #else
-    splat.a = in_optical_depth * quad.gain * style.peak;
+    float depth = in_optical_depth;
+#if ATTENUATION == ATTENUATION_FILL && ANTIALIAS
+    if (quad.coverage < 1.0) depth = filled_depth(depth, index, quad.coverage, smallest_axis(v.z), in_runs);
+#endif
+    splat.a = depth * quad.gain * style.peak;
 #endif
 #if ATTENUATION == ATTENUATION_OPACITY
     coverage = quad.coverage;

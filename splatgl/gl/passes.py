@@ -121,7 +121,7 @@ class SplatBuffer:
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
         self.ctx = ctx
         self.splats: Splats | None = None
-        self.uploaded: tuple[Order | None, bool] | None = None
+        self.uploaded: tuple[Order | None, bool, bool] | None = None
         self.buffer: moderngl.Buffer | None = None
         self.arrays: dict[int, moderngl.VertexArray] = {}
         owned.callback(self.release)
@@ -133,9 +133,10 @@ class SplatBuffer:
         if splats is not self.splats:
             self.release()
             self.splats = splats
-        if self.buffer is None or (order is not None and (order, nearest_first) != self.uploaded):
-            self._upload(splats, order, nearest_first)
-            self.uploaded = (order, nearest_first)
+        runs = "in_runs" in program
+        if self.buffer is None or (order is not None and (order, nearest_first, runs) != self.uploaded):
+            self._upload(splats, order, nearest_first, runs)
+            self.uploaded = (order, nearest_first, runs)
         assert self.buffer is not None
         if program.glo not in self.arrays:
             used = [name for name in GL_ATTRIBUTES if name in program]
@@ -150,11 +151,13 @@ class SplatBuffer:
             self.buffer.release()
         self.buffer, self.splats, self.uploaded = None, None, None
 
-    def _upload(self, splats: Splats, order: Order | None, nearest_first: bool) -> None:
+    def _upload(self, splats: Splats, order: Order | None, nearest_first: bool, runs: bool) -> None:
         records = splats.records
         if order is not None:
             sequence = back_to_front(splats, order)
             records = records[sequence[::-1] if nearest_first else sequence]
+            if runs:
+                records["runs"] = splats.runs[sequence[::-1] if nearest_first else sequence]
         if self.buffer is None:
             self.buffer = self.ctx.buffer(records)
         else:
@@ -164,7 +167,7 @@ class SplatBuffer:
 def _format(used: list[str]) -> str:
     """The record's format with the attributes that a program does not read skipped."""
     parts = GL_FORMAT.removesuffix("/i").split()
-    sizes = {"3f4": "12x", "1f4": "4x", "3i2": "6x"}
+    sizes = {"3f4": "12x", "1f4": "4x", "3i2": "6x", "1i2": "2x"}
     named = iter(GL_ATTRIBUTES)
     kept = [part if part.endswith("x") or next(named) in used else sizes[part] for part in parts]
     return " ".join(kept) + "/i"

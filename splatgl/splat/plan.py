@@ -109,7 +109,8 @@ def plan(splats: Splats, camera: Camera, settings: Settings | None = None) -> Pl
     if settings.shading == "auto" and splats.shaded and not shading:
         notes.append(f"shading left out: {settings.blend} shows values, not surfaces")
     align, z_s = _alignment(splats, fine, settings, notes)
-    attenuation = "optical-depth" if settings.attenuation == "auto" else settings.attenuation
+    # measured over walls, edges, threads, dots, fog and real volumes: fill is the nearest to supersampling
+    attenuation = "fill" if settings.attenuation == "auto" else settings.attenuation
     footprint = _footprint(align, settings)
     half_line = align == "exact" and _eye_is_near(splats, camera, shape.radius)
     if align == "exact" and not half_line:

@@ -16,17 +16,18 @@ from splatgl.data.errors import expected
 
 # 36 bytes a splat. position: (x, y, z) in grid indices. optical_depth: extinction × mean spacing.
 # color: linear RGB. normal: unit world gradient as signed 16-bit fractions, zero where there is none.
+# runs: see runs.py; filled in on upload where a plan wants them.
 RECORD = np.dtype(
     [
         ("position", "<f4", 3),
         ("optical_depth", "<f4"),
         ("color", "<f4", 3),
         ("normal", "<i2", 3),
-        ("unused", "<i2"),
+        ("runs", "<i2"),
     ]
 )
-GL_FORMAT = "3f4 1f4 3f4 3i2 2x/i"
-GL_ATTRIBUTES = ("in_position", "in_optical_depth", "in_color", "in_normal")
+GL_FORMAT = "3f4 1f4 3f4 3i2 1i2/i"
+GL_ATTRIBUTES = ("in_position", "in_optical_depth", "in_color", "in_normal", "in_runs")
 NORMAL_SCALE = 32767.0
 
 
@@ -155,6 +156,13 @@ class Splats:
         outwards = [ends + np.where(side(ends, middle), 0.5, -0.5) for side in (np.greater, np.greater_equal)]
         return np.asarray(np.concatenate(outwards) @ self.grid.world_from_index.T + self.grid.origin)
 
+    @cached_property
+    def runs(self) -> np.ndarray:
+        """int16 [N]: how far matter goes on around each splat, coded; see runs.py."""
+        from splatgl.splat.runs import packed_runs
+
+        return packed_runs(self)
+
     def lattice(self, axis: int) -> Lattice:
         """The splats in planes across `axis` (0 is x); made on the first use and kept."""
         if axis not in self._lattices:
@@ -164,6 +172,16 @@ class Splats:
     @cached_property
     def _lattices(self) -> dict[int, Lattice]:
         return {}
+
+    def columns(self) -> Lattice:
+        """The splats in planes across y of rows along z, for what looks at neighbours along z."""
+        count = np.diff(self.row_start)
+        index = _bucketed(self.cell_x)
+        index = index[_bucketed(np.repeat(self.row_y, count)[index])]
+        x, y, z = self.cell_x[index], np.repeat(self.row_y, count)[index], np.repeat(self.row_z, count)[index]
+        row_y, row_x, row_start = index_rows(x, y)
+        plane, plane_start = _groups(row_y)
+        return Lattice((1, 0, 2), index, plane, plane_start, row_x, row_start, z)
 
     def _make_lattice(self, axis: int) -> Lattice:
         count = np.diff(self.row_start)

@@ -14,7 +14,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "kernel": ("crawfis-max", "gaussian"),
     "antialias": ("paper", "off", "supersample"),
     "align": ("auto", "exact", "ray", "grid", "hybrid", "a", "b1"),
-    "attenuation": ("auto", "opacity", "optical-depth"),
+    "attenuation": ("auto", "opacity", "optical-depth", "fill"),
     "footprint": ("auto", "table", "radial"),
     "target": ("rgba32f", "rgba16f", "rgba8", "auto"),
     "primitive": ("auto", "quad"),

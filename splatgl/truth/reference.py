@@ -15,6 +15,7 @@ from splatgl.data.image import Image
 from splatgl.gl.uniforms import AMBIENT, DIFFUSE
 from splatgl.splat.affine import View
 from splatgl.splat.camera import Camera
+from splatgl.splat.fill import filled_depth
 from splatgl.splat.order import back_to_front, order_for
 from splatgl.splat.plan import Plan, plan
 from splatgl.splat.rows import Splats
@@ -78,6 +79,8 @@ class _Scene:
         # mip shows opacity over the transfer function's reference length
         self.depth = -np.expm1(-depth * splats.unit / splats.grid.mean_spacing) if program.blend == "mip" else depth
         self.coverage = self.row.coverage() if program.attenuation == "opacity" else np.ones(len(splats))
+        if program.attenuation == "fill":
+            self.depth = _filled(splats, view, voxel, self.row.coverage())
 
     def band(self, band: tuple[int, int]) -> np.ndarray:
         """float64 [rows, width, 4]."""
@@ -94,6 +97,16 @@ class _Scene:
             value = value / found.integral.peak
         splat = found.splat
         return Part(found.pixel, self.depth[splat] * value, self.color[splat], self.coverage[splat])
+
+
+def _filled(splats: Splats, view: View, voxel: np.ndarray, coverage: np.ndarray) -> np.ndarray:
+    """Optical depth [N] of voxels [3, N], attenuated by how much of their pixel their matter fills."""
+    ray = voxel if view.perspective else np.array([[0.0], [0.0], [1.0]])
+    length = np.sqrt((ray * ray).sum(axis=0))
+    along = np.linalg.inv(view.eye_from_index) @ (ray / np.where(length > 0, length, 1.0))
+    widths = np.linalg.norm(view.eye_from_index, axis=0)
+    depth = splats.records["optical_depth"].astype(np.float64)
+    return filled_depth(depth, along, widths, view.smallest(voxel[2]), coverage, splats.runs)
 
 
 def head_light(splats: Splats, camera: Camera, voxel: np.ndarray) -> np.ndarray:
