@@ -46,7 +46,7 @@ def test_any_grid(grid: str, blend: str, where: str, renderer: sg.Renderer) -> N
     camera = {
         "near": sg.Camera.orbit(splats, 30, 20, size=(96, 96), fov=60),
         "far": sg.Camera.orbit(splats, 30, 20, size=(192, 192), fov=60, zoom=1 / 8),
-        "inside": sg.Camera.look_at(middle + 0.1, middle + [1, 2, 0.3], (0, 0, 1), 80, (48, 48)),
+        "inside": sg.Camera.look_at(middle + 0.1, middle + np.array([1, 2, 0.3]), (0, 0, 1), 80, (48, 48)),
         "orthographic": sg.Camera.orbit(splats, 30, 20, size=(16, 16)).parallel(splats),
     }[where]
     assert worst(renderer, splats, camera, sg.Settings(blend=blend)) < (3e-5 if where == "far" else 8e-6)
@@ -65,7 +65,7 @@ def test_second_order_beyond_z_k(grid: str, renderer: sg.Renderer) -> None:
     assert errors[2] < errors[1] / 3
 
 
-@pytest.mark.parametrize("attenuation", ["opacity", "optical-depth"])
+@pytest.mark.parametrize("attenuation", ["opacity", "optical-depth", "fill"])
 def test_attenuation(attenuation: str, renderer: sg.Renderer) -> None:
     camera = sg.Camera.orbit(noise("boxes"), 50, 10, size=(96, 96), zoom=1 / 8)
     assert worst(renderer, noise("boxes"), camera, sg.Settings(attenuation=attenuation)) < 3e-5

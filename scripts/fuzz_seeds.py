@@ -1,0 +1,421 @@
+"""Good files of every reader, small, for fuzz.py to damage."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import io
+import struct
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+
+SHAPE = (6, 9, 11)
+CUBE = np.random.default_rng(1).integers(0, 200, SHAPE).astype(np.uint8)
+FLOW = np.random.default_rng(2).normal(size=(*SHAPE, 3)).astype(np.float32)
+RAW = CUBE.tobytes()
+X, Y, Z = SHAPE[::-1]
+
+Unpack = Callable[[bytes], bytes]
+
+
+@dataclass(frozen=True)
+class Seed:
+    """A good file: the name to load, and all files by name, the header first.
+
+    kind: volume, scene or transfer. name_matters: the name states sizes. unpack, pack: to and from what is
+    compressed in the first file, so that not only its checksum can be damaged.
+    """
+
+    main: str
+    files: dict[str, bytes]
+    kind: str = "volume"
+    name_matters: bool = False
+    unpack: Unpack | None = None
+    pack: Unpack | None = None
+
+
+def one(name: str, data: bytes, unpack: Unpack | None = None, pack: Unpack | None = None) -> Seed:
+    return Seed(name, {name: data}, unpack=unpack, pack=pack)
+
+
+def written(name: str, save: Callable[[Path], object]) -> Seed:
+    """What a library writes under `name`: a file, or a folder with all in it."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        save(path)
+        found = sorted(p for p in (path, *path.rglob("*")) if p.is_file())
+        files = {str(p.relative_to(folder)): p.read_bytes() for p in found}
+    # metadata first
+    order = sorted(files, key=lambda key: not Path(key).name.startswith((".z", "zarr")))
+    return Seed(name, {key: files[key] for key in order})
+
+
+# --- NumPy, raw -------------------------------------------------------------------------------------------------------
+
+
+def npy() -> list[Seed]:
+    arrays = (CUBE, np.asfortranarray(CUBE.astype(">f4")), CUBE > 90, CUBE.astype(np.float16))
+    return [written("a.npy", partial(np.save, arr=array)) for array in arrays]
+
+
+def npz() -> list[Seed]:
+    def unpack(data: bytes) -> bytes:
+        return zipfile.ZipFile(io.BytesIO(data)).read("cube.npy")
+
+    def pack(data: bytes) -> bytes:
+        out = io.BytesIO()
+        with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("cube.npy", data)
+        return out.getvalue()
+
+    plain = written("a.npz", lambda path: np.savez(path, cube=CUBE, other=np.arange(4)))
+    packed = written("a.npz", lambda path: np.savez_compressed(path, cube=CUBE))
+    return [plain, one("a.npz", packed.files["a.npz"], unpack, pack)]
+
+
+def raw() -> list[Seed]:
+    names = {f"a_{X}x{Y}x{Z}_uint8.raw": CUBE, f"a_{X}x{Y}x{Z}_float32be.bin": CUBE.astype(">f4")}
+    return [Seed(name, {name: array.tobytes()}, name_matters=True) for name, array in names.items()]
+
+
+# --- NRRD, MetaImage --------------------------------------------------------------------------------------------------
+
+NRRD = f"""NRRD0005
+# a comment
+type: {{type}}
+dimension: 3
+space: left-posterior-superior
+sizes: {X} {Y} {Z}
+space directions: (1.5,0,0) (0,2,0.5) (0,-0.5,3)
+kinds: domain domain domain
+endian: big
+encoding: {{encoding}}
+space origin: (10,-20,30.5)
+space units: "mm" "mm" "mm"
+{{more}}key:=value
+"""
+NRRD_4D = f"NRRD0004\ntype: uchar\ndimension: 4\nsizes: 1 {X} {Y} {Z}\nspacings: nan 1 -2 3\n"
+NRRD_4D += "encoding: raw\nkinds: vector space space space\nline skip: 1\nbyte skip: -1\n\n"
+
+
+def nrrd(encoding: str, packed: bytes, number: str = "uchar", more: str = "") -> bytes:
+    return NRRD.format(encoding=encoding, type=number, more=more).encode() + b"\n" + packed
+
+
+def nrrd_attached() -> list[Seed]:
+    text = " ".join(map(str, CUBE.ravel())).encode()
+    return [
+        one("a.nrrd", nrrd("raw", RAW)),
+        one("a.nrrd", nrrd("raw", CUBE.astype(">i2").tobytes(), "short")),
+        one("a.nrrd", nrrd("text", text)),
+        one("a.nrrd", NRRD_4D.encode() + RAW),
+    ]
+
+
+def nrrd_packed() -> list[Seed]:
+    import bz2
+
+    return [
+        one("a.nrrd", nrrd("gzip", gzip.compress(RAW))),
+        one("a.nrrd", nrrd("bzip2", bz2.compress(RAW))),
+        one("a.nrrd", nrrd("gzip", gzip.compress(CUBE.astype(">f4").tobytes()), "float")),
+    ]
+
+
+def nrrd_detached() -> list[Seed]:
+    header = nrrd("raw", b"", more="data file: a.raw\nbyte skip: 4\nline skip: 0\n")
+    packed = nrrd("gzip", b"", more="data file: b.gz\n")
+    return [
+        Seed("a.nhdr", {"a.nhdr": header, "a.raw": b"four" + RAW}),
+        Seed("a.nhdr", {"a.nhdr": packed, "b.gz": gzip.compress(RAW)}),
+    ]
+
+
+META = f"""ObjectType = Image
+NDims = 3
+BinaryData = {{binary}}
+BinaryDataByteOrderMSB = True
+CompressedData = {{packed}}
+TransformMatrix = 1 0 0 0 0.8 0.6 0 -0.6 0.8
+Offset = 10 -20 30.5
+CenterOfRotation = 0 0 0
+AnatomicalOrientation = RAI
+ElementSpacing = 1.5 2 3
+DimSize = {X} {Y} {Z}
+HeaderSize = {{skip}}
+ElementNumberOfChannels = 1
+ElementType = {{type}}
+ElementDataFile = {{file}}
+"""
+
+
+def meta(file: str, data: bytes = b"", packed: bool = False, binary: bool = True, number: str = "MET_UCHAR") -> bytes:
+    skip = -1 if file != "LOCAL" else 0
+    return META.format(file=file, packed=packed, binary=binary, type=number, skip=skip).encode() + data
+
+
+def metaimage() -> list[Seed]:
+    text = " ".join(map(str, CUBE.ravel())).encode()
+    return [
+        one("a.mha", meta("LOCAL", RAW)),
+        one("a.mha", meta("LOCAL", CUBE.astype(">f8").tobytes(), number="MET_DOUBLE")),
+        one("a.mha", meta("LOCAL", text, binary=False)),
+    ]
+
+
+def metaimage_packed() -> list[Seed]:
+    return [one("a.mha", meta("LOCAL", zlib.compress(RAW), packed=True))]
+
+
+def metaimage_detached() -> list[Seed]:
+    return [
+        Seed("a.mhd", {"a.mhd": meta("a.raw"), "a.raw": b"skipped" + RAW}),
+        Seed("a.mhd", {"a.mhd": meta("a.zraw", packed=True).replace(b"-1\n", b"0\n"), "a.zraw": zlib.compress(RAW)}),
+    ]
+
+
+# --- NIfTI, TIFF, Zarr ------------------------------------------------------------------------------------------------
+
+
+def nifti(suffix: str = ".nii") -> list[Seed]:
+    import nibabel
+
+    seeds = []
+    for form, array in ((nibabel.Nifti1Image, CUBE.T), (nibabel.Nifti2Image, CUBE.T[..., None].astype(">i2"))):
+        image = form(array, np.diag([1.5, -2.0, 3.0, 1.0]))
+        image.header.set_xyzt_units("mm")
+        image.header.set_slope_inter(2.0, -3.0)
+        image.header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", b"a comment"))
+        seed = written(f"a{suffix}", partial(nibabel.save, image))
+        gz = suffix.endswith(".gz")
+        packing = (gzip.decompress, partial(gzip.compress, compresslevel=1)) if gz else (None, None)
+        seeds.append(one(f"a{suffix}", seed.files[f"a{suffix}"], *packing))
+    return seeds
+
+
+def tiff() -> list[Seed]:
+    import tifffile
+
+    def seed(array: np.ndarray, **options: object) -> Seed:
+        given = {"photometric": "minisblack", **options}
+        return written("a.tif", lambda path: tifffile.imwrite(path, array, **given))
+
+    stack = CUBE.astype(np.uint16)
+    return [
+        seed(CUBE, metadata=None),
+        seed(stack, metadata=None, byteorder=">", compression="zlib", predictor=True),
+        seed(stack, compression="lzw", rowsperstrip=4),
+        seed(CUBE, metadata=None, compression="packbits", tile=(16, 16)),
+        seed(CUBE.astype(np.float32), bigtiff=True, compression="zstd"),
+        seed(CUBE, imagej=True, resolution=(2, 3), metadata={"spacing": 3.0, "unit": "um", "axes": "ZYX"}),
+        seed(CUBE[0], metadata=None),
+    ]
+
+
+def ome_tiff() -> list[Seed]:
+    import tifffile
+
+    axes = {"PhysicalSizeX": 1.5, "PhysicalSizeY": 2.0, "PhysicalSizeZ": 3000, "PhysicalSizeZUnit": "nm"}
+
+    def seed(array: np.ndarray, order: str, **options: object) -> Seed:
+        return written("a.ome.tif", lambda path: tifffile.imwrite(path, array, metadata={"axes": order, **axes}, **options))
+
+    return [seed(CUBE, "ZYX"), seed(CUBE[None], "CZYX", compression="zlib", photometric="minisblack")]
+
+
+def zarr_store(version: int) -> list[Seed]:
+    import zarr
+
+    def grouped(path: Path) -> None:
+        group = zarr.open_group(path, mode="w", zarr_format=version)
+        group.create_array("0", data=CUBE, chunks=(6, 5, 11))
+        scale = [{"type": "scale", "scale": [3, 2, 1.5]}, {"type": "translation", "translation": [0, 1, 2]}]
+        axes = [{"name": name, "unit": "micrometer"} for name in "zyx"]
+        images = {"multiscales": [{"axes": axes, "datasets": [{"path": "0", "coordinateTransformations": scale}]}]}
+        group.attrs.update(images if version == 2 else {"ome": images})
+
+    def array(path: Path, **options: object) -> None:
+        zarr.create_array(path, data=CUBE, zarr_format=version, chunks=(3, 9, 11), **options)
+
+    seeds = [written("a.zarr", grouped), written("a.zarr", partial(array, compressors=None))]
+    if version == 3:
+        seeds.append(written("a.zarr", partial(array, shards=(6, 9, 11))))
+        return [*seeds, written("a.zarr", partial(array, compressors=zarr.codecs.GzipCodec()))]
+    from numcodecs import GZip, Zstd
+
+    return [*seeds, *(written("a.zarr", partial(array, compressors=codec)) for codec in (GZip(), Zstd()))]
+
+
+# --- VTK --------------------------------------------------------------------------------------------------------------
+
+VTK = f"""# vtk DataFile Version 4.2
+a title
+{{coding}}
+DATASET STRUCTURED_POINTS
+DIMENSIONS {X} {Y} {Z}
+SPACING 1.5 2 3
+ORIGIN 10 -20 30.5
+POINT_DATA {CUBE.size}
+SCALARS density unsigned_char 1
+LOOKUP_TABLE default
+"""
+META_BLOCK = b"\nMETADATA\nINFORMATION 0\n\n"
+
+
+def vtk_legacy(coding: str) -> list[Seed]:
+    def numbers(array: np.ndarray) -> bytes:
+        if coding == "BINARY":
+            return array.astype(array.dtype.newbyteorder(">")).tobytes() + b"\n"
+        return "\n".join(" ".join(f"{v:g}" for v in row) for row in array.reshape(-1, X)).encode() + b"\n"
+
+    head = VTK.format(coding=coding).encode() + numbers(CUBE)
+    table = b"LOOKUP_TABLE default 2\n" + (bytes(8) if coding == "BINARY" else b"0 0 0 1 1 1 1 1") + b"\n"
+    field = f"FIELD FieldData 1\nheat 1 {CUBE.size} float\n".encode() + numbers(CUBE.astype(np.float32))
+    return [one("a.vtk", head + table + META_BLOCK + b"VECTORS flow float\n" + numbers(FLOW) + field)]
+
+
+VTI = f"""<?xml version="1.0"?>
+<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="{{header}}"{{packed}}>
+<ImageData WholeExtent="2 {X + 1} 0 {Y - 1} 0 {Z - 1}" Origin="10 -20 30.5" Spacing="1.5 2 3" Direction="1 0 0 0 1 0 0 0 1">
+<Piece Extent="2 {X + 1} 0 {Y - 1} 0 {Z - 1}"><PointData Scalars="density">
+<DataArray type="UInt8" Name="density" format="{{form}}"{{where}}>{{density}}</DataArray>
+<DataArray type="Float32" Name="flow" NumberOfComponents="3" format="{{form}}"{{there}}>{{flow}}</DataArray>
+</PointData></Piece></ImageData>
+"""
+ZLIB = ' compressor="vtkZLibDataCompressor"'
+
+
+def vti() -> list[Seed]:
+    """Inline: ASCII, base64, and base64 of zlib blocks."""
+    text = [" ".join(f"{v:g}" for v in array.ravel()) for array in (CUBE, FLOW)]
+    plain = [base64.b64encode(struct.pack("<I", len(data)) + data).decode() for data in (RAW, FLOW.tobytes())]
+    blocks = ["".join(base64.b64encode(part).decode() for part in _blocks(data)) for data in (RAW, FLOW.tobytes())]
+    return [
+        _vti("UInt32", "", "ascii", text),
+        _vti("UInt32", "", "binary", plain),
+        _vti("UInt64", ZLIB, "binary", blocks),
+    ]
+
+
+def _vti(header: str, packed: str, form: str, arrays: list[str]) -> Seed:
+    body = VTI.format(header=header, packed=packed, form=form, where="", there="", density=arrays[0], flow=arrays[1])
+    return one("a.vti", (body + "</VTKFile>").encode())
+
+
+def vti_appended() -> list[Seed]:
+    seeds = []
+    for packed, coding in (("", "raw"), ("", "base64"), (ZLIB, "raw"), (ZLIB, "base64")):
+        runs = []
+        for data in (RAW, FLOW.tobytes()):
+            parts = _blocks(data) if packed else (struct.pack("<Q", len(data)) + data,)
+            runs.append(b"".join(base64.b64encode(part) if coding == "base64" else part for part in parts))
+        offsets = [f' offset="{offset}"' for offset in (0, len(runs[0]))]
+        body = VTI.format(
+            header="UInt64", packed=packed, form="appended", where=offsets[0], there=offsets[1], density="", flow=""
+        )
+        tail = f'<AppendedData encoding="{coding}">_'.encode() + b"".join(runs) + b"</AppendedData></VTKFile>"
+        seeds.append(one("a.vti", body.encode() + tail))
+    return seeds
+
+
+def _blocks(data: bytes, size: int = 400) -> tuple[bytes, bytes]:
+    """Header and data of zlib blocks of `size` bytes, with 64-bit counts."""
+    parts = [data[start : start + size] for start in range(0, len(data), size)]
+    packed = [zlib.compress(part) for part in parts]
+    last = len(parts[-1]) % size
+    return struct.pack(f"<{3 + len(parts)}Q", len(parts), size, last, *map(len, packed)), b"".join(packed)
+
+
+# --- terrain, scenes --------------------------------------------------------------------------------------------------
+
+
+def picture() -> list[Seed]:
+    from PIL import Image
+
+    def saved(name: str, array: np.ndarray, **options: object) -> Seed:
+        return written(name, lambda path: Image.fromarray(array).save(path, **options))
+
+    return [
+        saved("a.png", CUBE[0]),
+        saved("a.png", CUBE[0].astype(np.uint16) * 300),
+        saved("a.jpg", CUBE[0]),
+        saved("a.jpeg", np.kron(CUBE[0], np.ones((4, 4), np.uint8)), progressive=True),
+    ]
+
+
+def table() -> list[Seed]:
+    rows = (",".join(f"{v:.3f}" for v in row) for row in FLOW[0, :, :, 0])
+    return [one("a.csv", "\n".join(rows).encode())]
+
+
+SCENE = """volume = "cube.npy"
+threshold = 0.01
+[transfer]
+points = [[0, 0.0], [50.5, 0.2], [200, 1.0]]
+colormap = "bone"
+window = [0, 200]
+unit = 1.5
+gradient = [[0, 0.2], [10, 1.0]]
+shading = true
+[camera]
+size = [64, 48]
+azimuth = 30
+elevation = 20.5
+fov = 40
+up = [0, 0, 1]
+orthographic = false
+[settings]
+blend = "composite"
+samples = 4
+table_bits = 32
+tolerance = 0.004
+background = [0, 0.5, 1]
+[load]
+spacing = [1, 1, 2]
+"""
+
+
+def scene() -> list[Seed]:
+    cube = written("cube.npy", partial(np.save, arr=CUBE)).files["cube.npy"]
+    return [Seed("a.toml", {"a.toml": SCENE.encode(), "cube.npy": cube}, "scene")]
+
+
+def transfer() -> list[Seed]:
+    text = SCENE.split("[transfer]\n")[1].split("[camera]")[0]
+    return [Seed("a.toml", {"a.toml": text.encode()}, "transfer")]
+
+
+_ALL: dict[str, Callable[[], list[Seed]]] = {
+    "npy": npy,
+    "npz": npz,
+    "raw": raw,
+    "nrrd": nrrd_attached,
+    "nrrd-packed": nrrd_packed,
+    "nrrd-detached": nrrd_detached,
+    "metaimage": metaimage,
+    "meta-packed": metaimage_packed,
+    "meta-detached": metaimage_detached,
+    "nifti": nifti,
+    "nifti-gz": partial(nifti, ".nii.gz"),
+    "tiff": tiff,
+    "ome-tiff": ome_tiff,
+    "zarr-2": partial(zarr_store, 2),
+    "zarr-3": partial(zarr_store, 3),
+    "vtk-ascii": partial(vtk_legacy, "ASCII"),
+    "vtk-binary": partial(vtk_legacy, "BINARY"),
+    "vti": vti,
+    "vti-appended": vti_appended,
+    "picture": picture,
+    "csv": table,
+    "scene": scene,
+    "transfer": transfer,
+}
+SEEDS = {name: lru_cache(build) for name, build in _ALL.items()}
+"""The good files of each reader, built once."""
