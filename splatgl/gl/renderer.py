@@ -9,6 +9,7 @@ from types import TracebackType
 import moderngl
 import numpy as np
 
+from splatgl.data.errors import InputError
 from splatgl.data.image import Image
 from splatgl.gl.context import context_info, current, open_context
 from splatgl.gl.passes import Passes
@@ -60,8 +61,27 @@ class Renderer:
         chosen = plan(splats, camera, settings)
         with current(self.ctx):
             check_size(self.ctx, (camera.size[0] * chosen.samples, camera.size[1] * chosen.samples))
-            pixels = self.passes.draw(splats, camera, chosen)
+            pixels = self._draw(splats, camera, chosen)
         return Image(pixels, self._provenance(splats, camera, chosen, time.perf_counter() - started))
+
+    def _draw(self, splats: Splats, camera: Camera, chosen: Plan) -> np.ndarray:
+        """The pixels; InputError if OpenGL ran out of memory or lost its context on the way."""
+        try:
+            pixels = self.passes.draw(splats, camera, chosen)
+        except moderngl.Error as error:
+            raise self._failure(splats, camera, str(error)) from error
+        problem = self.ctx.error
+        if problem != "GL_NO_ERROR":
+            raise self._failure(splats, camera, problem)
+        return pixels
+
+    def _failure(self, splats: Splats, camera: Camera, problem: str) -> InputError:
+        # what is kept may be half made: the next picture starts afresh
+        self.passes.splats.release()
+        return InputError(
+            f"OpenGL failed on {len(splats):,} splats at {camera.size[0]}×{camera.size[1]}: {problem}; "
+            "try a smaller picture, fewer samples, or a higher threshold"
+        )
 
     def _provenance(self, splats: Splats, camera: Camera, chosen: Plan, seconds: float) -> dict[str, object]:
         """What was drawn, how, and by what; plain values that fit into a PNG's text."""
