@@ -11,10 +11,8 @@ ROOT = Path(__file__).parents[1]
 FILES = [*ROOT.glob("splatgl/**/*.py"), *ROOT.glob("shaders/*")]
 # what the paper has: equations 1–11, one table of five rows, figures 1–14, sections 1–6
 EQUATION, FIGURE = r"(?:1[01]|[1-9])", r"(?:1[0-4]|[1-9])"
-KNOWN = re.compile(
-    rf"(Eqs?\. {EQUATION}((, |–){EQUATION})*|Table 1( rows? [1-5](–[1-5])?)?|Figs?\. {FIGURE}((, |–){FIGURE})*|§[1-6](\.[1-4])?)"
-    r"(?![\d.]\d)"
-)
+EQUATIONS, FIGURES = rf"Eqs?\. {EQUATION}((, |–){EQUATION})*", rf"Figs?\. {FIGURE}((, |–){FIGURE})*"
+KNOWN = re.compile(rf"({EQUATIONS}|Table 1( rows? [1-5](–[1-5])?)?|{FIGURES}|§[1-6](\.[1-4])?)(?![\d.]\d)")
 
 
 def tags(path: Path) -> list[str]:
