@@ -69,7 +69,7 @@ def test_one_splat_is_its_line_integral() -> None:
     """Every pixel 1 − exp(−τ row1), on a grid that is not cubic."""
     splats = sg.Splats.from_points([(3, 1, 20)], [(1, 0.5, 0)], [0.8], (1, 2, 0.7))
     camera = sg.Camera.look_at((0, 0, 0), (2, 1, 20), (0, -1, 0), 40, (12, 8))
-    found = render(splats, camera).pixels
+    found = render(splats, camera, sg.Settings(attenuation="optical-depth")).pixels
     x, y = camera.slopes()
     view = View.of(splats.grid, camera, kernel("crawfis-max"))
     assert (view.coverage(view.voxels(splats.records["position"])[2]) < 1).all()
@@ -190,7 +190,7 @@ def test_one_splat_at_a_time(blend: str, spacing: object, parallel: bool, monkey
         camera = camera.parallel(splats, 12.0)
     monkeypatch.setattr(pairs, "PAIRS", 1000)
     monkeypatch.setattr("splatgl.truth.reference.BAND", 100)
-    found = render(splats, camera, sg.Settings(blend=blend)).pixels
+    found = render(splats, camera, sg.Settings(blend=blend, attenuation="optical-depth")).pixels
     right = by_hand(splats, camera, blend)
     assert right[..., 3].max() > 0.8
     assert np.abs(found - right).max() < 1e-11 * right.max()

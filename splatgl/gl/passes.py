@@ -107,7 +107,8 @@ class Passes:
         dtype, store, one = TABLES[bits]
         data = (np.rint(texels * one) if one > 1 else texels).astype(store)
         height, width, *components = data.shape
-        texture = self.ctx.texture((width, height), *(components or [1]), data.tobytes(), alignment=1, dtype=dtype)
+        channels = components[0] if components else 1
+        texture = self.ctx.texture((width, height), channels, data.tobytes(), alignment=1, dtype=dtype)
         self.owned.callback(texture.release)
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         texture.repeat_x = texture.repeat_y = False

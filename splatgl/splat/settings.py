@@ -35,8 +35,9 @@ class Settings:
     blend composite | xray | mip. kernel crawfis-max | gaussian.
     antialias paper | off | supersample (samples × samples a pixel). align auto | exact | ray | grid | hybrid
     (ray-perpendicular up to depth z_s, grid-aligned beyond; z_s in world units, None: from `tolerance`) | a | b1.
-    attenuation auto | opacity | optical-depth | fill (beyond z_k, composite only). footprint auto | table (table_size², table_bits 32 | 16 | 8) |
-    radial (by the squared distance). table_size None: 256 for a table, 1024 for a radial one.
+    attenuation auto | opacity | optical-depth | fill (beyond z_k, composite only).
+    footprint auto | table (table_size², table_bits 32 | 16 | 8) | radial (by the squared distance);
+    table_size None: 256 for a table, 1024 for a radial one.
     target rgba32f | rgba16f | rgba8 | auto. shading auto (as the transfer function says) | on | off.
     order back-to-front | front-to-back. tolerance: largest allowed error, linear light.
     background: None (transparent) or a linear RGB triple. Raises InputError for anything else.
