@@ -143,10 +143,12 @@ ExactQuad exact_quad(vec3 v, bool stretched) {
 }
 #endif
 
-// Whether antialiasing widens the voxel. A kernel that reaches to the eye's plane can't be, and is left alone.
+// Whether antialiasing widens the voxel. A kernel that reaches a third of the way to the eye's plane is left alone:
+// along it diverging rays change so much that no one width is right, and at the plane there is none.
+#define WIDEN_BEYOND 3.0
 bool is_stretched(vec3 v) {
 #if ANTIALIAS
-    if (v.z <= frame.depth_reach) return false;
+    if (v.z <= WIDEN_BEYOND * frame.depth_reach) return false;
 #if CUBIC
     return smallest_axis(v.z) > 1.0;
 #else

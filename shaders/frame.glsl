@@ -5,8 +5,8 @@ layout(std140) uniform Frame {
     vec4 eye_from_index[3];  // columns of A in eye axes: x, y, z steps of the grid
     vec4 index_from_eye[3];  // and of its inverse
     vec4 eye_from_world[3];  // columns of the rotation, for normals
-    vec4 eye_whole;          // eye in grid indices, rounded: subtracts exactly from a position
-    vec4 eye_part;           // the rest of it
+    vec4 base;               // the voxel nearest to the eye, grid indices: subtracts exactly from a position
+    vec4 eye_from_base;      // from there to the eye, eye axes
     vec2 clip_scale;         // clip units per slope (perspective) or per length (orthographic)
     float pixel_pitch;       // a pixel's side at depth 1 (perspective) or everywhere (orthographic)
     float switch_depth;      // z_s: grid-aligned from here on

@@ -20,7 +20,7 @@ out vec4 fragment;  // linear premultiplied: 'over', sum or maximum, as BLEND sa
 float radial(float d2) {
 #if FOOTPRINT == FOOTPRINT_RADIAL
     // two numbers in one look-up without a filter: faster than any filtered one
-    float place = min(d2 * style.radial_scale, style.radial_last);
+    float place = clamp(d2 * style.radial_scale, 0.0, style.radial_last);
     int texel = int(place);
     vec2 line = texelFetch(footprint_table, ivec2(texel, 0), 0).rg;
     return line.x + line.y * (place - float(texel));

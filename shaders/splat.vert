@@ -43,8 +43,7 @@ vec4 clip_from_eye(vec3 point) {
 
 void main() {
     // relative to the eye before anything is rounded
-    vec3 index = (in_position - frame.eye_whole.xyz) - frame.eye_part.xyz;
-    vec3 v = eye_from_index() * index;
+    vec3 v = eye_from_index() * (in_position - frame.base.xyz) - frame.eye_from_base.xyz;
     vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
 
     // the corner, and where it lies in the footprint
@@ -89,7 +88,7 @@ void main() {
 #else
     float depth = in_optical_depth;
 #if ATTENUATION == ATTENUATION_FILL && ANTIALIAS
-    if (quad.coverage < 1.0) depth = filled_depth(depth, index, quad.coverage, smallest_axis(v.z), in_runs);
+    if (quad.coverage < 1.0) depth = filled_depth(depth, index_from_eye() * v, quad.coverage, smallest_axis(v.z), in_runs);
 #endif
     splat.a = depth * quad.gain * style.peak;
 #endif

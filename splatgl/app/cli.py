@@ -87,12 +87,24 @@ def _explain_splat() -> Callable[[argparse.ArgumentParser], None]:
     return add_parser
 
 
+def _stress() -> Callable[[argparse.ArgumentParser], None]:
+    from splatgl.app.stress import add_parser
+
+    return add_parser
+
+
 COMMANDS: dict[str, tuple[str, Callable[[], Callable[[argparse.ArgumentParser], None]]]] = {
     "render": ("draw a volume or a scene into a picture", _render),
     "info": ("tell what is in a volume file", _info),
     "doctor": ("tell what this machine draws with, and whether it draws right", _doctor),
     "figure": ("draw a figure of the paper, or tell which of its claims hold", _figure),
+    "stress": ("draw scenes at the extremes, and tell whether each keeps its bound", _stress),
     "explain-splat": ("tell how right each kind of splat is for one voxel", _explain_splat),
 }
 # what a command is given besides options
-OPERANDS = {"render": " SOURCE", "info": " SOURCE", "figure": " N", "explain-splat": " X,Y,Z"}
+OPERANDS = {
+    "render": " SOURCE",
+    "info": " SOURCE",
+    "figure": " N",
+    "explain-splat": " X,Y,Z",
+}

@@ -17,8 +17,8 @@ FRAME = np.dtype(
             "eye_from_index",
             "index_from_eye",
             "eye_from_world",
-            "eye_whole",
-            "eye_part",
+            "base",
+            "eye_from_base",
             "clip_scale",
             "pixel_pitch",
             "switch_depth",
@@ -57,8 +57,10 @@ def frame_block(splats: Splats, camera: Camera, plan: Plan) -> np.ndarray:
     block["eye_from_index"][:, :3] = eye_from_index.T
     block["index_from_eye"][:, :3] = np.linalg.inv(eye_from_index).T
     block["eye_from_world"][:, :3] = camera.eye_from_world.T
-    block["eye_whole"][:3] = np.rint(eye)
-    block["eye_part"][:3] = eye - np.rint(eye).astype(np.float32)
+    # a far eye's offset is along the view, so that across it float32 loses nothing
+    base = np.clip(np.rint(eye), *np.rint(splats.index_bounds))
+    block["base"][:3] = base
+    block["eye_from_base"][:3] = eye_from_index @ (eye - base)
     block["clip_scale"] = scale if camera.perspective else scale * spacing
     block["pixel_pitch"] = pitch if camera.perspective else pitch / spacing
     block["switch_depth"] = plan.z_s / spacing

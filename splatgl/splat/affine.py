@@ -20,6 +20,10 @@ from splatgl.splat.path import Path
 from splatgl.splat.rows import Grid
 
 
+# a kernel is widened where its depth is at most this part of its distance
+WIDEN_BEYOND = 3.0
+
+
 @dataclass(frozen=True, eq=False)
 class View:
     """A grid seen by a camera. eye_from_index [3, 3]: A. pitch: a pixel's side at depth 1, or everywhere.
@@ -78,11 +82,12 @@ class View:
     def smallest(self, z: np.ndarray) -> np.ndarray:
         """p at depth z [...]: the least half width that antialiasing leaves; 0 without it.
 
-        A kernel that reaches to the eye's plane can't be widened along diverging rays and is left alone.
+        A kernel that reaches a third of the way to the eye's plane is left alone: along it diverging rays
+        change so much that no one width is right, and at the plane there is none.
         """
         if not self.antialias:
             return np.zeros(np.shape(z))
-        return np.where(z > self.reach, self.pitch * z, 0.0) if self.perspective else np.full(np.shape(z), self.pitch)
+        return np.where(z > WIDEN_BEYOND * self.reach, self.pitch * z, 0.0) if self.perspective else np.full(np.shape(z), self.pitch)
 
     def shrink(self, z: np.ndarray) -> np.ndarray:
         """[2, ...]: min(1, σ_i/p), by which offsets along the axes shrink at the voxel's depth."""

@@ -68,7 +68,9 @@ class Transfer:
         low, high = self.window or (self.points[0][0], self.points[-1][0])
         v = np.nan_to_num(np.asarray(values, dtype=np.float64), nan=low)
         # a window of no extent is a step: low end below it, high end from it on
-        place = (np.clip(v, low, high) - low) / (high - low) if high > low else (v >= low).astype(np.float64)
+        k = _scale(low, high)
+        span = high * k - low * k
+        place = (np.clip(v, low, high) * k - low * k) / span if span > 0 else (v >= low).astype(np.float64)
         table = colormap(self.colormap)
         at = place * (len(table) - 1)
         below = np.minimum(at.astype(np.intp), len(table) - 2)
@@ -137,15 +139,21 @@ class Transfer:
             raise InputError(f"{path}: {error}") from error
 
 
+def _scale(low: float, high: float) -> float:
+    """½ where high − low would overflow, else 1: halves of denormals would vanish."""
+    return 1.0 if np.isfinite(np.float64(high) / 2 - np.float64(low) / 2) and high / 2 - low / 2 < 8e307 else 0.5
+
+
 def _piecewise(nodes: Nodes, values: ArrayLike) -> np.ndarray:
     """Linear between the nodes, constant outside, upper side at a step, 0 where not finite."""
     x, y = np.array(nodes, dtype=np.float64).T
     v = np.asarray(values, dtype=np.float64)
     after = np.searchsorted(x, v, side="right")
     low, high = np.maximum(after - 1, 0), np.minimum(after, len(x) - 1)
-    width = x[high] - x[low]
+    k = _scale(x[0], x[-1])
+    width = x[high] * k - x[low] * k
     with np.errstate(invalid="ignore"):
-        part = np.where(width > 0, (v - x[low]) / np.where(width > 0, width, 1.0), 0.0)
+        part = np.where(width > 0, (v * k - x[low] * k) / np.where(width > 0, width, 1.0), 0.0)
     return np.where(np.isfinite(v), y[low] + (y[high] - y[low]) * part, 0.0)
 
 

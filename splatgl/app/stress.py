@@ -1,0 +1,97 @@
+"""`splatgl stress`: scenes at the extremes whose right answer is known, and whether the pictures keep to it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from splatgl.app.output import check_output
+from splatgl.data.errors import expected
+from splatgl.data.image import write_whole
+from splatgl.gl.renderer import Renderer
+from splatgl.truth.stress import CASES, run_case
+from splatgl.truth.stress.bench import Bench
+from splatgl.truth.stress.case import Case, Result
+from splatgl.truth.stress.pages import PAGES
+from splatgl.truth.stress.report import about, as_csv, as_json, as_markdown, heading, line, lines, verdict
+
+# a bound is broken
+BROKEN = 1
+# up to so many cases, all of their checks are printed
+FEW = 3
+
+
+def add_parser(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--case", nargs="+", action="extend", metavar="NAME", help="only these; all of their checks")
+    parser.add_argument("--list", action="store_true", help="tell what cases there are, and draw nothing")
+    parser.add_argument("--explain", metavar="NAME", help=f"a page on one case; in depth: {', '.join(PAGES)}")
+    parser.add_argument("-o", "--output", metavar="DIR", help="folder for stress.md, stress.csv and stress.json")
+    parser.add_argument("--markdown", metavar="FILE", help="write the table as Markdown")
+    parser.add_argument("--csv", metavar="FILE", help="write every check as a line of CSV")
+    parser.add_argument("--json", metavar="FILE", help="write everything as JSON")
+    parser.add_argument("--backend", default="auto", metavar="NAME", help="auto, egl, osmesa or window")
+    parser.add_argument("--device", type=int, metavar="N", help="index of the EGL device")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Runs the cases and prints and writes what was found; 1 if a bound is broken, else 0."""
+    if args.list:
+        print("\n".join(f"{case.name:20}{case.stresses}" for case in CASES.values()))
+        return 0
+    files = _files(args)
+    chosen = [_case(name) for name in args.case] if args.case else list(CASES.values())
+    with Renderer(args.backend, args.device) as renderer:
+        if args.explain:
+            return _explain(_case(args.explain), renderer)
+        drawn_by = f"{renderer.info.renderer}, OpenGL {renderer.info.version} ({renderer.info.backend})"
+        print(f"{drawn_by}\n{heading()}")
+        results = []
+        for case in chosen:
+            results.append(run_case(case, renderer))
+            print(lines(results[-1]) if args.case and len(chosen) <= FEW else line(results[-1]), flush=True)
+    print(verdict(results))
+    for kind, path in files.items():
+        write_whole(path, _text(kind, results, drawn_by).encode())
+    return 0 if all(result.ok for result in results) else BROKEN
+
+
+def _explain(case: Case, renderer: Renderer) -> int:
+    """One page: what a case is, the depth of it where there is more to tell, and its checks."""
+    print(about(case))
+    if case.name in PAGES:
+        print(f"\n{PAGES[case.name](Bench(renderer))}")
+    result = run_case(case, renderer)
+    print(f"\n{heading()}\n{lines(result)}")
+    return 0 if result.ok else BROKEN
+
+
+def _text(kind: str, results: list[Result], drawn_by: str) -> str:
+    if kind == "csv":
+        return as_csv(results)
+    return as_json(results, drawn_by) if kind == "json" else as_markdown(results, drawn_by)
+
+
+def _files(args: argparse.Namespace) -> dict[str, Path]:
+    """What is to be written where; checked before any work is done."""
+    wanted = {kind: Path(path) for kind in ("markdown", "csv", "json") if (path := getattr(args, kind))}
+    if args.output:
+        folder = Path(args.output)
+        if folder.exists() and not folder.is_dir():
+            raise expected(folder, "a folder", "a file", "give another name to --output")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise expected(folder, "a folder that can be made", error.strerror) from error
+        names = {"markdown": "stress.md", "csv": "stress.csv", "json": "stress.json"}
+        wanted = {**{kind: folder / name for kind, name in names.items()}, **wanted}
+    suffixes = {"markdown": (".md",), "csv": (".csv",), "json": (".json",)}
+    for kind, path in wanted.items():
+        check_output(path, suffixes[kind])
+    return wanted
+
+
+def _case(name: str) -> Case:
+    if name not in CASES:
+        raise expected("stress case", "one of " + ", ".join(CASES), repr(name), "splatgl stress --list tells them all")
+    return CASES[name]

@@ -1,0 +1,158 @@
+"""The suite's results as a table for a terminal, CSV, JSON and Markdown."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Sequence
+from textwrap import fill
+
+import numpy as np
+
+from splatgl.truth.stress.case import Case, Check, Result
+
+# widths of the table's columns, characters: with the spaces between them 97
+WIDTHS = (18, 24, 9, 9, 8, 8, 8, 6)
+HEAD = ("case", "what", "right", "found", "error", "bound", "paper's", "")
+# a page of text
+PAGE = 96
+FIELDS = ("case", "what", "right", "found", "error", "bound", "relative", "paper", "paper_error", "kept")
+
+
+def heading() -> str:
+    """The names of the columns."""
+    return _line(HEAD)
+
+
+def line(result: Result) -> str:
+    """One case on one line: the check that is nearest to its bound, or furthest over it."""
+    return _check_line(result.case.name, result.worst, result.ok)
+
+
+def lines(result: Result) -> str:
+    """All checks of a case, a line each."""
+    return "\n".join(_check_line(result.case.name, each, each.ok) for each in result.checks)
+
+
+def verdict(results: Sequence[Result]) -> str:
+    """How many cases keep their bounds, and which do not."""
+    broken = [result for result in results if not result.ok]
+    pictures, bad = (sum(getattr(result, name) for result in results) for name in ("pictures", "bad_pixels"))
+    seconds = sum(result.seconds for result in results)
+    parts = [
+        f"{len(results) - len(broken)} of {len(results)} cases keep their bounds; {pictures} pictures, "
+        f"{bad} values in them not finite; {seconds:.0f} s"
+    ]
+    for result in broken:
+        checks = "; ".join(each.what for each in result.checks if not each.ok)
+        bad = f"{result.bad_pixels} values not finite" if result.bad_pixels else ""
+        parts.append(f"broken: {result.case.name}: {'; '.join(filter(None, (checks, bad)))}")
+    return "\n".join(fill(part, PAGE) for part in parts)
+
+
+def about(case: Case) -> str:
+    """What a case is, in words."""
+    parts = ((case.name, case.stresses), ("how", case.how), ("right", case.right))
+    return "\n".join(fill(f"{name}: {text}", PAGE, subsequent_indent="  ") for name, text in parts)
+
+
+def as_csv(results: Iterable[Result]) -> str:
+    """Comma-separated text, one line a check, with a line of names; numbers to the last bit."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(FIELDS)
+    for result in results:
+        writer.writerows(_row(result, each).values() for each in result.checks)
+    return buffer.getvalue()
+
+
+def as_json(results: Sequence[Result], renderer: str) -> str:
+    """Everything, by case; numbers that are none or infinite become null."""
+    cases = [
+        {
+            "name": result.case.name,
+            "stresses": result.case.stresses,
+            "how": result.case.how,
+            "right": result.case.right,
+            "kept": result.ok,
+            "pictures": result.pictures,
+            "not_finite": result.bad_pixels,
+            "seconds": round(result.seconds, 3),
+            "checks": [_plain(_row(result, each)) for each in result.checks],
+        }
+        for result in results
+    ]
+    return json.dumps({"renderer": renderer, "cases": cases}, ensure_ascii=False, indent=1) + "\n"
+
+
+def as_markdown(results: Sequence[Result], renderer: str) -> str:
+    """A table of all cases, each by the check nearest to its bound, and a line about all of it."""
+    # a bar in a cell would end it
+    bar = r"\|"
+    rows = ["| case | what is extreme | error | bound | paper's |", "|---|---|---|---|---|"]
+    for result in results:
+        worst = result.worst
+        error = _error(worst.error, worst.relative)
+        shown = error if result.ok else f"**{error}**"
+        paper = "" if worst.paper_error is None else _error(worst.paper_error, worst.relative)
+        bound = _error(worst.bound, worst.relative)
+        rows.append(
+            f"| `{result.case.name}` | {result.case.stresses.replace('|', bar)} | {shown} | {bound} | {paper} |"
+        )
+    return "\n".join([*rows, "", f"{verdict(results)}. Drawn by {renderer}."]) + "\n"
+
+
+def _check_line(name: str, each: Check, ok: bool) -> str:
+    paper = "" if each.paper_error is None else _error(each.paper_error, each.relative)
+    cells = (
+        name,
+        each.what,
+        _number(each.right),
+        _number(each.found),
+        _error(each.error, each.relative),
+        _error(each.bound, each.relative),
+        paper,
+        "ok" if ok else "BROKEN",
+    )
+    return _line(cells)
+
+
+def _line(cells: Sequence[str]) -> str:
+    parts = []
+    for n, (cell, width) in enumerate(zip(cells, WIDTHS, strict=True)):
+        cut = cell if len(cell) <= width else cell[: width - 1] + "…"
+        parts.append(cut.ljust(width) if n < 2 or n == len(WIDTHS) - 1 else cut.rjust(width))
+    return " ".join(parts).rstrip()
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}"
+
+
+def _error(value: float, relative: bool) -> str:
+    if np.isinf(value):
+        return "∞"
+    if not relative:
+        return f"{value:.2g}"
+    return f"{100 * value:.2g}%" if value < 0.1 else f"{100 * value:.0f}%"
+
+
+def _row(result: Result, each: Check) -> dict[str, object]:
+    values = (
+        result.case.name,
+        each.what,
+        each.right,
+        each.found,
+        each.error,
+        each.bound,
+        each.relative,
+        each.paper,
+        each.paper_error,
+        each.ok,
+    )
+    return dict(zip(FIELDS, values, strict=True))
+
+
+def _plain(row: dict[str, object]) -> dict[str, object]:
+    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in row.items()}
