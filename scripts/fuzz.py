@@ -10,6 +10,7 @@ raised anything but an InputError that names the file, printed, crashed, hung, o
 from __future__ import annotations
 
 import argparse
+import ast
 import multiprocessing
 import multiprocessing.connection
 import os
@@ -20,9 +21,9 @@ import shutil
 import sys
 import tempfile
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -34,7 +35,7 @@ from splatgl.app.scene import Scene
 from splatgl.data.errors import InputError
 
 sys.path.insert(0, str(Path(__file__).parent))
-from fuzz_seeds import SEEDS, Seed  # noqa: E402
+from fuzz_seeds import SEEDS, Seed
 
 LIMIT = 2**30
 """Bytes of address space, and of resident memory, that reading one file may add: twice the readers' MAX_BYTES."""
@@ -186,7 +187,7 @@ def outcome(path: Path, kind: str) -> tuple[str, str]:
         result, said = "loaded", ""
     except InputError as error:
         said = str(error)
-        fine = said.isprintable() and str(path) in said and len(said) < len(str(path)) + 500
+        fine = said.isprintable() and str(path.parent) in said and len(said) < len(str(path)) + 500
         result = "refused" if fine else "other"
         if _memory(error):
             result = "over"
@@ -202,7 +203,10 @@ def outcome(path: Path, kind: str) -> tuple[str, str]:
 def _memory(error: BaseException | None) -> bool:
     """Whether a lack of memory is among the causes."""
     while error is not None:
-        if isinstance(error, MemoryError) or "allocate" in str(error):
+        places = list(traceback.walk_tb(error.__traceback__))
+        # Python's own parser calls it lack of memory that parentheses are nested too deep
+        parsing = bool(places) and places[-1][0].f_code.co_filename == ast.__file__
+        if (isinstance(error, MemoryError) and not parsing) or "allocate" in str(error):
             return True
         error = error.__cause__ or error.__context__
     return False
@@ -258,7 +262,9 @@ def run(reader: str, count: int, seed: int, folder: Path) -> Iterator[tuple[int,
 
     def start(slot: int, first: int) -> None:
         mine, theirs = spawn.Pipe(duplex=False)
-        process = spawn.Process(target=work, args=(reader, range(first, count, PROCESSES), seed, folder / f"{slot}", theirs))
+        process = spawn.Process(
+            target=work, args=(reader, range(first, count, PROCESSES), seed, folder / f"{slot}", theirs)
+        )
         process.start()
         theirs.close()
         tasks[mine] = (slot, first, process, time.monotonic() + WALL)
@@ -278,8 +284,9 @@ def run(reader: str, count: int, seed: int, folder: Path) -> Iterator[tuple[int,
                     fault = "crash" if index < count else "done"
             if fault:
                 del tasks[pipe]
-                process.kill()
-                process.join()
+                if fault == "hang":
+                    process.kill()
+                process.join(WALL)
                 if fault != "done":
                     yield index, fault, f"exit code {process.exitcode}"
                     if index + PROCESSES < count:

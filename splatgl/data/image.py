@@ -10,6 +10,7 @@ import tempfile
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,8 @@ from splatgl.data.errors import InputError, expected, missing_extra
 
 # the PNG text chunk that holds the provenance as JSON
 KEYWORD = "splatgl"
+# rows that are decoded together: numpy turns samples into 8-byte indices, which had better stay in the cache
+BAND_ROWS = 16
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
@@ -54,9 +57,23 @@ class Image:
         source = Path(path)
         if source.suffix.lower() == ".npy":
             return cls(_load_npy(source))
-        straight, info = _load_png(source)
-        linear = linear_from_srgb(straight[..., :3]) * straight[..., 3:]
-        return cls(np.concatenate([linear, straight[..., 3:]], axis=-1).astype(np.float32), info)
+        samples, info = _load_png(source)
+        return cls(_from_samples(samples), info)
+
+    @classmethod
+    def from_samples(cls, samples: np.ndarray) -> Image:
+        """A picture from sRGB samples with straight alpha or none: uint8 or uint16 [H, W, 3 or 4]."""
+        if samples.ndim != 3 or samples.shape[2] not in (3, 4) or samples.dtype not in (np.uint8, np.uint16):
+            raise expected("samples", "uint8 or uint16 [H, W, 3 or 4]", f"{samples.dtype} {samples.shape}")
+        if samples.shape[2] == 3:
+            opaque = np.full_like(samples[..., :1], np.iinfo(samples.dtype).max)
+            samples = np.concatenate([samples, opaque], axis=-1)
+        return cls(_from_samples(samples))
+
+    def rounded(self, bits: int = 8, background: tuple[float, float, float] | None = None) -> Image:
+        """What a PNG of `bits` (8 or 16) on `background` would bring back of this picture, without writing one."""
+        info = dict(self.info)
+        return Image(_from_samples(self._samples(info, bits, background)), info)
 
     def straight(self) -> np.ndarray:
         """sRGB with straight alpha, float64 [H, W, 4] in [0, 1]."""
@@ -72,6 +89,14 @@ class Image:
         return Image(self.pixels + (1 - self.pixels[..., 3:]) * ground, self.info)
 
     def _png(self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None) -> bytes:
+        # the samples first: they add the X-ray scale to `info`
+        samples = self._samples(info, bits, background)
+        return _with_text(_encode(samples), KEYWORD, json.dumps(info, ensure_ascii=True))
+
+    def _samples(
+        self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None
+    ) -> np.ndarray:
+        """Straight sRGB, uint8 or uint16 [H, W, 4]; the scale of an X-ray is noted in `info`."""
         image = self
         if info.get("blend") == "xray":
             top = float(self.pixels.max()) or 1.0
@@ -82,8 +107,7 @@ class Image:
         if bits not in (8, 16):
             raise expected("bits", "8 or 16", bits)
         one = 2**bits - 1
-        samples = np.rint(image.straight() * one).astype(np.uint8 if bits == 8 else np.uint16)
-        return _with_text(_encode(samples), KEYWORD, json.dumps(info, ensure_ascii=True))
+        return np.rint(image.straight() * one).astype(np.uint8 if bits == 8 else np.uint16)
 
 
 def write_whole(target: Path, data: bytes) -> None:
@@ -130,7 +154,28 @@ def _with_text(png: bytes, keyword: str, text: str) -> bytes:
     return png[:header] + chunk + png[header:]
 
 
+@lru_cache(maxsize=2)
+def _linear_table(levels: int) -> np.ndarray:
+    """Linear light, float32, of each of `levels` sRGB samples: reading a table is far faster than a power a pixel."""
+    return linear_from_srgb(np.arange(levels) / (levels - 1)).astype(np.float32)
+
+
+def _from_samples(samples: np.ndarray) -> np.ndarray:
+    """Linear premultiplied float32 of straight sRGB samples, uint8 or uint16 [H, W, 4]."""
+    top = np.iinfo(samples.dtype).max
+    table = _linear_table(top + 1)
+    pixels = np.empty(samples.shape, np.float32)
+    for row in range(0, len(samples), BAND_ROWS):
+        band, alpha = pixels[row : row + BAND_ROWS], samples[row : row + BAND_ROWS, :, 3]
+        np.take(table, samples[row : row + BAND_ROWS], out=band, mode="clip")
+        np.divide(alpha, np.float32(top), out=band[..., 3])
+        if alpha.size and alpha.min() < top:
+            band[..., :3] *= band[..., 3:]
+    return pixels
+
+
 def _load_npy(source: Path) -> np.ndarray:
+    _check_file(source)
     try:
         pixels = np.load(source, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
@@ -141,17 +186,28 @@ def _load_npy(source: Path) -> np.ndarray:
 
 
 def _load_png(source: Path) -> tuple[np.ndarray, dict[str, object]]:
-    """Straight sRGB float64 [H, W, 4] in [0, 1], and the provenance if there is one."""
+    """Straight sRGB, uint8 or uint16 [H, W, 4], and the provenance if there is one."""
     from PIL import Image as Pillow
 
+    _check_file(source)
     try:
         with Pillow.open(source) as picture:
-            text = getattr(picture, "text", {}).get(KEYWORD, "{}")
-            deep = picture.format == "PNG" and _png_bits(source) == 16
-            straight = np.asarray(picture.convert("RGBA"), np.float64) / 255
-        return (_decode_deep(source) if deep else straight), json.loads(text)
+            info = _provenance(getattr(picture, "text", {}))
+            if picture.format == "PNG" and _png_bits(source) == 16:
+                return _decode_deep(source), info
+            return np.asarray(picture if picture.mode == "RGBA" else picture.convert("RGBA")), info
     except (OSError, ValueError, SyntaxError) as error:
         raise InputError(f"{source}: cannot be read as a picture: {error}") from error
+
+
+def _provenance(text: Mapping[str, str]) -> dict[str, object]:
+    info = json.loads(text.get(KEYWORD, "{}"))
+    return info if isinstance(info, dict) else {}
+
+
+def _check_file(source: Path) -> None:
+    if not source.is_file():
+        raise InputError(f"{source}: cannot be read: {'a directory' if source.is_dir() else 'no such file'}")
 
 
 def _png_bits(source: Path) -> int:
@@ -160,15 +216,17 @@ def _png_bits(source: Path) -> int:
 
 
 def _decode_deep(source: Path) -> np.ndarray:
+    """16-bit samples of any PNG colour type, as uint16 [H, W, 4]; Pillow would drop to 8 bits."""
     try:
-        from imagecodecs import png_decode
+        from imagecodecs import PngError, png_decode
     except ImportError as error:
         raise missing_extra(f"{source}: 16-bit PNG", "imagecodecs", "readers") from error
-    samples = np.asarray(png_decode(source.read_bytes()), np.float64) / 65535
-    if samples.ndim == 2 or samples.shape[2] < 3:
-        alpha = samples[..., 1:2] if samples.ndim == 3 and samples.shape[2] == 2 else None
-        gray = samples[..., None] if samples.ndim == 2 else samples[..., :1]
-        samples = np.concatenate([gray] * 3 + ([alpha] if alpha is not None else []), axis=-1)
-    if samples.shape[2] == 3:
-        samples = np.concatenate([samples, np.ones_like(samples[..., :1])], axis=-1)
-    return samples
+    try:
+        samples = np.atleast_3d(png_decode(source.read_bytes()))
+    except PngError as error:
+        raise ValueError(str(error)) from error
+    # gray, gray + alpha, RGB, or RGBA
+    count = samples.shape[2]
+    color = samples[..., :3] if count > 2 else np.repeat(samples[..., :1], 3, axis=-1)
+    alpha = samples[..., -1:] if count in (2, 4) else np.full_like(samples[..., :1], np.iinfo(samples.dtype).max)
+    return np.concatenate([color, alpha], axis=-1)

@@ -19,7 +19,6 @@ from splatgl.splat.kernel import Kernel
 from splatgl.splat.path import Path
 from splatgl.splat.rows import Grid
 
-
 # a kernel is widened where its depth is at most this part of its distance
 WIDEN_BEYOND = 3.0
 
@@ -87,7 +86,9 @@ class View:
         """
         if not self.antialias:
             return np.zeros(np.shape(z))
-        return np.where(z > WIDEN_BEYOND * self.reach, self.pitch * z, 0.0) if self.perspective else np.full(np.shape(z), self.pitch)
+        if not self.perspective:
+            return np.full(np.shape(z), self.pitch)
+        return np.where(z > WIDEN_BEYOND * self.reach, self.pitch * z, 0.0)
 
     def shrink(self, z: np.ndarray) -> np.ndarray:
         """[2, ...]: min(1, σ_i/p), by which offsets along the axes shrink at the voxel's depth."""

@@ -1,7 +1,7 @@
 """How far matter goes on around each splat: the runs of present cells along x, y and z.
 
-A run of one is a dot's, a thread's or a sheet's width, or that of a skin over other matter; they say which share of a pixel wider than a
-voxel is filled and how many layers lie behind each other in it.
+A run of one is a dot's, a thread's or a sheet's width, or that of a skin over other matter; they say which
+share of a pixel wider than a voxel is filled and how many layers lie behind each other in it.
 """
 
 from __future__ import annotations

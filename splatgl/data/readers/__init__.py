@@ -19,6 +19,7 @@ from splatgl.data.readers import (
     vtk_legacy,
     zarr_store,
 )
+from splatgl.data.readers.files import quiet
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.terrain import terrain_from_heights
 from splatgl.data.volume import Volume
@@ -56,6 +57,9 @@ FORMATS = (
 )
 """All formats; every one takes `spacing` too."""
 
+LINE_LIMIT = 400
+"""Most characters of a message behind the path: some quote the file."""
+
 _STARTS = {
     b"\x93NUMPY": "NumPy",
     b"\x89PNG": "PNG",
@@ -84,16 +88,28 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: object) 
     """
     path = Path(path)
     try:
-        options = _options(options, given)
-        form = _format(path)
-        _check(path, form, options)
-        volume = form.read(path, options)
-        name = path.name[: -len(_suffix(path, form))].removesuffix(".ome")
-        return replace(volume, name=name, spacing=options.spacing or volume.spacing)
+        with quiet():
+            return _load(path, _options(options, given))
     except InputError as error:
-        line = f"{path}: {error}"
-        # a damaged header may hold control characters, which a terminal would obey
-        raise InputError("".join(c if c.isprintable() else "?" for c in line)) from error.__cause__
+        raise _one_line(path, str(error)) from error.__cause__
+    except OSError as error:
+        raise _one_line(path, f"cannot be read: {error.strerror or error}") from error
+    except MemoryError as error:
+        raise _one_line(path, "needs more memory than there is; use a smaller volume") from error
+
+
+def _load(path: Path, options: LoadOptions) -> Volume:
+    form = _format(path)
+    _check(path, form, options)
+    volume = form.read(path, options)
+    name = path.name[: -len(_suffix(path, form))].removesuffix(".ome")
+    return replace(volume, name=name, spacing=options.spacing or volume.spacing)
+
+
+def _one_line(path: Path, message: str) -> InputError:
+    """The error as one line that begins with the path; a damaged header may hold much, and control characters."""
+    short = message if len(message) <= LINE_LIMIT else message[: LINE_LIMIT - 1] + "…"
+    return InputError("".join(c if c.isprintable() else "?" for c in f"{path}: {short}"))
 
 
 def _options(options: LoadOptions | None, given: dict[str, object]) -> LoadOptions:
@@ -127,7 +143,8 @@ def _check(path: Path, form: Format, options: LoadOptions) -> None:
     if not path.exists():
         raise expected("path", "a file", "nothing of that name", "check the path")
     if path.is_dir() != folder or not (folder or path.is_file()):
-        raise expected("path", "a Zarr folder" if folder else "a file", "a folder" if path.is_dir() else "a file")
+        got = "a folder" if path.is_dir() else "a file" if path.is_file() else "a pipe or device"
+        raise expected("path", "a Zarr folder" if folder else "a file", got)
     if not folder and path.stat().st_size == 0:
         raise expected("file", "data", "0 bytes", "the file is empty")
     refused = sorted(options.given - {"spacing", *form.takes})

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import math
+import warnings
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,11 +17,17 @@ from splatgl.data.errors import InputError, expected
 DEFLATE_RATIO = 1032
 """Most bytes that one byte of deflate data can expand to (zlib's technical notes: 1032:1)."""
 
-MAX_BYTES = 4 * 2**30
+MAX_BYTES = 2**29
 """Most bytes allocated on a file's word alone: where the codec's ratio is unbounded and the file is small."""
 
 CHUNK_BYTES = 2**20
 """Bytes inflated or read at a time: small beside a volume, large beside a call's cost."""
+
+REASON_LIMIT = 200
+"""Most characters of a library's complaint that are passed on: some quote the file."""
+
+LOGGERS = ("nibabel.global", "numcodecs", "PIL.ImageFile", "PIL.PngImagePlugin", "PIL.TiffImagePlugin", "zarr")
+"""Loggers of libraries that print by themselves or through Python's last resort; tifffile's is listened to."""
 
 Shape = tuple[int, int, int]
 
@@ -55,9 +63,15 @@ def require_plausible(needed: int, there: int, bounded: bool = True) -> None:
 
 
 def map_array(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> np.ndarray:
-    """A read-only array [shape] (C order) mapped from `path` at `offset` bytes. Raises InputError if it is cut."""
+    """A read-only array [shape] (C order) mapped from `path` at `offset` bytes. Raises InputError if it is cut.
+
+    Whoever cuts the file short later takes the pages from under the array: the system ends a process that reads them.
+    """
+    if offset < 0:
+        raise expected("data", "a place in the file", f"byte {offset}", "the header is damaged")
     require_bytes(byte_count(shape, dtype), path.stat().st_size - offset)
-    return np.memmap(path, dtype=dtype, mode="r", offset=offset, shape=tuple(int(size) for size in shape))
+    with library("mapped samples"):
+        return np.memmap(path, dtype=dtype, mode="r", offset=offset, shape=tuple(int(size) for size in shape))
 
 
 def is_mapped(array: np.ndarray) -> bool:
@@ -103,7 +117,12 @@ def beside(header: Path, name: str) -> Path:
     if outside:
         raise expected("data file", "a name inside the header's folder", repr(name), "put both files side by side")
     path = header.parent / name
-    if not path.resolve().is_relative_to(header.parent.resolve()):
+    try:
+        inside = path.resolve().is_relative_to(header.parent.resolve())
+    except (OSError, RuntimeError):
+        # a link that leads back to itself
+        inside = False
+    if not inside:
         raise expected("data file", "a file inside the header's folder", repr(name), "replace the link by the file")
     if not path.is_file():
         raise expected("data file", "a file beside the header", f"nothing named {name!r}", "copy it there")
@@ -139,8 +158,24 @@ def library(title: str) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:
-        reason = str(error) or type(error).__name__
-        raise InputError(" ".join(f"cannot be read as {title}: {reason}; the file may be damaged".split())) from error
+        reason = " ".join(str(error).split())[:REASON_LIMIT] or type(error).__name__
+        raise InputError(f"cannot be read as {title}: {reason}; the file may be damaged") from error
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keeps what libraries warn of or log about a file off the terminal: a file that is refused gets one line."""
+    loggers = [logging.getLogger(name) for name in LOGGERS]
+    disabled = [logger.disabled for logger in loggers]
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        for logger in loggers:
+            logger.disabled = True
+        try:
+            yield
+        finally:
+            for logger, before in zip(loggers, disabled, strict=True):
+                logger.disabled = before
 
 
 def _times(sizes: Sequence[int]) -> str:

@@ -15,6 +15,7 @@ from splatgl.data.readers.files import beside as data_file_beside
 from splatgl.data.readers.files import byte_count, grid_shape, inflate, library, map_array, selection
 from splatgl.data.readers.grid import triple, unit_name
 from splatgl.data.readers.options import LoadOptions
+from splatgl.data.readers.text import read_numbers, require_end
 from splatgl.data.volume import Triple, Volume
 
 _TYPES = {
@@ -38,6 +39,9 @@ _MATRIX_NAMES = ("TransformMatrix", "Rotation", "Orientation")
 _LINE_LIMIT = 4096
 """Longest header line in bytes; a longer one means that the file is something else."""
 
+_LINES_LIMIT = 10_000
+"""Most header lines: the format has some forty fields, and programs add their own."""
+
 Fields = dict[str, str]
 
 
@@ -45,7 +49,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of a MetaImage file; `channel` picks one of several samples per voxel."""
     fields, start = _header(path)
     depth, height, width = grid_shape(_integers(fields, "DimSize"))
-    channels = int(_numbers(fields, ("ElementNumberOfChannels",), [1])[0])
+    channels = _integer(fields, "ElementNumberOfChannels", 1)
     shape = (depth, height, width, max(channels, 1))
     samples = _data(path, fields, start, shape)[selection(shape, {3: ("channel", options.channel)})]
     matrix = np.array(_numbers(fields, _MATRIX_NAMES, list(np.eye(3).ravel())))
@@ -66,6 +70,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
 def _header(path: Path) -> tuple[Fields, int]:
     """Fields up to ElementDataFile, which is the last one, and the byte after it."""
     fields: Fields = {}
+    lines = 0
     with path.open("rb") as file:
         while "ElementDataFile" not in fields:
             line = file.readline(_LINE_LIMIT)
@@ -74,6 +79,9 @@ def _header(path: Path) -> tuple[Fields, int]:
                 raise expected("header", "lines 'key = value'", repr(line[:16]), "is this a MetaImage file?")
             if not line:
                 raise expected("header", "a last line 'ElementDataFile = …'", "none", "the file is cut short")
+            lines += 1
+            if lines > _LINES_LIMIT:
+                raise expected("header", f"at most {_LINES_LIMIT} lines", "more", "is this a MetaImage file?")
             if equals:
                 fields[key.strip()] = value.strip()
         start = file.tell()
@@ -93,7 +101,9 @@ def _data(path: Path, fields: Fields, start: int, shape: tuple[int, ...]) -> np.
     # 2. how: text, zlib, or as it is; HeaderSize -1 counts from the end
     if not _flag(fields, "BinaryData", True):
         return _text(path, start, dtype, shape)
-    skip = int(_numbers(fields, ("HeaderSize",), [0])[0])
+    skip = _integer(fields, "HeaderSize", 0)
+    if skip < -1:
+        raise expected("HeaderSize", "-1 (from the end), 0 or more", skip)
     if _flag(fields, "CompressedData", False):
         return inflate(path, start + max(skip, 0), dtype, shape)
     if skip == -1:
@@ -112,11 +122,10 @@ def _dtype(fields: Fields) -> np.dtype:
 def _text(path: Path, start: int, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
     with path.open("rb") as file, library("MetaImage text data"):
         file.seek(start)
-        words = file.read().split()
         count = byte_count(shape, np.dtype("u1"))
-        if len(words) != count:
-            raise expected("data", f"{count} numbers", len(words), "the file is cut short or its header is wrong")
-        return np.array(words).astype(dtype).reshape(shape)
+        numbers = read_numbers(file, count, dtype, path.stat().st_size - start)
+        require_end(file, count)
+        return numbers.reshape(shape)
 
 
 def _spacing(fields: Fields) -> Triple:
@@ -138,6 +147,14 @@ def _integers(fields: Fields, name: str) -> list[int]:
         return [int(word) for word in fields.get(name, "").split()]
     except ValueError:
         raise expected(name, "whole numbers", repr(fields[name])) from None
+
+
+def _integer(fields: Fields, name: str, default: int) -> int:
+    """The one whole number of a field, or the default if it is not there."""
+    numbers = _integers({name: str(default), **fields}, name)
+    if len(numbers) != 1:
+        raise expected(name, "one whole number", repr(fields[name]))
+    return numbers[0]
 
 
 def _numbers(fields: Fields, names: tuple[str, ...], default: list[float]) -> list[float]:

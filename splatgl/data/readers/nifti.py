@@ -29,7 +29,10 @@ _UNITS = {1: "m", 2: "mm", 3: "um"}
 """Units of length by the lowest three bits of xyzt_units (nifti1.h); other codes are no lengths."""
 
 _SNIFF_BYTES = 1024
-"""Bytes that nibabel reads to tell what a file is."""
+"""Bytes read to tell whether gzip data are sound: more than either header."""
+
+_NIFTI2_BYTES = 540
+"""sizeof_hdr of NIfTI-2, the first number of the file; NIfTI-1 has 348."""
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
@@ -39,8 +42,10 @@ def read(path: Path, options: LoadOptions) -> Volume:
     """
     image = _open(path)
     # 1. sizes, checked against the file
-    sizes = list(image.shape)
+    sizes = [int(size) for size in image.shape]
     grid_shape(sizes[:3])
+    if min(sizes) < 1:
+        raise expected("dimensions", "at least one entry along each axis", sizes, "the header is damaged")
     _check_bytes(path, image)
     long = [axis for axis in range(3, len(sizes)) if sizes[axis] > 1]
     extra = {axis: ("array", options.array_number(sizes[axis]) if axis in long else 0) for axis in range(3, len(sizes))}
@@ -63,21 +68,38 @@ def _open(path: Path) -> Any:
     except ImportError:
         raise missing_extra("NIfTI files", "nibabel", "readers") from None
     if path.name.lower().endswith(".gz"):
-        # nibabel calls a damaged gzip stream an unknown file type
+        # said before nibabel speaks of headers
         with library("gzip data"), gzip.open(path) as file:
             file.read(_SNIFF_BYTES)
+    # the header's first number tells NIfTI-2; nibabel's own guess may run other parsers over the file
     with library("NIfTI"):
-        image = nibabel.load(path, mmap="r")
-    if not isinstance(image, nibabel.Nifti1Pair):
-        raise expected("contents", "a NIfTI image", type(image).__name__)
-    return image
+        form = nibabel.Nifti2Image if _second_version(path) else nibabel.Nifti1Image
+        header = type("Header", (form.header_class,), {"exts_klass": _NoExtensions})
+        reader: Any = type("Image", (form,), {"header_class": header})
+        return reader.from_filename(path, mmap="r")
+
+
+class _NoExtensions(list[object]):
+    """In the place of nibabel's extensions, which make room for whatever length a file states."""
+
+    @classmethod
+    def from_fileobj(cls, _file: object, _size: int, _byteswap: bool) -> _NoExtensions:
+        return cls()
+
+
+def _second_version(path: Path) -> bool:
+    with gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb") as file:
+        return file.read(4) in (_NIFTI2_BYTES.to_bytes(4, "little"), _NIFTI2_BYTES.to_bytes(4, "big"))
 
 
 def _check_bytes(path: Path, image: Any) -> None:
     dtype = image.get_data_dtype()
     if dtype.kind not in "uif":
         raise expected("samples", "real numbers", dtype, "convert the file to one number per voxel")
-    needed, there = int(image.dataobj.offset) + byte_count(image.shape, dtype), path.stat().st_size
+    offset = int(image.dataobj.offset)
+    if offset < 0:
+        raise expected("vox_offset", "a place in the file", offset, "the header is damaged")
+    needed, there = offset + byte_count(image.shape, dtype), path.stat().st_size
     if path.name.lower().endswith(".gz"):
         require_plausible(needed, there)
     else:

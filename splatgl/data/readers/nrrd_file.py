@@ -7,9 +7,10 @@ the step along one axis: the columns of world-from-index.
 from __future__ import annotations
 
 import bz2
+import io
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from splatgl.data.readers.files import (
 )
 from splatgl.data.readers.grid import axes_of, triple, unit_name
 from splatgl.data.readers.options import LoadOptions
+from splatgl.data.readers.text import read_numbers, require_end
 from splatgl.data.volume import Volume
 
 _TYPES = {
@@ -47,6 +49,12 @@ _FRAMES = {"left-posterior-superior": "LPS", "lps": "LPS", "right-anterior-super
 """Frames kept by name; in the scanner's and other frames "superior" is not known to be +z."""
 
 _TEXT = ("ascii", "text", "txt")
+
+_HEADER_LIMIT = 2**20
+"""Most bytes of a header: one with the gradients of a large diffusion study has some 2**17."""
+
+_MAX_AXES = 16
+"""Most axes of a file: NRRD_DIM_MAX of the format's own library."""
 
 Header = Mapping[str, Any]
 
@@ -76,15 +84,31 @@ def _header(path: Path) -> tuple[Header, int]:
     except ImportError:
         raise missing_extra("NRRD files", "pynrrd", "readers") from None
     with path.open("rb") as file, library("NRRD"):
-        header, start = nrrd.read_header(file), file.tell()
+        lines = _header_lines(file)
+        header, end = nrrd.read_header(lines), file.tell()
     for name in ("dimension", "type", "encoding", "sizes"):
         if name not in header:
             raise expected("header", f"a field {name!r}", "none", "the header is incomplete")
+    if not 1 <= header["dimension"] <= _MAX_AXES:
+        raise expected("dimension", f"1 to {_MAX_AXES}", header["dimension"])
     if header["dimension"] != len(header["sizes"]):
         raise expected("sizes", f"{header['dimension']} (dimension)", len(header["sizes"]))
     if min(header["sizes"]) < 1:
         raise expected("sizes", "at least one sample along each axis", header["sizes"].tolist())
-    return header, start
+    return header, end
+
+
+def _header_lines(file: BinaryIO) -> list[bytes]:
+    """The lines up to the blank one that ends the header, that one included."""
+    lines, room = list[bytes](), _HEADER_LIMIT
+    while room > 0 and (line := file.readline(room)):
+        lines.append(line)
+        room -= len(line)
+        if not line.decode("ascii", "ignore").strip():
+            return lines
+    if room <= 0:
+        raise expected("header", f"at most {_HEADER_LIMIT} bytes", "more", "is this a NRRD file?")
+    return lines
 
 
 def _space_axes(header: Header, sizes: list[int]) -> list[int]:
@@ -114,6 +138,8 @@ def _data(path: Path, header: Header, start: int, shape: list[int]) -> np.ndarra
         path, start = data_file_beside(path, name), 0
     start = _skip_lines(path, start, int(header.get("line skip", header.get("lineskip", 0))))
     skip = int(header.get("byte skip", header.get("byteskip", 0)))
+    if skip < -1:
+        raise expected("byte skip", "-1 (from the end), 0 or more", skip)
     # 2. what they are coded in; "byte skip" of compressed data counts inflated bytes
     if encoding == "raw":
         from_end = path.stat().st_size - byte_count(shape, dtype)
@@ -145,7 +171,8 @@ def _skip_lines(path: Path, start: int, lines: int) -> int:
     with path.open("rb") as file:
         file.seek(start)
         for _ in range(lines):
-            file.readline()
+            if not file.readline():
+                raise expected("line skip", "fewer lines than the data file has", lines)
         return file.tell()
 
 
@@ -154,7 +181,9 @@ def _bunzip(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.nda
     require_plausible(needed, path.stat().st_size - start, bounded=False)
     with path.open("rb") as file, library("bzip2 data"):
         file.seek(start)
-        data = bz2.BZ2File(file).read(needed)
+        data = bz2.BZ2File(file).read(needed + 1)
+    if len(data) > needed:
+        raise expected("inflated data", f"{needed} bytes", "more", "the header states a wrong size")
     require_bytes(needed, len(data), "inflated data")
     return np.frombuffer(data, dtype).reshape(shape)
 
@@ -163,10 +192,10 @@ def _text(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.ndarr
     count = byte_count(shape, np.dtype("u1"))
     with path.open("rb") as file, library("NRRD text data"):
         file.seek(start)
-        words = file.read().replace(b",", b" ").split()
-        if len(words) != count:
-            raise expected("data", f"{count} numbers", len(words), "the file is cut short or its sizes are wrong")
-        return np.array(words).astype(dtype).reshape(shape)
+        text = io.BytesIO(file.read().replace(b",", b" "))
+        numbers = read_numbers(text, count, dtype, text.getbuffer().nbytes)
+        require_end(text, count)
+        return numbers.reshape(shape)
 
 
 def _matrix(header: Header, space: list[int]) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,9 @@ from splatgl.data.errors import expected
 from splatgl.data.readers.files import byte_count, library, map_array, require_bytes, require_plausible
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Volume
+
+_HEADER_LIMIT = 2**16
+"""Most bytes looked at for a header; NumPy itself refuses to read one of more than 10 000."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,7 @@ def read_npz(path: Path, options: LoadOptions) -> Volume:
     with library("NumPy .npz"), zipfile.ZipFile(path) as archive:
         member = archive.getinfo(members[name])
         require_bytes(byte_count(header.shape, header.dtype), member.file_size - header.offset)
-        require_plausible(member.file_size, member.compress_size)
+        require_plausible(member.file_size, min(member.compress_size, path.stat().st_size))
         with archive.open(member) as file:
             samples = np.lib.format.read_array(file, allow_pickle=False)
     return Volume(samples)
@@ -72,11 +76,15 @@ def _choice(headers: dict[str, _Header], options: LoadOptions) -> str:
 
 
 def _member_header(archive: zipfile.ZipFile, member: str) -> _Header:
+    if archive.getinfo(member).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise expected(member, "stored or deflated data, as NumPy writes", "another compression")
     with archive.open(member) as file:
         return _header(file)
 
 
-def _header(file: IO[bytes]) -> _Header:
+def _header(opened: IO[bytes]) -> _Header:
+    # the length that a header states may be a lie, for which room would be made, or inflated data be read
+    file = io.BytesIO(opened.read(_HEADER_LIMIT))
     with library("NumPy .npy"):
         version = np.lib.format.read_magic(file)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0

@@ -5,14 +5,21 @@ The picture's row 0 is the far, northern edge, so that y = H − 1 − row; a CS
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
 
 from splatgl.data.errors import expected
-from splatgl.data.readers.files import MAX_BYTES, library
+from splatgl.data.readers.files import library, require_plausible
 from splatgl.data.readers.options import DEFAULT_LEVELS, LoadOptions
 from splatgl.data.volume import Hints, Volume
+
+MAX_VOXELS = 4 * 2**30
+"""Most voxels of a terrain, a byte each: a map of 6400 × 6400 in 103 levels."""
+
+PICTURES = ("PNG", "JPEG", "TIFF", "BMP", "GIF", "WEBP", "PPM")
+"""Formats that pictures are read in; Pillow's others run programs or are found by guessing."""
 
 SOLID = 255
 """Sample of a voxel at or below the ground; 0 above it."""
@@ -49,16 +56,14 @@ def terrain_from_heights(
     # 1. heights in voxel levels; −1 for a hole
     if heights.ndim != 2 or min(heights.shape) < 1 or heights.dtype.kind not in "buif":
         raise expected("heights", "a 2-D map of real numbers", f"{heights.dtype} {heights.shape}")
-    if heights.size * levels > MAX_BYTES:
-        got = f"{heights.size * levels} ({heights.shape[1]}x{heights.shape[0]}x{levels})"
-        raise expected("terrain", f"at most {MAX_BYTES} voxels", got, "use a smaller map or fewer levels")
+    _check_voxels(heights.shape[1], heights.shape[0], levels)
     parts = _parts(np.asarray(heights, dtype=np.float64))
     tops = np.where(np.isfinite(parts), np.rint(parts * (levels - 1)), -1).astype(np.int32)
     # 2. the ground's shell, level by level; one colour per column, shared by its voxels
     samples = np.empty((levels, *heights.shape), np.uint8)
     floor = _floor(tops)
     for level in range(levels):
-        samples[level] = np.where((tops >= level) & (floor <= level), SOLID, 0)
+        np.multiply((tops >= level) & (floor <= level), np.uint8(SOLID), out=samples[level])
     ground = _tints(parts) if color is None else _fit(color, heights.shape)
     # 3. the grid
     relief = relief or RELIEF * max(heights.shape)
@@ -70,20 +75,34 @@ def terrain_from_heights(
     )
 
 
+def _check_voxels(width: int, height: int, levels: int) -> None:
+    voxels = width * height * levels
+    if voxels > MAX_VOXELS:
+        got = f"{voxels} ({width}x{height}x{levels})"
+        raise expected("terrain", f"at most {MAX_VOXELS} voxels", got, "use a smaller map or fewer levels")
+
+
+def _check_columns(path: Path, width: int, height: int, levels: int) -> None:
+    """A small file may hold a large empty map; its columns are what costs. More levels than usual are asked for."""
+    require_plausible(width * height * min(levels, DEFAULT_LEVELS), path.stat().st_size, bounded=False)
+    _check_voxels(width, height, levels)
+
+
 def read_picture(path: Path, options: LoadOptions) -> Volume:
     """The terrain of a picture of heights: grey, 8 or 16 bits or float, bright is high."""
-    return terrain_of_picture(path, grey_heights(_open_picture(path)), options)
+    return terrain_of_picture(path, grey_heights(_open_picture(path, options.levels)), options)
 
 
 def read_csv(path: Path, options: LoadOptions) -> Volume:
     """The terrain of a table of heights: comma-separated numbers, the first line the southern edge (y = 0)."""
-    with library("a CSV table of heights"):
-        heights = np.loadtxt(path, delimiter=",", ndmin=2, dtype=np.float64)
+    with library("a CSV table of heights"), path.open(encoding="latin-1") as file:
+        heights = np.loadtxt(file, delimiter=",", ndmin=2, dtype=np.float64)
     return terrain_from_heights(heights, _color(path, options), options.levels, options.relief)
 
 
 def terrain_of_picture(path: Path, rows: np.ndarray, options: LoadOptions) -> Volume:
     """The terrain of heights in picture order [H, W], row 0 the northern edge."""
+    _check_columns(path, rows.shape[1], rows.shape[0], options.levels)
     return terrain_from_heights(rows[::-1], _color(path, options), options.levels, options.relief)
 
 
@@ -104,13 +123,16 @@ def _color(path: Path, options: LoadOptions) -> np.ndarray | None:
     picture = Path(options.color)
     if not picture.is_file():
         raise expected("color", "a picture", f"nothing named {str(picture)!r}", "check its path")
-    return _open_picture(picture, as_color=True)[::-1]
+    return _open_picture(picture, 1, as_color=True)[::-1]
 
 
-def _open_picture(path: Path, as_color: bool = False) -> np.ndarray:
+def _open_picture(path: Path, levels: int, as_color: bool = False) -> np.ndarray:
     from PIL import Image
 
-    with library(f"a picture ({path.name})"), Image.open(path) as picture:
+    # from memory: Pillow makes room for whatever length a chunk of a file states
+    data = io.BytesIO(path.read_bytes())
+    with library(f"a picture ({path.name})"), Image.open(data, formats=PICTURES) as picture:
+        _check_columns(path, picture.width, picture.height, levels)
         if as_color or picture.mode in ("P", "PA", "CMYK", "YCbCr", "LAB", "HSV"):
             return np.asarray(picture.convert("RGB"))
         return np.asarray(picture)
@@ -129,8 +151,9 @@ def _parts(heights: np.ndarray) -> np.ndarray:
     finite = heights[np.isfinite(heights)]
     if finite.size == 0:
         raise expected("heights", "at least one finite number", "none")
-    low, span = float(finite.min()), float(np.ptp(finite))
-    return np.where(np.isfinite(heights), (heights - low) / (span or 1.0), np.nan)
+    # halves, so that a range as wide as float64 itself does not overflow
+    low, high = float(finite.min()) / 2, float(finite.max()) / 2
+    return np.where(np.isfinite(heights), (heights / 2 - low) / ((high - low) or 1.0), np.nan)
 
 
 def _tints(parts: np.ndarray) -> np.ndarray:

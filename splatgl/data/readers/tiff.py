@@ -7,21 +7,49 @@ backs them: other programs write 72 dpi without meaning it.
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
 from splatgl.data.errors import InputError, expected, missing_extra
-from splatgl.data.readers.files import byte_count, library, map_array, require_bytes, require_plausible, selection
+from splatgl.data.readers.files import (
+    MAX_BYTES,
+    byte_count,
+    library,
+    map_array,
+    require_bytes,
+    require_plausible,
+    selection,
+)
 from splatgl.data.readers.grid import METRES, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.terrain import grey_heights, terrain_of_picture
+from splatgl.data.readers.tiff_checks import check_chain, check_ome
+from splatgl.data.readers.xml_tree import parse_xml
 from splatgl.data.volume import Triple, Volume
+
+_CODECS = {
+    1: "none",
+    5: "LZW",
+    8: "deflate",
+    32773: "PackBits",
+    32946: "deflate",
+    34925: "LZMA",
+    34926: "Zstandard",
+    50000: "Zstandard",
+}
+"""Compressions of whole numbers as they are: each is told how many bytes a strip may expand to."""
+
+_OTHER_KINDS = ("avs", "bif", "eer", "mmstack", "ndpi", "ndtiff", "philips", "qpi", "scn", "svs")
+"""Kinds of slide scanners' pictures and of series over many files, which are read as plain pages."""
+
+_FREE_PLANES, _PLANES_PER_PAGE = 4096, 64
+"""Planes that metadata may state beyond the file's pages, as aborted recordings do; all that are missing read as 0."""
 
 Grid = tuple[Triple, str]
 
@@ -55,10 +83,14 @@ def read(path: Path, options: LoadOptions) -> Volume:
         import tifffile
     except ImportError:
         raise missing_extra("TIFF files", "tifffile", "readers") from None
+    check_chain(path)
     with _complaints(), ExitStack() as stack:
         with library("TIFF"):
             # files that OME's metadata name beside this one are left alone
-            tiff = stack.enter_context(tifffile.TiffFile(path, _multifile=False))
+            kinds: Any = {f"is_{kind}": False for kind in _OTHER_KINDS}
+            tiff = stack.enter_context(tifffile.TiffFile(path, _multifile=False, **kinds))
+            if tiff.ome_metadata:
+                check_ome(parse_xml(tiff.ome_metadata, "OME-XML"))
             series = _describe(tiff)
         _check_bytes(path, series)
         z = _stack_axis(series)
@@ -96,6 +128,7 @@ class _FirstError(logging.Handler):
 
 def _describe(tiff: Any) -> _Series:
     series = tiff.series[0]
+    _check_codec(series)
     pages = [page for page in series.pages if page is not None]
     segments = tuple(pair for page in pages for pair in zip(page.dataoffsets, page.databytecounts, strict=True))
     return _Series(
@@ -108,6 +141,25 @@ def _describe(tiff: Any) -> _Series:
         segments=segments,
         grid=_grid(tiff),
     )
+
+
+def _check_codec(series: Any) -> None:
+    """Refuses samples of no plain type, codecs that no bound can be set to, and strips larger than all samples."""
+    frame = series.keyframe
+    if series.dtype is None:
+        raise expected("samples", "8 to 64 bits each", f"{frame.bitspersample} bits", "convert the file")
+    if int(frame.compression) not in _CODECS:
+        known = ", ".join(dict.fromkeys(_CODECS.values()))
+        raise expected("compression", f"one of {known}", frame.compression.name, "save it with deflate")
+    pages = [page for page in series.pages if page is not None]
+    if len(series.pages) > _FREE_PLANES + _PLANES_PER_PAGE * len(pages):
+        raise expected("planes", f"about the file's {len(pages)} pages", len(series.pages), "the metadata are damaged")
+    strips, there = math.prod(frame.chunked), min(len(page.dataoffsets) for page in pages)
+    if strips > there:
+        raise expected("strips or tiles", f"{strips} a page", there, "the header is damaged")
+    strip = math.prod(frame.chunks) * series.dtype.itemsize
+    if strip > MAX_BYTES:
+        raise expected("strips or tiles", f"at most {MAX_BYTES} bytes", strip, "the header is damaged")
 
 
 def _check_bytes(path: Path, series: _Series) -> None:
@@ -175,7 +227,7 @@ def _imagej_grid(tiff: Any) -> Grid:
 
 def _ome_grid(text: str) -> Grid:
     """OME: PhysicalSizeX/Y/Z, micrometres unless said otherwise; all are turned into the unit of x."""
-    pixels = next(node for node in ElementTree.fromstring(text).iter() if node.tag.endswith("}Pixels"))
+    pixels = next(node for node in parse_xml(text, "OME-XML").iter() if node.tag.endswith("}Pixels"))
     sizes = {axis: float(pixels.get(f"PhysicalSize{axis}", 0)) for axis in "XYZ"}
     units = {axis: unit_name(pixels.get(f"PhysicalSize{axis}Unit", "um")) for axis in "XYZ"}
     if not any(sizes.values()):

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from splatgl.data.errors import expected
-from splatgl.data.readers.files import Shape, grid_shape, library
+from splatgl.data.readers.files import Shape, grid_shape
 from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.vti_data import Coding, Source, decode, parse_ascii
 from splatgl.data.readers.vtk_arrays import PointArray, pick
+from splatgl.data.readers.xml_tree import parse_xml
 from splatgl.data.volume import Volume
 
 _TYPES = {
@@ -27,8 +28,6 @@ _TYPES = {
 }
 
 _APPENDED = b"<AppendedData"
-
-Element = ElementTree.Element
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
@@ -57,8 +56,6 @@ def _parse(path: Path) -> tuple[Element, Source | None]:
     """The XML part of the file, and where its appended data begin, which need not be XML."""
     data = np.memmap(path, np.uint8, mode="r")
     text = data[: _find(data, _APPENDED)].tobytes()
-    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
-        raise expected("XML", "no document type", "a DOCTYPE", "remove it")
     appended = None
     if len(text) < len(data):
         tag_end = len(text) + _find(data[len(text) :], b">")
@@ -66,8 +63,7 @@ def _parse(path: Path) -> tuple[Element, Source | None]:
         raw = b'"raw"' in data[len(text) : tag_end].tobytes()
         appended = Source(path, None, first, raw)
         text += b"</VTKFile>"
-    with library("VTI"):
-        return ElementTree.fromstring(text), appended
+    return parse_xml(text, "VTI"), appended
 
 
 def _find(data: np.ndarray, word: bytes) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.readers.files import byte_count, library, map_array, require_bytes, require_plausible
+from splatgl.data.readers.text import read_numbers, require_end
 
 Shape4 = tuple[int, int, int, int]
 
@@ -65,11 +67,11 @@ class Source:
 
 def parse_ascii(text: str, dtype: np.dtype, shape: Shape4) -> np.ndarray:
     """The numbers of a text [shape]. Raises InputError if there are more or fewer."""
-    words, count = text.split(), byte_count(shape, np.dtype("u1"))
-    if len(words) != count:
-        raise expected("data", f"{count} numbers", len(words), "the file is cut short or its extent is wrong")
-    with library("VTI numbers"):
-        return np.array(words).astype(dtype.newbyteorder("=")).reshape(shape)
+    data, count = text.encode("ascii", "replace"), byte_count(shape, np.dtype("u1"))
+    file = io.BytesIO(data)
+    numbers = read_numbers(file, count, dtype, len(data))
+    require_end(file, count)
+    return numbers.reshape(shape)
 
 
 def decode(source: Source, coding: Coding, dtype: np.dtype, shape: Shape4) -> np.ndarray:

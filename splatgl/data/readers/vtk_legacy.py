@@ -5,6 +5,7 @@ Format: "VTK File Formats", docs.vtk.org; x runs fastest.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,9 +15,10 @@ from urllib.parse import unquote
 import numpy as np
 
 from splatgl.data.errors import InputError, expected
-from splatgl.data.readers.files import Shape, byte_count, grid_shape, library, map_array, require_bytes
+from splatgl.data.readers.files import Shape, byte_count, grid_shape, map_array, require_bytes
 from splatgl.data.readers.grid import triple
 from splatgl.data.readers.options import LoadOptions
+from splatgl.data.readers.text import read_numbers
 from splatgl.data.readers.vtk_arrays import PointArray, pick
 from splatgl.data.volume import Volume
 
@@ -40,9 +42,6 @@ _TYPES = {
 
 _LINE_LIMIT = 4096
 """Longest header line in bytes; a longer one means that the file is something else."""
-
-_BATCH = 65536
-"""Numbers of an ASCII file converted at a time."""
 
 _COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9}
 
@@ -73,9 +72,12 @@ class _Parser:
         code = _TYPES.get(type_name.lower())
         if code is None:
             raise expected("type", "a VTK number type such as float", type_name)
+        if count < 0:
+            # stepping back would never end
+            raise expected("entries", "zero or more", count, "the header is damaged")
         dtype, start = np.dtype(code), self.file.tell()
         if not self.binary:
-            numbers = _ascii(self.file, count, dtype, self.path.stat().st_size - start)
+            numbers = read_numbers(self.file, count, dtype, self.path.stat().st_size - start)
             return lambda: numbers
         size, there = byte_count((count,), dtype), self.path.stat().st_size - start
         require_bytes(size, there)
@@ -92,6 +94,8 @@ class _Parser:
         read = self.values(count * components, type_name)
         if self.of_points and count == self.count:
             shape = (*self.shape(), components)
+            if count != math.prod(self.shape()):
+                raise expected("DIMENSIONS", "one line of them, ahead of the data", "another behind it")
             self.arrays.append(PointArray(unquote(name), components, is_vectors, lambda: read().reshape(shape)))
 
 
@@ -185,22 +189,6 @@ def _skip_metadata(file: BinaryIO) -> None:
     """Steps over a METADATA block, which ends at a blank line."""
     while file.readline(_LINE_LIMIT).strip():
         pass
-
-
-def _ascii(file: BinaryIO, count: int, dtype: np.dtype, there: int) -> np.ndarray:
-    """The next `count` numbers of a text file, read line by line."""
-    require_bytes(2 * count - 1, there)
-    numbers, filled, words = np.empty(count, dtype.newbyteorder("=")), 0, list[bytes]()
-    while filled < count:
-        line = file.readline()
-        words += line.split()
-        if len(words) >= _BATCH or filled + len(words) >= count or not line:
-            if filled + len(words) > count or not line:
-                raise expected("data", f"{count} numbers", filled + len(words), "the file is cut short or damaged")
-            with library("VTK numbers"):
-                numbers[filled : filled + len(words)] = np.array(words).astype(numbers.dtype)
-            filled, words = filled + len(words), []
-    return numbers
 
 
 def _whole(words: Words, what: str) -> list[int]:

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.errors import InputError, expected, missing_extra
-from splatgl.data.readers.files import byte_count, library, require_plausible, selection
+from splatgl.data.readers.files import library, selection
 from splatgl.data.readers.grid import unit_name
 from splatgl.data.readers.options import LoadOptions
+from splatgl.data.readers.zarr_checks import check_array, check_files
 from splatgl.data.volume import Triple, Volume
 
 MARKERS = ("zarr.json", ".zarray", ".zgroup")
@@ -30,26 +31,27 @@ def read(path: Path, options: LoadOptions) -> Volume:
         import zarr
     except ImportError:
         raise missing_extra("Zarr stores", "zarr", "readers") from None
-    # 1. the array, and what OME's metadata say of it
+    # everything in a store is text that anyone may have written: whatever goes wrong with it is the file's fault
     with library("Zarr"):
+        # 1. the array, and what OME's metadata say of it
+        check_files(path)
         node = zarr.open(path, mode="r")
-    multiscale: Multiscale | None = None
-    if isinstance(node, zarr.Group):
-        multiscale = _multiscale(node)
-        node = _level(node, multiscale, options)
-    if min(node.shape, default=0) < 1 or node.dtype.kind not in "buif":
-        raise expected("array", "real numbers along at least three axes", f"{node.dtype} {node.shape}")
-    # 2. its samples
-    names = _axis_names(multiscale, len(node.shape))
-    index = _index(node.shape, names, options)
-    _check_bytes(path, node)
-    with library("Zarr"):
+        multiscale: Multiscale | None = None
+        if isinstance(node, zarr.Group):
+            multiscale = _multiscale(node)
+            node = _level(node, multiscale, options)
+        if min(node.shape, default=0) < 1 or node.dtype.kind not in "buif":
+            raise expected("array", "real numbers along at least three axes", f"{node.dtype} {node.shape}")
+        # 2. its samples
+        names = _axis_names(multiscale, len(node.shape))
+        index = _index(node.shape, names, options)
+        check_array(path, node)
         samples = np.asarray(node[index])
-    # 3. its grid
-    if multiscale is None:
-        return Volume(samples)
-    spacing, origin = _grid(multiscale, node.path.rsplit("/", 1)[-1], names)
-    return Volume(samples, spacing, origin, unit=_unit(multiscale))
+        # 3. its grid
+        if multiscale is None:
+            return Volume(samples)
+        spacing, origin = _grid(multiscale, node.path.rsplit("/", 1)[-1], names)
+        return Volume(samples, spacing, origin, unit=_unit(multiscale))
 
 
 def _multiscale(group: Any) -> Multiscale | None:
@@ -63,23 +65,16 @@ def _level(group: Any, multiscale: Multiscale | None, options: LoadOptions) -> A
     import zarr
 
     name = options.array
-    with library("Zarr"):
-        names = [key for key, _ in group.arrays()]
-        if name is None and multiscale is not None:
-            name = multiscale["datasets"][0]["path"]
-        if name is None and len(names) == 1:
-            name = names[0]
-        node = group.get(name) if name is not None else None
+    names = [key for key, _ in group.arrays()]
+    if name is None and multiscale is not None:
+        name = multiscale["datasets"][0]["path"]
+    if name is None and len(names) == 1:
+        name = names[0]
+    node = group.get(name) if name is not None else None
     if not isinstance(node, zarr.Array):
         fix = f"pick one with array=NAME; there are: {', '.join(names) or 'none'}"
         raise expected("array", "the name of one array", repr(name), fix)
     return node
-
-
-def _check_bytes(path: Path, array: Any) -> None:
-    """The chunks on disk must be able to hold the array: a chunk that is missing costs nothing to write."""
-    stored = sum(file.stat().st_size for file in (path / array.path).rglob("*") if file.is_file())
-    require_plausible(byte_count(array.shape, array.dtype), stored, bounded=False)
 
 
 def _axis_names(multiscale: Multiscale | None, count: int) -> list[str]:
