@@ -63,6 +63,12 @@ def _render() -> Callable[[argparse.ArgumentParser], None]:
     return add_parser
 
 
+def _compare() -> Callable[[argparse.ArgumentParser], None]:
+    from splatgl.app.compare import add_parser
+
+    return add_parser
+
+
 def _info() -> Callable[[argparse.ArgumentParser], None]:
     from splatgl.app.inspect import add_info_parser
 
@@ -95,6 +101,7 @@ def _stress() -> Callable[[argparse.ArgumentParser], None]:
 
 COMMANDS: dict[str, tuple[str, Callable[[], Callable[[argparse.ArgumentParser], None]]]] = {
     "render": ("draw a volume or a scene into a picture", _render),
+    "compare": ("tell whether two pictures, or folders of them, are the same, and what changed", _compare),
     "info": ("tell what is in a volume file", _info),
     "doctor": ("tell what this machine draws with, and whether it draws right", _doctor),
     "figure": ("draw a figure of the paper, or tell which of its claims hold", _figure),
@@ -104,6 +111,7 @@ COMMANDS: dict[str, tuple[str, Callable[[], Callable[[argparse.ArgumentParser], 
 # what a command is given besides options
 OPERANDS = {
     "render": " SOURCE",
+    "compare": " ACTUAL EXPECTED",
     "info": " SOURCE",
     "figure": " N",
     "explain-splat": " X,Y,Z",

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from splatgl import __version__
+from splatgl.app.compare import DIFFERENT, SAME, check_against
 from splatgl.app.options import add_settings, add_source, add_transfer, add_view, scene_from
 from splatgl.app.output import check_output
 from splatgl.app.scene import Scene
@@ -22,6 +23,7 @@ from splatgl.splat.extract import extract
 from splatgl.splat.plan import plan
 from splatgl.splat.rows import Splats
 from splatgl.splat.transfer import Transfer
+from splatgl.truth.compare_read import read
 
 # seconds of work before a progress bar shows
 PATIENCE = 1.0
@@ -33,6 +35,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample of a PNG (8)"
     )
+    parser.add_argument("--ref", metavar="FILE", help="compare with this picture; write only if it differs, and exit 1")
     parser.add_argument("--explain", action="store_true", help="say what is drawn, what is left out, and why")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     parser.add_argument("--backend", default="auto", metavar="NAME", help="auto, egl, osmesa or window")
@@ -45,10 +48,11 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Draws one picture and says what it did; 0."""
+    """Draws one picture and says what it did; 0, or 1 if it is not the one of --ref."""
     scene = scene_from(args)
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
     check_output(output)
+    reference = read(args.ref) if args.ref else None
     volume = scene.open()
     transfer = scene.transfer_for(volume)
     splats = extract(volume, transfer, scene.threshold, progress=None if args.quiet else _bar)
@@ -60,10 +64,16 @@ def run(args: argparse.Namespace) -> int:
     with Renderer(args.backend, args.device, args.gpu) as renderer:
         image = renderer.render(splats, camera, scene.settings)
     image = Image(image.pixels, {**image.info, **_origin(scene, transfer)})
-    image.save(output, args.bits, scene.settings.background if scene.settings.blend == "xray" else None)
+    ground = scene.settings.background if scene.settings.blend == "xray" else None
+    if reference is not None:
+        verdict = check_against(image, reference, output, ground)
+        print(verdict, file=sys.stderr if not verdict.same else sys.stdout)
+        if verdict.same:
+            return SAME
+    image.save(output, args.bits, ground)
     if not args.quiet:
         print(_summary(output, image, splats, camera))
-    return 0
+    return SAME if reference is None else DIFFERENT
 
 
 def _origin(scene: Scene, transfer: Transfer) -> dict[str, object]:

@@ -1,16 +1,21 @@
-"""How far one picture is from another: maximum, root mean square, PSNR, where, and in how many pixels."""
+"""How far one picture is from another: maximum, RMSE, PSNR, bias, SSIM, FLIP; where, and in how many pixels."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
+from splatgl.truth.metrics import flip, ssim, unmatched
 
 # one level of an 8-bit picture
 LEVELS = 255.0
+# rows that are worked on together: at 4096 columns a band of float64 differences is 2 MB and stays in the cache
+BAND_ROWS = 16
+NAMES = ("first picture", "second picture")
 
 
 @dataclass(frozen=True)
@@ -19,8 +24,11 @@ class Comparison:
 
     maximum and rmse: of |a − b|. peak: what counts as full scale: 1, or for X-rays b's largest Σ τ.
     psnr: peak over rmse in decibels, infinite for equal pictures. share_over: of the pixels whose largest
-    difference is over peak/255. sum_error: (Σa − Σb)/Σ|b|; 0 for equal sums. where: (column, row) of the
-    maximum. box: (left, top, right, bottom) of the pixels over peak/255, right and bottom beyond; or None.
+    difference is over threshold·peak. sum_error: (Σa − Σb)/Σ|b|; 0 for equal sums. where: (column, row) of the
+    maximum. box: (left, top, right, bottom) of the pixels over threshold·peak, right and bottom beyond; or None.
+    bias: the mean a − b of the channel in which it is largest, signed. share_unmatched: of the pixels over the
+    threshold that no neighbour explains, so that edges moved by a pixel do not count (`metrics.unmatched`).
+    ssim, flip: as `metrics` defines them, None where not asked for. pixels: how many were compared.
     """
 
     maximum: float
@@ -31,57 +39,128 @@ class Comparison:
     where: tuple[int, int]
     box: tuple[int, int, int, int] | None
     peak: float = 1.0
+    threshold: float = 1 / LEVELS
+    bias: float = 0.0
+    share_unmatched: float = 0.0
+    ssim: float | None = None
+    flip: float | None = None
+    pixels: int = 0
 
     def __str__(self) -> str:
         column, row = self.where
         return (
             f"maximum {self.maximum:.6g} at column {column}, row {row}; rmse {self.rmse:.6g}; psnr {self.psnr:.2f} dB; "
-            f"{100 * self.share_over:.3g} % of pixels over {self.peak / LEVELS:.4g}; sum off by {self.sum_error:.3g}"
+            f"{100 * self.share_over:.3g} % of pixels over {self.peak * self.threshold:.4g}; "
+            f"sum off by {self.sum_error:.3g}"
         )
 
 
-def compare(a: Image, b: Image) -> Comparison:
-    """The picture `a` against `b`, which is taken for right. Raises InputError for other sizes, NaN and infinity."""
-    first, second = _checked("first picture", a), _checked("second picture", b)
+@dataclass(frozen=True)
+class _Differences:
+    """worst: [H, W], the largest |a − b| over the channels. sums: Σ(a − b) of each channel."""
+
+    worst: np.ndarray
+    sums: np.ndarray
+    squares: float
+    weight: float
+
+
+def compare(
+    a: Image,
+    b: Image,
+    threshold: float = 1 / LEVELS,
+    extra: Collection[str] = (),
+    names: tuple[str, str] = NAMES,
+    mask: np.ndarray | None = None,
+) -> Comparison:
+    """The picture `a` against `b`, which is taken for right.
+
+    threshold: the difference, as a share of the peak, from which a pixel counts. extra: "ssim" and "flip", which take
+    longer. names: of both, for messages. mask: bool [H, W], the pixels that count; SSIM and FLIP see the others as
+    empty in both. Raises InputError for other sizes, NaN and infinity, and where `flip` is not installed.
+    """
+    first, second = _pixels(names[0], a), _pixels(names[1], b)
     if first.shape != second.shape:
-        sizes = [f"{pixels.shape[1]}×{pixels.shape[0]}" for pixels in (second, first)]
-        raise expected("pictures", f"one size, {sizes[0]}", sizes[1], "draw both at the same size")
-    peak = 1.0
-    if b.info.get("blend") == "xray":
-        peak = float(second[..., 3].max()) or 1.0
-    difference = np.abs(first - second)
-    rmse = float(np.sqrt(np.mean(difference * difference)))
-    worst = difference.max(axis=-1)
-    row, column = np.unravel_index(int(worst.argmax()), worst.shape)
-    over = worst > peak / LEVELS
+        what = "pictures" if names == NAMES else names[0]
+        raise expected(what, f"one size, {_size(second)}", _size(first), "draw both at the same size")
+    if mask is not None:
+        _check_mask(mask, first)
+        first, second = (np.where(mask[..., None], pixels, np.float32(0)) for pixels in (first, second))
+    found = _differences(first, second)
+    if not np.isfinite(found.squares):
+        _check_finite(names[0], first)
+        _check_finite(names[1], second)
+    peak = (float(second[..., 3].max()) or 1.0) if b.info.get("blend") == "xray" else 1.0
+    count = first.shape[0] * first.shape[1] if mask is None else int(np.count_nonzero(mask))
+    rmse = float(np.sqrt(found.squares / (4 * count)))
+    over = found.worst > threshold * peak
+    row, column = np.unravel_index(int(found.worst.argmax()), over.shape)
+    bias = found.sums / count
     return Comparison(
-        maximum=float(worst.max()),
+        maximum=float(found.worst[row, column]),
         rmse=rmse,
         psnr=float(20 * np.log10(peak / rmse)) if rmse > 0 else float("inf"),
-        share_over=float(over.mean()),
-        sum_error=_sum_error(first, second),
+        share_over=int(np.count_nonzero(over)) / count,
+        sum_error=_sum_error(float(found.sums.sum()), found.weight),
         where=(int(column), int(row)),
         box=_box(over),
         peak=peak,
+        threshold=threshold,
+        bias=float(bias[np.abs(bias).argmax()]),
+        share_unmatched=unmatched(first, second, over, threshold * peak) / count,
+        ssim=ssim(first, second, peak) if "ssim" in extra else None,
+        flip=flip(first, second, peak) if "flip" in extra else None,
+        pixels=count,
     )
 
 
-def _checked(what: str, image: Image) -> np.ndarray:
-    """The pixels in float64."""
-    pixels = np.asarray(image.pixels, dtype=np.float64)
+def _size(pixels: np.ndarray) -> str:
+    return f"{pixels.shape[1]}×{pixels.shape[0]}"
+
+
+def _check_mask(mask: np.ndarray, pixels: np.ndarray) -> None:
+    if mask.shape != pixels.shape[:2]:
+        raise expected("mask", f"the pictures' size, {_size(pixels)}", _size(mask) if mask.ndim == 2 else mask.shape)
+    if not mask.any():
+        raise expected("mask", "pixels that count (light ones)", "none")
+
+
+def _pixels(what: str, image: Image) -> np.ndarray:
+    pixels = np.asarray(image.pixels)
     if pixels.ndim != 3 or pixels.shape[2] != 4 or not pixels.size:
         raise expected(what, "pixels [H, W, 4]", f"shape {pixels.shape}")
+    return pixels
+
+
+def _differences(a: np.ndarray, b: np.ndarray) -> _Differences:
+    """One pass over both, in bands; differences are rounded as the pictures are, their sums are float64."""
+    worst = np.empty(a.shape[:2], np.result_type(a, b, np.float32))
+    columns, squares, weight = np.zeros(a.shape[1] * 4), 0.0, 0.0
+    with np.errstate(invalid="ignore", over="ignore"):
+        for top in range(0, len(a), BAND_ROWS):
+            band = slice(top, top + BAND_ROWS)
+            # numpy adds in pairs: float32 is enough for a sum over one band
+            weight += float(np.abs(b[band]).sum())
+            d = np.subtract(a[band], b[band], dtype=worst.dtype)
+            exact = d.astype(np.float64).reshape(len(d), -1)
+            columns += exact.sum(axis=0)
+            squares += float(np.einsum("ij,ij->", exact, exact))
+            np.abs(d, out=d)
+            pairs = np.maximum(d[..., :2], d[..., 2:])
+            np.maximum(pairs[..., 0], pairs[..., 1], out=worst[band])
+    return _Differences(worst, columns.reshape(-1, 4).sum(axis=0), squares, weight)
+
+
+def _check_finite(what: str, pixels: np.ndarray) -> None:
     bad = ~np.isfinite(pixels).all(axis=-1)
     if bad.any():
         row, column = np.argwhere(bad)[0]
         raise expected(
             what, "finite numbers", f"{pixels[row, column].tolist()} at column {column}, row {row} of {bad.sum()} such"
         )
-    return pixels
 
 
-def _sum_error(a: np.ndarray, b: np.ndarray) -> float:
-    off, scale = float(a.sum() - b.sum()), float(np.abs(b).sum())
+def _sum_error(off: float, scale: float) -> float:
     if off == 0:
         return 0.0
     return off / scale if scale > 0 else float(np.copysign(np.inf, off))

@@ -1,0 +1,245 @@
+"""`splatgl compare`: whether two pictures, or folders of them, are the same; if not, where, how much, what changed."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from splatgl.app.output import check_output
+from splatgl.data.errors import InputError, expected
+from splatgl.data.image import Image, write_whole
+from splatgl.truth import compare_pictures
+from splatgl.truth.compare_read import Picture, alike, pairs, read, read_mask
+from splatgl.truth.compare_report import PICTURED, Case, case, case_alone, page
+from splatgl.truth.verdict import STEP, Tolerance, Verdict, judge
+
+SAME, DIFFERENT, UNUSABLE = 0, 1, 2
+METRICS = ("maximum", "rmse", "psnr", "bias", "share", "unmatched", "ssim", "flip")
+# the options that set a limit, the field of Tolerance, and their help
+LIMITS = (
+    ("--max-difference", "maximum", "largest difference of a channel"),
+    ("--max-rmse", "rmse", "root mean square of the differences"),
+    ("--max-bias", "bias", "mean difference of a channel"),
+    ("--max-share", "share", "share of pixels over the threshold, 0 to 1"),
+    ("--max-unmatched", "unmatched", "the same without what a move by one pixel explains: moved edges"),
+    ("--max-flip", "flip", "mean FLIP error, 0 to 1 (extra compare)"),
+    ("--min-psnr", "psnr", "PSNR in decibels"),
+    ("--min-ssim", "ssim", "structural similarity, up to 1"),
+)
+# seconds of work before a progress bar shows
+PATIENCE = 1.0
+
+
+@dataclass(frozen=True)
+class Asked:
+    """How each pair is compared."""
+
+    tolerance: Tolerance
+    extra: frozenset[str] = frozenset()
+    mask: np.ndarray | None = None
+    any_mode: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One pair. verdict: None where it can't be compared; error says why."""
+
+    name: str
+    actual: Path
+    right: Path
+    verdict: Verdict | None
+    error: str = ""
+
+    @property
+    def code(self) -> int:
+        if self.verdict is None:
+            return UNUSABLE
+        return SAME if self.verdict.same else DIFFERENT
+
+    def __str__(self) -> str:
+        return str(self.verdict) if self.verdict is not None else self.error
+
+
+def add_parser(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("actual", metavar="ACTUAL", help="a picture, .png (8 or 16 bits) or .npy, or a folder of them")
+    parser.add_argument("expected", metavar="EXPECTED", help="the right one, or a folder with the same names")
+    names = ", ".join(METRICS)
+    parser.add_argument("--metric", type=_metrics, default=(), metavar="M,M…", help=f"show these: {names}; or all")
+    parser.add_argument("--mask", metavar="FILE", help="compare only where this picture is not black")
+    parser.add_argument("--any-mode", action="store_true", help="RGB with RGBA or gray: compare what they look like")
+    parser.add_argument("--diff", metavar="FILE.png", help="write the difference, black to pale yellow at its maximum")
+    parser.add_argument("--report", metavar="FILE.html", help="write a page: side by side, difference, flicker")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+    parser.add_argument("--quiet", action="store_true", help="print only what differs or cannot be compared")
+    group = parser.add_argument_group(
+        "limits (default: only the rounding of 8-bit pictures passes; naming any replaces the default ones)"
+    )
+    group.add_argument("--tolerance", type=_limit, metavar="E", help="the same as --max-difference E")
+    group.add_argument("--threshold", type=_limit, metavar="E", help=f"a pixel counts from this ({STEP:.4f})")
+    for option, name, about in LIMITS:
+        group.add_argument(option, dest=f"limit_{name}", type=_limit, metavar="X", help=about)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """0 the same, 1 different, 2 where any pair is unusable."""
+    for path, suffixes in ((args.diff, (".png",)), (args.report, (".html",))):
+        if path:
+            check_output(Path(path), suffixes)
+    actual, right = Path(args.actual), Path(args.expected)
+    listed = pairs(actual, right)
+    if args.diff and actual.is_dir():
+        raise expected("--diff", "two files", "two folders", "use --report for folders")
+    asked = _asked(args)
+    outcomes = [compare_files(name, a, b, asked) for name, a, b in _bar(listed, args.quiet or args.json)]
+    if args.diff and outcomes[0].verdict:
+        write_whole(Path(args.diff), _diff(actual, right, asked))
+    if args.report:
+        write_whole(Path(args.report), _page(outcomes, asked, f"{actual} against {right}").encode())
+    print(_json(outcomes) if args.json else _text(outcomes, args), end="")
+    return max(outcome.code for outcome in outcomes)
+
+
+def compare_files(name: str, actual: Path, right: Path, asked: Asked) -> Outcome:
+    """One pair of files; what can't be compared is an outcome, not an exception."""
+    try:
+        return Outcome(name, actual, right, _judge(*_images(actual, right, asked), (str(actual), str(right)), asked))
+    except InputError as error:
+        return Outcome(name, actual, right, None, str(error))
+
+
+def _images(actual: Path, right: Path, asked: Asked) -> tuple[Image, Image]:
+    """Both files, read at the same time where they are large: decoding leaves the interpreter free."""
+    with ThreadPoolExecutor(2) as threads:
+        pictures = list(threads.map(read, (actual, right)))
+    return alike(pictures[0], pictures[1], asked.any_mode)
+
+
+def _judge(first: Image, second: Image, names: tuple[str, str], asked: Asked) -> Verdict:
+    return judge(first, second, asked.tolerance, asked.extra, names, asked.mask)
+
+
+def check_against(
+    image: Image, reference: Picture, output: Path, background: tuple[float, float, float] | None = None
+) -> Verdict:
+    """The verdict on a picture just drawn, as it would come to lie at `output`, by the default limits."""
+    drawn = Picture(str(output), image)
+    if reference.bits is not None:
+        drawn = replace(drawn, image=image.rounded(reference.bits, background), bits=reference.bits)
+    first, second = alike(drawn, reference)
+    return _judge(first, second, (str(output), reference.name), Asked(Tolerance()))
+
+
+def _asked(args: argparse.Namespace) -> Asked:
+    limits = {name: getattr(args, f"limit_{name}") for _, name, _ in LIMITS}
+    limits = {name: limit for name, limit in limits.items() if limit is not None}
+    if args.tolerance is not None:
+        limits["maximum"] = min(args.tolerance, limits.get("maximum", math.inf))
+    threshold = STEP if args.threshold is None else args.threshold
+    tolerance = Tolerance.only(threshold, **limits) if limits else Tolerance(threshold)
+    mask = read_mask(args.mask) if args.mask else None
+    extra = frozenset(args.metric) & {"ssim", "flip"}
+    return Asked(tolerance, extra, mask, args.any_mode)
+
+
+def _diff(actual: Path, right: Path, asked: Asked) -> bytes:
+    difference = compare_pictures.largest(*_images(actual, right, asked), asked.mask)
+    return compare_pictures.png(compare_pictures.heat(difference))
+
+
+def _page(outcomes: list[Outcome], asked: Asked, title: str) -> str:
+    """What is unusable first, then the largest differences; only those shown with pictures are read again."""
+    ranked = sorted(outcomes, key=lambda o: -o.verdict.comparison.rmse if o.verdict else -math.inf)
+    return page([_case(outcome, asked, i < PICTURED) for i, outcome in enumerate(ranked)], title)
+
+
+def _case(outcome: Outcome, asked: Asked, pictured: bool) -> Case:
+    if outcome.verdict is None:
+        return case_alone(outcome.name, "unusable", outcome.error)
+    if outcome.verdict.same or not pictured:
+        return case_alone(outcome.name, "same" if outcome.verdict.same else "different", outcome.verdict.line)
+    verdict = replace(outcome.verdict, name=outcome.name)
+    return case(verdict, *_images(outcome.actual, outcome.right, asked), asked.mask)
+
+
+def _text(outcomes: list[Outcome], args: argparse.Namespace) -> str:
+    """A line for each pair that is not the same; for a single pair its metrics as well."""
+    lines = []
+    for outcome in outcomes:
+        if outcome.code == UNUSABLE:
+            print(f"splatgl: {outcome}", file=sys.stderr)
+        elif outcome.code == DIFFERENT or (len(outcomes) == 1 and not args.quiet):
+            lines.append(str(outcome))
+    if len(outcomes) == 1 and not args.quiet and outcomes[0].verdict:
+        checks = (c for c in outcomes[0].verdict.checks if not args.metric or c.name in args.metric)
+        lines += [f"  {check}" for check in checks]
+    if len(outcomes) > 1 and not args.quiet:
+        counts = [sum(o.code == code for o in outcomes) for code in (SAME, DIFFERENT, UNUSABLE)]
+        lines.append(f"{len(outcomes)} pairs: {counts[0]} same, {counts[1]} different, {counts[2]} unusable")
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _json(outcomes: list[Outcome]) -> str:
+    """One record a pair; infinite decibels are null."""
+    records = [_record(outcome) for outcome in outcomes]
+    return json.dumps({"exit": max(o.code for o in outcomes), "pairs": records}, indent=1, ensure_ascii=False) + "\n"
+
+
+def _record(outcome: Outcome) -> dict[str, object]:
+    if outcome.verdict is None:
+        return {"name": outcome.name, "verdict": "unusable", "error": outcome.error}
+    verdict = outcome.verdict
+    numbers = {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value
+        for key, value in asdict(verdict.comparison).items()
+    }
+    return {
+        "name": outcome.name,
+        "verdict": "same" if verdict.same else "different",
+        "kind": verdict.kind.name if verdict.kind else None,
+        "message": str(verdict),
+        "broken": [check.name for check in verdict.checks if not check.ok],
+        "metrics": numbers,
+        "limits": {key: value for key, value in asdict(verdict.tolerance).items() if value is not None},
+    }
+
+
+def _metrics(text: str) -> tuple[str, ...]:
+    names = METRICS if text == "all" else tuple(text.split(","))
+    unknown = [name for name in names if name not in METRICS]
+    if unknown:
+        raise argparse.ArgumentTypeError(f"expected all, or some of {', '.join(METRICS)}, got {', '.join(unknown)}")
+    return names
+
+
+def _limit(text: str) -> float:
+    """A number, or a fraction such as 2/255."""
+    try:
+        top, _, bottom = text.partition("/")
+        value = float(top) / float(bottom or 1)
+    except (ValueError, ZeroDivisionError):
+        value = math.nan
+    if not 0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a number from 0, or a fraction such as 2/255, got {text!r}")
+    return value
+
+
+def _bar(listed: list[tuple[str, Path, Path]], quiet: bool) -> Iterator[tuple[str, Path, Path]]:
+    """A progress bar over pairs, where tqdm is installed and someone is watching."""
+    shown: Iterable[tuple[str, Path, Path]] = listed
+    if not quiet and len(listed) > 1 and sys.stderr.isatty():
+        try:
+            from tqdm import tqdm
+
+            shown = tqdm(listed, "comparing", unit="pair", delay=PATIENCE, leave=False)
+        except ImportError:
+            pass
+    return iter(shown)

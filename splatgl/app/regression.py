@@ -1,0 +1,176 @@
+"""What the fixture `image_regression` does: finds baselines, compares, writes where asked, fails with the reason."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatgl.app.baselines import FOLDER, Baselines, renderer_class, stem_of
+from splatgl.data.errors import InputError, expected
+from splatgl.data.image import Image
+from splatgl.truth.compare_read import Picture, alike, read
+from splatgl.truth.compare_report import Case, case, case_alone
+from splatgl.truth.verdict import Tolerance, Verdict, judge
+
+
+class Mode(Enum):
+    """What the options ask for."""
+
+    COMPARE = "compare"
+    UPDATE = "update"
+    UPDATE_CLASS = "update-class"
+    ADD = "add"
+
+
+@dataclass
+class ImageRegression:
+    """The fixture's value: call it with a picture. cases: filled with what was compared, for the report."""
+
+    test: str
+    file: Path
+    default_name: str
+    mode: Mode
+    cases: list[dict[str, str]]
+    report: bool = False
+    used: set[str] = field(default_factory=set)
+
+    def __call__(
+        self,
+        image: Image | np.ndarray | str | Path,
+        name: str | None = None,
+        tolerance: Tolerance | float | None = None,
+        bits: int | None = 8,
+        mask: np.ndarray | None = None,
+    ) -> None:
+        """Fails the test if `image` differs from all of its baselines, or has none.
+
+        image: an Image, a file of one, linear premultiplied floats [H, W, 4], or sRGB samples (uint8, [H, W, 3 or 4]).
+        name: of the baseline; the test's own if None. tolerance: the largest difference of a channel, or a
+        `Tolerance`; None lets rounding to 8 bits pass. bits: 8 or 16 of a PNG, None for a .npy of floats; what is
+        compared is rounded alike. mask: bool [H, W], the pixels that count.
+        """
+        __tracebackhide__ = True
+        try:
+            picture = as_image(image)
+            baselines = self._baselines(picture, name, bits)
+            outcome = self._outcome(picture, baselines, Tolerance.of(tolerance), bits, mask)
+        except InputError as error:
+            self._keep(case_alone(name or self.default_name, "unusable", str(error)))
+            pytest.fail(str(error), pytrace=False)
+        if outcome:
+            pytest.fail(outcome, pytrace=False)
+
+    def _baselines(self, picture: Image, name: str | None, bits: int | None) -> Baselines:
+        """A test's second picture without a name is -2, and so on."""
+        stem = stem_of(name or self.default_name)
+        if name is None and stem in self.used:
+            stem = next(f"{stem}-{i}" for i in range(2, len(self.used) + 3) if f"{stem}-{i}" not in self.used)
+        self.used.add(stem)
+        folder = self.file.parent / FOLDER / self.file.stem
+        return Baselines(folder, stem, renderer_class(picture), ".png" if bits else ".npy")
+
+    def _outcome(
+        self, picture: Image, baselines: Baselines, tolerance: Tolerance, bits: int | None, mask: np.ndarray | None
+    ) -> str:
+        """Why the test fails, or nothing."""
+        title = f"{self.test}: {baselines.stem}"
+        paths = baselines.valid()
+        found = [self._compare(picture, path, tolerance, mask) for path in paths]
+        good = next((verdict for verdict, _ in found if verdict is not None and verdict.same), None)
+        if good is not None:
+            self._keep(Case(title, "same", good.line))
+            return ""
+        if self.mode is not Mode.COMPARE:
+            return self._write(title, picture, self._target(baselines), bits)
+        if not paths:
+            return self._missing(title, picture, baselines)
+        return self._different(title, found, baselines)
+
+    def _compare(
+        self, picture: Image, path: Path, tolerance: Tolerance, mask: np.ndarray | None
+    ) -> tuple[Verdict | None, Case]:
+        """The verdict against one baseline, and its case; no verdict where it can't be compared."""
+        try:
+            actual, right = alike(Picture(path.stem, picture), replace(read(path), mode=None))
+            verdict = judge(actual, right, tolerance, names=(path.stem, shown_path(path)), mask=mask)
+        except InputError as error:
+            return None, case_alone(path.stem, "unusable", str(error), picture if self.report else None)
+        if verdict.same or not self.report:
+            return verdict, Case(path.stem, "same" if verdict.same else "different", verdict.line)
+        return verdict, case(verdict, actual, right, mask)
+
+    def _target(self, baselines: Baselines) -> Path:
+        if self.mode is Mode.ADD:
+            return baselines.fresh()
+        if self.mode is Mode.UPDATE_CLASS:
+            return baselines.of_class()
+        return next(iter(baselines.valid()), baselines.portable)
+
+    def _write(self, title: str, picture: Image, target: Path, bits: int | None) -> str:
+        if not np.isfinite(picture.pixels).all():
+            raise expected(title, "finite numbers to write as a baseline", "NaN or infinity")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        picture.save(target, bits or 8)
+        self._keep(Case(title, "same", f"written to {shown_path(target)}"), shown_path(target))
+        return ""
+
+    def _missing(self, title: str, picture: Image, baselines: Baselines) -> str:
+        others = ", ".join(path.name for path in baselines.others())
+        whose = f" for {baselines.key or 'any renderer'}, only {others}" if others else ""
+        line = f"no baseline{whose}: expected {shown_path(baselines.portable)}"
+        self._keep(case_alone(title, "missing", line, picture if self.report else None))
+        return f"{line}\n  look at the picture: {self._look()}\n  then make it with: {self._command()}"
+
+    def _different(self, title: str, found: list[tuple[Verdict | None, Case]], baselines: Baselines) -> str:
+        """The nearest baseline tells what differs."""
+        verdict, nearest = min(found, key=lambda pair: np.inf if pair[0] is None else pair[0].comparison.rmse)
+        self._keep(replace(nearest, name=title))
+        which = f", the nearest of {len(found)}" if len(found) > 1 else ""
+        lines = [f"{baselines.stem}: {nearest.line}"]
+        if verdict is not None:
+            lines = [
+                f"{baselines.stem} differs: {verdict.kind.text if verdict.kind else ''}",
+                f"where: {verdict.place}",
+                f"limits: {verdict.broken}",
+                f"baseline: {verdict.against}{which}",
+            ]
+        return "\n  ".join([*lines, f"look at it: {self._look()}", f"if it is right: {self._command()}"])
+
+    def _look(self) -> str:
+        return "in the report" if self.report else f"{self._pytest()} --splatgl-report DIR"
+
+    def _command(self) -> str:
+        return f"{self._pytest()} --splatgl-update"
+
+    def _pytest(self) -> str:
+        return f"pytest {shlex.quote(self.test)}"
+
+    def _keep(self, kept: Case, written: str = "") -> None:
+        self.cases.append({**kept.as_dict(), "written": written})
+
+
+def as_image(value: Image | np.ndarray | str | Path) -> Image:
+    """The picture that a user gave, whatever it came as. Raises InputError for what is none."""
+    if isinstance(value, Image):
+        return value
+    if isinstance(value, (str, Path)):
+        return read(value).image
+    samples = np.asarray(value)
+    shape_ok = samples.ndim == 3 and samples.shape[2] in (3, 4)
+    if samples.dtype == np.uint8 and shape_ok:
+        return Image.from_samples(samples)
+    if samples.dtype.kind == "f" and shape_ok and samples.shape[2] == 4:
+        return Image(samples.astype(np.float32))
+    got = f"{samples.dtype} {samples.shape}" if samples.dtype != object else type(value).__name__
+    fix = "colour with float samples needs its alpha: premultiplied, linear, [H, W, 4]" if shape_ok else ""
+    raise expected("image", "an Image, a file, uint8 [H, W, 3 or 4] or float [H, W, 4]", got, fix)
+
+
+def shown_path(path: Path) -> str:
+    """Relative to the working folder where it lies in it."""
+    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)

@@ -1,0 +1,119 @@
+"""Metrics that look around a pixel: SSIM, FLIP, and which differences a neighbour explains."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from splatgl.data.errors import expected, missing_extra
+
+# Wang et al., "Image quality assessment: from error visibility to structural similarity", 2004, Eq. 13: K1 and K2;
+# the window of 7×7 with equal weights and the sample covariance are scikit-image's defaults
+SSIM_K1, SSIM_K2, SSIM_WINDOW = 0.01, 0.03, 7
+# rows that are searched together for neighbours
+BAND_ROWS = 32
+
+
+def ssim(a: ArrayLike, b: ArrayLike, peak: float = 1.0) -> float:
+    """Mean structural similarity of [H, W, C] arrays, window 7×7, mean over the channels; 1 for equal pictures.
+
+    The value of scikit-image's structural_similarity(channel_axis=-1, data_range=peak). Raises InputError for a
+    picture smaller than the window.
+    """
+    first, second = np.asarray(a), np.asarray(b)
+    height, width = first.shape[:2]
+    if min(height, width) < SSIM_WINDOW:
+        raise expected("ssim", f"a picture of at least {SSIM_WINDOW}×{SSIM_WINDOW} pixels", f"{width}×{height}")
+    channels = (_ssim_map(first[..., c], second[..., c], peak).mean() for c in range(first.shape[2]))
+    return float(sum(channels) / first.shape[2])
+
+
+def _ssim_map(a: np.ndarray, b: np.ndarray, peak: float) -> np.ndarray:
+    """SSIM of every whole window of one channel."""
+    x, y = a.astype(np.float64), b.astype(np.float64)
+    count = SSIM_WINDOW**2
+    sample = count / (count - 1)
+    mean_x, mean_y = _window_mean(x), _window_mean(y)
+    var_x = sample * (_window_mean(x * x) - mean_x * mean_x)
+    var_y = sample * (_window_mean(y * y) - mean_y * mean_y)
+    covariance = sample * (_window_mean(x * y) - mean_x * mean_y)
+    c1, c2 = (SSIM_K1 * peak) ** 2, (SSIM_K2 * peak) ** 2
+    likeness = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
+    return likeness / ((mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2))
+
+
+def _window_mean(x: np.ndarray) -> np.ndarray:
+    """Means over all whole windows, [H − 6, W − 6]: sums over columns, then over rows."""
+    n = SSIM_WINDOW
+    rows, columns = x.shape[0] - n + 1, x.shape[1] - n + 1
+    down = x[:rows].copy()
+    for i in range(1, n):
+        down += x[i : i + rows]
+    across = down[:, :columns].copy()
+    for i in range(1, n):
+        across += down[:, i : i + columns]
+    return across / n**2
+
+
+def flip(a: ArrayLike, b: ArrayLike, peak: float = 1.0) -> float:
+    """Mean FLIP error in [0, 1] of `a` against `b`, linear premultiplied [H, W, 4], at flip-evaluator's distance.
+
+    Andersson et al., "FLIP: a difference evaluator for alternating images", 2020. What is transparent is looked at
+    over black and over white; the larger counts. Raises InputError if flip-evaluator is not installed.
+    """
+    try:
+        import flip_evaluator
+    except ImportError as error:
+        raise missing_extra("flip", "flip-evaluator", "compare") from error
+    first, second = np.asarray(a, np.float32) / np.float32(peak), np.asarray(b, np.float32) / np.float32(peak)
+    opaque = min(first[..., 3].min(), second[..., 3].min()) >= 1
+    means = []
+    for ground in (0,) if opaque else (0, 1):
+        shown = [np.clip(p[..., :3] + (1 - p[..., 3:]) * np.float32(ground), 0, 1) for p in (second, first)]
+        means.append(flip_evaluator.evaluate(*shown, "LDR", inputsRGB=False, applyMagma=False)[1])
+    return float(max(means))
+
+
+def unmatched(a: np.ndarray, b: np.ndarray, over: np.ndarray, limit: float) -> int:
+    """How many of the pixels that are `over` no neighbour explains.
+
+    A pixel is explained where each channel of `a` lies within what `b` takes in the 3×3 pixels around, and `b` within
+    what `a` takes there, `limit` to spare: an edge that moved by a pixel or less is, a wrong pixel or a missing line
+    is not. a, b: [H, W, C]; over: bool [H, W].
+    """
+    count = 0
+    for top in range(0, len(a), BAND_ROWS):
+        bottom = min(top + BAND_ROWS, len(a))
+        columns = np.flatnonzero(over[top:bottom].any(axis=0))
+        if columns.size:
+            count += _unmatched_in(a, b, over, (top, bottom, int(columns[0]), int(columns[-1]) + 1), limit)
+    return count
+
+
+def _unmatched_in(
+    a: np.ndarray, b: np.ndarray, over: np.ndarray, part: tuple[int, int, int, int], limit: float
+) -> int:
+    top, bottom, left, right = part
+    # the part with the pixel around it, as far as there is one
+    rows, columns = slice(max(top - 1, 0), bottom + 1), slice(max(left - 1, 0), right + 1)
+    around_a, around_b = a[rows, columns], b[rows, columns]
+    outside = ~(_within(around_a, around_b, limit) & _within(around_b, around_a, limit))
+    inner = outside[top - rows.start : bottom - rows.start, left - columns.start : right - columns.start]
+    return int(np.count_nonzero(inner & over[top:bottom, left:right]))
+
+
+def _within(x: np.ndarray, y: np.ndarray, limit: float) -> np.ndarray:
+    """Where x lies between the least and the largest y of the 3×3 pixels around, bool [H, W]."""
+    inside = (x >= _spread(y, np.minimum) - limit) & (x <= _spread(y, np.maximum) + limit)
+    return inside[..., 0] & inside[..., 1] & inside[..., 2] & inside[..., 3]
+
+
+def _spread(x: np.ndarray, choose: np.ufunc) -> np.ndarray:
+    """The least or the largest of each pixel and its up to 8 neighbours."""
+    down = x.copy()
+    choose(down[1:], x[:-1], out=down[1:])
+    choose(down[:-1], x[1:], out=down[:-1])
+    across = down.copy()
+    choose(across[:, 1:], down[:, :-1], out=across[:, 1:])
+    choose(across[:, :-1], down[:, 1:], out=across[:, :-1])
+    return across

@@ -1,0 +1,221 @@
+"""What a difference looks like: shifted, flipped, gamma, premultiplication, an offset, noise, a missing object, …
+
+Each change is tried on the right picture: where it brings that close to the actual one, the change has a name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.data.color import linear_from_srgb, srgb_from_linear
+from splatgl.truth.compare import Comparison
+
+# pixels along the longer side that are looked at: more say no more about what changed
+LOOKED_AT = 512
+# a change explains the difference where it leaves at most this share of its RMS
+EXPLAINED = 0.25
+# up to here pixels are counted, not described
+FEW_PIXELS = 4
+# an offset is a few levels, and nearly all pixels have it; half a level more or less is rounding
+OFFSET_LIMIT, OFFSET_SHARE, HALF_LEVEL = 8 / 255, 0.8, 0.5 / 255
+# a region is at most half the picture, a tenth of its box is changed, and nearly all of the squares lie in it
+REGION_SHARE, REGION_FILL, REGION_SQUARES = 0.5, 0.1, 0.95
+# an object is gone where the opacity, or else the detail, falls by these shares
+LESS_OPACITY, LESS_DETAIL = 0.3, 0.4
+# noise: differences at neighbours are not alike, and they are many
+ALIKE, MANY = 0.3, 0.01
+
+
+@dataclass(frozen=True)
+class Kind:
+    """name: one of a few words to sort by. text: the same in a few more, with the numbers."""
+
+    name: str
+    text: str
+
+
+def kind_of(actual: np.ndarray, right: np.ndarray, found: Comparison) -> Kind:
+    """The name of the change between two pictures, linear premultiplied [H, W, 4] of one size, that differ."""
+    a, b = (np.asarray(p, np.float32) for p in (actual, right))
+    if found.peak != 1:
+        a, b = a / np.float32(found.peak), b / np.float32(found.peak)
+    return (
+        _empty(a, b)
+        or _few_pixels(a, b, found)
+        or _offset(a, b)
+        or _transformed(a, b)
+        or _noise(a, b)
+        or _region(a, b, found)
+        or Kind("changed", "changed in no way that has a name")
+    )
+
+
+def _empty(a: np.ndarray, b: np.ndarray) -> Kind | None:
+    if not a.any() and b.any():
+        return Kind("empty", "empty: every pixel is 0")
+    return None
+
+
+def _few_pixels(a: np.ndarray, b: np.ndarray, found: Comparison) -> Kind | None:
+    count = round(found.share_over * found.pixels)
+    if found.box is None or not 0 < count <= FEW_PIXELS or not _mostly_in(a, b, found.box):
+        return None
+    return Kind("pixels", "one wrong pixel" if count == 1 else f"{count} wrong pixels")
+
+
+def _mostly_in(a: np.ndarray, b: np.ndarray, box: tuple[int, int, int, int]) -> bool:
+    left, top, right, bottom = box
+    inside = slice(top, bottom), slice(left, right)
+    return _squares(a[inside] - b[inside]) >= REGION_SQUARES * _squares(a - b)
+
+
+def _squares(d: np.ndarray) -> float:
+    return float(np.vdot(d, d))
+
+
+def _offset(a: np.ndarray, b: np.ndarray) -> Kind | None:
+    """The same small number added everywhere, to sRGB samples or to linear light."""
+    a, b = _thinned(a), _thinned(b)
+    seen = (b[..., 3] > 0) & (a[..., 3] > 0)
+    if not seen.any():
+        return None
+    straight = [p[seen][:, :3] / p[seen][:, 3:] for p in (a, b)]
+    encoded = [srgb_from_linear(np.clip(c, 0, 1)) for c in straight]
+    for space, (x, y) in (("sRGB", encoded), ("linear light", straight)):
+        d = x.astype(np.float64) - y
+        middle = float(np.median(d))
+        alike = np.mean(np.abs(d - middle) <= max(abs(middle) / 4, 1e-6))
+        if HALF_LEVEL / 2 < abs(middle) <= OFFSET_LIMIT and alike >= OFFSET_SHARE:
+            return Kind("offset", f"offset by {255 * middle:+.2g}/255 everywhere ({space})")
+    return None
+
+
+def _thinned(p: np.ndarray) -> np.ndarray:
+    step = max(1, -(-max(p.shape[:2]) // LOOKED_AT))
+    return p[::step, ::step]
+
+
+def _transformed(a: np.ndarray, b: np.ndarray) -> Kind | None:
+    """The best of the changes that work on all of the picture, if it explains the difference."""
+    thin = _thinned(a)
+    whole = _squares(thin - _thinned(b))
+    left = [(_squares(thin - _thinned(changed)) / whole, kind) for kind, changed in _changes(a, b)] if whole else []
+    shift = _shift(a, b)
+    ratio, kind = min([*left, *([shift] if shift else [])], key=lambda pair: pair[0], default=(1.0, None))
+    return kind if ratio <= EXPLAINED**2 else None
+
+
+def _changes(a: np.ndarray, b: np.ndarray) -> Iterator[tuple[Kind, np.ndarray]]:
+    """The changes by name, and what each makes of the right picture."""
+    yield Kind("flipped", "flipped upside down"), b[::-1]
+    yield Kind("flipped", "flipped left to right"), b[:, ::-1]
+    yield Kind("flipped", "turned by 180°"), b[::-1, ::-1]
+    if b.shape[0] == b.shape[1]:
+        yield Kind("flipped", "rows and columns swapped"), b.transpose(1, 0, 2)
+    # point by point, so that thinning first changes nothing; thinned pictures are left as they are
+    a, b = _thinned(a), _thinned(b)
+    alpha = b[..., 3:]
+    color = np.clip(np.divide(b[..., :3], alpha, out=np.zeros_like(b[..., :3]), where=alpha > 0), 0, 1)
+    encoded = srgb_from_linear(color)
+    for text, changed in (
+        ("gamma: sRGB applied twice, or linear light taken for sRGB's (too light)", encoded * alpha),
+        ("gamma: sRGB never applied, or undone twice (too dark)", linear_from_srgb(color) * alpha),
+    ):
+        yield Kind("gamma", text), _with_alpha(changed, alpha)
+    for text, changed in (
+        ("premultiplication: colour multiplied by alpha twice", b[..., :3] * alpha),
+        ("premultiplication: colour not multiplied by alpha", color),
+        ("premultiplication: sRGB samples multiplied by alpha", linear_from_srgb(encoded * alpha) * alpha),
+        ("premultiplication: sRGB samples divided by alpha", linear_from_srgb(_over(encoded, alpha)) * alpha),
+    ):
+        yield Kind("premultiplication", text), _with_alpha(changed, alpha)
+    yield Kind("alpha", "alpha is lost: over black"), _with_alpha(b[..., :3], np.ones_like(alpha))
+    yield Kind("alpha", "alpha is lost: its colour stayed"), _with_alpha(color, np.ones_like(alpha))
+    yield Kind("channels", "red and blue swapped"), b[..., [2, 1, 0, 3]]
+    factor = float(np.vdot(a[..., :3], b[..., :3])) / (_squares(b[..., :3]) or 1.0)
+    yield Kind("brightness", f"colours times {factor:.3g}"), _with_alpha(b[..., :3] * factor, alpha)
+
+
+def _over(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    return np.clip(np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0), 0, 1)
+
+
+def _with_alpha(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    return np.concatenate([color, alpha], axis=-1).astype(np.float32)
+
+
+def _shift(a: np.ndarray, b: np.ndarray) -> tuple[float, Kind] | None:
+    """A move by whole pixels, from the peak of the phase correlation in the middle of the picture."""
+    height, width = a.shape[:2]
+    top, left = max(0, (height - LOOKED_AT) // 2), max(0, (width - LOOKED_AT) // 2)
+    middle = slice(top, top + LOOKED_AT), slice(left, left + LOOKED_AT)
+    x, y = (p[middle].sum(axis=-1) for p in (a, b))
+    spectrum = np.fft.rfft2(x - x.mean()) * np.conj(np.fft.rfft2(y - y.mean()))
+    peak = np.fft.irfft2(spectrum / np.maximum(np.abs(spectrum), np.finfo(np.float32).tiny), x.shape)
+    found = np.unravel_index(int(peak.argmax()), x.shape)
+    down, across = (int(i) if i <= n // 2 else int(i) - n for i, n in zip(found, x.shape, strict=True))
+    if (down, across) == (0, 0):
+        return None
+    # only what lies in both after the move
+    moved, still = _overlap(a[middle], down, across), _overlap(b[middle], -down, -across)
+    whole = _squares(moved - _overlap(b[middle], down, across))
+    if whole == 0:
+        return None
+    parts = [_pixels(across, "right", "left"), _pixels(down, "down", "up")]
+    text = f"shifted by {' and '.join(part for part in parts if part)}"
+    return _squares(moved - still) / whole, Kind("shifted", text)
+
+
+def _overlap(p: np.ndarray, down: int, across: int) -> np.ndarray:
+    height, width = p.shape[:2]
+    return p[max(down, 0) : height + min(down, 0), max(across, 0) : width + min(across, 0)]
+
+
+def _pixels(count: int, positive: str, negative: str) -> str:
+    noun = "pixel" if abs(count) == 1 else "pixels"
+    return f"{abs(count)} {noun} {positive if count > 0 else negative}" if count else ""
+
+
+def _region(a: np.ndarray, b: np.ndarray, found: Comparison) -> Kind | None:
+    """One part changed and the rest did not: an object is missing, too much, or another."""
+    if found.box is None:
+        return None
+    left, top, right, bottom = found.box
+    area, whole = (right - left) * (bottom - top), a.shape[0] * a.shape[1]
+    fill = found.share_over * found.pixels / area
+    if area > REGION_SHARE * whole or fill < REGION_FILL or not _mostly_in(a, b, found.box):
+        return None
+    x, y = a[top:bottom, left:right], b[top:bottom, left:right]
+    size = f"{right - left}×{bottom - top} pixels"
+    less = _change(float(x[..., 3].mean()), float(y[..., 3].mean()), LESS_OPACITY) or _change(
+        _detail(x), _detail(y), LESS_DETAIL
+    )
+    if less < 0:
+        return Kind("missing", f"an object is missing ({size})")
+    if less > 0:
+        return Kind("extra", f"an extra object ({size})")
+    return Kind("region", f"a part is changed ({size})")
+
+
+def _change(now: float, before: float, share: float) -> int:
+    """−1 where less than before by the share, 1 where more, else 0."""
+    return int(before < (1 - share) * now) - int(now < (1 - share) * before)
+
+
+def _detail(p: np.ndarray) -> float:
+    return float(np.abs(np.diff(p, axis=0)).sum() + np.abs(np.diff(p, axis=1)).sum())
+
+
+def _noise(a: np.ndarray, b: np.ndarray) -> Kind | None:
+    """Many differences, none like its neighbour's."""
+    middle = slice(0, LOOKED_AT), slice(0, LOOKED_AT)
+    d = (a[middle] - b[middle])[..., :3]
+    squares = _squares(d)
+    changed = float((np.abs(d).max(axis=-1) > 0).mean())
+    if squares == 0 or changed < MANY or min(d.shape[:2]) < 2:
+        return None
+    alike = max(abs(float(np.vdot(d[1:], d[:-1]))), abs(float(np.vdot(d[:, 1:], d[:, :-1])))) / squares
+    return Kind("noise", f"noise of RMS {np.sqrt(squares / d.size):.3g}") if alike < ALIKE else None

@@ -1,0 +1,186 @@
+"""Same or different: the limits on each metric, and a verdict that says which is broken, where, and by what change."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.data.errors import expected
+from splatgl.data.image import Image
+from splatgl.truth.compare import NAMES, Comparison, compare
+from splatgl.truth.metrics_kinds import Kind, kind_of
+
+# One step of an 8-bit sRGB picture is up to 2.28/255 in linear light, next to white; above this it is not rounding.
+STEP = 2.5 / 255
+# Two right renderers round some pixels to another step: one in a thousand gives an RMSE of 0.03/255 and a bias below
+# 0.01/255. One step more everywhere, even in black, gives a bias of 0.05/255 or more.
+ROUNDING_RMSE, ROUNDING_BIAS = 0.1 / 255, 0.02 / 255
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """The limits; None is not looked at. By default nothing but the rounding of 8-bit pictures may differ.
+
+    threshold: from which a pixel counts as different, a share of the peak. share, unmatched: of pixels that may, all
+    and those that a move by one pixel does not explain. maximum, rmse, bias: shares of the peak. flip: at most.
+    psnr (decibels), ssim: at least. Linear premultiplied light; each as `Comparison` defines it.
+    """
+
+    threshold: float = STEP
+    share: float | None = 0.0
+    rmse: float | None = ROUNDING_RMSE
+    bias: float | None = ROUNDING_BIAS
+    unmatched: float | None = None
+    maximum: float | None = None
+    psnr: float | None = None
+    ssim: float | None = None
+    flip: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if value is not None and not (isinstance(value, (int, float)) and value >= 0):
+                raise expected(f"tolerance: {name}", "a number from 0", repr(value))
+
+    @classmethod
+    def of(cls, value: Tolerance | float | None) -> Tolerance:
+        """A number: no channel of any pixel may differ by more, as a share of the peak. None: the default."""
+        if value is None or isinstance(value, Tolerance):
+            return value or cls()
+        return cls(share=None, rmse=None, bias=None, maximum=value)
+
+    @classmethod
+    def only(cls, threshold: float = STEP, **limits: float) -> Tolerance:
+        """These limits and no other."""
+        return cls(threshold, **{"share": None, "rmse": None, "bias": None, **limits})
+
+    @property
+    def extra(self) -> set[str]:
+        """The metrics that take longer and are needed."""
+        return {name for name in ("ssim", "flip") if getattr(self, name) is not None}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One metric: what was found, and its limit, if there is one."""
+
+    name: str
+    value: float
+    limit: float | None
+    ok: bool
+    at_least: bool = False
+
+    def __str__(self) -> str:
+        found = f"{self.name} {number(self.name, self.value)}"
+        if self.limit is None:
+            return found
+        sign = ("≥" if self.ok else "<") if self.at_least else ("≤" if self.ok else ">")
+        return f"{found} {sign} {number(self.name, self.limit)}"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """name, against: of the two pictures. checks: every metric that was worked out.
+
+    kind: what the difference looks like, None for the same.
+    """
+
+    name: str
+    against: str
+    size: tuple[int, int]
+    comparison: Comparison
+    tolerance: Tolerance
+    checks: tuple[Check, ...]
+    kind: Kind | None
+
+    @property
+    def same(self) -> bool:
+        return all(check.ok for check in self.checks)
+
+    def __str__(self) -> str:
+        """One line: the change by name, where, and each limit that is broken."""
+        return f"{self.name}: {'same' if self.same else 'different'}: {self.line}"
+
+    @property
+    def line(self) -> str:
+        """What is said of the pair, without its name."""
+        if self.kind is None:
+            return ", ".join(str(check) for check in self.checks)
+        return f"{self.kind.text}; {self.place}; {self.broken}"
+
+    @property
+    def broken(self) -> str:
+        """The limits that do not hold."""
+        return ", ".join(str(check) for check in self.checks if not check.ok)
+
+    @property
+    def place(self) -> str:
+        """The bounding box of what differs, and the worst pixel."""
+        column, row = self.comparison.where
+        worst = f"worst {self.comparison.maximum:.4g} at column {column}, row {row}"
+        if self.comparison.box is None:
+            return f"no pixel over {number('maximum', self.comparison.threshold * self.comparison.peak)}, {worst}"
+        left, top, right, bottom = self.comparison.box
+        whole = f"of {self.size[0]}×{self.size[1]}"
+        return f"columns {left}–{right - 1}, rows {top}–{bottom - 1} ({right - left}×{bottom - top} {whole}), {worst}"
+
+
+def judge(
+    actual: Image,
+    right: Image,
+    tolerance: Tolerance | float | None = None,
+    extra: Collection[str] = (),
+    names: tuple[str, str] = NAMES,
+    mask: np.ndarray | None = None,
+) -> Verdict:
+    """The verdict on `actual` against `right`. extra: metrics to work out besides those that have a limit.
+
+    Raises InputError as `compare` does.
+    """
+    limits = Tolerance.of(tolerance)
+    found = compare(actual, right, limits.threshold, {*extra, *limits.extra}, names, mask)
+    checks = _checks(found, limits)
+    kind = None
+    if not all(check.ok for check in checks):
+        shown = [_masked(image.pixels, mask) for image in (actual, right)]
+        kind = kind_of(shown[0], shown[1], found)
+    size = (right.pixels.shape[1], right.pixels.shape[0])
+    return Verdict(names[0], names[1], size, found, limits, checks, kind)
+
+
+def _masked(pixels: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
+    return pixels if mask is None else np.where(mask[..., None], pixels, np.float32(0))
+
+
+def _checks(found: Comparison, limits: Tolerance) -> tuple[Check, ...]:
+    """What may be at most a share of the peak is, in X-rays, times their peak."""
+    at_most = (
+        ("maximum", found.maximum, limits.maximum, found.peak),
+        ("rmse", found.rmse, limits.rmse, found.peak),
+        ("bias", found.bias, limits.bias, found.peak),
+        ("share", found.share_over, limits.share, 1.0),
+        ("unmatched", found.share_unmatched, limits.unmatched, 1.0),
+        ("flip", found.flip, limits.flip, 1.0),
+    )
+    checks = [
+        Check(name, value, None if limit is None else limit * scale, limit is None or abs(value) <= limit * scale)
+        for name, value, limit, scale in at_most
+        if value is not None
+    ]
+    at_least = (("psnr", found.psnr, limits.psnr), ("ssim", found.ssim, limits.ssim))
+    checks += [
+        Check(name, value, limit, limit is None or value >= limit, at_least=True)
+        for name, value, limit in at_least
+        if value is not None
+    ]
+    return tuple(checks)
+
+
+def number(name: str, value: float) -> str:
+    """A metric's value as people read it: shares in per cent, PSNR in decibels."""
+    if name in ("share", "unmatched"):
+        return f"{100 * value:.3g} %"
+    if name == "psnr":
+        return f"{value:.2f} dB"
+    return f"{value:.4g}"

@@ -1,0 +1,178 @@
+"""Eight ways in which a picture goes wrong: each is caught, named, and to be seen in the report; the README's table."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.data.color import srgb_from_linear
+from splatgl.truth.compare_report import case, page
+from splatgl.truth.verdict import Tolerance, Verdict, judge, number
+
+BASELINES = Path(__file__).parent / "baselines" / "test_compare_scenes"
+README = Path(__file__).parents[1] / "README.md"
+RIGHT = sg.Image.load(BASELINES / "terrain-composite.png")
+# where the picture has a mountain
+ROW, COLUMN = 44, 45
+METRICS = ("maximum", "rmse", "psnr", "bias", "share", "unmatched", "ssim", "flip")
+
+
+def of_samples(change: Callable[[np.ndarray], np.ndarray]) -> sg.Image:
+    """The picture with its 8-bit sRGB colour, [H, W, 3] in 0…255, changed; alpha stays."""
+    samples = np.rint(RIGHT.straight() * 255)
+    color = np.clip(np.rint(change(samples)), 0, 255)
+    return sg.Image.from_samples(np.concatenate([color, samples[..., 3:]], axis=-1).astype(np.uint8))
+
+
+def one_pixel() -> sg.Image:
+    pixels = RIGHT.pixels.copy()
+    pixels[ROW, COLUMN] = (1, 0, 0, 1)
+    return sg.Image(pixels)
+
+
+def without_object() -> sg.Image:
+    pixels = RIGHT.pixels.copy()
+    pixels[ROW - 6 : ROW + 6, COLUMN - 8 : COLUMN + 8] = 0
+    return sg.Image(pixels)
+
+
+def noise() -> np.ndarray:
+    return np.random.default_rng(8).normal(0, 3, (*RIGHT.pixels.shape[:2], 3))
+
+
+# what went wrong, in the README's words: the picture, the name of the kind, and what the message says
+WRONG: dict[str, tuple[Callable[[], sg.Image], str, str]] = {
+    "shifted by one pixel": (lambda: sg.Image(np.roll(RIGHT.pixels, 1, 1)), "shifted", "shifted by 1 pixel right"),
+    "one wrong pixel": (one_pixel, "pixels", "one wrong pixel"),
+    "1/255 everywhere": (lambda: of_samples(lambda s: s[..., :3] + 1), "offset", r"offset by \+1/255 everywhere"),
+    "a missing object": (without_object, "missing", r"an object is missing \(16×12 pixels\)"),
+    "gamma applied twice": (
+        lambda: of_samples(lambda s: 255 * srgb_from_linear(s[..., :3] / 255)),
+        "gamma",
+        "gamma: sRGB applied twice",
+    ),
+    "premultiplied twice": (
+        lambda: sg.Image(np.concatenate([RIGHT.pixels[..., :3] * RIGHT.pixels[..., 3:], RIGHT.pixels[..., 3:]], -1)),
+        "premultiplication",
+        "premultiplication: colour multiplied by alpha twice",
+    ),
+    "flipped": (lambda: sg.Image(RIGHT.pixels[::-1]), "flipped", "flipped upside down"),
+    "noise of 3/255": (lambda: of_samples(lambda s: s[..., :3] + noise()), "noise", "noise of RMS"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_each_is_caught_and_named(what: str) -> None:
+    make, kind, message = WRONG[what]
+    verdict = judge(make(), RIGHT, names=("new.png", "old.png"))
+    assert not verdict.same
+    assert verdict.kind is not None and verdict.kind.name == kind
+    assert re.match(rf"new\.png: different: {message}", str(verdict))
+    assert "worst" in str(verdict) and " > " in str(verdict)
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_each_is_to_be_seen_in_the_report(what: str) -> None:
+    """Both pictures, a difference that reaches the end of its scale, and both in turn; the text names the kind."""
+    make, _, message = WRONG[what]
+    image = make()
+    html = page([case(judge(image, RIGHT, names=(what, "right")), image, RIGHT)], "Report")
+    assert re.search(message, html)
+    assert html.count("data:image/png;base64,") in (5, 10)
+    assert 'class="view flicker"' in html
+    heat = decoded(re.findall(r'class="picture heat"[^>]*src="data:image/png;base64,([^"]+)"', html)[0])
+    assert (heat.reshape(-1, 3) == (252, 255, 200)).all(axis=1).any(), "the largest difference is the lightest colour"
+    assert heat.shape == (*RIGHT.pixels.shape[:2], 3)
+
+
+def decoded(text: str) -> np.ndarray:
+    import base64
+    import io
+
+    from PIL import Image as Pillow
+
+    return np.asarray(Pillow.open(io.BytesIO(base64.b64decode(text))))
+
+
+def test_the_same_picture_is_the_same() -> None:
+    verdict = judge(RIGHT, sg.Image(RIGHT.pixels.copy()))
+    assert verdict.same and verdict.kind is None
+    assert verdict.comparison.maximum == 0
+
+
+@pytest.mark.parametrize("scene", ["tunnel", "nerve", "letter-f"])
+def test_names_hold_for_other_pictures(scene: str) -> None:
+    """A picture may be its own mirror image (tunnel), or alike everywhere (letter-f): the names still hold."""
+    right = sg.Image.load(BASELINES / f"{scene}-composite.png")
+    pixels, samples = right.pixels, np.rint(right.straight() * 255)
+    encoded = sg.Image.from_samples(
+        np.concatenate([np.rint(255 * srgb_from_linear(samples[..., :3] / 255)), samples[..., 3:]], -1).astype(np.uint8)
+    )
+    brighter = np.concatenate([pixels[..., :3] * np.float32(0.8), pixels[..., 3:]], -1)
+    for image, kind in (
+        (sg.Image(np.roll(pixels, (-2, 3), (0, 1))), "shifted"),
+        (encoded, "gamma"),
+        (sg.Image(brighter), "brightness"),
+        (sg.Image(np.zeros_like(pixels)), "empty"),
+        (sg.Image(pixels[::-1, ::-1]), "flipped"),
+    ):
+        found = judge(image, right).kind
+        assert found is not None and found.name == kind, (scene, kind, found)
+
+
+def test_rounding_of_eight_bits_passes_and_more_does_not() -> None:
+    """One pixel in a thousand at the next sRGB step, as from another driver; at two steps it is a difference."""
+    rng = np.random.default_rng(4)
+    samples = np.rint(RIGHT.straight() * 255).astype(int)
+    inside = samples[..., :3] < 250
+    for steps, same in ((1, True), (2, False)):
+        moved = samples.copy()
+        chosen = (rng.random(inside.shape) < 1e-3) & inside & (samples[..., 3:] == 255)
+        moved[..., :3] += steps * rng.choice((-1, 1), chosen.shape) * chosen
+        moved[ROW, COLUMN, :3] = samples[ROW, COLUMN, :3]
+        # a step matters most next to white
+        light = np.full_like(moved, 255)
+        light[0, 0, :3] -= steps
+        verdicts = [
+            judge(sg.Image.from_samples(np.clip(x, 0, 255).astype(np.uint8)), y)
+            for x, y in ((moved, RIGHT), (light, sg.Image.from_samples(np.full(moved.shape, 255, np.uint8))))
+        ]
+        assert verdicts[1].same is same
+        if same:
+            assert verdicts[0].same, str(verdicts[0])
+
+
+def test_moved_edges_pass_where_asked() -> None:
+    moved = np.roll(RIGHT.pixels, 1, 0)
+    only = Tolerance.only(unmatched=0.0)
+    assert judge(sg.Image(moved), RIGHT, only).same
+    assert not judge(one_pixel(), RIGHT, only).same
+    assert not judge(without_object(), RIGHT, only).same
+    assert not judge(sg.Image(np.roll(RIGHT.pixels, 2, 0)), RIGHT, only).same
+
+
+def cell(name: str, verdict: Verdict) -> str:
+    check = next(check for check in verdict.checks if check.name == name)
+    if name in ("share", "unmatched"):
+        return f"{100 * check.value:.2g} %"
+    if name == "psnr":
+        return f"{check.value:.0f}"
+    return number(name, float(f"{check.value:.2g}"))
+
+
+def table() -> str:
+    """The README's table: what each metric says of each kind."""
+    lines = [
+        "| what went wrong | maximum | RMSE | PSNR, dB | bias | over | unmatched | SSIM | FLIP | named |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for what, (make, kind, _) in WRONG.items():
+        verdict = judge(make(), RIGHT, extra=("ssim", "flip"))
+        assert verdict.kind is not None and verdict.kind.name == kind
+        lines.append(f"| {what} | {' | '.join(cell(name, verdict) for name in METRICS)} | {verdict.kind.name} |")
+    return "\n".join(lines)

@@ -1,0 +1,59 @@
+"""Small views of the scenes in every blend mode, held to their baselines by the plugin that comes with the package."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+import splatgl as sg
+from splatgl.app.regression import ImageRegression
+from splatgl.app.scene import View
+
+SIZE = (96, 72)
+SCENES = ("tunnel", "terrain", "nerve", "letter-f")
+
+
+@pytest.fixture(scope="module")
+def scenes() -> dict[str, tuple[sg.Splats, sg.Camera]]:
+    """Splats and camera of each, made once."""
+    made = {}
+    for name in SCENES:
+        volume = getattr(sg.scenes, name.replace("-", "_"))()
+        splats = sg.extract(volume, sg.default_transfer(volume))
+        made[name] = (splats, View(size=SIZE).camera(volume, splats))
+    return made
+
+
+@pytest.fixture(scope="module")
+def osmesa() -> Iterator[sg.Renderer]:
+    try:
+        renderer = sg.Renderer("osmesa")
+    except sg.InputError as error:
+        pytest.skip(f"OSMesa is not here: {error}")
+    with renderer:
+        yield renderer
+
+
+@pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
+@pytest.mark.parametrize("scene", SCENES)
+def test_scene(
+    scene: str,
+    blend: str,
+    scenes: dict[str, tuple[sg.Splats, sg.Camera]],
+    renderer: sg.Renderer,
+    image_regression: ImageRegression,
+) -> None:
+    image_regression(renderer.render(*scenes[scene], sg.Settings(blend=blend)), name=f"{scene}-{blend}")
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_another_backend_keeps_to_the_same_baseline(
+    scene: str,
+    scenes: dict[str, tuple[sg.Splats, sg.Camera]],
+    osmesa: sg.Renderer,
+    image_regression: ImageRegression,
+) -> None:
+    image = osmesa.render(*scenes[scene], sg.Settings())
+    assert image.info["backend"] == "osmesa"
+    image_regression(image, name=f"{scene}-composite")
