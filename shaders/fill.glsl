@@ -4,6 +4,7 @@
 #define LARGEST_DEPTH 5.5   // optical depth at which a column of matter is opaque: ln 245
 #define RIM_START 41.0      // rim(T) = T/√(RIM_START + RIM_GROWTH T²): footprints of depth T beyond a voxel's face
 #define RIM_GROWTH 1.1
+#define ONSET 2.0           // a lone cell's share falls as 1/m − ONSET (m − 1)/m¹⁶
 
 // depth: optical depth per mean spacing; i: the voxel relative to the eye, index axes; coverage: 1/m²;
 // runs: coded lengths along the grid's axes. The depth that attenuation by m² leaves right on average.
@@ -25,7 +26,9 @@ float filled_depth(float depth, vec3 i, float coverage, float pixel, int runs) {
     // the share of the pixel that is filled, across the two axes along which it is most
     vec3 beyond = (run - 1.0) / (m + 1.0);
     beyond *= beyond;
-    vec3 share = 1.0 - (1.0 - 1.0 / m) / (1.0 + beyond * beyond);
+    vec3 m4 = m * m * m * m;
+    vec3 alone = 1.0 / m - ONSET * (m - 1.0) / (m4 * m4 * m4 * m4);
+    vec3 share = 1.0 - (1.0 - alone) / (1.0 + beyond * beyond);
     float filled = share.x * share.y * share.z / min(share.x, min(share.y, share.z));
 
     // what the column hides on average, rim included, against its depth

@@ -133,6 +133,21 @@ def test_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
         load(folder / "a.mhd")
 
 
+@pytest.mark.parametrize("file", ["../out.raw", "link.raw", "{absolute}"])
+@pytest.mark.parametrize("header", ["a.mhd", "a.nhdr"])
+def test_data_anywhere_is_read_where_that_is_allowed(tmp_path: Path, header: str, file: str) -> None:
+    (tmp_path / "out.raw").write_bytes(F.tobytes())
+    folder = tmp_path / "in"
+    folder.mkdir()
+    (folder / "link.raw").symlink_to(tmp_path / "out.raw")
+    name = file.format(absolute=tmp_path / "out.raw")
+    text = meta(file=name, data=b"") if header == "a.mhd" else nrrd(more=f"data file: {name}\n", data=b"")
+    (folder / header).write_bytes(text)
+    with pytest.raises(InputError, match="--anywhere"):
+        load(folder / header)
+    assert (load(folder / header, anywhere=True).samples == F).all()
+
+
 def test_missing_file_and_folders(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="got nothing of that name"):
         load(tmp_path / "none.nrrd")
@@ -166,7 +181,7 @@ def test_zarr_of_missing_chunks_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"shape": (1, 2, 3)}, "expected some of spacing, channel for NRRD, got shape"),
+        ({"shape": (1, 2, 3)}, "expected some of spacing, channel, anywhere for NRRD, got shape"),
         ({"sharpness": 3}, "expected some of shape, dtype"),
         ({"channel": 1}, "channel"),
         ({"channel": -1}, "zero or more"),

@@ -11,6 +11,7 @@ import numpy as np
 
 from splatgl.app.scene import Scene, View
 from splatgl.data.color import linear_from_srgb
+from splatgl.data.readers import LoadOptions
 from splatgl.splat.presets import PRESETS
 from splatgl.splat.settings import CHOICES, Settings
 
@@ -30,6 +31,9 @@ def add_source(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--array", metavar="NAME", help="which array of a file that holds several (VTK, npz, Zarr)")
     group.add_argument("--channel", type=int, metavar="N", help="which channel of a multi-channel TIFF")
     group.add_argument("--color", metavar="PICTURE", help="colour picture laid over a height map")
+    group.add_argument(
+        "--anywhere", action="store_true", default=None, help="a detached header's data may lie outside its folder"
+    )
     group.add_argument("--relief", type=float, metavar="L", help="height of a height map's relief, world units")
 
 
@@ -88,7 +92,7 @@ def scene_from_source(args: argparse.Namespace) -> Scene:
     """The scene that the source and the reading options name."""
     path = Path(args.source)
     scene = Scene.from_toml(path) if path.suffix == ".toml" else Scene(args.source)
-    reading = _given(args, "shape", "dtype", "header_offset", "spacing", "array", "channel", "color", "relief")
+    reading = _given(args, *(f.name for f in fields(LoadOptions)))
     return replace(scene, load={**scene.load, **reading})
 
 

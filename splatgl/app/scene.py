@@ -10,15 +10,17 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
+from math import inf
 from pathlib import Path
 from typing import Any
 
 from splatgl.data.errors import InputError, expected
-from splatgl.data.readers import load
+from splatgl.data.readers import LoadOptions, load
 from splatgl.data.scenes import SCENES
+from splatgl.data.toml import load_table
 from splatgl.data.volume import Triple, Volume
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.presets import default_transfer, preset
@@ -36,6 +38,8 @@ KEYS: dict[str, tuple[type, ...]] = {
     "camera": (dict,),
     "settings": (dict,),
 }
+# how many numbers a camera's key has; the others have one, `orthographic` is true or false
+VIEW_COUNTS = {"size": 2, "eye": 3, "look_at": 3, "up": 3}
 AZIMUTH, ELEVATION, ELEVATION_FLAT, FOV = 30.0, 20.0, 60.0, 40.0
 
 
@@ -91,10 +95,7 @@ class Scene:
     @classmethod
     def from_toml(cls, path: Path) -> Scene:
         """Raises InputError for a file that is not there, bad TOML, and unknown keys."""
-        try:
-            table = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise InputError(f"{path}: expected a scene in TOML, got {error}") from error
+        table = load_table(path, "a scene")
         _check_keys(str(path), table, set(KEYS))
         for key, kind in KEYS.items():
             if key in table and not isinstance(table[key], kind):
@@ -106,12 +107,16 @@ class Scene:
             source = str(path.parent / source)
         camera = table.get("camera", {})
         _check_keys(f"{path} [camera]", camera, {f.name for f in fields(View)})
-        given: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in camera.items()}
-        view = View(**given)
-        settings = Settings().but(**table.get("settings", {}))
+        with _named(f"{path} [camera]"):
+            view = View(**{k: _typed(k, v) for k, v in camera.items()})
+        with _named(f"{path} [settings]"):
+            settings = Settings().but(**table.get("settings", {}))
         reading = dict(table.get("load", {}))
         if isinstance(reading.get("color"), str):
             reading["color"] = str(path.parent / reading["color"])
+        with _named(f"{path} [load]"):
+            _check_keys("load", reading, {f.name for f in fields(LoadOptions)})
+            LoadOptions(**reading)
         scene = cls(source, reading, table.get("transfer", {}), view, settings)
         return replace(scene, threshold=float(table.get("threshold", 0.0)))
 
@@ -138,6 +143,31 @@ def _default_orbit(volume: Volume) -> tuple[float, float]:
     elevation = ELEVATION_FLAT if extent[2] < FLAT * min(extent[0], extent[1]) else ELEVATION
     # in RAS the front is +y, in LPS it is −y
     return (180.0 + AZIMUTH if volume.frame == "RAS" else AZIMUTH), elevation
+
+
+@contextmanager
+def _named(what: str) -> Iterator[None]:
+    """Says of any value that will not do where it stands."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
+
+
+def _typed(name: str, value: Any) -> Any:
+    """A camera's value, checked for its kind; lists become tuples."""
+    if name == "orthographic":
+        fine, this = isinstance(value, bool), "true or false"
+    else:
+        count = VIEW_COUNTS.get(name)
+        numbers: list[Any] = value if count and isinstance(value, list) else [value] * (not count)
+        kind: Any = int if name == "size" else (int, float)
+        fine = len(numbers) == (count or 1)
+        fine = fine and all(isinstance(n, kind) and not isinstance(n, bool) and abs(n) < inf for n in numbers)
+        this = f"{count or 'one'} {'whole' if name == 'size' else 'finite'} number{'s' if count else ''}"
+    if not fine:
+        raise expected(name, this, repr(value)[:80])
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _first(*values: Any) -> Any:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from numbers import Real
 from typing import Any
-
-import numpy as np
 
 from splatgl.data.errors import expected
 
@@ -70,10 +70,10 @@ class Settings:
             _check_number("table_size", self.table_size, 2, MAX_TABLE_SIZE)
         if self.table_bits not in (8, 16, 32):
             raise expected("table_bits", "8, 16 or 32", self.table_bits)
-        if not (0 < self.tolerance <= 1):
-            raise expected("tolerance", "a number in (0, 1]", self.tolerance)
-        if self.z_s is not None and not self.z_s >= 0:
-            raise expected("z_s", "a depth of at least 0", self.z_s)
+        if not (_is_number(self.tolerance) and 0 < self.tolerance <= 1):
+            raise expected("tolerance", "a number in (0, 1]", repr(self.tolerance))
+        if self.z_s is not None and not (_is_number(self.z_s) and self.z_s >= 0):
+            raise expected("z_s", "a depth of at least 0", repr(self.z_s))
         if self.background is not None:
             object.__setattr__(self, "background", _background(self.background))
 
@@ -98,13 +98,17 @@ class Settings:
         ).but(**changes)
 
 
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
 def _check_number(name: str, value: int, low: int, high: int) -> None:
-    if int(value) != value or not low <= value <= high:
-        raise expected(name, f"a whole number from {low} to {high}", value)
+    if not (_is_number(value) and low <= value <= high and value == int(value)):
+        raise expected(name, f"a whole number from {low} to {high}", repr(value))
 
 
-def _background(color: object) -> tuple[float, float, float]:
-    rgb = np.asarray(color, dtype=np.float64)
-    if rgb.shape != (3,) or not ((rgb >= 0) & (rgb <= 1)).all():
-        raise expected("background", "three linear numbers from 0 to 1", color)
+def _background(color: Any) -> tuple[float, float, float]:
+    rgb = list(color) if isinstance(color, Iterable) else []
+    if len(rgb) != 3 or not all(_is_number(c) and 0 <= c <= 1 for c in rgb):
+        raise expected("background", "three linear numbers from 0 to 1", repr(color)[:80])
     return float(rgb[0]), float(rgb[1]), float(rgb[2])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from splatgl.data.errors import InputError, expected
+from splatgl.data.toml import load_table, parse_table
 from splatgl.splat.colormap import colormap
 
 # given as any sequence of pairs, kept as tuples
@@ -97,11 +97,7 @@ class Transfer:
     @classmethod
     def from_toml(cls, text: str) -> Transfer:
         """A Transfer from TOML with the fields as keys. Raises InputError for bad TOML and unknown keys."""
-        try:
-            table = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise InputError(f"transfer function: expected TOML, got {error}") from error
-        return cls.from_table(table)
+        return cls.from_table(parse_table(text, "transfer function: expected TOML"))
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Transfer:
@@ -129,12 +125,9 @@ class Transfer:
     @classmethod
     def load(cls, path: str | Path) -> Transfer:
         """A Transfer from a TOML file. Raises InputError naming the file."""
+        table = load_table(Path(path), "a transfer function")
         try:
-            text = Path(path).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise expected(path, "a readable TOML file", error) from error
-        try:
-            return cls.from_toml(text)
+            return cls.from_table(table)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 

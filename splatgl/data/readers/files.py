@@ -106,8 +106,18 @@ def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> n
     return out.view(dtype).reshape(tuple(shape))
 
 
-def beside(header: Path, name: str) -> Path:
-    """The data file `name` in the folder of `header` or below. Raises InputError for any other place."""
+def data_file(header: Path, name: str, anywhere: bool) -> Path:
+    """The data file `name` in the folder of `header` or below; InputError for any other place, if not `anywhere`."""
+    path = header.parent / name.replace("\0", "?")
+    if not anywhere:
+        _require_inside(header, name)
+    if not path.is_file():
+        raise expected("data file", "a file beside the header", f"nothing named {name!r}", "copy it there")
+    return path
+
+
+def _require_inside(header: Path, name: str) -> None:
+    fix = "put both files side by side, or say --anywhere if you trust it"
     outside = (
         name.startswith(("/", "\\"))
         or PureWindowsPath(name).drive
@@ -115,18 +125,14 @@ def beside(header: Path, name: str) -> Path:
         or "\0" in name
     )
     if outside:
-        raise expected("data file", "a name inside the header's folder", repr(name), "put both files side by side")
-    path = header.parent / name
+        raise expected("data file", "a name inside the header's folder", repr(name), fix)
     try:
-        inside = path.resolve().is_relative_to(header.parent.resolve())
+        inside = (header.parent / name).resolve().is_relative_to(header.parent.resolve())
     except (OSError, RuntimeError):
         # a link that leads back to itself
         inside = False
     if not inside:
-        raise expected("data file", "a file inside the header's folder", repr(name), "replace the link by the file")
-    if not path.is_file():
-        raise expected("data file", "a file beside the header", f"nothing named {name!r}", "copy it there")
-    return path
+        raise expected("data file", "a file inside the header's folder", repr(name), fix)
 
 
 def selection(shape: Sequence[int], extra: Mapping[int, tuple[str, int | None]]) -> tuple[int | slice, ...]:

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.data.errors import InputError, expected
-from splatgl.data.readers.files import beside as data_file_beside
-from splatgl.data.readers.files import byte_count, grid_shape, inflate, library, map_array, selection
+from splatgl.data.readers.files import byte_count, data_file, grid_shape, inflate, library, map_array, selection
 from splatgl.data.readers.grid import triple, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.text import read_numbers, require_end
@@ -51,7 +50,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
     depth, height, width = grid_shape(_integers(fields, "DimSize"))
     channels = _integer(fields, "ElementNumberOfChannels", 1)
     shape = (depth, height, width, max(channels, 1))
-    samples = _data(path, fields, start, shape)[selection(shape, {3: ("channel", options.channel)})]
+    samples = _data(path, fields, start, shape, options.anywhere)
+    samples = samples[selection(shape, {3: ("channel", options.channel)})]
     matrix = np.array(_numbers(fields, _MATRIX_NAMES, list(np.eye(3).ravel())))
     if matrix.size != 9:
         raise expected("TransformMatrix", "nine numbers", matrix.size)
@@ -90,12 +90,12 @@ def _header(path: Path) -> tuple[Fields, int]:
     return fields, start
 
 
-def _data(path: Path, fields: Fields, start: int, shape: tuple[int, ...]) -> np.ndarray:
+def _data(path: Path, fields: Fields, start: int, shape: tuple[int, ...], anywhere: bool) -> np.ndarray:
     dtype = _dtype(fields)
     # 1. where: here, or in one file beside
     name = fields["ElementDataFile"]
     if name.upper() not in ("LOCAL", "LIST") and "%" not in name:
-        path, start = data_file_beside(path, name), 0
+        path, start = data_file(path, name, anywhere), 0
     elif name.upper() != "LOCAL":
         raise expected("ElementDataFile", "LOCAL or one file", repr(name), "join the slices in one file")
     # 2. how: text, zlib, or as it is; HeaderSize -1 counts from the end

@@ -15,9 +15,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from splatgl.data.errors import expected, missing_extra
-from splatgl.data.readers.files import beside as data_file_beside
 from splatgl.data.readers.files import (
     byte_count,
+    data_file,
     grid_shape,
     inflate,
     library,
@@ -70,7 +70,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     others = [axis for axis in range(len(sizes)) if axis not in space]
     index = selection(shape, {last - axis: ("channel", options.channel) for axis in others})
     # 2. the samples, mapped if they can be
-    samples = _data(path, header, start, shape)[index]
+    samples = _data(path, header, start, shape, options.anywhere)[index]
     # 3. the grid
     matrix = _matrix(header, space)
     spacing, direction = axes_of(matrix, "space directions")
@@ -127,7 +127,7 @@ def _space_axes(header: Header, sizes: list[int]) -> list[int]:
     return axes
 
 
-def _data(path: Path, header: Header, start: int, shape: list[int]) -> np.ndarray:
+def _data(path: Path, header: Header, start: int, shape: list[int], anywhere: bool) -> np.ndarray:
     encoding = str(header["encoding"]).lower()
     dtype = _dtype(header, encoding)
     # 1. where the data are: here, or in one file beside; "line skip" counts before "byte skip"
@@ -135,7 +135,7 @@ def _data(path: Path, header: Header, start: int, shape: list[int]) -> np.ndarra
     if name is not None:
         if name.startswith("LIST") or "%" in name:
             raise expected("data file", "one file", repr(name), "join the slices in one file")
-        path, start = data_file_beside(path, name), 0
+        path, start = data_file(path, name, anywhere), 0
     start = _skip_lines(path, start, int(header.get("line skip", header.get("lineskip", 0))))
     skip = int(header.get("byte skip", header.get("byteskip", 0)))
     if skip < -1:

@@ -24,6 +24,7 @@ _TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "color": ((str, Path), "the path of a picture"),
     "relief": ((int, float), "a positive height in world units"),
     "levels": ((int,), "a whole number"),
+    "anywhere": ((bool,), "true or false"),
 }
 """What an option may be, and how that is said."""
 
@@ -38,6 +39,7 @@ class LoadOptions:
     channel: number of the channel of a file with several samples per voxel.
     color: path of the colour picture of a height map; relief: the world height that the map spans;
     levels: voxel levels of the terrain.
+    anywhere: the data of a detached header may lie outside its folder; only for headers that you trust.
     Raises InputError for values that no file could have.
     """
 
@@ -50,12 +52,13 @@ class LoadOptions:
     color: str | Path | None = None
     relief: float | None = None
     levels: int = DEFAULT_LEVELS
+    anywhere: bool = False
 
     def __post_init__(self) -> None:
         # 1. types: options also come from command lines and scene files
         for name, (types, this) in _TYPES.items():
             value = getattr(self, name)
-            if value is not None and (not isinstance(value, types) or isinstance(value, bool)):
+            if value is not None and (not isinstance(value, types) or isinstance(value, bool) != (bool in types)):
                 raise expected(name, this, repr(value))
         for name in ("shape", "spacing"):
             _set_triple(self, name)

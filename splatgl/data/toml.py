@@ -1,0 +1,36 @@
+"""TOML tables from files that anyone may have written: plain files, of a page's size, nested no deeper than sense."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from splatgl.data.errors import InputError, expected
+
+MAX_BYTES = 2**20
+"""Longest file in bytes: a transfer function with a node for each of 65536 values."""
+
+
+def load_table(path: Path, what: str) -> dict[str, Any]:
+    """The table in a TOML file. what: "a scene", as the message says. Raises InputError naming the file."""
+    try:
+        # a pipe would be waited for, a device read without end
+        if path.exists() and not path.is_file():
+            raise expected(path, f"{what} in a TOML file", "a folder, pipe or device")
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            raise expected(path, f"{what} of at most {MAX_BYTES} bytes", "more")
+        return parse_table(data.decode("utf-8"), f"{path}: expected {what} in TOML")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected {what} in TOML, got {error}") from error
+
+
+def parse_table(text: str, expectation: str) -> dict[str, Any]:
+    """The table in TOML text. Raises InputError that begins with `expectation`."""
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        # ValueError: bad TOML, impossible dates, and whole numbers too long to convert
+        raise InputError(f"{expectation}, got {' '.join(str(error).split())}") from error
