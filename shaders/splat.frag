@@ -31,10 +31,20 @@ float radial(float d2) {
 #endif
 }
 
+#if SPRITE
+vec2 local_place() {
+    vec2 offset = gl_FragCoord.xy - pixel;
+    return vec2(dot(to_local.xy, offset), dot(to_local.zw, offset));
+}
+#endif
+
 #if ALIGN == ALIGN_EXACT
 // The integral along this pixel's ray over F(0)·gain.
 float exact_footprint() {
     vec3 ray = vec3((gl_FragCoord.xy - frame.image_center) * frame.pixel_pitch, 1.0);
+#if SPRITE
+    vec2 at = local_place();
+#endif
 #if HALF_LINE
     if (center.w > 0.0) {
         vec3 along = to_index(ray);
@@ -55,18 +65,27 @@ float exact_footprint() {
     }
 #endif
     float r2 = dot(at, at);
+#if SPRITE
+    // before z_k a sprite's place is across the pixel's own ray
+    vec3 across = to_index(ray);
+    float shrink = dot(across, across);
+#if ANTIALIAS
+    if (bend.x < 0.0) shrink = 1.0;
+#endif
+#else
+    float shrink = 1.0 + r2 * max(bend.x, 0.0);
+#endif
 #if ANTIALIAS && CUBIC
-    float d2 = (r2 + bend.y * at.x * at.x * at.x) / (1.0 + r2 * max(bend.x, 0.0));
+    float d2 = (r2 + bend.y * at.x * at.x * at.x) / shrink;
     float value = 1.0 + at.x * (bend.z + bend.w * at.x) + max(-bend.x, 0.0) * at.y * at.y;
 #elif ANTIALIAS
     bool stretched = bend.x < 0.0;
     float t = dot(cubic.zw, at);
-    float d2 = (r2 + dot(cubic.xy, at) * t * t + dot(mixed.xy, at) * dot(mixed.zw, at) * t)
-             / (1.0 + r2 * max(bend.x, 0.0));
+    float d2 = (r2 + dot(cubic.xy, at) * t * t + dot(mixed.xy, at) * dot(mixed.zw, at) * t) / shrink;
     float value = stretched ? 1.0 + dot(bend.zw, at) : 1.0;
 #else
     const bool stretched = false;
-    float d2 = r2 / (1.0 + r2 * bend.x);
+    float d2 = r2 / shrink;
     float value = 1.0;
 #endif
 #if !CUBIC && BLEND != BLEND_MIP
@@ -79,6 +98,9 @@ float exact_footprint() {
 void main() {
 #if ALIGN == ALIGN_EXACT
     float shape = exact_footprint();
+#elif SPRITE
+    vec2 place = local_place();
+    float shape = radial(dot(place, place));
 #elif FOOTPRINT == FOOTPRINT_RADIAL
     float shape = radial(dot(at, at) * style.radius * style.radius);
 #else

@@ -1,11 +1,12 @@
-// One corner of one splat's quad: placed relative to the eye, rotated, stretched, shaded.
-// Instances are splats in drawing order; four vertices a quad, as a triangle strip.
+// One splat, placed relative to the eye, rotated, stretched, shaded: as a sprite, which is one vertex in drawing order,
+// or one corner of its quad, where instances are splats in drawing order and a triangle strip has four vertices.
 // switch SHADING 0
 // switch FEEDBACK 0
 #include "frame.glsl"
 #include "optics.glsl"
 #include "footprint.glsl"
 #include "exact.glsl"
+#include "sprite.glsl"
 #include "fill.glsl"
 #define VARYING out
 #include "varyings.glsl"
@@ -44,10 +45,35 @@ vec4 clip_from_eye(vec3 point) {
 void main() {
     // relative to the eye before anything is rounded
     vec3 v = eye_from_index() * (in_position - frame.base.xyz) - frame.eye_from_base.xyz;
-    vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
-
-    // the corner, and where it lies in the footprint
     bool seen = true;
+#if SPRITE
+    // the square of pixels, and how they lie in the footprint
+    vec3 point = v;
+#if ALIGN == ALIGN_EXACT
+    bool stretched = is_stretched(v);
+    ExactQuad quad = exact_quad(v, stretched);
+    Sprite sprite;
+    if (stretched) sprite = planar_sprite(v, quad.axis_1, quad.axis_2, quad.reach);
+    else sprite = near_sprite(v);
+    seen = v.z > frame.depth_reach;
+#if ANTIALIAS
+    bend = quad.bend;
+#if !CUBIC
+    cubic = quad.cubic;
+    mixed = quad.mixed;
+#endif
+#endif
+#else
+    Quad quad = splat_quad(v);
+    Sprite sprite = planar_sprite(v, quad.axis_1, quad.axis_2, style.radius);
+    seen = v.z >= 0.0;
+#endif
+    to_local = sprite.to_local;
+    pixel = sprite.center;
+    gl_PointSize = sprite.size;
+#else
+    // the corner, and where it lies in the footprint
+    vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
 #if ALIGN == ALIGN_EXACT || ALIGN == ALIGN_B1
 #if ALIGN == ALIGN_B1
     seen = v.z > frame.near;
@@ -70,6 +96,7 @@ void main() {
     vec3 point = v + style.radius * (corner.x * quad.axis_1 + corner.y * quad.axis_2);
 #if !PERSPECTIVE
     seen = v.z >= 0.0;
+#endif
 #endif
 #endif
     gl_Position = seen ? clip_from_eye(point) : vec4(0.0, 0.0, 2.0, 1.0);

@@ -129,13 +129,11 @@ def test_half_lines_only_near_the_eye(renderer: sg.Renderer) -> None:
 
 
 def test_forcing_half_lines_changes_nothing_far_away(renderer: sg.Renderer) -> None:
-    from dataclasses import replace
-
     splats = sg.extract(sg.Volume(np.ones((9, 9, 9))), sg.Transfer([(0, 0.3)]))
     camera = sg.Camera.look_at((4, 4, -20), (4, 4, 9), (0, 1, 0), 60, (32, 32))
     chosen = sg.plan(splats, camera)
-    plain = renderer.passes.draw(splats, camera, chosen)
-    forced = renderer.passes.draw(splats, camera, replace(chosen, program=replace(chosen.program, half_line=True)))
+    plain = renderer.passes.draw(splats, camera, chosen.forced(primitive="quad"))
+    forced = renderer.passes.draw(splats, camera, chosen.forced(half_line=True))
     assert (plain == forced).all()
 
 

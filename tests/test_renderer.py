@@ -86,13 +86,19 @@ def test_the_general_path_draws_cubes_alike(letter: sg.Splats, renderer: sg.Rend
 def test_a_moving_camera_compiles_and_makes_nothing(letter: sg.Splats, renderer: sg.Renderer) -> None:
     first = sg.Camera.orbit(letter, 0, 20, size=(48, 48))
     renderer.render(letter, first)
-    programs, arrays = len(renderer.passes.programs.splat), len(renderer.passes.splats.arrays)
-    buffer, target = renderer.passes.splats.buffer, renderer.passes.targets.kept["draw"]
-    for azimuth in range(0, 360, 30):
-        renderer.render(letter, sg.Camera.orbit(letter, azimuth, 20, size=(48, 48)))
+    programs, target = len(renderer.passes.programs.splat), renderer.passes.targets.kept["draw"]
+    kept = renderer.passes.splats.indexed
+    assert kept is not None
+    buffer = kept.buffer
+    turn = [sg.Camera.orbit(letter, azimuth, 20, size=(48, 48)) for azimuth in range(0, 360, 30)]
+    for camera in turn:
+        renderer.render(letter, camera)
+    orders = dict(kept.orders)
+    for camera in turn:
+        renderer.render(letter, camera)
     assert len(renderer.passes.programs.splat) == programs
-    assert len(renderer.passes.splats.arrays) == arrays
-    assert renderer.passes.splats.buffer is buffer
+    assert renderer.passes.splats.indexed is kept and kept.buffer is buffer
+    assert len(orders) > 8 and dict(kept.orders) == orders
     assert renderer.passes.targets.kept["draw"] is target
 
 

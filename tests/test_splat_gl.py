@@ -70,7 +70,7 @@ def test_corners_by_transform_feedback(align: str, direction: np.ndarray, render
     records, out = ctx.buffer(splats.records), ctx.buffer(reserve=count * 4 * 16)
     buffers[0].bind_to_uniform_block(FRAME_BINDING)
     buffers[1].bind_to_uniform_block(STYLE_BINDING)
-    array = ctx.vertex_array(program, [(records, GL_FORMAT.replace("1f4 3f4 3i2 1i2", "16x 6x 2x"), "in_position")])
+    array = ctx.vertex_array(program, [(records, GL_FORMAT.replace("1f4 3f4 3i2 1i2", "16x 6x 2x/i"), "in_position")])
     array.transform(out, vertices=4, instances=count)
     found = np.frombuffer(out.read(), np.float32).reshape(count, 4, 4)
     corners, gains = corners_in_float64(splats, camera, plan, align)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from itertools import pairwise
 
 import moderngl
 import numpy as np
 
+from splatgl.gl.buffers import SplatBuffer
 from splatgl.gl.program import BLENDS, Programs
 from splatgl.gl.target import Target, Targets
 from splatgl.gl.uniforms import FRAME, FRAME_BINDING, STYLE, STYLE_BINDING, frame_block, style_block
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel, footprint_table, half_line_table, radial_table
-from splatgl.splat.order import Order, back_to_front, order_for
+from splatgl.splat.occlusion import cuts
+from splatgl.splat.order import order_for
 from splatgl.splat.plan import Plan
-from splatgl.splat.rows import GL_ATTRIBUTES, GL_FORMAT, Splats
+from splatgl.splat.rows import Splats
 
 # bits of a footprint table → moderngl's dtype, numpy's, and what 1.0 is stored as
 TABLES: dict[int, tuple[str, np.dtype, int]] = {
@@ -23,6 +26,8 @@ TABLES: dict[int, tuple[str, np.dtype, int]] = {
     8: ("f1", np.dtype("u1"), 255),
 }
 CORNERS = 4
+# texture unit of the picture whose opaque pixels are closed
+CLOSING_UNIT = 2
 # texels along each axis of the half-line table: bilinear error 1e−5
 HALF_TABLE_SIZE = 256
 
@@ -37,6 +42,7 @@ class Passes:
         self.targets = Targets(ctx, owned)
         self.tables: dict[tuple[str, str, int, int], moderngl.Texture] = {}
         self.splats = SplatBuffer(ctx, owned)
+        self.whole: dict[int, moderngl.VertexArray] = {}
         self.frame = ctx.buffer(reserve=FRAME.itemsize)
         owned.callback(self.frame.release)
         self.style = ctx.buffer(reserve=STYLE.itemsize)
@@ -45,18 +51,17 @@ class Passes:
     def draw(self, splats: Splats, camera: Camera, plan: Plan) -> np.ndarray:
         """float32 [H, W, 4]."""
         size = (camera.size[0] * plan.samples, camera.size[1] * plan.samples)
-        target = self.targets.get("draw", size, plan.program.target)
-        target.framebuffer.use()
-        target.framebuffer.clear()
+        target = self.targets.get("draw", size, plan.program.target, depth=plan.parts > 1)
+        target.clear()
         if len(splats):
-            self._draw_splats(splats, camera, plan)
+            self._draw_splats(target, splats, camera, plan)
         # the sum of an X-ray has nothing to lie over
         background = plan.background if plan.program.blend != "xray" else None
         if plan.samples > 1 or background is not None:
-            target = self._resolve(target, camera.size, plan.samples, background)
-        return target.read()
+            return self._resolve(target, camera.size, plan, background).read()
+        return target.read(plan.window)
 
-    def _draw_splats(self, splats: Splats, camera: Camera, plan: Plan) -> None:
+    def _draw_splats(self, target: Target, splats: Splats, camera: Camera, plan: Plan) -> None:
         program = self.programs.for_splats(plan.program)
         self.frame.write(frame_block(splats, camera, plan).tobytes())
         self.style.write(style_block(splats, plan).tobytes())
@@ -68,29 +73,62 @@ class Passes:
             self._half_table(plan.kernel).use(location=1)
 
         blend = BLENDS[plan.program.blend, plan.program.order]
-        self.ctx.enable_only(moderngl.BLEND)
         self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
         self.ctx.blend_func = blend.source, blend.destination
         order = order_for(splats, camera) if plan.program.blend == "composite" else None
-        vertices = self.splats.vertices(program, splats, order, plan.program.order == "front-to-back")
-        vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=len(splats))
+        sequence = (order, order is not None and plan.program.order == "front-to-back")
+        if plan.program.primitive == "sprite":
+            self._draw_sprites(self.splats.sprites(program, splats, sequence), target, len(splats), plan)
+        else:
+            self.ctx.enable_only(moderngl.BLEND)
+            vertices = self.splats.quads(program, splats, sequence)
+            vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=len(splats))
+
+    def _draw_sprites(self, vertices: moderngl.VertexArray, target: Target, count: int, plan: Plan) -> None:
+        """In parts, nearest first; between two of them pixels are closed that next to nothing passes."""
+        ends = cuts(count, plan.parts)
+        for begin, end in pairwise(ends):
+            if begin:
+                self._close(target, plan)
+            target.framebuffer.use()
+            # centres beyond the edge are clipped, so that the edge is moved out
+            target.widen(plan.pad)
+            tested = moderngl.DEPTH_TEST if begin else 0
+            self.ctx.enable_only(moderngl.BLEND | moderngl.PROGRAM_POINT_SIZE | tested)
+            vertices.render(moderngl.POINTS, vertices=end - begin, first=begin)
+        target.widen(0)
+
+    def _close(self, target: Target, plan: Plan) -> None:
+        """Writes the nearest depth where less than `plan.passing` of the light passes."""
+        program = self.programs.for_closing()
+        program["drawn"] = CLOSING_UNIT
+        program["opaque"] = 1.0 - plan.passing
+        target.texture.use(location=CLOSING_UNIT)
+        with target.depth_alone(plan.window):
+            self.ctx.enable_only(moderngl.DEPTH_TEST)
+            self.ctx.depth_func = "1"
+            self._whole(program)
+            self.ctx.depth_func = "<="
 
     def _resolve(
-        self, drawn: Target, size: tuple[int, int], samples: int, background: tuple[float, float, float] | None
+        self, drawn: Target, size: tuple[int, int], plan: Plan, background: tuple[float, float, float] | None
     ) -> Target:
         program = self.programs.for_resolve()
         target = self.targets.get("resolve", size, "rgba32f")
         target.framebuffer.use()
         self.ctx.enable_only(moderngl.NOTHING)
         drawn.texture.use(location=0)
-        program["samples"] = samples
+        program["samples"] = plan.samples
         program["background"] = (*background, 1.0) if background else (0.0, 0.0, 0.0, 0.0)
-        whole = self.ctx.vertex_array(program, [])
-        try:
-            whole.render(moderngl.TRIANGLES, vertices=3)
-        finally:
-            whole.release()
+        self._whole(program)
         return target
+
+    def _whole(self, program: moderngl.Program) -> None:
+        """One triangle over the whole target."""
+        if program.glo not in self.whole:
+            self.whole[program.glo] = self.ctx.vertex_array(program, [])
+            self.owned.callback(self.whole[program.glo].release)
+        self.whole[program.glo].render(moderngl.TRIANGLES, vertices=3)
 
     def _table(self, plan: Plan) -> moderngl.Texture:
         """F/F(0), over the plane or over the squared distance."""
@@ -114,61 +152,3 @@ class Passes:
         texture.repeat_x = texture.repeat_y = False
         self.tables[key] = texture
         return texture
-
-
-class SplatBuffer:
-    """The last splats' records on the GPU, in the order in which they are drawn."""
-
-    def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
-        self.ctx = ctx
-        self.splats: Splats | None = None
-        self.uploaded: tuple[Order | None, bool, bool] | None = None
-        self.buffer: moderngl.Buffer | None = None
-        self.arrays: dict[int, moderngl.VertexArray] = {}
-        owned.callback(self.release)
-
-    def vertices(
-        self, program: moderngl.Program, splats: Splats, order: Order | None, nearest_first: bool
-    ) -> moderngl.VertexArray:
-        """A vertex array whose instances are the splats in drawing order; order None: any will do."""
-        if splats is not self.splats:
-            self.release()
-            self.splats = splats
-        runs = "in_runs" in program
-        if self.buffer is None or (order is not None and (order, nearest_first, runs) != self.uploaded):
-            self._upload(splats, order, nearest_first, runs)
-            self.uploaded = (order, nearest_first, runs)
-        assert self.buffer is not None
-        if program.glo not in self.arrays:
-            used = [name for name in GL_ATTRIBUTES if name in program]
-            self.arrays[program.glo] = self.ctx.vertex_array(program, [(self.buffer, _format(used), *used)])
-        return self.arrays[program.glo]
-
-    def release(self) -> None:
-        for array in self.arrays.values():
-            array.release()
-        self.arrays.clear()
-        if self.buffer is not None:
-            self.buffer.release()
-        self.buffer, self.splats, self.uploaded = None, None, None
-
-    def _upload(self, splats: Splats, order: Order | None, nearest_first: bool, runs: bool) -> None:
-        records = splats.records
-        if order is not None:
-            sequence = back_to_front(splats, order)
-            records = records[sequence[::-1] if nearest_first else sequence]
-            if runs:
-                records["runs"] = splats.runs[sequence[::-1] if nearest_first else sequence]
-        if self.buffer is None:
-            self.buffer = self.ctx.buffer(records)
-        else:
-            self.buffer.write(records)
-
-
-def _format(used: list[str]) -> str:
-    """The record's format with the attributes that a program does not read skipped."""
-    parts = GL_FORMAT.removesuffix("/i").split()
-    sizes = {"3f4": "12x", "1f4": "4x", "3i2": "6x", "1i2": "2x"}
-    named = iter(GL_ATTRIBUTES)
-    kept = [part if part.endswith("x") or next(named) in used else sizes[part] for part in parts]
-    return " ".join(kept) + "/i"

@@ -47,6 +47,7 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "ATTENUATION": f"ATTENUATION_{program.attenuation.upper().replace('-', '_')}",
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",
         "HALF_LINE": program.half_line,
+        "SPRITE": program.primitive == "sprite",
     }
 
 
@@ -81,6 +82,7 @@ class Programs:
         self.owned = owned
         self.splat: dict[tuple[tuple[str, str | int | bool], ...], moderngl.Program] = {}
         self._resolve: moderngl.Program | None = None
+        self._closing: moderngl.Program | None = None
 
     def for_splats(self, program: Program) -> moderngl.Program:
         switches = splat_switches(program)
@@ -93,6 +95,11 @@ class Programs:
         if self._resolve is None:
             self._resolve = self._keep(build(self.ctx, "resolve.vert", "resolve.frag", {}))
         return self._resolve
+
+    def for_closing(self) -> moderngl.Program:
+        if self._closing is None:
+            self._closing = self._keep(build(self.ctx, "resolve.vert", "opaque.frag", {}))
+        return self._closing
 
     def _keep(self, program: moderngl.Program) -> moderngl.Program:
         self.owned.callback(program.release)

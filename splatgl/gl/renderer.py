@@ -34,6 +34,7 @@ class Renderer:
         try:
             self.info = context_info(self.ctx)
             self.passes = Passes(self.ctx, self.owned)
+            self.sprite_limit = float(self.ctx.info["GL_POINT_SIZE_RANGE"][1])
         except BaseException:
             self.owned.close()
             raise
@@ -51,6 +52,10 @@ class Renderer:
         with current(self.ctx):
             self.owned.close()
 
+    def plan(self, splats: Splats, camera: Camera, settings: Settings | None = None) -> Plan:
+        """What `render` would do; a driver's largest point decides whether splats are sprites."""
+        return plan(splats, camera, settings, self.sprite_limit)
+
     def render(self, splats: Splats, camera: Camera, settings: Settings | None = None) -> Image:
         """The picture, linear premultiplied float32 [H, W, 4], row 0 on top.
 
@@ -58,7 +63,7 @@ class Renderer:
         """
         started = time.perf_counter()
         settings = settings or Settings()
-        chosen = plan(splats, camera, settings)
+        chosen = self.plan(splats, camera, settings)
         with current(self.ctx):
             check_size(self.ctx, (camera.size[0] * chosen.samples, camera.size[1] * chosen.samples))
             pixels = self._draw(splats, camera, chosen)

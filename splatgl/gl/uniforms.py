@@ -51,6 +51,7 @@ def frame_block(splats: Splats, camera: Camera, plan: Plan) -> np.ndarray:
     eye = splats.grid.index_from_world(camera.eye)
     pitch = camera.extent / (camera.size[1] * plan.samples)
     aspect = camera.size[0] / camera.size[1]
+    fine = np.array(camera.size) * plan.samples
     scale = np.array([2 / (camera.extent * aspect), 2 / camera.extent])
 
     eye_from_index = camera.eye_from_world @ splats.grid.world_from_index / spacing
@@ -61,12 +62,14 @@ def frame_block(splats: Splats, camera: Camera, plan: Plan) -> np.ndarray:
     base = np.clip(np.rint(eye), *np.rint(splats.index_bounds))
     block["base"][:3] = base
     block["eye_from_base"][:3] = eye_from_index @ (eye - base)
+    # a picture that is wider by the pad on every side
+    scale *= fine / (fine + 2 * plan.pad)
     block["clip_scale"] = scale if camera.perspective else scale * spacing
     block["pixel_pitch"] = pitch if camera.perspective else pitch / spacing
     block["switch_depth"] = plan.z_s / spacing
     block["near"] = NEAR
     block["depth_reach"] = plan.kernel.radius * np.linalg.norm(eye_from_index[2])
-    block["image_center"] = np.array(camera.size) * plan.samples / 2
+    block["image_center"] = fine / 2
     return block
 
 

@@ -6,17 +6,19 @@ program cache; everything else is a number for a uniform, so that a moving camer
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from splatgl.data.errors import expected
+from splatgl.splat.alignment import alignment
 from splatgl.splat.camera import Camera
-from splatgl.splat.footprint import switch_depth
 from splatgl.splat.kernel import Kernel, kernel
+from splatgl.splat.occlusion import SHARE, parts
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
+from splatgl.splat.sprites import Reach, Window, reach
 
 # nearest depth drawn, in voxels: a perspective quad nearer than that would overflow its clip coordinates
 NEAR = 1e-3
@@ -25,10 +27,8 @@ TABLE_SIZES = {"table": 256, "radial": 1024}
 RADIAL_BITS = 32
 # the eye is near where a kernel is nearer than this many radii: √1.1, as shaders/exact.glsl has it, and some
 NEAR_RADII = 1.06
-# one level of an 8-bit picture
-LEVELS = 255.0
-# the volume's reach, for z_s, is rounded up to powers of this: a moving camera seldom needs a new z_s
-REACH_STEP = 1.1
+# largest sprite, pixels, where no renderer says its own: that of software OpenGL
+SPRITE_LIMIT = 255.0
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,16 @@ class Program:
     target: str
     footprint: str = "table"
     half_line: bool = False
+    primitive: str = "quad"
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is drawn. Depths are in world units. `notes`: what was left out, and why, a line each."""
+    """What is drawn. Depths are in world units. `notes`: what was left out, and why, a line each.
+
+    window: the pixels, or samples, that splats reach. pad: how far beyond the picture's edge a sprite may be centred.
+    parts: in how many parts it is drawn; between two, pixels that less than `passing` of the light passes are closed.
+    """
 
     program: Program
     kernel: Kernel
@@ -61,6 +66,10 @@ class Plan:
     z_s: float
     nearest: float
     farthest: float
+    window: Window
+    pad: int
+    parts: int
+    passing: float
     background: tuple[float, float, float] | None
     tolerance: float
     notes: tuple[str, ...]
@@ -71,6 +80,14 @@ class Plan:
         size = f"{self.table_size}×{self.table_size}" if self.program.footprint == "table" else str(self.table_size)
         name = "table" if self.program.footprint == "table" else "radial table"
         return f"{name} {size} at {self.table_bits} bits"
+
+    def forced(self, **choices: Any) -> Plan:
+        """This plan with choices of `program` made otherwise; half lines need quads."""
+        program = replace(self.program, **choices)
+        if program.half_line:
+            program = replace(program, primitive="quad")
+        sprite = program.primitive == "sprite"
+        return replace(self, program=program, pad=self.pad * sprite, parts=self.parts if sprite else 1)
 
     def explain(self) -> str:
         """The plan in words, a line a decision."""
@@ -89,8 +106,11 @@ class Plan:
         return "\n".join([*lines, *self.notes])
 
 
-def plan(splats: Splats, camera: Camera, settings: Settings | None = None) -> Plan:
-    """The plan for one picture; everything that stands on `auto` is decided here."""
+def plan(splats: Splats, camera: Camera, settings: Settings | None = None, sprite_limit: float = SPRITE_LIMIT) -> Plan:
+    """The plan for one picture; everything that stands on `auto` is decided here.
+
+    sprite_limit: the largest point that OpenGL draws, pixels.
+    """
     settings = settings or Settings()
     notes: list[str] = []
     shape = kernel(settings.kernel)
@@ -99,38 +119,29 @@ def plan(splats: Splats, camera: Camera, settings: Settings | None = None) -> Pl
     nearest, farthest = depth_range(splats, camera)
     z_k = fine.z_k(_smallest_scale(splats))
 
-    # antialiasing only if a splat lies beyond z_k
-    antialias = settings.antialias != "off" and farthest >= z_k
-    if settings.antialias != "off" and not antialias:
-        notes.append(f"antialiasing left out: every splat is nearer than z_k = {z_k:.6g}; the picture is the same")
-    shading = settings.shading == "on" or (
-        settings.shading == "auto" and splats.shaded and settings.blend == "composite"
-    )
-    if settings.shading == "auto" and splats.shaded and not shading:
-        notes.append(f"shading left out: {settings.blend} shows values, not surfaces")
-    align, z_s = _alignment(splats, fine, settings, notes)
-    # measured over walls, edges, threads, dots, fog and real volumes: fill is the nearest to supersampling
-    attenuation = "fill" if settings.attenuation == "auto" else settings.attenuation
-    footprint = _footprint(align, settings)
+    antialias = _antialias(settings, z_k, farthest, notes)
+    align, z_s = alignment(splats, fine, settings, notes)
     half_line = align == "exact" and _eye_is_near(splats, camera, shape.radius)
     if align == "exact" and not half_line:
         notes.append("half lines left out: the eye is in no kernel")
+    footprint = _footprint(align, settings)
+    covered = reach(splats, fine, shape.radius)
+    sprite = _sprites(align, half_line, covered, settings, sprite_limit, notes)
+    number = _parts(splats, fine, covered, settings, notes) if sprite else 1
     program = Program(
         blend=settings.blend,
         align=align,
         perspective=camera.perspective,
         antialias=antialias,
         cubic=splats.grid.cubic,
-        shading=shading,
-        # the forms differ in composite alone, and alike before z_k
-        attenuation=attenuation if settings.blend == "composite" and antialias else "optical-depth",
-        order=settings.order,
+        shading=_shading(splats, settings, notes),
+        attenuation=_attenuation(settings, antialias),
+        order=_order(settings, number, notes),
         target="rgba32f" if settings.target == "auto" else settings.target,
         footprint=footprint,
         half_line=half_line,
+        primitive="sprite" if sprite else "quad",
     )
-    if settings.blend != "composite":
-        notes.append(f"ordering left out: {settings.blend} is the same in any order")
     return Plan(
         program,
         shape,
@@ -141,10 +152,57 @@ def plan(splats: Splats, camera: Camera, settings: Settings | None = None) -> Pl
         z_s,
         nearest,
         farthest,
+        covered.window,
+        covered.pad if sprite else 0,
+        number,
+        SHARE * settings.tolerance / max(splats.brightest, 1.0) if number > 1 else 0.0,
         settings.background,
         settings.tolerance,
         tuple(notes),
     )
+
+
+def _antialias(settings: Settings, z_k: float, farthest: float, notes: list[str]) -> bool:
+    """Only if a splat lies beyond z_k."""
+    wanted = settings.antialias != "off"
+    if wanted and farthest < z_k:
+        notes.append(f"antialiasing left out: every splat is nearer than z_k = {z_k:.6g}; the picture is the same")
+    return wanted and farthest >= z_k
+
+
+def _shading(splats: Splats, settings: Settings, notes: list[str]) -> bool:
+    if settings.shading != "auto":
+        return settings.shading == "on"
+    if splats.shaded and settings.blend != "composite":
+        notes.append(f"shading left out: {settings.blend} shows values, not surfaces")
+    return splats.shaded and settings.blend == "composite"
+
+
+def _attenuation(settings: Settings, antialias: bool) -> str:
+    """The forms differ in composite alone, and are alike before z_k. Measured over walls, edges, threads, dots, fog
+    and real volumes, fill is the nearest to supersampling.
+    """
+    if settings.blend != "composite" or not antialias:
+        return "optical-depth"
+    return "fill" if settings.attenuation == "auto" else settings.attenuation
+
+
+def _parts(splats: Splats, camera: Camera, covered: Reach, settings: Settings, notes: list[str]) -> int:
+    """In how many parts to draw; pixels are closed only where light is taken away, nearest first."""
+    if settings.blend != "composite" or settings.occlusion == "off" or settings.order == "back-to-front":
+        return 1
+    number = parts(splats, camera, covered)
+    if number == 1:
+        notes.append("occlusion left out: closing pixels would cost more than it saves")
+    return number
+
+
+def _order(settings: Settings, number: int, notes: list[str]) -> str:
+    if settings.blend != "composite":
+        notes.append(f"ordering left out: {settings.blend} is the same in any order")
+    if settings.order != "auto":
+        return settings.order
+    return "front-to-back" if number > 1 else "back-to-front"
 
 
 def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
@@ -158,20 +216,24 @@ def _smallest_scale(splats: Splats) -> float:
     return float(np.linalg.svd(splats.grid.world_from_index, compute_uv=False)[-1])
 
 
-def _alignment(splats: Splats, camera: Camera, settings: Settings, notes: list[str]) -> tuple[str, float]:
-    """(align, z_s). `auto` never picks grid: it loses path length, and the sum of many splats shows it."""
-    if not camera.perspective:
-        if settings.align != "grid":
-            notes.append("rotation left out: in an orthographic view every ray is perpendicular to the image")
-        return "grid", 0.0
-    if settings.align == "a" and not splats.grid.cubic:
-        raise expected("align a", "cubic voxels", "others", "use exact, b1 or ray")
-    if settings.align != "hybrid":
-        return ("exact" if settings.align == "auto" else settings.align), 0.0
-    if settings.z_s is not None:
-        return "hybrid", settings.z_s
-    z_k = camera.z_k(splats.grid.mean_spacing)
-    return "hybrid", z_k * _switch(splats, camera, settings)
+def _sprites(align: str, half_line: bool, covered: Reach, settings: Settings, limit: float, notes: list[str]) -> bool:
+    """Whether splats can be sprites: footprints by distance alone, and none larger than OpenGL draws."""
+    if settings.primitive == "quad":
+        return False
+    # a parallel view's grid is exact, if it was not asked for
+    by_distance = align == "exact" or (align == "grid" and settings.align in ("auto", "exact"))
+    why = ""
+    if not by_distance or settings.footprint == "table" or settings.table_bits != RADIAL_BITS:
+        why = "footprints from a table are drawn on quads"
+    elif half_line or not np.isfinite(covered.largest):
+        why = "the eye is near splats"
+    elif 2 * covered.largest + 1 > limit:
+        why = f"the nearest splats are larger than the {limit:.0f} pixels that OpenGL draws"
+    if why and settings.primitive == "sprite":
+        raise expected("primitive sprite", "footprints by distance, away from the eye", why, "use auto")
+    if why:
+        notes.append(f"sprites left out: {why}")
+    return not why
 
 
 def _footprint(align: str, settings: Settings) -> str:
@@ -190,19 +252,3 @@ def _eye_is_near(splats: Splats, camera: Camera, radius: float) -> bool:
     low, high = splats.index_bounds
     eye = splats.grid.index_from_world(camera.eye)
     return bool(np.linalg.norm(eye - np.clip(eye, low, high)) < NEAR_RADII * radius)
-
-
-def _switch(splats: Splats, camera: Camera, settings: Settings) -> float:
-    """z_s/z_k from the tolerance; the volume's reach from the view axis, rounded up, is its edge."""
-    spacing = splats.grid.mean_spacing
-    corners = camera.eye_from_points(splats.corners) / spacing
-    reach = max(float(np.hypot(corners[:, 0], corners[:, 1]).max()), 1.0)
-    rounded = REACH_STEP ** np.ceil(np.log(reach) / np.log(REACH_STEP))
-    width, height = camera.size
-    half_angle = float(np.arctan(camera.extent / 2 * max(width / height, 1.0)))
-    return _cached_switch(settings.kernel, half_angle, max(width, height), float(rounded), settings.tolerance * LEVELS)
-
-
-@lru_cache(maxsize=256)
-def _cached_switch(name: str, half_angle: float, pixels: int, reach: float, levels: float) -> float:
-    return switch_depth(kernel(name), half_angle, pixels, reach, levels)

@@ -26,7 +26,7 @@ RECORD = np.dtype(
         ("runs", "<i2"),
     ]
 )
-GL_FORMAT = "3f4 1f4 3f4 3i2 1i2/i"
+GL_FORMAT = "3f4 1f4 3f4 3i2 1i2"
 GL_ATTRIBUTES = ("in_position", "in_optical_depth", "in_color", "in_normal", "in_runs")
 NORMAL_SCALE = 32767.0
 
@@ -157,11 +157,28 @@ class Splats:
         return np.asarray(np.concatenate(outwards) @ self.grid.world_from_index.T + self.grid.origin)
 
     @cached_property
+    def total_depth(self) -> float:
+        """Σ optical depths."""
+        return float(self.records["optical_depth"].sum(dtype=np.float64))
+
+    @cached_property
+    def brightest(self) -> float:
+        """The largest colour component, linear light."""
+        return float(self.records["color"].max(initial=0.0))
+
+    @cached_property
     def runs(self) -> np.ndarray:
         """int16 [N]: how far matter goes on around each splat, coded; see runs.py."""
         from splatgl.splat.runs import packed_runs
 
         return packed_runs(self)
+
+    @cached_property
+    def records_with_runs(self) -> np.ndarray:
+        """The records with `runs` filled in."""
+        records = self.records.copy()
+        records["runs"] = self.runs
+        return records
 
     def lattice(self, axis: int) -> Lattice:
         """The splats in planes across `axis` (0 is x); made on the first use and kept."""

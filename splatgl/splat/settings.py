@@ -17,10 +17,11 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "attenuation": ("auto", "opacity", "optical-depth", "fill"),
     "footprint": ("auto", "table", "radial"),
     "target": ("rgba32f", "rgba16f", "rgba8", "auto"),
-    "primitive": ("auto", "quad"),
+    "primitive": ("auto", "quad", "sprite"),
     "shading": ("auto", "on", "off"),
     "motion": ("off",),
-    "order": ("back-to-front", "front-to-back"),
+    "occlusion": ("auto", "off"),
+    "order": ("auto", "back-to-front", "front-to-back"),
 }
 # largest footprint table; beyond it the kernel is resolved to float32
 MAX_TABLE_SIZE = 4096
@@ -38,8 +39,10 @@ class Settings:
     attenuation auto | opacity | optical-depth | fill (beyond z_k, composite only).
     footprint auto | table (table_size², table_bits 32 | 16 | 8) | radial (by the squared distance);
     table_size None: 256 for a table, 1024 for a radial one.
+    primitive auto | quad | sprite (a square of pixels from one vertex; never for a kernel near the eye, nor for table
+    footprints). occlusion auto | off (closing pixels that no more than a share of the tolerance passes).
     target rgba32f | rgba16f | rgba8 | auto. shading auto (as the transfer function says) | on | off.
-    order back-to-front | front-to-back. tolerance: largest allowed error, linear light.
+    order auto | back-to-front | front-to-back. tolerance: largest allowed error, linear light.
     background: None (transparent) or a linear RGB triple. Raises InputError for anything else.
     """
 
@@ -57,7 +60,8 @@ class Settings:
     primitive: str = "auto"
     shading: str = "auto"
     motion: str = "off"
-    order: str = "back-to-front"
+    order: str = "auto"
+    occlusion: str = "auto"
     tolerance: float = 1 / 255
     background: tuple[float, float, float] | None = None
 

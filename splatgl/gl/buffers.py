@@ -1,0 +1,156 @@
+"""The last splats on the GPU: as records in drawing order for quads, as records and orders of them for sprites."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from contextlib import ExitStack
+
+import moderngl
+import numpy as np
+
+from splatgl.splat.order import Order, back_to_front
+from splatgl.splat.rows import GL_ATTRIBUTES, GL_FORMAT, Splats
+
+# bytes of drawing orders kept, 4 a splat: enough for a turn around a volume
+KEPT_BYTES = 2**28
+
+# what is drawn in which order; None: any will do. nearest first or last
+Sequence = tuple[Order | None, bool]
+
+
+class SplatBuffer:
+    """Everything that hangs on the splats themselves; other splats release it."""
+
+    def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
+        self.ctx = ctx
+        self.splats: Splats | None = None
+        self.sorted: Sorted | None = None
+        self.indexed: Indexed | None = None
+        owned.callback(self.release)
+
+    def quads(self, program: moderngl.Program, splats: Splats, sequence: Sequence) -> moderngl.VertexArray:
+        """A vertex array whose instances are the splats in drawing order."""
+        self._turn_to(splats)
+        self.sorted = self.sorted or Sorted(self.ctx, splats)
+        return self.sorted.vertices(program, sequence)
+
+    def sprites(self, program: moderngl.Program, splats: Splats, sequence: Sequence) -> moderngl.VertexArray:
+        """A vertex array whose vertices are the splats in drawing order."""
+        self._turn_to(splats)
+        self.indexed = self.indexed or Indexed(self.ctx, splats)
+        return self.indexed.vertices(program, sequence)
+
+    def release(self) -> None:
+        for part in (self.sorted, self.indexed):
+            if part is not None:
+                part.release()
+        self.sorted, self.indexed, self.splats = None, None, None
+
+    def _turn_to(self, splats: Splats) -> None:
+        if splats is not self.splats:
+            self.release()
+            self.splats = splats
+
+
+class Sorted:
+    """Records in drawing order, written again for every new one: what instances of a quad need."""
+
+    def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
+        self.ctx, self.splats = ctx, splats
+        self.written: tuple[Sequence, bool] | None = None
+        self.buffer: moderngl.Buffer | None = None
+        self.arrays: dict[int, moderngl.VertexArray] = {}
+
+    def vertices(self, program: moderngl.Program, sequence: Sequence) -> moderngl.VertexArray:
+        wanted = (sequence, "in_runs" in program)
+        if self.buffer is None or (wanted != self.written and (sequence[0] is not None or wanted[1])):
+            self._upload(*wanted)
+            self.written = wanted
+        assert self.buffer is not None
+        if program.glo not in self.arrays:
+            self.arrays[program.glo] = self.ctx.vertex_array(program, [_content(program, self.buffer, "/i")])
+        return self.arrays[program.glo]
+
+    def release(self) -> None:
+        _release(self.arrays, self.buffer)
+
+    def _upload(self, sequence: Sequence, runs: bool) -> None:
+        records = self.splats.records_with_runs if runs else self.splats.records
+        if sequence[0] is not None:
+            records = records[_indices(self.splats, sequence)]
+        if self.buffer is None:
+            self.buffer = self.ctx.buffer(records)
+        else:
+            self.buffer.write(records)
+
+
+class Indexed:
+    """Records as they stand, and a list of indices for every drawing order: a turned view uploads next to nothing."""
+
+    def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
+        self.ctx, self.splats = ctx, splats
+        self.runs = False
+        self.buffer: moderngl.Buffer | None = None
+        self.orders: OrderedDict[Sequence, moderngl.Buffer] = OrderedDict()
+        self.arrays: dict[tuple[int, Sequence], moderngl.VertexArray] = {}
+
+    def vertices(self, program: moderngl.Program, sequence: Sequence) -> moderngl.VertexArray:
+        # records: with runs once a program wants them
+        runs = "in_runs" in program
+        if self.buffer is None:
+            self.buffer = self.ctx.buffer(self.splats.records_with_runs if runs else self.splats.records)
+            self.runs = runs
+        elif runs and not self.runs:
+            self.buffer.write(self.splats.records_with_runs)
+            self.runs = True
+        # the order, and the array that joins the two for this program
+        key = (program.glo, sequence)
+        order = self._order(sequence)
+        if key not in self.arrays:
+            self.arrays[key] = self.ctx.vertex_array(
+                program, [_content(program, self.buffer, "")], index_buffer=order, index_element_size=4
+            )
+        return self.arrays[key]
+
+    def release(self) -> None:
+        _release(self.arrays, self.buffer, *self.orders.values())
+
+    def _order(self, sequence: Sequence) -> moderngl.Buffer | None:
+        """The list of indices; None for any order."""
+        if sequence[0] is None:
+            return None
+        if sequence in self.orders:
+            self.orders.move_to_end(sequence)
+            return self.orders[sequence]
+        if len(self.orders) > 1 and (len(self.orders) + 1) * 4 * len(self.splats) > KEPT_BYTES:
+            oldest, buffer = self.orders.popitem(last=False)
+            for key in [key for key in self.arrays if key[1] == oldest]:
+                self.arrays.pop(key).release()
+            buffer.release()
+        self.orders[sequence] = self.ctx.buffer(_indices(self.splats, sequence).astype(np.uint32))
+        return self.orders[sequence]
+
+
+def _indices(splats: Splats, sequence: Sequence) -> np.ndarray:
+    order, nearest_first = sequence
+    assert order is not None
+    found = back_to_front(splats, order)
+    return found[::-1] if nearest_first else found
+
+
+def _release(arrays: dict, *buffers: moderngl.Buffer | None) -> None:
+    for array in arrays.values():
+        array.release()
+    arrays.clear()
+    for buffer in buffers:
+        if buffer is not None:
+            buffer.release()
+
+
+def _content(program: moderngl.Program, buffer: moderngl.Buffer, per: str) -> tuple:
+    """The record's format with the attributes that a program does not read skipped."""
+    used = [name for name in GL_ATTRIBUTES if name in program]
+    sizes = {"3f4": "12x", "1f4": "4x", "3i2": "6x", "1i2": "2x"}
+    named = iter(GL_ATTRIBUTES)
+    kept = [part if next(named) in used else sizes[part] for part in GL_FORMAT.split()]
+    return (buffer, " ".join(kept) + per, *used)
