@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.truth.verdict import Tolerance, judge
 
 
 def flat(value: float = 0.25, **info: object) -> sg.Image:
@@ -71,3 +72,72 @@ def test_what_can_not_be_compared() -> None:
             sg.compare(flat(), changed(3, 1, 0, bad))
     with pytest.raises(sg.InputError, match="pixels \\[H, W, 4\\]"):
         sg.compare(sg.Image(np.zeros((2, 3, 3))), flat())
+
+
+def test_bias_is_the_signed_mean_of_the_worst_channel() -> None:
+    pixels = flat().pixels.astype(np.float64)
+    pixels[..., 0] += 0.01
+    pixels[..., 2] -= 0.02
+    assert sg.compare(sg.Image(pixels), flat()).bias == pytest.approx(-0.02)
+    # what goes up here and down there leaves none
+    pixels = flat().pixels.astype(np.float64)
+    pixels[:2] += 0.1
+    pixels[2:] -= 0.1
+    assert sg.compare(sg.Image(pixels), flat()).bias == pytest.approx(0, abs=1e-12)
+
+
+def test_threshold_decides_box_and_share() -> None:
+    a = changed(3, 1, 2, 0.1)
+    assert sg.compare(a, flat(), threshold=0.09).box == (1, 3, 2, 4)
+    assert sg.compare(a, flat(), threshold=0.11).box is None
+    assert sg.compare(a, flat(), threshold=0.11).share_over == 0
+
+
+def test_masked_pixels_do_not_count() -> None:
+    mask = np.zeros((4, 5), bool)
+    mask[3, :2] = True
+    found = sg.compare(changed(3, 1, 2, 0.5), flat(), mask=mask)
+    assert (found.share_over, found.pixels, found.where) == (0.5, 2, (1, 3))
+    assert found.rmse == pytest.approx(0.5 / np.sqrt(8))
+    mask[3, 1] = False
+    assert sg.compare(changed(3, 1, 2, np.nan), flat(), mask=mask).maximum == 0
+
+
+def test_limits_hold_for_less_as_for_more() -> None:
+    bias = Tolerance.only(bias=0.01)
+    for value in (0.23, 0.27):
+        assert not judge(flat(value), flat(), bias).same
+    assert judge(flat(0.245), flat(), bias).same
+
+
+def test_limits_of_xrays_are_shares_of_their_largest_sum() -> None:
+    right = flat(50.0, blend="xray")
+    for limit in (0.02, Tolerance.only(rmse=0.02), Tolerance.only(bias=0.02)):
+        assert judge(flat(50.9), right, limit).same
+        assert not judge(flat(51.1), right, limit).same
+
+
+@pytest.mark.parametrize("bad", [-1, float("nan"), "0.1"])
+def test_limits_are_numbers_from_zero(bad: float) -> None:
+    with pytest.raises(sg.InputError, match=r"tolerance: maximum: expected a number from 0, got"):
+        Tolerance.of(bad)
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_largest_floats_are_measured_too() -> None:
+    """Their difference is beyond float32: infinite, and said so without a warning."""
+    found = judge(flat(3e38), flat(-3e38))
+    assert (found.comparison.maximum, found.comparison.psnr) == (np.inf, -np.inf)
+    assert "changed in no way that has a name" in str(found)
+
+
+def test_bands_add_up(rng: np.random.Generator) -> None:
+    """Heights that are no multiple of a band: the same numbers as at one go."""
+    a, b = rng.random((53, 7, 4)).astype(np.float32), rng.random((53, 7, 4)).astype(np.float32)
+    found = sg.compare(sg.Image(a), sg.Image(b))
+    d = a.astype(np.float64) - b
+    assert found.rmse == pytest.approx(np.sqrt(np.mean(d * d)), rel=1e-7)
+    assert found.maximum == pytest.approx(np.abs(d).max(), rel=1e-6)
+    assert found.sum_error == pytest.approx(d.sum() / b.sum(), rel=1e-5)
+    assert abs(found.bias) == pytest.approx(np.abs(d.mean(axis=(0, 1))).max(), rel=1e-5)
+    assert found.share_over == np.mean(np.abs(d).max(axis=-1) > 1 / 255)

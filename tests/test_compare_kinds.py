@@ -1,16 +1,25 @@
-"""Eight ways in which a picture goes wrong: each is caught, named, and to be seen in the report; the README's table."""
+"""Eight ways in which a picture goes wrong: each is caught, named, and to be seen in the report; the README's table.
+
+    SPLATGL_WRITE_README=1 pytest tests/test_compare_kinds.py     renews the table
+"""
 
 from __future__ import annotations
 
+import base64
+import io
+import os
 import re
+import shutil
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.data.color import srgb_from_linear
+from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.truth.compare_report import case, page
 from splatgl.truth.verdict import Tolerance, Verdict, judge, number
 
@@ -78,25 +87,39 @@ def test_each_is_caught_and_named(what: str) -> None:
 
 @pytest.mark.parametrize("what", WRONG)
 def test_each_is_to_be_seen_in_the_report(what: str) -> None:
-    """Both pictures, a difference that reaches the end of its scale, and both in turn; the text names the kind."""
+    """Both pictures as they are, a difference that reaches the end of its scale, and a place for both in turn."""
     make, _, message = WRONG[what]
     image = make()
     html = page([case(judge(image, RIGHT, names=(what, "right")), image, RIGHT)], "Report")
     assert re.search(message, html)
-    assert html.count("data:image/png;base64,") in (5, 10)
-    assert 'class="view flicker"' in html
-    heat = decoded(re.findall(r'class="picture heat"[^>]*src="data:image/png;base64,([^"]+)"', html)[0])
+    pictures = [decoded(text) for text in re.findall(r'<img[^>]*src="data:image/png;base64,([^"]+)"', html)]
+    assert len(pictures) in (3, 6) and html.count('class="view flicker"') == len(pictures) / 3
+    actual, right, heat = pictures[:3]
+    assert (actual == np.rint(image.straight() * 255)).all() and (right == np.rint(RIGHT.straight() * 255)).all()
+    assert (heat.any(axis=-1) == (image.pixels != RIGHT.pixels).any(axis=-1)).all(), "black only where both are equal"
     assert (heat.reshape(-1, 3) == (252, 255, 200)).all(axis=1).any(), "the largest difference is the lightest colour"
-    assert heat.shape == (*RIGHT.pixels.shape[:2], 3)
 
 
 def decoded(text: str) -> np.ndarray:
-    import base64
-    import io
-
-    from PIL import Image as Pillow
-
     return np.asarray(Pillow.open(io.BytesIO(base64.b64decode(text))))
+
+
+def test_the_report_in_a_browser(tmp_path: Path) -> None:
+    """Its script puts both pictures in one place, and shows them in turn."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("Chromium is not here")
+    image = one_pixel()
+    (tmp_path / "r.html").write_text(page([case(judge(image, RIGHT), image, RIGHT)], "Report"), encoding="utf-8")
+    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}", "--dump-dom"]
+    # milliseconds on the page's clock: the first turn is after 600
+    for elapsed, shown in ((200, "actual"), (900, "expected")):
+        look = [*command, f"--virtual-time-budget={elapsed}", (tmp_path / "r.html").as_uri()]
+        page_then = subprocess.run(look, capture_output=True, text=True, check=True, timeout=60).stdout
+        assert page_then.count(f"in turn: {shown}</span>") == 2
+        views = re.findall(r'<div class="view flicker">(.*?)</div>', page_then)
+        sources = [re.findall(r'src="([^"]+)"', view) for view in views]
+        assert [len(pair) for pair in sources] == [2, 2] and all(first != second for first, second in sources)
 
 
 def test_the_same_picture_is_the_same() -> None:
@@ -123,6 +146,76 @@ def test_names_hold_for_other_pictures(scene: str) -> None:
     ):
         found = judge(image, right).kind
         assert found is not None and found.name == kind, (scene, kind, found)
+
+
+def with_alpha(color: np.ndarray, alpha: np.ndarray) -> sg.Image:
+    return sg.Image(np.concatenate([color, np.broadcast_to(alpha, (*color.shape[:2], 1))], -1).astype(np.float32))
+
+
+def extra_object() -> sg.Image:
+    pixels = RIGHT.pixels.copy()
+    pixels[2:12, 3:20] = (0.2, 0.3, 0.1, 1)
+    return sg.Image(pixels)
+
+
+def other_part() -> sg.Image:
+    pixels = RIGHT.pixels.copy()
+    pixels[ROW - 6 : ROW + 6, COLUMN - 8 : COLUMN + 8] *= np.array((0.5, 0.9, 0.2, 1), np.float32)
+    return sg.Image(pixels)
+
+
+COLOR, ALPHA = RIGHT.pixels[..., :3], RIGHT.pixels[..., 3:]
+STRAIGHT = np.divide(COLOR, ALPHA, out=np.zeros_like(COLOR), where=ALPHA > 0)
+# more ways to go wrong, by the first words of what is said
+ALSO: dict[str, Callable[[], sg.Image]] = {
+    "gamma: sRGB never applied": lambda: of_samples(lambda s: 255 * linear_from_srgb(s[..., :3] / 255)),
+    "premultiplication: colour not multiplied by alpha": lambda: with_alpha(STRAIGHT, ALPHA),
+    "alpha is lost: over black": lambda: with_alpha(COLOR, np.ones(1)),
+    "alpha is lost: its colour stayed": lambda: with_alpha(STRAIGHT, np.ones(1)),
+    "red and blue swapped": lambda: with_alpha(COLOR[..., ::-1], ALPHA),
+    "turned by 180°": lambda: sg.Image(RIGHT.pixels[::-1, ::-1]),
+    "flipped left to right": lambda: sg.Image(RIGHT.pixels[:, ::-1]),
+    "shifted by 2 pixels left and 3 pixels down": lambda: sg.Image(np.roll(RIGHT.pixels, (3, -2), (0, 1))),
+    "offset by -1/255 everywhere (sRGB)": lambda: of_samples(lambda s: s[..., :3] - 1),
+    "offset by -2/255 everywhere (linear light)": lambda: with_alpha(COLOR - ALPHA * 2 / 255, ALPHA),
+    "an extra object (17×10 pixels)": extra_object,
+    "a part is changed (16×": other_part,
+}
+
+
+@pytest.mark.parametrize("text", ALSO)
+def test_what_else_has_a_name(text: str) -> None:
+    assert judge(ALSO[text](), RIGHT, names=("new.png", "old.png")).line.startswith(text)
+
+
+def test_what_no_change_explains_has_no_name() -> None:
+    other = sg.Image.load(BASELINES / "nerve-composite.png")
+    assert "changed in no way that has a name" in str(judge(other, RIGHT))
+    # a name explains three quarters of the difference at least
+    for share, text in ((0.65, "a part is changed"), (0.9, "flipped upside down")):
+        mixed = sg.Image((1 - share) * RIGHT.pixels + share * RIGHT.pixels[::-1])
+        assert text in str(judge(mixed, RIGHT))
+
+
+def test_objects_in_pictures_without_alpha() -> None:
+    """Opaque pictures tell by their detail: what is gone leaves the plain ground, a patch of paint does not."""
+    rng = np.random.default_rng(3)
+    ground, thing = np.full((72, 96, 4), 0.3, np.float32), rng.random((10, 12, 3)).astype(np.float32)
+    ground[..., 3] = 1
+    present, painted = ground.copy(), ground.copy()
+    present[30:40, 50:62, :3] = thing
+    painted[30:40, 50:62, :3] = (1, 0, 0)
+    for actual, right, text in (
+        (ground, present, "an object is missing (12×10 pixels)"),
+        (present, ground, "an extra object (12×10 pixels)"),
+        (painted, present, "a part is changed (12×10 pixels)"),
+    ):
+        assert text in str(judge(sg.Image(actual), sg.Image(right)))
+
+
+def test_rows_and_columns_swapped() -> None:
+    square = RIGHT.pixels[:72, 12:84]
+    assert "rows and columns swapped" in str(judge(sg.Image(square.transpose(1, 0, 2)), sg.Image(square)))
 
 
 def test_rounding_of_eight_bits_passes_and_more_does_not() -> None:
@@ -162,7 +255,10 @@ def cell(name: str, verdict: Verdict) -> str:
         return f"{100 * check.value:.2g} %"
     if name == "psnr":
         return f"{check.value:.0f}"
-    return number(name, float(f"{check.value:.2g}"))
+    if name == "ssim":
+        return f"{check.value:.4f}"
+    # what sums leave of zero is zero
+    return number(name, float(f"{check.value:.2g}") if abs(check.value) > 1e-7 else 0.0)
 
 
 def table() -> str:
@@ -176,3 +272,15 @@ def table() -> str:
         assert verdict.kind is not None and verdict.kind.name == kind
         lines.append(f"| {what} | {' | '.join(cell(name, verdict) for name in METRICS)} | {verdict.kind.name} |")
     return "\n".join(lines)
+
+
+def test_the_readmes_table() -> None:
+    """SPLATGL_WRITE_README=1 renews it."""
+    pytest.importorskip("flip_evaluator", reason="flip-evaluator is in the extra compare")
+    text = README.read_text(encoding="utf-8")
+    (old,) = re.findall(r"(?:^\| what went wrong \|.*\n)(?:^\|.*\n)+", text, re.MULTILINE)
+    new = table() + "\n"
+    if os.environ.get("SPLATGL_WRITE_README"):
+        README.write_text(text.replace(old, new), encoding="utf-8")
+    else:
+        assert old == new

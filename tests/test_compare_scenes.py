@@ -9,6 +9,7 @@ import pytest
 import splatgl as sg
 from splatgl.app.regression import ImageRegression
 from splatgl.app.scene import View
+from splatgl.truth.verdict import judge
 
 SIZE = (96, 72)
 SCENES = ("tunnel", "terrain", "nerve", "letter-f")
@@ -57,3 +58,18 @@ def test_another_backend_keeps_to_the_same_baseline(
     image = osmesa.render(*scenes[scene], sg.Settings())
     assert image.info["backend"] == "osmesa"
     image_regression(image, name=f"{scene}-composite")
+
+
+@pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
+@pytest.mark.parametrize("scene", ["nerve", "letter-f"])
+def test_two_backends_draw_the_same(
+    scene: str,
+    blend: str,
+    scenes: dict[str, tuple[sg.Splats, sg.Camera]],
+    renderer: sg.Renderer,
+    osmesa: sg.Renderer,
+) -> None:
+    first, second = (some.render(*scenes[scene], sg.Settings(blend=blend)) for some in (renderer, osmesa))
+    verdict = judge(second, first)
+    assert verdict.same, str(verdict)
+    assert second.pixels.max() > 0.1, "something is drawn"

@@ -2,7 +2,8 @@
 
     tests/baselines/<test file>/<name>.png              portable: for any renderer that has none of its own
     tests/baselines/<test file>/<name>.nvidia.png       for NVIDIA only, instead of the portable one
-    tests/baselines/<test file>/<name>.nvidia-2.png     another that is right there
+    tests/baselines/<test file>/<name>.nvidia-2.png     one more that is right there
+    tests/baselines/<test file>/<name>.portable-2.png   one more that is right wherever the portable one is
 """
 
 from __future__ import annotations
@@ -10,11 +11,14 @@ from __future__ import annotations
 import hashlib
 import re
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 from splatgl.data.image import Image
 
 FOLDER = "baselines"
+# the key of what is right for any renderer
+PORTABLE = "portable"
 # what OpenGL calls the renderer, and its class; the first that fits, since ANGLE and Direct3D name the card inside
 CLASSES = (
     ("llvmpipe", r"llvmpipe|softpipe|swrast|swiftshader"),
@@ -25,6 +29,8 @@ CLASSES = (
 )
 # letters of a digest that keep two names apart which differ only in letters that files can't have
 DIGEST = 6
+# letters of a name: file systems allow 255 bytes with the ending
+LONGEST = 120
 
 
 @dataclass(frozen=True)
@@ -40,34 +46,39 @@ class Baselines:
     def portable(self) -> Path:
         return self.folder / f"{self.stem}{self.suffix}"
 
-    def of_class(self, number: int = 1) -> Path:
+    @property
+    def of_class(self) -> Path:
         """The class's own; the portable one where there is no class."""
-        name = f".{self.key}" if self.key else ""
-        return self.folder / f"{self.stem}{name}{f'-{number}' if number > 1 else ''}{self.suffix}"
+        return self.folder / f"{self.stem}.{self.key}{self.suffix}" if self.key else self.portable
 
     def valid(self) -> list[Path]:
-        """Those to compare with: all of the class's own, else the portable one; none where there is no file."""
-        return self._numbered() or [path for path in (self.portable,) if path.is_file()]
+        """Those to compare with, files that exist: the class's own, else the portable one; then all that were added."""
+        more = self._more(self.key or PORTABLE)
+        if self.key and self.of_class.is_file():
+            return [self.of_class, *more]
+        portable = [self.portable] if self.portable.is_file() else []
+        return [*portable, *(self._more(PORTABLE) if self.key else []), *more]
 
     def others(self) -> list[Path]:
         """What there is for other renderers only."""
-        mine = set(self.valid())
-        found = self.folder.glob(f"{self.stem}*{self.suffix}") if self.folder.is_dir() else ()
-        pattern = re.compile(re.escape(self.stem) + r"\.[a-z]+(-\d+)?" + re.escape(self.suffix))
-        return sorted(path for path in found if path not in mine and pattern.fullmatch(path.name))
+        return sorted(set(self._named(r"\.[a-z]+(-\d+)?")) - set(self.valid()))
 
     def fresh(self) -> Path:
-        """Where one more of the class goes."""
-        number = 1
-        while self.of_class(number).is_file():
-            number += 1
-        return self.of_class(number)
+        """Where one more goes: the class's own or the portable one, where there is none that is right yet."""
+        if not self.valid():
+            return self.of_class
+        key = self.key or PORTABLE
+        places = (self.folder / f"{self.stem}.{key}-{number}{self.suffix}" for number in count(2))
+        return next(place for place in places if not place.exists())
 
-    def _numbered(self) -> list[Path]:
-        if not self.key or not self.folder.is_dir():
-            return []
-        pattern = re.compile(re.escape(f"{self.stem}.{self.key}") + r"(-\d+)?" + re.escape(self.suffix))
-        return sorted(path for path in self.folder.iterdir() if pattern.fullmatch(path.name))
+    def _more(self, key: str) -> list[Path]:
+        """What was added for a class, or for any renderer."""
+        return self._named(rf"\.{key}-\d+")
+
+    def _named(self, pattern: str) -> list[Path]:
+        """The files whose name is the stem, what fits the pattern, and the suffix."""
+        whole = re.compile(re.escape(self.stem) + pattern + re.escape(self.suffix))
+        return sorted(path for path in self.folder.glob("*") if whole.fullmatch(path.name))
 
 
 def renderer_class(image: Image) -> str | None:
@@ -77,9 +88,9 @@ def renderer_class(image: Image) -> str | None:
 
 
 def stem_of(name: str) -> str:
-    """A name as a file's: letters, digits, _ and -; where others are replaced, a digest keeps names apart."""
+    """A name as a file's: Latin letters, digits, _ and -; where others are replaced, a digest keeps names apart."""
     plain = re.sub(r"\[(.*)\]$", r"-\1", name)
-    safe = re.sub(r"[^\w-]+", "-", plain).strip("-")
+    safe = re.sub(r"[^A-Za-z0-9_-]+", "-", plain).strip("-")[:LONGEST]
     if safe == plain:
         return safe
     return f"{safe}-{hashlib.sha1(name.encode()).hexdigest()[:DIGEST]}".lstrip("-")

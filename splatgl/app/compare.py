@@ -19,7 +19,8 @@ from splatgl.data.image import Image, write_whole
 from splatgl.truth import compare_pictures
 from splatgl.truth.compare_read import Picture, alike, pairs, read, read_mask
 from splatgl.truth.compare_report import PICTURED, Case, case, case_alone, page
-from splatgl.truth.verdict import STEP, Tolerance, Verdict, judge
+from splatgl.truth.metrics import need_flip
+from splatgl.truth.verdict import Tolerance, Verdict, judge
 
 SAME, DIFFERENT, UNUSABLE = 0, 1, 2
 METRICS = ("maximum", "rmse", "psnr", "bias", "share", "unmatched", "ssim", "flip")
@@ -50,13 +51,14 @@ class Asked:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One pair. verdict: None where it can't be compared; error says why."""
+    """One pair. verdict: None where it can't be compared; error says why. images: where they are kept."""
 
     name: str
     actual: Path
     right: Path
     verdict: Verdict | None
     error: str = ""
+    images: tuple[Image, Image] | None = None
 
     @property
     def code(self) -> int:
@@ -83,7 +85,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         "limits (default: only the rounding of 8-bit pictures passes; naming any replaces the default ones)"
     )
     group.add_argument("--tolerance", type=_limit, metavar="E", help="the same as --max-difference E")
-    group.add_argument("--threshold", type=_limit, metavar="E", help=f"a pixel counts from this ({STEP:.4f})")
+    group.add_argument("--threshold", type=_limit, metavar="E", help="a pixel counts from this (one 8-bit step)")
     for option, name, about in LIMITS:
         group.add_argument(option, dest=f"limit_{name}", type=_limit, metavar="X", help=about)
     parser.set_defaults(run=run)
@@ -91,29 +93,40 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """0 the same, 1 different, 2 where any pair is unusable."""
-    for path, suffixes in ((args.diff, (".png",)), (args.report, (".html",))):
-        if path:
-            check_output(Path(path), suffixes)
     actual, right = Path(args.actual), Path(args.expected)
     listed = pairs(actual, right)
     if args.diff and actual.is_dir():
         raise expected("--diff", "two files", "two folders", "use --report for folders")
+    for path, suffixes in ((args.diff, (".png",)), (args.report, (".html",))):
+        if path:
+            check_output(Path(path), suffixes)
+            check_apart(Path(path), actual, right, *([Path(args.mask)] if args.mask else []))
     asked = _asked(args)
-    outcomes = [compare_files(name, a, b, asked) for name, a, b in _bar(listed, args.quiet or args.json)]
-    if args.diff and outcomes[0].verdict:
-        write_whole(Path(args.diff), _diff(actual, right, asked))
+    keep = len(listed) == 1
+    outcomes = [compare_files(name, a, b, asked, keep) for name, a, b in _bar(listed, args.quiet or args.json)]
+    # the verdict first: it stands even if a file can't be written
+    print(_json(outcomes) if args.json else _text(outcomes, args), end="", flush=True)
+    if args.diff and outcomes[0].images:
+        write_whole(Path(args.diff), _diff(*outcomes[0].images, asked))
     if args.report:
         write_whole(Path(args.report), _page(outcomes, asked, f"{actual} against {right}").encode())
-    print(_json(outcomes) if args.json else _text(outcomes, args), end="")
     return max(outcome.code for outcome in outcomes)
 
 
-def compare_files(name: str, actual: Path, right: Path, asked: Asked) -> Outcome:
-    """One pair of files; what can't be compared is an outcome, not an exception."""
+def compare_files(name: str, actual: Path, right: Path, asked: Asked, keep: bool = False) -> Outcome:
+    """One pair of files; what can't be compared is an outcome, not an exception. keep: its images as well."""
     try:
-        return Outcome(name, actual, right, _judge(*_images(actual, right, asked), (str(actual), str(right)), asked))
+        images = _images(actual, right, asked)
+        verdict = _judge(*images, (str(actual), str(right)), asked)
     except InputError as error:
         return Outcome(name, actual, right, None, str(error))
+    return Outcome(name, actual, right, verdict, images=images if keep else None)
+
+
+def check_apart(output: Path, *inputs: Path) -> None:
+    """InputError where writing `output` would overwrite one of the pictures that are compared."""
+    if output.exists() and any(path.exists() and output.samefile(path) for path in inputs):
+        raise expected(output, "another file than those compared", "one of them", "write to another name")
 
 
 def _images(actual: Path, right: Path, asked: Asked) -> tuple[Image, Image]:
@@ -143,15 +156,16 @@ def _asked(args: argparse.Namespace) -> Asked:
     limits = {name: limit for name, limit in limits.items() if limit is not None}
     if args.tolerance is not None:
         limits["maximum"] = min(args.tolerance, limits.get("maximum", math.inf))
-    threshold = STEP if args.threshold is None else args.threshold
-    tolerance = Tolerance.only(threshold, **limits) if limits else Tolerance(threshold)
+    tolerance = Tolerance.only(args.threshold, **limits) if limits else Tolerance(args.threshold)
     mask = read_mask(args.mask) if args.mask else None
     extra = frozenset(args.metric) & {"ssim", "flip"}
+    if "flip" in extra | tolerance.extra:
+        need_flip()
     return Asked(tolerance, extra, mask, args.any_mode)
 
 
-def _diff(actual: Path, right: Path, asked: Asked) -> bytes:
-    difference = compare_pictures.largest(*_images(actual, right, asked), asked.mask)
+def _diff(actual: Image, right: Image, asked: Asked) -> bytes:
+    difference = compare_pictures.largest(actual, right, asked.mask)
     return compare_pictures.png(compare_pictures.heat(difference))
 
 
@@ -167,7 +181,8 @@ def _case(outcome: Outcome, asked: Asked, pictured: bool) -> Case:
     if outcome.verdict.same or not pictured:
         return case_alone(outcome.name, "same" if outcome.verdict.same else "different", outcome.verdict.line)
     verdict = replace(outcome.verdict, name=outcome.name)
-    return case(verdict, *_images(outcome.actual, outcome.right, asked), asked.mask)
+    first, second = outcome.images or _images(outcome.actual, outcome.right, asked)
+    return case(verdict, first, second, asked.mask)
 
 
 def _text(outcomes: list[Outcome], args: argparse.Namespace) -> str:

@@ -6,6 +6,7 @@ by the process that pytest runs in, from what each test report carries, so that 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,7 +30,7 @@ CASES: pytest.StashKey[list[dict[str, str]]] = pytest.StashKey()
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("splatgl", "image regression (splatgl)")
     ways = group.addoption
-    ways(UPDATE, action="store_true", help="write the baselines that are missing or differ; the portable ones first")
+    ways(UPDATE, action="store_true", help="write the baselines that are missing, and rewrite those that differ")
     ways(UPDATE_CLASS, action="store_true", help="write them for this class of renderers only (llvmpipe, nvidia, …)")
     ways(ADD, action="store_true", help="add what differs as one more that is right for this class of renderers")
     ways(REPORT, metavar="DIR", help="collect what was compared in DIR/index.html, with pictures of what differs")
@@ -40,10 +41,13 @@ def pytest_configure(config: pytest.Config) -> None:
     if len(asked) > 1:
         raise pytest.UsageError(f"{' and '.join(asked)}: expected one of them")
     folder = _option(config, REPORT)
-    if folder and Path(folder).exists() and not Path(folder).is_dir():
-        raise pytest.UsageError(f"{REPORT}: expected a folder, got the file {folder}")
-    if not hasattr(config, "workerinput"):
-        config.pluginmanager.register(Collector(), "splatgl-collector")
+    if folder:
+        try:
+            Path(folder).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            got = f"{folder}: {error.strerror}"
+            raise pytest.UsageError(f"{REPORT}: expected a folder to write to, got {got}") from error
+    config.pluginmanager.register(Collector(), "splatgl-collector")
 
 
 def _option(config: pytest.Config, name: str) -> Any:
@@ -57,13 +61,15 @@ def image_regression(request: pytest.FixtureRequest) -> ImageRegression:
 
     modes = {UPDATE: Mode.UPDATE, UPDATE_CLASS: Mode.UPDATE_CLASS, ADD: Mode.ADD}
     mode = next((mode for option, mode in modes.items() if _option(request.config, option)), Mode.COMPARE)
-    cases = request.node.stash.setdefault(CASES, [])
+    # as the command line names it from where pytest was called, which need not be the root that test ids start from
+    file = os.path.relpath(request.node.path, request.config.invocation_params.dir)
+    parts = [node.name for node in request.node.listchain() if isinstance(node, (pytest.Class, pytest.Item))]
     return ImageRegression(
-        test=request.node.nodeid,
+        test="::".join([Path(file).as_posix(), *parts]),
         file=Path(request.node.path),
-        default_name=request.node.name,
+        default_name="-".join(parts),
         mode=mode,
-        cases=cases,
+        cases=request.node.stash.setdefault(CASES, []),
         report=bool(_option(request.config, REPORT)),
     )
 
@@ -71,9 +77,10 @@ def image_regression(request: pytest.FixtureRequest) -> ImageRegression:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[Any]:
     report = yield
-    cases = item.stash.get(CASES, [])
-    if call.when == "call" and cases:
+    # once each: a fixture may compare as well, before the test or after it
+    if cases := item.stash.get(CASES, []):
         setattr(report, CARRIED, list(cases))
+        cases.clear()
     return report
 
 
@@ -104,6 +111,5 @@ class Collector:
 
         cases = [Case(*(case[key] for key in ("name", "state", "line", "html"))) for case in self.cases]
         wrong = sum(case.state != "same" for case in cases)
-        folder.mkdir(parents=True, exist_ok=True)
         write_whole(folder / "index.html", page(cases, "Image regression").encode())
         return f"{wrong} of {len(cases)} pictures differ, are missing or unusable: {folder / 'index.html'}"

@@ -29,7 +29,10 @@ class Mode(Enum):
 
 @dataclass
 class ImageRegression:
-    """The fixture's value: call it with a picture. cases: filled with what was compared, for the report."""
+    """The fixture's value: call it with a picture.
+
+    test: as pytest's command line names it. default_name: of baselines. cases: filled with what was compared.
+    """
 
     test: str
     file: Path
@@ -52,16 +55,17 @@ class ImageRegression:
         image: an Image, a file of one, linear premultiplied floats [H, W, 4], or sRGB samples (uint8, [H, W, 3 or 4]).
         name: of the baseline; the test's own if None. tolerance: the largest difference of a channel, or a
         `Tolerance`; None lets rounding to 8 bits pass. bits: 8 or 16 of a PNG, None for a .npy of floats; what is
-        compared is rounded alike. mask: bool [H, W], the pixels that count.
+        compared is rounded alike. mask: [H, W], the pixels that count.
         """
         __tracebackhide__ = True
         try:
             picture = as_image(image)
             baselines = self._baselines(picture, name, bits)
-            outcome = self._outcome(picture, baselines, Tolerance.of(tolerance), bits, mask)
+            counts = None if mask is None else np.asarray(mask, bool)
+            outcome = self._outcome(picture, baselines, Tolerance.of(tolerance), bits, counts)
         except InputError as error:
-            self._keep(case_alone(name or self.default_name, "unusable", str(error)))
-            pytest.fail(str(error), pytrace=False)
+            self._keep(case_alone(f"{self.test}: {name or self.default_name}", "unusable", str(error)))
+            outcome = str(error)
         if outcome:
             pytest.fail(outcome, pytrace=False)
 
@@ -108,7 +112,7 @@ class ImageRegression:
         if self.mode is Mode.ADD:
             return baselines.fresh()
         if self.mode is Mode.UPDATE_CLASS:
-            return baselines.of_class()
+            return baselines.of_class
         return next(iter(baselines.valid()), baselines.portable)
 
     def _write(self, title: str, picture: Image, target: Path, bits: int | None) -> str:
@@ -131,7 +135,7 @@ class ImageRegression:
         verdict, nearest = min(found, key=lambda pair: np.inf if pair[0] is None else pair[0].comparison.rmse)
         self._keep(replace(nearest, name=title))
         which = f", the nearest of {len(found)}" if len(found) > 1 else ""
-        lines = [f"{baselines.stem}: {nearest.line}"]
+        lines = [nearest.line]
         if verdict is not None:
             lines = [
                 f"{baselines.stem} differs: {verdict.kind.text if verdict.kind else ''}",

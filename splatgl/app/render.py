@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from splatgl import __version__
-from splatgl.app.compare import DIFFERENT, SAME, check_against
+from splatgl.app.compare import DIFFERENT, SAME, check_against, check_apart
 from splatgl.app.options import add_settings, add_source, add_transfer, add_view, scene_from
 from splatgl.app.output import check_output
 from splatgl.app.scene import Scene
@@ -53,6 +53,8 @@ def run(args: argparse.Namespace) -> int:
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
     check_output(output)
     reference = read(args.ref) if args.ref else None
+    if reference is not None:
+        check_apart(output, Path(args.ref))
     volume = scene.open()
     transfer = scene.transfer_for(volume)
     splats = extract(volume, transfer, scene.threshold, progress=None if args.quiet else _bar)
@@ -67,7 +69,8 @@ def run(args: argparse.Namespace) -> int:
     ground = scene.settings.background if scene.settings.blend == "xray" else None
     if reference is not None:
         verdict = check_against(image, reference, output, ground)
-        print(verdict, file=sys.stderr if not verdict.same else sys.stdout)
+        if not (verdict.same and args.quiet):
+            print(verdict)
         if verdict.same:
             return SAME
     image.save(output, args.bits, ground)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ import numpy as np
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.truth.metrics import flip, ssim, unmatched
+from splatgl.truth.steps import differ, over_channels
 
 # one level of an 8-bit picture
 LEVELS = 255.0
@@ -24,8 +26,9 @@ class Comparison:
 
     maximum and rmse: of |a − b|. peak: what counts as full scale: 1, or for X-rays b's largest Σ τ.
     psnr: peak over rmse in decibels, infinite for equal pictures. share_over: of the pixels whose largest
-    difference is over threshold·peak. sum_error: (Σa − Σb)/Σ|b|; 0 for equal sums. where: (column, row) of the
-    maximum. box: (left, top, right, bottom) of the pixels over threshold·peak, right and bottom beyond; or None.
+    difference is over threshold·peak; for None, over one step of 8-bit samples (`steps`). sum_error: (Σa − Σb)/Σ|b|;
+    0 for equal sums. where: (column, row) of the maximum. box: (left, top, right, bottom) of the pixels over the
+    threshold, right and bottom beyond; or None.
     bias: the mean a − b of the channel in which it is largest, signed. share_unmatched: of the pixels over the
     threshold that no neighbour explains, so that edges moved by a pixel do not count (`metrics.unmatched`).
     ssim, flip: as `metrics` defines them, None where not asked for. pixels: how many were compared.
@@ -39,7 +42,7 @@ class Comparison:
     where: tuple[int, int]
     box: tuple[int, int, int, int] | None
     peak: float = 1.0
-    threshold: float = 1 / LEVELS
+    threshold: float | None = 1 / LEVELS
     bias: float = 0.0
     share_unmatched: float = 0.0
     ssim: float | None = None
@@ -50,9 +53,13 @@ class Comparison:
         column, row = self.where
         return (
             f"maximum {self.maximum:.6g} at column {column}, row {row}; rmse {self.rmse:.6g}; psnr {self.psnr:.2f} dB; "
-            f"{100 * self.share_over:.3g} % of pixels over {self.peak * self.threshold:.4g}; "
-            f"sum off by {self.sum_error:.3g}"
+            f"{100 * self.share_over:.3g} % of pixels over {self.over}; sum off by {self.sum_error:.3g}"
         )
+
+    @property
+    def over(self) -> str:
+        """From what on a pixel counts, in words."""
+        return "one 8-bit step" if self.threshold is None else f"{self.peak * self.threshold:.4g}"
 
 
 @dataclass(frozen=True)
@@ -65,19 +72,22 @@ class _Differences:
     weight: float
 
 
+# differences of finite numbers may be beyond them: then they count as infinite
+@np.errstate(over="ignore", invalid="ignore")
 def compare(
     a: Image,
     b: Image,
-    threshold: float = 1 / LEVELS,
+    threshold: float | None = 1 / LEVELS,
     extra: Collection[str] = (),
     names: tuple[str, str] = NAMES,
     mask: np.ndarray | None = None,
 ) -> Comparison:
     """The picture `a` against `b`, which is taken for right.
 
-    threshold: the difference, as a share of the peak, from which a pixel counts. extra: "ssim" and "flip", which take
-    longer. names: of both, for messages. mask: bool [H, W], the pixels that count; SSIM and FLIP see the others as
-    empty in both. Raises InputError for other sizes, NaN and infinity, and where `flip` is not installed.
+    threshold: the difference, as a share of the peak, from which a pixel counts; None: what rounding to 8 bits can't
+    explain. extra: "ssim" and "flip", which take longer. names: of both, for messages. mask: bool [H, W], the pixels
+    that count; the others are taken for empty in both. Raises InputError for other sizes, NaN and infinity, and where
+    `flip` is not installed.
     """
     first, second = _pixels(names[0], a), _pixels(names[1], b)
     if first.shape != second.shape:
@@ -85,7 +95,7 @@ def compare(
         raise expected(what, f"one size, {_size(second)}", _size(first), "draw both at the same size")
     if mask is not None:
         _check_mask(mask, first)
-        first, second = (np.where(mask[..., None], pixels, np.float32(0)) for pixels in (first, second))
+        first, second = masked(first, mask), masked(second, mask)
     found = _differences(first, second)
     if not np.isfinite(found.squares):
         _check_finite(names[0], first)
@@ -93,13 +103,13 @@ def compare(
     peak = (float(second[..., 3].max()) or 1.0) if b.info.get("blend") == "xray" else 1.0
     count = first.shape[0] * first.shape[1] if mask is None else int(np.count_nonzero(mask))
     rmse = float(np.sqrt(found.squares / (4 * count)))
-    over = found.worst > threshold * peak
+    over = differ(first, second, found.worst, threshold, peak)
     row, column = np.unravel_index(int(found.worst.argmax()), over.shape)
     bias = found.sums / count
     return Comparison(
         maximum=float(found.worst[row, column]),
         rmse=rmse,
-        psnr=float(20 * np.log10(peak / rmse)) if rmse > 0 else float("inf"),
+        psnr=20 * (math.log10(peak) - math.log10(rmse)) if rmse > 0 else math.inf,
         share_over=int(np.count_nonzero(over)) / count,
         sum_error=_sum_error(float(found.sums.sum()), found.weight),
         where=(int(column), int(row)),
@@ -107,11 +117,16 @@ def compare(
         peak=peak,
         threshold=threshold,
         bias=float(bias[np.abs(bias).argmax()]),
-        share_unmatched=unmatched(first, second, over, threshold * peak) / count,
-        ssim=ssim(first, second, peak) if "ssim" in extra else None,
-        flip=flip(first, second, peak) if "flip" in extra else None,
+        share_unmatched=unmatched(first, second, over, threshold, peak) / count,
+        ssim=ssim(first, second, peak, mask) if "ssim" in extra else None,
+        flip=flip(first, second, peak, mask) if "flip" in extra else None,
         pixels=count,
     )
+
+
+def masked(pixels: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
+    """The picture, empty where `mask` is False."""
+    return pixels if mask is None else np.where(mask[..., None], pixels, np.float32(0))
 
 
 def _size(pixels: np.ndarray) -> str:
@@ -136,18 +151,15 @@ def _differences(a: np.ndarray, b: np.ndarray) -> _Differences:
     """One pass over both, in bands; differences are rounded as the pictures are, their sums are float64."""
     worst = np.empty(a.shape[:2], np.result_type(a, b, np.float32))
     columns, squares, weight = np.zeros(a.shape[1] * 4), 0.0, 0.0
-    with np.errstate(invalid="ignore", over="ignore"):
-        for top in range(0, len(a), BAND_ROWS):
-            band = slice(top, top + BAND_ROWS)
-            # numpy adds in pairs: float32 is enough for a sum over one band
-            weight += float(np.abs(b[band]).sum())
-            d = np.subtract(a[band], b[band], dtype=worst.dtype)
-            exact = d.astype(np.float64).reshape(len(d), -1)
-            columns += exact.sum(axis=0)
-            squares += float(np.einsum("ij,ij->", exact, exact))
-            np.abs(d, out=d)
-            pairs = np.maximum(d[..., :2], d[..., 2:])
-            np.maximum(pairs[..., 0], pairs[..., 1], out=worst[band])
+    for top in range(0, len(a), BAND_ROWS):
+        band = slice(top, top + BAND_ROWS)
+        # numpy adds in pairs: float32 is enough for a sum over one band
+        weight += float(np.abs(b[band]).sum())
+        d = np.subtract(a[band], b[band], dtype=worst.dtype)
+        exact = d.astype(np.float64).reshape(len(d), -1)
+        columns += exact.sum(axis=0)
+        squares += float(np.einsum("ij,ij->", exact, exact))
+        over_channels(d, worst[band])
     return _Differences(worst, columns.reshape(-1, 4).sum(axis=0), squares, weight)
 
 

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import base64
 import io
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from splatgl.data.image import Image
-from splatgl.truth.compare import Comparison
+from splatgl.truth.compare import BAND_ROWS, Comparison
+from splatgl.truth.steps import over_channels
 
 # pixels along the longer side of a picture in a report, and of the enlarged part around the difference
 LARGEST, DETAIL = 1024, 64
 # pixels around a small difference that are shown with it
 MARGIN = 6
 # heat, sRGB: no difference is black, the largest is a pale yellow; lightness rises evenly in between
-HEAT = np.array([(0, 0, 0), (60, 15, 110), (165, 35, 105), (245, 105, 45), (253, 190, 70), (252, 255, 200)], np.float32)
+HEAT = np.array([(0, 0, 0), (60, 15, 110), (165, 35, 105), (245, 105, 45), (253, 190, 70), (252, 255, 200)])
+# shades of heat: more than an 8-bit screen tells apart
+SHADES = 1024
+# zlib's level: pictures of noise take long to pack, and gain nothing from more
+COMPRESSION = 4
 
 
 @dataclass(frozen=True)
@@ -40,29 +46,36 @@ def shown(image: Image, peak: float = 1.0) -> np.ndarray:
 
 def largest(actual: Image, right: Image, mask: np.ndarray | None = None) -> np.ndarray:
     """The largest |difference| over the channels, float32 [H, W]; 0 where `mask` is False."""
-    difference = np.abs(actual.pixels - right.pixels).max(axis=-1).astype(np.float32)
-    return difference if mask is None else np.where(mask, difference, np.float32(0))
+    a, b = actual.pixels, right.pixels
+    worst = np.empty(a.shape[:2], np.float32)
+    with np.errstate(over="ignore"):
+        for top in range(0, len(a), BAND_ROWS):
+            band = slice(top, top + BAND_ROWS)
+            over_channels(np.subtract(a[band], b[band], dtype=np.float32), worst[band])
+    # what is beyond float32 is drawn as its largest number
+    np.minimum(worst, np.finfo(np.float32).max, out=worst)
+    return worst if mask is None else np.where(mask, worst, np.float32(0))
 
 
 def heat(difference: np.ndarray) -> np.ndarray:
     """The difference as colours that reach from 0 to its maximum, sRGB uint8 [H, W, 3]."""
-    place = difference / (float(difference.max()) or 1.0) * (len(HEAT) - 1)
-    low = np.minimum(place.astype(int), len(HEAT) - 2)
-    part = (place - low)[..., None]
-    return np.rint(HEAT[low] * (1 - part) + HEAT[low + 1] * part).astype(np.uint8)
+    at = np.linspace(0, len(HEAT) - 1, SHADES)
+    shades = np.stack([np.interp(at, np.arange(len(HEAT)), channel) for channel in HEAT.T], axis=-1)
+    # what differs at all is not black
+    place = np.ceil(difference / (difference.max() or np.float32(1)) * np.float32(SHADES - 1)).astype(np.uint16)
+    return np.take(np.rint(shades).astype(np.uint8), place, axis=0, mode="clip")
 
 
-def shrunk(pixels: np.ndarray, choose: object) -> np.ndarray:
+def shrunk(pixels: np.ndarray, choose: Callable[..., np.ndarray]) -> np.ndarray:
     """At most LARGEST along the longer side: k×k pixels become one, by np.mean, or by np.max so that none is lost."""
     height, width = pixels.shape[:2]
     k = -(-max(height, width) // LARGEST)
     if k == 1:
         return pixels
     padded = np.pad(pixels, [(0, -height % k), (0, -width % k), *[(0, 0)] * (pixels.ndim - 2)], mode="edge")
-    blocks = padded.reshape(padded.shape[0] // k, k, padded.shape[1] // k, k, *pixels.shape[2:])
-    if choose is np.max:
-        return np.asarray(blocks.max(axis=(1, 3)))
-    return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float32))
+    # rows first: whole rows at a time are fast, and leave 1/k to do
+    rows = choose(padded.reshape(-1, k, *padded.shape[1:]), axis=1)
+    return choose(rows.reshape(len(rows), -1, k, *pixels.shape[2:]), axis=2)
 
 
 def detail(found: Comparison, shape: tuple[int, ...]) -> Box:
@@ -83,7 +96,7 @@ def png(samples: np.ndarray) -> bytes:
     from PIL import Image as Pillow
 
     buffer = io.BytesIO()
-    Pillow.fromarray(samples).save(buffer, "PNG", compress_level=6)
+    Pillow.fromarray(samples).save(buffer, "PNG", compress_level=COMPRESSION)
     return buffer.getvalue()
 
 

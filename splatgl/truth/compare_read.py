@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 
@@ -30,7 +31,7 @@ class Picture:
 def read(path: str | Path) -> Picture:
     """A PNG or NPY file. Raises InputError for what is missing, truncated, or no picture."""
     source = Path(path)
-    image = Image.load(source)
+    image = _loaded(source)
     if source.suffix.lower() == ".npy":
         return Picture(str(path), image)
     with open(source, "rb") as file:
@@ -41,6 +42,16 @@ def read(path: str | Path) -> Picture:
     if header[TYPE_AT] == 3 and float(image.pixels[..., 3].min()) < 1:
         mode = "RGBA"
     return Picture(str(path), image, mode, 16 if header[DEPTH_AT] == 16 else 8)
+
+
+def _loaded(source: Path) -> Image:
+    """The picture, with the two faults that NumPy and Pillow report by exceptions of their own as InputError."""
+    from PIL.Image import DecompressionBombError
+
+    try:
+        return Image.load(source)
+    except (DecompressionBombError, TokenError) as error:
+        raise InputError(f"{source}: cannot be read as a picture: {error}") from error
 
 
 def alike(actual: Picture, right: Picture, any_mode: bool = False) -> tuple[Image, Image]:
@@ -88,20 +99,21 @@ def pairs(actual: Path, right: Path) -> list[tuple[str, Path, Path]]:
     """(name, actual, right) of one pair of files, or of every PNG and NPY in two folders, by their relative path.
 
     A file that only one folder has is in the list: reading it fails. Raises InputError for a file against a folder,
-    and for folders without pictures.
+    and for a folder without pictures.
     """
     for path in (actual, right):
         if not path.exists():
-            raise InputError(f"{path}: expected a picture or a folder of pictures, got no such file")
+            raise expected(path, "a picture or a folder of pictures", "no such file")
     if actual.is_dir() != right.is_dir():
         folder, file = (actual, right) if actual.is_dir() else (right, actual)
         raise expected(file, f"a folder like {folder}", "a file", "give two files or two folders")
     if not actual.is_dir():
         return [(str(actual), actual, right)]
-    names = sorted({*_names(actual), *_names(right)})
-    if not names:
-        raise expected(right, "pictures (.png, .npy)", "none")
-    return [(name, actual / name, right / name) for name in names]
+    found = {folder: _names(folder) for folder in (actual, right)}
+    for folder, names in found.items():
+        if not names:
+            raise expected(folder, f"pictures ({', '.join(SUFFIXES)})", "none")
+    return [(name, actual / name, right / name) for name in sorted({*found[actual], *found[right]})]
 
 
 def _names(folder: Path) -> list[str]:

@@ -94,13 +94,15 @@ def _controls() -> str:
         f'<label>behind what is transparent <select id="ground">{grounds}</select></label>'
         '<label>difference × <input id="gain" type="range" min="0" max="6" step="0.5" value="0">'
         "<output>1</output></label>"
-        '<label><input id="flicker" type="checkbox" checked> flicker (hold a picture to see EXPECTED)</label></p>'
+        '<label><input id="flicker" type="checkbox" checked> in turn (hold to see the expected one)</label></p>'
     )
 
 
 def _section(c: Case, pictured: bool) -> str:
     body = c.html if pictured else f"<p>Only the first {PICTURED} are shown with pictures.</p>" if c.html else ""
-    head = f'<h2><b class="{c.state}">{c.state}</b> {escape(c.name)}</h2><p class="line">{escape(c.line)}</p>'
+    what, mark, rest = c.line.partition(";")
+    line = f'<p class="line"><strong>{escape(what)}</strong>{mark}{escape(rest)}</p>'
+    head = f'<h2><b class="{c.state}">{c.state}</b> {escape(c.name)}</h2>{line}'
     return f'<section class="case">{head}{body}</section>'
 
 
@@ -117,7 +119,7 @@ def _panels(verdict: Verdict, actual: Image, right: Image, difference: np.ndarra
     peak = found.peak
     part = pictures.detail(found, difference.shape)
     all_of_it = (part.right - part.left, part.bottom - part.top) == verdict.size
-    gain = f"difference, white is {number('maximum', found.maximum)}"
+    gain = f"difference, from black to {number('maximum', found.maximum)}"
     rows = [_row(_shown(actual, right, peak), pictures.heat(pictures.shrunk(difference, np.max)), gain, _mark(verdict))]
     if not all_of_it:
         cut = [Image(part.of(image.pixels)) for image in (actual, right)]
@@ -135,12 +137,12 @@ def _shown(actual: Image, right: Image, peak: float) -> tuple[np.ndarray, np.nda
 
 def _row(both: tuple[np.ndarray, np.ndarray], difference: np.ndarray, gain: str, mark: str, kind: str = "") -> str:
     first, second = (_image(samples) for samples in both)
-    over = second.replace('class="picture"', 'class="picture over"')
     panels = [
         _panel("actual", first + mark),
         _panel("expected", second + mark),
         _panel(gain, _image(difference, "picture heat") + mark),
-        _panel('<span class="now">in turn</span>', first + over, "flicker"),
+        # the page's script puts both pictures there, so that they are in the file only once
+        _panel('<span class="now">in turn</span>', "", "flicker"),
     ]
     return f'<div class="row {kind}">{"".join(panels)}</div>'
 

@@ -6,26 +6,34 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from splatgl.data.errors import expected, missing_extra
+from splatgl.truth.steps import differ, over_channels
 
 # Wang et al., "Image quality assessment: from error visibility to structural similarity", 2004, Eq. 13: K1 and K2;
 # the window of 7×7 with equal weights and the sample covariance are scikit-image's defaults
 SSIM_K1, SSIM_K2, SSIM_WINDOW = 0.01, 0.03, 7
-# rows that are searched together for neighbours
+# rows that are worked on together, so that what is in between stays in the cache
 BAND_ROWS = 32
 
 
-def ssim(a: ArrayLike, b: ArrayLike, peak: float = 1.0) -> float:
+def ssim(a: ArrayLike, b: ArrayLike, peak: float = 1.0, mask: np.ndarray | None = None) -> float:
     """Mean structural similarity of [H, W, C] arrays, window 7×7, mean over the channels; 1 for equal pictures.
 
-    The value of scikit-image's structural_similarity(channel_axis=-1, data_range=peak). Raises InputError for a
-    picture smaller than the window.
+    The value of scikit-image's structural_similarity(channel_axis=-1, data_range=peak). mask: bool [H, W]; only
+    windows that hold a pixel of it count. Raises InputError for a picture smaller than the window.
     """
     first, second = np.asarray(a), np.asarray(b)
     height, width = first.shape[:2]
     if min(height, width) < SSIM_WINDOW:
         raise expected("ssim", f"a picture of at least {SSIM_WINDOW}×{SSIM_WINDOW} pixels", f"{width}×{height}")
-    channels = (_ssim_map(first[..., c], second[..., c], peak).mean() for c in range(first.shape[2]))
-    return float(sum(channels) / first.shape[2])
+    total, windows = 0.0, 0
+    # a band of windows at a time: what is in between stays in the cache
+    for top in range(0, height - SSIM_WINDOW + 1, BAND_ROWS):
+        rows = slice(top, top + BAND_ROWS + SSIM_WINDOW - 1)
+        maps = [_ssim_map(first[rows, :, c], second[rows, :, c], peak) for c in range(first.shape[2])]
+        counts = np.ones(maps[0].shape, bool) if mask is None else _window_mean(mask[rows].astype(np.float64)) > 0
+        total += sum(float(found.sum(where=counts)) for found in maps)
+        windows += len(maps) * int(np.count_nonzero(counts))
+    return total / windows
 
 
 def _ssim_map(a: np.ndarray, b: np.ndarray, peak: float) -> np.ndarray:
@@ -55,57 +63,64 @@ def _window_mean(x: np.ndarray) -> np.ndarray:
     return across / n**2
 
 
-def flip(a: ArrayLike, b: ArrayLike, peak: float = 1.0) -> float:
+def flip(a: ArrayLike, b: ArrayLike, peak: float = 1.0, mask: np.ndarray | None = None) -> float:
     """Mean FLIP error in [0, 1] of `a` against `b`, linear premultiplied [H, W, 4], at flip-evaluator's distance.
 
     Andersson et al., "FLIP: a difference evaluator for alternating images", 2020. What is transparent is looked at
-    over black and over white; the larger counts. Raises InputError if flip-evaluator is not installed.
+    over black and over white; the larger counts. mask: bool [H, W], the pixels whose errors count. Raises InputError
+    if flip-evaluator is not installed.
     """
-    try:
-        import flip_evaluator
-    except ImportError as error:
-        raise missing_extra("flip", "flip-evaluator", "compare") from error
+    need_flip()
+    import flip_evaluator
+
     first, second = np.asarray(a, np.float32) / np.float32(peak), np.asarray(b, np.float32) / np.float32(peak)
     opaque = min(first[..., 3].min(), second[..., 3].min()) >= 1
     means = []
     for ground in (0,) if opaque else (0, 1):
         shown = [np.clip(p[..., :3] + (1 - p[..., 3:]) * np.float32(ground), 0, 1) for p in (second, first)]
-        means.append(flip_evaluator.evaluate(*shown, "LDR", inputsRGB=False, applyMagma=False)[1])
+        errors, mean, _ = flip_evaluator.evaluate(*shown, "LDR", inputsRGB=False, applyMagma=False)
+        means.append(mean if mask is None else errors[..., 0][mask].mean(dtype=np.float64))
     return float(max(means))
 
 
-def unmatched(a: np.ndarray, b: np.ndarray, over: np.ndarray, limit: float) -> int:
+def need_flip() -> None:
+    """InputError if flip-evaluator is not installed."""
+    try:
+        import flip_evaluator  # noqa: F401
+    except ImportError as error:
+        raise missing_extra("flip", "flip-evaluator", "compare") from error
+
+
+def unmatched(
+    a: np.ndarray, b: np.ndarray, over: np.ndarray, threshold: float | None = None, peak: float = 1.0
+) -> int:
     """How many of the pixels that are `over` no neighbour explains.
 
     A pixel is explained where each channel of `a` lies within what `b` takes in the 3×3 pixels around, and `b` within
-    what `a` takes there, `limit` to spare: an edge that moved by a pixel or less is, a wrong pixel or a missing line
-    is not. a, b: [H, W, C]; over: bool [H, W].
+    what `a` takes there, or does not differ from it (`steps.differ`): an edge that moved by a pixel or less is, a
+    wrong pixel or a missing line is not. a, b: [H, W, 4]; over: bool [H, W].
     """
     count = 0
     for top in range(0, len(a), BAND_ROWS):
         bottom = min(top + BAND_ROWS, len(a))
-        columns = np.flatnonzero(over[top:bottom].any(axis=0))
-        if columns.size:
-            count += _unmatched_in(a, b, over, (top, bottom, int(columns[0]), int(columns[-1]) + 1), limit)
+        touched = np.flatnonzero(over[top:bottom].any(axis=0))
+        if touched.size:
+            left, right = int(touched[0]), int(touched[-1]) + 1
+            # the part with the pixel around it, as far as there is one
+            rows, columns = slice(max(top - 1, 0), bottom + 1), slice(max(left - 1, 0), right + 1)
+            around = a[rows, columns], b[rows, columns]
+            outside = _outside(*around, threshold, peak) | _outside(*around[::-1], threshold, peak)
+            inner = outside[top - rows.start : bottom - rows.start, left - columns.start : right - columns.start]
+            count += int(np.count_nonzero(inner & over[top:bottom, left:right]))
     return count
 
 
-def _unmatched_in(
-    a: np.ndarray, b: np.ndarray, over: np.ndarray, part: tuple[int, int, int, int], limit: float
-) -> int:
-    top, bottom, left, right = part
-    # the part with the pixel around it, as far as there is one
-    rows, columns = slice(max(top - 1, 0), bottom + 1), slice(max(left - 1, 0), right + 1)
-    around_a, around_b = a[rows, columns], b[rows, columns]
-    outside = ~(_within(around_a, around_b, limit) & _within(around_b, around_a, limit))
-    inner = outside[top - rows.start : bottom - rows.start, left - columns.start : right - columns.start]
-    return int(np.count_nonzero(inner & over[top:bottom, left:right]))
-
-
-def _within(x: np.ndarray, y: np.ndarray, limit: float) -> np.ndarray:
-    """Where x lies between the least and the largest y of the 3×3 pixels around, bool [H, W]."""
-    inside = (x >= _spread(y, np.minimum) - limit) & (x <= _spread(y, np.maximum) + limit)
-    return inside[..., 0] & inside[..., 1] & inside[..., 2] & inside[..., 3]
+def _outside(x: np.ndarray, y: np.ndarray, threshold: float | None, peak: float) -> np.ndarray:
+    """Where x is not between the least and the largest y of the 3×3 pixels around, bool [H, W]."""
+    nearest = np.clip(x, _spread(y, np.minimum), _spread(y, np.maximum))
+    worst = np.empty(x.shape[:2], x.dtype)
+    over_channels(x - nearest, worst)
+    return differ(x, nearest, worst, threshold, peak)
 
 
 def _spread(x: np.ndarray, choose: np.ufunc) -> np.ndarray:

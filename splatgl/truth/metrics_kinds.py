@@ -37,6 +37,8 @@ class Kind:
     text: str
 
 
+# squares of the largest floats are infinite, and then explain nothing
+@np.errstate(over="ignore", invalid="ignore")
 def kind_of(actual: np.ndarray, right: np.ndarray, found: Comparison) -> Kind:
     """The name of the change between two pictures, linear premultiplied [H, W, 4] of one size, that differ."""
     a, b = (np.asarray(p, np.float32) for p in (actual, right))
@@ -118,7 +120,7 @@ def _changes(a: np.ndarray, b: np.ndarray) -> Iterator[tuple[Kind, np.ndarray]]:
     # point by point, so that thinning first changes nothing; thinned pictures are left as they are
     a, b = _thinned(a), _thinned(b)
     alpha = b[..., 3:]
-    color = np.clip(np.divide(b[..., :3], alpha, out=np.zeros_like(b[..., :3]), where=alpha > 0), 0, 1)
+    color = _over(b[..., :3], alpha)
     encoded = srgb_from_linear(color)
     for text, changed in (
         ("gamma: sRGB applied twice, or linear light taken for sRGB's (too light)", encoded * alpha),
@@ -140,6 +142,7 @@ def _changes(a: np.ndarray, b: np.ndarray) -> Iterator[tuple[Kind, np.ndarray]]:
 
 
 def _over(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Colour divided by alpha, 0 where there is none, in [0, 1]."""
     return np.clip(np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0), 0, 1)
 
 
@@ -188,11 +191,15 @@ def _region(a: np.ndarray, b: np.ndarray, found: Comparison) -> Kind | None:
     fill = found.share_over * found.pixels / area
     if area > REGION_SHARE * whole or fill < REGION_FILL or not _mostly_in(a, b, found.box):
         return None
-    x, y = a[top:bottom, left:right], b[top:bottom, left:right]
     size = f"{right - left}×{bottom - top} pixels"
-    less = _change(float(x[..., 3].mean()), float(y[..., 3].mean()), LESS_OPACITY) or _change(
-        _detail(x), _detail(y), LESS_DETAIL
-    )
+    inside = slice(top, bottom), slice(left, right)
+    now, before = (float(p[inside][..., 3].mean()) for p in (a, b))
+    less = _change(now, before, LESS_OPACITY)
+    if not less:
+        less = _change(_detail(a[inside]), _detail(b[inside]), LESS_DETAIL)
+        # what is painted over has less detail too, but more of an edge
+        if less * (_edge(a, found.box) - _edge(b, found.box)) < 0:
+            less = 0
     if less < 0:
         return Kind("missing", f"an object is missing ({size})")
     if less > 0:
@@ -203,6 +210,15 @@ def _region(a: np.ndarray, b: np.ndarray, found: Comparison) -> Kind | None:
 def _change(now: float, before: float, share: float) -> int:
     """−1 where less than before by the share, 1 where more, else 0."""
     return int(before < (1 - share) * now) - int(now < (1 - share) * before)
+
+
+def _edge(p: np.ndarray, box: tuple[int, int, int, int]) -> float:
+    """What changes from just outside the box to just inside, summed around it."""
+    left, top, right, bottom = box
+    across = [p[max(row - 1, 0) : row + 1, left:right] for row in (top, bottom)]
+    along = [p[top:bottom, max(column - 1, 0) : column + 1] for column in (left, right)]
+    steps = [np.diff(side, axis=axis) for axis, sides in enumerate((across, along)) for side in sides]
+    return float(sum(np.abs(step).sum() for step in steps))
 
 
 def _detail(p: np.ndarray) -> float:

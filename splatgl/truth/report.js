@@ -15,6 +15,11 @@ function zoom(factor) {
   }
 }
 body.classList.add("checks");
+for (const view of document.querySelectorAll(".view.flicker")) {
+  const [actual, expected] = view.closest(".row").querySelectorAll("img");
+  view.append(actual.cloneNode(), expected.cloneNode());
+  view.lastChild.classList.add("over");
+}
 if (byId("zoom")) {
   byId("zoom").onchange = (event) => zoom(Number(event.target.value));
   byId("ground").onchange = (event) => {

@@ -9,11 +9,9 @@ import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
-from splatgl.truth.compare import NAMES, Comparison, compare
+from splatgl.truth.compare import NAMES, Comparison, compare, masked
 from splatgl.truth.metrics_kinds import Kind, kind_of
 
-# One step of an 8-bit sRGB picture is up to 2.28/255 in linear light, next to white; above this it is not rounding.
-STEP = 2.5 / 255
 # Two right renderers round some pixels to another step: one in a thousand gives an RMSE of 0.03/255 and a bias below
 # 0.01/255. One step more everywhere, even in black, gives a bias of 0.05/255 or more.
 ROUNDING_RMSE, ROUNDING_BIAS = 0.1 / 255, 0.02 / 255
@@ -23,12 +21,12 @@ ROUNDING_RMSE, ROUNDING_BIAS = 0.1 / 255, 0.02 / 255
 class Tolerance:
     """The limits; None is not looked at. By default nothing but the rounding of 8-bit pictures may differ.
 
-    threshold: from which a pixel counts as different, a share of the peak. share, unmatched: of pixels that may, all
-    and those that a move by one pixel does not explain. maximum, rmse, bias: shares of the peak. flip: at most.
-    psnr (decibels), ssim: at least. Linear premultiplied light; each as `Comparison` defines it.
+    threshold: from which a pixel counts as different, a share of the peak; None is one 8-bit step. share, unmatched: of
+    pixels that may, all and those that a move by one pixel does not explain. maximum, rmse, bias: shares of the peak.
+    flip: at most. psnr (decibels), ssim: at least. Linear premultiplied light; each as `Comparison` defines it.
     """
 
-    threshold: float = STEP
+    threshold: float | None = None
     share: float | None = 0.0
     rmse: float | None = ROUNDING_RMSE
     bias: float | None = ROUNDING_BIAS
@@ -51,7 +49,7 @@ class Tolerance:
         return cls(share=None, rmse=None, bias=None, maximum=value)
 
     @classmethod
-    def only(cls, threshold: float = STEP, **limits: float) -> Tolerance:
+    def only(cls, threshold: float | None = None, **limits: float) -> Tolerance:
         """These limits and no other."""
         return cls(threshold, **{"share": None, "rmse": None, "bias": None, **limits})
 
@@ -83,7 +81,7 @@ class Check:
 class Verdict:
     """name, against: of the two pictures. checks: every metric that was worked out.
 
-    kind: what the difference looks like, None for the same.
+    kind: what the difference looks like, None for the same. size: (width, height).
     """
 
     name: str
@@ -120,7 +118,7 @@ class Verdict:
         column, row = self.comparison.where
         worst = f"worst {self.comparison.maximum:.4g} at column {column}, row {row}"
         if self.comparison.box is None:
-            return f"no pixel over {number('maximum', self.comparison.threshold * self.comparison.peak)}, {worst}"
+            return f"no pixel over {self.comparison.over}, {worst}"
         left, top, right, bottom = self.comparison.box
         whole = f"of {self.size[0]}×{self.size[1]}"
         return f"columns {left}–{right - 1}, rows {top}–{bottom - 1} ({right - left}×{bottom - top} {whole}), {worst}"
@@ -143,14 +141,9 @@ def judge(
     checks = _checks(found, limits)
     kind = None
     if not all(check.ok for check in checks):
-        shown = [_masked(image.pixels, mask) for image in (actual, right)]
-        kind = kind_of(shown[0], shown[1], found)
+        kind = kind_of(masked(actual.pixels, mask), masked(right.pixels, mask), found)
     size = (right.pixels.shape[1], right.pixels.shape[0])
     return Verdict(names[0], names[1], size, found, limits, checks, kind)
-
-
-def _masked(pixels: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
-    return pixels if mask is None else np.where(mask[..., None], pixels, np.float32(0))
 
 
 def _checks(found: Comparison, limits: Tolerance) -> tuple[Check, ...]:
