@@ -20,7 +20,6 @@ from splatgl.data.volume import Slab, Volume
 from splatgl.gl.renderer import Renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
-from splatgl.splat.plan import plan
 from splatgl.splat.rows import Splats
 from splatgl.splat.transfer import Transfer
 from splatgl.truth.compare_read import read
@@ -61,10 +60,12 @@ def run(args: argparse.Namespace) -> int:
     if not len(splats):
         raise _nothing(scene, volume)
     camera = scene.view.camera(volume, splats)
-    if args.explain:
-        print(plan(splats, camera, scene.settings).explain())
     with Renderer(args.backend, args.device, args.gpu) as renderer:
+        if args.explain:
+            print(renderer.plan(splats, camera, scene.settings).explain())
         image = renderer.render(splats, camera, scene.settings)
+        if args.explain:
+            print(f"error bound {image.info['error_bound']:.3g}: no pixel is further from the float64 reference")
     image = Image(image.pixels, {**image.info, **_origin(scene, transfer)})
     ground = scene.settings.background if scene.settings.blend == "xray" else None
     if reference is not None:

@@ -14,6 +14,7 @@ from splatgl.data.image import Image
 from splatgl.gl.context import context_info, current, open_context
 from splatgl.gl.passes import Passes
 from splatgl.gl.target import check_size
+from splatgl.splat.bound import bound
 from splatgl.splat.camera import Camera
 from splatgl.splat.plan import Plan, plan
 from splatgl.splat.rows import Splats
@@ -67,7 +68,9 @@ class Renderer:
         with current(self.ctx):
             check_size(self.ctx, (camera.size[0] * chosen.samples, camera.size[1] * chosen.samples))
             pixels = self._draw(splats, camera, chosen)
-        return Image(pixels, self._provenance(splats, camera, chosen, time.perf_counter() - started))
+        seconds = time.perf_counter() - started
+        error = bound(splats, camera, chosen, _brightest(pixels, chosen))
+        return Image(pixels, {**self._provenance(splats, camera, chosen, seconds), "error_bound": error.total})
 
     def _draw(self, splats: Splats, camera: Camera, chosen: Plan) -> np.ndarray:
         """The pixels; InputError if OpenGL ran out of memory or lost its context on the way."""
@@ -118,6 +121,11 @@ class Renderer:
             "opengl": self.info.version,
             "seconds": round(seconds, 6),
         }
+
+
+def _brightest(pixels: np.ndarray, chosen: Plan) -> float:
+    """The largest component of an X-ray, which its errors are in proportion to; other pictures end at 1."""
+    return float(pixels.max()) if chosen.program.blend == "xray" else 1.0
 
 
 def _finite(x: float) -> float | None:

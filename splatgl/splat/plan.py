@@ -101,6 +101,13 @@ class Plan:
         ]
         if p.blend == "composite":
             lines.append(f"attenuation {p.attenuation}, {p.order}")
+        w = self.window
+        lines.append(f"{p.primitive}s, read back from rows {w.y} to {w.y + w.height}: nothing reaches the others")
+        if self.parts > 1:
+            lines.append(
+                f"drawn in {self.parts} parts; what lies behind less than {self.passing:.2g} of the light is left out, "
+                "which changes no pixel by more"
+            )
         if self.samples > 1:
             lines.append(f"supersampled {self.samples}×{self.samples}")
         return "\n".join([*lines, *self.notes])
@@ -123,7 +130,7 @@ def plan(splats: Splats, camera: Camera, settings: Settings | None = None, sprit
     align, z_s = alignment(splats, fine, settings, notes)
     half_line = align == "exact" and _eye_is_near(splats, camera, shape.radius)
     if align == "exact" and not half_line:
-        notes.append("half lines left out: the eye is in no kernel")
+        notes.append("half lines left out: the eye is in no kernel; the picture is the same")
     footprint = _footprint(align, settings)
     covered = reach(splats, fine, shape.radius)
     sprite = _sprites(align, half_line, covered, settings, sprite_limit, notes)
@@ -174,7 +181,7 @@ def _shading(splats: Splats, settings: Settings, notes: list[str]) -> bool:
     if settings.shading != "auto":
         return settings.shading == "on"
     if splats.shaded and settings.blend != "composite":
-        notes.append(f"shading left out: {settings.blend} shows values, not surfaces")
+        notes.append(f"shading left out: {settings.blend} shows values, not surfaces; the picture would be another")
     return splats.shaded and settings.blend == "composite"
 
 
@@ -193,13 +200,13 @@ def _parts(splats: Splats, camera: Camera, covered: Reach, settings: Settings, n
         return 1
     number = parts(splats, camera, covered)
     if number == 1:
-        notes.append("occlusion left out: closing pixels would cost more than it saves")
+        notes.append("occlusion left out: closing pixels would cost more than it saves; the picture is the right one")
     return number
 
 
 def _order(settings: Settings, number: int, notes: list[str]) -> str:
     if settings.blend != "composite":
-        notes.append(f"ordering left out: {settings.blend} is the same in any order")
+        notes.append(f"ordering left out: {settings.blend} is the same in any order, but for float32's rounding")
     if settings.order != "auto":
         return settings.order
     return "front-to-back" if number > 1 else "back-to-front"

@@ -162,6 +162,11 @@ class Splats:
         return float(self.records["optical_depth"].sum(dtype=np.float64))
 
     @cached_property
+    def deepest(self) -> float:
+        """The largest optical depth of one splat."""
+        return float(self.records["optical_depth"].max(initial=0.0))
+
+    @cached_property
     def brightest(self) -> float:
         """The largest colour component, linear light."""
         return float(self.records["color"].max(initial=0.0))
