@@ -217,7 +217,7 @@ def test_text_needs_no_matplotlib(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["5"], "figure: expected one of 1, 2, 3, 4, 7, 8, 9, 10, or claims, got 5"),
+        (["15"], "figure: expected one of 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, or claims, got 15"),
         (["-3"], "splatgl"),
         (["ten"], "figure: expected one of"),
         (["3", "-o", "a.jpg"], "a.jpg: expected a name that ends in .png or .svg"),

@@ -63,6 +63,12 @@ def _render() -> Callable[[argparse.ArgumentParser], None]:
     return add_parser
 
 
+def _animate() -> Callable[[argparse.ArgumentParser], None]:
+    from splatgl.app.animate import add_parser
+
+    return add_parser
+
+
 def _compare() -> Callable[[argparse.ArgumentParser], None]:
     from splatgl.app.compare import add_parser
 
@@ -101,6 +107,7 @@ def _stress() -> Callable[[argparse.ArgumentParser], None]:
 
 COMMANDS: dict[str, tuple[str, Callable[[], Callable[[argparse.ArgumentParser], None]]]] = {
     "render": ("draw a volume or a scene into a picture", _render),
+    "animate": ("draw a turning volume, keyframes or a series in time into frames or a movie", _animate),
     "compare": ("tell whether two pictures, or folders of them, are the same, and what changed", _compare),
     "info": ("tell what is in a volume file", _info),
     "doctor": ("tell what this machine draws with, and whether it draws right", _doctor),
@@ -111,6 +118,7 @@ COMMANDS: dict[str, tuple[str, Callable[[], Callable[[argparse.ArgumentParser], 
 # what a command is given besides options
 OPERANDS = {
     "render": " SOURCE",
+    "animate": " SOURCE… -o OUTPUT",
     "compare": " ACTUAL EXPECTED",
     "info": " SOURCE",
     "figure": " N",

@@ -7,7 +7,9 @@ from pathlib import Path
 from textwrap import fill
 
 from splatgl import __version__
+from splatgl.app.figure_pictures import add_pictures, refuse, run_picture
 from splatgl.app.output import check_output
+from splatgl.app.picture_figures import PICTURES
 from splatgl.data.errors import expected
 from splatgl.data.image import write_whole
 from splatgl.truth.claims import page
@@ -16,14 +18,19 @@ from splatgl.truth.figures.tables import PAGE
 
 # figures whose text is the claims read off them
 CLAIMED = (9, 10)
+# the numbers of all figures that can be asked for
+KNOWN = sorted([*FIGURES, *PICTURES])
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
-    names = " ".join(str(number) for number in FIGURES)
+    names = " ".join(map(str, KNOWN))
     parser.add_argument("number", metavar="N", help=f"{names}, or claims: all of the paper's claims, tried")
+    add_pictures(parser)
     parser.add_argument("-o", "--output", metavar="FILE", help="picture to write, .png or .svg (default: figureN.png)")
     parser.add_argument("--csv", metavar="FILE", help="write the numbers; no picture, unless --output is given too")
-    parser.add_argument("--text", action="store_true", help="print what it shows; no picture, unless --output is given")
+    parser.add_argument(
+        "--text", "--numbers", action="store_true", help="print what it shows; no picture, unless --output is given"
+    )
     parser.set_defaults(run=run)
 
 
@@ -34,6 +41,9 @@ def run(args: argparse.Namespace) -> int:
             raise expected("figure claims", "no file to write", args.output or args.csv, "it is printed")
         print(page())
         return 0
+    if args.number in map(str, PICTURES):
+        return run_picture(args)
+    refuse(args)
     figure = _figure(args.number)
     output = Path(args.output or f"figure{figure.number}.png")
     drawn = bool(args.output) or not (args.csv or args.text)
@@ -60,6 +70,6 @@ def text(figure: Figure) -> str:
 
 def _figure(number: str) -> Figure:
     if not number.isdecimal() or int(number) not in FIGURES:
-        known = ", ".join(str(n) for n in FIGURES)
+        known = ", ".join(map(str, KNOWN))
         raise expected("figure", f"one of {known}, or claims", number)
     return FIGURES[int(number)]

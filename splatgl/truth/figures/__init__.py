@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from splatgl.truth.figures import integrals, orientation, resampling, stretch, surfaces
+from splatgl.truth.figures import blurring, integrals, orientation, resampling, stretch, surfaces
 from splatgl.truth.figures.style import encode, style
 from splatgl.truth.figures.tables import Table
 
@@ -84,6 +84,13 @@ _ALL = (
         "y_v from the axis of a 512³ volume; the dashed line is z_k.",
         surfaces.error_surfaces,
         surfaces.surface_table,
+    ),
+    Figure(
+        11,
+        "A moving splat: its footprint (a) is cut in half and stretched by the path's length l (b), which weakens it; "
+        "the mean of the footprint along the path (c) is what it should be. Below: along the path's middle.",
+        blurring.construction,
+        blurring.gain_table,
     ),
 )
 FIGURES = {figure.number: figure for figure in _ALL}

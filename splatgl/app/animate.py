@@ -1,0 +1,100 @@
+"""`splatgl animate`: frames or a movie of a volume that turns, of keyframes, or of a series of volumes in time."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from splatgl.app.animation import FRAMES, FULL_TURN, Animation
+from splatgl.app.frames import Frames
+from splatgl.app.movie import need, write_movie
+from splatgl.app.options import _numbers as numbers
+from splatgl.app.options import add_settings, add_source, add_transfer, add_view
+from splatgl.data.errors import expected
+from splatgl.gl.renderer import Renderer
+
+FPS = 30.0
+MAX_FRAMES, MAX_MOMENTS, MAX_FPS = 1_000_000, 4096, 1000.0
+BLACK = (0.0, 0.0, 0.0)
+
+
+def add_parser(parser: argparse.ArgumentParser) -> None:
+    add_source(parser)
+    parser.add_argument("more", nargs="*", metavar="SOURCE", help="further volumes, or a pattern: a series in time")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", required=True, help="frames/{frame:04d}.png or .npy, movie.mp4, .webm or .gif"
+    )
+    group = parser.add_argument_group("animation")
+    group.add_argument("--frames", type=int, metavar="N", help=f"how many frames there are in all ({FRAMES})")
+    group.add_argument("--only", type=_span, metavar="A-B", help="draw these of them, from 0 on")
+    group.add_argument(
+        "--turntable", type=float, metavar="DEG", help=f"the camera goes around by this in all ({FULL_TURN:g})"
+    )
+    group.add_argument("--spin", type=float, metavar="DEG", help="the volume turns by this each frame")
+    group.add_argument("--axis", type=numbers(3), metavar="X,Y,Z", help="the axis of both, through the middle (up)")
+    group.add_argument("--keyframes", metavar="FILE.toml", help="where the camera is in some frames; between, it goes")
+    group.add_argument("--hold", type=int, default=1, metavar="N", help="frames for each volume of a series (1)")
+    group.add_argument("--moments", type=int, metavar="N", help="motion blur: draw each frame at N moments, and mix")
+    group.add_argument("--shutter", type=float, default=180.0, metavar="DEG", help="how long it is open (180: half)")
+    group.add_argument("--flow", type=float, metavar="F", help="blur along the volume's vectors, times F, a frame")
+    group.add_argument("--fps", type=float, default=FPS, metavar="N", help=f"frames a second of a movie ({FPS:g})")
+    group.add_argument("--resume", action="store_true", help="keep the frames that are there already")
+    parser.add_argument("--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample (8)")
+    parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
+    parser.add_argument("--backend", default="auto", metavar="NAME", help="auto, egl, osmesa or window")
+    parser.add_argument("--device", type=int, metavar="N", help="index of the EGL device")
+    parser.add_argument("--gpu", action="store_true", help="fail if only a software renderer is there")
+    add_view(parser)
+    add_transfer(parser)
+    add_settings(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Draws the frames that are asked for and not there yet; 0."""
+    _check(args)
+    animation = Animation.of(args)
+    frames = Frames.at(args.output, animation.mark)
+    if frames.movie:
+        need(frames.movie)
+    wanted = animation.numbers
+    frames.sweep(wanted)
+    todo = [n for n in wanted if not (args.resume and frames.done(n))]
+    if todo:
+        with Renderer(args.backend, args.device, args.gpu) as renderer:
+            animation.draw(renderer, frames, todo, args.quiet)
+    if frames.movie:
+        ground = animation.scenes[0].settings.background or BLACK
+        write_movie(frames.movie, [frames.path(n) for n in wanted], args.fps, ground)
+        frames.clear(wanted)
+    if not args.quiet:
+        kept = f", {len(wanted) - len(todo)} of them there before" if len(todo) < len(wanted) else ""
+        print(f"{args.output}: {len(wanted)} frames{kept}")
+    return 0
+
+
+def _check(args: argparse.Namespace) -> None:
+    """InputError for numbers that make no animation, and for two motions at once."""
+    given = [f"--{name}" for name in ("turntable", "spin", "keyframes") if getattr(args, name) is not None]
+    if len(given) > 1:
+        raise expected("animate", "one of --turntable, --spin and --keyframes", " and ".join(given))
+    for name, low, high in (("frames", 1, MAX_FRAMES), ("hold", 1, MAX_FRAMES), ("moments", 1, MAX_MOMENTS)):
+        value = getattr(args, name)
+        if value is not None and not low <= value <= high:
+            raise expected(f"--{name}", f"a whole number from {low} to {high}", value)
+    if not 0 < args.fps <= MAX_FPS:
+        raise expected("--fps", f"a number above 0, up to {MAX_FPS:g}", args.fps)
+    for name in ("turntable", "spin", "flow"):
+        value = getattr(args, name)
+        if value is not None and not np.isfinite(value):
+            raise expected(f"--{name}", "a finite number", value)
+    if args.flow is not None and args.moments is None:
+        raise expected("--flow", "--moments beside it, which blurs", "none", "add --moments 16")
+
+
+def _span(text: str) -> tuple[int, int]:
+    first, _, last = text.partition("-")
+    if not (first.isdecimal() and (last or first).isdecimal() and int(first) <= int(last or first)):
+        raise argparse.ArgumentTypeError(f"expected A-B, such as 10-19, got {text!r}")
+    return int(first), int(last or first)

@@ -1,0 +1,180 @@
+"""An animation: the volumes, the camera's track and the frames; and drawing them one after the other."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.app.frames import Frames, mark_of
+from splatgl.app.options import scene_from
+from splatgl.app.render import PATIENCE
+from splatgl.app.render import _nothing as nothing
+from splatgl.app.render import _origin as origin
+from splatgl.app.scene import Scene
+from splatgl.app.series import read_ahead, volumes
+from splatgl.app.track import Track, keyframes, turning
+from splatgl.data.errors import expected
+from splatgl.data.image import Image
+from splatgl.data.volume import Volume
+from splatgl.gl.renderer import Renderer
+from splatgl.splat.extract import extract
+from splatgl.splat.motion import flow_of
+from splatgl.splat.rows import Splats
+from splatgl.splat.transfer import Transfer
+from splatgl.truth.temporal import Moments
+
+FULL_TURN = 360.0
+# frames of one turn if nothing else is asked for
+FRAMES = 120
+# cameras from which a volume is drawn to find how bright X-ray sums get, and what is left above them
+PROBES, HEADROOM = 6, 1.05
+
+# splats, and the velocities of each where they flow
+Matter = tuple[Splats, np.ndarray | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Animation:
+    """scenes: one a volume, read with one transfer function. numbers: the frames wanted, of `count`; a volume of a
+    series is shown for `hold` of them. moments: how many pictures a frame is the mean of, None: it is not blurred.
+    """
+
+    scenes: list[Scene]
+    transfer: Transfer
+    track: Track
+    count: int
+    numbers: range
+    hold: int = 1
+    moments: int | None = None
+    shutter: float = 180.0
+    flow: float | None = None
+    bits: int = 8
+    only: Splats | None = None
+
+    @classmethod
+    def of(cls, args: argparse.Namespace) -> Animation:
+        """Reads the first volume: its transfer function and its place are the whole series'."""
+        scenes = volumes(scene_from(args), args.more)
+        scene = scenes[0]
+        volume = scene.open()
+        transfer = scene.transfer_for(volume)
+        series = len(scenes) > 1
+        only = None if series else _splats(scene, volume, transfer)
+        subject = only or volume
+        count = args.frames or (len(scenes) * args.hold if series else FRAMES)
+        if args.keyframes:
+            found = keyframes(Path(args.keyframes), scene.view, volume, subject)
+            track: Track = found
+            count = args.frames or found.last + 1
+        else:
+            axis = None if args.axis is None else np.array(args.axis)
+            track = turning(scene.view, volume, subject, _degrees(args, count, series), axis)
+        first, last = args.only or (0, count - 1)
+        if last >= count:
+            raise expected("--only", f"frames from 0 to {count - 1}", f"{first}-{last}")
+        numbers = range(first, last + 1)
+        asked = (args.hold, args.moments, args.shutter, args.flow, args.bits)
+        return cls(scenes, transfer, track, count, numbers, *asked, only)
+
+    def shown(self, frame: int) -> int:
+        """The number of the volume that a frame shows; a series begins anew when it is through."""
+        return frame // self.hold % len(self.scenes)
+
+    @property
+    def mark(self) -> str:
+        """What tells these frames from another animation's: sources, how they are drawn, and from where."""
+        files = [(s.volume, Path(s.volume).stat().st_size if Path(s.volume).is_file() else 0) for s in self.scenes]
+        cameras = [self.track.camera(n) for n in {0, self.count // 2, self.count - 1}]
+        views = [(c.eye.tolist(), c.eye_from_world.tolist(), c.size, c.extent, c.perspective) for c in cameras]
+        blur = (self.moments, self.shutter, self.flow) if self.moments else None
+        drawn = (self.scenes[0].settings, self.scenes[0].threshold, self.scenes[0].load, self.transfer.to_toml())
+        return mark_of(files, drawn, views, self.count, self.hold, blur, self.bits)
+
+    def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool) -> None:
+        """Draws and saves frame after frame; of a series, the next volume is read meanwhile."""
+        settings = self.scenes[0].settings
+        ground = settings.background if settings.blend == "xray" else None
+        groups = [(number, list(group)) for number, group in groupby(todo, self.shown)]
+        top = self._brightest(renderer) if settings.blend == "xray" else None
+        with _bar(len(todo), quiet) as bar:
+            for (number, group), (_, (splats, flow)) in zip(groups, self._matter(groups), strict=True):
+                about = origin(self.scenes[number], self.transfer)
+                for n in group:
+                    image = self._frame(renderer, splats, flow, n)
+                    if top is not None and frames.path(n).suffix.lower() == ".png":
+                        image = _scaled(image, top)
+                    frames.save(n, Image(image.pixels, {**image.info, **about}), self.bits, ground)
+                    if bar is not None:
+                        bar.update()
+
+    def _matter(self, groups: Sequence[tuple[int, list[int]]]) -> Iterator[tuple[int, Matter]]:
+        return read_ahead(self._read, [number for number, _ in groups])
+
+    def _read(self, number: int) -> Matter:
+        """The splats of one volume, and their velocities."""
+        if self.only is not None and self.flow is None:
+            return self.only, None
+        scene = self.scenes[number]
+        volume = scene.open()
+        splats = extract(volume, self.transfer, scene.threshold)
+        return splats, None if self.flow is None else flow_of(splats, volume, self.flow)
+
+    def _frame(self, renderer: Renderer, splats: Splats, flow: np.ndarray | None, frame: int) -> Image:
+        """One frame's picture; blurred by the mean of its moments, if asked for."""
+        camera, settings = self.track.camera(frame), self.scenes[0].settings
+        if self.moments is None:
+            return renderer.render(splats, camera, settings)
+        motion = self.track.motion(frame)
+        motion = replace(motion, flow=flow) if flow is not None else motion
+        image = Moments(renderer.render, motion, self.shutter, self.moments)(splats, camera, settings)
+        return Image(image.pixels.astype(np.float32), image.info)
+
+    def _brightest(self, renderer: Renderer) -> float:
+        """What X-ray pictures are scaled by, the same for all frames whichever of them are drawn now."""
+        cameras = [self.track.camera(n) for n in np.linspace(0, self.count - 1, PROBES)]
+        top = 0.0
+        for number in sorted({0, len(self.scenes) // 2, len(self.scenes) - 1}):
+            splats, _ = self._read(number)
+            for camera in cameras:
+                top = max(top, float(renderer.render(splats, camera, self.scenes[0].settings).pixels.max()))
+        return top * HEADROOM or 1.0
+
+
+def _scaled(image: Image, top: float) -> Image:
+    """An X-ray as it is to be seen, so that saving does not scale it by its own maximum."""
+    return Image(image.pixels / np.float32(top), {**image.info, "blend": "xray over scale", "scale": 1 / top})
+
+
+def _splats(scene: Scene, volume: Volume, transfer: Transfer) -> Splats:
+    splats = extract(volume, transfer, scene.threshold)
+    if not len(splats):
+        raise nothing(scene, volume)
+    return splats
+
+
+def _degrees(args: argparse.Namespace, count: int, series: bool) -> float:
+    """How far the volume turns each frame; a camera that goes around is a volume that turns the other way."""
+    if args.spin is not None:
+        return float(args.spin)
+    if args.turntable is None and series:
+        return 0.0
+    return -float(args.turntable if args.turntable is not None else FULL_TURN) / count
+
+
+def _bar(total: int, quiet: bool) -> Any:
+    """A bar over frames with the time left, where tqdm is installed and someone is watching."""
+    if quiet or not sys.stderr.isatty():
+        return nullcontext()
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        return nullcontext()
+    return tqdm(total=total, desc="drawing", unit="frame", delay=PATIENCE, leave=False)

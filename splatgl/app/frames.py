@@ -1,0 +1,118 @@
+"""An animation's frames as files: named by a template, whole or not there, and known again when it goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from string import Formatter
+
+from splatgl.app.output import check_output
+from splatgl.data.errors import InputError, expected
+from splatgl.data.image import Image
+
+MOVIES = (".mp4", ".webm", ".gif")
+PICTURES = (".png", ".npy")
+# hexadecimal digits that tell animations apart
+DIGITS = 16
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Where frames go. template: a path with {frame}; mark: what the animation is, in each PNG's text.
+
+    movie: the file to make of them, or None.
+    """
+
+    template: str
+    mark: str
+    movie: Path | None = None
+
+    @classmethod
+    def at(cls, output: str, mark: str) -> Frames:
+        """For an --output: a template, or a movie's name, whose frames wait in a folder beside it.
+
+        Makes the folder. Raises InputError for any other name.
+        """
+        path = Path(output)
+        if path.suffix.lower() in MOVIES:
+            check_output(path, MOVIES)
+            folder = path.with_name(f"{path.name}.frames")
+            frames = cls(str(folder / "{frame:06d}.png"), mark, path)
+        else:
+            _check_template(output)
+            folder = path.parent
+            frames = cls(output, mark)
+        if "{" in str(folder):
+            raise expected(output, "{ } in the file's name alone", "some in a folder's or a movie's name")
+        try:
+            folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be made: {error.strerror or error}") from error
+        check_output(frames.path(0), PICTURES)
+        return frames
+
+    def path(self, frame: int) -> Path:
+        return Path(self.template.format(frame=frame))
+
+    def save(self, frame: int, image: Image, bits: int, ground: tuple[float, float, float] | None) -> None:
+        """Writes one frame, whole or not at all, with the animation's mark."""
+        Image(image.pixels, {**image.info, "frame": frame, "animation": self.mark}).save(self.path(frame), bits, ground)
+
+    def done(self, frame: int) -> bool:
+        """Whether that frame is there. InputError if what is there belongs to another animation."""
+        path = self.path(frame)
+        if not path.exists():
+            return False
+        if path.suffix.lower() == ".npy":
+            return True
+        if _mark(path) != self.mark:
+            raise expected(path, "a frame of this animation", "another picture", "leave out --resume to draw over it")
+        return True
+
+    def sweep(self, numbers: Sequence[int]) -> None:
+        """Removes what a killed run left half-written of these frames."""
+        names = {f".{self.path(n).name}" for n in numbers}
+        # a temporary file's name is a frame's between dots, with some letters more
+        for path in self.path(0).parent.glob(".*"):
+            if path.name.rpartition(".")[0] in names and path.is_file():
+                path.unlink(missing_ok=True)
+
+    def clear(self, numbers: Sequence[int]) -> None:
+        """Removes these frames, and their folder if nothing else is in it: they are in the movie now."""
+        for n in numbers:
+            self.path(n).unlink(missing_ok=True)
+        folder = self.path(0).parent
+        if not any(folder.iterdir()):
+            folder.rmdir()
+
+
+def mark_of(*parts: object) -> str:
+    """A short digest of whatever makes an animation what it is."""
+    return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:DIGITS]
+
+
+def _check_template(text: str) -> None:
+    """InputError for a template that does not give each frame a name of its own."""
+    try:
+        fields = [field for _, field, _, _ in Formatter().parse(text) if field is not None]
+        names = {text.format(frame=n) for n in (0, 1, 10, 100000)}
+    except (ValueError, KeyError, IndexError, AttributeError):
+        fields, names = ["?"], set()
+    if set(fields) != {"frame"} or len(names) < 4:
+        fix = "such as frames/{frame:04d}.png, or a name that ends in .mp4, .webm or .gif"
+        raise expected(text, "a name with {frame} in it", "another", fix)
+
+
+def _mark(path: Path) -> str | None:
+    """The mark in a PNG's text; None if there is none."""
+    from PIL import Image as Pillow
+
+    try:
+        with Pillow.open(path) as picture:
+            about = json.loads(getattr(picture, "text", {}).get("splatgl", "{}"))
+    except (OSError, ValueError, SyntaxError):
+        return None
+    return about.get("animation") if isinstance(about, dict) else None

@@ -1,0 +1,95 @@
+"""Frames into a movie: .mp4 (H.264), .webm (VP9) or .gif, one frame in memory at a time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.errors import InputError, missing_extra
+
+# codec and its options; the smaller the number, the larger the file: these can't be told from the frames
+CODECS: dict[str, tuple[str, str, dict[str, str]]] = {
+    ".mp4": ("mp4", "libx264", {"crf": "16", "preset": "medium"}),
+    ".webm": ("webm", "libvpx-vp9", {"crf": "24", "b:v": "0", "row-mt": "1", "deadline": "good", "cpu-used": "4"}),
+}
+# colour at half resolution, as all players have it
+PIXELS = "yuv420p"
+# a GIF's time counts in hundredths of a second
+GIF_TICK = 10
+MILLISECONDS = 1000
+
+
+def need(path: Path) -> None:
+    """InputError, before any work is done, if this kind of movie needs what is not installed."""
+    if path.suffix.lower() in CODECS:
+        _library()
+
+
+def write_movie(path: Path, pictures: Sequence[Path], fps: float, ground: tuple[float, float, float]) -> None:
+    """A movie of PNG pictures of one size, laid over a colour (linear RGB); whole or not at all.
+
+    Raises InputError if it can't be written.
+    """
+    part = path.with_name(f".{path.name}.part")
+    try:
+        if path.suffix.lower() == ".gif":
+            _write_gif(part, pictures, fps, ground)
+        else:
+            _write_video(part, path.suffix.lower(), pictures, fps, ground)
+        os.replace(part, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _frames(pictures: Sequence[Path], ground: tuple[float, float, float]) -> Iterator[np.ndarray]:
+    """uint8 [H, W, 3], sRGB."""
+    from splatgl.data.color import srgb_from_linear
+    from splatgl.data.image import Image
+
+    for picture in pictures:
+        shown = Image.load(picture).over(ground).pixels[..., :3]
+        yield np.rint(srgb_from_linear(np.clip(shown, 0.0, 1.0)) * 255).astype(np.uint8)
+
+
+def _write_video(
+    part: Path, suffix: str, pictures: Sequence[Path], fps: float, ground: tuple[float, float, float]
+) -> None:
+    av = _library()
+    form, codec, options = CODECS[suffix]
+    with av.open(str(part), "w", format=form) as container:
+        stream: Any = None
+        for shown in _frames(pictures, ground):
+            # half the colours: sides must be even
+            shown = np.pad(shown, ((0, shown.shape[0] % 2), (0, shown.shape[1] % 2), (0, 0)), mode="edge")
+            if stream is None:
+                stream = container.add_stream(codec, rate=Fraction(fps).limit_denominator(1001))
+                stream.height, stream.width, stream.pix_fmt = *shown.shape[:2], PIXELS
+                stream.options = options
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(shown, format="rgb24")))
+        container.mux(stream.encode(None))
+
+
+def _write_gif(part: Path, pictures: Sequence[Path], fps: float, ground: tuple[float, float, float]) -> None:
+    """Each frame with the 256 colours of its own that suit it best."""
+    from PIL import Image as Pillow
+
+    shown = (
+        Pillow.fromarray(frame).quantize(256, method=Pillow.Quantize.MEDIANCUT) for frame in _frames(pictures, ground)
+    )
+    duration = max(GIF_TICK, round(MILLISECONDS / fps / GIF_TICK) * GIF_TICK)
+    next(shown).save(part, "GIF", save_all=True, append_images=shown, duration=duration, loop=0, optimize=False)
+
+
+def _library() -> Any:
+    try:
+        import av
+    except ImportError as error:
+        raise missing_extra("movies", "av", "video") from error
+    return av

@@ -1,0 +1,83 @@
+"""Pictures side by side on one sheet, pixel for pixel, each with its letter and a line of words."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.color import srgb_from_linear
+
+# in dots of the sheet: between panels, around them, the text's height, and its room below a panel
+GAP, MARGIN, TEXT, ROOM = 12, 10, 15, 26
+WHITE, INK = (255, 255, 255), (0, 0, 0)
+# shares of a line's neighbours and of itself on the sheet: black with a thin white edge, to be seen on anything
+EDGE = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One picture: uint8 [H, W, 3] sRGB as it goes on the sheet, and what is written below it."""
+
+    shown: np.ndarray
+    words: str
+
+    @classmethod
+    def of(cls, pixels: np.ndarray, words: str, times: int = 1, line: np.ndarray | None = None) -> Panel:
+        """From opaque linear pixels [H, W, 3 or 4], each as times × times dots; line: dots that are drawn black."""
+        shown = np.rint(srgb_from_linear(np.clip(pixels[..., :3], 0.0, 1.0)) * 255).astype(np.uint8)
+        shown = np.repeat(np.repeat(shown, times, axis=0), times, axis=1)
+        if line is not None:
+            wide = np.pad(line, EDGE)
+            around = np.zeros_like(line)
+            for y in range(2 * EDGE + 1):
+                for x in range(2 * EDGE + 1):
+                    around |= wide[y : y + line.shape[0], x : x + line.shape[1]]
+            shown[around] = WHITE
+            shown[line] = INK
+        return cls(shown, words)
+
+
+def sheet(rows: Sequence[Sequence[Panel]]) -> np.ndarray:
+    """uint8 [H, W, 3]: rows of panels, lettered (a), (b), … in reading order."""
+    from PIL import Image, ImageDraw
+
+    width = max(sum(p.shown.shape[1] + GAP for p in row) - GAP for row in rows) + 2 * MARGIN
+    height = sum(max(p.shown.shape[0] for p in row) + ROOM + GAP for row in rows) - GAP + 2 * MARGIN
+    page = Image.new("RGB", (width, height), WHITE)
+    pen, font = ImageDraw.Draw(page), _font()
+    letters = iter("abcdefghijklmnop")
+    top = MARGIN
+    for row in rows:
+        tall = max(p.shown.shape[0] for p in row)
+        left = MARGIN
+        for panel in row:
+            page.paste(Image.fromarray(panel.shown), (left, top))
+            middle = left + panel.shown.shape[1] / 2
+            if panel.words:
+                words = f"({next(letters)}) {panel.words}"
+                pen.text((middle, top + tall + ROOM / 2), words, INK, font=font, anchor="mm")
+            left += panel.shown.shape[1] + GAP
+        top += tall + ROOM + GAP
+    return np.asarray(page)
+
+
+def encoded(page: np.ndarray, about: str, maker: str) -> bytes:
+    """A PNG that says what it shows."""
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    buffer, info = io.BytesIO(), PngInfo()
+    info.add_itxt("Description", about)
+    info.add_text("Software", maker)
+    Image.fromarray(page).save(buffer, "PNG", pnginfo=info)
+    return buffer.getvalue()
+
+
+def _font() -> Any:
+    from PIL import ImageFont
+
+    return ImageFont.load_default(TEXT)

@@ -1,0 +1,58 @@
+"""The volumes of an animation: one, or a series in time of which the next is read while this one is drawn."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+from splatgl.app.scene import Scene
+from splatgl.data.errors import expected
+from splatgl.data.scenes import SCENES
+
+T = TypeVar("T")
+WILDCARDS = re.compile(r"[*?\[]")
+
+
+def volumes(scene: Scene, more: Sequence[str]) -> list[Scene]:
+    """The scene of each volume: a pattern stands for all files of that name, by the numbers in their names.
+
+    Raises InputError for a pattern that nothing fits.
+    """
+    found: list[str] = []
+    for source in (scene.volume, *more):
+        found += [source] if source in SCENES or Path(source).exists() else _matching(source)
+    return [replace(scene, volume=source) for source in found]
+
+
+def _matching(source: str) -> list[str]:
+    """Files that a pattern fits; the source itself if it is none."""
+    if not WILDCARDS.search(source):
+        return [source]
+    path = Path(source)
+    if WILDCARDS.search(str(path.parent)):
+        raise expected(source, "a pattern in the file's name alone", "one in its folder's name")
+    found = sorted((str(p) for p in path.parent.glob(path.name)), key=_by_numbers)
+    if not found:
+        raise expected(source, "a pattern that files fit", "none", "quote it, and check the folder")
+    return found
+
+
+def _by_numbers(name: str) -> list[tuple[bool, int, str]]:
+    """t9 before t10."""
+    return [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", name)]
+
+
+def read_ahead(read: Callable[[int], T], wanted: Sequence[int]) -> Iterator[tuple[int, T]]:
+    """(n, read(n)) for each wanted n in turn; the next is read in a thread meanwhile, and never more than that."""
+    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="read-ahead") as pool:
+        coming = [pool.submit(read, n) for n in wanted[:1]]
+        for place, n in enumerate(wanted):
+            result = coming.pop().result()
+            coming += [pool.submit(read, following) for following in wanted[place + 1 : place + 2]]
+            yield n, result
+            # the caller's is the only hold on it
+            del result

@@ -1,0 +1,211 @@
+"""Where the camera is in each frame of an animation: a volume that turns, or keyframes.
+
+    ease = "smooth"                 # or "linear"
+    [[keyframe]]
+    frame = 0
+    azimuth = 0                     # any number of a scene's [camera]: azimuth, elevation, zoom, fov,
+    elevation = 20                  # eye, look_at, up, height
+    [[keyframe]]
+    frame = 120
+    azimuth = 360
+
+Each key goes its own way between the keyframes that have it, and stays as it is before and after them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from splatgl.app.scene import VIEW_COUNTS, View
+from splatgl.app.scene import _typed as typed
+from splatgl.data.errors import InputError, expected
+from splatgl.data.toml import load_table
+from splatgl.data.volume import Volume
+from splatgl.splat.camera import Bounded, Camera
+from splatgl.splat.motion import Motion
+
+EASES = ("smooth", "linear")
+# of a scene's camera, what is not between its values anywhere
+FIXED = ("size", "orthographic")
+# what doubles rather than adds up
+RATIOS = ("zoom", "height")
+# slices along the axis and points around it that stand for what a turning volume sweeps
+SLICES, AROUND = 32, 48
+
+
+class Track(Protocol):
+    """The cameras of an animation."""
+
+    def camera(self, frame: float) -> Camera:
+        """The camera of a frame; the volume's own motion is in it."""
+        ...
+
+    def motion(self, frame: int) -> Motion:
+        """How that frame's camera came to its place since the frame before."""
+        ...
+
+
+@dataclass(frozen=True)
+class Turning:
+    """A volume that turns by `motion.spin` a frame before a camera that is `base` in frame 0."""
+
+    base: Camera
+    turn: Motion
+
+    def camera(self, frame: float) -> Camera:
+        return self.turn.view(self.base, float(frame))
+
+    def motion(self, frame: int) -> Motion:
+        return self.turn
+
+
+@dataclass(frozen=True)
+class Keyframes:
+    """Views between keyframes. keys: name → frames [K] ascending and values [K, 1 or 3]."""
+
+    keys: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    smooth: bool
+    view: View
+    volume: Volume
+    subject: Bounded
+
+    def camera(self, frame: float) -> Camera:
+        values: dict[str, Any] = {}
+        for name, (frames, points) in self.keys.items():
+            logs = np.log(points) if name in RATIOS else points
+            at = between(frames, logs, float(frame), self.smooth)
+            at = np.exp(at) if name in RATIOS else at
+            values[name] = tuple(at.tolist()) if len(at) == 3 else float(at[0])
+        return replace(self.view, **values).camera(self.volume, self.subject)
+
+    def motion(self, frame: int) -> Motion:
+        return Motion(camera=self.camera(frame - 1)) if frame > 0 else Motion()
+
+    @property
+    def last(self) -> int:
+        """The last keyframe."""
+        return int(max(frames[-1] for frames, _ in self.keys.values()))
+
+
+def turning(view: View, volume: Volume, subject: Bounded, degrees: float, axis: np.ndarray | None = None) -> Turning:
+    """The volume turns by `degrees` a frame about its centre, counter-clockwise seen from `axis`' tip (up)."""
+    up = axis if axis is not None else np.array(view.up or volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
+    length = float(np.linalg.norm(up))
+    if not length > 0:
+        raise expected("axis", "a direction", up.tolist())
+    swept = Swept.of(subject, up / length) if degrees else subject
+    center = (subject.corners.min(axis=0) + subject.corners.max(axis=0)) / 2
+    return Turning(view.camera(volume, swept), Motion(spin=up / length * degrees, center=center))
+
+
+def keyframes(path: Path, view: View, volume: Volume, subject: Bounded) -> Keyframes:
+    """The track in a TOML file. Raises InputError for anything that is none."""
+    table = load_table(path, "keyframes")
+    unknown = set(table) - {"ease", "keyframe"}
+    if unknown:
+        raise expected(path, "keys ease, keyframe", ", ".join(sorted(unknown)))
+    ease, rows = table.get("ease", EASES[0]), table.get("keyframe", [])
+    if ease not in EASES:
+        raise expected(f"{path}: ease", " or ".join(EASES), repr(ease)[:80])
+    if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
+        raise expected(path, "at least one [[keyframe]]", repr(rows)[:80])
+    places: dict[str, list[tuple[int, Any]]] = {}
+    for number, row in enumerate(rows):
+        what = f"{path}: keyframe {number + 1}"
+        frame = row.get("frame")
+        if not isinstance(frame, int) or isinstance(frame, bool) or frame < 0:
+            raise expected(what, "frame, a whole number of at least 0", repr(frame)[:80])
+        for name, value in _row(what, row).items():
+            if places.setdefault(name, [])[-1:] and places[name][-1][0] >= frame:
+                raise expected(what, f"a frame after {places[name][-1][0]}", frame, "put keyframes in order")
+            places[name].append((frame, value))
+    if not places:
+        raise expected(path, "keyframes that say where the camera is", "none")
+    keys = {n: (np.array([f for f, _ in p], float), np.array([v for _, v in p])) for n, p in places.items()}
+    up = np.array(view.up or volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
+    swept = Swept.of(subject, up / np.linalg.norm(up))
+    track = Keyframes(keys, ease == "smooth", view, volume, swept)
+    _check(path, track)
+    return track
+
+
+def _row(what: str, row: Mapping[str, Any]) -> dict[str, list[float]]:
+    """The keys of one keyframe, each a list of numbers."""
+    known = sorted(set(View.__dataclass_fields__) - set(FIXED))
+    unknown = set(row) - set(known) - {"frame"}
+    if unknown:
+        raise expected(what, f"keys frame, {', '.join(known)}", ", ".join(sorted(unknown)))
+    values = {}
+    for name in set(row) - {"frame"}:
+        try:
+            value = typed(name, row[name])
+        except InputError as error:
+            raise InputError(f"{what}: {error}") from error
+        values[name] = [float(n) for n in (value if VIEW_COUNTS.get(name) else (value,))]
+        if name in RATIOS and values[name][0] <= 0:
+            raise expected(f"{what}: {name}", "a positive number", value)
+    return values
+
+
+def _check(path: Path, track: Keyframes) -> None:
+    """Every frame has a camera: said before the first is drawn."""
+    for frame in range(track.last + 1):
+        try:
+            track.camera(frame)
+        except InputError as error:
+            raise InputError(f"{path}: frame {frame}: {error}") from error
+
+
+def between(frames: np.ndarray, points: np.ndarray, at: float, smooth: bool) -> np.ndarray:
+    """Points [K, n] given at ascending frames [K], at another: straight, or by a cubic through each with the slope
+    of its neighbours' chord (Catmull and Rom). Constant beyond the ends.
+    """
+    at = float(np.clip(at, frames[0], frames[-1]))
+    k = int(np.clip(np.searchsorted(frames, at, "right") - 1, 0, max(len(frames) - 2, 0)))
+    if len(frames) == 1:
+        return np.asarray(points[0], dtype=np.float64)
+    step = frames[k + 1] - frames[k]
+    t = (at - frames[k]) / step
+    rise = points[k + 1] - points[k]
+    if not smooth:
+        return np.asarray(points[k] + t * rise)
+    slopes = []
+    for i in (k, k + 1):
+        low, high = max(i - 1, 0), min(i + 1, len(frames) - 1)
+        slopes.append((points[high] - points[low]) / (frames[high] - frames[low]) * step)
+    bend, twist = 3 * rise - 2 * slopes[0] - slopes[1], slopes[0] + slopes[1] - 2 * rise
+    return np.asarray(points[k] + t * (slopes[0] + t * (bend + t * twist)))
+
+
+@dataclass(frozen=True, eq=False)
+class Swept:
+    """What a subject sweeps as it turns about its middle: a camera that fits this keeps its distance all around."""
+
+    corners: np.ndarray
+    outline: np.ndarray
+
+    @classmethod
+    def of(cls, subject: Bounded, axis: np.ndarray) -> Swept:
+        """axis: unit vector."""
+        center = (subject.corners.min(axis=0) + subject.corners.max(axis=0)) / 2
+        local = subject.outline - center
+        height = local @ axis
+        out = np.linalg.norm(local - height[:, None] * axis, axis=1)
+        # the furthest point of each slice, at both of the slice's ends
+        edges = np.linspace(height.min(), height.max(), SLICES + 1)
+        slice_ = np.clip(np.searchsorted(edges, height, "right") - 1, 0, SLICES - 1)
+        furthest = np.zeros(SLICES)
+        np.maximum.at(furthest, slice_, out)
+        side = np.eye(3)[int(np.argmin(np.abs(axis)))]
+        first = np.cross(axis, side)
+        first /= np.linalg.norm(first)
+        angle = np.arange(AROUND) / AROUND * 2 * np.pi
+        ring = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), np.cross(axis, first))
+        radii, heights = np.repeat(furthest, 2), np.stack([edges[:-1], edges[1:]], axis=1).ravel()
+        points = center + radii[:, None, None] * ring + heights[:, None, None] * axis
+        return cls(subject.corners, points.reshape(-1, 3))

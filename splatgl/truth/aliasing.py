@@ -1,0 +1,177 @@
+"""What antialiasing is for, in numbers: energy that a picture's pixels can't carry, and distance from the truth.
+
+A picture's pixels carry half a cycle a pixel; what a scene shows faster than that returns as slower patterns. The
+same picture with four samples a pixel, but with splats as wide as the pixels make them, shows how much there is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatgl.data.image import Image
+from splatgl.splat.camera import Camera
+from splatgl.splat.plan import plan
+from splatgl.splat.rows import Grid, Splats, assemble
+from splatgl.splat.settings import Settings
+from splatgl.truth.temporal import Draw
+
+# samples a pixel, along each axis
+TIMES = 4
+# the part of a picture that is looked at ends this softly, in pixels: what the window itself has beyond half a
+# cycle a pixel is e^(−2π²σ²/4) = 1e−9
+SOFT = 2.0
+# the line at z_k is drawn between parts blurred by so many pixels, where there is so much of them
+LINE, LINE_SEEN = 1.0, 0.3
+# the least alpha of a pixel that shows matter
+SEEN = 0.5
+
+
+def finer(draw: Draw, splats: Splats, camera: Camera, settings: Settings, times: int = TIMES) -> np.ndarray:
+    """float64 [times·H, times·W, 4]: the picture at more samples a pixel, with the pixels' own antialiasing.
+
+    A ray that passes beside a pixel's centre is one through the centre of a scene that is sheared the other
+    way: the picture is drawn times² times, of a scene slanted by parts of a pixel.
+    """
+    width, height = camera.size
+    fine = np.zeros((height, times, width, times, 4))
+    offsets = (np.arange(times) + 0.5) / times - 0.5
+    for j, down in enumerate(offsets):
+        for i, across in enumerate(offsets):
+            shown, view = _beside(splats, camera, across, down)
+            fine[:, j, :, i] = draw(shown, view, settings).pixels
+    return fine.reshape(height * times, width * times, 4)
+
+
+def _beside(splats: Splats, camera: Camera, across: float, down: float) -> tuple[Splats, Camera]:
+    """Splats and camera whose pixels' centres show what is `across` and `down` pixels beside them."""
+    pitch = camera.extent / camera.size[1]
+    offset = np.array([across, down]) * pitch
+    if not camera.perspective:
+        return splats, replace(camera, eye=camera.eye + offset @ camera.eye_from_world[:2])
+    shear = np.eye(3)
+    shear[:2, 2] = -offset
+    slant = camera.eye_from_world.T @ shear @ camera.eye_from_world
+    grid = splats.grid
+    slanted = Grid(slant @ grid.world_from_index, slant @ (grid.origin - camera.eye) + camera.eye)
+    moved = replace(splats, grid=slanted)
+    # cells are the same, and with them all that is known of neighbours and order
+    kept = {name: made for name, made in splats.__dict__.items() if name in ("runs", "_lattices")}
+    moved.__dict__.update(kept)
+    return moved, camera
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """Where a picture shows what lies beyond z_k. depth [H, W]: of what is seen, world units, infinite where nothing
+    is; z_k: the depth at which a voxel is a pixel wide.
+    """
+
+    depth: np.ndarray
+    z_k: float
+
+    @classmethod
+    def of(cls, draw: Draw, splats: Splats, camera: Camera) -> Reach:
+        """From a picture whose colour is depth."""
+        depth = camera.eye_from_points(world(splats))[:, 2]
+        far = float(np.abs(depth).max(initial=0.0)) or 1.0
+        records = splats.records.copy()
+        records["color"] = (depth / far)[:, None]
+        records["normal"] = 0
+        painted = replace(splats, records=records)
+        painted.__dict__.update({k: v for k, v in splats.__dict__.items() if k in ("runs", "_lattices")})
+        # every splat as sharp as it is, so that near and far do not mix
+        pixels = draw(painted, camera, Settings(antialias="off", shading="off")).pixels.astype(np.float64)
+        seen = pixels[..., 3] > SEEN
+        shown = np.where(seen, pixels[..., 0] / np.where(seen, pixels[..., 3], 1.0) * far, np.inf)
+        return cls(shown, plan(splats, camera, Settings()).z_k)
+
+    @property
+    def beyond(self) -> np.ndarray:
+        """bool [H, W]: pixels that show what lies beyond z_k."""
+        return np.asarray((self.depth >= self.z_k) & (self.depth < np.inf))
+
+    @property
+    def before(self) -> np.ndarray:
+        """bool [H, W]: pixels that show what lies before z_k."""
+        return np.asarray(self.depth < self.z_k)
+
+    def line(self, times: int = 1) -> np.ndarray:
+        """bool [times·H, times·W]: where what is seen passes z_k, one sample wide, without the voxels' own steps."""
+        large = [np.kron(part, np.ones((times, times))) for part in (self.before, self.beyond)]
+        before, beyond = (soft(part.astype(np.float64), LINE * times) for part in large)
+        nearer = before > beyond
+        edge = np.pad(nearer, 1, mode="edge")
+        beside = edge[:-2, 1:-1] | edge[2:, 1:-1] | edge[1:-1, :-2] | edge[1:-1, 2:]
+        return np.asarray(beside & ~nearer & (beyond > LINE_SEEN))
+
+    def window(self, times: int = TIMES) -> np.ndarray:
+        """float64 [times·H, times·W]: 1 well beyond z_k, 0 elsewhere, without an edge."""
+        inner = soft(self.beyond.astype(np.float64), SOFT) > 0.98
+        large = np.kron(inner.astype(np.float64), np.ones((times, times)))
+        return soft(large, SOFT * times)
+
+
+def world(splats: Splats) -> np.ndarray:
+    """[N, 3]: where splats are."""
+    places = splats.records["position"].astype(np.float64) @ splats.grid.world_from_index.T
+    return np.asarray(places + splats.grid.origin)
+
+
+def share_beyond(splats: Splats, camera: Camera) -> float:
+    """The share of the splats that lie beyond z_k."""
+    depth = camera.eye_from_points(world(splats))[:, 2]
+    return float((depth >= plan(splats, camera, Settings()).z_k).mean()) if len(splats) else 0.0
+
+
+def aliasing_energy(fine: np.ndarray, window: np.ndarray, times: int = TIMES) -> float:
+    """The mean square, over the window, of what the colours have beyond half a cycle a pixel along either axis.
+
+    fine [times·H, times·W, 4]: `finer`; window: `Reach.window`. Per sample and channel, linear light.
+    """
+    total = float((window * window).sum())
+    if not total > 0:
+        return 0.0
+    down, across = (np.abs(np.fft.fftfreq(n)) * times for n in window.shape)
+    fast = np.maximum(down[:, None], across[None]) > 0.5
+    energy = 0.0
+    for channel in range(3):
+        shown = fine[..., channel]
+        mean = float((shown * window).sum() / window.sum())
+        spectrum = np.fft.fft2((shown - mean) * window)
+        energy += float((np.abs(spectrum[fast]) ** 2).sum())
+    return energy / window.size / total / 3
+
+
+def mean_square(image: Image | np.ndarray, right: Image | np.ndarray, where: np.ndarray) -> float:
+    """Mean squared difference of the colours over some pixels, linear premultiplied."""
+    first, second = (p.pixels if isinstance(p, Image) else p for p in (image, right))
+    return float(((first - second)[where][..., :3] ** 2).mean()) if where.any() else 0.0
+
+
+def soft(shape: np.ndarray, sigma: float) -> np.ndarray:
+    """A Gaussian's mean around each pixel; outside of the picture there is nothing."""
+    margin = int(np.ceil(4 * sigma))
+    wide = np.pad(shape, margin)
+    down, across = np.fft.fftfreq(wide.shape[0])[:, None], np.fft.rfftfreq(wide.shape[1])
+    blur = np.exp(-2 * (np.pi * sigma) ** 2 * (down**2 + across**2))
+    soft = np.fft.irfft2(np.fft.rfft2(wide) * blur, wide.shape)
+    return np.asarray(np.clip(soft[margin:-margin, margin:-margin], 0.0, 1.0))
+
+
+def only(splats: Splats, keep: np.ndarray) -> Splats:
+    """Some of the splats, in the same cells."""
+    cell_y, cell_z = (np.repeat(rows, np.diff(splats.row_start)) for rows in (splats.row_y, splats.row_z))
+    cells = np.stack([splats.cell_x, cell_y, cell_z], axis=1)[keep]
+    return assemble(splats.records[keep], cells, splats.grid, splats.unit, splats.name, splats.shaded)
+
+
+def differing_before(draw: Draw, splats: Splats, camera: Camera, settings: Settings) -> tuple[int, int]:
+    """Of the pixels that see nothing from beyond z_k: how many antialiasing changes, and how many there are."""
+    z_k = plan(splats, camera, Settings()).z_k
+    beyond = camera.eye_from_points(world(splats))[:, 2] >= z_k
+    reached = draw(only(splats, beyond), camera, settings.but(antialias="paper", blend="xray")).pixels[..., 3] > 0
+    off, on = (draw(splats, camera, settings.but(antialias=name)).pixels for name in ("off", "paper"))
+    changed = (off != on).any(axis=-1) & ~reached
+    return int(changed.sum()), int((~reached).sum())

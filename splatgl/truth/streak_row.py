@@ -1,0 +1,101 @@
+"""One moving splat along one pixel's ray, in float64: the float64 twin of what a fragment of a streak computes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.splat.affine import Integral, View, row1
+from splatgl.splat.blur import energy_gain, paper_gain, stretched
+from splatgl.splat.blur_table import blur_table
+from splatgl.truth.pairs import Row
+
+
+@dataclass(frozen=True, eq=False)
+class StreakRow(Row):
+    """Row 1 for voxels [3, N] that move by step [2, N] across the view; motion: exact, energy or paper."""
+
+    step: np.ndarray
+    motion: str
+
+    def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
+        """value: the mean along the path; peak: the most."""
+        voxel, step = self.voxel[:, splat], self.step[:, splat]
+        found = row1(self.view, voxel, ray)
+        found.peak[:] = found.value
+        # a kernel around the eye has no place in the picture to move from
+        moving = np.flatnonzero(step.any(axis=0) & (voxel[2] > self.view.reach))
+        if len(moving):
+            local = Local.of(self.view, voxel[:, moving], ray[:, moving], step[:, moving])
+            found.value[moving] = local.streak(self.view, self.motion)
+            found.peak[moving] = local.most(self.view)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Local:
+    """Where rays pass kernels, across them, in the kernel's own units.
+
+    along, across [P]: the offset along and across the path; length [P]: the path's; gain [P]: integral over F.
+    """
+
+    along: np.ndarray
+    across: np.ndarray
+    length: np.ndarray
+    gain: np.ndarray
+
+    @classmethod
+    def of(cls, view: View, voxel: np.ndarray, ray: np.ndarray, step: np.ndarray) -> Local:
+        """Beyond z_k in perspective space, where the ray has the voxel's slope, with the trapezoid's first term."""
+        z = voxel[2]
+        shrink = view.shrink(z)
+        if view.perspective:
+            slope = np.where(view.smallest(z) > view.widths[1], voxel[:2] / z, ray)
+            offset, seconds, depth = ray * z - voxel[:2], np.sqrt(1 + (ray * ray).sum(axis=0)), z
+        else:
+            slope = np.zeros_like(step)
+            offset, seconds, depth = ray - voxel[:2], np.ones_like(z), np.full_like(z, np.inf)
+
+        # offset, slope and step in the kernel's own axes, shrunk where antialiasing widens
+        inner = view.index_from_eye[:, :2] @ view.axes
+        o, line, move = (inner @ (shrink * (view.axes.T @ vector)) for vector in (offset, slope, step))
+        ahead = view.index_from_eye[:, 2:]
+        line = line + ahead
+        square = (line * line).sum(axis=0)
+        t = -(o * line).sum(axis=0) / square
+        across_line = move - (move * line).sum(axis=0) / square * line
+        length = np.sqrt((across_line * across_line).sum(axis=0))
+        heading = across_line / np.where(length > 0, length, 1.0)
+        gain = seconds * shrink[0] * shrink[1] / np.sqrt(square)
+
+        # the place on the path that is nearest to the ray, and from there to the ray
+        r = o + t * line
+        passed = np.clip((r * heading).sum(axis=0), -length / 2, length / 2)
+        r = r - passed * heading
+        t = t + passed / np.where(length > 0, length, 1.0) * (move * line).sum(axis=0) / square
+
+        # a widened kernel's ray bends: the trapezoid's term moves it, and changes its length
+        bends = np.where(shrink.min(axis=0) < 1, 1 / depth, 0.0)
+        toward, deep = (r * ahead).sum(axis=0), (line * ahead).sum(axis=0)
+        distance2 = (r * r).sum(axis=0)
+        moved = np.maximum(distance2 + 2 * bends * t * t * toward, 0.0)
+        r = r * np.sqrt(moved / np.where(distance2 > 0, distance2, 1.0))
+        gain = gain * (1 - bends * (2 * t * deep + toward) / square)
+
+        further = (r * heading).sum(axis=0)
+        across = np.sqrt(np.maximum((r * r).sum(axis=0) - further * further, 0.0))
+        return cls(passed + further, across, length, gain)
+
+    def streak(self, view: View, motion: str) -> np.ndarray:
+        kernel = view.kernel
+        if motion == "exact":
+            table = blur_table(kernel.name, dtype="<f8")
+            peak = kernel.footprint(np.zeros(()))
+            return np.asarray(self.gain * peak * table.blurred(self.along, self.across, self.length))
+        weaken = energy_gain if motion == "energy" else paper_gain
+        return np.asarray(weaken(kernel, self.length) * self.most(view))
+
+    def most(self, view: View) -> np.ndarray:
+        """The largest value on the path: where it is closest."""
+        return np.asarray(self.gain * stretched(view.kernel, self.along, self.across, self.length))

@@ -1,0 +1,154 @@
+"""Moving splats drawn in float64, each as one streak: what motion blur in one pass gives, without a GPU's rounding.
+
+Held against `temporal.Moments`, which is right, it says how wrong a streak is: a straight one for a path that
+bends, one width for a depth that changes, and optical depth smeared before it occludes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatgl.data.errors import expected
+from splatgl.data.image import Image
+from splatgl.splat.affine import View
+from splatgl.splat.blur import MOTIONS, energy_gain
+from splatgl.splat.camera import Camera
+from splatgl.splat.dwell import alone, dwelt_depth
+from splatgl.splat.fill import GRAZING
+from splatgl.splat.motion import Motion, Streaks, streaks
+from splatgl.splat.order import back_to_front, order_for
+from splatgl.splat.plan import plan
+from splatgl.splat.rows import Splats
+from splatgl.splat.runs import OCTAVES
+from splatgl.splat.settings import Settings
+from splatgl.splat.tabulated import tabulated
+from splatgl.truth.blend import ADD, Band, Part, pixels
+from splatgl.truth.extent import Boxes, pixel_boxes
+from splatgl.truth.pairs import values
+from splatgl.truth.reference import _filled as filled
+from splatgl.truth.reference import head_light
+from splatgl.truth.streak_row import Local, StreakRow
+
+# samples of the picture worked on at once
+BAND = 1 << 16
+
+
+def render(
+    splats: Splats,
+    camera: Camera,
+    settings: Settings,
+    motion: Motion,
+    shutter: float = 180.0,
+    shape: str = "exact",
+) -> Image:
+    """The picture of moving splats, float64 [H, W, 4], linear premultiplied; shape: exact, energy or paper.
+
+    Blur weakens what antialiasing does, opacity or optical depth, as `attenuation` says. Raises InputError
+    for another shape, for the blend mode mip and for supersampling, which it has not.
+    """
+    if shape not in MOTIONS:
+        raise expected("shape", " or ".join(MOTIONS), repr(shape))
+    if settings.antialias == "supersample" or settings.blend == "mip":
+        raise expected("settings", "antialias paper or off, blend composite or xray", "others")
+    drawn = _Drawn.of(splats, settings, streaks(splats, camera, motion, shutter), shape)
+    # bands of the picture, as the reference draws it
+    width, height = camera.size
+    rows = max(1, BAND // width)
+    picture = np.concatenate([drawn.band((top, min(top + rows, height))) for top in range(0, height, rows)])
+    if settings.background is not None and settings.blend != "xray":
+        picture = picture + (1 - picture[..., 3:]) * np.array([*settings.background, 1.0])
+    info = {"scene": splats.name, "blend": settings.blend, "motion": shape, "shutter": shutter}
+    return Image(picture, {**info, "renderer": "float64 streaks"})
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """What every band needs: the streaks' row and boxes, and of all splats order, colour, depth, coverage (opacity's
+    share that is left) and lone (see dwell.py).
+    """
+
+    row: StreakRow
+    boxes: Boxes
+    camera: Camera
+    blend: str
+    order: np.ndarray
+    color: np.ndarray
+    depth: np.ndarray
+    coverage: np.ndarray
+    lone: np.ndarray
+
+    @classmethod
+    def of(cls, splats: Splats, settings: Settings, paths: Streaks, shape: str) -> _Drawn:
+        chosen = plan(splats, paths.camera, settings.but(align="ray"))
+        program = chosen.program
+        view = View.of(splats.grid, paths.camera, tabulated(chosen.kernel.name), program.antialias)
+        row = StreakRow(view, "row1", paths.middle, None, paths.step, shape)
+        order = np.arange(len(splats))
+        if program.blend == "composite":
+            order = back_to_front(splats, order_for(splats, paths.camera))[::-1]
+        color = splats.records["color"].astype(np.float64)
+        if program.shading:
+            color *= head_light(splats, paths.camera, paths.middle)[:, None]
+        depth = splats.records["optical_depth"].astype(np.float64)
+        coverage, lone = np.ones(len(splats)), np.zeros(len(splats))
+        # the plan knows of antialiasing alone, and forgets attenuation without it
+        attenuation = "fill" if settings.attenuation == "auto" else settings.attenuation
+        if program.blend == "composite" and attenuation != "optical-depth":
+            coverage = view.coverage(paths.middle[2])
+            lengths = _lengths(view, paths)
+            if attenuation == "fill":
+                depth = filled(splats, view, paths.middle, coverage) if program.antialias else depth
+                coverage, lone = np.ones(len(splats)), alone(lengths, _through(splats, view, paths))
+            else:
+                coverage = coverage * energy_gain(view.kernel, lengths)
+        return cls(row, _boxes(view, paths), paths.camera, program.blend, order, color, depth, coverage, lone)
+
+    def band(self, band: tuple[int, int]) -> np.ndarray:
+        """float64 [rows, width, 4]."""
+        width = self.camera.size[0]
+        gathered = Band.empty((band[1] - band[0]) * width)
+        for found in values(self.row, self.boxes, self.order, band, self.camera):
+            s = found.splat
+            if len(s):
+                depth = self.depth[s] * found.integral.value
+                if self.lone.any():
+                    depth = dwelt_depth(depth, self.depth[s] * found.integral.peak, self.lone[s])
+                ADD[self.blend](gathered, Part(found.pixel, depth, self.color[s], self.coverage[s]))
+        return pixels(gathered, self.blend).reshape(-1, width, 4)
+
+
+def _lengths(view: View, paths: Streaks) -> np.ndarray:
+    """[N]: the paths' lengths in the units of their own, possibly widened, kernels."""
+    own = paths.middle[:2]
+    if view.perspective:
+        own = own / np.where(np.abs(paths.middle[2]) > view.reach, paths.middle[2], view.reach)
+    return Local.of(view, paths.middle, own, paths.step).length
+
+
+def _through(splats: Splats, view: View, paths: Streaks) -> np.ndarray:
+    """[N]: how far matter goes on along each path, in voxels."""
+    step = np.abs(view.index_from_eye[:, :2] @ paths.step)
+    direction = step / np.maximum(np.sqrt((step * step).sum(axis=0)), 1e-300)
+    run = np.exp2(np.stack([splats.runs >> bits & 31 for bits in (0, 5, 10)]) * OCTAVES)
+    return np.asarray((run / np.maximum(direction, GRAZING)).min(axis=0))
+
+
+def _boxes(view: View, paths: Streaks) -> Boxes:
+    """Pixels that a streak can reach: all between those of its ends."""
+    ends = []
+    for side in (-0.5, 0.5):
+        voxel = paths.middle.copy()
+        voxel[:2] += side * paths.step
+        ends.append(pixel_boxes(view, "row1", voxel, paths.camera))
+    first, last = ends
+    # an end outside of the picture has an empty box at the picture's edge
+    box = Boxes(
+        np.minimum(first.left, last.left),
+        np.maximum(first.right, last.right),
+        np.minimum(first.top, last.top),
+        np.maximum(first.bottom, last.bottom),
+    )
+    behind = paths.middle[2] < 0
+    return replace(box, right=np.where(behind & (first.right == first.left), box.left, box.right))
