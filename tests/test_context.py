@@ -110,6 +110,19 @@ def test_current_is_brought_back(opened: Open) -> None:
     assert values(fill(second, 0.25)) == {0.25}
 
 
+@pytest.mark.parametrize("backend", ["egl", "osmesa"])
+def test_another_library_may_take_the_context_away(opened: Open, backend: str) -> None:
+    """As VTK does: it makes a context of its own current, and asks nobody."""
+    ctx = opened(backend)
+    with current(ctx):
+        assert ctx.extra.holds()
+        # behind the loader's back
+        ctx.extra.unbind()
+        assert not ctx.extra.holds()
+        with current(ctx):
+            assert ctx.extra.holds() and values(fill(ctx, 0.5)) == {0.5}
+
+
 def test_each_thread_has_its_own_current_context(opened: Open) -> None:
     need("osmesa")
     ctx = opened("egl")

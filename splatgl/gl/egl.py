@@ -31,6 +31,10 @@ class EglLoader(Loader):
         self._context.__enter__()
         if not self._egl.eglGetCurrentContext():
             raise BackendError("EGL refused to make its context current; is another window system's current here?")
+        self._handle = self._egl.eglGetCurrentContext()
+
+    def holds(self) -> bool:
+        return bool(self._egl.eglGetCurrentContext() == self._handle)
 
     def unbind(self) -> None:
         self._context.__exit__(None, None, None)

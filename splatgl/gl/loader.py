@@ -52,14 +52,20 @@ class Loader(ABC):
     def destroy(self) -> None:
         """Free the context, which is not current."""
 
+    @abstractmethod
+    def holds(self) -> bool:
+        """Whether the system says that this context is current: other libraries switch without asking."""
+
     def load_opengl_function(self, name: str) -> int:
         return self.address(name)
 
     def make_current(self) -> Loader | None:
         """Make this context current in this thread; returns the loader that was current before."""
         before = _thread.current
-        if before is self:
+        if before is self and self.holds():
             return before
+        if before is self:
+            self.bind()
         switch_to(self)
         return before
 

@@ -41,6 +41,9 @@ class OsmesaLoader(Loader):
         if not self._library.OSMesaMakeCurrent(self._context, self._buffer, GL_UNSIGNED_BYTE, side, side):
             raise BackendError("OSMesa refused to make its context current")
 
+    def holds(self) -> bool:
+        return bool(self._library.OSMesaGetCurrentContext() == self._context)
+
     def unbind(self) -> None:
         self._library.OSMesaMakeCurrent(None, None, GL_UNSIGNED_BYTE, 0, 0)
 
@@ -65,6 +68,7 @@ def _library() -> ctypes.CDLL:
         library.OSMesaMakeCurrent.argtypes = [pointer, pointer, ctypes.c_uint, number, number]
         library.OSMesaGetProcAddress.restype = ctypes.c_void_p
         library.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
+        library.OSMesaGetCurrentContext.restype = ctypes.c_void_p
         library.OSMesaDestroyContext.restype = None
         library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
         return library

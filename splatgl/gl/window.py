@@ -37,6 +37,12 @@ class WindowLoader(Loader):
         with _glfw_errors():
             glfw.make_context_current(self.window)
 
+    def holds(self) -> bool:
+        import glfw
+
+        current = glfw.get_current_context()
+        return bool(current) and ctypes.addressof(current.contents) == ctypes.addressof(self.window.contents)
+
     def unbind(self) -> None:
         import glfw
 

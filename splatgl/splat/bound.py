@@ -83,7 +83,7 @@ def bound(splats: Splats, camera: Camera, plan: Plan, brightest: float) -> Bound
     longest = float(np.linalg.norm(splats.grid.world_from_index, ord=2)) / spacing
     touched = min(splats.total_depth, cover * depth) * longest
 
-    largest = most * (touched * float(plan.kernel.footprint(np.zeros(()))) if program.blend == "xray" else 1.0)
+    largest = most * (touched * _profile(plan.kernel.name)[1] if program.blend == "xray" else 1.0)
     # 8 bits cut off what is over 1
     cut = program.blend == "xray" and program.target == "rgba8"
     brightest = largest if cut else brightest
@@ -139,11 +139,18 @@ def _table_key(plan: Plan) -> tuple[str, int, int]:
 def _least(name: str, table: tuple[str, int, int], misplaced: float, weight: float, touched: float) -> float:
     """min over σ of weight·ρ(σ) + touched·σ."""
     missed = _missed(name, table, misplaced)
-    shape = kernel(name)
-    value = shape.footprint(_distances(shape)) / shape.footprint(np.zeros(()))
+    value, peak = _profile(name)
     over = np.maximum(missed[None, :] - ABSOLUTE[:, None], 0.0)
     relative = np.where(over > 0, over / np.maximum(value, 1e-30), 0.0).max(axis=1)
-    return float((weight * relative + touched * shape.footprint(np.zeros(())) * ABSOLUTE).min())
+    return float((weight * relative + touched * peak * ABSOLUTE).min())
+
+
+@lru_cache(maxsize=4)
+def _profile(name: str) -> tuple[np.ndarray, float]:
+    """F/F(0) at _distances, and F(0)."""
+    shape = kernel(name)
+    peak = float(shape.footprint(np.zeros(())))
+    return np.asarray(shape.footprint(_distances(shape)) / peak), peak
 
 
 def _distances(shape: Kernel) -> np.ndarray:
@@ -160,8 +167,7 @@ def _missed(name: str, table: tuple[str, int, int], misplaced: float) -> np.ndar
 @lru_cache(maxsize=128)
 def _missed_at(name: str, table: tuple[str, int, int], misplaced: float) -> np.ndarray:
     shape, d = kernel(name), _distances(kernel(name))
-    peak = shape.footprint(np.zeros(()))
-    value = shape.footprint(d) / peak
+    value, peak = _profile(name)
     sides = [shape.footprint(np.clip(d + side * misplaced, 0, None)) / peak for side in (-1, 1)]
     moved = np.max([np.abs(side - value) for side in sides], axis=0)
     kind, size, bits = table

@@ -14,7 +14,7 @@ CLEARANCE = 2.0
 # beyond z_k a footprint is R pixels, times √2 for slant and a little for its first-order terms
 STRETCHED = 2.0
 # rounds that find how far beyond the edge a centre may be: each is a tenth of the last
-ROUNDS = 12
+ROUNDS = 5
 # pixels around, for rounding
 MARGIN = 2
 
