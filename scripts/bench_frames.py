@@ -1,0 +1,320 @@
+"""What a frame costs, against a floor, against everything switched on, and against VTK where it is installed.
+
+    .venv/bin/python scripts/bench_frames.py [--data FOLDER] [--rounds N] [--csv FILE] [--curves]
+
+The floor draws as many points of the same size into the same target with shaders that compute nothing. VTK
+(extra `bench`) casts rays at half-voxel steps through the same volume, with the same camera, opacities and
+pixels. Ways take turns in random order; times are wall clock around a finished frame, the splats' ones with the
+pixels read back. Every picture of the planned frames is compared with the float64 reference. Compare ratios.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import importlib.util
+import multiprocessing
+import os
+import random
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import moderngl
+import numpy as np
+
+import splatgl as sg
+from splatgl.app.scene import Scene, View
+from splatgl.gl.target import Target
+
+FLOOR_VERTEX = """#version 330
+in vec3 place; uniform mat4 clip_from_index; uniform float size;
+void main() { gl_Position = clip_from_index * vec4(place, 1.0); gl_PointSize = size / gl_Position.w; }
+"""
+FLOOR_FRAGMENT = "#version 330\nout vec4 light; void main() { light = vec4(0.01); }"
+# times are per frame, since some ways are a hundred times as slow: each gets as many rounds as fit into this, seconds
+LONGEST = 8.0
+# the reference draws pictures of this edge for the error, a time that grows with pixels
+CHECKED = 192
+
+
+@dataclass(frozen=True)
+class Row:
+    scene: str
+    size: int
+    way: str
+    splats: int
+    median: float
+    low: float
+    high: float
+    note: str
+
+    def __str__(self) -> str:
+        return (
+            f"{self.scene:16} {self.size:5} {self.way:16} {self.splats:9,} splats "
+            f"{self.median * 1e3:9.1f} ms ({self.low * 1e3:.1f} … {self.high * 1e3:.1f})  {self.note}"
+        )
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene, seen and drawn in one way; vtk: points of an opacity function in the volume's values."""
+
+    name: str
+    volume: sg.Volume
+    transfer: sg.Transfer
+    splats: sg.Splats
+    settings: sg.Settings
+    peers: bool
+
+
+def case(name: str, source: str, settings: sg.Settings | None = None, peers: bool = False, **transfer: object) -> Case:
+    scene = Scene(source, transfer=transfer)
+    volume = scene.open()
+    chosen = scene.transfer_for(volume)
+    return Case(name, volume, chosen, sg.extract(volume, chosen), settings or sg.Settings(), peers)
+
+
+def floor(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, chosen: sg.Plan) -> Callable[[], np.ndarray]:
+    """A frame of points that compute nothing."""
+    ctx = renderer.ctx
+    spacing = splats.grid.mean_spacing
+    program = ctx.program(vertex_shader=FLOOR_VERTEX, fragment_shader=FLOOR_FRAGMENT)
+    eye = np.eye(4)
+    eye[:3, :3] = camera.eye_from_world @ splats.grid.world_from_index / spacing
+    eye[:3, 3] = camera.eye_from_points(splats.grid.origin) / spacing
+    clip = np.diag([2 / camera.extent, 2 / camera.extent, 0.5, 1.0])
+    clip[3] = [0, 0, 1, 0]
+    program["clip_from_index"].write((clip @ eye).T.astype("f4").tobytes())  # type: ignore[union-attr]
+    program["size"] = 2 * chosen.kernel.radius * camera.size[1] / camera.extent
+    places = ctx.buffer(np.ascontiguousarray(splats.records["position"]))
+    vertices = ctx.vertex_array(program, [(places, "3f4", "place")])
+
+    def frame() -> np.ndarray:
+        target: Target = renderer.passes.targets.get("draw", camera.size, "rgba32f")
+        target.clear()
+        ctx.enable_only(moderngl.BLEND | moderngl.PROGRAM_POINT_SIZE)
+        ctx.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
+        vertices.render(moderngl.POINTS)
+        return target.read()
+
+    return frame
+
+
+def ways(renderer: sg.Renderer, chosen: Case, size: int) -> dict[str, Callable[[], Any]]:
+    camera = View(size=(size, size)).camera(chosen.volume, chosen.splats)
+    plan = renderer.plan(chosen.splats, camera, chosen.settings)
+    everything = plan.forced(primitive="quad", cubic=False, antialias=True, attenuation="fill", half_line=True)
+    found: dict[str, Callable[[], Any]] = {
+        "planned": lambda: renderer.render(chosen.splats, camera, chosen.settings),
+        "floor": floor(renderer, chosen.splats, camera, plan),
+    }
+    if everything.program.align == "exact":
+        found["everything on"] = lambda: renderer.passes.draw(chosen.splats, camera, everything)
+    if chosen.peers:
+        found |= peers(chosen, camera)
+    return found
+
+
+class Peer:
+    """One of VTK's ray casters, in a process of its own: two libraries with contexts of their own get in each
+    other's way. Calling it draws a frame; `seconds` is what it took there.
+    """
+
+    def __init__(self, mapper: str, chosen: Case, camera: sg.Camera) -> None:
+        spawn = multiprocessing.get_context("spawn")
+        self.pipe, theirs = spawn.Pipe()
+        volume, points = chosen.volume, chosen.transfer.points
+        scene = (np.ascontiguousarray(volume.samples), volume.spacing, points, chosen.splats.shaded, camera)
+        self.process = spawn.Process(target=serve, args=(theirs, mapper, scene), daemon=True)
+        self.process.start()
+        self.seconds = 0.0
+
+    def __call__(self) -> None:
+        self.pipe.send(True)
+        self.seconds = self.pipe.recv()
+
+    def close(self) -> None:
+        self.pipe.send(False)
+        self.process.join()
+
+
+def peers(chosen: Case, camera: sg.Camera) -> dict[str, Callable[[], Any]]:
+    """VTK's ray casters; nothing where VTK is not installed."""
+    if importlib.util.find_spec("vtk") is None:
+        print("VTK left out: not installed (pip install splatgl[bench])")
+        return {}
+    return {
+        "VTK CPU": Peer("vtkFixedPointVolumeRayCastMapper", chosen, camera),
+        "VTK GPU mapper": Peer("vtkGPUVolumeRayCastMapper", chosen, camera),
+    }
+
+
+def serve(pipe: Any, mapper_name: str, scene: tuple) -> None:
+    """Draws a frame for every True, and answers with its seconds."""
+    import vtk
+    from vtk.util.numpy_support import numpy_to_vtk
+
+    samples, spacing, points, shaded, camera = scene
+    image = vtk.vtkImageData()
+    image.SetDimensions(*samples.shape[::-1])
+    image.SetSpacing(*spacing)
+    image.GetPointData().SetScalars(numpy_to_vtk(samples.ravel()))
+    opacity, color = vtk.vtkPiecewiseFunction(), vtk.vtkColorTransferFunction()
+    for value, alpha in points:
+        opacity.AddPoint(value, alpha)
+    color.AddRGBPoint(0, 0.2, 0.2, 0.2)
+    color.AddRGBPoint(255, 1, 1, 1)
+    looks = vtk.vtkVolumeProperty()
+    looks.SetScalarOpacity(opacity)
+    looks.SetColor(color)
+    looks.SetInterpolationTypeToLinear()
+    looks.SetShade(shaded)
+    mapper = getattr(vtk, mapper_name)()
+    mapper.SetInputData(image)
+    mapper.SetSampleDistance(0.5)
+    mapper.SetAutoAdjustSampleDistances(0)
+    if "FixedPoint" in mapper_name:
+        mapper.SetInteractiveSampleDistance(0.5)
+        mapper.SetNumberOfThreads(os.cpu_count() or 1)
+    frame = _vtk_frame(vtk, mapper, looks, camera)
+    while pipe.recv():
+        started = time.perf_counter()
+        frame()
+        pipe.send(time.perf_counter() - started)
+
+
+def _vtk_frame(vtk: Any, mapper: Any, looks: Any, camera: sg.Camera) -> Callable[[], Any]:
+    volume, scene, window = vtk.vtkVolume(), vtk.vtkRenderer(), vtk.vtkRenderWindow()
+    volume.SetMapper(mapper)
+    volume.SetProperty(looks)
+    scene.AddVolume(volume)
+    window.SetOffScreenRendering(1)
+    window.SetSize(*camera.size)
+    window.AddRenderer(scene)
+    view = scene.GetActiveCamera()
+    view.SetPosition(*camera.eye)
+    view.SetFocalPoint(*(camera.eye + 100 * camera.forward))
+    view.SetViewUp(*(-camera.eye_from_world[1]))
+    view.SetViewAngle(2 * np.degrees(np.arctan(camera.extent / 2)))
+    scene.ResetCameraClippingRange()
+
+    def frame() -> None:
+        # a still camera would not be drawn again
+        view.Azimuth(1e-4)
+        window.Render()
+
+    return frame
+
+
+def measure(renderer: sg.Renderer, chosen: Case, size: int, rounds: int) -> Iterator[Row]:
+    """Every way of one scene, in turns of random order."""
+    todo = ways(renderer, chosen, size)
+    times: dict[str, list[float]] = {name: [] for name in todo}
+    for frame in todo.values():
+        frame()
+    turns = [name for name in todo for _ in range(rounds)]
+    random.Random(1).shuffle(turns)
+    for name in turns:
+        if sum(times[name]) < LONGEST:
+            started = time.perf_counter()
+            todo[name]()
+            seconds = time.perf_counter() - started
+            times[name].append(todo[name].seconds if isinstance(todo[name], Peer) else seconds)
+    for frame in todo.values():
+        if isinstance(frame, Peer):
+            frame.close()
+    base = statistics.median(times["planned"])
+    for name, found in times.items():
+        median = statistics.median(found)
+        note = f"{median / base:.2f} × planned" if name != "planned" else error(renderer, chosen)
+        yield Row(chosen.name, size, name, len(chosen.splats), median, min(found), max(found), note)
+
+
+def error(renderer: sg.Renderer, chosen: Case) -> str:
+    """The planned picture's largest error and its bound, at a size that the reference draws in bearable time."""
+    camera = View(size=(CHECKED, CHECKED)).camera(chosen.volume, chosen.splats)
+    drawn = renderer.render(chosen.splats, camera, chosen.settings)
+    right = sg.reference.render(chosen.splats, camera, chosen.settings).pixels
+    off = float(np.abs(drawn.pixels - right).max())
+    limit = drawn.info["error_bound"]
+    return f"error {off:.1e}, bound {limit:.1e}" + ("" if off <= limit else ": BROKEN")  # type: ignore[operator]
+
+
+def ball(count: int) -> Case:
+    """About `count` splats of all opacities."""
+    edge = max(round((count / 0.52) ** (1 / 3)), 4)
+    z, y, x = np.mgrid[:edge, :edge, :edge] - (edge - 1) / 2
+    inside = (np.sqrt(x * x + y * y + z * z) < edge / 2) * np.random.default_rng(1).random((edge, edge, edge))
+    transfer = sg.Transfer([(0, 0), (1, 0.05)], shading=False)
+    volume = sg.Volume(inside.astype(np.float32))
+    return Case(f"ball {count / 1e6:g} M", volume, transfer, sg.extract(volume, transfer), sg.Settings(), False)
+
+
+def curves(renderer: sg.Renderer, rounds: int) -> Iterator[Row]:
+    """Time over splats, and over pixels."""
+    for millions in (0.1, 0.3, 1, 3, 5):
+        chosen = ball(int(millions * 1e6))
+        middle = chosen.splats.corners.mean(axis=0)
+        # two pixels a voxel, however large the ball
+        away = middle + np.array([150.0, -250, 200])
+        yield from _planned(renderer, chosen, sg.Camera.look_at(away, middle, (0, 0, 1), 40, (512, 512)), rounds)
+    tunnel = case("tunnel", "tunnel")
+    for size in (128, 256, 512, 1024, 2048):
+        camera = View(size=(size, size)).camera(tunnel.volume, tunnel.splats)
+        yield from _planned(renderer, tunnel, camera, rounds)
+
+
+def _planned(renderer: sg.Renderer, chosen: Case, camera: sg.Camera, rounds: int) -> Iterator[Row]:
+    times = []
+    for _ in range(rounds + 1):
+        started = time.perf_counter()
+        renderer.render(chosen.splats, camera, chosen.settings)
+        times.append(time.perf_counter() - started)
+    later = times[1:]
+    yield Row(
+        chosen.name, camera.size[1], "planned", len(chosen.splats), statistics.median(later), min(later), max(later), ""
+    )
+
+
+def all_rows(data: Path | None, rounds: int, with_curves: bool) -> Iterator[Row]:
+    with sg.Renderer() as renderer:
+        print(renderer.info)
+        if with_curves:
+            yield from curves(renderer, rounds)
+            return
+        yield from measure(renderer, case("tunnel", "tunnel"), 512, rounds)
+        yield from measure(renderer, case("terrain", "terrain"), 512, rounds)
+        if data is not None:
+            stent = str(data / "stent_ct_128x128x256.nrrd")
+            yield from measure(renderer, case("stent, X-ray", stent, sg.Settings(blend="xray")), 512, rounds)
+            male = str(data / "visible_male_128x256x256_uint8.raw")
+            neuron = str(data / "neuron_a_409x415x119.tif")
+            for size in (512, 1024):
+                yield from measure(renderer, case("male, bone", male, peers=True, preset="ct-bone"), size, rounds)
+                yield from measure(renderer, case("neuron", neuron, peers=True), size, rounds)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=os.environ.get("SPLATGL_DATA"), help="folder of real volumes")
+    parser.add_argument("--rounds", type=int, default=7, help="times each way is measured (7)")
+    parser.add_argument("--curves", action="store_true", help="instead: time over splats and over pixels")
+    parser.add_argument("--csv", type=Path, help="also write the rows here")
+    args = parser.parse_args()
+    rows = []
+    for row in all_rows(args.data and Path(args.data), args.rounds, args.curves):
+        print(row, flush=True)
+        rows.append(row)
+    if args.csv:
+        with args.csv.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(Row.__dataclass_fields__)
+            writer.writerows([getattr(row, name) for name in Row.__dataclass_fields__] for row in rows)
+
+
+if __name__ == "__main__":
+    main()
