@@ -1,0 +1,72 @@
+"""What a plan leaves out, forced on, changes the picture by no more than the plan says: mostly not at all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_sprites import noise, views
+
+import splatgl as sg
+from splatgl.splat.plan import Plan
+from splatgl.splat.sprites import Window
+
+# float32's last digits, where another way computes the same
+ROUNDING = 2e-5
+
+
+def forced(name: str, chosen: Plan, camera: sg.Camera) -> tuple[Plan, Plan, float]:
+    """(the plan as it is or next to it, the plan with the feature on, how much may change)."""
+    quads = chosen.forced(primitive="quad")
+    return {
+        "antialiasing": (chosen, chosen.forced(antialias=True), 0.0),
+        "antialiasing, quads": (quads, quads.forced(antialias=True), 0.0),
+        "attenuation": (chosen, chosen.forced(antialias=True, attenuation="fill"), 0.0),
+        "half lines": (quads, quads.forced(half_line=True), 0.0),
+        "non-cubic voxels": (chosen, chosen.forced(cubic=False), ROUNDING),
+        "quads": (chosen, quads, ROUNDING + chosen.passing),
+        "rows beyond the window": (chosen, replace(chosen, window=Window(0, 0, *camera.size)), 0.0),
+        "hidden splats": (chosen, replace(chosen, parts=1), chosen.passing),
+    }[name]
+
+
+FEATURES = (
+    *("antialiasing", "antialiasing, quads", "attenuation", "half lines"),
+    *("non-cubic voxels", "quads", "rows beyond the window", "hidden splats"),
+)
+
+
+@pytest.mark.parametrize("name", FEATURES)
+@pytest.mark.parametrize("size", [12, 40])
+def test_forced_on(renderer: sg.Renderer, name: str, size: int) -> None:
+    splats = noise(size=size, opacity=0.9)
+    camera = views(splats)["fitted"].resized((160, 120))
+    chosen = renderer.plan(splats, camera)
+    assert not chosen.program.antialias and not chosen.program.half_line and chosen.program.cubic
+    assert (chosen.parts > 1) == (size == 40)
+    without, with_it, change = forced(name, chosen, camera)
+    drawn = renderer.passes.draw(splats, camera, without)
+    assert drawn.max() > 0.1
+    assert np.abs(renderer.passes.draw(splats, camera, with_it) - drawn).max() <= change
+
+
+def test_order_is_left_out_of_sums(renderer: sg.Renderer) -> None:
+    splats = noise()
+    camera = views(splats)["fitted"]
+    for blend in ("xray", "mip"):
+        chosen = renderer.plan(splats, camera, sg.Settings(blend=blend))
+        assert any(note.startswith("ordering left out") for note in chosen.notes)
+        renderer.passes.draw(splats, camera, chosen)
+        assert renderer.passes.splats.indexed is not None and not renderer.passes.splats.indexed.orders
+        renderer.passes.splats.release()
+
+
+def test_every_note_says_what_it_changes(renderer: sg.Renderer) -> None:
+    """A line for everything that is left out: what, why, and what it does to the picture."""
+    splats = noise()
+    for camera in views(splats).values():
+        for blend in ("composite", "xray", "mip"):
+            for note in renderer.plan(splats, camera, sg.Settings(blend=blend)).notes:
+                assert " left out: " in note
+                assert any(word in note for word in ("picture", "rounding", "perpendicular", "eye", "pixels")), note
