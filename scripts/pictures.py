@@ -1,19 +1,23 @@
 """Draws the README's pictures into scripts/pictures: run it again after a change that shows.
 
-    .venv/bin/python scripts/pictures.py
+.venv/bin/python scripts/pictures.py
 """
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
+from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.app.scene import Scene, View
 
 FOLDER = Path(__file__).parent / "pictures"
 SIZE = (400, 400)
+# of the viewer's window; a palette keeps its picture small
+WINDOW, COLORS = (860, 560), 128
 # linear light of the page behind the pictures
 PAPER = (1.0, 1.0, 1.0)
 BLACK = (0.0, 0.0, 0.0)
@@ -34,7 +38,31 @@ def beside(*pictures: np.ndarray, gap: int = 6) -> sg.Image:
     return sg.Image(np.concatenate(parts[:-1], axis=1)).over(PAPER)
 
 
+def window(source: str) -> None:
+    """The viewer with its panel, as its window shows a volume or a scene once the picture is refined."""
+    from splatgl.app.viewer.content import Content
+    from splatgl.app.viewer.viewer import Options, Viewer
+
+    scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
+    with sg.Renderer("window") as renderer:
+        viewer = Viewer(Content.open(scene), renderer, Options(size=WINDOW))
+        try:
+            # a few frames more than it needs, for the panel
+            while viewer.painter.frame is None or not viewer.painter.frame.full:
+                viewer.step()
+            for _ in range(10):
+                viewer.refresh()
+                viewer.step(0.0)
+            shown = viewer.shot()
+        finally:
+            viewer.close()
+    Pillow.fromarray(shown).quantize(COLORS).save(FOLDER / "window.png", optimize=True)
+
+
 def main() -> None:
+    if sys.argv[1:2] == ["window"]:
+        window(sys.argv[2] if len(sys.argv) > 2 else "nerve")
+        return
     with sg.Renderer() as renderer:
         scenes = [
             draw(renderer, "tunnel", sg.Settings(background=BLACK)),

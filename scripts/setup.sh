@@ -35,7 +35,7 @@ ensure() { # level
         make_venv
         install_package "$1"
         ensure_opengl
-        if [ "$1" = test ]; then ensure_osmesa; fi
+        if [ "$1" = test ]; then ensure_osmesa; ensure_display; fi
         mark_done "$1"
     fi
     exec 9<&-
@@ -151,6 +151,12 @@ ensure_osmesa() { # for the tests only; never at the price of a package that a g
         say "installing $osmesa_packages would change the driver packages of a graphics card; $hint"; return 0
     fi
     apt_install $osmesa_packages || say "$hint"
+}
+
+ensure_display() { # for the tests only: a display that is not there, and keys and a mouse for it
+    if command -v Xvfb >/dev/null && command -v xdotool >/dev/null; then return 0; fi
+    apt_install xvfb xdotool ||
+        say "the tests of the window are skipped; to run them: sudo apt-get install xvfb xdotool"
 }
 
 disturbs_others() { # packages…; true if apt would upgrade or remove what is installed

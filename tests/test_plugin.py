@@ -191,11 +191,11 @@ def test_the_readmes_five_lines(pytester: pytest.Pytester) -> None:
     text = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
     (snippet,) = (block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "image_regression" in block)
     assert len([line for line in snippet.splitlines() if line]) <= 6
-    pytester.makepyfile(test_readme=snippet)
+    pytester.makepyfile(test_snippet=snippet)
     for options, outcome in (([], "failed"), (["--splatgl-update"], "passed"), ([], "passed")):
         pytester.runpytest(*options).assert_outcomes(**{outcome: 1})
-    assert baselines(pytester) == ["baselines/test_readme/test_ball.png"]
-    pytester.makepyfile(test_readme=snippet.replace("ball(12)", "ball(11)"))
+    assert baselines(pytester) == ["baselines/test_snippet/test_ball.png"]
+    pytester.makepyfile(test_snippet=snippet.replace("ball(12)", "ball(11)"))
     pytester.runpytest().assert_outcomes(failed=1)
 
 

@@ -63,6 +63,12 @@ def _render() -> Callable[[argparse.ArgumentParser], None]:
     return add_parser
 
 
+def _view() -> Callable[[argparse.ArgumentParser], None]:
+    from splatgl.app.view import add_parser
+
+    return add_parser
+
+
 def _animate() -> Callable[[argparse.ArgumentParser], None]:
     from splatgl.app.animate import add_parser
 
@@ -105,12 +111,20 @@ def _stress() -> Callable[[argparse.ArgumentParser], None]:
     return add_parser
 
 
+def _report() -> Callable[[argparse.ArgumentParser], None]:
+    from splatgl.app.report import add_parser
+
+    return add_parser
+
+
 COMMANDS: dict[str, tuple[str, Callable[[], Callable[[argparse.ArgumentParser], None]]]] = {
     "render": ("draw a volume or a scene into a picture", _render),
+    "view": ("open a window on a volume or a scene", _view),
     "animate": ("draw a turning volume, keyframes or a series in time into frames or a movie", _animate),
     "compare": ("tell whether two pictures, or folders of them, are the same, and what changed", _compare),
     "info": ("tell what is in a volume file", _info),
     "doctor": ("tell what this machine draws with, and whether it draws right", _doctor),
+    "report": ("tell what accuracy costs: error against run time of every method", _report),
     "figure": ("draw a figure of the paper, or tell which of its claims hold", _figure),
     "stress": ("draw scenes at the extremes, and tell whether each keeps its bound", _stress),
     "explain-splat": ("tell how right each kind of splat is for one voxel", _explain_splat),
@@ -118,8 +132,10 @@ COMMANDS: dict[str, tuple[str, Callable[[], Callable[[argparse.ArgumentParser], 
 # what a command is given besides options
 OPERANDS = {
     "render": " SOURCE",
+    "view": " SOURCE",
     "animate": " SOURCE… -o OUTPUT",
     "compare": " ACTUAL EXPECTED",
+    "report": " [SOURCE…]",
     "info": " SOURCE",
     "figure": " N",
     "explain-splat": " X,Y,Z",

@@ -10,10 +10,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from math import inf
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +122,27 @@ class Scene:
         scene = cls(source, reading, table.get("transfer", {}), view, settings)
         return replace(scene, threshold=float(table.get("threshold", 0.0)))
 
+    def to_toml(self, folder: Path) -> str:
+        """TOML text that `from_toml` reads back, from a file in `folder`, to the same scene.
+
+        Files are named from `folder` where they lie below it, else by their whole path. Raises InputError for
+        what TOML cannot hold.
+        """
+        known = self.volume in SCENES and not self.load
+        reading = dict(self.load)
+        if isinstance(reading.get("color"), str):
+            reading["color"] = _relative(reading["color"], folder)
+        lines = [f"volume = {_toml('volume', self.volume if known else _relative(self.volume, folder))}"]
+        if self.threshold:
+            lines.append(f"threshold = {_toml('threshold', float(self.threshold))}")
+        camera = {**_told(self.view), "size": self.view.size}
+        tables = {"load": reading, "transfer": self.transfer, "camera": camera, "settings": _told(self.settings)}
+        for name, table in tables.items():
+            given = {key: value for key, value in table.items() if value is not None}
+            lines += ["", f"[{name}]"] if given else []
+            lines += [f"{key} = {_toml(f'{name} {key}', value)}" for key, value in given.items()]
+        return "\n".join(lines) + "\n"
+
     def open(self) -> Volume:
         """The volume: a built-in scene, or a file through its reader."""
         if self.volume in SCENES and not self.load:
@@ -135,6 +158,39 @@ class Scene:
         base = preset(name, volume) if name else default_transfer(volume)
         _check_keys("transfer", asked, {f.name for f in fields(Transfer)})
         return replace(base, **asked)
+
+
+def _relative(path: str, folder: Path) -> str:
+    """A file's path as a scene in `folder` names it: from there if it lies below, else whole."""
+    place = Path(path).resolve()
+    near = place.relative_to(folder.resolve()).as_posix() if place.is_relative_to(folder.resolve()) else str(place)
+    # a file may be called as a built-in scene is
+    return f"./{near}" if near in SCENES else near
+
+
+def _told(record: View | Settings) -> dict[str, Any]:
+    """The fields that are not what they are by default."""
+    values = {f.name: getattr(record, f.name) for f in fields(record)}
+    return {f.name: values[f.name] for f in fields(record) if values[f.name] != f.default}
+
+
+def _toml(what: str, value: Any) -> str:
+    """A string, number, truth value, or sequence of them as TOML."""
+    if isinstance(value, str):
+        # JSON escapes all that TOML wants escaped, but for DEL
+        text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        if any("\ud800" <= letter <= "\udfff" for letter in text):
+            raise expected(what, "text that TOML can hold", repr(value)[:80])
+        return text
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, Integral):
+        return str(int(value))
+    if isinstance(value, Real):
+        return repr(float(value))
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(_toml(what, part) for part in value) + "]"
+    raise expected(what, "text, numbers or lists of them", type(value).__name__)
 
 
 def _default_orbit(volume: Volume) -> tuple[float, float]:

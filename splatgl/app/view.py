@@ -1,0 +1,105 @@
+"""`splatgl view`: a window on a volume or a scene."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from splatgl.app.options import add_settings, add_source, add_transfer, add_view, scene_from
+from splatgl.app.viewer.bindings import BINDINGS, listing, load_bindings
+from splatgl.app.viewer.pacing import TARGET
+from splatgl.data.errors import InputError, expected
+from splatgl.gl.loader import BackendError
+from splatgl.gl.renderer import Renderer
+from splatgl.gl.screen import GROUNDS
+
+
+def add_parser(parser: argparse.ArgumentParser) -> None:
+    add_source(parser)
+    group = parser.add_argument_group("window")
+    group.add_argument("--list-bindings", action=ListBindings, help="print which key does what")
+    group.add_argument("--bindings", metavar="FILE.toml", help="other keys: a table [bindings] of action = keys")
+    group.add_argument("--watch", action="store_true", help="read the file, or the scene.toml, again when it changes")
+    group.add_argument("--folder", default=".", metavar="DIR", help="where pictures and scenes are saved (.)")
+    group.add_argument("--frame-time", type=float, default=TARGET * 1e3, metavar="MS", help="while moving (33)")
+    group.add_argument("--ground", choices=GROUNDS, default=GROUNDS[0], metavar="|".join(GROUNDS), help="behind it")
+    group.add_argument("--no-panel", action="store_true", help="without the panel of the extra gui")
+    parser.add_argument("--backend", default="window", metavar="NAME", help="window, egl, osmesa or auto")
+    parser.add_argument("--device", type=int, metavar="N", help="index of the EGL device")
+    parser.add_argument("--gpu", action="store_true", help="fail if only a software renderer is there")
+    add_view(parser)
+    add_transfer(parser)
+    add_settings(parser)
+    parser.set_defaults(run=run)
+
+
+class ListBindings(argparse.Action):
+    """Prints the table, changed by a --bindings before it, and exits."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**{**options, "nargs": 0})
+
+    def __call__(self, parser: Any, namespace: argparse.Namespace, *_: Any) -> None:
+        changed = getattr(namespace, "bindings", None)
+        print(listing(load_bindings(changed) if changed else BINDINGS))
+        parser.exit()
+
+
+def run(args: argparse.Namespace) -> int:
+    """Opens the window; returns 0 once it is closed, by whatever way."""
+    from splatgl.app.viewer.content import Content
+    from splatgl.app.viewer.files import watched
+    from splatgl.app.viewer.viewer import Options, Viewer
+
+    folder = Path(args.folder)
+    if not folder.is_dir() or not os.access(folder, os.W_OK):
+        raise expected("--folder", "a folder that can be written", args.folder)
+    if not args.frame_time > 0:
+        raise expected("--frame-time", "milliseconds above 0", args.frame_time)
+    bindings = load_bindings(args.bindings) if args.bindings else BINDINGS
+    scene = scene_from(args)
+    content = Content.open(scene)
+    options = Options(
+        size=scene.view.size if args.size or args.source.endswith(".toml") else Options().size,
+        target=args.frame_time / 1e3,
+        folder=folder,
+        bindings=bindings,
+        ground=args.ground,
+        panel=not args.no_panel,
+        watched=watched(args.source, scene) if args.watch else (),
+        reopen=lambda: scene_from(args),
+    )
+    with Renderer(args.backend, args.device, args.gpu) as renderer:
+        viewer = Viewer(content, renderer, options)
+        try:
+            with _ended_by_signals(viewer):
+                viewer.run()
+        except BackendError as error:
+            raise InputError(f"window: {error}") from error
+        finally:
+            viewer.close()
+    return 0
+
+
+@contextmanager
+def _ended_by_signals(viewer: Any) -> Iterator[None]:
+    """Ctrl-C, a hang-up and a polite kill close the window."""
+
+    def close(number: int, frame: FrameType | None) -> None:
+        viewer.closed = True
+
+    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {name: signal.signal(getattr(signal, name), close) for name in names}
+    try:
+        yield
+    finally:
+        for name, handler in before.items():
+            signal.signal(getattr(signal, name), handler)
+        sys.stdout.flush()

@@ -1,0 +1,61 @@
+"""What lies beyond z_k: its share, splats tinted there, and where the plane cuts the volume's box.  [M98 §3]"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from splatgl.app.viewer.skin import inherit
+from splatgl.splat.camera import Camera
+from splatgl.splat.rows import Splats
+
+# linear light: what is beyond z_k goes this far towards TINT; what the plane cuts is PLANE
+TINT, PLANE = np.array([0.9, 0.12, 0.02], np.float32), np.array([1.0, 0.85, 0.1], np.float32)
+SHARE = 0.55
+# the plane shows as a band of this many voxels
+BAND = 1.0
+
+
+def depths(splats: Splats, camera: Camera) -> np.ndarray:
+    """Depth [N] of every splat, world units, float32."""
+    along = camera.forward @ splats.grid.world_from_index
+    start = float(camera.forward @ (splats.grid.origin - camera.eye))
+    return np.asarray(splats.records["position"] @ along.astype(np.float32) + np.float32(start))
+
+
+def share_beyond(splats: Splats, camera: Camera, z_k: float) -> float:
+    """Share of the splats that lie beyond z_k."""
+    return float((depths(splats, camera) > z_k).mean()) if len(splats) else 0.0
+
+
+def tinted(splats: Splats, camera: Camera, z_k: float) -> Splats:
+    """The same splats with those beyond z_k tinted, and those at it in the plane's colour."""
+    if not len(splats) or not np.isfinite(z_k):
+        return splats
+    depth = depths(splats, camera)
+    records = splats.records.copy()
+    beyond = depth > z_k
+    records["color"][beyond] += SHARE * (TINT - records["color"][beyond])
+    records["color"][np.abs(depth - z_k) < BAND / 2 * splats.grid.mean_spacing] = PLANE
+    return inherit(replace(splats, records=records), splats)
+
+
+def crossing(corners: np.ndarray, camera: Camera, z_k: float) -> np.ndarray:
+    """Where the plane at depth z_k cuts a box, corners [8, 3]: the polygon in pixels [N, 2]; N = 0 where it does not.
+
+    Corners are in the order of `Volume.corners`: bit 0 is x, bit 1 y, bit 2 z.
+    """
+    eye = camera.eye_from_points(corners)
+    edges = [(i, i | 1 << axis) for axis in range(3) for i in range(8) if not i >> axis & 1]
+    points = []
+    for i, j in edges:
+        low, high = eye[i, 2] - z_k, eye[j, 2] - z_k
+        if np.isfinite(z_k) and (low < 0) != (high < 0):
+            points.append(eye[i] + (eye[j] - eye[i]) * low / (low - high))
+    if len(points) < 3:
+        return np.zeros((0, 2))
+    flat = np.array(points)[:, :2] / camera.pixel_pitch(z_k) + np.array(camera.size) / 2
+    # a box's section is convex: its corners in order of their angle about the middle
+    from_middle = flat - flat.mean(axis=0)
+    return np.asarray(flat[np.argsort(np.arctan2(from_middle[:, 1], from_middle[:, 0]))])

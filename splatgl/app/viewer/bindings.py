@@ -1,0 +1,128 @@
+"""Which key does what: the one table that the window obeys and the help prints; and changes to it from a TOML file.
+
+    [bindings]
+    turn = ["space", "t"]       # action = the keys that do it, instead of the usual ones
+    quit = "q"
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from splatgl.data.errors import expected
+from splatgl.data.toml import load_table
+
+MODIFIERS = ("ctrl", "alt", "shift")
+# keys that have no character, by the names they have here; function keys are f1 to f12
+NAMED = (
+    *("escape", "enter", "tab", "space", "backspace", "insert", "delete", "home", "end", "page_up", "page_down"),
+    *("left", "right", "up", "down"),
+    *(f"f{n}" for n in range(1, 13)),
+)
+
+
+@dataclass(frozen=True)
+class Binding:
+    """One action, the keys that do it, and what the help says of it."""
+
+    action: str
+    keys: tuple[str, ...]
+    about: str
+
+
+BINDINGS = (
+    Binding("reset", ("r", "home"), "back to the first view"),
+    Binding("isometric", ("v",), "isometric view"),
+    Binding("front", ("1",), "view from the front"),
+    Binding("back", ("ctrl+1",), "view from the back"),
+    Binding("right", ("3",), "view from the right"),
+    Binding("left", ("ctrl+3",), "view from the left"),
+    Binding("top", ("7",), "view from the top"),
+    Binding("bottom", ("ctrl+7",), "view from the bottom"),
+    Binding("projection", ("p",), "perspective or orthographic"),
+    Binding("blend", ("b",), "next blend mode"),
+    Binding("antialias", ("a",), "next kind of antialiasing"),
+    Binding("align", ("g",), "next alignment of the splats"),
+    Binding("motion", ("m",), "next kind of motion blur"),
+    Binding("beyond", ("k",), "show the z_k plane, and tint what lies beyond it"),
+    Binding("attenuation", ("w",), "next form of attenuation beyond z_k"),
+    Binding("compare", ("d",), "beside the float64 reference, the difference from it, or neither"),
+    Binding("opacity-down", ("[",), "less opaque"),
+    Binding("opacity-up", ("]",), "more opaque"),
+    Binding("threshold-down", (",",), "lower threshold: keep more voxels"),
+    Binding("threshold-up", (".",), "higher threshold: keep fewer voxels"),
+    Binding("turn", ("space",), "turn on its own, or stop"),
+    Binding("screenshot", ("s",), "save the picture (PNG)"),
+    Binding("save", ("shift+s",), "save the floats (NPY) and the scene (scene.toml)"),
+    Binding("hud", ("i",), "show or hide what is drawn and how"),
+    Binding("panel", ("tab",), "show or hide the panel"),
+    Binding("ground", ("n",), "black, white or checks behind the picture"),
+    Binding("help", ("?", "f1"), "all keys"),
+    Binding("quit", ("q", "escape"), "quit"),
+)
+MOUSE = (
+    ("left drag", "turn"),
+    ("shift + left, middle drag", "pan"),
+    ("wheel, right drag", "zoom to the cursor"),
+    ("ctrl + left drag", "roll"),
+    ("double click", "turn about the point under the cursor"),
+    ("drop a file", "open it"),
+)
+
+
+def keymap(bindings: Iterable[Binding]) -> dict[str, str]:
+    """Key → action. Raises InputError for a key that would do two things."""
+    actions: dict[str, str] = {}
+    for binding in bindings:
+        for key in binding.keys:
+            if actions.setdefault(key, binding.action) != binding.action:
+                raise expected(f"key {key}", "one action", f"{actions[key]} and {binding.action}")
+    return actions
+
+
+def remapped(changes: Mapping[str, object], bindings: Iterable[Binding] = BINDINGS) -> tuple[Binding, ...]:
+    """The table with the keys of some actions changed. Raises InputError for unknown actions and keys."""
+    known = {binding.action: binding for binding in bindings}
+    for action, keys in changes.items():
+        if action not in known:
+            raise expected("bindings", f"actions {', '.join(known)}", repr(action))
+        given = [keys] if isinstance(keys, str) else keys
+        if not isinstance(given, list) or not all(isinstance(key, str) for key in given):
+            raise expected(f"bindings: {action}", "a key or a list of keys", repr(keys))
+        known[action] = replace(known[action], keys=tuple(checked(action, key) for key in given))
+    keymap(known.values())
+    return tuple(known.values())
+
+
+def load_bindings(path: str | Path) -> tuple[Binding, ...]:
+    """The table with the changes of a TOML file's [bindings]. Raises InputError naming the file."""
+    table = load_table(Path(path), "key bindings")
+    changes = table.get("bindings")
+    if not isinstance(changes, dict) or len(table) != 1:
+        raise expected(path, "the table [bindings] alone", ", ".join(table) or "an empty file")
+    return remapped(changes)
+
+
+def checked(action: str, key: str) -> str:
+    """A key's name with its modifiers in order: `Shift+Ctrl+S` → `ctrl+shift+s`."""
+    *modifiers, name = key.lower().split("+") if not key.endswith("+") else [*key.lower()[:-1].split("+")[:-1], "+"]
+    if set(modifiers) - set(MODIFIERS) or len(set(modifiers)) < len(modifiers) or not (len(name) == 1 or name in NAMED):
+        fix = f"write a character or one of {', '.join(NAMED[:11])}, …, after {', '.join(m + '+' for m in MODIFIERS)}"
+        raise expected(f"bindings: {action}", "a key", repr(key), fix)
+    return chord(name, modifiers)
+
+
+def chord(name: str, modifiers: Iterable[str]) -> str:
+    """A key with its modifiers in the order in which bindings name them."""
+    return "+".join([m for m in MODIFIERS if m in set(modifiers)] + [name])
+
+
+def listing(bindings: Iterable[Binding]) -> str:
+    """The table in words, a line each: what the help shows and `--list-bindings` prints."""
+    rows = [(", ".join(binding.keys), binding.about, binding.action) for binding in bindings]
+    width, about = max(len(keys) for keys, _, _ in rows), max(len(text) for _, text, _ in rows)
+    lines = [f"{keys:<{width}}  {text:<{about}}  {action}" for keys, text, action in rows]
+    mouse = max(len(move) for move, _ in MOUSE)
+    return "\n".join([*lines, "", *(f"{move:<{mouse}}  {text}" for move, text in MOUSE)])

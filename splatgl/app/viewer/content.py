@@ -1,0 +1,134 @@
+"""`Content`: a scene's volume at every stride, and the splats that its transfer function makes of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from splatgl.app.scene import FOV, Scene
+from splatgl.app.viewer.coarse import coarser
+from splatgl.app.viewer.pacing import STRIDES
+from splatgl.app.viewer.pose import Pose
+from splatgl.app.viewer.skin import skinned
+from splatgl.data.volume import Volume
+from splatgl.splat.camera import Bounded, Camera
+from splatgl.splat.extract import extract
+from splatgl.splat.rows import Splats
+from splatgl.splat.transfer import Transfer
+
+# volumes of fewer voxels are drawn as they are, moving or not
+SMALL = 1 << 15
+# splats that are made while a transfer function is edited, at most: 3 GB with all that is worked out for them
+MOST = 20_000_000
+# so many splats are looked at within a millisecond
+FEW = 200_000
+
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """volumes: one for each of STRIDES, the finest first. Splats are made of them when they are wanted.
+
+    counts: how many splats can be seen at each of STRIDES, or could with the last transfer function.
+    """
+
+    scene: Scene
+    volumes: tuple[Volume, ...]
+    transfer: Transfer
+    threshold: float
+    counts: tuple[int, ...] = (0,) * len(STRIDES)
+    made: dict[int, Splats] = field(default_factory=dict)
+    skins: dict[int, Splats] = field(default_factory=dict)
+
+    @classmethod
+    def open(cls, scene: Scene) -> Content:
+        """Reads and extracts all of it. Raises InputError as the readers do."""
+        volume = scene.open()
+        volumes = [volume]
+        for _ in STRIDES[1:]:
+            last = volumes[-1]
+            volumes.append(coarser(last) if last.samples.size > SMALL else last)
+        content = cls(scene, tuple(volumes), scene.transfer_for(volume), scene.threshold)
+        return replace(content, counts=tuple(len(content.skin(stride)) for stride in STRIDES))
+
+    @property
+    def volume(self) -> Volume:
+        return self.volumes[0]
+
+    @property
+    def whole(self) -> bool:
+        """Whether the finest splats are made."""
+        return 1 in self.skins
+
+    @property
+    def heavy(self) -> bool:
+        """Whether there would be more splats than can be held, going by the coarser ones."""
+        return not self.whole and 8 * len(self.at(2)) > MOST
+
+    @property
+    def finest(self) -> Splats:
+        """The finest splats that are made; the coarsest where none are."""
+        return self.made[min(self.made)] if self.made else self.at(STRIDES[-1])
+
+    @property
+    def sample(self) -> Splats:
+        """The finest splats that are made and that are few enough to look at in every frame."""
+        few = [stride for stride in sorted(self.made) if len(self.made[stride]) <= FEW]
+        return self.made[few[0]] if few else self.at(STRIDES[-1])
+
+    @property
+    def subject(self) -> Bounded:
+        """What a view shows all of."""
+        return self.finest if len(self.finest) else self.volume
+
+    def at(self, stride: int) -> Splats:
+        """The splats of every so many voxels; opacities are per the finest volume's length in all."""
+        if stride > 1 and self.volumes[STRIDES.index(stride)] is self.volume:
+            return self.at(1)
+        if stride not in self.made:
+            volume, transfer = self.volumes[STRIDES.index(stride)], self.transfer
+            if stride > 1:
+                transfer = replace(transfer, unit=transfer.unit or _mean_spacing(self.volume))
+            self.made[stride] = extract(volume, transfer, self.threshold)
+        return self.made[stride]
+
+    def skin(self, stride: int) -> Splats:
+        """The same without those that are hidden from every side."""
+        if stride > 1 and self.volumes[STRIDES.index(stride)] is self.volume:
+            return self.skin(1)
+        if stride not in self.skins:
+            self.skins[stride] = skinned(self.at(stride))
+        return self.skins[stride]
+
+    def changed(self, transfer: Transfer, threshold: float) -> Content:
+        """With another transfer function; nothing is made yet."""
+        counts = tuple(len(self.skins[s]) if s in self.skins else n for s, n in zip(STRIDES, self.counts, strict=True))
+        return Content(self.scene, self.volumes, transfer, threshold, counts)
+
+    def home(self, size: tuple[int, int]) -> Pose:
+        """The scene's own view, about its middle."""
+        camera = replace(self.scene.view, size=size).camera(self.volume, self.subject)
+        fov = self.scene.view.fov or self.volume.hints.fov or _fov(camera)
+        return Pose(camera, self.middle, float(fov), self.reach)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Of the box of all splats, world."""
+        corners = self.subject.corners
+        return np.asarray((corners.min(axis=0) + corners.max(axis=0)) / 2)
+
+    @cached_property
+    def reach(self) -> float:
+        """Radius of the volume's box, world units."""
+        corners = self.volume.corners
+        return float(np.linalg.norm(corners - corners.mean(axis=0), axis=1).max())
+
+
+def _mean_spacing(volume: Volume) -> float:
+    return float(np.exp(np.linalg.slogdet(volume.world_from_index)[1] / 3))
+
+
+def _fov(camera: Camera) -> float:
+    """Degrees; of an orthographic camera, the default's."""
+    return float(np.degrees(2 * np.arctan(camera.extent / 2))) if camera.perspective else FOV

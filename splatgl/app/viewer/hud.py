@@ -1,0 +1,90 @@
+"""What the window says in words: who draws, how many splats and why not more, how long it took, z_k, the plan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.pacing import FULL, Level
+from splatgl.app.viewer.state import State
+from splatgl.splat.plan import Plan
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The picture on show: info as the renderer gave it, how long it took, its level, its plan, the share beyond z_k.
+
+    hidden: how many splats were left out because no view shows them.
+    """
+
+    info: Mapping[str, object]
+    seconds: float
+    level: Level
+    plan: Plan
+    beyond: float
+    hidden: int
+
+    @property
+    def full(self) -> bool:
+        """Whether it is what was asked, and not a stand-in."""
+        return self.level == FULL
+
+
+def lines(state: State, content: Content, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
+    """The HUD, a line each."""
+    title = f"{content.volume.name or content.scene.volume}  {state.pose.camera.size[0]} x {state.pose.camera.size[1]}"
+    if frame is None:
+        return (title, busy or "nothing drawn yet")
+    info = frame.info
+    said = [title, f"{info['renderer']} ({info['backend']})", *_splats(content, frame), _pace(state, frame, busy)]
+    return (*said, _depths(content, frame), *_bound(info), "", *frame.plan.explain().splitlines())
+
+
+def progress(state: State, frame: Frame | None) -> str:
+    """How far the picture is from what was asked, in a few words."""
+    if frame is None:
+        return ""
+    return "refined" if frame.full else f"moving: {frame.level}"
+
+
+def _splats(content: Content, frame: Frame) -> list[str]:
+    """Drawn and total, and what became of the rest."""
+    kept, total = len(content.finest), content.volume.samples.size
+    if frame.level.stride > 1 or not content.whole:
+        return [f"of {total:,} voxels, blocks of {frame.level.stride}^3 are drawn"]
+    left = f"the rest: opacity {f'at most {content.threshold:g}' if content.threshold else '0'}"
+    said = [f"{kept:,} of {total:,} voxels are splats ({left})"]
+    drawn = frame.info.get("drawn", kept - frame.hidden)
+    if isinstance(drawn, int) and drawn < kept:
+        said.append(f"{drawn:,} drawn; the rest can't be seen from here")
+    return said
+
+
+def _pace(state: State, frame: Frame, busy: str | None) -> str:
+    rate = f"{frame.seconds * 1e3:.0f} ms"
+    work = f", {busy} ..." if busy else ""
+    if not frame.full:
+        return f"{rate}  moving: {frame.level}{work}"
+    return f"{rate}  refined to {_tolerance(state.settings.tolerance)}{work}"
+
+
+def _tolerance(tolerance: float) -> str:
+    return f"1/{1 / tolerance:.0f}" if abs(1 / tolerance - round(1 / tolerance)) < 1e-6 else f"{tolerance:g}"
+
+
+def _depths(content: Content, frame: Frame) -> str:
+    z_k, unit = frame.plan.z_k, content.volume.unit
+    if frame.plan.program.perspective:
+        return f"z_k = {z_k:.4g}{' ' + unit if unit else ''}, {frame.beyond:.0%} of the splats beyond"
+    return "z_k: voxels are " + ("narrower" if z_k == 0 else "wider") + " than pixels everywhere"
+
+
+def _bound(info: Mapping[str, object]) -> list[str]:
+    bound, dropped = info.get("error_bound"), info.get("dropped_depth")
+    said = [f"error at most {bound:.2g}"] if isinstance(bound, float) else []
+    if isinstance(dropped, float) and dropped > 0:
+        said.append(f"the threshold dropped an optical depth of up to {dropped:.2g}")
+    if info.get("tolerance_met") is False:
+        said.append("the tolerance could not be kept")
+    return said

@@ -1,0 +1,141 @@
+"""`Painter`: from a state to what the window shows: the splats' picture, the words over it, the reference beside it."""
+
+from __future__ import annotations
+
+import textwrap
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from splatgl.app.viewer import hud
+from splatgl.app.viewer.beyond import crossing, share_beyond, tinted
+from splatgl.app.viewer.bindings import MOUSE, Binding
+from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.difference import Difference, Reference
+from splatgl.app.viewer.hud import Frame
+from splatgl.app.viewer.overlay import Overlay, Text, drawn
+from splatgl.app.viewer.pacing import FULL, Level
+from splatgl.app.viewer.skin import FAITHFUL, outside
+from splatgl.app.viewer.state import State
+from splatgl.gl.renderer import Renderer
+from splatgl.gl.screen import Look, Screen
+from splatgl.splat.plan import Plan, plan
+from splatgl.splat.rows import Splats
+
+# seconds between two writings of the HUD while the picture moves
+CALM = 0.25
+# letters of a message in a line, by the window's pixels
+LETTER = 7.5
+# and of the HUD
+COLUMN = 50
+
+
+class Painter:
+    """Keeps what is on the screen: the last frame, the overlay, and how the picture is shown."""
+
+    def __init__(self, screen: Screen, renderer: Renderer, bindings: tuple[Binding, ...]) -> None:
+        self.screen, self.renderer, self.bindings = screen, renderer, bindings
+        self.frame: Frame | None = None
+        self.pixels = np.zeros((1, 1, 4), np.float32)
+        self.brightest = 1.0
+        self.overlay: Overlay | None = None
+        self.words: tuple[str, ...] = ()
+        self.written = -1e9
+        self.beside: object = None
+
+    def draw(self, state: State, content: Content, level: Level) -> Frame:
+        """Draws the splats at a level and keeps the picture. Raises InputError as the renderer does."""
+        started = time.perf_counter()
+        full = state.pose.camera.size
+        camera, settings = state.pose.camera.resized(level.size(full)), level.settings(state.settings)
+        chosen = plan(content.finest, state.pose.camera, state.settings)
+        splats = _enough(state, content, level, chosen)
+        # the tint is not what the reference shows
+        if state.beyond and state.compare == "off":
+            splats = tinted(splats, camera, chosen.z_k)
+        image = self.renderer.render(splats, camera, settings)
+        self.pixels, info = image.pixels, dict(image.info)
+        self.brightest = float(self.pixels.max()) or 1.0
+        self.screen.put("picture", self.pixels)
+        beyond = share_beyond(content.sample, state.pose.camera, chosen.z_k)
+        hidden = len(content.at(level.stride)) - len(splats)
+        self.frame = Frame(info, time.perf_counter() - started, level, chosen, beyond, hidden)
+        return self.frame
+
+    def write(self, state: State, content: Content, scale: float, busy: str | None, said: str) -> bool:
+        """Writes the overlay if what it says changed; True if it did. said: of the reference."""
+        now = time.perf_counter()
+        moving = self.frame is not None and not self.frame.full
+        if not state.hud or state.help:
+            self.words = ()
+        elif not (moving and self.words and now - self.written < CALM):
+            told = hud.lines(state, content, self.frame, busy)
+            self.words = tuple(part for line in told for part in _wrapped(line, COLUMN))
+            self.written = now
+        wanted = self._overlay(state, content, scale, said)
+        if wanted == self.overlay:
+            return False
+        self.overlay = wanted
+        self.screen.put("overlay", drawn(wanted))
+        return True
+
+    def look(self, state: State, reference: Reference) -> Look:
+        """How the picture is shown now; puts the reference beside it where there is one."""
+        xray = state.settings.blend == "xray"
+        background = None if xray else state.settings.background
+        scale = 1.0 / self.brightest if xray else 1.0
+        written = self.overlay is not None and bool(self.overlay.texts or self.overlay.polygon)
+        plain = Look(state.ground, scale, overlay=written, background=background)
+        right = reference.image
+        if right is None or state.compare == "off" or right.pixels.shape != self.pixels.shape:
+            return plain
+        if self.beside is not right:
+            self.screen.put("other", right.pixels.astype(np.float32))
+            self.beside = right
+        if state.compare == "split":
+            return replace(plain, compare="split")
+        largest = Difference.of(self.pixels, right.pixels).largest
+        return replace(plain, compare="difference", scale=1.0, gain=1.0 / largest if largest > 0 else 1.0)
+
+    def compared(self, state: State, reference: Reference) -> str:
+        """What to say of the reference."""
+        right = reference.image
+        if state.compare == "off" or right is None or right.pixels.shape != self.pixels.shape:
+            return "" if state.compare == "off" else reference.said
+        found = Difference.of(self.pixels, right.pixels)
+        numbers = f"largest {found.largest:.2g}, RMSE {found.rmse:.2g} of linear light"
+        if state.compare == "split":
+            return f"left: this picture; right: the float64 reference. Difference: {numbers}"
+        return f"difference from the float64 reference: {numbers}; white is {found.largest:.2g}"
+
+    def _overlay(self, state: State, content: Content, scale: float, said: str) -> Overlay:
+        texts = []
+        if self.words:
+            texts.append(Text(self.words))
+        if state.help:
+            rows = [(", ".join(binding.keys), binding.about) for binding in self.bindings]
+            texts.append(Text(tuple("\t".join(row) for row in (*rows, *MOUSE)), "middle", paper=True))
+        size = state.pose.camera.size
+        told = [line for line in (said, state.message) if line]
+        if told:
+            width = max(20, int(size[0] / LETTER / scale))
+            texts.append(Text(tuple(part for line in told for part in _wrapped(line, width)), "bottom left", note=True))
+        polygon: tuple[tuple[float, float], ...] = ()
+        if state.beyond and self.frame is not None and self.frame.plan.program.perspective:
+            found = crossing(content.volume.corners, state.pose.camera, self.frame.plan.z_k)
+            polygon = tuple((round(float(x)), round(float(y))) for x, y in found)
+        return Overlay(size, scale, tuple(texts), polygon)
+
+
+def _enough(state: State, content: Content, level: Level, chosen: Plan) -> Splats:
+    """The splats that make this picture: all, or those that can be seen where that is as good."""
+    skin = content.skin(level.stride)
+    fits = chosen.program.blend == "composite" and outside(skin, state.pose.camera.eye)
+    if level == FULL:
+        fits = fits and not chosen.program.antialias and state.settings.tolerance > FAITHFUL
+    return skin if fits else content.at(level.stride)
+
+
+def _wrapped(text: str, width: int) -> list[str]:
+    return textwrap.wrap(text, width) or [""]

@@ -1,0 +1,138 @@
+"""`Pose`: the window's camera and the point it turns about. Every move gives a new one; nothing here has a window.
+
+Cursor places are in pixels of the picture, (0, 0) its upper left corner.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatgl.app.scene import View
+from splatgl.data.volume import Triple
+from splatgl.splat.camera import Camera
+
+# the pivot counts as no nearer than this share of the scene's radius, so that a zoom goes on through it
+NEAREST = 0.05
+# radii of the scene that an orthographic eye stands off at least: nothing behind its plane is seen
+STAND_OFF = 2.0
+# radius of the ball that the left button turns, in halves of the picture's shorter side
+BALL = 0.9
+# how much nearer a notch of the wheel, and a pixel of a drag upwards, bring what is under the cursor
+NOTCH, DRAG = 0.85, 0.994
+# bounds of what one picture may show, in radii of the scene
+CLOSEST, FARTHEST = 1e-4, 1e3
+
+Place = tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """camera; pivot [3], world; fov, degrees, kept while the view is orthographic; reach, the scene's radius."""
+
+    camera: Camera
+    pivot: np.ndarray
+    fov: float
+    reach: float
+
+    @property
+    def depth(self) -> float:
+        """Depth of the pivot, world units; never nearer than a share of the scene's radius."""
+        return max(float(self.camera.eye_from_points(self.pivot)[2]), NEAREST * self.reach)
+
+    @property
+    def pitch(self) -> float:
+        """World length of a pixel's side at the pivot."""
+        return float(self.camera.pixel_pitch(self.depth))
+
+    def view(self) -> View:
+        """The view as a scene file states it."""
+        camera = self.camera
+        target, up = camera.eye + camera.forward * self.depth, -camera.eye_from_world[1]
+        placed = View(camera.size, eye=_triple(camera.eye), look_at=_triple(target), up=_triple(up), fov=self.fov)
+        return placed if camera.perspective else replace(placed, orthographic=True, height=camera.extent)
+
+    def resized(self, size: tuple[int, int]) -> Pose:
+        return replace(self, camera=self.camera.resized(size))
+
+    def about(self, point: np.ndarray) -> Pose:
+        """The same view with another pivot."""
+        return replace(self, pivot=np.asarray(point, dtype=np.float64))
+
+    def rotated(self, start: Place, stop: Place) -> Pose:
+        """Turned as a ball in the middle of the picture turns under a cursor that goes from start to stop."""
+        a, b = _on_ball(self.camera.size, start), _on_ball(self.camera.size, stop)
+        # the rotation by twice the angle from a to b: reversible, and the same whatever the path [Shoemake 1992]
+        return self._turned(_turn(np.cross(a, b), 2.0 * float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))))
+
+    def rolled(self, start: Place, stop: Place) -> Pose:
+        """Turned about the line of sight by the angle between two places, seen from the picture's middle."""
+        middle = np.array(self.camera.size) / 2
+        angles = [np.arctan2(*(np.array(place) - middle)[::-1]) for place in (start, stop)]
+        return self._turned(_turn(np.array([0.0, 0.0, 1.0]), float(angles[1] - angles[0])))
+
+    def spun(self, degrees: float, up: np.ndarray) -> Pose:
+        """Turned about the world's `up`, through the pivot: the object goes counter-clockwise seen from above."""
+        return self._turned(_turn(self.camera.eye_from_world @ up, float(np.radians(degrees))))
+
+    def panned(self, start: Place, stop: Place) -> Pose:
+        """Moved across, so that what is at the pivot's depth follows the cursor."""
+        step = (np.array(start) - np.array(stop)) * self.pitch
+        return self._moved(self.camera.eye + step @ self.camera.eye_from_world[:2])
+
+    def zoomed(self, at: Place, factor: float) -> Pose:
+        """Nearer by a factor (below 1); what is at the pivot's depth under the cursor stays there."""
+        camera = self.camera
+        shown = camera.extent * (self.depth if camera.perspective else 1.0)
+        factor = float(np.clip(factor, CLOSEST * self.reach / shown, FARTHEST * self.reach / shown))
+        across = (np.array(at) - np.array(camera.size) / 2) * self.pitch
+        if camera.perspective:
+            target = camera.eye + np.array([*across, self.depth]) @ camera.eye_from_world
+            return self._moved(target + (camera.eye - target) * factor)
+        eye = camera.eye + across @ camera.eye_from_world[:2] * (1.0 - factor)
+        return replace(self, camera=Camera(eye, camera.eye_from_world, camera.size, camera.extent * factor, False))
+
+    def switched(self) -> Pose:
+        """Perspective for orthographic and back; what is at the pivot's depth keeps its size."""
+        camera, extent = self.camera, 2.0 * float(np.tan(np.radians(self.fov) / 2))
+        height = camera.extent * (self.depth if camera.perspective else 1.0)
+        depth = max(self.depth, STAND_OFF * self.reach) if camera.perspective else height / extent
+        eye = camera.eye + camera.forward * (self.depth - depth)
+        shown = height if camera.perspective else extent
+        return replace(self, camera=Camera(eye, camera.eye_from_world, camera.size, shown, not camera.perspective))
+
+    def _turned(self, rotation: np.ndarray) -> Pose:
+        """What is seen turned by a rotation in eye axes about the pivot."""
+        camera = self.camera
+        # the nearest rotation, so that rounding does not add up over thousands of moves
+        left, _, right = np.linalg.svd(rotation @ camera.eye_from_world)
+        axes = left @ right
+        eye = self.pivot - camera.eye_from_points(self.pivot) @ axes
+        return replace(self, camera=replace(camera, eye=eye, eye_from_world=axes))
+
+    def _moved(self, eye: np.ndarray) -> Pose:
+        return replace(self, camera=replace(self.camera, eye=eye))
+
+
+def _on_ball(size: tuple[int, int], place: Place) -> np.ndarray:
+    """Unit vector in eye axes (forward is away) of the ball's point under the cursor; outside, of its rim."""
+    radius = BALL * min(size) / 2
+    x, y = (np.array(place) - np.array(size) / 2) / radius
+    square = x * x + y * y
+    point = np.array([x, y, -np.sqrt(1.0 - square)]) if square < 1.0 else np.array([x, y, 0.0])
+    return np.asarray(point / np.linalg.norm(point))
+
+
+def _turn(axis: np.ndarray, angle: float) -> np.ndarray:
+    """Rotation [3, 3] by an angle in radians about an axis of any length; none about no axis.  [Rodrigues]"""
+    length = float(np.linalg.norm(axis))
+    if not length > 0.0:
+        return np.eye(3)
+    x, y, z = axis / length
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)
+
+
+def _triple(point: np.ndarray) -> Triple:
+    return float(point[0]), float(point[1]), float(point[2])

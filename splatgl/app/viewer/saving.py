@@ -1,0 +1,73 @@
+"""Screenshots and scenes: what is saved is what `splatgl render` makes of the saved scene, pixel for pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+
+from splatgl import __version__
+from splatgl.app.scene import Scene
+from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.state import State
+from splatgl.data.image import Image, write_whole
+from splatgl.splat.camera import Camera
+from splatgl.splat.extract import extract
+from splatgl.splat.rows import Splats
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
+
+Draw = Callable[[Splats, Camera, Settings], Image]
+
+
+def scene_of(state: State, content: Content) -> Scene:
+    """The scene that shows what the window shows."""
+    transfer = state.transfer
+    table = {f.name: getattr(transfer, f.name) for f in fields(Transfer) if getattr(transfer, f.name) is not None}
+    shown = replace(content.scene, transfer=table, view=state.pose.view(), settings=state.settings)
+    return replace(shown, threshold=state.threshold)
+
+
+def picture_of(scene: Scene, content: Content, draw: Draw) -> Image:
+    """The picture that `splatgl render` makes of a scene, drawn by the window's own renderer."""
+    transfer = scene.transfer_for(content.volume)
+    same = content.whole and transfer == content.transfer and scene.threshold == content.threshold
+    splats = content.at(1) if same else extract(content.volume, transfer, scene.threshold)
+    image = draw(splats, scene.view.camera(content.volume, splats), scene.settings)
+    return Image(image.pixels, {**image.info, **_origin(scene, transfer)})
+
+
+def save_picture(state: State, content: Content, draw: Draw, folder: Path) -> str:
+    """Writes the next free picture-NNN.png; returns what to say."""
+    target = free(folder, "picture", ".png")
+    scene = scene_of(state, content)
+    ground = scene.settings.background if scene.settings.blend == "xray" else None
+    picture_of(scene, content, draw).save(target, background=ground)
+    return f"saved {target.name}"
+
+
+def save_scene(state: State, content: Content, draw: Draw, folder: Path) -> str:
+    """Writes the next free scene-NNN.toml and the floats beside it; returns what to say."""
+    target = free(folder, "scene", ".toml")
+    scene = scene_of(state, content)
+    picture_of(scene, content, draw).save(target.with_suffix(".npy"))
+    write_whole(target, scene.to_toml(target.parent).encode())
+    return f"saved {target.with_suffix('.npy').name} and {target.name}"
+
+
+def free(folder: Path, stem: str, suffix: str) -> Path:
+    """folder/stem-001 and so on: the first that is not there."""
+    number = 1
+    while any((folder / f"{stem}-{number:03d}{end}").exists() for end in (suffix, ".npy")):
+        number += 1
+    return folder / f"{stem}-{number:03d}{suffix}"
+
+
+def _origin(scene: Scene, transfer: Transfer) -> dict[str, object]:
+    """What `splatgl render` notes in its pictures too."""
+    return {
+        "version": __version__,
+        "source": Path(scene.volume).name,
+        "threshold": scene.threshold,
+        "transfer": transfer.to_toml(),
+    }

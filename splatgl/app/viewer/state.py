@@ -1,0 +1,213 @@
+"""`State`: all that the window shows, as one value; and what each action of the bindings makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.pacing import STRIDES
+from splatgl.app.viewer.pose import Pose
+from splatgl.data.errors import InputError
+from splatgl.gl.screen import GROUNDS
+from splatgl.splat.camera import Camera
+from splatgl.splat.plan import plan
+from splatgl.splat.settings import CHOICES, Settings
+from splatgl.splat.transfer import OPAQUE, Transfer
+
+COMPARE = ("off", "split", "difference")
+# degrees of azimuth and elevation of the standard views; the front is where a scene's azimuth is 0
+VIEWS = {
+    "isometric": (45.0, 35.264),
+    "front": (0.0, 0.0),
+    "back": (180.0, 0.0),
+    "right": (90.0, 0.0),
+    "left": (-90.0, 0.0),
+    "top": (0.0, 90.0),
+    "bottom": (0.0, -90.0),
+}
+# one press of a key: extinction, and the threshold, times or over this; the lowest threshold above 0, and the highest
+OPACITY_STEP, THRESHOLD_STEP = 1.25, 1.5
+LOWEST, HIGHEST = 0.001, 0.99
+# settings that a key changes, and what is to be said of them
+CYCLES = {
+    "blend": "",
+    "antialias": "",
+    "align": "",
+    "motion": "",
+    "attenuation": ", in composite, beyond z_k",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """pose, settings: how it is seen and drawn. base: the transfer function asked; extinction: a factor on it.
+
+    asks: what the window still has to do ("screenshot", "save", "quit"). message: said until the next key.
+    """
+
+    pose: Pose
+    settings: Settings
+    base: Transfer
+    threshold: float
+    extinction: float = 1.0
+    turning: bool = False
+    beyond: bool = False
+    compare: str = "off"
+    hud: bool = True
+    help: bool = False
+    panel: bool = False
+    ground: str = "black"
+    message: str = ""
+    asks: tuple[str, ...] = field(default=())
+
+    @classmethod
+    def of(cls, content: Content, size: tuple[int, int]) -> State:
+        return cls(content.home(size), content.scene.settings, content.transfer, content.threshold)
+
+    @property
+    def transfer(self) -> Transfer:
+        """The transfer function that is drawn: its nodes' extinctions times the factor."""
+        if self.extinction == 1.0:
+            return self.base
+        return replace(self.base, points=tuple((v, stronger(a, self.extinction)) for v, a in self.base.points))
+
+    def opened(self, content: Content) -> State:
+        """Another content, as it wants to be seen; what the window shows beside it stays."""
+        fresh = State.of(content, self.pose.camera.size)
+        kept = ("hud", "help", "panel", "ground", "turning")
+        return replace(fresh, **{name: getattr(self, name) for name in kept})
+
+
+def stronger(opacity: float, factor: float) -> float:
+    """The opacity of `factor` times as much extinction; 1 stays 1."""
+    return opacity if opacity >= OPAQUE else float(-np.expm1(factor * np.log1p(-opacity)))
+
+
+Action = Callable[[State, Content], State]
+
+
+def acted(state: State, action: str, content: Content) -> State:
+    """What an action of the bindings makes of the state."""
+    return ACTIONS[action](replace(state, message=""), content)
+
+
+def _reset(state: State, content: Content) -> State:
+    return replace(state, pose=content.home(state.pose.camera.size), turning=False)
+
+
+def _view(name: str) -> Action:
+    def look(state: State, content: Content) -> State:
+        azimuth, elevation = VIEWS[name]
+        # in RAS the front is +y, in LPS −y
+        azimuth += 180.0 if content.volume.frame == "RAS" else 0.0
+        pose, up = state.pose, up_of(content)
+        camera = Camera.orbit(content.subject, azimuth, elevation, pose.fov, pose.camera.size, up=up)
+        seen = replace(pose, camera=camera, pivot=content.middle)
+        return replace(state, pose=seen if pose.camera.perspective else seen.switched(), turning=False)
+
+    return look
+
+
+def up_of(content: Content) -> np.ndarray:
+    """The direction that the scene draws upwards."""
+    up = np.asarray(content.scene.view.up or content.volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
+    return np.asarray(up / np.linalg.norm(up))
+
+
+def _projection(state: State, content: Content) -> State:
+    pose = state.pose.switched()
+    return replace(state, pose=pose, message="perspective" if pose.camera.perspective else "orthographic")
+
+
+def _cycle(name: str) -> Action:
+    def cycle(state: State, content: Content) -> State:
+        allowed = CHOICES[name]
+        if len(allowed) < 2:
+            return replace(state, message=f"{name} is always {allowed[0]}: nothing in this volume moves")
+        chosen = getattr(state.settings, name)
+        for _ in allowed:
+            chosen = _next(allowed, chosen)
+            settings = state.settings.but(**{name: chosen})
+            if drawable(settings, state, content):
+                break
+        return replace(state, settings=settings, message=f"{name} {chosen}{CYCLES[name]}")
+
+    return cycle
+
+
+def drawable(settings: Settings, state: State, content: Content) -> bool:
+    """Whether these settings can be had for this volume (align a wants cubic voxels)."""
+    try:
+        plan(content.at(STRIDES[-1]), state.pose.camera, settings)
+    except InputError:
+        return False
+    return True
+
+
+def _compare(state: State, content: Content) -> State:
+    return replace(state, compare=_next(COMPARE, state.compare), turning=False)
+
+
+def _opacity(factor: float) -> Action:
+    def change(state: State, content: Content) -> State:
+        extinction = state.extinction * factor
+        # back where it began, in spite of rounding
+        extinction = 1.0 if abs(extinction - 1.0) < 1e-9 else extinction
+        return replace(state, extinction=extinction, message=f"extinction x{extinction:.3g}")
+
+    return change
+
+
+def _threshold(factor: float) -> Action:
+    def change(state: State, content: Content) -> State:
+        moved = max(state.threshold * factor, LOWEST) if factor > 1 else state.threshold * factor
+        moved = 0.0 if moved < LOWEST * 0.999 else min(moved, HIGHEST)
+        return replace(state, threshold=float(f"{moved:.4g}"), message=f"threshold {moved:.4g}")
+
+    return change
+
+
+def _toggle(name: str) -> Action:
+    def toggle(state: State, content: Content) -> State:
+        changes: dict[str, Any] = {name: not getattr(state, name)}
+        return replace(state, **changes)
+
+    return toggle
+
+
+def _ground(state: State, content: Content) -> State:
+    return replace(state, ground=_next(GROUNDS, state.ground))
+
+
+def _ask(what: str) -> Action:
+    return lambda state, content: replace(state, asks=(*state.asks, what))
+
+
+def _next(values: tuple[str, ...], value: str) -> str:
+    return values[(values.index(value) + 1) % len(values)]
+
+
+ACTIONS: dict[str, Action] = {
+    "reset": _reset,
+    **{name: _view(name) for name in VIEWS},
+    "projection": _projection,
+    **{name: _cycle(name) for name in CYCLES},
+    "beyond": _toggle("beyond"),
+    "compare": _compare,
+    "opacity-down": _opacity(1 / OPACITY_STEP),
+    "opacity-up": _opacity(OPACITY_STEP),
+    "threshold-down": _threshold(1 / THRESHOLD_STEP),
+    "threshold-up": _threshold(THRESHOLD_STEP),
+    "turn": _toggle("turning"),
+    "screenshot": _ask("screenshot"),
+    "save": _ask("save"),
+    "hud": _toggle("hud"),
+    "panel": _toggle("panel"),
+    "ground": _ground,
+    "help": _toggle("help"),
+    "quit": _ask("quit"),
+}

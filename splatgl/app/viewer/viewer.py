@@ -1,0 +1,339 @@
+"""`Viewer`: the window at work: events into states, states into pictures, as few as can be."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.app.viewer import saving
+from splatgl.app.viewer.bindings import BINDINGS, Binding, keymap
+from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.difference import Reference, Wanted
+from splatgl.app.viewer.files import Files, News, Reopen
+from splatgl.app.viewer.hud import progress
+from splatgl.app.viewer.jobs import Done, Jobs
+from splatgl.app.viewer.mouse import Mouse, wheeled
+from splatgl.app.viewer.pacing import LADDER, REST, STRIDES, TARGET
+from splatgl.app.viewer.painter import Painter
+from splatgl.app.viewer.pick import picked
+from splatgl.app.viewer.pose import Place
+from splatgl.app.viewer.refiner import Moment, Refiner
+from splatgl.app.viewer.state import State, acted, up_of
+from splatgl.app.viewer.window import Window
+from splatgl.data.errors import InputError, missing_extra
+from splatgl.gl.renderer import Renderer
+from splatgl.gl.screen import Screen
+
+# seconds that a still window sleeps at most: how soon Ctrl-C is heard
+IDLE = 0.25
+# frames that a panel may take for what was done to it
+MOST_FRAMES = 20
+# degrees a second of a scene that turns on its own
+SPEED = 30.0
+# seconds between two pictures of a scene that turns on its own
+STEP = 1 / 60
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the window begins. reopen: the scene again, where files are watched; folder: where pictures go."""
+
+    size: tuple[int, int] = (1024, 768)
+    target: float = TARGET
+    folder: Path = Path(".")
+    bindings: tuple[Binding, ...] = BINDINGS
+    ground: str = "black"
+    panel: bool = True
+    watched: tuple[str, ...] = ()
+    reopen: Reopen | None = None
+
+
+class Viewer:
+    """Shows one content at a time. `step()` lives a moment of the window; `run()` all of its life."""
+
+    def __init__(self, content: Content, renderer: Renderer, options: Options | None = None) -> None:
+        self.options = options or Options()
+        self.keys = keymap(self.options.bindings)
+        self.screen = Screen(self.options.size, "splatgl")
+        try:
+            self.window = Window(self.screen, self)
+            self.jobs = Jobs(self.window.wake)
+            self.reference = Reference(Jobs(self.window.wake))
+            self.painter = Painter(self.screen, renderer, self.options.bindings)
+            self.renderer = renderer
+            self.content = content
+            self.state = replace(State.of(content, self._size()), ground=self.options.ground)
+            self.panel: Any = None
+            if self.options.panel and find_spec("imgui_bundle"):
+                self._open_panel()
+        except BaseException:
+            self.screen.close()
+            raise
+        self.mouse = Mouse()
+        self.files = Files(self.jobs, self.options.watched, self.options.reopen, self.now())
+        self.refiner = Refiner(content.counts, self._pixels(), self.options.target)
+        self.touched = self.ticked = self.now()
+        self.closed = False
+        self.dirty = 1
+
+    # --- the window's events ------------------------------------------------------------------------------------
+
+    def key(self, chord: str) -> None:
+        action = self.keys.get(chord)
+        if action:
+            self.state = acted(self.state, action, self.content)
+            if self.state.panel and self.panel is None:
+                self._open_panel()
+            self._touch()
+
+    def press(self, button: str, held: tuple[str, ...], place: Place) -> None:
+        if self.mouse.doubles(button, place, self.now()):
+            self._pivot(place)
+        self.mouse = self.mouse.press(button, held, place, self.state.pose, self.now())
+
+    def release(self, button: str) -> None:
+        self.mouse = self.mouse.release()
+
+    def move(self, place: Place) -> None:
+        if self.mouse.drag is not None:
+            pose = self.mouse.drag.to(place)
+            self.state = replace(self.state, pose=pose.resized(self._size()), turning=False)
+            self._touch()
+
+    def wheel(self, notches: float, place: Place) -> None:
+        self.state = replace(self.state, pose=wheeled(self.state.pose, place, notches))
+        self._touch()
+
+    def resize(self, size: tuple[int, int]) -> None:
+        if min(size) > 0:
+            self.state = replace(self.state, pose=self.state.pose.resized(size))
+            self._touch()
+
+    def drop(self, paths: list[str]) -> None:
+        """Opens the first of the files; what is shown stays until it is there."""
+        if paths:
+            self.files.open(paths[0], self.state.settings)
+            self.refresh()
+
+    def refresh(self) -> None:
+        self.dirty = max(self.dirty, 1)
+
+    def raw(self, kind: str, *values: Any) -> bool:
+        if self.panel is None or not self.state.panel:
+            return False
+        # a panel takes one event a frame, and shows what came of it in the next
+        self.dirty = min(max(self.dirty, 1) + 1, MOST_FRAMES)
+        return bool(self.panel.event(kind, *values))
+
+    # --- the moments of its life --------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        while not self.closed:
+            self.step()
+
+    def step(self, wait: float | None = None) -> None:
+        """Events, what threads have finished, one picture if one is wanted, and showing it. wait: at most so long."""
+        self.window.wait(self._patience() if wait is None else wait)
+        for done in self.jobs.collect():
+            self._finished(done)
+        if self.reference.collect():
+            self.dirty = 1
+        self.files.look(self.now())
+        self._turn()
+        self._answer()
+        if self.window.closing:
+            self.closed = True
+        if self.closed or min(self.window.size) < 1:
+            return
+        self._draw()
+        self._compare()
+        self._show()
+
+    def now(self) -> float:
+        return time.monotonic()
+
+    def shot(self) -> np.ndarray:
+        """What the window shows now, uint8 [H, W, 3], sRGB."""
+        self._compose()
+        return self.screen.read(self.window.size)
+
+    def close(self) -> None:
+        """Frees the window and all in it; the renderer stays its owner's."""
+        self.closed = True
+        self.reference.forget()
+        if self.panel is not None:
+            self.panel.close()
+        self.screen.close()
+
+    def _patience(self) -> float:
+        """How long there is nothing to do unless something happens."""
+        if self.dirty:
+            return 0.0
+        if self.state.turning:
+            return max(0.0, self.ticked + STEP - self.now())
+        moment = self._moment()
+        due = self.refiner.patience(self._wanted(), moment)
+        if due is None and self._unfinished():
+            due = max(0.0, REST - moment.idle)
+        # a held button puts the full picture off for as long as it is down
+        return IDLE if due is None or (due == 0.0 and moment.held and not self.dirty) else min(due, IDLE)
+
+    def _moment(self) -> Moment:
+        held = self.mouse.drag is not None
+        return Moment(self.now() - self.touched, self.state.turning, held, self.content.whole)
+
+    def _wanted(self) -> tuple[object, ...]:
+        """What a picture depends on; the parts are values or never change."""
+        state = self.state
+        return state.pose, state.settings, self.content, state.beyond and state.compare == "off"
+
+    def _draw(self) -> None:
+        """A picture in motion where something changed, the full one where all is at rest."""
+        self._extract()
+        wanted, moment = self._wanted(), self._moment()
+        level = self.refiner.level(wanted, moment)
+        if level is None:
+            return
+        if wanted != self.refiner.drawn:
+            self.reference.forget()
+        try:
+            frame = self.painter.draw(self.state, self.content, LADDER[level])
+        except InputError as error:
+            self.refiner.refuse(wanted)
+            self.state = replace(self.state, message=str(error))
+            return
+        self.refiner.done(wanted, level, frame.seconds, moment)
+        self.dirty = max(self.dirty, 1)
+
+    def _extract(self) -> None:
+        """The splats of the transfer function that is asked now: the finest are made by the thread, at rest."""
+        transfer, threshold = self.state.transfer, self.state.threshold
+        if (transfer, threshold) != (self.content.transfer, self.content.threshold):
+            self._take(self.content.changed(transfer, threshold))
+            if self.content.heavy:
+                said = f"some {8 * len(self.content.at(2)):,} splats: too many to draw all; make more of it transparent"
+                self.state = replace(self.state, message=said)
+        elif self._unfinished() and self.now() - self.touched >= REST:
+            content = self.content
+            self.jobs.submit("extracting", lambda: content.skin(1))
+
+    def _unfinished(self) -> bool:
+        """Whether the finest splats are still to be made."""
+        return not self.content.whole and not self.jobs.busy and not self.content.heavy
+
+    def _compare(self) -> None:
+        """Asks for the reference of a full picture once all is at rest."""
+        frame = self.painter.frame
+        if self.state.compare == "off" or frame is None or not frame.full or self.refiner.drawn != self._wanted():
+            if self.reference.wanted is not None:
+                self.reference.forget()
+        elif self.reference.wanted is None:
+            self.reference.ask(Wanted(self.content.at(1), self.state.pose.camera, self.state.settings))
+
+    def _show(self) -> None:
+        """The picture, the words over it and the panel, if any of it changed."""
+        said = self.painter.compared(self.state, self.reference)
+        if self.painter.write(self.state, self.content, self.window.scale, self.jobs.busy, said):
+            self.dirty = max(self.dirty, 1)
+        if not self.dirty:
+            return
+        self.dirty -= 1
+        self._compose()
+        self.window.show()
+        self.screen.check()
+        self.window.title(f"{self.content.volume.name} - splatgl - {progress(self.state, self.painter.frame)}")
+
+    def _compose(self) -> None:
+        """What the window shows, into its back buffer."""
+        self.screen.draw(self.window.size, self.painter.look(self.state, self.reference))
+        if self.panel is not None and self.state.panel and not self.state.help:
+            self.state = self.panel.frame(self.state, self.content, self.painter.frame)
+
+    # --- what they do -------------------------------------------------------------------------------------------
+
+    def _turn(self) -> None:
+        now = self.now()
+        if self.state.turning:
+            pose = self.state.pose.spun(SPEED * (now - self.ticked), up_of(self.content))
+            self.state = replace(self.state, pose=pose)
+            self.touched = now
+        self.ticked = now
+
+    def _answer(self) -> None:
+        """Does what the state asks of the window."""
+        asks, self.state = self.state.asks, replace(self.state, asks=())
+        for ask in asks:
+            if ask == "quit":
+                self.closed = True
+                continue
+            save = saving.save_picture if ask == "screenshot" else saving.save_scene
+            try:
+                said = save(self.state, self.content, self.renderer.render, self.options.folder)
+            except InputError as error:
+                said = str(error)
+            self.state = replace(self.state, message=said)
+
+    def _finished(self, done: Done) -> None:
+        """Takes what a thread has made; bad input is said and what was there stays."""
+        self.dirty = max(self.dirty, 1)
+        if isinstance(done.error, InputError | MemoryError):
+            self.state = replace(self.state, message=str(done.error) or "not enough memory")
+        elif done.error is not None:
+            raise done.error
+        elif isinstance(done.result, News):
+            self._opened(done.result)
+        else:
+            # the thread put the splats where the content looks for them
+            self._take(self.content)
+
+    def _opened(self, news: News) -> None:
+        """Another file; or the same one, seen as before unless a scene file says otherwise."""
+        content, old = news.content, self.content
+        if news.reopen is not None:
+            self.files.turn_to(news, self.now())
+        if news.reopen is not None or content.scene != old.scene:
+            self.state = self.state.opened(content)
+        elif self.state.base == old.transfer:
+            self.state = replace(self.state, base=content.transfer)
+        self._take(content)
+        self._touch()
+
+    def _take(self, content: Content) -> None:
+        """Shows a content from now on."""
+        self.content = content
+        self.refiner.renew(content.counts, self._pixels())
+        self.dirty = max(self.dirty, 1)
+
+    def _pivot(self, place: Place) -> None:
+        found = picked(self.content.at(STRIDES[1]), self.state.pose.camera, place)
+        said = "nothing here to turn about" if found is None else "turns about this point"
+        pose = self.state.pose if found is None else self.state.pose.about(found)
+        self.state = replace(self.state, pose=pose, message=said)
+        self._touch()
+
+    def _touch(self) -> None:
+        self.touched = self.now()
+        self.dirty = max(self.dirty, 1)
+
+    def _pixels(self) -> int:
+        return self._size()[0] * self._size()[1]
+
+    def _size(self) -> tuple[int, int]:
+        width, height = self.window.size
+        return max(width, 1), max(height, 1)
+
+    def _open_panel(self) -> None:
+        """Makes the panel; says what to install where its library is missing."""
+        if not find_spec("imgui_bundle"):
+            said = str(missing_extra("the panel", "imgui-bundle", "gui"))
+            self.state = replace(self.state, panel=False, message=said)
+            return
+        from splatgl.app.viewer.gui import Gui
+
+        self.panel = Gui(self.window)
+        self.state = replace(self.state, panel=True)

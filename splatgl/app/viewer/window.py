@@ -1,0 +1,149 @@
+"""The window itself: GLFW's events as calls of a `Listener`, in pixels of the picture; and nothing else."""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+import sys
+import warnings
+from typing import Any, Protocol
+
+from splatgl.app.viewer.keys import from_character, from_key, modifiers
+from splatgl.app.viewer.pose import Place
+from splatgl.gl.screen import Screen
+
+BUTTONS = ("left", "right", "middle")
+# what a program ends with whose display is gone
+GONE = 2
+# smallest window, in screen coordinates
+SMALLEST = 64
+
+
+class Listener(Protocol):
+    """What a window tells of. Places are in pixels, (0, 0) the upper left corner."""
+
+    def key(self, chord: str) -> None: ...
+    def press(self, button: str, held: tuple[str, ...], place: Place) -> None: ...
+    def release(self, button: str) -> None: ...
+    def move(self, place: Place) -> None: ...
+    def wheel(self, notches: float, place: Place) -> None: ...
+    def resize(self, size: tuple[int, int]) -> None: ...
+    def drop(self, paths: list[str]) -> None: ...
+    def refresh(self) -> None: ...
+    def raw(self, kind: str, *values: Any) -> bool:
+        """Every event first comes here, as GLFW has it; True keeps it from the rest (a panel took it)."""
+        ...
+
+
+class Window:
+    """A screen's window: its events, its size, its title."""
+
+    def __init__(self, screen: Screen, listener: Listener) -> None:
+        import glfw
+
+        self.glfw, self.screen, self.listener, self.handle = glfw, screen, listener, screen.window
+        # where the cursor was when an event was made: asked for later, it would have gone on
+        self.at: Place = self._pixels(*glfw.get_cursor_pos(self.handle))
+        # GLFW's errors come as warnings: what matters is asked for where it matters
+        warnings.simplefilter("ignore", glfw.GLFWError)
+        _outlive_display()
+        glfw.swap_interval(1)
+        glfw.set_window_size_limits(self.handle, SMALLEST, SMALLEST, glfw.DONT_CARE, glfw.DONT_CARE)
+        glfw.set_key_callback(self.handle, self._key)
+        glfw.set_char_callback(self.handle, self._character)
+        glfw.set_mouse_button_callback(self.handle, self._button)
+        glfw.set_cursor_pos_callback(self.handle, self._cursor)
+        glfw.set_scroll_callback(self.handle, self._scroll)
+        glfw.set_drop_callback(self.handle, self._drop)  # type: ignore[arg-type]
+        glfw.set_framebuffer_size_callback(self.handle, lambda _, width, height: listener.resize((width, height)))
+        glfw.set_window_refresh_callback(self.handle, lambda _: listener.refresh())
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Pixels; (0, 0) while minimised."""
+        width, height = self.glfw.get_framebuffer_size(self.handle)
+        return int(width), int(height)
+
+    @property
+    def scale(self) -> float:
+        """How much larger than usual text should be on this display."""
+        return max(1.0, float(self.glfw.get_window_content_scale(self.handle)[1]))
+
+    @property
+    def closing(self) -> bool:
+        return bool(self.glfw.window_should_close(self.handle))
+
+    def wait(self, seconds: float) -> None:
+        """Lets events in; waits for the first of them at most so long."""
+        if seconds > 0:
+            self.glfw.wait_events_timeout(seconds)
+        else:
+            self.glfw.poll_events()
+
+    def wake(self) -> None:
+        """Ends a wait; from any thread."""
+        self.glfw.post_empty_event()
+
+    def title(self, text: str) -> None:
+        self.glfw.set_window_title(self.handle, text)
+
+    def show(self) -> None:
+        """Brings what was drawn to the front."""
+        self.glfw.swap_buffers(self.handle)
+
+    def _pixels(self, x: float, y: float) -> Place:
+        size, window = self.size, self.glfw.get_window_size(self.handle)
+        return x * size[0] / max(window[0], 1), y * size[1] / max(window[1], 1)
+
+    def _key(self, _: Any, code: int, scan: int, action: int, bits: int) -> None:
+        if self.listener.raw("key", code, action, bits) or action == self.glfw.RELEASE:
+            return
+        chord = from_key(code, self.glfw.get_key_name(code, scan), bits)
+        if chord:
+            self.listener.key(chord)
+
+    def _character(self, _: Any, code: int) -> None:
+        if not self.listener.raw("character", code) and (chord := from_character(chr(code))):
+            self.listener.key(chord)
+
+    def _button(self, _: Any, button: int, action: int, bits: int) -> None:
+        taken = self.listener.raw("button", button, action)
+        if button >= len(BUTTONS):
+            return
+        # a release is always told: the press may have been before the panel came under the cursor
+        if action == self.glfw.RELEASE:
+            self.listener.release(BUTTONS[button])
+        elif not taken:
+            self.listener.press(BUTTONS[button], modifiers(bits), self.at)
+
+    def _cursor(self, _: Any, x: float, y: float) -> None:
+        self.listener.raw("cursor", x, y)
+        self.at = self._pixels(x, y)
+        self.listener.move(self.at)
+
+    def _scroll(self, _: Any, x: float, y: float) -> None:
+        if not self.listener.raw("scroll", x, y):
+            self.listener.wheel(y, self.at)
+
+    def _drop(self, _: Any, paths: Any) -> None:
+        self.listener.drop([os.fsdecode(path) for path in paths])
+
+
+def _outlive_display() -> None:
+    """A line and an exit code where the X server goes away: Xlib ends the program, and has its own way to say so."""
+    name = ctypes.util.find_library("X11") if sys.platform.startswith("linux") else None
+    if name is None:
+        return
+    handler = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(_gone)
+    _kept.append(handler)
+    ctypes.CDLL(name).XSetIOErrorHandler(handler)
+
+
+# what C calls must not be collected
+_kept: list[Any] = []
+
+
+def _gone(_: Any) -> int:
+    os.write(2, b"splatgl: the display went away\n")
+    os._exit(GONE)

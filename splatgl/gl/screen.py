@@ -1,0 +1,147 @@
+"""`Screen`: a window that shows a picture, on a ground, with an overlay; on a context of its own.
+
+Whatever renderer drew the picture, and in whatever context, it comes here as numbers.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from splatgl.data.errors import InputError, expected
+from splatgl.gl.context import adopt, current
+from splatgl.gl.loader import BackendError, switch_to
+from splatgl.gl.program import build
+from splatgl.gl.window import WindowLoader
+
+# what lies below a picture without a background
+GROUNDS = ("black", "white", "checks")
+# texture units, by the sampler's name
+UNITS = {"picture": 0, "other": 1, "overlay": 2}
+
+
+@dataclass(frozen=True)
+class Look:
+    """How the picture is shown; see shaders/screen.frag.
+
+    scale: factor on the light (an X-ray's 1/brightest). compare: with `other` right of the middle ("split"), or
+    |picture − other| × gain ("difference"). background: linear RGB that the picture lies on already.
+    """
+
+    ground: str = "black"
+    scale: float = 1.0
+    compare: str = "none"
+    gain: float = 1.0
+    overlay: bool = True
+    background: tuple[float, float, float] | None = None
+
+
+class Screen:
+    """A visible window. Raises InputError where there is no display. Everything runs in the main thread."""
+
+    def __init__(self, size: tuple[int, int], title: str) -> None:
+        self.owned = ExitStack()
+        # GLX refuses to make a window while another system's context is current in this thread
+        switch_to(None)
+        try:
+            self.loader = WindowLoader(size, title, visible=True)
+            _check_shown(self.loader)
+            self.ctx = adopt(self.loader)
+        except BackendError as error:
+            raise expected("display", "one that opens a window", error, "set DISPLAY, or use splatgl render") from error
+        self.owned.callback(self.ctx.release)
+        self.textures: dict[str, moderngl.Texture] = {}
+        self.programs: dict[tuple[str, bool], tuple[moderngl.Program, moderngl.VertexArray]] = {}
+        with current(self.ctx):
+            self.owned.callback(self._release)
+            for name in UNITS:
+                self.put(name, np.zeros((1, 1, 4), np.uint8))
+
+    @property
+    def window(self) -> Any:
+        """GLFW's handle."""
+        return self.loader.window
+
+    def put(self, name: str, pixels: np.ndarray) -> None:
+        """Keeps pixels [H, W, 4], float32 (linear) or uint8 (sRGB), as the `picture`, `other` or `overlay`."""
+        size, dtype = (pixels.shape[1], pixels.shape[0]), "f4" if pixels.dtype == np.float32 else "f1"
+        with current(self.ctx):
+            kept = self.textures.get(name)
+            if kept is not None and (kept.size, kept.dtype) == (size, dtype):
+                kept.write(np.ascontiguousarray(pixels))
+                return
+            self.textures[name] = self.ctx.texture(size, 4, np.ascontiguousarray(pixels), dtype=dtype)
+            self.textures[name].repeat_x = self.textures[name].repeat_y = False
+            if kept is not None:
+                kept.release()
+
+    def draw(self, size: tuple[int, int], look: Look) -> None:
+        """Draws what was put into the window's back buffer of `size` pixels; the context stays as it was."""
+        with current(self.ctx):
+            program, whole = self._program(look.compare, look.overlay)
+            self.ctx.screen.use()
+            self.ctx.viewport = (0, 0, *size)
+            self.ctx.enable_only(moderngl.NOTHING)
+            for name, unit in UNITS.items():
+                if name in program:
+                    # pixel for pixel where the sizes agree, smooth where a smaller picture stands in
+                    kind = moderngl.NEAREST if self.textures[name].size == size else moderngl.LINEAR
+                    self.textures[name].filter = (kind, kind)
+                    self.textures[name].use(location=unit)
+                    program[name] = unit
+            values: dict[str, Any] = {"size": size, "scale": look.scale, "gain": look.gain}
+            values["ground"] = GROUNDS.index(look.ground)
+            values["background"] = (*look.background, 1.0) if look.background else (0.0, 0.0, 0.0, 0.0)
+            for name, value in values.items():
+                if name in program:
+                    program[name] = value
+            whole.render(moderngl.TRIANGLES, vertices=3)
+
+    def read(self, size: tuple[int, int]) -> np.ndarray:
+        """What the back buffer holds: uint8 [H, W, 3], row 0 on top."""
+        with current(self.ctx):
+            data = self.ctx.screen.read(viewport=(0, 0, *size), components=3, alignment=1)
+            # moderngl names a colour attachment, which a window has none of; the back buffer is read all the same
+            _ = self.ctx.error
+        return np.frombuffer(data, np.uint8).reshape(size[1], size[0], 3)[::-1]
+
+    def check(self) -> None:
+        """InputError if the window's context failed or was lost."""
+        with current(self.ctx):
+            problem = self.ctx.error
+        if problem != "GL_NO_ERROR":
+            raise InputError(f"window: OpenGL failed: {problem}; close other programs that use the graphics card")
+
+    def close(self) -> None:
+        """Releases everything and the window; further calls do nothing."""
+        with current(self.ctx):
+            self.owned.close()
+
+    def _program(self, compare: str, overlay: bool) -> tuple[moderngl.Program, moderngl.VertexArray]:
+        """Compiled on the first use of a look."""
+        if (compare, overlay) not in self.programs:
+            switches: dict[str, str | int | bool] = {"COMPARE": f"COMPARE_{compare.upper()}", "OVERLAY": overlay}
+            program = build(self.ctx, "screen.vert", "screen.frag", switches)
+            self.programs[compare, overlay] = program, self.ctx.vertex_array(program, [])
+        return self.programs[compare, overlay]
+
+    def _release(self) -> None:
+        while self.textures:
+            self.textures.popitem()[1].release()
+        while self.programs:
+            program, whole = self.programs.popitem()[1]
+            whole.release()
+            program.release()
+
+
+def _check_shown(loader: WindowLoader) -> None:
+    """BackendError for GLFW's null platform, whose windows nobody sees."""
+    import glfw
+
+    if glfw.get_platform() == glfw.PLATFORM_NULL:
+        loader.release()
+        raise BackendError("there is none")

@@ -1,0 +1,609 @@
+"""The window's logic without a window: moves, bindings, pacing, refinement, coarse volumes, saved scenes."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.app.cli import main
+from splatgl.app.scene import Scene, View
+from splatgl.app.viewer import curve
+from splatgl.app.viewer.beyond import crossing, share_beyond, tinted
+from splatgl.app.viewer.bindings import BINDINGS, checked, keymap, listing, load_bindings, remapped
+from splatgl.app.viewer.coarse import coarser
+from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.files import watched
+from splatgl.app.viewer.jobs import Jobs
+from splatgl.app.viewer.keys import from_character, from_key
+from splatgl.app.viewer.mouse import Mouse, wheeled
+from splatgl.app.viewer.overlay import Overlay, Text, drawn, plain
+from splatgl.app.viewer.pacing import FULL, LADDER, STRIDES, Pace
+from splatgl.app.viewer.pick import picked
+from splatgl.app.viewer.pose import Pose
+from splatgl.app.viewer.refiner import COARSE, Moment, Refiner
+from splatgl.app.viewer.saving import free, picture_of, save_picture, save_scene, scene_of
+from splatgl.app.viewer.skin import outside, skinned
+from splatgl.app.viewer.state import ACTIONS, State, acted, stronger
+from splatgl.app.viewer.watch import Watch
+
+SIZE = (120, 80)
+
+
+def blob(side: int = 24, opaque: float = 40.0) -> sg.Volume:
+    """Two balls of unlike size on a ground of zeros, on a grid that is not cubic."""
+    z, y, x = np.indices((side, side, side)) / (side - 1) - 0.5
+    big = np.clip(1.4 - 5 * np.sqrt(x * x + y * y + z * z), 0, 1)
+    small = np.clip(1.2 - 12 * np.sqrt((x - 0.3) ** 2 + (y - 0.3) ** 2 + (z - 0.25) ** 2), 0, 1)
+    return sg.Volume(np.float32(opaque * np.maximum(big, small)), spacing=(1.0, 1.0, 1.25), origin=(5.0, -3.0, 2.0))
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Scene:
+    np.save(tmp_path / "blob.npy", blob().samples)
+    return Scene(str(tmp_path / "blob.npy"), transfer={"points": ((4.0, 0.0), (30.0, 0.6)), "colormap": "hot"})
+
+
+@pytest.fixture
+def pose() -> Pose:
+    camera = sg.Camera.look_at((1.0, -30.0, 4.0), (2.0, 3.0, 1.0), (0, 0, 1), 40.0, SIZE)
+    return Pose(camera, np.array([2.0, 3.0, 1.0]), 40.0, 10.0)
+
+
+def seen(pose: Pose, point: np.ndarray) -> np.ndarray:
+    """Where a world point is in the picture, pixels."""
+    x, y, z = pose.camera.eye_from_points(point)
+    pitch = pose.camera.pixel_pitch(z)
+    return np.array([x / pitch, y / pitch]) + np.array(pose.camera.size) / 2
+
+
+# --- camera moves -------------------------------------------------------------------------------------------------
+
+
+def test_a_rotation_keeps_the_pivot_where_it_is(pose: Pose) -> None:
+    turned = pose.rotated((60.0, 40.0), (83.0, 21.0))
+    assert np.allclose(seen(turned, pose.pivot), seen(pose, pose.pivot), atol=1e-9)
+    assert np.allclose(turned.camera.eye_from_world @ turned.camera.eye_from_world.T, np.eye(3), atol=1e-12)
+    assert np.linalg.norm(turned.camera.eye - pose.camera.eye) > 1.0
+
+
+def test_what_faces_the_eye_follows_the_cursor(pose: Pose) -> None:
+    """Dragged to the right, the front goes to the right; downwards, down."""
+    front = pose.pivot - pose.camera.forward
+    right, down = pose.rotated((60, 40), (70, 40)), pose.rotated((60, 40), (60, 50))
+    to_right, to_down = seen(right, front) - seen(pose, front), seen(down, front) - seen(pose, front)
+    assert to_right[0] > 0.5 and abs(to_right[1]) < 0.5
+    assert to_down[1] > 0.5 and abs(to_down[0]) < 0.5
+
+
+def test_a_rotation_goes_back_the_way_it_came(pose: Pose) -> None:
+    there = pose.rotated((20.0, 11.0), (90.0, 70.0)).rotated((90.0, 70.0), (20.0, 11.0))
+    assert np.allclose(there.camera.eye_from_world, pose.camera.eye_from_world, atol=1e-12)
+    assert np.allclose(there.camera.eye, pose.camera.eye, atol=1e-9)
+
+
+def test_ten_thousand_moves_stay_rotations(pose: Pose) -> None:
+    for number in range(10_000):
+        pose = pose.rotated((60.0, 40.0), (61.0 + number % 3, 41.5))
+    axes = pose.camera.eye_from_world
+    assert np.allclose(axes @ axes.T, np.eye(3), atol=1e-13) and np.linalg.det(axes) > 0
+
+
+def test_a_roll_turns_the_picture(pose: Pose) -> None:
+    """A quarter turn from right to bottom takes what was right of the pivot below it."""
+    rolled = pose.rolled((100.0, 40.0), (60.0, 75.0))
+    beside = pose.pivot + pose.camera.right
+    offset = seen(pose, beside) - seen(pose, pose.pivot)
+    assert np.allclose(seen(rolled, beside) - seen(rolled, pose.pivot), (-offset[1], offset[0]), atol=1e-6)
+    assert np.allclose(rolled.camera.forward, pose.camera.forward, atol=1e-12)
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_a_pan_follows_the_cursor(pose: Pose, orthographic: bool) -> None:
+    pose = pose.switched() if orthographic else pose
+    moved = pose.panned((50.0, 30.0), (64.0, 21.0))
+    assert np.allclose(seen(moved, pose.pivot) - seen(pose, pose.pivot), (14.0, -9.0), atol=1e-9)
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_a_zoom_keeps_what_is_under_the_cursor(pose: Pose, orthographic: bool) -> None:
+    pose = pose.switched() if orthographic else pose
+    place = (95.0, 17.0)
+    across = (np.array(place) - np.array(SIZE) / 2) * pose.pitch
+    under = np.array([*across, pose.depth]) @ pose.camera.eye_from_world + pose.camera.eye
+    nearer = wheeled(pose, place, 3.0)
+    assert np.allclose(seen(nearer, under), place, atol=1e-9)
+    assert nearer.pitch == pytest.approx(pose.pitch * 0.85**3)
+
+
+def test_a_zoom_ends_somewhere(pose: Pose) -> None:
+    for _ in range(2000):
+        pose = pose.zoomed((60.0, 40.0), 0.5)
+    assert np.isfinite(pose.camera.eye).all() and pose.depth > 0
+    for _ in range(2000):
+        pose = pose.zoomed((60.0, 40.0), 2.0)
+    assert np.isfinite(pose.camera.eye).all()
+
+
+def test_orthographic_and_back(pose: Pose) -> None:
+    flat = pose.switched()
+    assert not flat.camera.perspective and flat.pitch == pytest.approx(pose.pitch)
+    assert np.allclose(seen(flat, pose.pivot), seen(pose, pose.pivot), atol=1e-9)
+    back = flat.switched()
+    assert np.allclose(back.camera.eye, pose.camera.eye, atol=1e-9) and back.camera.extent == pytest.approx(
+        pose.camera.extent
+    )
+
+
+def test_a_turn_is_about_up_and_counter_clockwise_from_above(pose: Pose) -> None:
+    up = np.array([0.0, 0.0, 1.0])
+    turned = pose.spun(90.0, up)
+    # the object's quarter turn one way is the eye's the other way
+    before, after = pose.camera.eye - pose.pivot, turned.camera.eye - pose.pivot
+    assert np.allclose(after, (before[1], -before[0], before[2]), atol=1e-9)
+
+
+def test_a_view_survives_the_scene_file(pose: Pose, scene: Scene, tmp_path: Path) -> None:
+    for shown in (pose, pose.switched(), pose.rotated((10, 10), (90, 60))):
+        text = replace(scene, view=shown.view()).to_toml(tmp_path)
+        (tmp_path / "s.toml").write_text(text)
+        view = Scene.from_toml(tmp_path / "s.toml").view
+        assert view == shown.view()
+        camera = view.camera(blob(), blob())
+        assert np.allclose(camera.eye_from_world, shown.camera.eye_from_world, atol=1e-12)
+        assert camera.extent == pytest.approx(shown.camera.extent) and camera.size == shown.camera.size
+
+
+# --- the mouse ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("button", "held", "kind"),
+    [
+        ("left", (), "rotate"),
+        ("left", ("shift",), "pan"),
+        ("left", ("ctrl",), "roll"),
+        ("middle", (), "pan"),
+        ("right", (), "zoom"),
+    ],
+)
+def test_buttons(pose: Pose, button: str, held: tuple[str, ...], kind: str) -> None:
+    mouse = Mouse().press(button, held, (30.0, 30.0), pose, 1.0)
+    assert mouse.drag is not None and mouse.drag.kind == kind
+    # a second button does not take over
+    assert mouse.press("middle", (), (1.0, 1.0), pose, 1.1) is mouse
+    assert mouse.release().drag is None
+
+
+def test_a_drag_depends_on_its_ends_alone(pose: Pose) -> None:
+    drag = Mouse().press("left", (), (30.0, 30.0), pose, 0.0).drag
+    assert drag is not None
+    drag.to((90.0, 2.0))
+    assert np.array_equal(drag.to((50.0, 44.0)).camera.eye, pose.rotated((30.0, 30.0), (50.0, 44.0)).camera.eye)
+
+
+def test_double_clicks(pose: Pose) -> None:
+    mouse = Mouse().press("left", (), (30.0, 30.0), pose, 1.0).release()
+    assert mouse.doubles("left", (31.0, 30.0), 1.2)
+    assert not mouse.doubles("left", (31.0, 30.0), 1.5)
+    assert not mouse.doubles("left", (60.0, 30.0), 1.2)
+    assert not mouse.doubles("right", (30.0, 30.0), 1.2)
+
+
+# --- bindings -----------------------------------------------------------------------------------------------------
+
+
+def test_the_table_is_whole() -> None:
+    assert {binding.action for binding in BINDINGS} == set(ACTIONS)
+    assert len(keymap(BINDINGS)) == sum(len(binding.keys) for binding in BINDINGS)
+    for binding in BINDINGS:
+        assert all(checked(binding.action, key) == key for key in binding.keys)
+
+
+def test_list_bindings(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["view", "--list-bindings"])
+    assert end.value.code == 0
+    assert capsys.readouterr().out.strip() == listing(BINDINGS).strip()
+
+
+def test_remapping(tmp_path: Path) -> None:
+    (tmp_path / "keys.toml").write_text('[bindings]\nturn = ["t", "Ctrl+Space"]\nquit = "x"\n')
+    keys = keymap(load_bindings(tmp_path / "keys.toml"))
+    assert keys["t"] == keys["ctrl+space"] == "turn" and keys["x"] == "quit"
+    assert "space" not in keys and "q" not in keys and keys["r"] == "reset"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"turn": "b"}, "key b: expected one action, got blend and turn"),
+        ({"spin": "x"}, "bindings: expected actions reset"),
+        ({"turn": "hyper+x"}, "bindings: turn: expected a key, got 'hyper"),
+        ({"turn": "xy"}, "bindings: turn: expected a key"),
+        ({"turn": 3}, "bindings: turn: expected a key or a list of keys, got 3"),
+    ],
+)
+def test_bad_bindings(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(sg.InputError, match="^" + message.replace("+", r"\+")):
+        remapped(changes)
+
+
+def test_keys_as_glfw_tells_them() -> None:
+    assert from_key(256, None, 0) == "escape" and from_key(290, None, 0) == "f1"
+    assert from_key(ord("Q"), "a", 0) == "a"  # a French keyboard
+    assert from_key(ord("1"), "&", 2) == "ctrl+1" and from_key(321, "1", 0) == "1"
+    assert from_key(ord("S"), "s", 1) == "shift+s"
+    # signs come as characters, whatever keys make them
+    assert from_key(ord("/"), "/", 1) is None and from_character("?") == "?" and from_character("a") is None
+
+
+# --- pacing and refinement ----------------------------------------------------------------------------------------
+
+
+def paced(cost: list[float], frames: int = 60, target: float = 0.033) -> list[int]:
+    """Levels of a moving picture when each level takes so long."""
+    pace = Pace.of([10_000] * len(STRIDES), 100_000, target).drawn(0, cost[0]).started()
+    levels = []
+    for _ in range(frames):
+        levels.append(pace.level)
+        pace = pace.drawn(pace.level, cost[pace.level])
+    return levels
+
+
+def test_a_fast_scene_is_never_made_coarse() -> None:
+    assert set(paced([0.02] * len(LADDER))) == {0}
+
+
+def test_a_slow_scene_settles_on_a_level_that_keeps_the_target() -> None:
+    costs = [1.0, 0.5, 0.2, 0.09, 0.06, 0.028, 0.01, 0.005]
+    levels = paced(costs)
+    assert levels[-1] == 5
+    assert len(set(levels[10:])) == 1
+
+
+@pytest.mark.parametrize("near", [0.034, 0.040, 0.024, 0.0329])
+def test_nothing_flickers_near_the_target(near: float) -> None:
+    """A level that takes about the target stays, and two neighbours never take turns."""
+    levels = paced([8 * near, 4 * near, 3 * near, 2 * near, 1.3 * near, near, near / 3, near / 6], 400)
+    assert sum(a != b for a, b in pairwise(levels)) <= 3
+
+
+def test_a_scene_that_becomes_cheap_gets_finer() -> None:
+    pace = Pace.of([80_000, 20_000, 5000, 1000], 300_000).drawn(0, 1.0).started()
+    coarse = pace.level
+    pace = pace.drawn(coarse, 0.03)
+    for _ in range(200):
+        pace = pace.drawn(pace.level, 1e-4)
+    assert coarse > 0 and pace.level == 0
+
+
+def test_a_first_picture_that_compiles_is_forgiven() -> None:
+    """One long frame of a level, and one of the full picture, keep nothing coarse."""
+    pace = Pace.of([10_000] * len(STRIDES), 100_000)
+    costs = [work * 1e-7 for work in pace.work]
+    pace = pace.drawn(0, 3.0).started()
+    assert pace.level > 1
+    for number in range(60):
+        pace = pace.drawn(pace.level, 1.0 if number == 0 else costs[pace.level])
+    assert pace.level == 0
+
+
+def test_levels_obey_what_is_asked() -> None:
+    asked = sg.Settings(antialias="supersample", blend="mip")
+    assert FULL.settings(asked) is asked
+    assert LADDER[3].settings(asked) == sg.Settings(blend="mip")
+    loose = replace(LADDER[3], tolerance=0.05)
+    assert loose.settings(sg.Settings()).tolerance == 0.05
+    assert loose.settings(sg.Settings(tolerance=0.2)).tolerance == 0.2
+    assert LADDER[3].size((641, 3)) == (320, 2)
+
+
+def test_refinement() -> None:
+    """Coarse while input comes, nothing until REST, then in full once, and not again."""
+    refiner = Refiner([4_000_000, 400_000, 50_000, 8000], 640 * 480, 0.033)
+    first = refiner.level(("a",), Moment(0.0))
+    assert first
+    refiner.done(("a",), first, 0.02, Moment(0.0))
+    assert refiner.level(("a",), Moment(0.02)) is None
+    assert 0 < (refiner.patience(("a",), Moment(0.02)) or 0) < 0.15
+    assert refiner.level(("a",), Moment(0.15)) == 0
+    # a button held down puts off what would take long; turning puts it off for good
+    assert refiner.level(("a",), Moment(0.15, held=True)) is None
+    assert refiner.level(("a",), Moment(9.0, turning=True)) is None
+    refiner.done(("a",), 0, 1.0, Moment(0.15))
+    assert refiner.level(("a",), Moment(1.0)) is None and refiner.patience(("a",), Moment(1.0)) is None
+
+
+def test_a_transfer_function_being_edited_is_coarse() -> None:
+    refiner = Refiner([10, 10, 10, 10], 100, 0.033)
+    assert (refiner.level(("a",), Moment(0.0, whole=False)) or 0) >= COARSE
+    refiner.done(("a",), COARSE, 0.001, Moment(0.0, whole=False))
+    assert refiner.level(("a",), Moment(5.0, whole=False)) is None
+    assert refiner.level(("a",), Moment(5.0)) == 0
+
+
+def test_a_picture_that_cannot_be_had_is_not_tried_again() -> None:
+    refiner = Refiner([10, 10, 10, 10], 100, 0.033)
+    refiner.refuse(("a",))
+    assert refiner.level(("a",), Moment(5.0)) is None and refiner.patience(("a",), Moment(5.0)) is None
+    assert refiner.level(("b",), Moment(5.0)) is not None
+
+
+# --- what is shown ------------------------------------------------------------------------------------------------
+
+
+def test_coarser_volumes_stay_where_they_are() -> None:
+    """The centre of mass, the sum of the samples times a voxel's size, and the box stay."""
+    fine = blob(24)
+    coarse = coarser(fine)
+    assert coarse.shape == (12, 12, 12) and coarse.spacing == (2.0, 2.0, 2.5)
+    assert np.allclose(coarse.corners, fine.corners)
+    assert coarse.samples.sum() * 8 == pytest.approx(float(fine.samples.sum()), rel=1e-5)
+    odd = coarser(sg.Volume(np.ones((5, 3, 9), np.uint8)))
+    assert odd.shape == (3, 3, 5) and (odd.samples == 1).all() and odd.spacing == (2.0, 1.0, 2.0)
+
+
+def test_coarse_colours_are_those_of_the_matter() -> None:
+    samples = np.zeros((8, 8, 8), np.uint8)
+    color = np.zeros((8, 8, 8, 3), np.uint8)
+    samples[:, :, 3], color[:, :, 3] = 255, (200, 100, 50)
+    coarse = coarser(sg.Volume(samples, color=color))
+    assert coarse.color is not None
+    assert np.abs(coarse.color[:, :, 1].astype(int) - (200, 100, 50)).max() <= 1
+
+
+def test_coarse_pictures_look_alike(renderer: sg.Renderer, scene: Scene) -> None:
+    """Opacities are per the finest volume's length: a coarse picture is as bright as the fine one."""
+    content = Content.open(scene)
+    # a volume this small is drawn as it is
+    assert content.at(2) is content.at(1)
+    volume = blob(48)
+    content = replace(content, volumes=(volume, coarser(volume), coarser(coarser(volume)), volume), made={}, skins={})
+    camera = content.home(SIZE).camera
+    fine, coarse = (renderer.render(content.at(stride), camera).pixels for stride in (1, 2))
+    assert coarse.mean() == pytest.approx(fine.mean(), rel=0.1)
+    assert np.sqrt(((coarse - fine) ** 2).mean()) < 0.05
+
+
+def solid(side: int = 20) -> sg.Splats:
+    return sg.extract(
+        sg.Volume(np.full((side, side, side), 9, np.uint8)), sg.Transfer([(1, 0.9)], unit=1.0, colormap="gray")
+    )
+
+
+def test_hidden_splats_cannot_be_seen(renderer: sg.Renderer) -> None:
+    splats = solid()
+    skin = skinned(splats)
+    assert 0.3 * len(splats) < len(skin) < 0.8 * len(splats)
+    camera = sg.Camera.orbit(splats, 30, 20, 40, (64, 64), zoom=3.0)
+    assert outside(skin, camera.eye) and not sg.plan(splats, camera).program.antialias
+    apart = np.abs(renderer.render(skin, camera).pixels - renderer.render(splats, camera).pixels)
+    assert apart.max() < 1 / 255
+    assert not outside(splats, np.array([10.0, 10.0, 10.0]))
+
+
+def test_faint_matter_hides_nothing() -> None:
+    fog = sg.extract(sg.Volume(np.full((12, 12, 12), 9, np.uint8)), sg.Transfer([(1, 0.3)], unit=1.0))
+    assert skinned(fog) is fog
+
+
+def test_tint(renderer: sg.Renderer) -> None:
+    splats = solid(16)
+    camera = sg.Camera.orbit(splats, 0, 0, 40, SIZE)
+    far = sg.Camera.orbit(splats, 0, 0, 40, SIZE, zoom=0.1)
+    z_k = float(camera.eye_from_points(splats.corners)[:, 2].mean()) + 0.2
+    assert share_beyond(splats, camera, z_k) == pytest.approx(0.5, abs=0.05)
+    shown = tinted(splats, camera, z_k)
+    changed = (shown.records["color"] != splats.records["color"]).any(axis=1)
+    depth = camera.eye_from_points(splats.records["position"].astype(float))[:, 2]
+    assert (changed == ((depth > z_k) | (np.abs(depth - z_k) < 0.5))).all()
+    # another view tints other splats, in the picture too, whatever was worked out of them before
+    _ = splats.records_with_runs, splats.runs
+    behind = renderer.render(tinted(splats, camera, 0.0), camera).pixels
+    plain_picture = renderer.render(splats, camera).pixels
+    assert behind[40, 60, 0] > 2 * behind[40, 60, 2] and abs(plain_picture[40, 60, 0] - plain_picture[40, 60, 2]) < 0.01
+    assert np.allclose(behind[..., 3], plain_picture[..., 3])
+    # beyond z_k the renderer draws by what surrounds a splat
+    renderer.render(splats, far)
+    small = renderer.render(tinted(splats, far, 0.0), far).pixels[40, 60]
+    assert small[0] > 2 * small[2] > 0
+
+
+def test_the_plane_cuts_the_box() -> None:
+    volume = sg.Volume(np.zeros((10, 10, 10)))
+    camera = sg.Camera.look_at((4.5, -40.0, 4.5), (4.5, 4.5, 4.5), (0, 0, 1), 40.0, SIZE)
+    square = crossing(volume.corners, camera, 44.5)
+    pitch = camera.pixel_pitch(44.5)
+    assert np.allclose(np.ptp(square, axis=0), 10 / pitch) and len(square) == 4
+    assert len(crossing(volume.corners, camera, 10.0)) == 0 and len(crossing(volume.corners, camera, np.inf)) == 0
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_picking(pose: Pose, orthographic: bool) -> None:
+    points = np.array([[2.0, 3.0, 1.0], [2.0, 9.0, 1.0], [6.0, 3.0, 1.0]])
+    splats = sg.Splats.from_points(points, np.ones((3, 3)), np.full(3, 9.0))
+    pose = pose.switched() if orthographic else pose
+    found = picked(splats, pose.camera, tuple(seen(pose, points[0])))
+    # the nearer of two in a line
+    assert found is not None and np.linalg.norm(found - points[0]) < 1.0
+    assert picked(splats, pose.camera, (1.0, 1.0)) is None
+
+
+def test_overlay_says_what_it_should() -> None:
+    empty = drawn(Overlay((90, 60)))
+    assert empty.shape == (60, 90, 4) and not empty.any()
+    text = drawn(Overlay((90, 60), 1.0, (Text(("z_k",)),)))
+    assert text[:30, :45].any() and not text[30:].any()
+    assert drawn(Overlay((90, 60), 2.0, (Text(("z_k",)),)))[..., 3].sum() > 2 * text[..., 3].sum()
+    assert plain("16×16 ≥ τ…") == "16x16 >= tau..."
+    assert drawn(Overlay((90, 60), 1.0, (), ((10, 10), (50, 10), (30, 40))))[10, 30, 3] == 255
+
+
+# --- the curve of the panel ---------------------------------------------------------------------------------------
+
+
+def test_the_canvas_there_and_back() -> None:
+    canvas = curve.Canvas(10.0, 20.0, 300.0, 150.0, -100.0, 400.0)
+    for node in ((-100.0, 0.0), (33.0, 0.002), (250.0, 0.5), (400.0, 1.0)):
+        assert canvas.node(canvas.place(*node)) == pytest.approx(node, abs=1e-9)
+    # fine near zero: the lowest hundredth has a sixth of the height
+    assert curve.rise(0.01) > 0.16 and curve.fall(0.0) == 0.0 and curve.fall(1.0) == 1.0
+    zoomed = canvas.zoomed(160.0, 0.5)
+    assert zoomed.node((160.0, 50.0))[0] == pytest.approx(canvas.node((160.0, 50.0))[0])
+    assert zoomed.high - zoomed.low == pytest.approx(250.0)
+
+
+def test_nodes() -> None:
+    nodes = ((0.0, 0.0), (10.0, 0.5), (20.0, 1.0))
+    assert curve.moved(nodes, 1, (15.0, 0.25)) == ((0.0, 0.0), (15.0, 0.25), (20.0, 1.0))
+    assert curve.moved(nodes, 1, (99.0, 9.0)) == ((0.0, 0.0), (20.0, 1.0), (20.0, 1.0))
+    assert curve.added(nodes, (12.0, 0.1)) == (((0.0, 0.0), (10.0, 0.5), (12.0, 0.1), (20.0, 1.0)), 2)
+    assert curve.removed(nodes, 0) == nodes[1:] and curve.removed(nodes[:1], 0) == nodes[:1]
+    canvas = curve.Canvas(0.0, 0.0, 200.0, 100.0, 0.0, 20.0)
+    assert curve.nearest(nodes, canvas, (101.0, canvas.place(10.0, 0.5)[1])) == 1
+    assert curve.nearest(nodes, canvas, (50.0, 10.0)) is None
+
+
+# --- states -------------------------------------------------------------------------------------------------------
+
+
+def test_opacity_keys_undo_each_other(scene: Scene) -> None:
+    content = Content.open(scene)
+    state = State.of(content, SIZE)
+    more = acted(state, "opacity-up", content)
+    assert more.transfer.points[1][1] == pytest.approx(1 - 0.4**1.25)
+    assert acted(more, "opacity-down", content).transfer == state.transfer
+    assert stronger(1.0, 0.2) == 1.0 and stronger(0.0, 5.0) == 0.0
+
+
+def test_alignments_that_a_volume_does_not_allow_are_passed_over(scene: Scene) -> None:
+    content = replace(Content.open(scene), volumes=(blob(),) * len(STRIDES), made={}, skins={})
+    state, met = State.of(content, SIZE), []
+    for _ in range(6):
+        state = acted(state, "align", content)
+        met.append(state.settings.align)
+    assert "a" not in met and "exact" in met and "auto" in met
+
+
+# --- saved scenes -------------------------------------------------------------------------------------------------
+
+
+def test_scenes_survive_their_file(tmp_path: Path) -> None:
+    (tmp_path / "data").mkdir()
+    np.save(tmp_path / "data" / 'a "b"\\c\tä.npy', np.zeros((2, 2, 2)))
+    settings = sg.Settings(blend="mip", tolerance=0.01, background=(0.1, 0.2, 1 / 3), z_s=1e-30, align="hybrid")
+    scenes = [
+        Scene("tunnel"),
+        Scene(str(tmp_path / "data" / 'a "b"\\c\tä.npy'), settings=settings, threshold=1 / 3),
+        Scene("/elsewhere/x.raw", load={"shape": (3, 4, 5), "dtype": "uint8", "anywhere": True}),
+        Scene("tunnel", transfer={"points": ((1, 0.25), (2.5, 1.0)), "shading": False, "unit": 1e-9}),
+        Scene("nerve", view=View((3, 4), azimuth=12.5, zoom=2.0, up=(0.0, 1.0, 0.0))),
+    ]
+    for number, scene in enumerate(scenes):
+        path = tmp_path / f"{number}.toml"
+        path.write_text(scene.to_toml(tmp_path), encoding="utf-8")
+        again = Scene.from_toml(path)
+        assert (again.volume, again.view, again.settings) == (scene.volume, scene.view, scene.settings)
+        assert again.threshold == scene.threshold and set(again.load) == set(scene.load)
+        assert {**again.transfer}.keys() == {**scene.transfer}.keys()
+    assert 'volume = "data/' in (tmp_path / "1.toml").read_text()
+    with pytest.raises(sg.InputError, match="volume: expected text that TOML can hold"):
+        Scene("bad\udcff.npy").to_toml(tmp_path)
+
+
+@pytest.mark.parametrize("blend", ["composite", "xray"])
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_what_is_saved_is_what_render_makes(
+    renderer: sg.Renderer, scene: Scene, tmp_path: Path, blend: str, orthographic: bool
+) -> None:
+    """The PNG, the floats, and what `splatgl render` makes of the saved scene are the same, bit for bit."""
+    content = Content.open(replace(scene, settings=sg.Settings(blend=blend)))
+    state = State.of(content, SIZE)
+    for action in ("opacity-up", "threshold-up", "threshold-up", *(["projection"] if orthographic else [])):
+        state = acted(state, action, content)
+    state = replace(state, pose=wheeled(state.pose.rotated((3, 4), (50, 60)), (20.0, 30.0), 1.5))
+    assert save_picture(state, content, renderer.render, tmp_path) == "saved picture-001.png"
+    assert save_scene(state, content, renderer.render, tmp_path) == "saved scene-001.npy and scene-001.toml"
+    for suffix in ("npy", "png"):
+        given = ["render", str(tmp_path / "scene-001.toml"), "--backend", renderer.info.backend, "--quiet"]
+        assert main([*given, "-o", str(tmp_path / f"again.{suffix}")]) == 0
+    assert np.array_equal(np.load(tmp_path / "scene-001.npy"), np.load(tmp_path / "again.npy"))
+    saved, again = (sg.Image.load(tmp_path / name) for name in ("picture-001.png", "again.png"))
+    assert np.array_equal(saved.pixels, again.pixels) and saved.pixels.max() > 0.1
+    assert {**saved.info, "seconds": 0} == {**again.info, "seconds": 0}
+
+
+def test_the_saved_picture_is_the_one_on_show(renderer: sg.Renderer, scene: Scene, tmp_path: Path) -> None:
+    content = Content.open(scene)
+    state = State.of(content, SIZE)
+    shown = renderer.render(content.at(1), state.pose.camera, state.settings).pixels
+    saved = picture_of(scene_of(state, content), content, renderer.render).pixels
+    assert np.abs(shown - saved).max() < 1e-5
+
+
+def test_nothing_is_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "scene-001.npy").touch()
+    assert free(tmp_path, "scene", ".toml").name == "scene-002.toml"
+    assert free(tmp_path, "picture", ".png").name == "picture-001.png"
+
+
+# --- files and threads --------------------------------------------------------------------------------------------
+
+
+def test_watching(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    path.write_bytes(b"1")
+    watch = Watch.of([path], 0.0)
+    assert watch.look(5.0)[1] is False
+    path.write_bytes(b"12")
+    watch, changed = watch.look(0.5)
+    assert not changed  # not due
+    watch, changed = watch.look(1.5)
+    assert changed and watch.look(3.0)[1] is False
+    # one that is being replaced is waited for
+    path.unlink()
+    watch, changed = watch.look(9.0)
+    assert not changed
+    path.write_bytes(b"1234")
+    assert watch.look(11.0)[1]
+
+
+def test_what_is_watched() -> None:
+    assert watched("a.npy", Scene("a.npy")) == ("a.npy",)
+    assert watched("s.toml", Scene("b.npy")) == ("s.toml", "b.npy")
+    # a built-in scene is no file, that would be waited for
+    assert watched("s.toml", Scene("tunnel")) == ("s.toml",) and watched("tunnel", Scene("tunnel")) == ()
+
+
+def test_more_splats_than_can_be_held(monkeypatch: pytest.MonkeyPatch, scene: Scene) -> None:
+    """A transfer function that keeps everything of something big stays coarse."""
+    monkeypatch.setattr("splatgl.app.viewer.content.MOST", 3000)
+    content = Content.open(scene)
+    volume = blob(48)
+    content = replace(content, volumes=(volume, coarser(volume), coarser(volume), coarser(volume)))
+    assert content.changed(sg.Transfer([(-1, 0.5)]), 0.0).heavy
+    assert not content.changed(sg.Transfer([(39, 0.0), (40, 0.5)]), 0.0).heavy
+
+
+def test_jobs_do_the_newest() -> None:
+    started, gate, woken = threading.Event(), threading.Event(), threading.Event()
+    jobs = Jobs(woken.set)
+    jobs.submit("first", lambda: started.set() or (gate.wait(5) and 1))
+    assert started.wait(5)
+    jobs.submit("dropped", lambda: 2)
+    jobs.submit("last", lambda: 1 / 0)
+    assert jobs.busy == "last"
+    gate.set()
+    end = time.monotonic() + 5
+    while jobs.busy and time.monotonic() < end:
+        time.sleep(0.001)
+    first, last = jobs.collect()
+    assert first.result == 1 and isinstance(last.error, ZeroDivisionError) and woken.is_set()
+    assert jobs.collect() == []

@@ -1,0 +1,505 @@
+"""The viewer in a real window, under Xvfb, with real keys, buttons and wheel turns made by xdotool.
+
+One thing is not real: xdotool cannot drop files (XDND), so `Viewer.drop` is called, as GLFW's callback does.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_view import blob
+
+import splatgl as sg
+from splatgl.app.cli import main
+from splatgl.app.regression import ImageRegression
+from splatgl.app.viewer import curve
+from splatgl.app.viewer.bindings import BINDINGS
+from splatgl.data.color import linear_from_srgb
+from splatgl.splat.settings import CHOICES
+
+MISSING = [tool for tool in ("Xvfb", "xdotool") if shutil.which(tool) is None]
+pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
+
+DRIVER = Path(__file__).with_name("view_driver.py")
+SIZE = (240, 180)
+# seconds that an answer may take
+PATIENCE = 30.0
+# xdotool's (X's) names of keys
+NAMES = {"[": "bracketleft", "]": "bracketright", ",": "comma", ".": "period", "?": "question"}
+NAMES |= {"space": "space", "escape": "Escape", "home": "Home", "tab": "Tab", "f1": "F1"}
+
+Told = dict[str, Any]
+
+
+def start_display() -> tuple[subprocess.Popen[bytes], str]:
+    """An X server on a number that is free, and its name."""
+    read, write = os.pipe()
+    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "640x480x24", "-nolisten", "tcp"]
+    server = subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL)
+    os.close(write)
+    with os.fdopen(read) as pipe:
+        number = pipe.readline().strip()
+    return server, f":{number}"
+
+
+@pytest.fixture(scope="module")
+def display() -> Iterator[str]:
+    server, name = start_display()
+    yield name
+    server.terminate()
+    server.wait(10)
+
+
+class Window:
+    """A viewer in a process of its own, and the hands at it."""
+
+    def __init__(self, display: str, source: Path, folder: Path, **options: Any) -> None:
+        self.environment = {**os.environ, "DISPLAY": display}
+        asked = json.dumps({"size": SIZE, "backend": "egl", "panel": False} | options)
+        command = [sys.executable, str(DRIVER), str(source), str(folder), asked]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        self.process = subprocess.Popen(command, env=self.environment, text=True, **pipes)  # type: ignore[call-overload]
+        self.state = self._read()
+        self.folder = folder
+
+    def hands(self, *arguments: object) -> None:
+        subprocess.run(["xdotool", *map(str, arguments)], env=self.environment, check=True, capture_output=True)
+
+    def ask(self, what: str, **more: Any) -> Told:
+        self.process.stdin.write(json.dumps({"do": what, **more}) + "\n")
+        self.process.stdin.flush()
+        return self._read()
+
+    def key(self, key: str) -> Told:
+        """Presses a key as the bindings name it; returns the state when all is at rest."""
+        *held, name = key.split("+")
+        self.hands("key", "+".join([*held, NAMES.get(name, name)]))
+        return self.ask("settle")
+
+    def drag(self, button: int, start: tuple[int, int], stop: tuple[int, int], held: str = "") -> Told:
+        steps = [(start[0] + (stop[0] - start[0]) * n // 4, start[1] + (stop[1] - start[1]) * n // 4) for n in range(5)]
+        keys = [("keydown", held), ("keyup", held)] if held else [(), ()]
+        moves = [part for place in steps[1:] for part in ("mousemove", *place)]
+        self.hands("mousemove", *start, *keys[0], "mousedown", button, *moves, "mouseup", button, *keys[1])
+        return self.ask("settle")
+
+    def shot(self) -> np.ndarray:
+        """uint8 [H, W, 3]: what the window holds."""
+        self.ask("shot", path=str(self.folder / "shot.npy"))
+        return np.load(self.folder / "shot.npy")
+
+    def end(self) -> None:
+        if self.process.poll() is None:
+            self.process.stdin.write('{"do": "end"}\n')
+            self.process.stdin.flush()
+        _, errors = self.process.communicate(timeout=20)
+        assert self.process.returncode == 0 and not errors, errors
+
+    def _read(self) -> Told:
+        ready, _, _ = select.select([self.process.stdout], [], [], PATIENCE)
+        line = self.process.stdout.readline() if ready else ""
+        if not line:
+            self.process.kill()
+        assert line, self.process.communicate()[1] or "no answer"
+        return json.loads(line)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("view")
+    np.save(place / "blob.npy", blob().samples)
+    np.save(place / "other.npy", blob(16).samples[:, ::-1])
+    (place / "bad.npy").write_bytes(b"\x93NUMPY not quite")
+    return place
+
+
+@pytest.fixture(scope="module")
+def shared_window(display: str, folder: Path) -> Iterator[Window]:
+    window = Window(display, folder / "blob.npy", folder)
+    yield window
+    window.end()
+
+
+@pytest.fixture
+def window(shared_window: Window) -> Window:
+    """The module's window, as it began."""
+    shared_window.ask("reset")
+    shared_window.hands("mousemove", 120, 90)
+    return shared_window
+
+
+# --- every key of the table ---------------------------------------------------------------------------------------
+
+
+def direction(told: Told) -> np.ndarray:
+    return np.array(told["axes"])[2]
+
+
+def looks(x: float, y: float, z: float) -> Callable[[Told, Told], bool]:
+    return lambda before, after: np.allclose(direction(after), (x, y, z), atol=1e-6)
+
+
+def next_choice(name: str) -> Callable[[Told, Told], bool]:
+    """The next value that this volume allows, or a word why there is none."""
+
+    def check(before: Told, after: Told) -> bool:
+        if len(CHOICES[name]) < 2:
+            return f"{name} is always" in after["message"]
+        return after["settings"][name] == CHOICES[name][1] and CHOICES[name][1] in after["message"]
+
+    return check
+
+
+def toggles(name: str) -> Callable[[Told, Told], bool]:
+    return lambda before, after: after[name] is (not before[name])
+
+
+def files(after: Told, pattern: str) -> bool:
+    return "saved" in after["message"] and any(Path(after["source"]).parent.glob(pattern))
+
+
+CHECKS: dict[str, Callable[[Told, Told], bool]] = {
+    "reset": lambda before, after: np.allclose(after["eye"], before["eye"]),
+    "isometric": looks(-0.57735, 0.57735, -0.57735),
+    "front": looks(0, 1, 0),
+    "back": looks(0, -1, 0),
+    "right": looks(-1, 0, 0),
+    "left": looks(1, 0, 0),
+    "top": looks(0, 0, -1),
+    "bottom": looks(0, 0, 1),
+    "projection": toggles("perspective"),
+    "blend": next_choice("blend"),
+    "antialias": next_choice("antialias"),
+    "align": next_choice("align"),
+    "motion": next_choice("motion"),
+    "attenuation": next_choice("attenuation"),
+    "beyond": toggles("beyond"),
+    "compare": lambda before, after: after["compare"] == "split" and after["reference"],
+    "opacity-down": lambda before, after: after["points"][-1][1] < before["points"][-1][1],
+    "opacity-up": lambda before, after: after["points"][-1][1] > before["points"][-1][1],
+    "threshold-down": lambda before, after: after["threshold"] < before["threshold"],
+    "threshold-up": lambda before, after: after["threshold"] > before["threshold"],
+    "turn": toggles("turning"),
+    "screenshot": lambda before, after: files(after, "picture-*.png"),
+    "save": lambda before, after: files(after, "scene-*.toml") and files(after, "scene-*.npy"),
+    "hud": toggles("hud"),
+    "panel": lambda before, after: after["panel"] != before["panel"] or "pip install" in after["message"],
+    "ground": lambda before, after: (before["ground"], after["ground"]) == ("black", "white"),
+    "help": toggles("help"),
+    "quit": lambda before, after: after["closed"],
+}
+
+
+@pytest.mark.parametrize(
+    ("action", "key"), [(binding.action, key) for binding in BINDINGS for key in binding.keys], ids=str
+)
+def test_every_key_does_what_the_help_says(window: Window, action: str, key: str) -> None:
+    before = window.ask("look")
+    if action == "reset":
+        assert not np.allclose(window.drag(1, (100, 90), (150, 60))["eye"], before["eye"])
+    if action == "threshold-down":
+        before = window.key(".")
+    if action == "turn":
+        window.hands("key", "space")
+        after = window.ask("look")
+        eye = after["eye"]
+        time.sleep(0.05)
+        assert not np.allclose(window.ask("look")["eye"], eye)
+    else:
+        after = window.key(key)
+    assert CHECKS[action](before, after), (before, after)
+    # what it does is another picture, another word, or another file
+    if action == "beyond":
+        assert any("z_k" in line for line in after["hud lines"])
+
+
+def test_the_help_is_shown(window: Window) -> None:
+    before = window.shot()
+    window.key("?")
+    assert np.abs(window.shot().astype(int) - before).max() > 100
+    window.key("?")
+    assert np.abs(window.shot().astype(int) - before).mean() < 0.5
+
+
+# --- the mouse ----------------------------------------------------------------------------------------------------
+
+
+def test_left_turns(window: Window) -> None:
+    before = window.ask("look")
+    after = window.drag(1, (100, 90), (140, 70))
+    assert not np.allclose(after["axes"], before["axes"], atol=0.05)
+    apart = [np.linalg.norm(np.subtract(told["eye"], told["pivot"])) for told in (before, after)]
+    assert apart[0] == pytest.approx(apart[1]) and after["full"]
+
+
+@pytest.mark.parametrize(("button", "held"), [(1, "shift"), (2, "")])
+def test_panning(window: Window, button: int, held: str) -> None:
+    before = window.ask("look")
+    after = window.drag(button, (100, 90), (130, 90), held)
+    moved = np.subtract(after["eye"], before["eye"])
+    assert np.allclose(after["axes"], before["axes"]) and moved @ np.array(before["axes"])[0] < -0.1
+    assert abs(moved @ np.array(before["axes"])[2]) < 1e-9
+
+
+def test_ctrl_rolls(window: Window) -> None:
+    before = window.ask("look")
+    after = window.drag(1, (200, 90), (120, 160), "ctrl")
+    assert np.allclose(direction(after), direction(before)) and not np.allclose(after["axes"], before["axes"], atol=0.5)
+
+
+def test_the_wheel_zooms_to_the_cursor(window: Window) -> None:
+    before = window.ask("look")
+    window.hands("mousemove", 180, 50, "click", 4, "click", 4)
+    after = window.ask("settle")
+    moved = np.array(before["axes"]) @ np.subtract(after["eye"], before["eye"])
+    # nearer, and to the right and upwards, where the cursor is
+    assert moved[2] > 0 and moved[0] > 0 and moved[1] < 0
+    window.hands("click", 5, "click", 5)
+    assert np.allclose(window.ask("settle")["eye"], before["eye"])
+
+
+def test_right_zooms(window: Window) -> None:
+    before = window.ask("look")
+    after = window.drag(3, (120, 90), (120, 50))
+    assert np.subtract(after["eye"], before["eye"]) @ direction(before) > 0.5
+
+
+def test_double_click_sets_the_pivot(window: Window) -> None:
+    before = window.ask("look")
+    window.hands("mousemove", 120, 90, "click", 1, "click", 1)
+    after = window.ask("settle")
+    assert after["message"] == "turns about this point" and np.allclose(after["eye"], before["eye"])
+    # on the ball's front, not in its middle
+    assert np.subtract(after["pivot"], before["pivot"]) @ direction(before) < -2
+    window.hands("mousemove", 3, 3, "click", 1, "click", 1)
+    assert window.ask("settle")["message"] == "nothing here to turn about"
+
+
+# --- the picture --------------------------------------------------------------------------------------------------
+
+
+def test_the_window_shows_what_is_saved(window: Window, folder: Path) -> None:
+    """With nothing written over it, the window holds the picture on black; render makes the same of the scene."""
+    window.key("i")
+    window.drag(1, (100, 90), (140, 70))
+    shown = window.shot()
+    name = window.key("s")["message"].split()[-1]
+    scene = window.key("shift+s")["message"].split()[-1]
+    saved = sg.Image.load(folder / name)
+    floats = sg.Image.load((folder / scene).with_suffix(".npy"))
+    straight = np.rint(floats.over((0.0, 0.0, 0.0)).straight()[..., :3] * 255)
+    assert np.abs(straight - shown).max() <= 1 and straight.max() > 60
+    assert np.array_equal(floats.rounded().pixels, saved.pixels)
+    assert main(["render", str(folder / scene), "-o", str(folder / "again.png"), "--backend", "egl", "--quiet"]) == 0
+    assert np.array_equal(sg.Image.load(folder / "again.png").pixels, saved.pixels)
+    assert main(["render", str(folder / scene), "-o", str(folder / "again.npy"), "--backend", "egl", "--quiet"]) == 0
+    assert np.array_equal(np.load(folder / "again.npy"), np.load((folder / scene).with_suffix(".npy")))
+
+
+def test_the_reference_beside_it(window: Window) -> None:
+    window.key("i")
+    plain = window.shot().astype(int)
+    assert "left: this picture" not in window.ask("look")["message"]
+    split = window.key("d")
+    shown = window.shot().astype(int)
+    assert split["reference"] and np.abs(shown - plain)[:90, :115].max() <= 1
+    # the same picture on the right, but for the last digits, and a line between them
+    assert np.abs(shown - plain)[:90, 125:].max() <= 2 and (shown[:90, 119:121] == 255).any()
+    assert window.key("d")["compare"] == "difference"
+    # scaled to its largest, which need not be in the upper half
+    assert window.shot()[:90].max() > 20 and np.abs(window.shot()[:90] - plain[:90]).max() > 20
+    assert window.key("d")["compare"] == "off" and np.abs(window.shot() - plain).max() <= 1
+
+
+def test_z_k_is_shown(window: Window) -> None:
+    """Far enough off, the plane is in front of the volume: all is tinted, and nothing of it in its colours."""
+    window.key("i")
+    window.key("n")
+    plain = window.shot().astype(int)
+    window.hands("mousemove", 120, 90, "click", "--repeat", 16, "--delay", 2, 5)
+    window.ask("settle")
+    far = window.shot().astype(int)
+    tinted = window.key("k")
+    shown = window.shot().astype(int)
+    assert tinted["beyond"] and np.abs(shown - far).max() > 30 and np.abs(far - plain).max() > 30
+    middle = (far.sum(axis=2) < 600) & (np.indices(far.shape[:2])[0] < 150)
+    assert (shown[middle][:, 0] - shown[middle][:, 2]).mean() > 20
+
+
+def test_a_turned_view_keeps_to_its_baseline(window: Window, image_regression: ImageRegression) -> None:
+    """What real hands and keys make of the picture is the same as ever: every other pixel of the window."""
+    window.key("i")
+    window.key("n")
+    window.drag(1, (100, 90), (140, 60))
+    window.hands("mousemove", 170, 60, "click", 4, "click", 4)
+    window.ask("settle")
+    encoded = window.shot()[::2, ::2]
+    light = linear_from_srgb(encoded / 255.0).astype(np.float32)
+    image = sg.Image(np.concatenate([light, np.ones_like(light[..., :1])], axis=-1), {"renderer": "llvmpipe"})
+    image_regression(image, name="turned", tolerance=0.02)
+
+
+def test_resizing(window: Window) -> None:
+    found = subprocess.run(
+        ["xdotool", "search", "--name", "splatgl"], env=window.environment, capture_output=True, text=True, check=True
+    )
+    identity = found.stdout.split()[-1]
+    window.hands("windowsize", "--sync", identity, 300, 200)
+    assert window.ask("settle")["size"] == [300, 200]
+    assert window.shot().shape == (200, 300, 3)
+    window.hands("windowsize", "--sync", identity, *SIZE)
+    assert window.ask("settle")["size"] == list(SIZE)
+
+
+# --- files --------------------------------------------------------------------------------------------------------
+
+
+def test_dropped_files(window: Window, folder: Path) -> None:
+    """Another volume is opened; a bad one says why, and what is shown stays."""
+    first = window.key("i")["splats"]
+    window.ask("drop", paths=[str(folder / "other.npy")])
+    after = window.ask("settle")
+    assert after["source"].endswith("other.npy") and after["splats"] != first and after["full"]
+    shown = window.shot()
+    window.ask("drop", paths=[str(folder / "bad.npy")])
+    after = window.ask("settle")
+    assert "bad.npy" in after["message"] and after["source"].endswith("other.npy")
+    # the same picture but for the words below
+    assert np.array_equal(window.shot()[:40], shown[:40]) and not np.array_equal(window.shot(), shown)
+    window.ask("drop", paths=[str(folder / "nothing.npy")])
+    assert "got nothing of that name" in window.ask("settle")["message"]
+    window.ask("drop", paths=[str(folder / "blob.npy")])
+    assert window.ask("settle")["splats"] == first
+
+
+def test_watching(display: str, tmp_path: Path) -> None:
+    np.save(tmp_path / "v.npy", blob().samples)
+    window = Window(display, tmp_path / "v.npy", tmp_path, watched=[str(tmp_path / "v.npy")], target=1e-6)
+    # with no time at all for a frame, what moves is coarse, and what rests is not
+    window.hands("mousemove", 100, 90, "key", "space")
+    moving = window.ask("settle", within=0.3)
+    assert not moving["full"] and "of the pixels" in moving["level"] and moving["turning"]
+    assert any("moving: 1/" in line for line in moving["hud lines"])
+    began = time.monotonic()
+    turned = window.key("space")
+    assert turned["full"] and any("refined to 1/255" in line for line in turned["hud lines"])
+    assert time.monotonic() - began < 1.0
+    np.save(tmp_path / "v.npy", blob().samples * (blob().samples > 20))
+    time.sleep(1.1)
+    window.ask("look")
+    after = window.ask("settle")
+    assert after["splats"] < turned["splats"] and np.allclose(after["eye"], turned["eye"])
+    # closing it as a window manager does
+    assert window.ask("close")["closed"]
+    window.end()
+
+
+def test_memory_stays(window: Window, folder: Path) -> None:
+    """Many pictures and several files leave nothing behind."""
+    window.hands("mousemove", 100, 90, "mousedown", 1)
+    window.ask("turn", times=60)
+    began = window.ask("turn", times=20)
+    after = window.ask("turn", times=120)
+    window.hands("mouseup", 1)
+    assert after["megabytes"] - began["megabytes"] < 2 and after["textures"] == began["textures"] == 3
+    for number in range(8):
+        window.ask("drop", paths=[str(folder / ("other.npy" if number % 2 else "blob.npy"))])
+        told = window.ask("settle")
+        began = told if number == 3 else began
+    assert told["megabytes"] - began["megabytes"] < 4
+
+
+# --- the panel ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def panel(display: str, folder: Path) -> Iterator[Window]:
+    pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
+    window = Window(display, folder / "blob.npy", folder, size=(600, 400), panel=True)
+    yield window
+    window.end()
+
+
+# the canvas of the curve, as it stands in a window 600 pixels wide
+LEFT, TOP, WIDE, HIGH = 276, 57, 302, 138
+
+
+def on_canvas(value: float, opacity: float) -> tuple[int, int]:
+    """Pixel of a node on the canvas, whose values are those of the blob: 0 to 40."""
+    x, y = curve.Canvas(LEFT, TOP, WIDE, HIGH, 0.0, 40.0).place(value, opacity)
+    return round(x), round(y)
+
+
+def test_the_panel_edits_the_curve(panel: Window) -> None:
+    before = panel.ask("reset")
+    panel.key("tab")
+    place = on_canvas(20.0, 0.5)
+    # the first press is where no node is: a new one, which is dragged on
+    after = panel.drag(1, place, (place[0] + 20, place[1] + 30))
+    assert len(after["points"]) == len(before["points"]) + 1
+    new = [node for node in after["points"] if node not in before["points"]]
+    assert new and new[0][0] == pytest.approx(22.5, abs=1.5) and 0.05 < new[0][1] < 0.3
+    assert after["full"] and np.allclose(after["eye"], before["eye"])
+    panel.hands("mousemove", *on_canvas(*new[0]), "click", 3)
+    assert len(panel.ask("settle")["points"]) == len(before["points"])
+
+
+def test_the_panel_takes_no_shortcuts(panel: Window) -> None:
+    """Beside the panel the mouse turns the view, over it it does not; keys are keys."""
+    panel.ask("reset")
+    before = panel.key("tab")
+    turned = panel.drag(1, (100, 200), (140, 180))
+    assert not np.allclose(turned["eye"], before["eye"])
+    panel.hands("mousemove", LEFT + 20, TOP + 200)
+    assert panel.key("b")["settings"]["blend"] == "xray"
+    assert np.ptp(panel.shot()[20:300, LEFT:].astype(int)) > 100
+
+
+# --- ends ---------------------------------------------------------------------------------------------------------
+
+
+def view(display: str, source: Path) -> subprocess.Popen[str]:
+    """`splatgl view` itself, once its window is there."""
+    environment = {**os.environ, "DISPLAY": display}
+    command = [sys.executable, "-m", "splatgl", "view", str(source), "--no-panel", "--size", "100x80"]
+    process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+    search = ["xdotool", "search", "--sync", "--onlyvisible", "--pid", str(process.pid)]
+    subprocess.run(search, env=environment, check=True, capture_output=True, timeout=20)
+    return process
+
+
+def test_ctrl_c(display: str, folder: Path) -> None:
+    process = view(display, folder / "blob.npy")
+    time.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=10) == (None, "") and process.returncode == 0
+
+
+def test_a_display_that_goes_away(folder: Path) -> None:
+    server, name = start_display()
+    process = view(name, folder / "blob.npy")
+    time.sleep(0.3)
+    server.terminate()
+    server.wait(10)
+    _, error = process.communicate(timeout=10)
+    assert error == "splatgl: the display went away\n" and process.returncode == 2
+
+
+def test_no_display(folder: Path) -> None:
+    environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    command = [sys.executable, "-m", "splatgl", "view", str(folder / "blob.npy")]
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=30)
+    assert run.returncode == 2 and run.stderr.startswith("splatgl: display: expected one that opens a window")
+    assert len(run.stderr.splitlines()) == 1

@@ -1,0 +1,129 @@
+"""A viewer in a process of its own, for tests: it lives on, and answers a line of JSON to every line of JSON.
+
+    python view_driver.py SOURCE FOLDER '{"backend": "egl", …}'
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import sys
+import threading
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.app.scene import Scene
+from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.viewer import Options, Viewer
+from splatgl.gl.renderer import Renderer
+
+PAGE = os.sysconf("SC_PAGE_SIZE")
+# seconds that a picture and all that goes with it may take
+PATIENCE = 20.0
+
+
+def told(viewer: Viewer) -> dict[str, Any]:
+    """What the window shows, in plain values."""
+    state, frame, camera = viewer.state, viewer.painter.frame, viewer.state.pose.camera
+    names = ("threshold", "extinction", "turning", "beyond", "compare", "hud", "help", "panel", "ground", "message")
+    return {
+        **{name: getattr(state, name) for name in names},
+        "eye": camera.eye.tolist(),
+        "axes": camera.eye_from_world.tolist(),
+        "size": camera.size,
+        "extent": camera.extent,
+        "perspective": camera.perspective,
+        "pivot": state.pose.pivot.tolist(),
+        "middle": viewer.content.middle.tolist(),
+        "settings": asdict(state.settings),
+        "points": state.transfer.points,
+        "window": state.transfer.window,
+        "source": viewer.content.scene.volume,
+        "splats": viewer.content.counts[0],
+        "level": frame and str(frame.level),
+        "full": bool(frame and frame.full),
+        "seconds": frame and frame.seconds,
+        "hud lines": viewer.painter.words,
+        "polygon": viewer.painter.overlay.polygon if viewer.painter.overlay else (),
+        "reference": viewer.reference.image is not None,
+        "closed": viewer.closed,
+        "megabytes": int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 2**20,
+        "textures": len(viewer.screen.textures),
+    }
+
+
+def settled(viewer: Viewer) -> bool:
+    frame = viewer.painter.frame
+    still = frame is not None and frame.full and viewer.refiner.drawn == viewer._wanted() and not viewer.dirty
+    return still and not viewer.jobs.busy and not viewer.reference.jobs.busy
+
+
+def until(viewer: Viewer, reached: Any, within: float = PATIENCE) -> None:
+    end = time.monotonic() + within
+    while not reached() and not viewer.closed and time.monotonic() < end:
+        viewer.step(0.01)
+
+
+def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
+    """Does one thing and says how the window is then."""
+    what = ask["do"]
+    if what == "settle":
+        # what the hands did may still be on its way through the X server
+        for _ in range(5):
+            viewer.step(0.01)
+        until(viewer, lambda: settled(viewer), ask.get("within", PATIENCE))
+        # what a thread had just finished
+        viewer.step(0.0)
+        until(viewer, lambda: settled(viewer), ask.get("within", PATIENCE))
+    elif what == "look":
+        # one picture after the events that are waiting
+        viewer.step(0.02)
+    elif what == "drop":
+        viewer.drop(ask["paths"])
+    elif what == "shot":
+        np.save(ask["path"], viewer.shot())
+    elif what == "reset":
+        viewer.state = viewer.state.opened(viewer.content)
+        viewer.state = type(viewer.state).of(viewer.content, viewer._size())
+        viewer.closed = False
+        until(viewer, lambda: settled(viewer))
+    elif what == "turn":
+        # many pictures, each from elsewhere
+        for number in range(ask["times"]):
+            viewer.move((100.0 + number % 40, 90.0))
+            viewer.step(0.0)
+    elif what == "close":
+        viewer.window.glfw.set_window_should_close(viewer.window.handle, True)
+        viewer.step(0.0)
+    return told(viewer)
+
+
+def main() -> None:
+    source, folder, asked = sys.argv[1], sys.argv[2], json.loads(sys.argv[3])
+    lines: queue.Queue[str] = queue.Queue()
+    threading.Thread(target=lambda: [lines.put(line) for line in sys.stdin], daemon=True).start()
+    backend = asked.pop("backend", "window")
+    scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
+    with Renderer(backend) as renderer:
+        viewer = Viewer(Content.open(scene), renderer, Options(folder=Path(folder), reopen=lambda: scene, **asked))
+        until(viewer, lambda: settled(viewer))
+        print(json.dumps(told(viewer)), flush=True)
+        ask = {"do": ""}
+        while ask["do"] not in ("end", "close"):
+            try:
+                ask = json.loads(lines.get(timeout=0.005))
+                print(json.dumps(answer(viewer, ask)), flush=True)
+            except queue.Empty:
+                # a window that was told to quit lives on, so that it can tell
+                if not viewer.closed:
+                    viewer.step(0.005)
+        viewer.close()
+
+
+if __name__ == "__main__":
+    main()
