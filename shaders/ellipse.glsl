@@ -59,3 +59,15 @@ Ellipse voxel_ellipse(vec3 e1, vec3 e2) {
     float width_1 = sqrt((dot(row_1, row_1) + dot(row_2, row_2)) * 0.5 + root);
     return Ellipse(e1 * major.x + e2 * major.y, e2 * major.x - e1 * major.y, vec2(width_1, area / width_1));
 }
+
+#if PERSPECTIVE
+// Furthest slope from x/z at which a plane through the eye touches the kernel's ellipsoid: (x − s z)² = R² |e − s f|²,
+// e and f the rows of eye_from_index along x and depth.
+float furthest(float x, float z, vec3 e, vec3 f) {
+    float r2 = style.radius * style.radius;
+    float a = z * z - r2 * dot(f, f);
+    float b = x * z - r2 * dot(e, f);
+    float c = x * x - r2 * dot(e, e);
+    return (abs(b - a * x / z) + sqrt(max(b * b - a * c, 0.0))) / a;
+}
+#endif

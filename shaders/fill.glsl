@@ -6,11 +6,27 @@
 #define RIM_GROWTH 1.1
 #define ONSET 2.0           // a lone cell's share falls as 1/m − ONSET (m − 1)/m¹⁶
 
+vec3 run_lengths(int runs) {
+    return exp2(vec3(runs & 31, (runs >> 5) & 31, (runs >> 10) & 31) * RUN_OCTAVES);
+}
+
+// How far matter goes on along a direction in index axes, in voxels.
+float run_along(vec3 direction, int runs) {
+    vec3 through = run_lengths(runs) / max(abs(direction) / max(length(direction), 1e-30), vec3(1e-3));
+    return min(through.x, min(through.y, through.z));
+}
+
+// 1 for a splat that moves by itself, 0 for one in matter that goes on along its path of that length; see dwell.py.
+float alone(float size, float through) {
+    float follows = max(through - 1.0, 0.0) / (size + 1.0);
+    return 1.0 / (1.0 + follows * follows);
+}
+
 // depth: optical depth per mean spacing; i: the voxel relative to the eye, index axes; coverage: 1/m²;
 // runs: coded lengths along the grid's axes. The depth that attenuation by m² leaves right on average.
 float filled_depth(float depth, vec3 i, float coverage, float pixel, int runs) {
     mat3 a = eye_from_index();
-    vec3 run = exp2(vec3(runs & 31, (runs >> 5) & 31, (runs >> 10) & 31) * RUN_OCTAVES);
+    vec3 run = run_lengths(runs);
     vec3 m = max(pixel / vec3(length(a[0]), length(a[1]), length(a[2])), vec3(1.0));
 
     // how far the ray goes on in this matter, in mean spacings

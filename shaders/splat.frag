@@ -31,6 +31,8 @@ float radial(float d2) {
 #endif
 }
 
+#include "streak.glsl"
+
 #if SPRITE
 vec2 local_place() {
     vec2 offset = gl_FragCoord.xy - pixel;
@@ -95,22 +97,48 @@ float exact_footprint() {
 }
 #endif
 
-void main() {
+// What stands still, over F(0)·gain.
+float footprint() {
 #if ALIGN == ALIGN_EXACT
-    float shape = exact_footprint();
+    return exact_footprint();
 #elif SPRITE
     vec2 place = local_place();
-    float shape = radial(dot(place, place));
+    return radial(dot(place, place));
 #elif FOOTPRINT == FOOTPRINT_RADIAL
-    float shape = radial(dot(at, at) * style.radius * style.radius);
+    return radial(dot(at, at) * style.radius * style.radius);
 #else
-    float shape = texture(footprint_table, at * 0.5 + 0.5).r;
+    return texture(footprint_table, at * 0.5 + 0.5).r;
+#endif
+}
+
+void main() {
+#if MOTION != MOTION_OFF
+    bool moves = move != vec2(0.0);
+    float shape, most = 0.0;
+    if (moves) {
+#if CUBIC
+        Inner inner = Inner(mat2x3(shrink.x, 0.0, 0.0, 0.0, shrink.x, 0.0), shrink);
+#else
+        Inner inner = Inner(mat2x3(inner_x, inner_y), shrink);
+#endif
+        Passing p = passing(heart, at, move, inner);
+        shape = streak_shape(p);
+#if BLEND == BLEND_COMPOSITE && ATTENUATION == ATTENUATION_FILL
+        most = splat.a * p.gain * closest(p);
+#endif
+    } else {
+        shape = footprint();
+    }
+#else
+    float shape = footprint();
 #endif
     float value = splat.a * shape;
 #if BLEND == BLEND_COMPOSITE
 #if ATTENUATION == ATTENUATION_OPACITY
     // the paper's: the opacity of the unstretched splat, weakened by (z_k/z_v)² = coverage  [M98 Eq. 6]
     value = coverage > 0.0 ? coverage * one_minus_exp(value / coverage) : 0.0;
+#elif MOTION != MOTION_OFF && ATTENUATION == ATTENUATION_FILL
+    value = moves ? dwelt_opacity(value, most, lone) : one_minus_exp(value);
 #else
     value = one_minus_exp(value);
 #endif

@@ -8,6 +8,7 @@
 #include "exact.glsl"
 #include "sprite.glsl"
 #include "fill.glsl"
+#include "motion.glsl"
 #define VARYING out
 #include "varyings.glsl"
 
@@ -16,6 +17,10 @@ in float in_optical_depth;  // extinction × mean spacing
 in vec3 in_color;           // linear RGB
 in ivec3 in_normal;         // gradient direction, world axes; zero: unshaded
 in int in_runs;             // how far matter goes on along the grid's axes, coded
+
+#if FLOW
+in vec3 in_flow;            // grid steps in half of the exposure
+#endif
 
 #if FEEDBACK
 out vec3 corner_eye;        // the corner in eye axes, mean spacings
@@ -44,8 +49,22 @@ vec4 clip_from_eye(vec3 point) {
 
 void main() {
     // relative to the eye before anything is rounded
-    vec3 v = eye_from_index() * (in_position - frame.base.xyz) - frame.eye_from_base.xyz;
+    vec3 local = in_position - frame.base.xyz;
+#if MOTION != MOTION_OFF
+    vec3 before = local, after = local;
+#if FLOW
+    // it is in its own place when the shutter closes
+    local -= in_flow;
+    before = local - in_flow;
+#endif
+#endif
+    vec3 v = eye_from_index() * local - frame.eye_from_base.xyz;
     bool seen = true;
+#if MOTION != MOTION_OFF
+    Streak streak = streak_of(v, place(path.first_from_index, path.first_from_base, before),
+                              place(path.last_from_index, path.last_from_base, after));
+    v.xy += streak.shift;
+#endif
 #if SPRITE
     // the square of pixels, and how they lie in the footprint
     vec3 point = v;
@@ -99,6 +118,29 @@ void main() {
 #endif
 #endif
 #endif
+#if MOTION != MOTION_OFF
+    move = streak.step;
+    heart = v;
+#if PERSPECTIVE
+    bool widened = is_stretched(v);
+    float reach = quad.reach;
+#else
+    const bool widened = true;
+    float reach = style.radius;
+#endif
+    Inner inner = inner_of(v, widened);
+    shrink = inner.shrink;
+#if !CUBIC
+    inner_x = inner.axes[0];
+    inner_y = inner.axes[1];
+#endif
+    float size = 0.0;
+    if (move != vec2(0.0)) {
+        at = streak_corner(corner, v, move, quad.axis_1, quad.axis_2, reach, widened);
+        point = v + vec3(at, 0.0);
+        size = length_of(inner, v, move);
+    }
+#endif
     gl_Position = seen ? clip_from_eye(point) : vec4(0.0, 0.0, 2.0, 1.0);
 #if HALF_LINE
     // a kernel around the eye may be seen by any pixel
@@ -118,9 +160,18 @@ void main() {
     if (quad.coverage < 1.0) depth = filled_depth(depth, index_from_eye() * v, quad.coverage, smallest_axis(v.z), in_runs);
 #endif
     splat.a = depth * quad.gain * style.peak;
+#if MOTION != MOTION_OFF
+    if (move != vec2(0.0)) splat.a = depth * style.peak;
+#if ATTENUATION == ATTENUATION_FILL
+    lone = alone(size, run_along(index_from_eye() * vec3(move, 0.0), in_runs));
+#endif
+#endif
 #endif
 #if ATTENUATION == ATTENUATION_OPACITY
     coverage = quad.coverage;
+#if MOTION != MOTION_OFF
+    coverage /= 1.0 + size * path.line;
+#endif
 #endif
 #if PERSPECTIVE
     float far = length(v);

@@ -35,16 +35,6 @@ Sprite planar_sprite(vec3 v, vec3 axis_1, vec3 axis_2, float reach) {
 }
 
 #if PERSPECTIVE
-// Furthest slope from x/z at which a plane through the eye touches the kernel's ellipsoid: (x − s z)² = R² |e − s f|²,
-// e and f the rows of eye_from_index along x and depth.
-float furthest(float x, float z, vec3 e, vec3 f) {
-    float r2 = style.radius * style.radius;
-    float a = z * z - r2 * dot(f, f);
-    float b = x * z - r2 * dot(e, f);
-    float c = x * x - r2 * dot(e, e);
-    return (abs(b - a * x / z) + sqrt(max(b * b - a * c, 0.0))) / a;
-}
-
 // Before z_k: D² = |i × U|²/|ray|² for the pixel's ray, both in index axes; i × U is linear in the pixel's offset.
 Sprite near_sprite(vec3 v) {
     float step_ = frame.pixel_pitch;

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer as Renderer
     from splatgl.splat.camera import Camera as Camera
     from splatgl.splat.extract import extract as extract
+    from splatgl.splat.motion import Motion as Motion
     from splatgl.splat.plan import plan as plan
     from splatgl.splat.presets import default_transfer as default_transfer
     from splatgl.splat.presets import preset as preset
@@ -41,6 +42,7 @@ _PUBLIC = {
     "Camera": "splatgl.splat.camera",
     "Image": "splatgl.data.image",
     "InputError": "splatgl.data.errors",
+    "Motion": "splatgl.splat.motion",
     "Renderer": "splatgl.gl.renderer",
     "Settings": "splatgl.splat.settings",
     "Splats": "splatgl.splat.rows",

@@ -44,7 +44,8 @@ Matter = tuple[Splats, np.ndarray | None]
 @dataclass(frozen=True, eq=False)
 class Animation:
     """scenes: one a volume, read with one transfer function. numbers: the frames wanted, of `count`; a volume of a
-    series is shown for `hold` of them. moments: how many pictures a frame is the mean of, None: it is not blurred.
+    series is shown for `hold` of them. moments: how many pictures a frame is the mean of, None: it is blurred as the
+    settings say. flow: by how much splats move along the volume's vectors a frame, for blur alone.
     """
 
     scenes: list[Scene]
@@ -54,7 +55,6 @@ class Animation:
     numbers: range
     hold: int = 1
     moments: int | None = None
-    shutter: float = 180.0
     flow: float | None = None
     bits: int = 8
     only: Splats | None = None
@@ -81,7 +81,9 @@ class Animation:
         if last >= count:
             raise expected("--only", f"frames from 0 to {count - 1}", f"{first}-{last}")
         numbers = range(first, last + 1)
-        asked = (args.hold, args.moments, args.shutter, args.flow, args.bits)
+        if args.flow is not None and args.moments is None and scene.settings.motion == "off":
+            raise expected("--flow", "--motion or --moments beside it, which blur", "none", "add --motion exact")
+        asked = (args.hold, args.moments, args.flow, args.bits)
         return cls(scenes, transfer, track, count, numbers, *asked, only)
 
     def shown(self, frame: int) -> int:
@@ -94,7 +96,7 @@ class Animation:
         files = [(s.volume, Path(s.volume).stat().st_size if Path(s.volume).is_file() else 0) for s in self.scenes]
         cameras = [self.track.camera(n) for n in {0, self.count // 2, self.count - 1}]
         views = [(c.eye.tolist(), c.eye_from_world.tolist(), c.size, c.extent, c.perspective) for c in cameras]
-        blur = (self.moments, self.shutter, self.flow) if self.moments else None
+        blur = (self.moments, self.flow)
         drawn = (self.scenes[0].settings, self.scenes[0].threshold, self.scenes[0].load, self.transfer.to_toml())
         return mark_of(files, drawn, views, self.count, self.hold, blur, self.bits)
 
@@ -128,13 +130,16 @@ class Animation:
         return splats, None if self.flow is None else flow_of(splats, volume, self.flow)
 
     def _frame(self, renderer: Renderer, splats: Splats, flow: np.ndarray | None, frame: int) -> Image:
-        """One frame's picture; blurred by the mean of its moments, if asked for."""
+        """One frame's picture; blurred by streaks or by the mean of its moments, if asked for."""
         camera, settings = self.track.camera(frame), self.scenes[0].settings
-        if self.moments is None:
+        if self.moments is None and settings.motion == "off":
             return renderer.render(splats, camera, settings)
         motion = self.track.motion(frame)
         motion = replace(motion, flow=flow) if flow is not None else motion
-        image = Moments(renderer.render, motion, self.shutter, self.moments)(splats, camera, settings)
+        if self.moments is None:
+            return renderer.render(splats, camera, settings, motion)
+        still = settings.but(motion="off")
+        image = Moments(renderer.render, motion, settings.shutter, self.moments)(splats, camera, still)
         return Image(image.pixels.astype(np.float32), image.info)
 
     def _brightest(self, renderer: Renderer) -> float:

@@ -11,19 +11,20 @@ from splatgl import __version__
 from splatgl.app.options import _size as size
 from splatgl.app.output import check_output
 from splatgl.app.panels import encoded
-from splatgl.app.picture_figures import PICTURES, PictureFigure, Shown, by_moments, picture
+from splatgl.app.picture_figures import PICTURES, Motioned, PictureFigure, Shown, by_moments, picture
 from splatgl.app.picture_numbers import numbers
 from splatgl.app.scene import Scene, View
+from splatgl.app.track import Turning
 from splatgl.data.errors import expected
 from splatgl.data.image import write_whole
 from splatgl.gl.renderer import Renderer
+from splatgl.splat.blur import MOTIONS
 from splatgl.truth.figures.tables import PAGE
+from splatgl.truth.temporal import Draw
 
-# moments that a blurred panel is the mean of
-MOMENTS = 16
 MAX_FRAMES, MAX_MOMENTS = 10_000, 4096
 # options that only rendered figures have
-ONLY = ("source", "color", "size", "spin", "frames", "moments")
+ONLY = ("source", "color", "size", "spin", "frames", "motion", "moments")
 
 
 def add_pictures(parser: argparse.ArgumentParser) -> None:
@@ -34,7 +35,8 @@ def add_pictures(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--size", type=size, metavar="W×H", help="pixels of each picture")
     group.add_argument("--spin", type=float, metavar="DEG", help="12, 13, 14: degrees a frame")
     group.add_argument("--frames", type=int, metavar="N", help="14: how many frames")
-    group.add_argument("--moments", type=int, metavar="N", help=f"12, 13, 14: of blurred ones ({MOMENTS}; 0: none)")
+    group.add_argument("--motion", choices=MOTIONS, metavar="|".join(MOTIONS), help="12, 13, 14: how they are blurred")
+    group.add_argument("--moments", type=int, metavar="N", help="12, 13, 14: blur by N pictures instead; 0: none")
 
 
 def refuse(args: argparse.Namespace) -> None:
@@ -56,8 +58,7 @@ def run_picture(args: argparse.Namespace) -> int:
         check_output(Path(args.csv), (".csv",))
     scene = _scene(figure, args)
     with Renderer() as renderer:
-        moments = MOMENTS if args.moments is None else args.moments
-        shown = Shown(figure, scene, renderer.render, by_moments(moments) if moments else None)
+        shown = Shown(figure, scene, renderer.render, _blur(renderer, args))
         if drawn:
             about = figure.caption if args.source is None else f"{figure.caption} Here: {shown.volume.name}."
             write_whole(output, encoded(picture(shown), about, f"splatgl {__version__}"))
@@ -72,14 +73,28 @@ def run_picture(args: argparse.Namespace) -> int:
     return 0
 
 
+def _blur(renderer: Renderer, args: argparse.Namespace) -> Motioned | None:
+    """Streaks, or as many pictures as are asked for; none at all for 0."""
+    if args.moments is not None:
+        return by_moments(args.moments) if args.moments else None
+    form = args.motion or MOTIONS[0]
+
+    def streaks(_: Draw, track: Turning) -> Draw:
+        return lambda splats, camera, settings: renderer.render(splats, camera, settings.but(motion=form), track.turn)
+
+    return streaks
+
+
 def _asked(figure: PictureFigure, args: argparse.Namespace) -> PictureFigure:
     """The figure with what was asked for; InputError for what it can't be."""
     turns = figure.spin != 0
-    for name, allowed in (("spin", turns), ("frames", figure.number == 14), ("moments", turns)):
+    for name, allowed in (("spin", turns), ("frames", figure.number == 14), ("motion", turns), ("moments", turns)):
         if getattr(args, name) is not None and not allowed:
             raise expected(f"figure {figure.number}", f"no --{name}", getattr(args, name))
     if args.frames is not None and not 2 <= args.frames <= MAX_FRAMES:
         raise expected("--frames", f"a whole number from 2 to {MAX_FRAMES}", args.frames)
+    if args.moments is not None and args.motion is not None:
+        raise expected(f"figure {figure.number}", "one of --motion and --moments", "both")
     if args.moments is not None and not 0 <= args.moments <= MAX_MOMENTS:
         raise expected("--moments", f"a whole number from 0 to {MAX_MOMENTS}", args.moments)
     if args.spin is not None and not 0 < abs(args.spin) <= 360:

@@ -68,11 +68,14 @@ class Sorted:
             self.written = wanted
         assert self.buffer is not None
         if program.glo not in self.arrays:
-            self.arrays[program.glo] = self.ctx.vertex_array(program, [_content(program, self.buffer, "/i")])
+            self.arrays[program.glo] = self.ctx.vertex_array(program, self._content(program, self.buffer))
         return self.arrays[program.glo]
 
     def release(self) -> None:
         _release(self.arrays, self.buffer)
+
+    def _content(self, program: moderngl.Program, buffer: moderngl.Buffer) -> list[tuple]:
+        return [_content(program, buffer, "/i")]
 
     def _upload(self, sequence: Sequence, runs: bool) -> None:
         records = self.splats.records_with_runs if runs else self.splats.records

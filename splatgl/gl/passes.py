@@ -10,8 +10,10 @@ import numpy as np
 
 from splatgl.gl.buffers import SplatBuffer
 from splatgl.gl.program import BLENDS, Programs
+from splatgl.gl.streaks import BLUR_UNIT, StreakBuffers
 from splatgl.gl.target import Target, Targets
 from splatgl.gl.uniforms import FRAME, FRAME_BINDING, STYLE, STYLE_BINDING, frame_block, style_block
+from splatgl.splat.blur_table import blur_table
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel, footprint_table, half_line_table, radial_table
 from splatgl.splat.occlusion import cuts
@@ -42,6 +44,7 @@ class Passes:
         self.targets = Targets(ctx, owned)
         self.tables: dict[tuple[str, str, int, int], moderngl.Texture] = {}
         self.splats = SplatBuffer(ctx, owned)
+        self.streaks = StreakBuffers(ctx, owned)
         self.whole: dict[int, moderngl.VertexArray] = {}
         self.frame = ctx.buffer(reserve=FRAME.itemsize)
         owned.callback(self.frame.release)
@@ -54,7 +57,7 @@ class Passes:
         target = self.targets.get("draw", size, plan.program.target, depth=plan.parts > 1)
         target.clear()
         if len(splats):
-            self._draw_splats(target, splats, camera, plan)
+            self._draw_splats(target, splats, plan.exposure.middle if plan.exposure else camera, plan)
         # the sum of an X-ray has nothing to lie over
         background = plan.background if plan.program.blend != "xray" else None
         if plan.samples > 1 or background is not None:
@@ -71,6 +74,7 @@ class Passes:
         if plan.program.half_line:
             program["half_table"] = 1
             self._half_table(plan.kernel).use(location=1)
+        self._bind_path(program, splats, plan)
 
         blend = BLENDS[plan.program.blend, plan.program.order]
         self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
@@ -81,8 +85,20 @@ class Passes:
             self._draw_sprites(self.splats.sprites(program, splats, sequence), target, len(splats), plan)
         else:
             self.ctx.enable_only(moderngl.BLEND)
-            vertices = self.splats.quads(program, splats, sequence)
+            if plan.program.flow:
+                vertices = self.streaks.quads(program, splats, sequence, plan)
+            else:
+                vertices = self.splats.quads(program, splats, sequence)
             vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=len(splats))
+
+    def _bind_path(self, program: moderngl.Program, splats: Splats, plan: Plan) -> None:
+        """What streaks need besides; nothing for a still."""
+        if plan.exposure is None:
+            return
+        self.streaks.bind_path(splats, plan)
+        if plan.program.motion == "exact":
+            program["blur_table"] = BLUR_UNIT
+            self._blur_table(plan.kernel).use(location=BLUR_UNIT)
 
     def _draw_sprites(self, vertices: moderngl.VertexArray, target: Target, count: int, plan: Plan) -> None:
         """In parts, nearest first; between two of them pixels are closed that next to nothing passes."""
@@ -140,6 +156,10 @@ class Passes:
     def _half_table(self, kernel: Kernel) -> moderngl.Texture:
         key = (kernel.name, "half", HALF_TABLE_SIZE, 32)
         return self.tables.get(key) or self._texture(key, half_line_table(kernel, HALF_TABLE_SIZE), 32)
+
+    def _blur_table(self, kernel: Kernel) -> moderngl.Texture:
+        key = (kernel.name, "blur", 0, 32)
+        return self.tables.get(key) or self._texture(key, blur_table(kernel.name).texels, 32)
 
     def _texture(self, key: tuple[str, str, int, int], texels: np.ndarray, bits: int) -> moderngl.Texture:
         dtype, store, one = TABLES[bits]

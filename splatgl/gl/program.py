@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import moderngl
 
 from splatgl.gl.shader import ShaderError, compose, declared_switches
-from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING
+from splatgl.gl.uniforms import FRAME_BINDING, PATH_BINDING, STYLE_BINDING
 from splatgl.splat.plan import Program
 
 Switches = Mapping[str, str | int | bool]
@@ -48,6 +48,8 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",
         "HALF_LINE": program.half_line,
         "SPRITE": program.primitive == "sprite",
+        "MOTION": f"MOTION_{program.motion.upper()}",
+        "FLOW": program.flow,
     }
 
 
@@ -68,7 +70,7 @@ def build(
         # moderngl's message names the stage that failed
         stage = 1 if fragment and "fragment_shader" in str(error) else 0
         raise ShaderError(f"{stages[stage]}: {texts[stage].explain(str(error))}") from error
-    for block, binding in (("Frame", FRAME_BINDING), ("Style", STYLE_BINDING)):
+    for block, binding in (("Frame", FRAME_BINDING), ("Style", STYLE_BINDING), ("Path", PATH_BINDING)):
         if block in program:
             program[block].binding = binding  # type: ignore[union-attr]
     return program

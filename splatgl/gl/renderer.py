@@ -16,9 +16,10 @@ from splatgl.gl.passes import Passes
 from splatgl.gl.target import check_size
 from splatgl.splat.bound import bound
 from splatgl.splat.camera import Camera
+from splatgl.splat.motion import Motion
 from splatgl.splat.plan import Plan, plan
 from splatgl.splat.rows import Splats
-from splatgl.splat.settings import Settings
+from splatgl.splat.settings import FULL_SHUTTER, Settings
 
 
 class Renderer:
@@ -53,24 +54,33 @@ class Renderer:
         with current(self.ctx):
             self.owned.close()
 
-    def plan(self, splats: Splats, camera: Camera, settings: Settings | None = None) -> Plan:
+    def plan(
+        self, splats: Splats, camera: Camera, settings: Settings | None = None, motion: Motion | None = None
+    ) -> Plan:
         """What `render` would do; a driver's largest point decides whether splats are sprites."""
-        return plan(splats, camera, settings, self.sprite_limit)
+        return plan(splats, camera, settings or _asked(motion), self.sprite_limit, motion)
 
-    def render(self, splats: Splats, camera: Camera, settings: Settings | None = None) -> Image:
+    def render(
+        self, splats: Splats, camera: Camera, settings: Settings | None = None, motion: Motion | None = None
+    ) -> Image:
         """The picture, linear premultiplied float32 [H, W, 4], row 0 on top.
 
-        In `xray` A is Σ τ and RGB Σ τ·colour, unclamped. Raises InputError for a size beyond OpenGL's.
+        In `xray` A is Σ τ and RGB Σ τ·colour, unclamped. motion: how the scene came to where it is; it is blurred as
+        `settings.motion` says, or, without settings, exactly, while the shutter is open, up to now. A picture that is
+        blurred has no error bound. Raises InputError for a size beyond OpenGL's and for the flow of other splats.
         """
         started = time.perf_counter()
-        settings = settings or Settings()
-        chosen = self.plan(splats, camera, settings)
+        chosen = self.plan(splats, camera, settings, motion)
         with current(self.ctx):
             check_size(self.ctx, (camera.size[0] * chosen.samples, camera.size[1] * chosen.samples))
             pixels = self._draw(splats, camera, chosen)
         seconds = time.perf_counter() - started
+        provenance = self._provenance(splats, camera, chosen, seconds)
+        if chosen.exposure is not None:
+            moved = {"motion": chosen.program.motion, "shutter": chosen.exposure.frames * FULL_SHUTTER}
+            return Image(pixels, {**provenance, **moved, "error_bound": None})
         error = bound(splats, camera, chosen, _brightest(pixels, chosen))
-        return Image(pixels, {**self._provenance(splats, camera, chosen, seconds), "error_bound": error.total})
+        return Image(pixels, {**provenance, "error_bound": error.total})
 
     def _draw(self, splats: Splats, camera: Camera, chosen: Plan) -> np.ndarray:
         """The pixels; InputError if OpenGL ran out of memory or lost its context on the way."""
@@ -86,6 +96,7 @@ class Renderer:
     def _failure(self, splats: Splats, camera: Camera, problem: str) -> InputError:
         # what is kept may be half made: the next picture starts afresh
         self.passes.splats.release()
+        self.passes.streaks.release()
         return InputError(
             f"OpenGL failed on {len(splats):,} splats at {camera.size[0]}×{camera.size[1]}: {problem}; "
             "try a smaller picture, fewer samples, or a higher threshold"
@@ -121,6 +132,11 @@ class Renderer:
             "opengl": self.info.version,
             "seconds": round(seconds, 6),
         }
+
+
+def _asked(motion: Motion | None) -> Settings:
+    """The settings of one who gives none."""
+    return Settings(motion="off" if motion is None else "exact")
 
 
 def _brightest(pixels: np.ndarray, chosen: Plan) -> float:

@@ -1,15 +1,16 @@
-"""The uniform blocks Frame and Style of `shaders/frame.glsl`, mirrored as std140 records."""
+"""The uniform blocks Frame and Style of `shaders/frame.glsl` and Path of `motion.glsl`, mirrored as std140 records."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from splatgl.splat.blur import line_area
 from splatgl.splat.camera import Camera
 from splatgl.splat.plan import NEAR, Plan
 from splatgl.splat.rows import Splats
 
 # binding points of the blocks
-FRAME_BINDING, STYLE_BINDING = 0, 1
+FRAME_BINDING, STYLE_BINDING, PATH_BINDING = 0, 1, 2
 
 FRAME = np.dtype(
     {
@@ -39,6 +40,14 @@ STYLE = np.dtype(
         "itemsize": 32,
     }
 )
+PATH = np.dtype(
+    {
+        "names": ["first_from_index", "last_from_index", "first_from_base", "last_from_base", "line", "weaken"],
+        "formats": [*[("<f4", (3, 4))] * 2, "<4f4", "<4f4", "<f4", "<f4"],
+        "offsets": [0, 48, 96, 112, 128, 132],
+        "itemsize": 144,
+    }
+)
 
 # shading: C = c (0.3 + 0.7 |n·l|)
 AMBIENT, DIFFUSE = 0.3, 0.7
@@ -59,7 +68,7 @@ def frame_block(splats: Splats, camera: Camera, plan: Plan) -> np.ndarray:
     block["index_from_eye"][:, :3] = np.linalg.inv(eye_from_index).T
     block["eye_from_world"][:, :3] = camera.eye_from_world.T
     # a far eye's offset is along the view, so that across it float32 loses nothing
-    base = np.clip(np.rint(eye), *np.rint(splats.index_bounds))
+    base = _base(splats, eye)
     block["base"][:3] = base
     block["eye_from_base"][:3] = eye_from_index @ (eye - base)
     # a picture that is wider by the pad on every side
@@ -71,6 +80,29 @@ def frame_block(splats: Splats, camera: Camera, plan: Plan) -> np.ndarray:
     block["depth_reach"] = plan.kernel.radius * np.linalg.norm(eye_from_index[2])
     block["image_center"] = fine / 2
     return block
+
+
+def path_block(splats: Splats, plan: Plan) -> np.ndarray:
+    """Where the grid is when the shutter opens and closes, as the middle's lens shows it; PATH, shape ()."""
+    assert plan.exposure is not None
+    block = np.zeros((), PATH)
+    middle, grid = plan.exposure.middle, splats.grid
+    base = _base(splats, grid.index_from_world(middle.eye))
+    for name, camera in (("first", plan.exposure.first), ("last", plan.exposure.last)):
+        # the same steps as for the middle, so that what stands still has no path
+        moved = camera.eye_from_world @ grid.world_from_index / grid.mean_spacing
+        moved[:2] *= middle.extent / camera.extent
+        block[f"{name}_from_index"][:, :3] = moved.T
+        block[f"{name}_from_base"][:3] = moved @ (grid.index_from_world(camera.eye) - base)
+    line = float(line_area(plan.kernel, np.zeros(())))
+    block["line"] = line
+    # E₁/(E₁ + l W), or the disc's share  [M98 Eq. 11]
+    block["weaken"] = 2 / (np.pi * plan.kernel.radius) if plan.program.motion == "paper" else line
+    return block
+
+
+def _base(splats: Splats, eye: np.ndarray) -> np.ndarray:
+    return np.asarray(np.clip(np.rint(eye), *np.rint(splats.index_bounds)))
 
 
 def style_block(splats: Splats, plan: Plan) -> np.ndarray:

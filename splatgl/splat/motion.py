@@ -16,8 +16,8 @@ from splatgl.data.volume import Volume
 from splatgl.splat.camera import Camera
 from splatgl.splat.rigid import Rigid
 from splatgl.splat.rows import Splats
+from splatgl.splat.settings import FULL_SHUTTER, Settings
 
-FULL_SHUTTER = 360.0
 # a splat nearer to the eye's plane than this, in mean spacings, has no place in the picture to move from or to
 NEAREST = 1e-2
 
@@ -102,6 +102,34 @@ class Streaks:
     def pixels(self, spacing: float) -> np.ndarray:
         """[N]: the paths' lengths in pixels; spacing: the grid's mean spacing."""
         return self.length * spacing / self.camera.pixel_pitch(np.maximum(self.middle[2], NEAREST) * spacing)
+
+
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """What moves in one picture while its shutter is open: the camera when it opens, in between and when it closes.
+
+    frames: for how many frames it is open. flow: as in Motion, None if no splat moves by itself.
+    """
+
+    first: Camera
+    middle: Camera
+    last: Camera
+    frames: float
+    flow: np.ndarray | None
+
+    @classmethod
+    def of(cls, camera: Camera, settings: Settings, motion: Motion | None) -> Exposure | None:
+        """None for a still: nothing moves, the shutter stays closed, or blur is not asked for."""
+        frames = exposure(settings.shutter)
+        if settings.motion == "off" or motion is None or motion.still or frames == 0:
+            return None
+        flow = motion.flow if motion.flow is not None and motion.flow.any() else None
+        return cls(motion.view(camera, -frames), motion.view(camera, -frames / 2), camera, frames, flow)
+
+    def drift(self, splats: Splats) -> np.ndarray:
+        """float64 [N, 3]: how far each splat flows in half of the exposure, in grid steps."""
+        assert self.flow is not None
+        return _in_cells(splats, self.flow) * (self.frames / 2)
 
 
 def exposure(shutter: float) -> float:

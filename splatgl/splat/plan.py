@@ -15,6 +15,7 @@ from splatgl.data.errors import expected
 from splatgl.splat.alignment import alignment
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel, kernel
+from splatgl.splat.motion import Exposure, Motion
 from splatgl.splat.occlusion import SHARE, parts
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
@@ -47,6 +48,8 @@ class Program:
     footprint: str = "table"
     half_line: bool = False
     primitive: str = "quad"
+    motion: str = "off"
+    flow: bool = False
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,7 @@ class Plan:
 
     window: the pixels, or samples, that splats reach. pad: how far beyond the picture's edge a sprite may be centred.
     parts: in how many parts it is drawn; between two, pixels that less than `passing` of the light passes are closed.
+    exposure: of a blurred picture.
     """
 
     program: Program
@@ -73,6 +77,7 @@ class Plan:
     background: tuple[float, float, float] | None
     tolerance: float
     notes: tuple[str, ...]
+    exposure: Exposure | None = None
 
     @property
     def table(self) -> str:
@@ -113,13 +118,29 @@ class Plan:
         return "\n".join([*lines, *self.notes])
 
 
-def plan(splats: Splats, camera: Camera, settings: Settings | None = None, sprite_limit: float = SPRITE_LIMIT) -> Plan:
+def plan(
+    splats: Splats,
+    camera: Camera,
+    settings: Settings | None = None,
+    sprite_limit: float = SPRITE_LIMIT,
+    motion: Motion | None = None,
+) -> Plan:
     """The plan for one picture; everything that stands on `auto` is decided here.
 
-    sprite_limit: the largest point that OpenGL draws, pixels.
+    sprite_limit: the largest point that OpenGL draws, pixels. motion: how the scene comes to where it is.
     """
     settings = settings or Settings()
     notes: list[str] = []
+    settings, exposure = _exposed(camera, settings, motion, notes)
+    return _planned(splats, exposure or camera, settings, sprite_limit, notes)
+
+
+def _planned(
+    splats: Splats, seen: Camera | Exposure, settings: Settings, sprite_limit: float, notes: list[str]
+) -> Plan:
+    """The plan for a still, or for an exposure."""
+    exposure = seen if isinstance(seen, Exposure) else None
+    camera = seen.middle if isinstance(seen, Exposure) else seen
     shape = kernel(settings.kernel)
     samples = settings.samples if settings.antialias == "supersample" else 1
     fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
@@ -128,7 +149,7 @@ def plan(splats: Splats, camera: Camera, settings: Settings | None = None, sprit
 
     antialias = _antialias(settings, z_k, farthest, notes)
     align, z_s = alignment(splats, fine, settings, notes)
-    half_line = align == "exact" and _eye_is_near(splats, camera, shape.radius)
+    half_line = align == "exact" and _eye_is_near(splats, camera, shape.radius, exposure)
     if align == "exact" and not half_line:
         notes.append("half lines left out: the eye is in no kernel; the picture is the same")
     footprint = _footprint(align, settings)
@@ -142,12 +163,14 @@ def plan(splats: Splats, camera: Camera, settings: Settings | None = None, sprit
         antialias=antialias,
         cubic=splats.grid.cubic,
         shading=_shading(splats, settings, notes),
-        attenuation=_attenuation(settings, antialias),
+        attenuation=_attenuation(settings, antialias or exposure is not None),
         order=_order(settings, number, notes),
         target="rgba32f" if settings.target == "auto" else settings.target,
         footprint=footprint,
         half_line=half_line,
         primitive="sprite" if sprite else "quad",
+        motion=settings.motion if exposure else "off",
+        flow=exposure is not None and exposure.flow is not None,
     )
     return Plan(
         program,
@@ -159,14 +182,37 @@ def plan(splats: Splats, camera: Camera, settings: Settings | None = None, sprit
         z_s,
         nearest,
         farthest,
-        covered.window,
+        # a streak may reach any pixel
+        Window(0, 0, *fine.size) if exposure else covered.window,
         covered.pad if sprite else 0,
         number,
         SHARE * settings.tolerance / max(splats.brightest, 1.0) if number > 1 else 0.0,
         settings.background,
         settings.tolerance,
         tuple(notes),
+        exposure,
     )
+
+
+def _exposed(
+    camera: Camera, settings: Settings, motion: Motion | None, notes: list[str]
+) -> tuple[Settings, Exposure | None]:
+    """The exposure, None for a still, and the settings that it leaves: streaks are exact, on quads."""
+    found = Exposure.of(camera, settings, motion)
+    if settings.motion == "off":
+        if motion is not None and not motion.still:
+            notes.append("motion blur left out: the setting motion is off; the picture would be another")
+        return settings, None
+    if found is None:
+        notes.append("motion blur left out: nothing moves; the picture is the same")
+        return settings, None
+    if settings.blend == "mip":
+        notes.append("motion blur left out: a maximum has none; the picture would be another")
+        return settings, None
+    if settings.align not in ("auto", "exact"):
+        notes.append(f"align {settings.align} left out: streaks are exact")
+    notes.append(f"motion blur {settings.motion}, shutter {settings.shutter:g}°, on quads; it has no error bound")
+    return settings.but(align="exact", primitive="quad"), found
 
 
 def _antialias(settings: Settings, z_k: float, farthest: float, notes: list[str]) -> bool:
@@ -185,11 +231,11 @@ def _shading(splats: Splats, settings: Settings, notes: list[str]) -> bool:
     return splats.shaded and settings.blend == "composite"
 
 
-def _attenuation(settings: Settings, antialias: bool) -> str:
-    """The forms differ in composite alone, and are alike before z_k. Measured over walls, edges, threads, dots, fog
-    and real volumes, fill is the nearest to supersampling.
+def _attenuation(settings: Settings, weakened: bool) -> str:
+    """The forms differ in composite alone, and are alike before z_k where nothing moves. Measured over walls, edges,
+    threads, dots, fog and real volumes, fill is the nearest to supersampling.
     """
-    if settings.blend != "composite" or not antialias:
+    if settings.blend != "composite" or not weakened:
         return "optical-depth"
     return "fill" if settings.attenuation == "auto" else settings.attenuation
 
@@ -254,8 +300,11 @@ def _footprint(align: str, settings: Settings) -> str:
     return kind
 
 
-def _eye_is_near(splats: Splats, camera: Camera, radius: float) -> bool:
-    """Whether the eye may lie inside a kernel: within NEAR_RADII of the box of all centres."""
+def _eye_is_near(splats: Splats, camera: Camera, radius: float, exposure: Exposure | None) -> bool:
+    """Whether the eye may lie inside a kernel: within NEAR_RADII of the box of all centres, wherever they flow."""
     low, high = splats.index_bounds
     eye = splats.grid.index_from_world(camera.eye)
-    return bool(np.linalg.norm(eye - np.clip(eye, low, high)) < NEAR_RADII * radius)
+    near = NEAR_RADII * radius
+    if exposure is not None and exposure.flow is not None and len(splats):
+        near += float(np.linalg.norm(exposure.drift(splats), axis=1).max())
+    return bool(np.linalg.norm(eye - np.clip(eye, low, high)) < near)

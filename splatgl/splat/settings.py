@@ -8,6 +8,7 @@ from numbers import Real
 from typing import Any
 
 from splatgl.data.errors import expected
+from splatgl.splat.blur import MOTIONS
 
 CHOICES: dict[str, tuple[str, ...]] = {
     "blend": ("composite", "xray", "mip"),
@@ -19,7 +20,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "target": ("rgba32f", "rgba16f", "rgba8", "auto"),
     "primitive": ("auto", "quad", "sprite"),
     "shading": ("auto", "on", "off"),
-    "motion": ("off",),
+    "motion": ("off", *MOTIONS),
     "occlusion": ("auto", "off"),
     "order": ("auto", "back-to-front", "front-to-back"),
 }
@@ -27,6 +28,8 @@ CHOICES: dict[str, tuple[str, ...]] = {
 MAX_TABLE_SIZE = 4096
 # supersampling beyond 64 samples an axis would need a picture of 4096 pixels for one of 64
 MAX_SAMPLES = 64
+# a shutter that never closes, in degrees
+FULL_SHUTTER = 360.0
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,8 @@ class Settings:
     primitive auto | quad | sprite (a square of pixels from one vertex; never for a kernel near the eye, nor for table
     footprints). occlusion auto | off (closing pixels that no more than a share of the tolerance passes).
     target rgba32f | rgba16f | rgba8 | auto. shading auto (as the transfer function says) | on | off.
+    motion off | exact (the mean of the footprint along its path) | energy | paper [M98 Eq. 11], where something moves;
+    shutter: for how long, in degrees of a frame's 360.
     order auto | back-to-front | front-to-back. tolerance: largest allowed error, linear light.
     background: None (transparent) or a linear RGB triple. Raises InputError for anything else.
     """
@@ -60,6 +65,7 @@ class Settings:
     primitive: str = "auto"
     shading: str = "auto"
     motion: str = "off"
+    shutter: float = 180.0
     order: str = "auto"
     occlusion: str = "auto"
     tolerance: float = 1 / 255
@@ -78,6 +84,8 @@ class Settings:
             raise expected("tolerance", "a number in (0, 1]", repr(self.tolerance))
         if self.z_s is not None and not (_is_number(self.z_s) and self.z_s >= 0):
             raise expected("z_s", "a depth of at least 0", repr(self.z_s))
+        if not (_is_number(self.shutter) and 0 <= self.shutter <= FULL_SHUTTER):
+            raise expected("shutter", "an angle from 0 to 360 degrees", repr(self.shutter))
         if self.background is not None:
             object.__setattr__(self, "background", _background(self.background))
 

@@ -1,0 +1,127 @@
+// A moving splat along one pixel's ray. Twin of splatgl/truth/streak_row.py, splatgl/splat/blur_table.py and dwell.py.
+#include "motion.glsl"
+#include "optics.glsl"
+
+#if MOTION != MOTION_OFF
+// a path shorter than this many voxels is summed by Simpson's rule
+#define SHORT 0.03
+// what hides is more of the time than what is seen at half depth: 1 − (1 − p)^κ, κ = 1 + DENSE x/(1 + DENSEST x)
+#define DENSE 0.146
+#define DENSEST 0.035
+#define LEAST 1e-6
+
+uniform sampler2D blur_table;  // share of a line before its end, over |u|/chord and v²/R²; last column: the line's area
+
+// Where a ray passes a kernel, in the kernel's own units.
+struct Passing {
+    float along;     // offset along the path, from its middle
+    float across2;   // and across it, squared
+    float length;    // the path's
+    float gain;      // the integral over F
+};
+
+// at: the pixel's place at the voxel's depth, from the path's middle.
+Passing passing(vec3 v, vec2 at, vec2 step_, Inner inner) {
+    vec3 ahead = to_index(vec3(0.0, 0.0, 1.0));
+    vec3 line = ahead;
+    float seconds = 1.0;
+#if PERSPECTIVE
+    bool widened = min(inner.shrink.x, inner.shrink.y) < 1.0;
+    vec2 ray = (v.xy + at) / v.z;
+    line += inner.axes * (widened ? v.xy / v.z : ray);
+    seconds = length(vec3(ray, 1.0));
+#endif
+    vec3 move = inner.axes * step_;
+    vec3 r = inner.axes * at;
+    float square = dot(line, line);
+    float t = -dot(r, line) / square;
+    float forward = dot(move, line) / square;
+    vec3 across = move - line * forward;
+    float size = length(across);
+    float one = 1.0 / max(size, 1e-30);
+    vec3 heading = across * one;
+    float gain = seconds * inner.shrink.x * inner.shrink.y * inversesqrt(square);
+
+    // the place on the path that is nearest to the ray, and from there to the ray
+    r += t * line;
+    float passed = clamp(dot(r, heading), -0.5 * size, 0.5 * size);
+    r -= passed * heading;
+    t += passed * one * forward;
+#if PERSPECTIVE && ANTIALIAS
+    if (widened) {
+        // a widened kernel's ray bends: the trapezoid's term moves it, and changes its length
+        float toward = dot(r, ahead), distance2 = dot(r, r);
+        gain *= 1.0 - (2.0 * t * dot(line, ahead) + toward) / (v.z * square);
+        r *= sqrt(max(distance2 + 2.0 * t * t * toward / v.z, 0.0) / max(distance2, 1e-30));
+    }
+#endif
+    float further = dot(r, heading);
+    return Passing(passed + further, max(dot(r, r) - further * further, 0.0), size, gain);
+}
+
+// F/F(0) where the path is nearest to the ray, the most that the pixel sees.
+float closest(Passing p) {
+    float beyond = max(abs(p.along) - 0.5 * p.length, 0.0);
+    return radial(beyond * beyond + p.across2);
+}
+
+#if MOTION == MOTION_EXACT
+// Hermite's cubic through two values and their slopes a step.
+float hermite(vec2 first, vec2 last, float part) {
+    float rise = last.x - first.x;
+    return first.x + part * (first.y + part * (3.0 * rise - 2.0 * first.y - last.y
+                                               + part * (first.y + last.y - 2.0 * rise)));
+}
+
+// Share of the line from its middle to t half chords, odd in t.
+float share(float t, int row, float part, int last) {
+    float along = abs(t) * float(last);
+    if (along >= float(last)) return sign(t) * 0.5;
+    int column = int(along);
+    along -= float(column);
+    float here = hermite(texelFetch(blur_table, ivec2(column, row), 0).rg,
+                         texelFetch(blur_table, ivec2(column + 1, row), 0).rg, along);
+    float there = hermite(texelFetch(blur_table, ivec2(column, row + 1), 0).rg,
+                          texelFetch(blur_table, ivec2(column + 1, row + 1), 0).rg, along);
+    return sign(t) * mix(here, there, part);
+}
+
+// The mean of the footprint along the path, over F(0).
+float blurred(Passing p) {
+    float near = p.along - 0.5 * p.length, far = p.along + 0.5 * p.length;
+    if (p.length <= SHORT) {
+        float middle = radial(p.along * p.along + p.across2);
+        return middle + (radial(near * near + p.across2) - 2.0 * middle + radial(far * far + p.across2)) / 6.0;
+    }
+    float radius2 = style.radius * style.radius;
+    float chord = sqrt(max(radius2 - p.across2, 1e-12));
+    if (p.across2 >= radius2 || near >= chord || far <= -chord) return 0.0;
+    ivec2 texels = textureSize(blur_table, 0);
+    float place = p.across2 * (float(texels.y - 1) / radius2);
+    int row = min(int(place), texels.y - 2);
+    place -= float(row);
+    float area = hermite(texelFetch(blur_table, ivec2(texels.x - 1, row), 0).rg,
+                         texelFetch(blur_table, ivec2(texels.x - 1, row + 1), 0).rg, place);
+    int last = texels.x - 2;
+    return area * (share(far / chord, row, place, last) - share(near / chord, row, place, last)) / p.length;
+}
+#endif
+
+float streak_shape(Passing p) {
+#if MOTION == MOTION_EXACT
+    return p.gain * blurred(p);
+#else
+    return p.gain * closest(p) / (1.0 + p.length * path.weaken);
+#endif
+}
+
+// Opacity of what is before the pixel for a part of the time: mean and most of its depth; lone is 1 for what moves
+// by itself, 0 in matter that follows it.
+float dwelt_opacity(float mean, float most, float lone) {
+    float part = most > 0.0 ? max(mean / most, LEAST) : 1.0;
+    if (part >= 1.0) return one_minus_exp(mean);
+    float dense = 1.0 + DENSE * most / (1.0 + DENSEST * most);
+    float rare = part < 0.01 ? part * (1.0 + part * (0.5 + part / 3.0)) : -log(1.0 - part);
+    return pow(one_minus_exp(dense * rare), lone) * one_minus_exp(mean * pow(part, -lone));
+}
+#endif
