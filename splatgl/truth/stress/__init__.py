@@ -10,11 +10,11 @@ import time
 import numpy as np
 
 from splatgl.gl.renderer import Renderer
-from splatgl.truth.stress import edge, eye, fog, lens, optics, pictures, piles, samples, space, stiff, walls
+from splatgl.truth.stress import edge, eye, fog, lens, methods, optics, pictures, piles, samples, space, stiff, walls
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Result, raised
 
-MODULES = (eye, optics, piles, lens, pictures, samples, space, walls, edge, fog, stiff)
+MODULES = (eye, optics, piles, lens, pictures, samples, space, walls, edge, fog, stiff, methods)
 CASES: dict[str, Case] = {case.name: case for module in MODULES for case in module.CASES}
 
 

@@ -1,0 +1,162 @@
+"""`splatgl report`: what accuracy costs, for scenes and volumes, on this machine."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from splatgl import __version__
+from splatgl.app.report_scene import subjects
+from splatgl.data.errors import InputError, expected
+from splatgl.gl.renderer import Renderer
+from splatgl.truth.metrics import need_flip
+from splatgl.truth.report.machine import machine
+from splatgl.truth.report.methods import AXES, methods
+from splatgl.truth.report.publish import publish
+from splatgl.truth.report.results import Results
+from splatgl.truth.report.store import NAME, Store
+from splatgl.truth.report.subject import LEVELS, Level, Subject
+from splatgl.truth.report.sweep import Tick
+from splatgl.truth.report.thumbnails import Strip, strip
+from splatgl.truth.report.truths import Truths
+from splatgl.truth.report.work import Task, work
+
+# what a report without a source is about
+DEFAULT_SCENES = ("tunnel", "terrain", "nerve")
+# a folder for the truths that were made
+KEPT = "truths"
+INTERRUPTED = 130
+
+
+def add_parser(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("sources", nargs="*", metavar="SOURCE", help="scenes, volume files, scene.toml (the paper's)")
+    parser.add_argument("-o", "--output", metavar="DIR", default="report", help="folder to write into (report)")
+    level = parser.add_mutually_exclusive_group()
+    level.add_argument("--quick", action="store_true", help="under a minute: small pictures, coarse volumes")
+    level.add_argument("--full", action="store_true", help="everything as it is, however long it takes")
+    parser.add_argument("--only", nargs="+", action="extend", default=[], metavar="NAME", help="these methods or axes")
+    parser.add_argument("--peers", action="store_true", help="VTK's ray casters too (extra bench)")
+    parser.add_argument("--size", type=int, metavar="N", help="pixels of a picture's side (by the level)")
+    parser.add_argument("--rounds", type=int, metavar="N", help="how often each method is timed (by the level)")
+    parser.add_argument("--resume", action="store_true", help="go on with what is in DIR")
+    parser.add_argument("--list", action="store_true", help="tell what methods there are, and draw nothing")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
+    parser.add_argument("--backend", default="auto", metavar="NAME", help="auto, egl, osmesa or window")
+    parser.add_argument("--device", type=int, metavar="N", help="index of the EGL device")
+    parser.add_argument("--gpu", action="store_true", help="fail if only a software renderer is there")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measures, and writes the pages; 0, or 130 where Ctrl-C ended it, with pages of what is done."""
+    if args.list:
+        print(_list())
+        return 0
+    level = _level(args)
+    known = {*methods(), *AXES}
+    for name in args.only:
+        if name not in known:
+            raise expected("--only", "methods or axes of splatgl report --list", repr(name))
+    sources = args.sources or list(DEFAULT_SCENES)
+    folder = _folder(Path(args.output))
+    ended = 0
+    with Renderer(args.backend, args.device, args.gpu) as renderer:
+        head = {
+            "version": __version__,
+            "level": level.name,
+            "size": level.size,
+            "rounds": level.rounds,
+            "sources": [Path(source).name for source in sources],
+            "only": args.only,
+            "peers": args.peers,
+            "machine": machine(renderer.info),
+        }
+        # what can't be read must not cost what is there
+        scenes = subjects(sources, level)
+        store = Store(folder / NAME, head, args.resume)
+        if not args.resume:
+            _forget(folder / KEPT)
+        task = Task(level, tuple(args.only), args.peers, _has_flip(), folder / KEPT)
+        try:
+            with _progress(task.steps(len(scenes)), args.quiet) as tick:
+                work(renderer, scenes, task, store, tick)
+        except KeyboardInterrupt:
+            print("splatgl: interrupted; the pages show what is done, --resume goes on", file=sys.stderr)
+            ended = INTERRUPTED
+        results = Results.of(store)
+        strips = {subject.name: _strip(renderer, subject, results, task) for subject in scenes[: len(results.scenes)]}
+    written = publish(results, store, folder, strips)
+    if not args.quiet:
+        print("\n".join(written))
+    return ended
+
+
+def _strip(renderer: Renderer, subject: Subject, results: Results, task: Task) -> Strip:
+    scene = next(scene for scene in results.scenes if scene.name == subject.name)
+    return strip(renderer, subject, scene, Truths(renderer, subject, task.level, task.folder))
+
+
+def _level(args: argparse.Namespace) -> Level:
+    level = LEVELS["quick" if args.quick else "full" if args.full else "normal"]
+    for name, least in (("size", 8), ("rounds", 1)):
+        value = getattr(args, name)
+        if value is not None and value < least:
+            raise expected(f"--{name}", f"a number of at least {least}", value)
+    return replace(level, size=args.size or level.size, rounds=args.rounds or level.rounds)
+
+
+def _folder(folder: Path) -> Path:
+    """The folder, made with the one for truths."""
+    if folder.exists() and not folder.is_dir():
+        raise expected(folder, "a folder", "a file", "give another name to --output")
+    try:
+        (folder / KEPT).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {error.strerror or error}") from error
+    return folder
+
+
+def _forget(kept: Path) -> None:
+    """Removes the truths of an earlier report: programs change."""
+    for path in kept.glob("*.npy"):
+        path.unlink()
+
+
+def _has_flip() -> bool:
+    try:
+        need_flip()
+    except InputError:
+        return False
+    return True
+
+
+def _list() -> str:
+    lines = []
+    for axis in AXES.values():
+        lines.append(f"{axis.name}: {axis.about}")
+        lines += [f"  {method.name}{'' if method.quick else '  (not with --quick)'}" for method in axis.methods]
+    return "\n".join(lines)
+
+
+@contextmanager
+def _progress(steps: int, quiet: bool) -> Iterator[Tick]:
+    """A progress bar where tqdm is installed and someone is watching."""
+    if not quiet and sys.stderr.isatty():
+        try:
+            from tqdm import tqdm
+        except ImportError:
+            pass
+        else:
+            with tqdm(total=steps, unit="step", leave=False) as bar:
+
+                def tell(text: str) -> None:
+                    bar.set_description(text, refresh=False)
+                    bar.update()
+
+                yield tell
+                return
+    yield lambda text: None

@@ -1,0 +1,82 @@
+"""A report's scenes: from a source's name to splats and a camera, made coarser where a level wants it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+
+from splatgl.app.scene import Scene
+from splatgl.app.viewer.coarse import coarser
+from splatgl.data.errors import expected
+from splatgl.data.volume import Volume
+from splatgl.splat.extract import extract
+from splatgl.splat.rows import Splats
+from splatgl.splat.transfer import Transfer
+from splatgl.truth.report.content import CONVERGENCE
+from splatgl.truth.report.subject import Level, Subject
+
+
+def subjects(sources: Sequence[str], level: Level) -> list[Subject]:
+    """The scenes of all sources, each by a name of its own, which files can have. InputError as `subject`."""
+    found: list[Subject] = []
+    for source in sources:
+        made = subject(source, level)
+        taken = {CONVERGENCE, *(each.name for each in found)}
+        free = (f"{made.name}-{n}" for n in count(2))
+        name = made.name if made.name not in taken else next(each for each in free if each not in taken)
+        found.append(replace(made, name=name))
+    return found
+
+
+def subject(source: str, level: Level) -> Subject:
+    """The scene of a source, made coarser until it has no more splats than the level allows."""
+    scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
+    volume = scene.open()
+    transfer = scene.transfer_for(volume)
+    # what an opacity is stated for stays, when voxels are joined
+    transfer = replace(transfer, unit=transfer.unit or float(abs(_volume_of_voxel(volume)) ** (1 / 3)))
+    splats = extract(volume, transfer, scene.threshold)
+    if not len(splats):
+        raise expected(source, "voxels that are not transparent", "none", "give a scene.toml with a transfer function")
+    camera = replace(scene.view, size=_fitted(scene.view.size, level.size)).camera(volume, splats)
+    joined = 0
+    while level.splats is not None and len(splats) > level.splats and min(volume.shape) > 1:
+        joint = coarser(volume)
+        fewer = extract(joint, transfer, scene.threshold)
+        # what is thin may be gone when it is joined with what is empty
+        if not len(fewer):
+            break
+        volume, splats, joined = joint, fewer, joined + 1
+    note = f"voxels joined {2**joined}×{2**joined}×{2**joined}" if joined else ""
+    build = _Build(volume, transfer, scene.threshold, splats)
+    name = Path(source).name.split(".")[0]
+    return Subject(name, camera, scene.settings, build, note, (volume, transfer))
+
+
+class _Build:
+    """Splats of a volume over a threshold, or of a coarser one; the volume's own are there already."""
+
+    def __init__(self, volume: Volume, transfer: Transfer, threshold: float, splats: Splats) -> None:
+        self.volume, self.transfer, self.threshold, self.splats = volume, transfer, threshold, splats
+
+    def __call__(self, threshold: float, coarse: int) -> Splats:
+        if not coarse and threshold <= self.threshold:
+            return self.splats
+        volume = self.volume
+        for _ in range(coarse):
+            volume = coarser(volume)
+        return extract(volume, self.transfer, max(threshold, self.threshold))
+
+
+def _volume_of_voxel(volume: Volume) -> float:
+    return float(np.linalg.det(volume.world_from_index))
+
+
+def _fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:
+    """The same shape, its longer side of `longest` pixels."""
+    scale = longest / max(size)
+    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))

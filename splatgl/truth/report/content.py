@@ -1,0 +1,227 @@
+"""What a report says, as blocks that Markdown and HTML show alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from splatgl.truth.report.front import ERRORS, cheapest, front, standing
+from splatgl.truth.report.methods import AXES, TRUTHS, axis_of
+from splatgl.truth.report.results import Results, Row, Scene
+from splatgl.truth.report.words import milliseconds, number, rivals, story
+
+INTRO = (
+    "Each method draws the same view. Its time is the wall clock around a finished frame with its pixels read back: "
+    "the median of {rounds} turns in random order, each after a frame of the same that is not counted; in brackets "
+    "the quartiles. Errors are those of linear, premultiplied light over all four channels; RMSE is relative to the "
+    "truth's own root mean square. {truths} The sampled truth is drawn in float32; the ray integral is sampled more "
+    "coarsely, and its difference from splats of the same samples added to the sampled truth. Errors that "
+    "agree to 26 % and times that agree to 5 % or within their quartiles count as the same: of these the first stands "
+    "for all."
+)
+PEERS = (
+    "VTK casts rays through the same samples with the same camera, opacities over the same length, linear colours and "
+    "head light. Not comparable: it interpolates samples and classifies what comes out, where splats classify voxels "
+    "and mix what comes out, so that its errors are mostly that of another picture; it writes 8 bits; it takes no "
+    "account of pixels wider than voxels."
+)
+FRONT_HEAD = ("method", "ms a frame", "RMSE", "maximum", "99.9 %", "over 1/255", "energy", "FLIP")
+# the name of the diagram that is of no scene
+CONVERGENCE = "convergence"
+NAMES = {"reference": "drawing", "sampled": "antialiasing", "integral": "splatting"}
+
+
+@dataclass(frozen=True)
+class Heading:
+    text: str
+    level: int = 2
+
+
+@dataclass(frozen=True)
+class Text:
+    lines: tuple[str, ...]
+    bullets: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """title: what it tells. folded: shown on request only, where that can be done. strong: rows that stand out."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    folded: bool = False
+    strong: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True)
+class Diagram:
+    scene: str
+
+
+@dataclass(frozen=True)
+class Pictures:
+    scene: str
+
+
+Block = Heading | Text | Table | Diagram | Pictures
+
+
+def blocks(results: Results) -> Iterator[Block]:
+    """All of the report, in the order in which it is read."""
+    machine = results.head["machine"]
+    yield Heading("Error against run time", 1)
+    by = f"{machine['renderer']}, OpenGL {machine['opengl']}"
+    yield Text((f"{by}; {machine['processor']}, {machine['cores']} cores.",))
+    for scene in results.scenes:
+        yield from _scene(scene)
+    if results.convergence:
+        yield from _convergence(results)
+    yield from _how(results)
+
+
+def _scene(scene: Scene) -> Iterator[Block]:
+    about = scene.about
+    width, height = about["size"]
+    note = f" ({about['note']})" if about["note"] else ""
+    yield Heading(scene.name)
+    yield Text((f"{about['splats']:,} splats{note}, {width}×{height} pixels.",))
+    yield Text(tuple(story(scene)), bullets=True)
+    if any(row.axis == "peers" and row.errors for row in scene.rows):
+        yield Text((PEERS,))
+    yield Diagram(scene.name)
+    yield Pictures(scene.name)
+    yield _cheapest(scene)
+    yield _tolerances(scene)
+    for truth in scene.truths:
+        yield _front(scene, truth)
+    yield _all(scene)
+    omitted = _omitted(scene)
+    if omitted.rows:
+        yield omitted
+
+
+def _cells(row: Row, truth: str) -> tuple[str, ...]:
+    found = {name: row.error(truth, name) for name in ("rmse", "maximum", "p999", "share_over", "energy", "flip")}
+    share = found["share_over"]
+    return (
+        row.method,
+        milliseconds(row.timing),
+        number(found["rmse"]),
+        number(found["maximum"]),
+        number(found["p999"]),
+        "" if share is None else f"{100 * share:.2g} %",
+        number(found["energy"]),
+        number(found["flip"]),
+    )
+
+
+def _front(scene: Scene, truth: str) -> Table:
+    """The front, from the fastest to the most right."""
+    rows = [scene.row(point.name) for point in front(rivals(truth, scene))]
+    cells = tuple(_cells(row, truth) for row in rows if row is not None)
+    head = FRONT_HEAD if any(line[-1] for line in cells) else FRONT_HEAD[:-1]
+    return Table(f"The front: {TRUTHS[truth]}", head, tuple(line[: len(head)] for line in cells))
+
+
+def _cheapest(scene: Scene) -> Table:
+    truths = scene.truths
+    found = {truth: cheapest(rivals(truth, scene)) for truth in truths}
+    rows = []
+    for n, limit in enumerate(ERRORS):
+        points = [found[truth][n][1] for truth in truths]
+        if any(points):
+            named = [f"{p.name}, {1e3 * p.time.median:.3g} ms" if p else "–" for p in points]
+            rows.append(("1/255" if limit == 1 / 255 else number(limit), *named))
+    return Table("The cheapest under each RMSE", ("RMSE", *(NAMES[truth] for truth in truths)), tuple(rows))
+
+
+def _tolerances(scene: Scene) -> Table:
+    """For each tolerance asked for, the error got and the time paid."""
+    rows: list[tuple[str, ...]] = []
+    strong = set()
+    for method in AXES["tolerance"].methods:
+        row = scene.row(method.name)
+        got = row.error("reference", "maximum") if row else None
+        if row is None or got is None or row.tolerance is None:
+            continue
+        text, kept = verdict(got, row.tolerance, row.bound)
+        text += f"; nothing to save: the picture of {row.same_as}" if row.same_as else ""
+        if not kept:
+            strong.add(len(rows))
+        rows.append((number(row.tolerance), number(got), number(row.bound), milliseconds(row.timing), text))
+    head = ("tolerance", "largest error", "bound", "ms a frame", "")
+    return Table("Tolerance asked for, error got, time paid", head, tuple(rows), strong=frozenset(strong))
+
+
+def verdict(error: float, tolerance: float, bound: float | None) -> tuple[str, bool]:
+    """Whether a tolerance is kept, in words; where it is not, what prevents it."""
+    if error <= tolerance:
+        sure = bound is not None and bound <= tolerance
+        return ("kept, as promised" if sure else "kept; the picture's bound promises less"), True
+    why = "what float32 and exact's second order beyond z_k leave at this size"
+    said = "; the picture's bound says so" if bound is not None and bound >= error else "; BEYOND ITS BOUND"
+    return f"not kept: {why}{said}", False
+
+
+def _all(scene: Scene) -> Table:
+    """Every method: its time, and its error and standing for each truth."""
+    truths = scene.truths
+    points = {truth: rivals(truth, scene) for truth in truths}
+    rows = []
+    for row in scene.rows:
+        if row.omitted:
+            continue
+        cells = [row.method, axis_of(row.method).name, milliseconds(row.timing)]
+        for truth in truths:
+            own = next((p for p in points[truth] if p.name == row.method), None)
+            error = number(row.error(truth))
+            cells.append(f"{error} {standing(own, points[truth])}" if own else error)
+        rows.append((*cells, f"the same picture as {row.same_as}" if row.same_as else ""))
+    head = ("method", "what is varied", "ms a frame", *(f"RMSE, {NAMES[truth]}" for truth in truths), "")
+    return Table(f"All {len(rows)} methods", head, tuple(rows), folded=True)
+
+
+def _omitted(scene: Scene) -> Table:
+    rows = [(row.method, row.omitted) for row in scene.rows if row.omitted]
+    rows += [(f"{row.method}, {NAMES[truth]}", why) for row in scene.rows for truth, why in row.missing.items()]
+    rows += [(row.method, "not timed: interrupted") for row in scene.rows if row.timing is None and not row.omitted]
+    return Table("Left out", ("what", "why"), tuple(rows), folded=True)
+
+
+def _convergence(results: Results) -> Iterator[Block]:
+    yield Heading("Convergence")
+    yield Text(("A smooth ball of which everything is known. The order is the power of the error in what is refined.",))
+    yield Diagram(CONVERGENCE)
+    yield _orders(results)
+    for line in results.convergence:
+        orders = ["" if order is None else f"{order:.2f}" for order in line["orders"]]
+        cells = zip(line["values"], line["errors"], orders, strict=True)
+        rows = tuple((f"{value:g}", number(error), order) for value, error, order in cells)
+        title = f"{line['study']}: expected order {line['expected']:g}; floor: {line['floor']}"
+        yield Table(title, (line["unit"], "relative RMSE", "order"), rows, folded=True)
+
+
+def _orders(results: Results) -> Table:
+    """The observed order of each study beside the expected: the middle one of those between neighbours."""
+    rows = []
+    for line in results.convergence:
+        orders = sorted(order for order in line["orders"] if order is not None)
+        errors = f"{number(line['errors'][0])} … {number(line['errors'][-1])}"
+        between = f"{line['values'][0]:g} … {line['values'][-1]:g} {line['unit']}"
+        middle = f"{orders[len(orders) // 2]:.2f}" if orders else ""
+        rows.append((line["study"], between, errors, middle, f"{line['expected']:g}", line["floor"]))
+    head = ("what is refined", "from … to", "relative RMSE", "order", "expected", "what ends it")
+    return Table("Observed orders, the median, beside the expected", head, tuple(rows))
+
+
+def _how(results: Results) -> Iterator[Block]:
+    head = results.head
+    machine = head["machine"]
+    yield Heading("How it was measured")
+    truths = "; ".join(f"**{NAMES[truth]}**: against {about}" for truth, about in TRUTHS.items())
+    yield Text((INTRO.format(rounds=head["rounds"], truths=f"What is measured: {truths}."),))
+    versions = ", ".join(f"{name} {found}" for name, found in machine["versions"].items())
+    yield Text((f"Level {head['level']}; {machine['system']}, Python {machine['python']}, {versions}.",))
+    if not results.flip:
+        yield Text(("FLIP left out: flip-evaluator is not installed (pip install 'splatgl[compare]').",))

@@ -1,0 +1,178 @@
+"""How fast errors fall with a table's size, a voxel's size and a picture's: observed orders beside the expected."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.scenes import ball
+from splatgl.gl.renderer import Renderer
+from splatgl.splat.camera import Camera
+from splatgl.splat.extract import extract
+from splatgl.splat.rows import Splats
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
+from splatgl.truth import reference
+from splatgl.truth.report.subject import Level
+
+# a ball of this radius, world units, seen from that far by this angle
+RADIUS, DISTANCE, FOV = 10.0, 40.0, 36.0
+# pixels, where they are not what is varied
+SIZE = 96
+# opacity at the ball's middle, over a length of 1
+OPACITY = 0.3
+# points along a ray through the ball, for the integral in closed form
+POINTS = 401
+# rays that come closer to the middle than this share of the radius: the rim's is another order
+INNER = 0.7
+
+# (what is varied, the error's root mean square relative to the truth's)
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Study:
+    """One variation. unit: what is varied; expected: the order, the error's power of it; floor: what ends it.
+
+    pairs: of the unit's values, from coarse to fine; for True, as many as --full has.
+    """
+
+    name: str
+    unit: str
+    expected: float
+    floor: str
+    pairs: Callable[[Renderer, bool], Iterator[Pair]]
+
+    def line(self, renderer: Renderer, level: Level) -> dict[str, Any]:
+        """What a store keeps."""
+        pairs = list(self.pairs(renderer, level.name == "full"))
+        return {
+            "study": self.name,
+            "unit": self.unit,
+            "expected": self.expected,
+            "floor": self.floor,
+            "values": [pair[0] for pair in pairs],
+            "errors": [pair[1] for pair in pairs],
+            "orders": orders(pairs),
+        }
+
+
+def orders(pairs: list[Pair]) -> list[float | None]:
+    """log(error ratio)/log(value ratio) between neighbours; None first, and where an error is 0."""
+    found: list[float | None] = [None]
+    for (a, coarse), (b, fine) in pairwise(pairs):
+        both = coarse > 0 and fine > 0
+        found.append(abs(float(np.log(coarse / fine) / np.log(b / a))) * (1 if fine < coarse else -1) if both else None)
+    return found
+
+
+def _transfer() -> Transfer:
+    """Opacity in proportion to the value, white."""
+    values = np.linspace(0, 1, 65).tolist()
+    opacities = (-np.expm1(np.log1p(-OPACITY) * np.array(values))).tolist()
+    return Transfer(points=list(zip(values, opacities, strict=True)), unit=1.0, shading=False)
+
+
+def _splats(spacing: float) -> Splats:
+    return extract(ball(RADIUS, (spacing,) * 3), _transfer())
+
+
+def _camera(size: int, fov: float = FOV) -> Camera:
+    # off the axes, so that no lattice plane is a row of pixels
+    eye = DISTANCE * np.array([0.48, -0.8, 0.36])
+    return Camera.look_at(eye, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), fov, (size, size))
+
+
+def _rmse(drawn: np.ndarray, right: np.ndarray) -> float:
+    return float(np.sqrt(((drawn - right) ** 2).mean() / (right**2).mean()))
+
+
+def table(renderer: Renderer, full: bool) -> Iterator[Pair]:
+    """Texels of a footprint table, against the float64 reference, before z_k."""
+    yield from _tables(renderer, "table", (16, 32, 64, 128, 256, 512, *((1024, 2048) if full else ())))
+
+
+def radial(renderer: Renderer, full: bool) -> Iterator[Pair]:
+    """Entries of a radial table, likewise."""
+    yield from _tables(renderer, "radial", (16, 32, 64, 128, 256, 512, *((1024, 2048) if full else ())))
+
+
+def _tables(renderer: Renderer, kind: str, sizes: tuple[int, ...]) -> Iterator[Pair]:
+    splats, camera = _splats(1.0), _camera(SIZE)
+    right = reference.render(splats, camera, Settings(antialias="off")).pixels
+    for size in sizes:
+        settings = Settings(antialias="off", footprint=kind, table_size=size, align="exact", occlusion="off")
+        yield size, _rmse(renderer.render(splats, camera, settings).pixels, right)
+
+
+def voxels(renderer: Renderer, full: bool) -> Iterator[Pair]:
+    """Voxels along the ball's radius; X-ray sums against the ball's own line integrals."""
+    camera = _camera(SIZE)
+    closest = _closest(camera)
+    inner = closest < INNER * RADIUS
+    right = _depths(closest)[inner]
+    for count in (4, 6, 8, 12, 16, *((24, 32, 48, 64) if full else ())):
+        settings = Settings(blend="xray", antialias="off")
+        drawn = renderer.render(_splats(RADIUS / count), camera, settings).pixels[..., 3]
+        yield count, _rmse(drawn[inner].astype(np.float64), right)
+
+
+def _closest(camera: Camera) -> np.ndarray:
+    """[H, W]: how near each pixel's ray comes to the ball's middle, world units."""
+    width, height = camera.size
+    pitch = camera.extent / height
+    x = (np.arange(width) + 0.5 - width / 2) * pitch
+    y = ((np.arange(height) + 0.5 - height / 2) * pitch)[:, None]
+    return np.asarray(DISTANCE * np.sqrt((x * x + y * y) / (1 + x * x + y * y)))
+
+
+def _depths(closest: np.ndarray) -> np.ndarray:
+    """Optical depth along rays that come so close: σ ½ (1 + cos(π r/R)), by the trapezoidal rule."""
+    sigma = -np.log1p(-OPACITY)
+    half = np.sqrt(np.maximum(RADIUS**2 - closest**2, 0.0))
+    t = np.linspace(0, 1, POINTS)
+    r = np.sqrt(closest[..., None] ** 2 + (half[..., None] * t) ** 2)
+    value = 0.5 * (1 + np.cos(np.pi * np.minimum(r / RADIUS, 1.0)))
+    return np.asarray(2 * half * sigma * np.trapezoid(value, t, axis=-1))
+
+
+def distance(renderer: Renderer, full: bool) -> Iterator[Pair]:
+    """Voxels along the ball's radius, all beyond z_k, against the float64 reference: exact to second order in depth."""
+    camera = _camera(6)
+    for count in (4, 6, 8, 12, *((16, 24, 32) if full else ())):
+        splats, settings = _splats(RADIUS / count), Settings(attenuation="opacity", occlusion="off")
+        right = reference.render(splats, camera, settings).pixels
+        yield count, _rmse(renderer.render(splats, camera, settings).pixels, right)
+
+
+def picture(renderer: Renderer, full: bool) -> Iterator[Pair]:
+    """Pixels along a side, all splats beyond z_k, against supersampling: what a stretched splat blurs."""
+    splats = _splats(0.25 if full else 0.4)
+    for size in (8, 12, 16, 24, *((32, 48, 64) if full else ())):
+        camera, settings = _camera(size), Settings(occlusion="off", attenuation="optical-depth")
+        right = renderer.render(splats, camera, settings.but(antialias="supersample", samples=16)).pixels
+        yield size, _rmse(renderer.render(splats, camera, settings).pixels.astype(np.float64), right)
+
+
+def samples(renderer: Renderer, full: bool) -> Iterator[Pair]:
+    """Samples along an axis of a pixel, against many more, voxels smaller than pixels."""
+    splats, camera = _splats(0.5), _camera(12)
+    counts = (1, 2, 3, 4, 6, 8, *((12, 16) if full else ()))
+    most = Settings(antialias="supersample", samples=48, occlusion="off")
+    right = renderer.render(splats, camera, most).pixels.astype(np.float64)
+    for count in counts:
+        yield count, _rmse(renderer.render(splats, camera, most.but(samples=count)).pixels, right)
+
+
+STUDIES = (
+    Study("table size", "texels a side", 2, "float32 from 1e−6 on", table),
+    Study("radial table size", "entries", 2, "float32 from 1e−6 on", radial),
+    Study("voxel size", "voxels a radius", 2, "the kernels' sum is 1 to 1 %, and averages out along a ray", voxels),
+    Study("voxel size beyond z_k", "voxels a radius", 2, "float32's blending of thousands of splats a pixel", distance),
+    Study("picture size", "pixels a side", 2, "what one splat can't know of its pixel", picture),
+    Study("samples a pixel", "samples an axis", 2, "float32 from 1e−6 on", samples),
+)

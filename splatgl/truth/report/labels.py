@@ -1,0 +1,100 @@
+"""Places for labels beside points: where nothing is yet, the best first; a label that finds no place is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+# directions that are tried, the best first: right, above, below, left, and between
+DIRECTIONS = ((1, 0), (1, 1), (1, -1), (0, 1), (0, -1), (-1, 0), (-1, 1), (-1, -1))
+# distances from the point that are tried, pixels; from the second on, a thin line leads to the label
+REACHES = (7.0, 17.0, 30.0, 46.0, 64.0)
+LED = REACHES[1]
+# half the room that a point takes, and what is kept free around a label, pixels
+POINT, MARGIN = 4.5, 1.5
+# half the room of a line, and how far apart it is looked at, pixels
+LINE, STEP = 1.0, 5.0
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle, pixels."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+    def touches(self, others: np.ndarray) -> bool:
+        """Whether any of [N, 4] left, bottom, right, top overlaps it."""
+        if not len(others):
+            return False
+        apart = (others[:, 0] > self.right) | (others[:, 2] < self.left)
+        apart |= (others[:, 1] > self.top) | (others[:, 3] < self.bottom)
+        return not bool(apart.all())
+
+    def within(self, frame: Box) -> bool:
+        inside = self.left >= frame.left and self.right <= frame.right
+        return inside and self.bottom >= frame.bottom and self.top <= frame.top
+
+    @property
+    def row(self) -> tuple[float, float, float, float]:
+        return self.left, self.bottom, self.right, self.top
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a label stands: its lower left corner, and whether a line leads to it; pixels."""
+
+    left: float
+    bottom: float
+    led: bool
+
+
+def places(
+    points: np.ndarray, sizes: Sequence[tuple[float, float]], frame: Box, lines: Sequence[np.ndarray] = ()
+) -> list[Place | None]:
+    """A place for each label of `sizes` beside points [N, 2], the first being the most important.
+
+    lines: polygons [M, 2] that labels keep off where there is room enough. None where there is no room within `frame`.
+    """
+    taken = np.concatenate([points - POINT, points + POINT], axis=1)
+    along = np.concatenate([np.zeros((0, 2)), *(_along(line) for line in lines)])
+    drawn = np.concatenate([along - LINE, along + LINE], axis=1)
+    found: list[Place | None] = []
+    for point, size in zip(points, sizes, strict=True):
+        place = _place(point, size, frame, np.concatenate([taken, drawn])) or _place(point, size, frame, taken)
+        found.append(place)
+        if place is not None:
+            box = (place.left, place.bottom, place.left + size[0], place.bottom + size[1])
+            leader = _along(np.array([point, _nearest(point, place, size)]))
+            taken = np.concatenate([taken, [box], np.concatenate([leader - LINE, leader + LINE], axis=1)])
+    return found
+
+
+def _along(line: np.ndarray) -> np.ndarray:
+    """Points every STEP along a polygon, [K, 2]."""
+    parts = [a + (b - a) * np.linspace(0, 1, 2 + int(np.hypot(*(b - a)) / STEP))[:, None] for a, b in pairwise(line)]
+    return np.concatenate([np.zeros((0, 2)), *parts])
+
+
+def _nearest(point: np.ndarray, place: Place, size: tuple[float, float]) -> np.ndarray:
+    """Where a line from the point ends at its label."""
+    low = np.array([place.left, place.bottom])
+    return np.asarray(np.clip(point, low, low + size))
+
+
+def _place(point: np.ndarray, size: tuple[float, float], frame: Box, taken: np.ndarray) -> Place | None:
+    for reach in REACHES:
+        for across, up in DIRECTIONS:
+            # the label's side or corner nearest to the point is `reach` away
+            scale = reach / np.hypot(across, up)
+            left = point[0] + across * scale - (size[0] if across < 0 else size[0] / 2 if across == 0 else 0)
+            bottom = point[1] + up * scale - (size[1] if up < 0 else size[1] / 2 if up == 0 else 0)
+            box = Box(left - MARGIN, bottom - MARGIN, left + size[0] + MARGIN, bottom + size[1] + MARGIN)
+            if box.within(frame) and not box.touches(taken):
+                return Place(float(left), float(bottom), reach >= LED)
+    return None

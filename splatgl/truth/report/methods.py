@@ -1,0 +1,258 @@
+"""The registry of methods: every way to trade accuracy for time, one entry each.
+
+An axis is one thing that is varied; its methods are what it is varied to. `register` adds an axis, which then is
+drawn, timed, measured, tabled and plotted with the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from splatgl.data.errors import expected
+from splatgl.splat.settings import Settings
+
+# what a picture is measured against, and what that tells
+TRUTHS = {
+    "reference": "the float64 reference of the same splats: the error of drawing",
+    "sampled": "exact splats at many samples a pixel: drawing and antialiasing",
+    "integral": "the ray integral of the field, at as many samples: all of it, splatting too",
+}
+DRAWING, ALL = ("reference",), ("reference", "sampled", "integral")
+FILTERING = ("sampled", "integral")
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to draw. name: what tables and --only say; label: in a diagram.
+
+    changes: of Settings. paper: from the 1998 settings, not the scene's. z_s_share: z_s at that share of the way from
+    the nearest splat to the farthest. threshold: of the extractor, above the scene's own. coarse: how often voxels are
+    joined two by two. quick: whether --quick draws it. peer: of `peers.MAPPERS`, which draws it in splatgl's stead.
+    """
+
+    name: str
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    label: str = ""
+    paper: bool = False
+    z_s_share: float | None = None
+    threshold: float = 0.0
+    coarse: int = 0
+    quick: bool = True
+    peer: str = ""
+
+    def settings(self, base: Settings, depths: tuple[float, float]) -> Settings:
+        """What to draw with; depths: of the nearest and the farthest splat, world units."""
+        chosen = base
+        if self.paper:
+            kept = {name: getattr(base, name) for name in ("blend", "kernel", "shading", "background", "tolerance")}
+            chosen = Settings.paper(**kept)
+        if self.z_s_share is not None:
+            near, far = max(depths[0], 0.0), depths[1]
+            chosen = chosen.but(z_s=near + self.z_s_share * (far - near))
+        return chosen.but(**self.changes)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Methods along one choice. truths: against which the diagram shows it; connected: whether a line joins them.
+
+    competes: whether it draws the same picture as others, so that one can be better than another.
+    """
+
+    name: str
+    about: str
+    methods: tuple[Method, ...]
+    truths: tuple[str, ...] = DRAWING
+    connected: bool = True
+    competes: bool = True
+
+
+AXES: dict[str, Axis] = {}
+
+
+def register(axis: Axis) -> Axis:
+    """Adds an axis to every report. InputError for a name that is taken."""
+    taken = {axis.name for axis in AXES.values()} | set(methods())
+    for name in (axis.name, *(method.name for method in axis.methods)):
+        if name in taken:
+            raise expected("method", "a name that no other has", repr(name))
+    AXES[axis.name] = axis
+    return axis
+
+
+def methods() -> dict[str, Method]:
+    """Every method by its name, in the registry's order."""
+    return {method.name: method for axis in AXES.values() for method in axis.methods}
+
+
+def axis_of(name: str) -> Axis:
+    """The axis of a method."""
+    return next(axis for axis in AXES.values() if any(method.name == name for method in axis.methods))
+
+
+def _each(name: str, key: str, values: tuple[Any, ...], quick: tuple[Any, ...], **others: Any) -> tuple[Method, ...]:
+    """A method for every value of a setting."""
+    made = []
+    for value in values:
+        text = f"{value:g}" if isinstance(value, float) else str(value)
+        made.append(Method(f"{name} {text}", {**others, key: value}, text, quick=value in quick))
+    return tuple(made)
+
+
+DEFAULT, PAPER = "exact", "paper 1998"
+register(
+    Axis(
+        "settings",
+        "the practical settings of 1998, and splatgl's own",
+        (
+            Method(DEFAULT, label="exact (default)"),
+            Method(PAPER, paper=True, label="paper 1998"),
+            Method("paper, 32 bits", {"table_bits": 32, "target": "rgba32f"}, "paper, 32 bits", paper=True),
+        ),
+        ALL,
+        connected=False,
+    )
+)
+register(
+    Axis(
+        "form",
+        "the footprint's form: one plane or direction for all, or the ray's own",
+        tuple(Method(name, {"align": name}, name) for name in ("grid", "ray", "a", "b1")),
+        connected=False,
+    )
+)
+register(
+    Axis(
+        "hybrid",
+        "ray-perpendicular up to z_s, grid-aligned beyond",
+        tuple(
+            Method(f"z_s {share:.0%}", {"align": "hybrid"}, f"{share:.0%}", z_s_share=share, quick=share == 0.5)
+            for share in (0.25, 0.5, 0.75)
+        ),
+    )
+)
+register(
+    Axis(
+        "hybrid by tolerance",
+        "z_s taken from --tolerance",
+        _each("hybrid", "tolerance", (1e-1, 1e-2, 1e-3), (1e-2,), align="hybrid"),
+    )
+)
+register(
+    Axis(
+        "table",
+        "texels along each side of a footprint texture, exact",
+        _each("table", "table_size", (32, 64, 128, 256, 512), (32, 128, 512), footprint="table", align="exact"),
+    )
+)
+register(
+    Axis(
+        "table bits",
+        "bits a texel of 256×256, exact",
+        _each("bits", "table_bits", (8, 16), (8, 16), footprint="table", align="exact"),
+    )
+)
+register(
+    Axis(
+        "radial",
+        "entries of a table over the squared distance, exact",
+        _each("radial", "table_size", (32, 64, 128, 256, 512), (32, 128, 512), footprint="radial", align="exact"),
+    )
+)
+register(
+    Axis(
+        "kernel",
+        "another kernel, against its own truths: not on the front, since it is another picture",
+        (Method("gaussian", {"kernel": "gaussian"}, "gaussian"),),
+        connected=False,
+        competes=False,
+    )
+)
+register(
+    Axis(
+        "attenuation",
+        "what weakens beyond z_k",
+        _each("attenuation", "attenuation", ("opacity", "optical-depth"), ("opacity", "optical-depth")),
+        FILTERING,
+        connected=False,
+    )
+)
+register(
+    Axis(
+        "antialiasing off",
+        "a sample in the middle of each pixel",
+        (Method("no antialiasing", {"antialias": "off"}, "off"),),
+        FILTERING,
+        connected=False,
+    )
+)
+register(
+    Axis(
+        "supersampling",
+        "k×k samples a pixel, instead of antialiased splats",
+        tuple(
+            Method(f"{k}×{k}", {"antialias": "supersample", "samples": k}, f"{k}×{k}", quick=k in (2, 4, 8))
+            for k in (2, 3, 4, 6, 8)
+        ),
+        FILTERING,
+    )
+)
+register(
+    Axis(
+        "target",
+        "the frame buffer's numbers",
+        _each("target", "target", ("rgba16f", "rgba8"), ("rgba16f", "rgba8")),
+        connected=False,
+    )
+)
+register(
+    Axis(
+        "primitive",
+        "quads instead of sprites",
+        (Method("quads", {"primitive": "quad"}, "quads"),),
+        connected=False,
+    )
+)
+register(
+    Axis(
+        "occlusion",
+        "nothing closed, nothing left out",
+        (Method("no occlusion", {"occlusion": "off"}, "no occlusion"),),
+        connected=False,
+    )
+)
+register(
+    Axis(
+        "tolerance",
+        "what --tolerance asks for",
+        _each("tolerance", "tolerance", (1e-1, 1e-2, 1e-3, 1e-4), (1e-1, 1e-2, 1e-3, 1e-4)),
+    )
+)
+register(
+    Axis(
+        "threshold",
+        "voxels below that opacity left out",
+        tuple(Method(f"threshold {t:g}", {}, f"{t:g}", threshold=t) for t in (0.01, 0.03, 0.1)),
+        ALL,
+    )
+)
+register(
+    Axis(
+        "preview",
+        "voxels joined 2×2×2, and again: what a window draws while it moves",
+        tuple(Method(f"preview 1/{2**n}", {}, f"1/{2**n}", coarse=n) for n in (1, 2)),
+        ALL,
+    )
+)
+register(
+    Axis(
+        "peers",
+        "VTK's ray casters, two samples a voxel, 8 bits; they classify what they interpolate (with --peers)",
+        (Method("VTK, CPU", label="VTK, CPU", peer="cpu"), Method("VTK, OpenGL", label="VTK, OpenGL", peer="gpu")),
+        FILTERING,
+        connected=False,
+        competes=False,
+    )
+)

@@ -1,0 +1,175 @@
+"""VTK's ray casters on the same scene: same camera, opacities and colours, each in a process of its own.
+
+What is not comparable: they interpolate samples along rays between voxels and classify what comes out, where splats
+classify voxels and mix what comes out; they shade by gradients of interpolated samples; they write 8 bits.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.errors import expected, missing_extra
+from splatgl.data.image import Image
+from splatgl.data.volume import Volume
+from splatgl.gl.uniforms import AMBIENT, DIFFUSE
+from splatgl.splat.camera import Camera
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
+
+MAPPERS = {"cpu": "vtkFixedPointVolumeRayCastMapper", "gpu": "vtkGPUVolumeRayCastMapper"}
+# samples along a ray for each voxel
+STEPS_PER_VOXEL = 2
+# nodes of the colour function
+COLORS = 512
+# how wide a step of the opacity is made, a share of the values' range: VTK makes a texture that fine
+STEP = 1e-3
+# how long a peer may take to start or to draw, seconds
+PATIENCE = 120.0
+
+
+class Peer:
+    """One of VTK's mappers, drawing one scene. Close it after use."""
+
+    def __init__(self, mapper: str, content: tuple[Volume, Transfer], camera: Camera, settings: Settings) -> None:
+        """mapper: of MAPPERS. Raises InputError where VTK is not installed, or the scene can't be converted."""
+        if find_spec("vtk") is None:
+            raise missing_extra("peers", "vtk", "bench")
+        volume, transfer = content
+        _check(volume, transfer, camera, settings)
+        shaded = transfer.shading if settings.shading == "auto" else settings.shading == "on"
+        spawn = multiprocessing.get_context("spawn")
+        self.pipe, theirs = spawn.Pipe()
+        scene = (volume.samples, volume.spacing, volume.origin, volume.direction, transfer, shaded, camera)
+        self.process = spawn.Process(target=_serve, args=(theirs, MAPPERS[mapper], scene), daemon=True)
+        self.process.start()
+
+    def frame(self) -> tuple[Image, float]:
+        """A finished frame, linear premultiplied, and the seconds it took with its pixels read back.
+
+        Raises InputError if the process ended or hangs.
+        """
+        try:
+            self.pipe.send(True)
+            if not self.pipe.poll(PATIENCE):
+                raise EOFError
+            samples, seconds = self.pipe.recv()
+        except (EOFError, OSError) as error:
+            raise expected("peer", "a frame by VTK", "none: its process ended or hangs") from error
+        return Image(samples.astype(np.float32) / np.float32(255), {"blend": "composite"}), seconds
+
+    def close(self) -> None:
+        self.process.terminate()
+        self.process.join()
+        self.pipe.close()
+
+
+def _check(volume: Volume, transfer: Transfer, camera: Camera, settings: Settings) -> None:
+    """InputError for what has no counterpart there."""
+    for fine, this, got in (
+        (settings.blend == "composite", "blend composite", settings.blend),
+        (volume.color is None, "colours by value", "colours of its own"),
+        (not transfer.gradient, "opacities by value", "opacities by gradient"),
+        (camera.perspective, "perspective", "parallel rays"),
+        (settings.background is None, "no background", "a background"),
+    ):
+        if not fine:
+            raise expected("peers", this, got)
+
+
+def _serve(pipe: Any, mapper: str, scene: tuple[Any, ...]) -> None:
+    """Draws a frame for every message."""
+    frame = _frame(mapper, scene)
+    while True:
+        pipe.recv()
+        started = time.perf_counter()
+        samples = frame()
+        pipe.send((samples, time.perf_counter() - started))
+
+
+def _frame(mapper_name: str, scene: tuple[Any, ...]) -> Callable[[], np.ndarray]:
+    """A function that draws: uint8 [H, W, 4], row 0 on top."""
+    import vtk
+
+    # what it says of displays that are not there is not a user's concern
+    vtk.vtkLogger.SetStderrVerbosity(vtk.vtkLogger.VERBOSITY_OFF)
+    samples, spacing, origin, direction, transfer, shaded, camera = scene
+    mapper = getattr(vtk, mapper_name)()
+    mapper.SetInputData(_grid(vtk, samples, spacing, origin, direction))
+    mapper.SetSampleDistance(min(spacing) / STEPS_PER_VOXEL)
+    mapper.SetAutoAdjustSampleDistances(0)
+    if "FixedPoint" in mapper_name:
+        mapper.SetInteractiveSampleDistance(min(spacing) / STEPS_PER_VOXEL)
+        mapper.SetNumberOfThreads(os.cpu_count() or 1)
+    volume, renderer, window = vtk.vtkVolume(), vtk.vtkRenderer(), vtk.vtkRenderWindow()
+    volume.SetMapper(mapper)
+    volume.SetProperty(_looks(vtk, samples, transfer, shaded, min(spacing)))
+    renderer.AddVolume(volume)
+    window.SetOffScreenRendering(1)
+    window.SetAlphaBitPlanes(1)
+    window.SetMultiSamples(0)
+    width, height = camera.size
+    window.SetSize(width, height)
+    window.AddRenderer(renderer)
+    view = renderer.GetActiveCamera()
+    view.SetPosition(*camera.eye)
+    view.SetFocalPoint(*(camera.eye + 100 * camera.forward))
+    view.SetViewUp(*(-camera.eye_from_world[1]))
+    view.SetViewAngle(2 * np.degrees(np.arctan(camera.extent / 2)))
+    renderer.ResetCameraClippingRange()
+    found = vtk.vtkUnsignedCharArray()
+
+    def frame() -> np.ndarray:
+        # a still scene would not be drawn again
+        volume.Modified()
+        view.Modified()
+        window.Render()
+        window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, found)
+        from vtk.util.numpy_support import vtk_to_numpy
+
+        return np.array(vtk_to_numpy(found).reshape(height, width, 4)[::-1])
+
+    return frame
+
+
+def _grid(vtk: Any, samples: np.ndarray, spacing: Any, origin: Any, direction: np.ndarray) -> Any:
+    from vtk.util.numpy_support import numpy_to_vtk
+
+    image = vtk.vtkImageData()
+    image.SetDimensions(*samples.shape[::-1])
+    image.SetSpacing(*spacing)
+    image.SetOrigin(*origin)
+    image.SetDirectionMatrix(*np.asarray(direction, np.float64).ravel().tolist())
+    native = np.ascontiguousarray(samples, dtype=samples.dtype.newbyteorder("="))
+    image.GetPointData().SetScalars(numpy_to_vtk(native.ravel(), deep=True))
+    return image
+
+
+def _looks(vtk: Any, samples: np.ndarray, transfer: Transfer, shaded: bool, spacing: float) -> Any:
+    """The transfer function: opacity over its own length, linear colours, the same head light."""
+    opacity, color = vtk.vtkPiecewiseFunction(), vtk.vtkColorTransferFunction()
+    nodes = [value for value, _ in transfer.points]
+    low, high = float(np.nanmin(samples)), float(np.nanmax(samples))
+    # a node that is there twice is a step: the first of the two moves down by a little
+    steps = [value - STEP * (high - low) for value in nodes if nodes.count(value) > 1]
+    for value in sorted({low, high, *nodes, *steps}):
+        opacity.AddPoint(value, float(transfer.opacity(value)))
+    values = np.linspace(low, high, COLORS)
+    for value, shade in zip(values.tolist(), transfer.color(values).tolist(), strict=True):
+        color.AddRGBPoint(value, *shade)
+    looks = vtk.vtkVolumeProperty()
+    looks.SetScalarOpacity(opacity)
+    looks.SetScalarOpacityUnitDistance(transfer.unit or spacing)
+    looks.SetColor(color)
+    looks.SetInterpolationTypeToLinear()
+    looks.SetShade(shaded)
+    looks.SetAmbient(AMBIENT)
+    looks.SetDiffuse(DIFFUSE)
+    looks.SetSpecular(0.0)
+    return looks

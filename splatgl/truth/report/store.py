@@ -1,0 +1,74 @@
+"""What is done, a line of JSON each: written as soon as it is known, so that nothing is lost and work can go on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from splatgl.data.errors import InputError, expected
+
+NAME = "runs.jsonl"
+# what a line can be
+KINDS = ("head", "scene", "picture", "time", "convergence")
+
+
+class Store:
+    """The lines of one report. lines: all of them, in the order in which they were found."""
+
+    def __init__(self, path: Path, head: Mapping[str, Any], resume: bool = False) -> None:
+        """Begins anew, or goes on. Raises InputError where what is there is of another report."""
+        self.path = path
+        self.lines: list[dict[str, Any]] = list(_read(path)) if resume and path.exists() else []
+        begun = {"kind": "head", **head}
+        if self.lines:
+            old = self.lines[0]
+            other = [name for name in begun if old.get(name) != begun[name]]
+            if other:
+                what = f"{other[0]} {begun[other[0]]!r}"
+                got = repr(old.get(other[0]))
+                raise expected(f"{path} --resume", what, got, "leave out --resume to begin anew")
+        try:
+            # a line that was cut short is dropped
+            path.write_text("".join(f"{_text(line)}\n" for line in self.lines), encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        if not self.lines:
+            self.add("head", **head)
+
+    def add(self, kind: str, **values: Any) -> dict[str, Any]:
+        """Writes a line, and returns it."""
+        line = {"kind": kind, **values}
+        self.lines.append(line)
+        try:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(f"{_text(line)}\n")
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written: {error.strerror or error}") from error
+        return line
+
+    def of(self, kind: str, **values: Any) -> list[dict[str, Any]]:
+        """The lines of that kind with those values."""
+        return [
+            line
+            for line in self.lines
+            if line["kind"] == kind and all(line.get(name) == value for name, value in values.items())
+        ]
+
+
+def _text(line: Mapping[str, Any]) -> str:
+    return json.dumps(line, ensure_ascii=False)
+
+
+def _read(path: Path) -> Iterator[dict[str, Any]]:
+    """The lines that are whole. InputError for a file that is no report."""
+    for number, text in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
+        try:
+            line = json.loads(text)
+        except ValueError:
+            # only the last can have been cut short
+            return
+        if not isinstance(line, dict) or line.get("kind") not in KINDS or (number == 1) != (line["kind"] == "head"):
+            raise expected(f"{path} line {number}", "a line of a report", text[:60], "leave out --resume to begin anew")
+        yield line

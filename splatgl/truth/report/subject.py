@@ -1,0 +1,83 @@
+"""What a report is made of: a scene as it is seen, whose splats can be thinned out; and how thoroughly to measure."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from splatgl.data.volume import Volume
+from splatgl.splat.camera import Camera
+from splatgl.splat.plan import depth_range
+from splatgl.splat.rows import Splats
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
+from splatgl.truth.report.methods import Method
+
+# (threshold, how often joined two by two) → splats
+Build = Callable[[float, int], Splats]
+
+
+@dataclass(frozen=True)
+class Level:
+    """How thoroughly to measure.
+
+    size: pixels of a picture's longer side. rounds: how often each method is timed. splats: about so many at most, or
+    the volume is made coarser; None: as it is. samples: of the sampled truth, along an axis of a pixel. rays, steps: of
+    the ray integral, along an axis of a pixel and for each voxel. all_methods: those that are not quick, too.
+    """
+
+    name: str
+    size: int
+    rounds: int
+    splats: int | None
+    samples: int
+    rays: int
+    steps: int
+    all_methods: bool
+
+
+LEVELS = {
+    "quick": Level("quick", 64, 5, 30_000, 16, 1, 1, False),
+    "normal": Level("normal", 128, 7, 200_000, 16, 2, 2, True),
+    "full": Level("full", 256, 11, None, 16, 2, 4, True),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A scene, seen. note: what was done to it, for the reader. content: what peers draw, where there is a volume."""
+
+    name: str
+    camera: Camera
+    settings: Settings
+    build: Build
+    note: str = ""
+    content: tuple[Volume, Transfer] | None = None
+    kept: dict[tuple[float, int], Splats] = field(default_factory=dict)
+
+    def splats(self, threshold: float = 0.0, coarse: int = 0) -> Splats:
+        """The splats over that threshold, of voxels joined so often; made once."""
+        key = (threshold, coarse)
+        if key not in self.kept:
+            made = self.build(threshold, coarse)
+            # a threshold that takes nothing away changes nothing
+            same = threshold > 0 and len(made) == len(self.splats(0.0, coarse))
+            self.kept[key] = self.splats(0.0, coarse) if same else made
+        return self.kept[key]
+
+    def drawn(self, method: Method) -> tuple[Splats, Settings]:
+        """What `method` draws, and how. Raises InputError for what the scene does not allow."""
+        settings = method.settings(self.settings, depth_range(self.splats(), self.camera))
+        return self.splats(method.threshold, method.coarse), settings
+
+    def mark(self) -> str:
+        """What tells this scene from any other: 16 hexadecimal digits of its splats and its camera."""
+        splats, camera = self.splats(), self.camera
+        found = hashlib.sha256(np.ascontiguousarray(splats.records).tobytes())
+        for part in (splats.grid.world_from_index, splats.grid.origin, camera.eye, camera.eye_from_world):
+            found.update(np.ascontiguousarray(part, dtype=np.float64).tobytes())
+        found.update(repr((camera.size, camera.extent, camera.perspective, self.settings)).encode())
+        return found.hexdigest()[:16]

@@ -1,0 +1,167 @@
+"""Draws every method of a scene, measures each once and times it several times, in turns of random order."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+from splatgl.data.errors import InputError, expected
+from splatgl.data.image import Image
+from splatgl.gl.renderer import Renderer
+from splatgl.splat.plan import Plan
+from splatgl.splat.settings import Settings
+from splatgl.truth.report.errors import errors
+from splatgl.truth.report.methods import TRUTHS, Method, axis_of, methods
+from splatgl.truth.report.peers import Peer
+from splatgl.truth.report.store import Store
+from splatgl.truth.report.subject import Level, Subject
+from splatgl.truth.report.truths import Truths
+
+# the order of turns is the same in every run
+SEED = 1998
+# a method that has taken so long altogether is not timed again after the least number of turns, seconds
+LONGEST, LEAST_ROUNDS = 20.0, 3
+# FLIP is measured against this truth
+FLIP_TRUTH = "sampled"
+
+# told what is going on, once for each step
+Tick = Callable[[str], None]
+
+
+def chosen(level: Level, only: tuple[str, ...] = (), peers: bool = False) -> list[Method]:
+    """The methods that a report of that level draws; only: names of methods or axes, all if empty; peers: VTK too."""
+    known = [method for method in methods().values() if method.quick or level.all_methods or only]
+    named = [m for m in known if not only or m.name in only or axis_of(m.name).name in only]
+    return [m for m in known if (m.peer and peers) or (m in named and (not m.peer or only))]
+
+
+class Sweep:
+    """One scene's pictures and times, into a store. flip: whether FLIP is measured."""
+
+    def __init__(self, renderer: Renderer, subject: Subject, truths: Truths, store: Store, flip: bool) -> None:
+        self.renderer, self.subject, self.truths, self.store, self.flip = renderer, subject, truths, store, flip
+        self.plans: dict[tuple[Plan, int], str] = {}
+        self.peers: dict[str, Peer] = {}
+
+    def pictures(self, wanted: list[Method], tick: Tick) -> None:
+        """Draws each method once, and measures it against every truth."""
+        for method in wanted:
+            tick(f"{self.subject.name}: {method.name}")
+            done = self.store.of("picture", scene=self.subject.name, method=method.name)
+            if done and not (done[0]["same_as"] or done[0]["omitted"] or method.peer):
+                # drawn before: others may turn out to be the same
+                splats, settings = self.subject.drawn(method)
+                plan = self.renderer.plan(splats, self.subject.camera, settings)
+                self.plans.setdefault((_key(plan), id(splats)), method.name)
+            if not done:
+                line = self._peer_picture(method) if method.peer else self._picture(method)
+                self.store.add("picture", scene=self.subject.name, **line)
+
+    def _picture(self, method: Method) -> dict[str, object]:
+        """A line about one method."""
+        axis = axis_of(method.name).name
+        line: dict[str, object] = {"axis": axis, "method": method.name, "same_as": "", "omitted": ""}
+        try:
+            splats, settings = self.subject.drawn(method)
+            plan = self.renderer.plan(splats, self.subject.camera, settings)
+        except InputError as error:
+            return {**line, "omitted": str(error)}
+        if not len(splats):
+            return {**line, "omitted": "no splat is left"}
+
+        # one plan, one picture
+        key = (_key(plan), id(splats))
+        if key in self.plans:
+            line["same_as"] = self.plans[key]
+        else:
+            self.plans[key] = method.name
+        image = self.renderer.render(splats, self.subject.camera, settings)
+        return {
+            **line,
+            "splats": len(splats),
+            "tolerance": settings.tolerance,
+            "bound": image.info["error_bound"],
+            "drawn": {name: image.info[name] for name in ("align", "footprint", "samples", "attenuation", "target")}
+            | {"primitive": plan.program.primitive, "antialias": plan.program.antialias, "parts": plan.parts},
+            **self._measured(image, settings, tuple(TRUTHS)),
+        }
+
+    def _peer_picture(self, method: Method) -> dict[str, object]:
+        """A line about a method that is not splatgl's."""
+        line: dict[str, object] = {
+            "axis": axis_of(method.name).name,
+            "method": method.name,
+            "same_as": "",
+            "omitted": "",
+        }
+        try:
+            image = self._peer(method).frame()[0]
+        except InputError as error:
+            return {**line, "omitted": str(error)}
+        return {**line, **self._measured(image, self.subject.settings, axis_of(method.name).truths)}
+
+    def _peer(self, method: Method) -> Peer:
+        if method.name not in self.peers:
+            if self.subject.content is None:
+                raise expected("peers", "a volume", "splats alone")
+            subject = self.subject
+            self.peers[method.name] = Peer(method.peer, self.subject.content, subject.camera, subject.settings)
+        return self.peers[method.name]
+
+    def close(self) -> None:
+        """Ends the peers' processes."""
+        for peer in self.peers.values():
+            peer.close()
+        self.peers.clear()
+
+    def _measured(self, image: Image, settings: Settings, truths: tuple[str, ...]) -> dict[str, object]:
+        """The errors against each truth, and why there are none against the others."""
+        found: dict[str, object] = {}
+        missing: dict[str, str] = {}
+        for truth in truths:
+            try:
+                flip = self.flip and truth == FLIP_TRUTH
+                found[truth] = errors(image, self.truths.get(truth, settings), flip).as_dict()
+            except InputError as error:
+                missing[truth] = str(error)
+        return {"errors": found, "missing": missing}
+
+    def times(self, wanted: list[Method], rounds: int, tick: Tick) -> None:
+        """Times every method that has a picture of its own, `rounds` times, each turn warmed up by a frame before."""
+        named = {method.name: method for method in wanted}
+        own = [
+            line["method"]
+            for line in self.store.of("picture", scene=self.subject.name, same_as="", omitted="")
+            if line["method"] in named
+        ]
+        turns = [(name, turn) for name in own for turn in range(rounds)]
+        random.Random(SEED).shuffle(turns)
+        done = self.store.of("time", scene=self.subject.name)
+        spent = {name: sum(line["seconds"] for line in done if line["method"] == name) for name in own}
+        count = {name: sum(line["method"] == name for line in done) for name in own}
+        finished = {(line["method"], line["round"]) for line in done}
+        for name, turn in turns:
+            tick(f"{self.subject.name}: timing")
+            if (name, turn) in finished or (spent[name] > LONGEST and count[name] >= LEAST_ROUNDS):
+                continue
+            self.frame(named[name])
+            seconds = self.frame(named[name])
+            spent[name] += seconds
+            count[name] += 1
+            self.store.add("time", scene=self.subject.name, method=name, round=turn, seconds=round(seconds, 6))
+
+    def frame(self, method: Method) -> float:
+        """Seconds for one finished frame, its pixels read back."""
+        if method.peer:
+            return self._peer(method).frame()[1]
+        splats, settings = self.subject.drawn(method)
+        started = time.perf_counter()
+        self.renderer.render(splats, self.subject.camera, settings)
+        return time.perf_counter() - started
+
+
+def _key(plan: Plan) -> Plan:
+    """A plan without what changes no pixel."""
+    return replace(plan, notes=(), tolerance=0.0)

@@ -1,0 +1,92 @@
+"""A report's numbers as CSV and JSON: every method, every run."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from typing import Any
+
+from splatgl.truth.report.front import standing
+from splatgl.truth.report.methods import TRUTHS
+from splatgl.truth.report.results import Results, Row, Scene
+from splatgl.truth.report.store import Store
+from splatgl.truth.report.words import rivals
+
+ERRORS = ("rmse", "maximum", "p999", "share_over", "energy", "flip")
+FIELDS = (
+    "scene",
+    "axis",
+    "method",
+    "same_as",
+    "omitted",
+    "splats",
+    "seconds",
+    "seconds_low",
+    "seconds_high",
+    "turns",
+    "tolerance",
+    "bound",
+    *(f"{truth}_{name}" for truth in TRUTHS for name in ERRORS),
+    *(f"{truth}_standing" for truth in TRUTHS),
+)
+
+
+def as_csv(results: Results) -> str:
+    """A line a method and scene, with a line of names; numbers to the last bit, nothing where there is none."""
+    buffer = io.StringIO()
+    writer = csv.DictWriter(buffer, FIELDS, lineterminator="\n", restval="")
+    writer.writeheader()
+    for scene in results.scenes:
+        writer.writerows(_cells(scene, row) for row in scene.rows)
+    return buffer.getvalue()
+
+
+def as_json(results: Results, store: Store) -> str:
+    """Everything: the head, the methods as in the CSV, the convergence, and every single run."""
+    found = {
+        **{name: value for name, value in results.head.items() if name != "kind"},
+        "truths": TRUTHS,
+        "methods": [_cells(scene, row) for scene in results.scenes for row in scene.rows],
+        "convergence": results.convergence,
+        "runs": store.lines,
+    }
+    return json.dumps(_plain(found), ensure_ascii=False, indent=1) + "\n"
+
+
+def _cells(scene: Scene, row: Row) -> dict[str, Any]:
+    cells: dict[str, Any] = {
+        "scene": scene.name,
+        "axis": row.axis,
+        "method": row.method,
+        "same_as": row.same_as,
+        "omitted": "; ".join([*filter(None, (row.omitted,)), *(f"{name}: {why}" for name, why in row.missing.items())]),
+        "splats": row.splats,
+        "tolerance": row.tolerance,
+        "bound": row.bound,
+    }
+    if row.timing is not None:
+        timing = row.timing
+        cells |= {
+            "seconds": timing.median,
+            "seconds_low": timing.low,
+            "seconds_high": timing.high,
+            "turns": timing.count,
+        }
+    for truth, found in row.errors.items():
+        cells |= {f"{truth}_{name}": found.get(name) for name in ERRORS}
+        points = rivals(truth, scene)
+        own = next((point for point in points if point.name == row.method), None)
+        if own is not None:
+            cells[f"{truth}_standing"] = standing(own, points)
+    return cells
+
+
+def _plain(value: Any) -> Any:
+    """The same without numbers that JSON has not."""
+    if isinstance(value, dict):
+        return {key: _plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

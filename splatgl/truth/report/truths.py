@@ -1,0 +1,103 @@
+"""The three truths that pictures are measured against, each made once and kept in a folder."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from pathlib import Path
+
+import numpy as np
+
+from splatgl.data.errors import expected
+from splatgl.data.image import Image, write_whole
+from splatgl.gl.renderer import Renderer
+from splatgl.splat.settings import Settings
+from splatgl.truth import reference
+from splatgl.truth.integral import ray_integral
+from splatgl.truth.report.methods import TRUTHS
+from splatgl.truth.report.subject import Level, Subject
+
+# settings that the truths honour: the reference all, the others those before the gap
+OPTICS = ("blend", "kernel", "shading", "background")
+FILTERS = ("antialias", "samples", "attenuation")
+# the sampled truth is drawn without leaving anything out
+TIGHT = 1e-9
+# a reference of more samples than this takes minutes
+MOST_SAMPLES = {"quick": 1 << 17, "normal": 1 << 19, "full": 1 << 21}
+
+
+class Truths:
+    """Truths of one scene. folder: where they are kept, or None."""
+
+    def __init__(self, renderer: Renderer, subject: Subject, level: Level, folder: Path | None = None) -> None:
+        self.renderer, self.subject, self.level, self.folder = renderer, subject, level, folder
+        self.kept: dict[str, np.ndarray] = {}
+        self.mark = subject.mark()
+
+    def get(self, truth: str, settings: Settings) -> Image:
+        """The truth for a picture of those settings, float64 [H, W, 4].
+
+        Raises InputError where there is none, or none in bearable time.
+        """
+        if truth not in TRUTHS:
+            raise expected("truth", " or ".join(TRUTHS), repr(truth))
+        names = OPTICS + (FILTERS if truth == "reference" else ())
+        asked = {name: getattr(settings, name) for name in names}
+        if truth == "reference":
+            if settings.antialias != "supersample":
+                asked["samples"] = 1
+            self._check(asked)
+            key = f"reference {asked}"
+        else:
+            if truth == "integral" and settings.blend != "composite":
+                raise expected("ray integral", "blend composite", settings.blend)
+            key = f"{truth} {self.level.samples} {self.level.rays} {self.level.steps} {asked}"
+        pixels = self._made(key, truth, Settings(**asked))
+        return Image(pixels, {"blend": settings.blend})
+
+    def _check(self, asked: dict) -> None:
+        width, height = self.subject.camera.size
+        samples = width * height * asked["samples"] ** 2
+        if samples > MOST_SAMPLES[self.level.name]:
+            raise expected(
+                "float64 reference",
+                f"at most {MOST_SAMPLES[self.level.name]:,} samples at this level",
+                f"{samples:,}",
+                "more would take too long: use --full or a smaller --size",
+            )
+
+    def _made(self, key: str, truth: str, settings: Settings) -> np.ndarray:
+        if key not in self.kept:
+            name = hashlib.sha256(f"{self.mark} {key}".encode()).hexdigest()[:16]
+            path = self.folder / f"{name}.npy" if self.folder else None
+            if path is not None and path.exists():
+                self.kept[key] = np.load(path, allow_pickle=False)
+            else:
+                self.kept[key] = self._draw(truth, settings)
+                if path is not None:
+                    buffer = io.BytesIO()
+                    np.save(buffer, self.kept[key])
+                    write_whole(path, buffer.getvalue())
+        return self.kept[key]
+
+    def _draw(self, truth: str, settings: Settings) -> np.ndarray:
+        splats, camera = self.subject.splats(), self.subject.camera
+        if truth == "reference":
+            return reference.render(splats, camera, settings).pixels
+        if truth == "sampled":
+            return self._sampled(settings, self.level.samples)
+        # splatting's own error varies less than the picture: it is measured at fewer samples and added
+        rays = self.level.rays
+        integral = ray_integral(splats, camera, settings, self.level.steps, rays).pixels
+        sampled = self.get("sampled", settings).pixels
+        return np.asarray(sampled + integral - self._sampled(settings, rays))
+
+    def _sampled(self, settings: Settings, samples: int) -> np.ndarray:
+        exact = settings.but(
+            antialias="supersample" if samples > 1 else "off",
+            samples=samples,
+            align="exact",
+            tolerance=TIGHT,
+            occlusion="off",
+        )
+        return self.renderer.render(self.subject.splats(), self.subject.camera, exact).pixels.astype(np.float64)

@@ -1,0 +1,54 @@
+"""All of a report's work, in order: pictures and errors of a scene, its times, the next scene; convergence last."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from splatgl.data.errors import expected
+from splatgl.gl.renderer import Renderer
+from splatgl.truth.report.convergence import STUDIES
+from splatgl.truth.report.store import Store
+from splatgl.truth.report.subject import Level, Subject
+from splatgl.truth.report.sweep import Sweep, Tick, chosen
+from splatgl.truth.report.truths import Truths
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is asked for. only: names of methods or axes, all if empty. peers: VTK too. flip: FLIP too."""
+
+    level: Level
+    only: tuple[str, ...] = ()
+    peers: bool = False
+    flip: bool = False
+    folder: Path | None = None
+
+    def steps(self, scenes: int) -> int:
+        """How often `work` ticks."""
+        count = len(chosen(self.level, self.only, self.peers))
+        return scenes * count * (1 + self.level.rounds) + len(STUDIES)
+
+
+def work(renderer: Renderer, subjects: Sequence[Subject], task: Task, store: Store, tick: Tick) -> None:
+    """Measures everything that the store does not hold yet."""
+    wanted = chosen(task.level, task.only, task.peers)
+    for subject in subjects:
+        known = store.of("scene", scene=subject.name)
+        if known and known[0]["mark"] != subject.mark():
+            raise expected(f"{subject.name} --resume", "the scene as it was", "another", "leave out --resume")
+        if not known:
+            splats = subject.splats()
+            about = {"splats": len(splats), "size": list(subject.camera.size), "note": subject.note}
+            store.add("scene", scene=subject.name, mark=subject.mark(), **about)
+        truths = Truths(renderer, subject, task.level, task.folder)
+        sweep = Sweep(renderer, subject, truths, store, task.flip)
+        with closing(sweep):
+            sweep.pictures(wanted, tick)
+            sweep.times(wanted, task.level.rounds, tick)
+    for study in STUDIES:
+        tick(f"convergence: {study.name}")
+        if not store.of("convergence", study=study.name):
+            store.add("convergence", **study.line(renderer, task.level))

@@ -1,0 +1,53 @@
+"""Every method of the report's registry at an extreme: the eye in the volume, and pixels far wider than voxels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatgl.data.scenes import ball
+from splatgl.splat.camera import Camera
+from splatgl.splat.extract import extract
+from splatgl.splat.plan import depth_range
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
+from splatgl.truth import reference
+from splatgl.truth.report.methods import DEFAULT, methods
+from splatgl.truth.stress.bench import Bench
+from splatgl.truth.stress.case import Case, Check, check
+
+# voxels a radius, and pixels a side
+RADIUS, PIXELS = 5.0, 12
+# eyes: in the middle, and so far away that a pixel is as wide as six voxels; with angles of view, degrees
+VIEWS = ((0.3, 90.0), (100.0, 40.0))
+
+
+def every(bench: Bench) -> list[Check]:
+    """Each method's largest error over what its pictures promise."""
+    splats = extract(ball(RADIUS), Transfer(points=[(0.0, 0.0), (1.0, 0.6)], unit=1.0))
+    worst = {name: 0.0 for name, method in methods().items() if not method.peer}
+    for distance, fov in VIEWS:
+        eye = distance * np.array([0.48, -0.8, 0.36])
+        camera = Camera.look_at(eye, eye * 1.5 if distance < RADIUS else (0, 0, 0), (0, 0, 1), fov, (PIXELS, PIXELS))
+        for name in worst:
+            method = methods()[name]
+            settings = method.settings(Settings(), depth_range(splats, camera))
+            drawn = bench.renderer.render(splats, camera, settings)
+            bench.pictures += 1
+            bench.bad_pixels += int((~np.isfinite(drawn.pixels)).sum())
+            error = float(np.abs(drawn.pixels - reference.render(splats, camera, settings).pixels).max())
+            limit = drawn.info["error_bound"]
+            assert isinstance(limit, float)
+            worst[name] = max(worst[name], error / limit if limit else error)
+    order = sorted(worst, key=lambda name: (name != DEFAULT, name))
+    return [check(f"{name}: error/bound", worst[name], 0.0, 1.0) for name in order]
+
+
+CASES = (
+    Case(
+        "methods",
+        "every method of splatgl report, from inside and from afar",
+        "a ball of 5 voxels; the eye in it, and 100 voxels away with pixels 6 voxels wide",
+        "the float64 reference; the error over the bound that each picture states",
+        every,
+    ),
+)

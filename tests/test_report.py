@@ -1,0 +1,305 @@
+"""Error against run time: errors, fronts, the registry, resuming, and the files that come out."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.app.cli import main
+from splatgl.truth.integral import ray_integral
+from splatgl.truth.report import methods as registry
+from splatgl.truth.report.content import verdict
+from splatgl.truth.report.errors import errors
+from splatgl.truth.report.front import Point, Timing, beaten, cheapest, front, standing
+from splatgl.truth.report.peers import MAPPERS, Peer
+from splatgl.truth.report.results import Results
+from splatgl.truth.report.store import Store
+from splatgl.truth.report.subject import LEVELS, Subject
+from splatgl.truth.report.sweep import Sweep, chosen
+from splatgl.truth.report.truths import Truths
+
+LEVEL = replace(LEVELS["quick"], size=16, rounds=2)
+MACHINE = {
+    "renderer": "none",
+    "opengl": "4.5",
+    "processor": "p",
+    "cores": 2,
+    "system": "s",
+    "python": "3",
+    "versions": {},
+}
+HEAD = {"version": "0", "level": "quick", "size": 16, "rounds": 2, "machine": MACHINE}
+
+
+def point(name: str, error: float, seconds: float) -> Point:
+    return Point(name, error, Timing(seconds, seconds, seconds, 1))
+
+
+@pytest.fixture(scope="module")
+def subject() -> Subject:
+    volume = sg.scenes.ball(5)
+    transfer = sg.Transfer(points=[(0.0, 0.0), (1.0, 0.6)], unit=1.0)
+
+    def build(threshold: float, coarse: int) -> sg.Splats:
+        return sg.extract(volume, transfer, max(threshold, 0.05 * coarse))
+
+    camera = sg.Camera.orbit(volume, azimuth=20, elevation=10, size=(16, 16))
+    return Subject("ball", camera, sg.Settings(), build)
+
+
+def sweep(renderer: sg.Renderer, subject: Subject, store: Store, folder: Path | None = None) -> Sweep:
+    return Sweep(renderer, subject, Truths(renderer, subject, LEVEL, folder), store, flip=False)
+
+
+def test_errors_of_known_pictures() -> None:
+    right = np.full((10, 100, 4), 0.5)
+    drawn = right.copy()
+    drawn[0, 0] += 0.1
+    drawn[:, 1] -= 0.002
+    found = errors(sg.Image(drawn), sg.Image(right))
+    assert found.maximum == pytest.approx(0.1)
+    assert found.rmse == pytest.approx(np.sqrt((0.01 + 10 * 4e-6) / 1000) / 0.5)
+    # one pixel of a thousand is far off, ten by less than a step
+    assert found.share_over == pytest.approx(1 / 1000)
+    assert found.p999 == pytest.approx(0.002, rel=0.1)
+    assert found.energy == pytest.approx((0.1 - 10 * 0.002) / 500)
+
+
+def test_the_front_and_what_it_beats() -> None:
+    fast, good, slow = point("fast", 1e-1, 1.0), point("good", 1e-4, 2.0), point("slow", 1e-3, 3.0)
+    alike, wasted = point("alike", 1.05e-4, 2.02), point("wasted", 1e-1, 5.0)
+    points = [fast, good, slow, alike, wasted]
+    assert front(points) == [fast, good]
+    assert beaten(good, points) is None and standing(good, points) == "front"
+    assert standing(slow, points) == standing(wasted, points) == standing(alike, points) == "dominated by good"
+    named = {limit: p.name if p else None for limit, p in cheapest(points, (1e-1, 1e-2, 1e-5))}
+    assert named == {1e-1: "fast", 1e-2: "good", 1e-5: None}
+
+
+def test_the_front_keeps_through_noise() -> None:
+    rng = np.random.default_rng(5)
+    points = [point(str(n), 10.0**-n, 1.2**n) for n in range(6)] + [point("worse", 1e-2, 2.0)]
+    names = [p.name for p in front(points)]
+    for _ in range(20):
+        noisy = [point(p.name, p.error, p.time.median * rng.uniform(0.98, 1.02)) for p in points]
+        assert [p.name for p in front(noisy)] == names
+
+
+def test_no_error_is_the_best() -> None:
+    assert [p.name for p in front([point("a", 0.0, 2.0), point("b", 1e-9, 1.0), point("c", 1e-9, 3.0)])] == ["b", "a"]
+
+
+def test_the_registry_holds_what_trades_accuracy_for_time() -> None:
+    names = set(registry.methods())
+    assert {"exact", "grid", "ray", "a", "b1", "z_s 50%", "table 32", "table 512", "bits 8", "gaussian"} <= names
+    assert {"2×2", "8×8", "target rgba8", "tolerance 0.0001", "threshold 0.1", "quads", "preview 1/2"} <= names
+    for axis in registry.AXES.values():
+        assert axis.about and axis.methods and set(axis.truths) <= set(registry.TRUTHS)
+    quick = chosen(LEVELS["quick"])
+    assert {*registry.AXES} - {"peers"} == {registry.axis_of(m.name).name for m in quick}
+    assert len(chosen(LEVELS["full"], peers=True)) == len(names) > len(chosen(LEVELS["quick"], peers=True)) > len(quick)
+
+
+def test_a_new_method_is_one_entry(
+    renderer: sg.Renderer, subject: Subject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(registry, "AXES", dict(registry.AXES))
+    registry.register(registry.Axis("mine", "made up", (registry.Method("mine 1", {"table_size": 77}),)))
+    with pytest.raises(sg.InputError):
+        registry.register(registry.Axis("other", "taken", (registry.Method("mine 1"),)))
+    store = Store(tmp_path / "runs.jsonl", HEAD)
+    sweep(renderer, subject, store).pictures(chosen(LEVEL, ("mine",)), lambda text: None)
+    (line,) = store.of("picture")
+    assert line["method"] == "mine 1" and "77" in line["drawn"]["footprint"]
+
+
+@pytest.mark.parametrize("name", [name for name, method in registry.methods().items() if not method.peer])
+def test_every_method_draws(renderer: sg.Renderer, subject: Subject, name: str) -> None:
+    splats, settings = subject.drawn(registry.methods()[name])
+    image = renderer.render(splats, subject.camera, settings)
+    assert np.isfinite(image.pixels).all() and image.pixels.any()
+
+
+def test_truths_are_three_and_kept(renderer: sg.Renderer, subject: Subject, tmp_path: Path) -> None:
+    truths = Truths(renderer, subject, LEVEL, tmp_path)
+    settings = sg.Settings()
+    made = {name: truths.get(name, settings).pixels for name in registry.TRUTHS}
+    reference = sg.reference.render(subject.splats(), subject.camera, settings).pixels
+    np.testing.assert_array_equal(made["reference"], reference)
+    fine = settings.but(antialias="supersample", samples=8)
+    sampled = sg.reference.render(subject.splats(), subject.camera, fine).pixels
+    assert np.abs(made["sampled"] - sampled).max() < 0.01
+    assert 0 < np.abs(made["integral"] - made["sampled"]).max() < 0.2
+    assert len(list(tmp_path.iterdir())) == 3
+    again = Truths(renderer, subject, LEVEL, tmp_path).get("integral", settings).pixels
+    np.testing.assert_array_equal(again, made["integral"])
+    with pytest.raises(sg.InputError, match="composite"):
+        truths.get("integral", sg.Settings(blend="xray"))
+    with pytest.raises(sg.InputError, match="--full"):
+        truths.get("reference", sg.Settings(antialias="supersample", samples=64))
+
+
+def test_a_sweep_and_its_repetition(renderer: sg.Renderer, subject: Subject, tmp_path: Path) -> None:
+    wanted = chosen(LEVEL, ("settings", "tolerance", "radial"))
+    found = []
+    for name in ("one", "two"):
+        store = Store(tmp_path / name, HEAD)
+        store.add("scene", scene="ball")
+        work = sweep(renderer, subject, store)
+        work.pictures(wanted, lambda text: None)
+        work.times(wanted, 2, lambda text: None)
+        found.append(store)
+    first, second = (store.of("picture") for store in found)
+    assert first == second
+    # in no order that favours any
+    turns = [line["method"] for line in found[0].of("time")]
+    assert turns != sorted(turns, key=turns.index)
+    (scene,) = Results.of(found[0]).scenes
+    exact, paper = scene.row("exact"), scene.row("paper 1998")
+    assert exact and paper and exact.timing and exact.timing.count == 2
+    off = [row.error("reference") or np.nan for row in (exact, paper)]
+    assert off[0] < 0.1 * off[1]
+    # nothing for tolerance to save in so small a scene: it is the same picture, and told as such
+    easy = scene.row("tolerance 0.1")
+    assert easy and easy.same_as == "exact" and easy.timing == exact.timing
+
+
+def test_what_was_cut_short_goes_on(renderer: sg.Renderer, subject: Subject, tmp_path: Path) -> None:
+    path = tmp_path / "runs.jsonl"
+    wanted = chosen(LEVEL, ("settings",))
+    ticks = []
+
+    def stop(text: str) -> None:
+        ticks.append(text)
+        if len(ticks) == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sweep(renderer, subject, Store(path, HEAD)).pictures(wanted, stop)
+    with path.open("a") as file:
+        file.write('{"kind": "pict')
+    store = Store(path, HEAD, resume=True)
+    assert len(store.of("picture")) == 2
+    work = sweep(renderer, subject, store)
+    work.pictures(wanted, lambda text: None)
+    work.times(wanted, 2, lambda text: None)
+    assert len(store.of("picture")) == 3 and len(store.of("time")) == 6
+    # all there: nothing is done twice, and the file is what is in memory
+    work.times(wanted, 2, lambda text: None)
+    assert [json.loads(line) for line in path.read_text().splitlines()] == store.lines
+    assert len(store.of("time")) == 6
+
+
+def test_other_reports_are_not_resumed(tmp_path: Path) -> None:
+    path = tmp_path / "runs.jsonl"
+    Store(path, HEAD)
+    with pytest.raises(sg.InputError, match="leave out --resume"):
+        Store(path, {**HEAD, "size": 32}, resume=True)
+    path.write_text("[1]\n")
+    with pytest.raises(sg.InputError, match="line 1"):
+        Store(path, HEAD, resume=True)
+
+
+def test_tolerances_are_told_apart() -> None:
+    assert verdict(1e-5, 1e-3, 1e-4) == ("kept, as promised", True)
+    assert verdict(1e-5, 1e-4, 1e-3)[1] and "promises less" in verdict(1e-5, 1e-4, 1e-3)[0]
+    assert "says so" in verdict(1e-4, 1e-5, 1e-3)[0] and not verdict(1e-4, 1e-5, 1e-3)[1]
+    assert "BEYOND" in verdict(1e-2, 1e-5, 1e-3)[0]
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("matplotlib")
+    folder = tmp_path / "out"
+    only = ["--only", "settings", "tolerance", "antialiasing off", "2×2", "gaussian", "grid", "preview"]
+    asked = ["report", "letter-f", "--quick", "--size", "20", "--rounds", "2", *only, "-o", str(folder)]
+    assert main(asked) == 0
+    assert "report.html" in capsys.readouterr().out
+    page = (folder / "report.html").read_text()
+    # nothing from elsewhere
+    assert not re.findall(r"""(?:src|href)=["'](?!data:)""", page) and "<script" not in page and "url(" not in page
+    for word in (
+        "letter-f",
+        "exact",
+        "paper 1998",
+        "Convergence",
+        "Tolerance",
+        "llvmpipe" if "llvmpipe" in page else "OpenGL",
+    ):
+        assert word in page
+    rows = list(csv.DictReader((folder / "report.csv").open()))
+    assert {row["method"] for row in rows} >= {"exact", "paper 1998", "grid", "tolerance 0.0001"}
+    assert all(float(row["seconds"]) > 0 for row in rows)
+    told = json.loads((folder / "report.json").read_text())
+    assert told["machine"]["renderer"] and told["machine"]["versions"]["numpy"]
+    assert sum(run["kind"] == "time" for run in told["runs"]) >= 12
+    for line in told["convergence"]:
+        middle = sorted(order for order in line["orders"] if order is not None)[len(line["orders"]) // 2 - 1]
+        assert middle == pytest.approx(line["expected"], abs=0.45), line["study"]
+    # the tolerance asked for is kept
+    for row in rows:
+        if row["axis"] == "tolerance" and float(row["tolerance"]) >= 1e-3:
+            assert float(row["reference_maximum"]) <= float(row["tolerance"])
+    assert "| exact |" in (folder / "report.md").read_text()
+    before = (folder / "report.csv").read_text()
+    assert main([*asked, "--resume", "--quiet"]) == 0
+    assert (folder / "report.csv").read_text() == before
+    assert main([*asked, "--resume", "--rounds", "3"]) == 2
+
+
+@pytest.mark.parametrize(
+    "wrong", [["--only", "nothing"], ["--size", "1"], ["--rounds", "0"], ["no-such-file.nrrd"], ["-o", "{file}"]]
+)
+def test_bad_input_is_one_line(wrong: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("")
+    given = [part.format(file=tmp_path / "file") for part in wrong]
+    output = [] if "-o" in given else ["-o", str(tmp_path / "out")]
+    assert main(["report", "--quick", *given, *output]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_the_list(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", "--list"]) == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in registry.methods())
+
+
+def test_ctrl_c_leaves_pages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(Sweep, "times", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    asked = ["report", "letter-f", "--quick", "--size", "12", "--only", "settings", "-o", str(tmp_path)]
+    assert main(asked) == 130
+    assert "--resume goes on" in capsys.readouterr().err
+    assert "not timed: interrupted" in (tmp_path / "report.md").read_text()
+
+
+def test_peers_draw_the_same_scene(tmp_path: Path) -> None:
+    pytest.importorskip("vtk")
+    volume = sg.scenes.ball(8)
+    transfer = sg.Transfer(points=[(0.2, 0.0), (0.2, 0.5), (1.0, 0.5)], window=(0, 1), unit=1.0, shading=False)
+    camera = sg.Camera.orbit(volume, azimuth=20, elevation=10, size=(40, 40))
+    drawn = ray_integral(sg.extract(volume, transfer), camera, sg.Settings(), 2).pixels
+    for mapper in MAPPERS:
+        with closing(Peer(mapper, (volume, transfer), camera, sg.Settings())) as peer:
+            image, seconds = peer.frame()
+        assert seconds > 0 and image.pixels.shape == drawn.shape
+        # the same ball at the same place, its edge aside
+        assert np.abs(image.pixels - drawn).mean() < 0.2 * drawn.mean()
+        assert np.abs(image.pixels[20, 20] - drawn[20, 20]).max() < 0.05
+
+
+@pytest.mark.parametrize("changed", [{"blend": "xray"}, {"background": (1.0, 1.0, 1.0)}])
+def test_what_peers_cannot_draw_is_left_out(changed: dict) -> None:
+    pytest.importorskip("vtk")
+    volume = sg.scenes.ball(4)
+    content = (volume, sg.default_transfer(volume))
+    with pytest.raises(sg.InputError):
+        Peer("cpu", content, sg.Camera.orbit(volume), sg.Settings(**changed))

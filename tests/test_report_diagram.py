@@ -1,0 +1,73 @@
+"""The diagram: labels that don't overlap, looks that differ without colour, points where they should be."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from splatgl.truth.report.diagram import looks, picture
+from splatgl.truth.report.front import Timing
+from splatgl.truth.report.labels import Box, places
+from splatgl.truth.report.methods import methods
+from splatgl.truth.report.results import Row, Scene
+
+FRAME = Box(0.0, 0.0, 400.0, 300.0)
+HEAD = {"version": "0", "machine": {"renderer": "llvmpipe (LLVM)"}}
+
+
+def test_labels_overlap_nothing(rng: np.random.Generator) -> None:
+    points = rng.uniform((20, 20), (380, 280), (30, 2))
+    sizes = [(rng.uniform(20, 60), 9.0) for _ in points]
+    found = places(points, sizes, FRAME, [points[:6]])
+    boxes = [
+        (p.left, p.bottom, p.left + w, p.bottom + h) for p, (w, h) in zip(found, sizes, strict=True) if p is not None
+    ]
+    assert len(boxes) > 20
+    for a, b in combinations(boxes, 2):
+        assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
+    for box in boxes:
+        assert box[0] >= 0 and box[1] >= 0 and box[2] <= 400 and box[3] <= 300
+        inside = (points > (box[0], box[1])).all(axis=1) & (points < (box[2], box[3])).all(axis=1)
+        assert not inside.any()
+
+
+def test_a_label_without_room_is_left_out() -> None:
+    small = Box(0.0, 0.0, 30.0, 12.0)
+    assert places(np.array([[15.0, 6.0]]), [(60.0, 9.0)], small) == [None]
+
+
+def test_the_first_label_is_nearest() -> None:
+    points = np.array([[100.0, 100.0], [300.0, 200.0]])
+    first, second = places(points, [(30.0, 9.0)] * 2, FRAME)
+    assert first and second and not first.led
+    assert first.left == pytest.approx(107.0)
+
+
+def test_axes_differ_without_colour() -> None:
+    told = [(look.marker, str(look.dashes)) for look in looks().values()]
+    assert len(set(told)) == len(told)
+
+
+def scene(error: float = 1e-3) -> Scene:
+    rows = []
+    for n, method in enumerate(methods().values()):
+        timing = Timing(0.01 * (1 + n), 0.009 * (1 + n), 0.011 * (1 + n), 3)
+        found = {truth: {"rmse": error / (1 + n)} for truth in ("reference", "sampled", "integral")}
+        rows.append(Row(method.name, "", "", "", timing, found))
+    return Scene("made up", {"splats": 10, "size": [8, 8], "note": ""}, tuple(rows))
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg"])
+def test_pictures_come_out_the_same(suffix: str) -> None:
+    pytest.importorskip("matplotlib")
+    drawn = picture(scene(), HEAD, suffix)
+    assert suffix == ".png" or drawn == picture(scene(), HEAD, suffix)
+    assert drawn.startswith(b"\x89PNG" if suffix == ".png" else b"<?xml")
+
+
+@pytest.mark.parametrize("error", [0.0, 1e-300])
+def test_errors_of_nothing_have_a_place(error: float) -> None:
+    pytest.importorskip("matplotlib")
+    assert picture(scene(error), HEAD, ".png").startswith(b"\x89PNG")
