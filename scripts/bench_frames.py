@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import csv
 import importlib.util
-import multiprocessing
 import os
 import random
 import statistics
@@ -29,6 +28,7 @@ import numpy as np
 import splatgl as sg
 from splatgl.app.scene import Scene, View
 from splatgl.gl.target import Target
+from splatgl.truth.report.peers import Peer
 
 FLOOR_VERTEX = """#version 330
 in vec3 place; uniform mat4 clip_from_index; uniform float size;
@@ -104,110 +104,31 @@ def floor(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, chosen: s
     return frame
 
 
-def ways(renderer: sg.Renderer, chosen: Case, size: int) -> dict[str, Callable[[], Any]]:
+def ways(renderer: sg.Renderer, chosen: Case, size: int) -> dict[str, Callable[[], Any] | Peer]:
     camera = View(size=(size, size)).camera(chosen.volume, chosen.splats)
     plan = renderer.plan(chosen.splats, camera, chosen.settings)
     everything = plan.forced(primitive="quad", cubic=False, antialias=True, attenuation="fill", half_line=True)
-    found: dict[str, Callable[[], Any]] = {
+    found: dict[str, Callable[[], Any] | Peer] = {
         "planned": lambda: renderer.render(chosen.splats, camera, chosen.settings),
         "floor": floor(renderer, chosen.splats, camera, plan),
     }
     if everything.program.align == "exact":
         found["everything on"] = lambda: renderer.passes.draw(chosen.splats, camera, everything)
-    if chosen.peers:
-        found |= peers(chosen, camera)
+    if chosen.peers and importlib.util.find_spec("vtk") is None:
+        print("VTK left out: not installed (pip install splatgl[bench])")
+    elif chosen.peers:
+        for name, mapper in (("VTK CPU", "cpu"), ("VTK GPU mapper", "gpu")):
+            found[name] = Peer(mapper, (chosen.volume, chosen.transfer), camera, chosen.settings)
     return found
 
 
-class Peer:
-    """One of VTK's ray casters, in a process of its own: two libraries with contexts of their own get in each
-    other's way. Calling it draws a frame; `seconds` is what it took there.
-    """
-
-    def __init__(self, mapper: str, chosen: Case, camera: sg.Camera) -> None:
-        spawn = multiprocessing.get_context("spawn")
-        self.pipe, theirs = spawn.Pipe()
-        volume, points = chosen.volume, chosen.transfer.points
-        scene = (np.ascontiguousarray(volume.samples), volume.spacing, points, chosen.splats.shaded, camera)
-        self.process = spawn.Process(target=serve, args=(theirs, mapper, scene), daemon=True)
-        self.process.start()
-        self.seconds = 0.0
-
-    def __call__(self) -> None:
-        self.pipe.send(True)
-        self.seconds = self.pipe.recv()
-
-    def close(self) -> None:
-        self.pipe.send(False)
-        self.process.join()
-
-
-def peers(chosen: Case, camera: sg.Camera) -> dict[str, Callable[[], Any]]:
-    """VTK's ray casters; nothing where VTK is not installed."""
-    if importlib.util.find_spec("vtk") is None:
-        print("VTK left out: not installed (pip install splatgl[bench])")
-        return {}
-    return {
-        "VTK CPU": Peer("vtkFixedPointVolumeRayCastMapper", chosen, camera),
-        "VTK GPU mapper": Peer("vtkGPUVolumeRayCastMapper", chosen, camera),
-    }
-
-
-def serve(pipe: Any, mapper_name: str, scene: tuple) -> None:
-    """Draws a frame for every True, and answers with its seconds."""
-    import vtk
-    from vtk.util.numpy_support import numpy_to_vtk
-
-    samples, spacing, points, shaded, camera = scene
-    image = vtk.vtkImageData()
-    image.SetDimensions(*samples.shape[::-1])
-    image.SetSpacing(*spacing)
-    image.GetPointData().SetScalars(numpy_to_vtk(samples.ravel()))
-    opacity, color = vtk.vtkPiecewiseFunction(), vtk.vtkColorTransferFunction()
-    for value, alpha in points:
-        opacity.AddPoint(value, alpha)
-    color.AddRGBPoint(0, 0.2, 0.2, 0.2)
-    color.AddRGBPoint(255, 1, 1, 1)
-    looks = vtk.vtkVolumeProperty()
-    looks.SetScalarOpacity(opacity)
-    looks.SetColor(color)
-    looks.SetInterpolationTypeToLinear()
-    looks.SetShade(shaded)
-    mapper = getattr(vtk, mapper_name)()
-    mapper.SetInputData(image)
-    mapper.SetSampleDistance(0.5)
-    mapper.SetAutoAdjustSampleDistances(0)
-    if "FixedPoint" in mapper_name:
-        mapper.SetInteractiveSampleDistance(0.5)
-        mapper.SetNumberOfThreads(os.cpu_count() or 1)
-    frame = _vtk_frame(vtk, mapper, looks, camera)
-    while pipe.recv():
-        started = time.perf_counter()
-        frame()
-        pipe.send(time.perf_counter() - started)
-
-
-def _vtk_frame(vtk: Any, mapper: Any, looks: Any, camera: sg.Camera) -> Callable[[], Any]:
-    volume, scene, window = vtk.vtkVolume(), vtk.vtkRenderer(), vtk.vtkRenderWindow()
-    volume.SetMapper(mapper)
-    volume.SetProperty(looks)
-    scene.AddVolume(volume)
-    window.SetOffScreenRendering(1)
-    window.SetSize(*camera.size)
-    window.AddRenderer(scene)
-    view = scene.GetActiveCamera()
-    view.SetPosition(*camera.eye)
-    view.SetFocalPoint(*(camera.eye + 100 * camera.forward))
-    view.SetViewUp(*(-camera.eye_from_world[1]))
-    view.SetViewAngle(2 * np.degrees(np.arctan(camera.extent / 2)))
-    scene.ResetCameraClippingRange()
-
-    def frame() -> None:
-        # a still camera would not be drawn again
-        view.Azimuth(1e-4)
-        window.Render()
-
-    return frame
+def seconds(frame: Callable[[], Any] | Peer) -> float:
+    """Of one finished frame; a peer times itself, in its own process."""
+    if isinstance(frame, Peer):
+        return frame.frame()[1]
+    started = time.perf_counter()
+    frame()
+    return time.perf_counter() - started
 
 
 def measure(renderer: sg.Renderer, chosen: Case, size: int, rounds: int) -> Iterator[Row]:
@@ -215,15 +136,12 @@ def measure(renderer: sg.Renderer, chosen: Case, size: int, rounds: int) -> Iter
     todo = ways(renderer, chosen, size)
     times: dict[str, list[float]] = {name: [] for name in todo}
     for frame in todo.values():
-        frame()
+        seconds(frame)
     turns = [name for name in todo for _ in range(rounds)]
     random.Random(1).shuffle(turns)
     for name in turns:
         if sum(times[name]) < LONGEST:
-            started = time.perf_counter()
-            todo[name]()
-            seconds = time.perf_counter() - started
-            times[name].append(todo[name].seconds if isinstance(todo[name], Peer) else seconds)
+            times[name].append(seconds(todo[name]))
     for frame in todo.values():
         if isinstance(frame, Peer):
             frame.close()

@@ -111,3 +111,16 @@ def test_bad_input_is_one_line(cloud: sg.Splats, camera: sg.Camera) -> None:
             streaks.render(cloud, camera, settings, SPIN, shape=shape)
     with pytest.raises(sg.InputError, match="count"):
         Moments(sg.reference.render, SPIN, count=0)
+
+
+@pytest.mark.parametrize("along", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.9, 0.0, 0.9)])
+def test_a_streak_whose_ends_lie_between_pixels_is_there(along: tuple[float, float, float]) -> None:
+    """Smaller than a pixel, moving across one's centre: neither end reaches any, the middle does."""
+    view = sg.Camera.look_at((0.0, -400.0, 0.0), (0.0, 0.0, 0.0), (0, 0, 1), 40.0, (9, 9))
+    move = 0.8 * view.extent * 400 / 9 * np.array(along)
+    one = sg.Splats.from_points(move[None] / 2, np.ones((1, 3)), np.ones(1))
+    plain = sg.Settings(blend="xray", antialias="off")
+    streak = streaks.render(one, view, plain, Motion(velocity=move), 360.0).pixels[..., 3]
+    right = Moments(sg.reference.render, Motion(velocity=move), 360, 1000)(one, view, plain).pixels[..., 3]
+    assert right[4, 4] > 0.01
+    assert np.abs(streak - right).max() < 0.02 * right[4, 4]

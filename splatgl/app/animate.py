@@ -9,8 +9,7 @@ import numpy as np
 from splatgl.app.animation import FRAMES, FULL_TURN, Animation
 from splatgl.app.frames import Frames
 from splatgl.app.movie import need, write_movie
-from splatgl.app.options import _numbers as numbers
-from splatgl.app.options import add_settings, add_source, add_transfer, add_view
+from splatgl.app.options import add_drawing, add_source, numbers
 from splatgl.data.errors import expected
 from splatgl.gl.renderer import Renderer
 
@@ -42,12 +41,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--resume", action="store_true", help="keep the frames that are there already")
     parser.add_argument("--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample (8)")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
-    parser.add_argument("--backend", default="auto", metavar="NAME", help="auto, egl, osmesa or window")
-    parser.add_argument("--device", type=int, metavar="N", help="index of the EGL device")
-    parser.add_argument("--gpu", action="store_true", help="fail if only a software renderer is there")
-    add_view(parser)
-    add_transfer(parser)
-    add_settings(parser)
+    add_drawing(parser)
     parser.set_defaults(run=run)
 
 

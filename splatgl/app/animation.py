@@ -15,9 +15,7 @@ import numpy as np
 
 from splatgl.app.frames import Frames, mark_of
 from splatgl.app.options import scene_from
-from splatgl.app.render import PATIENCE
-from splatgl.app.render import _nothing as nothing
-from splatgl.app.render import _origin as origin
+from splatgl.app.render import PATIENCE, nothing, origin
 from splatgl.app.scene import Scene
 from splatgl.app.series import read_ahead, volumes
 from splatgl.app.track import Track, keyframes, turning

@@ -8,7 +8,7 @@ from pathlib import Path
 from textwrap import fill
 
 from splatgl import __version__
-from splatgl.app.options import _size as size
+from splatgl.app.options import size
 from splatgl.app.output import check_output
 from splatgl.app.panels import encoded
 from splatgl.app.picture_figures import PICTURES, Motioned, PictureFigure, Shown, by_moments, picture

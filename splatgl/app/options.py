@@ -27,7 +27,7 @@ def add_source(parser: argparse.ArgumentParser) -> None:
         "--dtype", metavar="TYPE", help="sample type of a headerless file: uint8, int16, >u2, float32, …"
     )
     group.add_argument("--offset", dest="header_offset", type=int, metavar="BYTES", help="skipped in a headerless file")
-    group.add_argument("--spacing", type=_numbers(3), metavar="X,Y,Z", help="voxel spacing, where the file has none")
+    group.add_argument("--spacing", type=numbers(3), metavar="X,Y,Z", help="voxel spacing, where the file has none")
     group.add_argument("--array", metavar="NAME", help="which array of a file that holds several (VTK, npz, Zarr)")
     group.add_argument("--channel", type=int, metavar="N", help="which channel of a multi-channel TIFF")
     group.add_argument("--color", metavar="PICTURE", help="colour picture laid over a height map")
@@ -47,26 +47,41 @@ def add_transfer(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--colormap", metavar="NAME", help="gray, bone, hot, viridis, …, or any of cmap's or matplotlib's"
     )
-    group.add_argument("--window", type=_numbers(2), metavar="LOW,HIGH", help="values that the colours span")
+    group.add_argument("--window", type=numbers(2), metavar="LOW,HIGH", help="values that the colours span")
     group.add_argument(
         "--unit", type=float, metavar="L", help="world length that opacities are stated for (mean spacing)"
     )
     group.add_argument("--threshold", type=float, metavar="T", help="keep voxels with t above this opacity (0)")
 
 
+def add_backend(parser: argparse.ArgumentParser, default: str = "auto") -> None:
+    """What draws."""
+    parser.add_argument("--backend", default=default, metavar="NAME", help=f"auto, egl, osmesa or window ({default})")
+    parser.add_argument("--device", type=int, metavar="N", help="index of the EGL device")
+    parser.add_argument("--gpu", action="store_true", help="fail if only a software renderer is there")
+
+
+def add_drawing(parser: argparse.ArgumentParser, default: str = "auto") -> None:
+    """All that a picture needs beside its source: what draws, the view, what values mean, how it is drawn."""
+    add_backend(parser, default)
+    add_view(parser)
+    add_transfer(parser)
+    add_settings(parser)
+
+
 def add_view(parser: argparse.ArgumentParser) -> None:
     """Where the eye is."""
     group = parser.add_argument_group("view (default: all of it, from the front)")
-    group.add_argument("--size", type=_size, metavar="W×H", help="pixels, such as 800x600 or 512 (512x512)")
+    group.add_argument("--size", type=size, metavar="W×H", help="pixels, such as 800x600 or 512 (512x512)")
     group.add_argument(
         "--azimuth", type=float, metavar="A", help="degrees about the up axis, counter-clockwise from above"
     )
     group.add_argument("--elevation", type=float, metavar="A", help="degrees above the horizon")
     group.add_argument("--zoom", type=float, metavar="F", help="above 1 is nearer")
     group.add_argument("--fov", type=float, metavar="A", help="full vertical angle in degrees")
-    group.add_argument("--eye", type=_numbers(3), metavar="X,Y,Z", help="the eye, world units")
-    group.add_argument("--look-at", type=_numbers(3), metavar="X,Y,Z", help="what the eye looks at (the middle)")
-    group.add_argument("--up", type=_numbers(3), metavar="X,Y,Z", help="the direction drawn upwards (0,0,1)")
+    group.add_argument("--eye", type=numbers(3), metavar="X,Y,Z", help="the eye, world units")
+    group.add_argument("--look-at", type=numbers(3), metavar="X,Y,Z", help="what the eye looks at (the middle)")
+    group.add_argument("--up", type=numbers(3), metavar="X,Y,Z", help="the direction drawn upwards (0,0,1)")
     group.add_argument("--orthographic", action="store_true", default=None, help="parallel rays")
     group.add_argument("--height", type=float, metavar="L", help="height of an orthographic picture, world units")
 
@@ -126,22 +141,22 @@ def _given(args: argparse.Namespace, *names: str) -> dict[str, Any]:
     return {name: value for name in names if (value := getattr(args, name, None)) is not None}
 
 
-def _numbers(count: int) -> Any:
+def numbers(count: int) -> Any:
     def parse(text: str) -> tuple[float, ...]:
         try:
-            numbers = tuple(float(part) for part in text.replace("×", ",").split(","))
+            found = tuple(float(part) for part in text.replace("×", ",").split(","))
         except ValueError:
-            numbers = ()
-        if len(numbers) != count:
+            found = ()
+        if len(found) != count:
             raise argparse.ArgumentTypeError(f"expected {count} numbers separated by commas, got {text!r}")
-        return numbers
+        return found
 
     return parse
 
 
 def _integers(count: int) -> Any:
     def parse(text: str) -> tuple[int, ...]:
-        return tuple(int(n) for n in _numbers(count)(text.replace("x", ",")))
+        return tuple(int(n) for n in numbers(count)(text.replace("x", ",")))
 
     return parse
 
@@ -154,7 +169,7 @@ def _pairs(text: str) -> tuple[tuple[float, float], ...]:
     return pairs
 
 
-def _size(text: str) -> tuple[int, int]:
+def size(text: str) -> tuple[int, int]:
     try:
         numbers = [int(part) for part in text.lower().replace("×", "x").split("x")]
         width, height = numbers * 2 if len(numbers) == 1 else numbers

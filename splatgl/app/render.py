@@ -11,7 +11,7 @@ import numpy as np
 
 from splatgl import __version__
 from splatgl.app.compare import DIFFERENT, SAME, check_against, check_apart
-from splatgl.app.options import add_settings, add_source, add_transfer, add_view, scene_from
+from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import check_output
 from splatgl.app.scene import Scene
 from splatgl.data.errors import InputError, expected
@@ -37,12 +37,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ref", metavar="FILE", help="compare with this picture; write only if it differs, and exit 1")
     parser.add_argument("--explain", action="store_true", help="say what is drawn, what is left out, and why")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
-    parser.add_argument("--backend", default="auto", metavar="NAME", help="auto, egl, osmesa or window")
-    parser.add_argument("--device", type=int, metavar="N", help="index of the EGL device")
-    parser.add_argument("--gpu", action="store_true", help="fail if only a software renderer is there")
-    add_view(parser)
-    add_transfer(parser)
-    add_settings(parser)
+    add_drawing(parser)
     parser.set_defaults(run=run)
 
 
@@ -58,15 +53,15 @@ def run(args: argparse.Namespace) -> int:
     transfer = scene.transfer_for(volume)
     splats = extract(volume, transfer, scene.threshold, progress=None if args.quiet else _bar)
     if not len(splats):
-        raise _nothing(scene, volume)
+        raise nothing(scene, volume)
     camera = scene.view.camera(volume, splats)
     with Renderer(args.backend, args.device, args.gpu) as renderer:
         if args.explain:
             print(renderer.plan(splats, camera, scene.settings).explain())
         image = renderer.render(splats, camera, scene.settings)
         if args.explain:
-            print(f"error bound {image.info['error_bound']:.3g}: no pixel is further from the float64 reference")
-    image = Image(image.pixels, {**image.info, **_origin(scene, transfer)})
+            print(f"error bound {image.info['error_bound']:.3g}, against the float64 reference of the same splats")
+    image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
     ground = scene.settings.background if scene.settings.blend == "xray" else None
     if reference is not None:
         verdict = check_against(image, reference, output, ground)
@@ -80,7 +75,8 @@ def run(args: argparse.Namespace) -> int:
     return SAME if reference is None else DIFFERENT
 
 
-def _origin(scene: Scene, transfer: Transfer) -> dict[str, object]:
+def origin(scene: Scene, transfer: Transfer) -> dict[str, object]:
+    """What is noted in a picture of where it comes from."""
     return {
         "version": __version__,
         "source": Path(scene.volume).name,
@@ -100,7 +96,7 @@ def _summary(output: Path, image: Image, splats: Splats, camera: Camera) -> str:
     )
 
 
-def _nothing(scene: Scene, volume: Volume) -> InputError:
+def nothing(scene: Scene, volume: Volume) -> InputError:
     """Why there is nothing to draw."""
     if not any(np.isfinite(slab.samples).any() for slab in volume.slabs(1, halo=0)):
         return expected(scene.volume, "finite samples", "none")

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from splatgl import __version__
+from splatgl.app.options import add_backend
 from splatgl.app.report_scene import subjects
 from splatgl.data.errors import InputError, expected
 from splatgl.gl.renderer import Renderer
@@ -45,9 +46,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--resume", action="store_true", help="go on with what is in DIR")
     parser.add_argument("--list", action="store_true", help="tell what methods there are, and draw nothing")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
-    parser.add_argument("--backend", default="auto", metavar="NAME", help="auto, egl, osmesa or window")
-    parser.add_argument("--device", type=int, metavar="N", help="index of the EGL device")
-    parser.add_argument("--gpu", action="store_true", help="fail if only a software renderer is there")
+    add_backend(parser)
     parser.set_defaults(run=run)
 
 

@@ -110,7 +110,7 @@ class Scene:
         camera = table.get("camera", {})
         _check_keys(f"{path} [camera]", camera, {f.name for f in fields(View)})
         with _named(f"{path} [camera]"):
-            view = View(**{k: _typed(k, v) for k, v in camera.items()})
+            view = View(**{k: typed(k, v) for k, v in camera.items()})
         with _named(f"{path} [settings]"):
             settings = Settings().but(**table.get("settings", {}))
         reading = dict(table.get("load", {}))
@@ -210,7 +210,7 @@ def _named(what: str) -> Iterator[None]:
         raise InputError(f"{what}: {error}") from error
 
 
-def _typed(name: str, value: Any) -> Any:
+def typed(name: str, value: Any) -> Any:
     """A camera's value, checked for its kind; lists become tuples."""
     if name == "orthographic":
         fine, this = isinstance(value, bool), "true or false"

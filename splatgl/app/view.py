@@ -12,7 +12,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from splatgl.app.options import add_settings, add_source, add_transfer, add_view, scene_from
+from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.viewer.bindings import BINDINGS, listing, load_bindings
 from splatgl.app.viewer.pacing import TARGET
 from splatgl.data.errors import InputError, expected
@@ -31,12 +31,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--frame-time", type=float, default=TARGET * 1e3, metavar="MS", help="while moving (33)")
     group.add_argument("--ground", choices=GROUNDS, default=GROUNDS[0], metavar="|".join(GROUNDS), help="behind it")
     group.add_argument("--no-panel", action="store_true", help="without the panel of the extra gui")
-    parser.add_argument("--backend", default="window", metavar="NAME", help="window, egl, osmesa or auto")
-    parser.add_argument("--device", type=int, metavar="N", help="index of the EGL device")
-    parser.add_argument("--gpu", action="store_true", help="fail if only a software renderer is there")
-    add_view(parser)
-    add_transfer(parser)
-    add_settings(parser)
+    add_drawing(parser, "window")
     parser.set_defaults(run=run)
 
 

@@ -28,6 +28,15 @@ class Boxes:
 
 def pixel_boxes(view: View, row: str, voxel: np.ndarray, camera: Camera) -> Boxes:
     """The pixels of `camera` that voxels [3, N] can reach in that row of Table 1."""
+    left, right, top, bottom = pixel_ends(view, row, voxel, camera)
+    empty = (right <= left) | (bottom <= top)
+    return Boxes(left, np.where(empty, left, right), top, bottom)
+
+
+def pixel_ends(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np.ndarray, ...]:
+    """left, right, top and bottom by themselves: alike where no pixel's centre lies between, right < left where the
+    voxel is out of sight.
+    """
     low, high = _bounds(view, row, voxel, camera)
     width, height = camera.size
     grow = MARGIN * (high - low)
@@ -37,8 +46,7 @@ def pixel_boxes(view: View, row: str, voxel: np.ndarray, camera: Camera) -> Boxe
         first = np.ceil((low[axis] - grow[axis]) / view.pitch + count / 2 - 0.5)
         last = np.floor((high[axis] + grow[axis]) / view.pitch + count / 2 - 0.5) + 1
         ends += [np.clip(end, 0, count).astype(np.int64) for end in (first, last)]
-    empty = (ends[1] <= ends[0]) | (ends[3] <= ends[2])
-    return Boxes(ends[0], np.where(empty, ends[0], ends[1]), ends[2], ends[3])
+    return tuple(ends)
 
 
 def _bounds(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:

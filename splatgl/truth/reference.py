@@ -80,7 +80,7 @@ class _Scene:
         self.depth = -np.expm1(-depth * splats.unit / splats.grid.mean_spacing) if program.blend == "mip" else depth
         self.coverage = self.row.coverage() if program.attenuation == "opacity" else np.ones(len(splats))
         if program.attenuation == "fill":
-            self.depth = _filled(splats, view, voxel, self.row.coverage())
+            self.depth = filled(splats, view, voxel, self.row.coverage())
 
     def band(self, band: tuple[int, int]) -> np.ndarray:
         """float64 [rows, width, 4]."""
@@ -99,7 +99,7 @@ class _Scene:
         return Part(found.pixel, self.depth[splat] * value, self.color[splat], self.coverage[splat])
 
 
-def _filled(splats: Splats, view: View, voxel: np.ndarray, coverage: np.ndarray) -> np.ndarray:
+def filled(splats: Splats, view: View, voxel: np.ndarray, coverage: np.ndarray) -> np.ndarray:
     """Optical depth [N] of voxels [3, N], attenuated by how much of their pixel their matter fills."""
     ray = voxel if view.perspective else np.array([[0.0], [0.0], [1.0]])
     length = np.sqrt((ray * ray).sum(axis=0))

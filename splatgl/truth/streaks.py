@@ -6,7 +6,7 @@ bends, one width for a depth that changes, and optical depth smeared before it o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,10 +25,9 @@ from splatgl.splat.runs import OCTAVES
 from splatgl.splat.settings import Settings
 from splatgl.splat.tabulated import tabulated
 from splatgl.truth.blend import ADD, Band, Part, pixels
-from splatgl.truth.extent import Boxes, pixel_boxes
+from splatgl.truth.extent import Boxes, pixel_ends
 from splatgl.truth.pairs import values
-from splatgl.truth.reference import _filled as filled
-from splatgl.truth.reference import head_light
+from splatgl.truth.reference import filled, head_light
 from splatgl.truth.streak_row import Local, StreakRow
 
 # samples of the picture worked on at once
@@ -136,19 +135,17 @@ def _through(splats: Splats, view: View, paths: Streaks) -> np.ndarray:
 
 
 def _boxes(view: View, paths: Streaks) -> Boxes:
-    """Pixels that a streak can reach: all between those of its ends."""
+    """Pixels that a streak can reach: all between those of its ends; the whole picture if one is out of sight."""
+    width, height = paths.camera.size
     ends = []
     for side in (-0.5, 0.5):
         voxel = paths.middle.copy()
         voxel[:2] += side * paths.step
-        ends.append(pixel_boxes(view, "row1", voxel, paths.camera))
-    first, last = ends
-    # an end outside of the picture has an empty box at the picture's edge
-    box = Boxes(
-        np.minimum(first.left, last.left),
-        np.maximum(first.right, last.right),
-        np.minimum(first.top, last.top),
-        np.maximum(first.bottom, last.bottom),
+        ends.append(pixel_ends(view, "row1", voxel, paths.camera))
+    unseen = [right < left for left, right, _, _ in ends]
+    some, all_ = unseen[0] | unseen[1], (unseen[0] & unseen[1]) | (paths.middle[2] < 0) & unseen[0]
+    left, top = (np.where(some, 0, np.minimum(ends[0][n], ends[1][n])) for n in (0, 2))
+    right, bottom = (
+        np.where(some, full, np.maximum(ends[0][n], ends[1][n])) for n, full in ((1, width), (3, height))
     )
-    behind = paths.middle[2] < 0
-    return replace(box, right=np.where(behind & (first.right == first.left), box.left, box.right))
+    return Boxes(left, np.where(all_ | (right <= left) | (bottom <= top), left, right), top, bottom)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 
-from splatgl import __version__
+from splatgl.app.render import origin
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.state import State
@@ -34,7 +34,7 @@ def picture_of(scene: Scene, content: Content, draw: Draw) -> Image:
     same = content.whole and transfer == content.transfer and scene.threshold == content.threshold
     splats = content.at(1) if same else extract(content.volume, transfer, scene.threshold)
     image = draw(splats, scene.view.camera(content.volume, splats), scene.settings)
-    return Image(image.pixels, {**image.info, **_origin(scene, transfer)})
+    return Image(image.pixels, {**image.info, **origin(scene, transfer)})
 
 
 def save_picture(state: State, content: Content, draw: Draw, folder: Path) -> str:
@@ -61,13 +61,3 @@ def free(folder: Path, stem: str, suffix: str) -> Path:
     while any((folder / f"{stem}-{number:03d}{end}").exists() for end in (suffix, ".npy")):
         number += 1
     return folder / f"{stem}-{number:03d}{suffix}"
-
-
-def _origin(scene: Scene, transfer: Transfer) -> dict[str, object]:
-    """What `splatgl render` notes in its pictures too."""
-    return {
-        "version": __version__,
-        "source": Path(scene.volume).name,
-        "threshold": scene.threshold,
-        "transfer": transfer.to_toml(),
-    }
