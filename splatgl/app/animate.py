@@ -34,7 +34,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--axis", type=numbers(3), metavar="X,Y,Z", help="the axis of both, through the middle (up)")
     group.add_argument("--keyframes", metavar="FILE.toml", help="where the camera is in some frames; between, it goes")
     group.add_argument("--hold", type=int, default=1, metavar="N", help="frames for each volume of a series (1)")
-    group.add_argument("--moments", type=int, metavar="N", help="blur by N pictures a frame, and their mean")
+    group.add_argument("--moments", type=int, metavar="N", help="each frame is the mean of N, of parts of its time")
     group.add_argument("--shutter", type=float, metavar="DEG", help="how long it is open (180: half of a frame)")
     group.add_argument("--flow", type=float, metavar="F", help="blur along the volume's vectors, times F, a frame")
     group.add_argument("--fps", type=float, default=FPS, metavar="N", help=f"frames a second of a movie ({FPS:g})")
@@ -83,8 +83,6 @@ def _check(args: argparse.Namespace) -> None:
         value = getattr(args, name)
         if value is not None and not np.isfinite(value):
             raise expected(f"--{name}", "a finite number", value)
-    if args.moments is not None and args.motion not in (None, "off"):
-        raise expected("animate", "one of --motion and --moments", "both")
 
 
 def _span(text: str) -> tuple[int, int]:

@@ -27,7 +27,7 @@ from splatgl.splat.extract import extract
 from splatgl.splat.motion import flow_of
 from splatgl.splat.rows import Splats
 from splatgl.splat.transfer import Transfer
-from splatgl.truth.temporal import Moments
+from splatgl.truth.temporal import Moments, Shorter
 
 FULL_TURN = 360.0
 # frames of one turn if nothing else is asked for
@@ -42,8 +42,8 @@ Matter = tuple[Splats, np.ndarray | None]
 @dataclass(frozen=True, eq=False)
 class Animation:
     """scenes: one a volume, read with one transfer function. numbers: the frames wanted, of `count`; a volume of a
-    series is shown for `hold` of them. moments: how many pictures a frame is the mean of, None: it is blurred as the
-    settings say. flow: by how much splats move along the volume's vectors a frame, for blur alone.
+    series is shown for `hold` of them. moments: how many pictures a frame is the mean of, each blurred over its part of
+    the exposure as the settings say. flow: by how much splats move along the volume's vectors a frame, for blur alone.
     """
 
     scenes: list[Scene]
@@ -52,7 +52,7 @@ class Animation:
     count: int
     numbers: range
     hold: int = 1
-    moments: int | None = None
+    moments: int = 1
     flow: float | None = None
     bits: int = 8
     only: Splats | None = None
@@ -80,8 +80,8 @@ class Animation:
             raise expected("--only", f"frames from 0 to {count - 1}", f"{first}-{last}")
         numbers = range(first, last + 1)
         if args.flow is not None and args.moments is None and scene.settings.motion == "off":
-            raise expected("--flow", "--motion or --moments beside it, which blur", "none", "add --motion exact")
-        asked = (args.hold, args.moments, args.flow, args.bits)
+            raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
+        asked = (args.hold, args.moments or 1, args.flow, args.bits)
         return cls(scenes, transfer, track, count, numbers, *asked, only)
 
     def shown(self, frame: int) -> int:
@@ -128,16 +128,15 @@ class Animation:
         return splats, None if self.flow is None else flow_of(splats, volume, self.flow)
 
     def _frame(self, renderer: Renderer, splats: Splats, flow: np.ndarray | None, frame: int) -> Image:
-        """One frame's picture; blurred by streaks or by the mean of its moments, if asked for."""
+        """One frame's picture, blurred by streaks, by the mean of its moments, or by both."""
         camera, settings = self.track.camera(frame), self.scenes[0].settings
-        if self.moments is None and settings.motion == "off":
-            return renderer.render(splats, camera, settings)
         motion = self.track.motion(frame)
         motion = replace(motion, flow=flow) if flow is not None else motion
-        if self.moments is None:
+        if self.moments == 1 or motion.still or settings.shutter == 0:
             return renderer.render(splats, camera, settings, motion)
-        still = settings.but(motion="off")
-        image = Moments(renderer.render, motion, settings.shutter, self.moments)(splats, camera, still)
+        # a maximum has no streaks
+        kind = Moments if settings.motion == "off" or settings.blend == "mip" else Shorter
+        image = kind(renderer.render, motion, settings.shutter, self.moments)(splats, camera, settings)
         return Image(image.pixels.astype(np.float32), image.info)
 
     def _brightest(self, renderer: Renderer) -> float:

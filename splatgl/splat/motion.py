@@ -126,6 +126,21 @@ class Exposure:
         flow = motion.flow if motion.flow is not None and motion.flow.any() else None
         return cls(motion.view(camera, -frames), motion.view(camera, -frames / 2), camera, frames, flow)
 
+    def bend(self, splats: Splats) -> float:
+        """How far the path of a corner of the splats' box goes from its straight streak, at most, in pixels; ∞ if one
+        crosses the eye's plane.
+        """
+        places = []
+        for camera in (self.first, self.middle, self.last):
+            eye = camera.eye_from_points(splats.corners)
+            if camera.perspective and not eye[:, 2].min() > 0:
+                return float(np.inf)
+            flat = eye[:, :2] / eye[:, 2:] if camera.perspective else eye[:, :2]
+            places.append(flat * (camera.size[1] / camera.extent))
+        # two thirds of the sagitta, as a streak lies about the mean of its places
+        away = (places[0] - 2 * places[1] + places[2]) / 3
+        return float(np.linalg.norm(away, axis=1).max())
+
     def drift(self, splats: Splats) -> np.ndarray:
         """float64 [N, 3]: how far each splat flows in half of the exposure, in grid steps."""
         assert self.flow is not None

@@ -20,7 +20,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "target": ("rgba32f", "rgba16f", "rgba8", "auto"),
     "primitive": ("auto", "quad", "sprite"),
     "shading": ("auto", "on", "off"),
-    "motion": ("off", *MOTIONS),
+    "motion": (*MOTIONS, "off"),
     "occlusion": ("auto", "off"),
     "order": ("auto", "back-to-front", "front-to-back"),
 }
@@ -45,8 +45,8 @@ class Settings:
     primitive auto | quad | sprite (a square of pixels from one vertex; never for a kernel near the eye, nor for table
     footprints). occlusion auto | off (closing pixels that no more than a share of the tolerance passes).
     target rgba32f | rgba16f | rgba8 | auto. shading auto (as the transfer function says) | on | off.
-    motion off | exact (the mean of the footprint along its path) | energy | paper [M98 Eq. 11], where something moves;
-    shutter: for how long, in degrees of a frame's 360.
+    motion exact (the mean of the footprint along its path) | energy | paper [M98 Eq. 11] | off: the blur of what moves,
+    if anything does; shutter: for how long it is open, in degrees of a frame's 360.
     order auto | back-to-front | front-to-back. tolerance: largest allowed error, linear light.
     background: None (transparent) or a linear RGB triple. Raises InputError for anything else.
     """
@@ -64,7 +64,7 @@ class Settings:
     target: str = "rgba32f"
     primitive: str = "auto"
     shading: str = "auto"
-    motion: str = "off"
+    motion: str = "exact"
     shutter: float = 180.0
     order: str = "auto"
     occlusion: str = "auto"

@@ -11,10 +11,14 @@ from splatgl.data.image import Image
 from splatgl.splat.camera import Camera
 from splatgl.splat.motion import Motion, exposure
 from splatgl.splat.rows import Splats
-from splatgl.splat.settings import Settings
+from splatgl.splat.settings import FULL_SHUTTER, Settings
 
 # anything that draws: Renderer.render, or reference.render
 Draw = Callable[[Splats, Camera, Settings], Image]
+
+
+# what draws pictures that move: Renderer.render
+DrawMoving = Callable[[Splats, Camera, Settings, Motion], Image]
 
 
 class Moments:
@@ -30,10 +34,31 @@ class Moments:
         """The mean of the moments' pictures; info is the last one's, with how many there were."""
         total: np.ndarray | None = None
         for part in range(self.count):
-            at = -self.exposure * (part + 0.5) / self.count
-            image = self.draw(self.motion.moved(splats, at), self.motion.view(camera, at), settings)
+            image = self._part(splats, camera, settings, part)
             pixels = image.pixels.astype(np.float64)
             total = pixels if total is None else total + pixels
         assert total is not None
-        info = {**image.info, "moments": self.count, "shutter": self.exposure * 360}
+        info = {**image.info, "moments": self.count, "shutter": self.exposure * FULL_SHUTTER}
         return Image(total / self.count, info)
+
+    def _part(self, splats: Splats, camera: Camera, settings: Settings, part: int) -> Image:
+        """The picture in the middle of a part of the exposure."""
+        at = -self.exposure * (part + 0.5) / self.count
+        return self.draw(self.motion.moved(splats, at), self.motion.view(camera, at), settings)
+
+
+class Shorter(Moments):
+    """The mean of pictures that are each blurred over their part of the exposure: paths that bend become polygons,
+    and matter is hidden by what was before it at the time.
+    """
+
+    def __init__(self, draw: DrawMoving, motion: Motion, shutter: float = 180.0, count: int = 4) -> None:
+        super().__init__(draw, motion, shutter, count)  # type: ignore[arg-type]
+        self.draw_moving = draw
+
+    def _part(self, splats: Splats, camera: Camera, settings: Settings, part: int) -> Image:
+        first, last = (-self.exposure * (part + side) / self.count for side in (1, 0))
+        # a frame of its own, that the shutter is open for all of; its camera has the volume's motion
+        view, flow = self.motion.view(camera, last), self.motion.flow
+        moved = Motion(camera=self.motion.view(camera, first), flow=None if flow is None else flow * (last - first))
+        return self.draw_moving(self.motion.moved(splats, last), view, settings.but(shutter=FULL_SHUTTER), moved)
