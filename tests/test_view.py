@@ -17,7 +17,6 @@ from splatgl.app.scene import Scene, View
 from splatgl.app.viewer import curve
 from splatgl.app.viewer.beyond import crossing, share_beyond, tinted
 from splatgl.app.viewer.bindings import BINDINGS, checked, keymap, listing, load_bindings, remapped
-from splatgl.app.viewer.coarse import coarser
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.files import watched
 from splatgl.app.viewer.jobs import Jobs
@@ -32,6 +31,7 @@ from splatgl.app.viewer.saving import free, picture_of, save_picture, save_scene
 from splatgl.app.viewer.skin import outside, skinned
 from splatgl.app.viewer.state import ACTIONS, State, acted, stronger
 from splatgl.app.viewer.watch import Watch
+from splatgl.data.coarse import coarser
 
 SIZE = (120, 80)
 

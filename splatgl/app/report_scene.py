@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.app.scene import Scene
-from splatgl.app.viewer.coarse import coarser
+from splatgl.data.coarse import coarser
 from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
 from splatgl.splat.extract import extract

@@ -8,14 +8,14 @@ from functools import cached_property
 import numpy as np
 
 from splatgl.app.scene import FOV, Scene
-from splatgl.app.viewer.coarse import coarser
 from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.skin import skinned
+from splatgl.data.coarse import coarser
 from splatgl.data.volume import Volume
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.extract import extract
-from splatgl.splat.rows import Splats
+from splatgl.splat.rows import Grid, Splats
 from splatgl.splat.transfer import Transfer
 
 # volumes of fewer voxels are drawn as they are, moving or not
@@ -57,6 +57,11 @@ class Content:
         return self.volumes[0]
 
     @property
+    def spacing(self) -> float:
+        """The finest volume's mean spacing, world units: what opacities are per, if nothing else is said."""
+        return Grid(self.volume.world_from_index, np.asarray(self.volume.origin)).mean_spacing
+
+    @property
     def whole(self) -> bool:
         """Whether the finest splats are made."""
         return 1 in self.skins
@@ -89,7 +94,7 @@ class Content:
         if stride not in self.made:
             volume, transfer = self.volumes[STRIDES.index(stride)], self.transfer
             if stride > 1:
-                transfer = replace(transfer, unit=transfer.unit or _mean_spacing(self.volume))
+                transfer = replace(transfer, unit=transfer.unit or self.spacing)
             self.made[stride] = extract(volume, transfer, self.threshold)
         return self.made[stride]
 
@@ -123,10 +128,6 @@ class Content:
         """Radius of the volume's box, world units."""
         corners = self.volume.corners
         return float(np.linalg.norm(corners - corners.mean(axis=0), axis=1).max())
-
-
-def _mean_spacing(volume: Volume) -> float:
-    return float(np.exp(np.linalg.slogdet(volume.world_from_index)[1] / 3))
 
 
 def _fov(camera: Camera) -> float:

@@ -1,4 +1,4 @@
-"""Coarser volumes for pictures in motion: means over blocks of voxels, on the grid of the blocks' middles."""
+"""Coarser volumes for quick pictures: means over blocks of voxels, on the grid of the blocks' middles."""
 
 from __future__ import annotations
 
