@@ -8,6 +8,7 @@ import pytest
 import splatgl as sg
 from splatgl.splat.affine import View, row1
 from splatgl.splat.kernel import kernel
+from splatgl.truth import integral
 from splatgl.truth.integral import ray_integral
 from splatgl.truth.reference import render
 
@@ -103,3 +104,17 @@ def test_what_it_refuses() -> None:
     loose = sg.Splats.from_points([(0, 0, 0.25)], [(1, 1, 1)], [1])
     with pytest.raises(sg.InputError, match="splats: expected one at most at each point of a lattice"):
         ray_integral(loose, camera)
+
+
+def test_empty_space_is_left_out_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two far voxels, and far ones again: what is leapt over between them, as slab by slab."""
+    samples = np.zeros((40, 40, 40), np.float32)
+    for place in ((3, 4, 5), (20, 21, 19), (21, 21, 19), (37, 36, 38), (36, 5, 20)):
+        samples[place] = 0.9
+    splats = sg.extract(sg.Volume(samples, spacing=(1, 0.8, 1.3)), sg.Transfer([(0, 0), (1, 0.9)], shading=False))
+    camera = sg.Camera.orbit(splats, 30, 20, size=(40, 40))
+    found = ray_integral(splats, camera, steps_per_voxel=3).pixels
+    monkeypatch.setattr(integral, "LEAP", 1)
+    right = ray_integral(splats, camera, steps_per_voxel=3).pixels
+    assert found.max() > 0.3
+    np.testing.assert_array_equal(found, right)

@@ -26,22 +26,28 @@ from splatgl.truth.reference import head_light
 MAX_CELLS = 1 << 27
 # neighbours along each axis: both kernels reach at most 2 cells
 NEIGHBOURS = np.arange(-1, 3)
-# rays marched at once: 64 neighbours of each stay under 100 MB
-RAYS = 1 << 13
+# rays marched at once, and points summed at once: 64 neighbours of each stay in a cache
+RAYS, POINTS = 1 << 16, 1 << 11
+# how far a ray leaps at most where nothing is, cells
+LEAP = 12
+# the optical depth that no light passes: exp(−40) is below float64's rounding of 1
+OPAQUE = 40.0
 
 
 @dataclass(frozen=True, eq=False)
 class Field:
     """Splats on their lattice. cell int32 [X+4, Y+4, Z+4]: the splat there, or the last, which is nothing.
 
-    low [3]: the cell of entry (2, 2, 2). depth [N+1]: extinction · s̄; color [N+1, 3].
+    low [3]: the cell of entry (2, 2, 2). depth [N+1]: extinction · s̄; emitted [N+1, 3]: that times colour.
+    free uint8 [X+4, Y+4, Z+4]: cells from there to one whose neighbours hold a splat, LEAP at most.
     """
 
     kernel: Kernel
     cell: np.ndarray
     low: np.ndarray
     depth: np.ndarray
-    color: np.ndarray
+    emitted: np.ndarray
+    free: np.ndarray
 
     @classmethod
     def of(cls, splats: Splats, kernel: Kernel, color: np.ndarray, seen: np.ndarray) -> Field:
@@ -49,28 +55,71 @@ class Field:
         places = splats.records["position"].astype(np.float64)
         cells = np.rint(places).astype(np.int64)
         low, high = splats.index_bounds.astype(np.int64)
-        if (cells != places).any() or len(np.unique(cells @ [1, 1 << 21, 1 << 42])) < len(cells):
-            raise expected("splats", "one at most at each point of a lattice", "others", "take an extracted volume")
         shape = high - low + 5
         if shape.prod() > MAX_CELLS:
             raise expected("splats", f"a box of at most {MAX_CELLS} cells", int(shape.prod()), "take a smaller volume")
         table = np.full(shape, len(places), np.int32)
-        table[tuple((cells[seen] - low + 2).T)] = np.flatnonzero(seen)
+        entries = tuple((cells - low + 2).T)
+        table[entries] = np.arange(len(places))
+        if (cells != places).any() or np.count_nonzero(table < len(places)) < len(places):
+            raise expected("splats", "one at most at each point of a lattice", "others", "take an extracted volume")
+        table[entries] = np.where(seen, np.arange(len(places)), len(places))
         depth = np.append(splats.records["optical_depth"].astype(np.float64), 0.0)
-        return cls(kernel, table, low, depth, np.concatenate([color, np.zeros((1, 3))]))
+        emitted = depth[:, None] * np.concatenate([color, np.zeros((1, 3))])
+        return cls(kernel, table, low, depth, emitted, _free(table < len(places)))
 
-    def at(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(σ s̄ [P], σ s̄ c [P, 3]) at grid places [P]."""
-        flat, square = np.zeros((len(x), 1), np.int64), np.zeros((len(x), 1))
-        for place, low, count in zip((x, y, z), self.low, self.cell.shape, strict=True):
+    def cells(self, places: np.ndarray) -> np.ndarray:
+        """[3, P]: the entries of grid places [3, P], rounded down."""
+        entries = np.floor(places).astype(np.int64) - (self.low - 2)[:, None]
+        return np.clip(entries, 0, np.array(self.cell.shape)[:, None] - 1)
+
+    def at(self, places: np.ndarray) -> np.ndarray:
+        """[P, 4]: σ s̄ c and σ s̄ at grid places [3, P]."""
+        total = np.empty((places.shape[1], 4))
+        for first in range(0, len(total), POINTS):
+            some = slice(first, first + POINTS)
+            total[some] = self._sums(places[:, some])
+        return total
+
+    def _sums(self, places: np.ndarray) -> np.ndarray:
+        count = places.shape[1]
+        flat, squares = np.zeros((count, 1), np.int64), []
+        for place, size, low in zip(places, self.cell.shape, self.low, strict=True):
             first = np.floor(place)
-            cell = np.clip((first - low + 2).astype(np.int64)[:, None] + NEIGHBOURS, 0, count - 1)
-            offset = (place - first)[:, None] - NEIGHBOURS
-            flat = (flat[:, :, None] * count + cell[:, None, :]).reshape(len(x), -1)
-            square = (square[:, :, None] + (offset * offset)[:, None, :]).reshape(len(x), -1)
-        found = self.cell.ravel()[flat]
-        weight = self.depth[found] * self.kernel.value(np.sqrt(square))
-        return weight.sum(axis=1), np.einsum("pn,pnc->pc", weight, self.color[found])
+            cell = np.clip((first - low + 2).astype(np.int64)[:, None] + NEIGHBOURS, 0, size - 1)
+            flat = (flat[:, :, None] * size + cell[:, None, :]).reshape(count, -1)
+            squares.append((((place - first)[:, None] - NEIGHBOURS) ** 2).ravel())
+        found = self.cell.ravel()[flat.ravel()]
+        held = np.flatnonzero(found < len(self.depth) - 1)
+        point, x, y, z = held >> 6, (held >> 4) & 3, (held >> 2) & 3, held & 3
+        square = squares[0][4 * point + x] + squares[1][4 * point + y] + squares[2][4 * point + z]
+        near = np.flatnonzero(square < self.kernel.radius**2)
+        point, splat, weight = point[near], found[held[near]], self.kernel.value(np.sqrt(square[near]))
+        terms = (*self.emitted.T, self.depth)
+        return np.stack([np.bincount(point, weight * term[splat], count) for term in terms], axis=-1)
+
+
+def _free(held: np.ndarray) -> np.ndarray:
+    """uint8: how many cells away, along the axis in which they are furthest, the nearest with a held neighbour is."""
+    near = _spread(held, -NEIGHBOURS)
+    free = np.where(near, 0, LEAP).astype(np.uint8)
+    for away in range(1, LEAP):
+        wider = _spread(near, np.arange(-1, 2))
+        free[wider & ~near] = away
+        near = wider
+    return free
+
+
+def _spread(held: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Each held cell, moved by each of the steps along each axis."""
+    for axis in range(held.ndim):
+        wider = np.zeros_like(held)
+        to, of = np.moveaxis(wider, axis, 0), np.moveaxis(held, axis, 0)
+        for step in steps.tolist():
+            n = max(len(to) - abs(step), 0)
+            to[max(step, 0) : max(step, 0) + n] |= of[max(-step, 0) : max(-step, 0) + n]
+        held = wider
+    return held
 
 
 def ray_integral(
@@ -83,8 +132,9 @@ def ray_integral(
     """The composite picture of the reconstructed field, float64 [H, W, 4], without antialiasing.
 
     The midpoint rule in slabs of 1/steps_per_voxel of a grid step; its error goes with their square.
-    samples × samples rays a pixel. Kernel, shading and background are the settings'. For small pictures:
-    a ray costs about 10 µs a slab. Raises InputError for other blend modes and splats off their lattice.
+    samples × samples rays a pixel. Kernel, shading and background are the settings'. A slab with splats around it
+    costs 1 to 5 µs, what is empty or hidden next to nothing. Raises InputError for other blend modes and splats off
+    their lattice.
     """
     started = time.perf_counter()
     settings = settings or Settings()
@@ -120,19 +170,33 @@ def _march(field: Field, view: View, camera: Camera, pixel: np.ndarray, steps: i
     speed = np.sqrt((direction * direction).sum(axis=0))
     slabs = np.ceil(np.maximum(far - near, 0.0) * speed * steps).astype(np.int64)
     step = np.maximum(far - near, 0.0) / np.maximum(slabs, 1)
-    # arc length of a slab in mean spacings
+    # arc length of a slab in mean spacings, and the most that a slab goes along an axis in cells
     length = step * np.sqrt(((view.eye_from_index @ direction) ** 2).sum(axis=0))
-    depth, color = np.zeros(len(pixel)), np.zeros((len(pixel), 3))
-    for n in range(int(slabs.max(initial=0))):
-        on = np.flatnonzero(slabs > n)
-        t = near[on] + (n + 0.5) * step[on]
-        extinction, emitted = field.at(*(start[:, on] + direction[:, on] * t))
-        full = np.flatnonzero(extinction > 0)
-        on, extinction, emitted = on[full], extinction[full], emitted[full]
-        slab = extinction * length[on]
-        color[on] += (np.exp(-depth[on]) * -np.expm1(-slab) / extinction)[:, None] * emitted
-        depth[on] += slab
-    return np.concatenate([color, -np.expm1(-depth)[:, None]], axis=1)
+    across = step * np.abs(direction).max(axis=0)
+    # optical depth last
+    found = np.zeros((len(pixel), 4))
+    slab = np.zeros(len(pixel), np.int64)
+    on = np.flatnonzero(slabs)
+    while len(on):
+        places = start[:, on] + direction[:, on] * (near[on] + (slab[on] + 0.5) * step[on])
+        free = field.free[tuple(field.cells(places))]
+        some = np.flatnonzero(free == 0)
+        _add(found, on[some], field.at(places[:, some]), length)
+        # within `free` cells is nothing: one of them may be left at once
+        slab[on] += np.maximum(np.ceil((free.astype(np.int64) - 1) / across[on]), 1).astype(np.int64)
+        on = on[(slab[on] < slabs[on]) & (found[on, 3] < OPAQUE)]
+    found[:, 3] = -np.expm1(-found[:, 3])
+    return found
+
+
+def _add(found: np.ndarray, rays: np.ndarray, sums: np.ndarray, length: np.ndarray) -> None:
+    """A slab more on those rays, of the field's sums in its middle: what it emits, dimmed by what is before it."""
+    full = np.flatnonzero(sums[:, 3] > 0)
+    rays, sums = rays[full], sums[full]
+    depth = sums[:, 3] * length[rays]
+    passed = np.exp(-found[rays, 3]) * -np.expm1(-depth) / sums[:, 3]
+    found[rays, :3] += passed[:, None] * sums[:, :3]
+    found[rays, 3] += depth
 
 
 def _rays(view: View, camera: Camera, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
