@@ -249,7 +249,7 @@ def test_keys_as_glfw_tells_them() -> None:
 
 def paced(cost: list[float], frames: int = 60, target: float = 0.033) -> list[int]:
     """Levels of a moving picture when each level takes so long."""
-    pace = Pace.of([10_000] * len(STRIDES), 100_000, target).drawn(0, cost[0]).started()
+    pace = Pace.of([1_000_000, 140_000, 18_000, 3000], 300_000, target).drawn(0, cost[0]).started()
     levels = []
     for _ in range(frames):
         levels.append(pace.level)
@@ -262,16 +262,32 @@ def test_a_fast_scene_is_never_made_coarse() -> None:
 
 
 def test_a_slow_scene_settles_on_a_level_that_keeps_the_target() -> None:
-    costs = [1.0, 0.5, 0.2, 0.09, 0.06, 0.028, 0.01, 0.005]
+    costs = [1.0, 0.7, 0.5, 0.3, 0.2, 0.09, 0.06, 0.05, 0.024, 0.016, 0.01, 0.005]
     levels = paced(costs)
-    assert levels[-1] == 5
-    assert len(set(levels[10:])) == 1
+    assert levels[-1] == 8
+    # within a third of a second
+    assert len(set(levels[12:])) == 1
+
+
+def test_who_had_to_come_back_waits() -> None:
+    """A finer level that looks cheap beforehand, and never is, is tried ever more seldom."""
+    pace = Pace.of([10_000] * len(STRIDES), 100_000)
+    pace, climbs = replace(pace, level=4), []
+    for number in range(400):
+        if pace.level < 4:
+            climbs.append(number)
+            pace = pace.drawn(pace.level, 0.09)
+        else:
+            # as if the finer one had become cheap in the meantime
+            pace = replace(pace.drawn(4, 0.01), costs=(*[0.02] * 4, *[0.01] * 8))
+    apart = np.diff(climbs)[np.diff(climbs) > 1]
+    assert len(climbs) < 20 and (np.diff(apart) > 0).all()
 
 
 @pytest.mark.parametrize("near", [0.034, 0.040, 0.024, 0.0329])
 def test_nothing_flickers_near_the_target(near: float) -> None:
     """A level that takes about the target stays, and two neighbours never take turns."""
-    levels = paced([8 * near, 4 * near, 3 * near, 2 * near, 1.3 * near, near, near / 3, near / 6], 400)
+    levels = paced([near * share for share in (8, 6, 5, 4, 3, 2, 1.5, 1.3, 1, 0.6, 0.3, 0.1)], 400)
     assert sum(a != b for a, b in pairwise(levels)) <= 3
 
 
@@ -298,11 +314,11 @@ def test_a_first_picture_that_compiles_is_forgiven() -> None:
 def test_levels_obey_what_is_asked() -> None:
     asked = sg.Settings(antialias="supersample", blend="mip")
     assert FULL.settings(asked) is asked
-    assert LADDER[3].settings(asked) == sg.Settings(blend="mip")
-    loose = replace(LADDER[3], tolerance=0.05)
+    assert LADDER[5].settings(asked) == sg.Settings(blend="mip")
+    loose = replace(LADDER[5], tolerance=0.05)
     assert loose.settings(sg.Settings()).tolerance == 0.05
     assert loose.settings(sg.Settings(tolerance=0.2)).tolerance == 0.2
-    assert LADDER[3].size((641, 3)) == (320, 2)
+    assert LADDER[5].size((641, 3)) == (320, 2)
 
 
 def test_refinement() -> None:

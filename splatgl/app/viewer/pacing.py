@@ -1,9 +1,9 @@
 """How good a picture may be while it moves, so that frames keep to the target time; and when to draw it in full.
 
 LADDER is all that a moving picture may give up. A level is left for a coarser one after SLOW_FRAMES frames that took
-too long, and for the finer one only if that is expected to keep well within the target: between the two bounds
-nothing changes, so that nothing flickers. What each level costs is measured; what was never drawn is estimated
-from the work it means.
+too long, and after QUICK_FRAMES for the finest that is expected to keep well within the target: between the two bounds
+nothing changes, and who had to come back waits twice as long before the next attempt, so that nothing flickers. What
+each level costs is measured; what was never drawn is estimated from the work it means.
 """
 
 from __future__ import annotations
@@ -15,18 +15,19 @@ from splatgl.splat.settings import Settings
 
 # seconds a frame may take while moving
 TARGET = 0.033
-# seconds without input before the picture is drawn in full
-REST = 0.08
-# a held button means more may come: a full picture that takes longer than this would be in the way
+# seconds without input before the picture is drawn in full: longer than from one move of a hand to the next
+REST = 0.05
+# a held button means more may come: a full picture that takes longer than this, and cannot be broken off, would be in
+# the way
 HELD = 0.2
 # shares of the target: beyond the first a frame is slow, below the second a finer level would be welcome
-SLOW, QUICK = 1.25, 0.7
-SLOW_FRAMES, QUICK_FRAMES = 2, 10
+SLOW, QUICK = 1.15, 0.8
+SLOW_FRAMES, QUICK_FRAMES = 2, 4
 # weight of the newest frame in a level's cost
 NEWEST = 0.5
 # until something was measured: seconds a pixel takes with the tens of splats that cover it, and how many of them a
 # splat is worth (llvmpipe)
-PIXEL, PIXELS_PER_SPLAT = 3e-7, 2.0
+PIXEL, PIXELS_PER_SPLAT = 1.5e-7, 2.0
 
 
 @dataclass(frozen=True)
@@ -51,21 +52,26 @@ class Level:
         return plain if self.tolerance is None else plain.but(tolerance=max(self.tolerance, asked.tolerance))
 
     def __str__(self) -> str:
-        parts = [f"1/{round(1 / self.scale)} of the pixels"] * (self.scale < 1) + [f"voxels x{self.stride}"] * (
+        parts = [f"{self.scale**2:.0%} of the pixels"] * (self.scale < 1) + [f"voxels x{self.stride}"] * (
             self.stride > 1
         )
         return ", ".join(parts) or "in full"
 
 
 FULL = Level()
-# finest first
+# finest first. Measured on CT, microscopy and terrain: fewer pixels err less than larger voxels for the time they save,
+# down to as many as there are voxels to show
 LADDER = (
     FULL,
+    Level(0.7),
     Level(0.5),
-    Level(1.0, 2),
+    Level(0.35),
+    Level(0.7, 2),
     Level(0.5, 2),
-    Level(1.0, 4),
+    Level(0.35, 2),
+    Level(0.25, 2),
     Level(0.5, 4),
+    Level(0.35, 4),
     Level(0.25, 4),
     Level(0.25, 8),
 )
@@ -77,7 +83,7 @@ class Pace:
     """level: index into LADDER of the moving picture. costs: seconds of each level, as far as known.
 
     work: what each level draws, in pixels' worth. met: how often each was drawn.
-    slow, quick: frames in a row beyond and below the bounds.
+    slow, quick: frames in a row beyond and below the bounds. wait: how many of the latter it takes to go finer.
     """
 
     work: tuple[float, ...]
@@ -86,6 +92,7 @@ class Pace:
     met: tuple[int, ...] = (0,) * len(LADDER)
     slow: int = 0
     quick: int = 0
+    wait: int = QUICK_FRAMES
     target: float = TARGET
 
     @classmethod
@@ -128,13 +135,12 @@ class Pace:
         known = replace(self, costs=costs, met=met)
         if level != self.level:
             return known
-        slow = self.slow + 1 if seconds > SLOW * self.target else 0
-        finer = self.finer()
-        welcome = finer is not None and known.expected(finer) < QUICK * self.target
-        quick = self.quick + 1 if welcome and not slow else 0
+        slow = self.slow + 1 if min(cost, seconds) > SLOW * self.target else 0
+        finer = known.finer()
+        quick = self.quick + 1 if finer is not None and not slow else 0
         if slow >= SLOW_FRAMES:
-            return known.started()
-        if quick >= QUICK_FRAMES and finer is not None:
+            return replace(known.started(), wait=2 * self.wait)
+        if quick >= self.wait and finer is not None:
             return replace(known, level=finer, slow=0, quick=0)
         return replace(known, slow=slow, quick=quick)
 
@@ -143,12 +149,12 @@ class Pace:
         times = [self.expected(level) for level in range(len(LADDER))]
         fits = [level for level in range(len(LADDER)) if times[level] <= self.target]
         cheapest = min(range(len(LADDER)), key=times.__getitem__)
-        return replace(self, level=fits[0] if fits else cheapest, slow=0, quick=0)
+        return replace(self, level=fits[0] if fits else cheapest, slow=0, quick=0, wait=QUICK_FRAMES)
 
     def finer(self) -> int | None:
-        """The next finer level that draws no less than the present one."""
-        better = [level for level in range(self.level) if self.work[level] >= self.work[self.level]]
-        return better[-1] if better else None
+        """The finest level that is expected to keep well within the target, if finer than the present one."""
+        better = [level for level in range(self.level) if self.expected(level) < QUICK * self.target]
+        return better[0] if better else None
 
 
 def rests(pace: Pace, idle: float, held: bool) -> bool:
