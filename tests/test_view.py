@@ -18,6 +18,7 @@ from splatgl.app.viewer import curve
 from splatgl.app.viewer.beyond import crossing, share_beyond, tinted
 from splatgl.app.viewer.bindings import BINDINGS, checked, keymap, listing, load_bindings, remapped
 from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.difference import enlarged
 from splatgl.app.viewer.files import watched
 from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.keys import from_character, from_key
@@ -326,21 +327,21 @@ def test_refinement() -> None:
     refiner = Refiner([4_000_000, 400_000, 50_000, 8000], 640 * 480, 0.033)
     first = refiner.level(("a",), Moment(0.0))
     assert first
-    refiner.done(("a",), first, 0.02, Moment(0.0))
+    refiner.done(("a",), first, 0.02, Moment(0.0), False)
     assert refiner.level(("a",), Moment(0.02)) is None
     assert 0 < (refiner.patience(("a",), Moment(0.02)) or 0) < 0.15
     assert refiner.level(("a",), Moment(0.15)) == 0
     # a button held down puts off what would take long; turning puts it off for good
     assert refiner.level(("a",), Moment(0.15, held=True)) is None
     assert refiner.level(("a",), Moment(9.0, turning=True)) is None
-    refiner.done(("a",), 0, 1.0, Moment(0.15))
+    refiner.done(("a",), 0, 1.0, Moment(0.15), True)
     assert refiner.level(("a",), Moment(1.0)) is None and refiner.patience(("a",), Moment(1.0)) is None
 
 
 def test_a_transfer_function_being_edited_is_coarse() -> None:
     refiner = Refiner([10, 10, 10, 10], 100, 0.033)
     assert (refiner.level(("a",), Moment(0.0, whole=False)) or 0) >= COARSE
-    refiner.done(("a",), COARSE, 0.001, Moment(0.0, whole=False))
+    refiner.done(("a",), COARSE, 0.001, Moment(0.0, whole=False), False)
     assert refiner.level(("a",), Moment(5.0, whole=False)) is None
     assert refiner.level(("a",), Moment(5.0)) == 0
 
@@ -408,6 +409,20 @@ def test_hidden_splats_cannot_be_seen(renderer: sg.Renderer) -> None:
 def test_faint_matter_hides_nothing() -> None:
     fog = sg.extract(sg.Volume(np.full((12, 12, 12), 9, np.uint8)), sg.Transfer([(1, 0.3)], unit=1.0))
     assert skinned(fog) is fog
+
+
+def test_a_stand_in_is_compared_as_the_window_shows_it() -> None:
+    """Bilinear between the middles of its pixels, whatever its size; its own size is the picture itself."""
+    rng = np.random.default_rng(3)
+    small = rng.random((3, 5, 4), np.float32)
+    assert np.array_equal(enlarged(small, (5, 3), 1), small)
+    large = enlarged(small, (10, 6), 1)
+    assert large.shape == (6, 10, 4)
+    assert np.allclose(large[0, 0], small[0, 0]) and np.allclose(large[-1, -1], small[-1, -1])
+    assert np.allclose(
+        large[2, 4], 0.75 * (0.25 * small[0, 2] + 0.75 * small[1, 2]) + 0.25 * (0.25 * small[0, 1] + 0.75 * small[1, 1])
+    )
+    assert np.array_equal(enlarged(small, (10, 6), 2), large[::2, ::2])
 
 
 def test_tint(renderer: sg.Renderer) -> None:

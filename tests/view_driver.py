@@ -30,7 +30,7 @@ PATIENCE = 20.0
 def told(viewer: Viewer) -> dict[str, Any]:
     """What the window shows, in plain values."""
     state, frame, camera = viewer.state, viewer.painter.frame, viewer.state.pose.camera
-    names = ("threshold", "extinction", "turning", "beyond", "compare", "hud", "help", "panel", "ground", "message")
+    names = ("threshold", "extinction", "turning", "blur", "beyond", "compare", "hud", "help", "panel", "ground", "message")
     return {
         **{name: getattr(state, name) for name in names},
         "eye": camera.eye.tolist(),
@@ -48,6 +48,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "level": frame and str(frame.level),
         "full": bool(frame and frame.full),
         "seconds": frame and frame.seconds,
+        "blurred": bool(frame and frame.blurred),
         "hud lines": viewer.painter.words,
         "polygon": viewer.painter.overlay.polygon if viewer.painter.overlay else (),
         "reference": viewer.reference.image is not None,

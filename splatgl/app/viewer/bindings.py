@@ -45,7 +45,7 @@ BINDINGS = (
     Binding("blend", ("b",), "next blend mode"),
     Binding("antialias", ("a",), "next kind of antialiasing"),
     Binding("align", ("g",), "next alignment of the splats"),
-    Binding("motion", ("m",), "next kind of motion blur"),
+    Binding("motion", ("m",), "next kind of motion blur, seen while the view is turned"),
     Binding("beyond", ("k",), "show the z_k plane, and tint what lies beyond it"),
     Binding("attenuation", ("w",), "next form of attenuation beyond z_k"),
     Binding("compare", ("d",), "beside the float64 reference, the difference from it, or neither"),

@@ -35,6 +35,17 @@ class Difference:
         return cls(float(np.abs(apart).max()), float(np.sqrt((apart * apart).mean())))
 
 
+def enlarged(picture: np.ndarray, size: tuple[int, int], step: int) -> np.ndarray:
+    """A picture [h, w, C] as the window shows it at `size` pixels, every `step`-th row and column: bilinear."""
+    for axis, (count, wanted) in enumerate(zip(picture.shape, reversed(size), strict=False)):
+        place = np.clip((np.arange(0, wanted, step) + 0.5) * count / wanted - 0.5, 0, count - 1)
+        low = place.astype(np.intp)
+        high, share = np.minimum(low + 1, count - 1), (place - low).astype(np.float32)
+        share = share.reshape(-1, *[1] * (picture.ndim - 1 - axis))
+        picture = np.take(picture, low, axis) * (1 - share) + np.take(picture, high, axis) * share
+    return picture
+
+
 @dataclass(frozen=True, eq=False)
 class Wanted:
     """What a reference is of; another object is another picture."""

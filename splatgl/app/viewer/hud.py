@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.difference import Difference
 from splatgl.app.viewer.pacing import FULL, Level
 from splatgl.app.viewer.state import State
 from splatgl.splat.plan import Plan
@@ -15,7 +16,8 @@ from splatgl.splat.plan import Plan
 class Frame:
     """The picture on show: info as the renderer gave it, how long it took, its level, its plan, the share beyond z_k.
 
-    hidden: how many splats were left out because no view shows them.
+    hidden: how many splats were left out because no view shows them. blurred: along its motion.
+    off: how far the picture before it was from this one, if it was a stand-in for it.
     """
 
     info: Mapping[str, object]
@@ -24,11 +26,18 @@ class Frame:
     plan: Plan
     beyond: float
     hidden: int
+    blurred: bool = False
+    off: Difference | None = None
 
     @property
     def full(self) -> bool:
         """Whether it is what was asked, and not a stand-in."""
-        return self.level == FULL
+        return self.level == FULL and not self.blurred
+
+    @property
+    def given_up(self) -> str:
+        """What a stand-in does without, in words."""
+        return f"{self.level}{', blurred' if self.blurred else ''}"
 
 
 def lines(state: State, content: Content, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
@@ -37,7 +46,7 @@ def lines(state: State, content: Content, frame: Frame | None, busy: str | None)
     if frame is None:
         return (title, busy or "nothing drawn yet")
     info = frame.info
-    said = [title, f"{info['renderer']} ({info['backend']})", *_splats(content, frame), _pace(state, frame, busy)]
+    said = [title, f"{info['renderer']} ({info['backend']})", *_splats(content, frame), *_pace(state, frame, busy)]
     return (*said, _depths(content, frame), *_bound(info), "", *frame.plan.explain().splitlines())
 
 
@@ -45,7 +54,7 @@ def progress(state: State, frame: Frame | None) -> str:
     """How far the picture is from what was asked, in a few words."""
     if frame is None:
         return ""
-    return "refined" if frame.full else f"moving: {frame.level}"
+    return "refined" if frame.full else f"moving: {frame.given_up}"
 
 
 def _splats(content: Content, frame: Frame) -> list[str]:
@@ -61,12 +70,15 @@ def _splats(content: Content, frame: Frame) -> list[str]:
     return said
 
 
-def _pace(state: State, frame: Frame, busy: str | None) -> str:
+def _pace(state: State, frame: Frame, busy: str | None) -> list[str]:
     rate = f"{frame.seconds * 1e3:.0f} ms"
     work = f", {busy} ..." if busy else ""
     if not frame.full:
-        return f"{rate}  moving: {frame.level}{work}"
-    return f"{rate}  refined to {_tolerance(state.settings.tolerance)}{work}"
+        return [f"{rate}  moving: {frame.given_up}{work}"]
+    said = [f"{rate}  refined to {_tolerance(state.settings.tolerance)}{work}"]
+    if frame.off is not None:
+        said.append(f"in motion it was off by RMSE {frame.off.rmse:.2g}, largest {frame.off.largest:.2g}")
+    return said
 
 
 def _tolerance(tolerance: float) -> str:

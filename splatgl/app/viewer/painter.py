@@ -12,14 +12,18 @@ from splatgl.app.viewer import hud
 from splatgl.app.viewer.beyond import crossing, share_beyond, tinted
 from splatgl.app.viewer.bindings import MOUSE, Binding
 from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.difference import Difference, Reference
+from splatgl.app.viewer.difference import Difference, Reference, enlarged
 from splatgl.app.viewer.hud import Frame
 from splatgl.app.viewer.overlay import Overlay, Text, drawn
 from splatgl.app.viewer.pacing import FULL, Level
+from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.skin import FAITHFUL, outside
 from splatgl.app.viewer.state import State
+from splatgl.data.image import Image
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Look, Screen
+from splatgl.splat.camera import Camera
+from splatgl.splat.motion import Motion
 from splatgl.splat.plan import Plan, plan
 from splatgl.splat.rows import Splats
 
@@ -29,6 +33,8 @@ CALM = 0.25
 LETTER = 7.5
 # and of the HUD
 COLUMN = 50
+# a picture larger than this, pixels, is compared with its stand-in at every other pixel, and so on
+ENOUGH = 1000
 
 
 class Painter:
@@ -38,29 +44,41 @@ class Painter:
         self.screen, self.renderer, self.bindings = screen, renderer, bindings
         self.frame: Frame | None = None
         self.pixels = np.zeros((1, 1, 4), np.float32)
+        # what the last picture was of, and how it was seen
+        self.subject: tuple[object, ...] = ()
+        self.pose: Pose | None = None
         self.brightest = 1.0
         self.overlay: Overlay | None = None
         self.words: tuple[str, ...] = ()
         self.written = -1e9
         self.beside: object = None
 
-    def draw(self, state: State, content: Content, level: Level) -> Frame:
-        """Draws the splats at a level and keeps the picture. Raises InputError as the renderer does."""
+    def draw(self, state: State, content: Content, level: Level, gliding: bool = False) -> Frame:
+        """Draws the splats at a level and keeps the picture. Raises InputError as the renderer does.
+
+        gliding: the view goes on from where it was drawn last, and may be blurred on the way.
+        """
         started = time.perf_counter()
         full = state.pose.camera.size
         camera, settings = state.pose.camera.resized(level.size(full)), level.settings(state.settings)
+        settings = settings.but(motion=state.blur)
         chosen = plan(content.finest, state.pose.camera, state.settings)
         splats = _enough(state, content, level, chosen)
         # the tint is not what the reference shows
         if state.beyond and state.compare == "off":
             splats = tinted(splats, camera, chosen.z_k)
-        image = self.renderer.render(splats, camera, settings)
-        self.pixels, info = image.pixels, dict(image.info)
+        motion = self._motion(state, camera) if gliding else None
+        image = self.renderer.render(splats, camera, settings, motion, held=False)
+        seconds = time.perf_counter() - started
+
+        subject = (state.pose, state.settings, content, state.beyond)
+        off = self._off(image) if subject == self.subject and level == FULL else None
+        self.subject, self.pose, self.pixels = subject, state.pose, image.pixels
         self.brightest = float(self.pixels.max()) or 1.0
         self.screen.put("picture", self.pixels)
         beyond = share_beyond(content.sample, state.pose.camera, chosen.z_k)
         hidden = len(content.at(level.stride)) - len(splats)
-        self.frame = Frame(info, time.perf_counter() - started, level, chosen, beyond, hidden)
+        self.frame = Frame(image.info, seconds, level, chosen, beyond, hidden, "motion" in image.info, off)
         return self.frame
 
     def write(self, state: State, content: Content, scale: float, busy: str | None, said: str) -> bool:
@@ -108,6 +126,21 @@ class Painter:
         if state.compare == "split":
             return f"left: this picture; right: the float64 reference. Difference: {numbers}"
         return f"difference from the float64 reference: {numbers}; white is {found.largest:.2g}"
+
+    def _motion(self, state: State, camera: Camera) -> Motion | None:
+        """How the view came to where it is since the last picture."""
+        before = self.pose
+        if state.blur == "off" or before is None or before is state.pose:
+            return None
+        same = before.camera.perspective == camera.perspective
+        return Motion(camera=before.camera.resized(camera.size)) if same else None
+
+    def _off(self, image: Image) -> Difference:
+        """How far the stand-in on show is from the right picture; of an X-ray, as a share of its brightest pixel."""
+        height, width, _ = image.pixels.shape
+        step = 1 + max(width, height) // ENOUGH
+        one = float(image.pixels.max()) or 1.0 if image.info["blend"] == "xray" else 1.0
+        return Difference.of(enlarged(self.pixels, (width, height), step) / one, image.pixels[::step, ::step] / one)
 
     def _overlay(self, state: State, content: Content, scale: float, said: str) -> Overlay:
         texts = []

@@ -13,7 +13,7 @@ from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.curve import Canvas
 from splatgl.app.viewer.hud import Frame
 from splatgl.app.viewer.overlay import plain
-from splatgl.app.viewer.state import HIGHEST, State, drawable
+from splatgl.app.viewer.state import BLURS, HIGHEST, State, drawable
 from splatgl.data.color import srgb_from_linear
 from splatgl.splat.colormap import CORE
 from splatgl.splat.presets import PRESETS, preset
@@ -40,7 +40,9 @@ ABOUT = {
     "shading": "C = c (0.3 + 0.7 |n l|), a light at the eye.",
     "order": "Read from the rows of splats, without a sort.",
     "primitive": "What covers a splat on the screen.",
-    "motion": "Blur of what moves while the shutter is open.",
+    "motion": "Blur while the view is turned. exact: the mean of the footprint along its path; energy: half discs and "
+    "a rectangle with its energy kept; paper: Eq. 11.",
+    "occlusion": "Pixels that next to nothing passes any more are closed to what lies behind.",
 }
 
 
@@ -169,11 +171,14 @@ class Panel:
 
 def _settings(state: State, content: Content) -> State:
     """Every choice of Settings, with a sentence."""
-    for name, allowed in CHOICES.items():
-        if len(allowed) < 2:
+    for name, about in ABOUT.items():
+        allowed = BLURS if name == "motion" else CHOICES[name]
+        chosen = state.blur if name == "motion" else getattr(state.settings, name)
+        changed, index = imgui.combo(name, allowed.index(chosen), list(allowed))
+        imgui.set_item_tooltip(plain(about))
+        if name == "motion":
+            state = replace(state, blur=allowed[index])
             continue
-        changed, index = imgui.combo(name, allowed.index(getattr(state.settings, name)), list(allowed))
-        imgui.set_item_tooltip(plain(ABOUT.get(name, name)))
         settings = state.settings.but(**{name: allowed[index]})
         if changed and drawable(settings, state, content):
             state = replace(state, settings=settings)

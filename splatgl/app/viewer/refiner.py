@@ -50,9 +50,13 @@ class Refiner:
         resting = not now.moving and rests(self.pace, now.idle, now.held)
         return 0 if now.whole and resting and not self.full else None
 
-    def done(self, wanted: Wanted, level: int, seconds: float, now: Moment) -> None:
-        """After a picture was drawn."""
-        self.drawn, self.refused, self.full = wanted, (), level == 0
+    def done(self, wanted: Wanted, level: int, seconds: float, now: Moment, full: bool) -> None:
+        """After a picture was drawn; full: nothing is left to be refined."""
+        # the first of a movement moves what it needs to the graphics card: it says little of the next
+        first, self.full = self.full and not full, full
+        self.drawn, self.refused = wanted, ()
+        if first and (self.pace if now.whole else self.edit).met[level]:
+            return
         if now.whole:
             self.pace = self.pace.drawn(level, seconds)
         else:

@@ -24,7 +24,9 @@ def scene_of(state: State, content: Content) -> Scene:
     """The scene that shows what the window shows."""
     transfer = state.transfer
     table = {f.name: getattr(transfer, f.name) for f in fields(Transfer) if getattr(transfer, f.name) is not None}
-    shown = replace(content.scene, transfer=table, view=state.pose.view(), settings=state.settings)
+    # a still is the same with any motion blur, an animation of the scene is not
+    settings = state.settings if state.blur == "off" else state.settings.but(motion=state.blur)
+    shown = replace(content.scene, transfer=table, view=state.pose.view(), settings=settings)
     return replace(shown, threshold=state.threshold)
 
 

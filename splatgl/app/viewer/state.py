@@ -15,7 +15,7 @@ from splatgl.data.errors import InputError
 from splatgl.gl.screen import GROUNDS
 from splatgl.splat.camera import Camera
 from splatgl.splat.plan import plan
-from splatgl.splat.settings import CHOICES, Settings
+from splatgl.splat.settings import CHOICES, MOTIONS, Settings
 from splatgl.splat.transfer import OPAQUE, Transfer
 
 COMPARE = ("off", "split", "difference")
@@ -32,12 +32,13 @@ VIEWS = {
 # one press of a key: extinction, and the threshold, times or over this; the lowest threshold above 0, and the highest
 OPACITY_STEP, THRESHOLD_STEP = 1.25, 1.5
 LOWEST, HIGHEST = 0.001, 0.99
+# how a picture that turns may be blurred
+BLURS = ("off", *MOTIONS)
 # settings that a key changes, and what is to be said of them
 CYCLES = {
     "blend": "",
     "antialias": "",
     "align": "",
-    "motion": "",
     "attenuation": ", in composite, beyond z_k",
 }
 
@@ -46,7 +47,8 @@ CYCLES = {
 class State:
     """pose, settings: how it is seen and drawn. base: the transfer function asked; extinction: a factor on it.
 
-    asks: what the window still has to do ("screenshot", "save", "quit"). message: said until the next key.
+    blur: of what moves, while the view is turned. asks: what the window still has to do ("screenshot", "save", "quit").
+    message: said until the next key.
     """
 
     pose: Pose
@@ -55,6 +57,7 @@ class State:
     threshold: float
     extinction: float = 1.0
     turning: bool = False
+    blur: str = "off"
     beyond: bool = False
     compare: str = "off"
     hud: bool = True
@@ -78,7 +81,7 @@ class State:
     def opened(self, content: Content) -> State:
         """Another content, as it wants to be seen; what the window shows beside it stays."""
         fresh = State.of(content, self.pose.camera.size)
-        kept = ("hud", "help", "panel", "ground", "turning")
+        kept = ("hud", "help", "panel", "ground", "turning", "blur")
         return replace(fresh, **{name: getattr(self, name) for name in kept})
 
 
@@ -126,8 +129,6 @@ def _projection(state: State, content: Content) -> State:
 def _cycle(name: str) -> Action:
     def cycle(state: State, content: Content) -> State:
         allowed = CHOICES[name]
-        if len(allowed) < 2:
-            return replace(state, message=f"{name} is always {allowed[0]}: nothing in this volume moves")
         chosen = getattr(state.settings, name)
         for _ in allowed:
             chosen = _next(allowed, chosen)
@@ -137,6 +138,12 @@ def _cycle(name: str) -> Action:
         return replace(state, settings=settings, message=f"{name} {chosen}{CYCLES[name]}")
 
     return cycle
+
+
+def _blur(state: State, content: Content) -> State:
+    blur = _next(BLURS, state.blur)
+    said = "motion blur off" if blur == "off" else f"motion blur {blur}: while the view is turned; a still has none"
+    return replace(state, blur=blur, message=said)
 
 
 def drawable(settings: Settings, state: State, content: Content) -> bool:
@@ -196,6 +203,7 @@ ACTIONS: dict[str, Action] = {
     **{name: _view(name) for name in VIEWS},
     "projection": _projection,
     **{name: _cycle(name) for name in CYCLES},
+    "motion": _blur,
     "beyond": _toggle("beyond"),
     "compare": _compare,
     "opacity-down": _opacity(1 / OPACITY_STEP),

@@ -202,12 +202,13 @@ class Viewer:
         if wanted != self.refiner.drawn:
             self.reference.forget()
         try:
-            frame = self.painter.draw(self.state, self.content, LADDER[level])
+            gliding = self.state.turning or self.mouse.drag is not None
+            frame = self.painter.draw(self.state, self.content, LADDER[level], gliding)
         except InputError as error:
             self.refiner.refuse(wanted)
             self.state = replace(self.state, message=str(error))
             return
-        self.refiner.done(wanted, level, frame.seconds, moment)
+        self.refiner.done(wanted, level, frame.seconds, moment, frame.full)
         self.dirty = max(self.dirty, 1)
 
     def _extract(self) -> None:
