@@ -51,10 +51,10 @@ class Passes:
         self.style = ctx.buffer(reserve=STYLE.itemsize)
         owned.callback(self.style.release)
 
-    def draw(self, splats: Splats, camera: Camera, plan: Plan) -> np.ndarray:
-        """float32 [H, W, 4]."""
+    def draw(self, splats: Splats, camera: Camera, plan: Plan, role: str = "draw") -> np.ndarray:
+        """float32 [H, W, 4]. role: the name of the target, which is kept for it."""
         size = (camera.size[0] * plan.samples, camera.size[1] * plan.samples)
-        target = self.targets.get("draw", size, plan.program.target, depth=plan.parts > 1)
+        target = self.targets.get(role, size, plan.program.target, depth=plan.parts > 1)
         target.clear()
         if len(splats):
             self._draw_splats(target, splats, plan.exposure.middle if plan.exposure else camera, plan)

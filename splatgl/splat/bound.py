@@ -1,46 +1,46 @@
 """How far a picture may be from the float64 reference of the same splats: a bound for each picture.
 
-How errors add up is derived; ROUNDINGS and SECOND_ORDER are measured, with a margin, over scenes and stress cases.
+The reference is row 1 of Table 1, whatever `align` says: a form's own error counts, as do tables and float32.
 
-A fragment's optical depth τF is off by δ ≤ ρ τF + σ τF(0). With transmittance T before it,
+How errors add up is derived. A fragment's optical depth τF is off by δ ≤ ρ τF + σ τF(0). With c the light that it
+gives and T the light that passes up to its end, ∂C/∂τF = T (c − what is seen behind it), so that
 
-    Σ T ρ τF e^(−τF) ≤ ρ Σ T (1 − e^(−τF)) ≤ ρ,    Σ T σ τ F(0) ≤ σ S,
+    Σ T σ τ F(0) ≤ σ S,    S the depth of all footprints that one ray meets, be it at the rim (crowd.py);
+    ρ Σ T τF |c − behind| ≤ ρ/2,
 
-S being the depth of all footprints that one ray touches, be it at the rim. Where F is small a relative error is
-large and an absolute one is not, so that (ρ, σ) is chosen for each picture to make ρ + σS least. Errors of the
-distance D count as |F(D ± δD) − F(D)|, errors of a table as what it misses.
+since with q for what is seen, c = q − dq/dτ in [0, 1], and no q makes ∫ e^(−τ) |dq/dτ| dτ more than a half. Where F is
+small a relative error is large and an absolute one is not, so that (ρ, σ) is chosen for each picture (missed.py).
+Two numbers are measured, with a margin: ROUNDINGS, and how much the second order beyond z_k is (BENT, MOVED).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from splatgl.splat.camera import Camera
-from splatgl.splat.kernel import Kernel, kernel, radial_table
+from splatgl.splat.crowd import Crowd, cells_of, crowd
+from splatgl.splat.missed import ULP, Lookup, Slip, largest, summed
 from splatgl.splat.rows import Splats
 
 if TYPE_CHECKING:
     from splatgl.splat.plan import Plan
 
-# a float32 rounds by half of this
-ULP = 2.0**-23
-# by how many of those of its distance from the eye a voxel may be misplaced against a pixel's ray
+# by how many of a float32's last digits of its distance from the eye a voxel may be misplaced against a pixel's ray
 ROUNDINGS = 0.5
-# beyond z_k `exact` is right to second order: off by about this over z_k² voxels
-SECOND_ORDER = 0.25
-# samples of the footprint, from the middle to the rim, dense there; absolute errors that are tried
-SAMPLES = 400
-ABSOLUTE = np.logspace(-12, 0, 73)
-# the target's rounding of each blend, by how much at most
-TARGET = {"rgba32f": ULP / 2, "rgba16f": 2.0**-11, "rgba8": 0.5 / 255}
-# what filtering 8-bit texels in 8-bit arithmetic loses, beyond the texels' own rounding
-EIGHT_BITS = 1.5 / 255
-# a kernel around the eye: its chord's share comes from a table within this, and so many are there at once
-HALF_LINE, AROUND = 5e-5, 25
+# beyond z_k `exact` is right to second order: at depth z it gains or loses BENT/z² of itself, and is off by
+# (MOVED₀ + MOVED₁ tan²θ)/z² voxels; up to 60° off the axis, and three times as much for the Gaussian, which has a rim
+BENT, MOVED = 0.8, (0.3, 0.75)
+RIMMED = {"gaussian": 3.0}
+# antialiasing begins at three times a kernel's reach before the eye: affine.WIDEN_BEYOND
+NEAREST = 3.0
+# what one blend may lose of a number of 0.5 to 1; drivers may cut 16 bits off instead of rounding them
+TARGET = {"rgba32f": ULP / 2, "rgba16f": 2.0**-11, "rgba8": 1.5 / 255}
+# a kernel around the eye: its share of a chord, times F/F(0), comes from a table within the first; all the lattice's
+# around it add up to the second
+HALF_LINE, AROUND = 3.2e-5, 1.2e-4
 # shading, colour and one_minus_exp in float32
 ARITHMETIC = 8 * ULP
 
@@ -74,119 +74,91 @@ def bound(splats: Splats, camera: Camera, plan: Plan, brightest: float) -> Bound
         return Bound(0.0, 0.0, 0.0, 0.0)
     program = plan.program
     most = max(splats.brightest, 1.0)
-    depth = splats.deepest
-    spacing = splats.grid.mean_spacing
-    length = float(np.linalg.norm(np.ptp(splats.index_bounds, axis=0) @ splats.grid.world_from_index.T)) / spacing + 1
-    # a ray touches the footprints within R of it; beyond z_k m² as many, of 1/m² the depth
-    cover = np.pi * plan.kernel.radius**2 * length
-    stretch = max(plan.farthest / plan.z_k, 1.0) if program.antialias and plan.z_k > 0 else 1.0
-    count = min(len(splats), cover * stretch**2)
-    # a long voxel counts for its length where a ray runs along it
-    longest = float(np.linalg.norm(splats.grid.world_from_index, ord=2)) / spacing
-    touched = min(splats.total_depth, cover * depth) * longest
-
-    largest = most * (touched * _profile(plan.kernel.name)[1] if program.blend == "xray" else 1.0)
+    met = crowd(splats, camera, plan)
+    whole = _largest(splats, plan, met, most)
     # 8 bits cut off what is over 1
     cut = program.blend == "xray" and program.target == "rgba8"
-    brightest = largest if cut else brightest
-
-    # footprints
-    misplaced = _misplaced(splats, camera, plan)
-    if program.blend == "mip":
-        share = float(_missed(plan.kernel.name, _table_key(plan), misplaced).max())
-    else:
-        weight = 1.0 if program.blend == "composite" else brightest
-        share = _least(plan.kernel.name, _table_key(plan), misplaced, weight, touched)
-    if program.half_line:
-        share += HALF_LINE * AROUND * depth
-    footprint = most * (share + ARITHMETIC)
+    brightest = whole if cut else brightest
+    footprint = _footprints(splats, camera, plan, met, brightest / most) * most
     # blends
-    scale = most if program.blend == "composite" else max(brightest, 1e-30)
-    rounding = scale * TARGET[program.target] * (1.0 if program.blend == "mip" else count)
-    return Bound(footprint, plan.passing * most, largest if cut else rounding, largest)
+    scale = {"composite": most, "xray": brightest, "mip": whole}[program.blend]
+    rounding = _last_digit(scale) * TARGET[program.target] * (1.0 if program.blend == "mip" else met.count)
+    return Bound(footprint, plan.passing * most, whole if cut else rounding, whole)
 
 
-def _misplaced(splats: Splats, camera: Camera, plan: Plan) -> float:
-    """How far a fragment's distance D may be off, in voxels."""
+def _largest(splats: Splats, plan: Plan, met: Crowd, most: float) -> float:
+    """More than any pixel can be."""
+    if plan.program.blend == "composite":
+        return most
+    if plan.program.blend == "mip":
+        return most * _opacity(splats)
+    return most * met.depth * float(plan.kernel.footprint(np.zeros(())))
+
+
+def _opacity(splats: Splats) -> float:
+    """The largest that `mip` shows."""
+    return float(-np.expm1(-splats.deepest * splats.unit / splats.grid.mean_spacing))
+
+
+def _last_digit(largest: float) -> float:
+    """A power of two that is not less: numbers below it lose no more than it times TARGET."""
+    return float(2.0 ** np.ceil(np.log2(max(largest, 1e-30))))
+
+
+def _footprints(splats: Splats, camera: Camera, plan: Plan, met: Crowd, brightest: float) -> float:
+    """What all fragments of a ray are off by together, for colours up to 1."""
+    program = plan.program
+    slip = _slip(splats, camera, plan)
+    lookup = Lookup(plan.kernel.name, program.footprint, plan.table_size, plan.table_bits)
+    if program.blend == "mip":
+        share = (largest(lookup, slip) + HALF_LINE * program.half_line + ARITHMETIC) * _opacity(splats)
+        return min(share, 1.0)
+    # an X-ray is the sum itself
+    weight = 0.5 if program.blend == "composite" else brightest
+    share = summed(lookup, slip, weight, met.depth)
+    if program.half_line:
+        share += _around(splats) * float(plan.kernel.footprint(np.zeros(())))
+    return share + ARITHMETIC * max(weight, 1.0)
+
+
+def _around(splats: Splats) -> float:
+    """What the half-line table makes kernels around the eye miss together, in optical depth."""
+    cells = cells_of(splats)
+    each = HALF_LINE * splats.total_depth
+    return min(each, AROUND * cells.depth) if cells.aligned else each
+
+
+def _slip(splats: Splats, camera: Camera, plan: Plan) -> Slip:
+    """How far a fragment's distance D may be off, in voxels, and its value."""
     spacing = splats.grid.mean_spacing
     radius = plan.kernel.radius
     corners = camera.eye_from_points(splats.corners) / spacing
+    widths = np.linalg.svd(splats.grid.world_from_index / spacing, compute_uv=False)
     # float32: a share of the way from the eye, worse where voxels are thin
-    thinnest = float(np.linalg.svd(splats.grid.world_from_index / spacing, compute_uv=False)[-1])
     far = float(np.linalg.norm(corners, axis=1).max()) if plan.program.perspective else float(np.abs(corners).max())
-    error = ROUNDINGS * ULP * (far + radius) / thinnest
+    place, gain = ROUNDINGS * ULP * (far + radius) / widths[-1], 0.0
     if not plan.program.perspective:
-        return error
+        return Slip(place)
     if plan.program.antialias:
-        error += SECOND_ORDER / max(plan.z_k / spacing, 1e-3) ** 2
+        reach = radius * widths[0]
+        nearest = max(plan.z_k / spacing, float(corners[:, 2].min()), NEAREST * reach) / widths[0]
+        moved = MOVED[0] + MOVED[1] * _edge(camera) ** 2
+        place += RIMMED.get(plan.kernel.name, 1.0) * moved / nearest**2
+        gain = BENT / nearest**2
     if plan.program.align != "exact":
-        error += _form(camera, plan, corners)
-    return min(error, radius)
+        place += _form(camera, plan, corners)
+    return Slip(min(place, radius), gain)
+
+
+def _edge(camera: Camera) -> float:
+    """The slope of a ray at the picture's corner."""
+    return float(camera.extent / 2 * np.hypot(camera.size[0] / camera.size[1], 1.0))
 
 
 def _form(camera: Camera, plan: Plan, corners: np.ndarray) -> float:
     """Table 1's forms, which take one plane or one direction for all: off by the slant at the picture's edge."""
     radius, nearest = plan.kernel.radius, float(corners[:, 2].min())
-    edge = camera.extent / 2 * np.hypot(camera.size[0] / camera.size[1], 1.0)
     near = radius**2 / max(nearest, 1e-3)
     if plan.program.align == "ray" and not plan.program.antialias:
         return float(near)
-    return float(radius * (np.hypot(edge, 1.0) - 1) + near)
-
-
-def _table_key(plan: Plan) -> tuple[str, int, int]:
-    return plan.program.footprint, plan.table_size, plan.table_bits
-
-
-def _least(name: str, table: tuple[str, int, int], misplaced: float, weight: float, touched: float) -> float:
-    """min over σ of weight·ρ(σ) + touched·σ."""
-    missed = _missed(name, table, misplaced)
-    value, peak = _profile(name)
-    over = np.maximum(missed[None, :] - ABSOLUTE[:, None], 0.0)
-    relative = np.where(over > 0, over / np.maximum(value, 1e-30), 0.0).max(axis=1)
-    return float((weight * relative + touched * peak * ABSOLUTE).min())
-
-
-@lru_cache(maxsize=4)
-def _profile(name: str) -> tuple[np.ndarray, float]:
-    """F/F(0) at _distances, and F(0)."""
-    shape = kernel(name)
-    peak = float(shape.footprint(np.zeros(())))
-    return np.asarray(shape.footprint(_distances(shape)) / peak), peak
-
-
-def _distances(shape: Kernel) -> np.ndarray:
-    return shape.radius * (1 - np.linspace(1, 0, SAMPLES) ** 3)
-
-
-def _missed(name: str, table: tuple[str, int, int], misplaced: float) -> np.ndarray:
-    """|drawn − right| / F(0) at _distances, for a distance that is off by `misplaced` at most."""
-    # steps of a tenth in the logarithm, so that moving cameras find what is there
-    step = float(10 ** (np.ceil(10 * np.log10(max(misplaced, 1e-12))) / 10))
-    return _missed_at(name, table, step)
-
-
-@lru_cache(maxsize=128)
-def _missed_at(name: str, table: tuple[str, int, int], misplaced: float) -> np.ndarray:
-    shape, d = kernel(name), _distances(kernel(name))
-    value, peak = _profile(name)
-    sides = [shape.footprint(np.clip(d + side * misplaced, 0, None)) / peak for side in (-1, 1)]
-    moved = np.max([np.abs(side - value) for side in sides], axis=0)
-    kind, size, bits = table
-    if kind == "radial":
-        missed = _radial_error(shape, size, d, value)
-    else:
-        # bilinear between texels h apart: h²/8 of the second derivatives
-        h = 2 * shape.radius / size
-        first = np.gradient(value, d)
-        missed = h * h / 8 * (np.abs(np.gradient(first, d)) + np.abs(first) / np.maximum(d, h))
-        # and what the texels themselves round to
-        missed = missed + (EIGHT_BITS if bits == 8 else 2.0**-bits)
-    return np.asarray(moved + missed + ULP * value)
-
-
-def _radial_error(shape: Kernel, size: int, d: np.ndarray, value: np.ndarray) -> np.ndarray:
-    table = radial_table(shape, size)[0]
-    place = np.clip((d / shape.radius) ** 2 * (size - 1), 0, size - 1)
-    texel = place.astype(int)
-    return np.asarray(np.abs(table[texel, 0] + table[texel, 1] * (place - texel) - value))
+    return float(radius * (np.hypot(_edge(camera), 1.0) - 1) + near)
