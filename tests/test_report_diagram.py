@@ -53,7 +53,7 @@ def test_axes_differ_without_colour() -> None:
 def scene(error: float = 1e-3) -> Scene:
     rows = []
     for n, method in enumerate(methods().values()):
-        timing = Timing(0.01 * (1 + n), 0.009 * (1 + n), 0.011 * (1 + n), 3)
+        timing = Timing.of(dict(enumerate(0.01 * (1 + n) * np.array([0.9, 1.0, 1.1]))))
         found = {truth: {"rmse": error / (1 + n)} for truth in ("reference", "sampled", "integral")}
         rows.append(Row(method.name, "", "", "", timing, found))
     return Scene("made up", {"splats": 10, "size": [8, 8], "note": ""}, tuple(rows))

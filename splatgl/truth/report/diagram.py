@@ -12,26 +12,31 @@ import numpy as np
 from splatgl.truth.figures.style import BLACK, BLUE, GRAY, GREEN, ORANGE, RED, encode, sheet, style
 from splatgl.truth.report.front import Point, front
 from splatgl.truth.report.labels import Box, places
-from splatgl.truth.report.methods import AXES, DEFAULT, PAPER, Axis, axis_of, methods
+from splatgl.truth.report.methods import AXES, DEFAULT, PAPER, PAPER_FLOAT, Axis, axis_of, methods
 from splatgl.truth.report.results import Scene
-from splatgl.truth.report.words import rivals
+from splatgl.truth.report.words import caption, grouped, rivals
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Plot
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-# inches of a panel, and of what is around it
-PANEL, HEIGHT = 3.3, 3.5
+# inches of a panel, and of what is around it; the first panel is where most methods are
+PANEL, HEIGHT = 3.1, 3.5
+FIRST = 1.35
 TITLES = {
-    "reference": "how right it is drawn\nagainst the float64 reference",
-    "sampled": "with antialiasing\nagainst supersampling",
-    "integral": "with splatting itself\nagainst the ray integral",
+    "reference": "how right it is drawn: against the float64 reference",
+    "sampled": "with antialiasing: against supersampling",
+    "integral": "with splatting itself: against the ray integral",
 }
+# the practical settings stand out, each by its own mark
+PRACTICAL = {DEFAULT: ("s", BLACK), PAPER: ("o", BLACK), PAPER_FLOAT: ("o", "white")}
+# decades that an axis of errors has at least
+DECADES = 2.0
 # dots an inch of a PNG: a screen's width for three panels
 RESOLUTION = 200
-# each axis is known by its mark and dashes alone; colours come on top. filled marks: what 1998 had, and the default
-MARKS = "s^vD<>pPXhd*oH8x+1"
+# each axis is known by its mark and dashes alone; colours come on top
+MARKS = "4^vD<>pPXhd*H8x+12"
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)), (0, (3, 1, 1, 1, 1, 1)))
 COLORS = (BLUE, RED, GREEN, ORANGE, GRAY)
 # an error of 0 stands at this share of the least other
@@ -41,11 +46,13 @@ LABEL = 6.5
 
 @dataclass(frozen=True)
 class Look:
-    """How an axis is drawn."""
+    """How an axis is drawn. fill: of its marks; size: of them, points."""
 
     marker: str
     dashes: Any
     color: str
+    fill: str = "white"
+    size: float = 4.0
 
 
 def looks() -> dict[str, Look]:
@@ -96,14 +103,15 @@ def _figure(scene: Scene, head: Mapping[str, Any]) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     truths = [truth for truth in scene.truths if scene.points(truth)]
-    figure = sheet(HEIGHT + 0.75, PANEL * max(len(truths), 1))
+    figure = sheet(HEIGHT + 0.75, PANEL * (FIRST - 1 + max(len(truths), 1)))
     width, height = scene.about["size"]
     machine = head["machine"]
     by = machine["renderer"].split(" (")[0]
-    figure.suptitle(f"{scene.name}: {scene.about['splats']:,} splats, {width}×{height} pixels, {by}", fontsize=9)
+    figure.suptitle(f"{scene.name}: {grouped(scene.about['splats'])} splats, {width}×{height} pixels, {by}", fontsize=9)
     if not truths:
         return figure
-    plots = figure.subplots(1, len(truths), squeeze=False)[0]
+    wide = {"width_ratios": [FIRST, *(1 for _ in truths[1:])]}
+    plots = figure.subplots(1, len(truths), squeeze=False, gridspec_kw=wide)[0]
     shown: dict[str, Any] = {}
     for plot, truth in zip(plots, truths, strict=True):
         shown |= _panel(plot, scene, truth)
@@ -129,9 +137,14 @@ def _panel(plot: Plot, scene: Scene, truth: str) -> dict[str, Any]:
     for name, look in looks().items():
         axis = AXES[name]
         if truth in axis.truths:
-            drawn = _line(plot, _on(axis, points), look, least, axis.connected)
-            if drawn is not None:
-                shown[name] = drawn
+            on = _on(axis, points)
+            for practical, (mark, fill) in PRACTICAL.items():
+                for point in [point for point in on if point.name == practical]:
+                    own = Look(mark, "-", BLACK, fill, 6.0)
+                    shown[methods()[practical].label] = _line(plot, [point], own, least, False)
+                    on.remove(point)
+            if on:
+                shown[name] = _line(plot, on, look, least, axis.connected)
     best = front(rivals(truth, scene))
     x, y = _places(best, least)
     stairs = np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
@@ -139,9 +152,12 @@ def _panel(plot: Plot, scene: Scene, truth: str) -> dict[str, Any]:
     plot.set_xscale("log")
     plot.set_yscale("log")
     plot.set_xlabel("milliseconds for a frame")
-    plot.set_title(TITLES[truth], fontsize=8)
+    plot.set_title(f"{TITLES[truth]}\n{caption(scene, truth)}", fontsize=7.5)
     plot.grid(True, which="major", color="#e4e4e4", linewidth=0.5, zorder=0)
     plot.margins(0.12, 0.1)
+    low, high = np.log10(plot.get_ylim())
+    more = max(DECADES - (high - low), 0.0) / 2
+    plot.set_ylim(10 ** (low - more), 10 ** (high + more))
     _ticks(plot)
     return shown
 
@@ -167,24 +183,21 @@ def _places(points: list[Point], least: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _line(plot: Plot, points: list[Point], look: Look, least: float, connected: bool) -> Any:
-    if not points:
-        return None
     x, y = _places(points, least)
     spread = np.abs(np.array([[1e3 * p.time.low, 1e3 * p.time.high] for p in points]).T - x)
     plot.errorbar(x, y, xerr=spread, fmt="none", ecolor=look.color, elinewidth=0.5, alpha=0.6, zorder=2)
-    filled = points[0].name in (DEFAULT, PAPER)
     (drawn,) = plot.plot(
         x,
         y,
         linestyle=look.dashes if connected else "none",
         color=look.color,
         marker=look.marker,
-        markersize=5.5 if filled else 4,
-        markerfacecolor=BLACK if filled else "white",
-        markeredgecolor=BLACK if filled else look.color,
+        markersize=look.size,
+        markerfacecolor=look.fill,
+        markeredgecolor=look.color,
         markeredgewidth=0.9,
         linewidth=0.9,
-        zorder=4 if filled else 3,
+        zorder=4 if look.color == BLACK else 3,
     )
     return drawn
 
@@ -197,17 +210,27 @@ def _text(name: str, drawn: set[str]) -> str:
 
 
 def _label(plot: Plot, scene: Scene, truth: str, canvas: FigureCanvasAgg) -> None:
-    """Names beside points: the practical settings first, then the front, then the others, as far as there is room."""
+    """Names beside points: the practical settings first, then the front, then the others, as far as there is room.
+
+    Of a line the ends are named, and what is on the front.
+    """
     points = [p for p in scene.points(truth) if truth in axis_of(p.name).truths]
     least = min((p.error for p in points if p.error > 0), default=1.0)
     best = {p.name for p in front(rivals(truth, scene))}
-    order = sorted(points, key=lambda p: (p.name not in (DEFAULT, PAPER), p.name not in best))
+    inner = set()
+    for axis in AXES.values():
+        inner |= {p.name for p in _on(axis, {p.name: p for p in points})[1:-1] if axis.connected}
+    named = [p for p in points if p.name not in inner - best]
+    order = sorted(named, key=lambda p: (p.name not in PRACTICAL, p.name not in best))
     where = plot.transData.transform(np.column_stack(_places(order, least)))
     texts = [_text(p.name, {point.name for point in points}) for p in order]
     renderer = canvas.get_renderer()
     drawn = [plot.text(0, 0, text, fontsize=LABEL, zorder=6) for text in texts]
     sizes = [(box.width, box.height) for box in (text.get_window_extent(renderer) for text in drawn)]
     lines = [plot.transData.transform(line.get_xydata()) for line in plot.lines if line.get_linestyle() != "None"]
+    for point in points:
+        spread = [(1e3 * seconds, point.error or NOTHING * least) for seconds in (point.time.low, point.time.high)]
+        lines.append(plot.transData.transform(spread))
     found = places(where, sizes, Box(*plot.bbox.extents), lines)
     back = plot.transData.inverted()
     for text, place, point, (width, height) in zip(drawn, found, where, sizes, strict=True):

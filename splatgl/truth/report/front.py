@@ -4,36 +4,43 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
-# errors are told apart by so many decades, 26 %; times of a ratio below ALIKE are the same: one method's own differ
-# as much from turn to turn
-DECADES, ALIKE = 0.1, 1.05
+# errors are told apart by so many decades, 26 %
+DECADES = 0.1
+# a method is faster in a round if it takes less than 1/FASTER of the time, and surely so in that share of the rounds
+FASTER, SURE = 1.1, 0.75
 # errors that the cheapest method is asked for
 ERRORS = (1e-1, 3e-2, 1e-2, 1 / 255, 1e-3, 1e-4, 1e-5)
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds for a frame: the median of `count`, and the quartiles around it."""
+    """Seconds for a frame: the median of `count` rounds, the least and the most of them, and all by round."""
 
     median: float
     low: float
     high: float
     count: int
+    rounds: Mapping[int, float] = field(default_factory=dict, compare=False)
 
     @classmethod
-    def of(cls, seconds: Sequence[float]) -> Timing:
-        """Of at least one time; quartiles by linear interpolation."""
-        if len(seconds) < 2:
-            return cls(seconds[0], seconds[0], seconds[0], 1)
-        low, median, high = statistics.quantiles(seconds, n=4, method="inclusive")
-        return cls(median, low, high, len(seconds))
+    def of(cls, rounds: Mapping[int, float]) -> Timing:
+        """Of at least one round."""
+        seconds = rounds.values()
+        return cls(statistics.median(seconds), min(seconds), max(seconds), len(rounds), rounds)
 
-    def no_longer(self, other: Timing) -> bool:
-        """Whether this takes no more time than the other, as far as their spread tells."""
-        return self.median <= ALIKE * other.median or self.low <= other.high
+    def faster(self, other: Timing) -> float:
+        """In what share of the rounds that both had this was faster: what slows a machine down slows down both."""
+        both = self.rounds.keys() & other.rounds.keys()
+        pairs = [(self.rounds[n], other.rounds[n]) for n in both] or [(self.median, other.median)]
+        return sum(FASTER * mine < theirs for mine, theirs in pairs) / len(pairs)
+
+    def over(self, other: Timing) -> float:
+        """How many times as long as the other, by round: the median."""
+        both = self.rounds.keys() & other.rounds.keys()
+        return statistics.median([self.rounds[n] / other.rounds[n] for n in both] or [self.median / other.median])
 
 
 @dataclass(frozen=True)
@@ -50,48 +57,58 @@ class Point:
         return round(math.log10(self.error) / DECADES) if self.error > 0 else -math.inf
 
 
-def front(points: Sequence[Point]) -> list[Point]:
-    """The points that no other beats, the fastest first.
-
-    One beats another by a smaller error in no more time, or by less time at the same error. Times whose quartiles
-    come within ALIKE of each other are the same, so that two runs agree; of the same error and time the first stands
-    for all.
+@dataclass(frozen=True)
+class Standing:
+    """How a point stands among others: in what share of the rounds it is worth its time beside `rival`, beside whom
+    it is so in the fewest; 1 without any.
     """
-    classes: dict[float, list[Point]] = {}
-    for point in points:
-        classes.setdefault(point.rounded, []).append(point)
-    best: list[Point] = []
-    for error in sorted(classes):
-        fastest = min(classes[error], key=lambda p: p.time.median)
-        point = next(p for p in classes[error] if p.time.no_longer(fastest.time))
-        if not any(other.time.no_longer(point.time) for other in best):
-            best.append(point)
-    return sorted(best, key=lambda p: p.time.median)
+
+    share: float = 1.0
+    rival: Point | None = None
+
+    @property
+    def word(self) -> str:
+        """Either "front", "dominated", or "unsure", which is what noise may make of either."""
+        return "front" if self.share >= SURE else "dominated" if self.share <= 1 - SURE else "unsure"
+
+    def __str__(self) -> str:
+        """Either "front", "dominated by …" or "front, or behind …"."""
+        if self.rival is None or self.word == "front":
+            return "front"
+        return f"{'dominated by' if self.word == 'dominated' else 'front, or behind'} {self.rival.name}"
 
 
-def beaten(point: Point, points: Sequence[Point]) -> Point | None:
-    """The point of the front that does so: the most right of those that take no more time; None if it is on it."""
-    best = front(points)
-    if point in best:
-        return None
-    righter = [p for p in best if p.rounded <= point.rounded]
-    rivals = [p for p in righter if p.time.no_longer(point.time)]
-    # spreads don't order: what beats it by way of a third may itself take a little more
-    return min(rivals, key=lambda p: p.rounded) if rivals else min(righter, key=lambda p: p.time.median)
+def standing(point: Point, points: Sequence[Point]) -> Standing:
+    """How `point`, one of `points`, stands.
+
+    It is on the front if it is surely faster than every other that is as right or more. Of two that are as right, the
+    first in `points` need only not be surely slower: of the same error and time it stands for both.
+    """
+    mine = points.index(point)
+    found = []
+    for n, other in enumerate(points):
+        if n != mine and other.rounded <= point.rounded:
+            first = other.rounded == point.rounded and mine < n
+            share = 1 - other.time.faster(point.time) if first else point.time.faster(other.time)
+            found.append(Standing(share, other))
+    # of rivals that beat it alike, the most right is told
+    return min(found, key=lambda s: (s.share, s.rival.rounded if s.rival else 0.0), default=Standing())
 
 
-def standing(point: Point, points: Sequence[Point]) -> str:
-    """Either "front" or "dominated by …"."""
-    rival = beaten(point, points)
-    return f"dominated by {rival.name}" if rival else "front"
+def front(points: Sequence[Point]) -> list[Point]:
+    """The points that are surely on the front, the fastest first."""
+    return sorted((p for p in points if standing(p, points).word == "front"), key=lambda p: p.time.median)
 
 
 def cheapest(points: Sequence[Point], limits: Sequence[float] = ERRORS) -> list[tuple[float, Point | None]]:
-    """For each error, the fastest that stays under it."""
-    return [
-        (limit, min((p for p in points if p.error <= limit), key=lambda p: p.time.median, default=None))
-        for limit in limits
-    ]
+    """For each error, the fastest that stays under it; of those that are not surely slower, the most right."""
+    found: list[tuple[float, Point | None]] = []
+    for limit in limits:
+        under = [point for point in points if point.error <= limit]
+        fastest = min(under, key=lambda p: p.time.median, default=None)
+        alike = [p for p in under if fastest is not None and fastest.time.faster(p.time) < SURE]
+        found.append((limit, min(alike, key=lambda p: p.rounded, default=None)))
+    return found
 
 
 def finite(points: Iterable[Point]) -> list[Point]:

@@ -95,6 +95,14 @@ def _place(point: np.ndarray, size: tuple[float, float], frame: Box, taken: np.n
             left = point[0] + across * scale - (size[0] if across < 0 else size[0] / 2 if across == 0 else 0)
             bottom = point[1] + up * scale - (size[1] if up < 0 else size[1] / 2 if up == 0 else 0)
             box = Box(left - MARGIN, bottom - MARGIN, left + size[0] + MARGIN, bottom + size[1] + MARGIN)
-            if box.within(frame) and not box.touches(taken):
-                return Place(float(left), float(bottom), reach >= LED)
+            place = Place(float(left), float(bottom), reach >= LED)
+            if box.within(frame) and not box.touches(taken) and not (place.led and _crosses(point, place, size, taken)):
+                return place
     return None
+
+
+def _crosses(point: np.ndarray, place: Place, size: tuple[float, float], taken: np.ndarray) -> bool:
+    """Whether the line to a label runs over anything but its own point."""
+    path = _along(np.array([point, _nearest(point, place, size)]))
+    path = path[np.abs(path - point).max(axis=1) > 2 * POINT]
+    return any(Box(x, y, x, y).touches(taken) for x, y in path.tolist())

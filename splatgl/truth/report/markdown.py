@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from splatgl.truth import rows
 from splatgl.truth.report.content import Block, Diagram, Heading, Pictures, Table, Text, blocks
 from splatgl.truth.report.results import Results
 
@@ -31,15 +32,10 @@ def _block(block: Block, diagrams: Mapping[str, str]) -> str:
 def _table(table: Table) -> str:
     if not table.rows:
         return ""
-    rows = [_row(table.head), "|" + "---|" * len(table.head)]
-    for n, cells in enumerate(table.rows):
-        rows.append(_row([f"**{cell}**" if cell and n in table.strong else cell for cell in cells]))
-    text = "\n".join(rows)
+    strong = [
+        [f"**{cell}**" if cell and n in table.strong else cell for cell in row] for n, row in enumerate(table.rows)
+    ]
+    text = rows.as_markdown(table.head, strong)
     if table.folded:
         return f"<details><summary>{table.title}</summary>\n\n{text}\n\n</details>"
-    return f"{table.title}\n\n{text}"
-
-
-def _row(cells: list[str] | tuple[str, ...]) -> str:
-    # a bar in a cell would end it
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    return f"{table.title}\n\n{text}" if table.title else text

@@ -101,7 +101,7 @@ def _each(name: str, key: str, values: tuple[Any, ...], quick: tuple[Any, ...], 
     return tuple(made)
 
 
-DEFAULT, PAPER = "exact", "paper 1998"
+DEFAULT, PAPER, PAPER_FLOAT = "exact", "paper 1998", "paper, 32 bits"
 register(
     Axis(
         "settings",
@@ -109,7 +109,7 @@ register(
         (
             Method(DEFAULT, label="exact (default)"),
             Method(PAPER, paper=True, label="paper 1998"),
-            Method("paper, 32 bits", {"table_bits": 32, "target": "rgba32f"}, "paper, 32 bits", paper=True),
+            Method(PAPER_FLOAT, {"table_bits": 32, "target": "rgba32f"}, "paper, 32 bits", paper=True),
         ),
         ALL,
         connected=False,

@@ -65,10 +65,10 @@ def _table(table: Table) -> str:
         for n, cells in enumerate(table.rows)
     ]
     body = f'<div class="wide"><table><tr>{head}{"".join(rows)}</table></div>'
-    title = escape(table.title[0].upper() + table.title[1:])
+    title = escape(table.title[:1].upper() + table.title[1:])
     if table.folded:
         return f"<details><summary>{title}</summary>{body}</details>"
-    return f'<section class="table"><h3>{title}</h3>{body}</section>'
+    return f'<section class="table">{f"<h3>{title}</h3>" if title else ""}{body}</section>'
 
 
 def _strip(strip: Strip) -> str:

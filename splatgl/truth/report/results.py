@@ -77,15 +77,15 @@ class Results:
 
 def _scene(store: Store, about: dict[str, Any]) -> Scene:
     name = about["scene"]
-    times: dict[str, list[float]] = {}
+    times: dict[str, dict[int, float]] = {}
     for line in store.of("time", scene=name):
-        times.setdefault(line["method"], []).append(line["seconds"])
+        times.setdefault(line["method"], {})[line["round"]] = line["seconds"]
     return Scene(name, about, tuple(_row(line, times) for line in store.of("picture", scene=name)))
 
 
-def _row(line: dict[str, Any], times: dict[str, list[float]]) -> Row:
+def _row(line: dict[str, Any], times: dict[str, dict[int, float]]) -> Row:
     # the same picture takes the same time
-    seconds = times.get(line["same_as"] or line["method"], [])
+    seconds = times.get(line["same_as"] or line["method"], {})
     return Row(
         method=line["method"],
         axis=line["axis"],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import statistics
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,6 +24,8 @@ from splatgl.truth.report.truths import Truths
 SEED = 1998
 # a method that has taken so long altogether is not timed again after the least number of turns, seconds
 LONGEST, LEAST_ROUNDS = 20.0, 3
+# a turn has as many frames as fit into so many seconds, one at least and so many at most
+TURN, FRAMES = 0.04, 5
 # FLIP is measured against this truth
 FLIP_TRUTH = "sampled"
 
@@ -129,28 +132,36 @@ class Sweep:
         return {"errors": found, "missing": missing}
 
     def times(self, wanted: list[Method], rounds: int, tick: Tick) -> None:
-        """Times every method that has a picture of its own, `rounds` times, each turn warmed up by a frame before."""
+        """Times every method that has a picture of its own once a round, each round in another random order.
+
+        What slows a machine down for a while so falls on all alike, and methods can be compared round by round.
+        """
         named = {method.name: method for method in wanted}
         own = [
             line["method"]
             for line in self.store.of("picture", scene=self.subject.name, same_as="", omitted="")
             if line["method"] in named
         ]
-        turns = [(name, turn) for name in own for turn in range(rounds)]
-        random.Random(SEED).shuffle(turns)
         done = self.store.of("time", scene=self.subject.name)
         spent = {name: sum(line["seconds"] for line in done if line["method"] == name) for name in own}
-        count = {name: sum(line["method"] == name for line in done) for name in own}
         finished = {(line["method"], line["round"]) for line in done}
-        for name, turn in turns:
-            tick(f"{self.subject.name}: timing")
-            if (name, turn) in finished or (spent[name] > LONGEST and count[name] >= LEAST_ROUNDS):
-                continue
-            self.frame(named[name])
-            seconds = self.frame(named[name])
-            spent[name] += seconds
-            count[name] += 1
-            self.store.add("time", scene=self.subject.name, method=name, round=turn, seconds=round(seconds, 6))
+        shuffled = random.Random(SEED)
+        for turn in range(rounds):
+            for name in shuffled.sample(own, len(own)):
+                tick(f"{self.subject.name}: timing")
+                if (name, turn) in finished or (spent[name] > LONGEST and turn >= LEAST_ROUNDS):
+                    continue
+                seconds = self.turn(named[name])
+                spent[name] += seconds
+                self.store.add("time", scene=self.subject.name, method=name, round=turn, seconds=round(seconds, 6))
+
+    def turn(self, method: Method) -> float:
+        """Seconds for a frame after one that is not counted: the median of up to FRAMES that fit into TURN."""
+        self.frame(method)
+        first = self.frame(method)
+        count = min(FRAMES, int(TURN / first))
+        # an odd number, whose median one of them has
+        return statistics.median([first, *(self.frame(method) for _ in range(2 * ((count - 1) // 2)))])
 
     def frame(self, method: Method) -> float:
         """Seconds for one finished frame, its pixels read back."""
@@ -158,7 +169,7 @@ class Sweep:
             return self._peer(method).frame()[1]
         splats, settings = self.subject.drawn(method)
         started = time.perf_counter()
-        self.renderer.render(splats, self.subject.camera, settings)
+        self.renderer.render(splats, self.subject.camera, settings, held=False)
         return time.perf_counter() - started
 
 

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
-import math
 from typing import Any
 
+from splatgl.truth import rows
 from splatgl.truth.report.front import standing
 from splatgl.truth.report.methods import TRUTHS
 from splatgl.truth.report.results import Results, Row, Scene
@@ -25,7 +22,7 @@ FIELDS = (
     "seconds",
     "seconds_low",
     "seconds_high",
-    "turns",
+    "rounds",
     "tolerance",
     "bound",
     *(f"{truth}_{name}" for truth in TRUTHS for name in ERRORS),
@@ -34,13 +31,8 @@ FIELDS = (
 
 
 def as_csv(results: Results) -> str:
-    """A line a method and scene, with a line of names; numbers to the last bit, nothing where there is none."""
-    buffer = io.StringIO()
-    writer = csv.DictWriter(buffer, FIELDS, lineterminator="\n", restval="")
-    writer.writeheader()
-    for scene in results.scenes:
-        writer.writerows(_cells(scene, row) for row in scene.rows)
-    return buffer.getvalue()
+    """A line a method and scene, with a line of names."""
+    return rows.as_csv(FIELDS, (_cells(scene, row) for scene in results.scenes for row in scene.rows))
 
 
 def as_json(results: Results, store: Store) -> str:
@@ -52,7 +44,7 @@ def as_json(results: Results, store: Store) -> str:
         "convergence": results.convergence,
         "runs": store.lines,
     }
-    return json.dumps(_plain(found), ensure_ascii=False, indent=1) + "\n"
+    return rows.as_json(found)
 
 
 def _cells(scene: Scene, row: Row) -> dict[str, Any]:
@@ -72,21 +64,12 @@ def _cells(scene: Scene, row: Row) -> dict[str, Any]:
             "seconds": timing.median,
             "seconds_low": timing.low,
             "seconds_high": timing.high,
-            "turns": timing.count,
+            "rounds": timing.count,
         }
     for truth, found in row.errors.items():
         cells |= {f"{truth}_{name}": found.get(name) for name in ERRORS}
         points = rivals(truth, scene)
         own = next((point for point in points if point.name == row.method), None)
         if own is not None:
-            cells[f"{truth}_standing"] = standing(own, points)
+            cells[f"{truth}_standing"] = str(standing(own, points))
     return cells
-
-
-def _plain(value: Any) -> Any:
-    """The same without numbers that JSON has not."""
-    if isinstance(value, dict):
-        return {key: _plain(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from splatgl.truth.report.front import ALIKE, Point, Timing, front, standing
+from dataclasses import dataclass
+
+from splatgl.truth.report.front import FASTER, Point, Timing, front, standing
 from splatgl.truth.report.methods import AXES, DEFAULT, PAPER, axis_of
-from splatgl.truth.report.results import Row, Scene
+from splatgl.truth.report.results import Scene
 
 
 def number(value: float | None) -> str:
@@ -17,16 +19,18 @@ def number(value: float | None) -> str:
     return f"{mantissa}e{int(exponent)}".replace("-", "−")
 
 
+def grouped(count: float) -> str:
+    """A whole number, in groups of three digits: 960 970."""
+    return f"{count:,.0f}".replace(",", " ")
+
+
 def times(factor: float) -> str:
-    """A ratio in words: 27 000, 12, 1.4."""
-    if factor >= 100:
-        digits = f"{float(f'{factor:.2g}'):,.0f}".replace(",", " ")
-        return digits
-    return f"{factor:.2g}"
+    """A ratio to two digits: 27 000, 12, 1.4."""
+    return grouped(float(f"{factor:.2g}")) if factor >= 100 else f"{factor:.2g}"
 
 
 def milliseconds(timing: Timing | None) -> str:
-    """The median, and the quartiles around it."""
+    """The median, and the least and the most around it."""
     if timing is None:
         return ""
     return f"{_ms(timing.median)} ({_ms(timing.low)}–{_ms(timing.high)})"
@@ -37,77 +41,105 @@ def _ms(seconds: float) -> str:
     return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
 
-def story(scene: Scene) -> list[str]:
-    """What the numbers say, a sentence each."""
-    return [text for text in (_against_paper(scene), _filtering(scene), _splatting(scene), _needless(scene)) if text]
-
-
 def rivals(truth: str, scene: Scene) -> list[Point]:
     """The points that compete for the front of that truth."""
     return [p for p in scene.points(truth) if truth in axis_of(p.name).truths and axis_of(p.name).competes]
 
 
-def _pair(scene: Scene, truth: str) -> tuple[Row, Row, float, float] | None:
-    """The paper's row and the default one, and their errors."""
-    rows = scene.row(PAPER), scene.row(DEFAULT)
-    if rows[0] is None or rows[1] is None:
-        return None
-    old, new = rows[0].error(truth), rows[1].error(truth)
-    if not old or not new or rows[0].timing is None or rows[1].timing is None:
-        return None
-    return rows[0], rows[1], old, new
+@dataclass(frozen=True)
+class Gist:
+    """What a scene comes to; None where it is not known.
+
+    old, new: errors of drawing, of the paper's settings and of the default ones; cost: the new ones' time over the old
+    ones'. filtered: errors against supersampling, of both. least: what is left against the ray integral, by `best`.
+    """
+
+    old: float | None
+    new: float | None
+    cost: float | None
+    filtered: tuple[float | None, float | None]
+    least: float | None
+    best: str
+
+    @classmethod
+    def of(cls, scene: Scene) -> Gist:
+        paper, exact = scene.row(PAPER), scene.row(DEFAULT)
+        before, now = (row.timing if row else None for row in (paper, exact))
+        cost = now.over(before) if now and before else None
+        old, new = (row.error("reference") if row else None for row in (paper, exact))
+        unfiltered, filtered = (row.error("sampled") if row else None for row in (paper, exact))
+        best = min(rivals("integral", scene), key=lambda p: p.error, default=None)
+        least, name = (best.error, best.name) if best else (None, "")
+        return cls(old, new, cost, (unfiltered, filtered), least, name)
+
+    @property
+    def gain(self) -> float | None:
+        """How many times less the default settings err when drawing."""
+        return self.old / self.new if self.old and self.new else None
 
 
-def _against_paper(scene: Scene) -> str:
-    found = _pair(scene, "reference")
-    if found is None:
+def story(scene: Scene) -> list[str]:
+    """What the numbers say, a sentence each."""
+    gist = Gist.of(scene)
+    return [text for text in (_drawing(gist), _filtering(scene, gist), _splatting(gist), _worth(scene)) if text]
+
+
+def caption(scene: Scene, truth: str) -> str:
+    """What they say of one truth, on the line over its diagram."""
+    gist = Gist.of(scene)
+    if truth == "reference" and gist.gain and gist.cost:
+        return f"exact against 1998: error ÷ {times(gist.gain)}, time × {gist.cost:.2g}"
+    if truth == "sampled" and gist.filtered[1]:
+        return f"exact is {number(gist.filtered[1])} away, 1998 {number(gist.filtered[0])}"
+    if truth == "integral" and gist.least:
+        return f"nothing comes below {number(gist.least)}"
+    return ""
+
+
+def _drawing(gist: Gist) -> str:
+    if not gist.gain or not gist.cost:
         return ""
-    paper, exact, old, new = found
-    assert paper.timing is not None and exact.timing is not None
-    cost = exact.timing.median / paper.timing.median
-    verb = "in" if cost < 1 else "at"
     return (
-        f"Drawing: exact errs {times(old / new)} times less than the settings of 1998 (RMSE {number(new)} against "
-        f"{number(old)}), {verb} {cost:.2g} times their time."
+        f"**Drawing**: exact errs {times(gist.gain)} times less than the settings of 1998 (RMSE {number(gist.new)} "
+        f"against {number(gist.old)}), {'in' if gist.cost < 1 else 'at'} {gist.cost:.2g} times their time."
     )
 
 
-def _filtering(scene: Scene) -> str:
+def _filtering(scene: Scene, gist: Gist) -> str:
     exact = next((p for p in scene.points("sampled") if p.name == DEFAULT), None)
     if exact is None:
         return ""
     names = {method.name for method in AXES["supersampling"].methods}
     nearer = [p for p in scene.points("sampled") if p.name in names and p.error < exact.error]
-    text = f"Antialiasing: stretched splats are within {number(exact.error)} of supersampling"
-    found = _pair(scene, "sampled")
-    if found is not None:
-        text += f", those of 1998 within {number(found[2])}"
+    text = f"**Antialiasing**: stretched splats are within {number(exact.error)} of supersampling"
+    if gist.filtered[0] is not None:
+        text += f", those of 1998 within {number(gist.filtered[0])}"
     if not nearer:
         return text + "; no number of samples tried here is nearer."
     best = min(nearer, key=lambda p: p.time.median)
-    ratio = best.time.median / exact.time.median
-    how = "in as much time" if 1 / ALIKE < ratio < ALIKE else f"in {ratio:.2g} times their time"
+    ratio = best.time.over(exact.time)
+    how = "in as much time" if 1 / FASTER < ratio < FASTER else f"in {ratio:.2g} times their time"
     return text + f"; {best.name} samples a pixel get to {number(best.error)} {how}."
 
 
-def _splatting(scene: Scene) -> str:
-    points = rivals("integral", scene)
-    if not points:
+def _splatting(gist: Gist) -> str:
+    if gist.least is None:
         return ""
-    best = min(points, key=lambda p: p.error)
     return (
-        f"Splatting itself, which mixes what overlaps in the wrong order, leaves {number(best.error)} against the "
-        f"ray integral, however well it is drawn ({best.name})."
+        f"**Splatting itself**, which mixes what overlaps in the wrong order, leaves {number(gist.least)} against the "
+        f"ray integral, however well it is drawn ({gist.best})."
     )
 
 
-def _needless(scene: Scene) -> str:
-    """What costs more than what is at least as right, beyond the spread."""
+def _worth(scene: Scene) -> str:
+    """What is worth its time when drawing, and what these times don't tell apart from it."""
     points = rivals("reference", scene)
     if not points:
         return ""
-    beaten_by = [p.name for p in points if standing(p, points).startswith("dominated")]
-    text = "Worth their time when drawing: " + ", ".join(p.name for p in front(points)) + "."
-    if beaten_by:
-        text += " Another is as right and faster: " + ", ".join(beaten_by) + "."
-    return text
+    stands = {p.name: standing(p, points).word for p in points}
+    text = "**On the front** when drawing: " + ", ".join(p.name for p in front(points))
+    unsure = [name for name, word in stands.items() if word == "unsure"]
+    if unsure:
+        text += "; perhaps " + ", ".join(unsure)
+    beaten = list(stands.values()).count("dominated")
+    return text + f". {beaten} more are dominated: another is as right, and not slower."

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from collections.abc import Iterable, Sequence
 from textwrap import fill
 
 import numpy as np
 
+from splatgl.truth import rows
 from splatgl.truth.stress.case import Case, Check, Result
 
 # widths of the table's columns, characters: with the spaces between them 97
@@ -58,17 +56,12 @@ def about(case: Case) -> str:
 
 
 def as_csv(results: Iterable[Result]) -> str:
-    """Comma-separated text, one line a check, with a line of names; numbers to the last bit."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(FIELDS)
-    for result in results:
-        writer.writerows(_row(result, each).values() for each in result.checks)
-    return buffer.getvalue()
+    """A line a check, with a line of names."""
+    return rows.as_csv(FIELDS, (_row(result, each) for result in results for each in result.checks))
 
 
 def as_json(results: Sequence[Result], renderer: str) -> str:
-    """Everything, by case; numbers that are none or infinite become null."""
+    """Everything, by case."""
     cases = [
         {
             "name": result.case.name,
@@ -79,28 +72,24 @@ def as_json(results: Sequence[Result], renderer: str) -> str:
             "pictures": result.pictures,
             "not_finite": result.bad_pixels,
             "seconds": round(result.seconds, 3),
-            "checks": [_plain(_row(result, each)) for each in result.checks],
+            "checks": [_row(result, each) for each in result.checks],
         }
         for result in results
     ]
-    return json.dumps({"renderer": renderer, "cases": cases}, ensure_ascii=False, indent=1) + "\n"
+    return rows.as_json({"renderer": renderer, "cases": cases})
 
 
 def as_markdown(results: Sequence[Result], renderer: str) -> str:
     """A table of all cases, each by the check nearest to its bound, and a line about all of it."""
-    # a bar in a cell would end it
-    bar = r"\|"
-    rows = ["| case | what is extreme | error | bound | paper's |", "|---|---|---|---|---|"]
+    lines = []
     for result in results:
         worst = result.worst
-        error = _error(worst.error, worst.relative)
-        shown = error if result.ok else f"**{error}**"
+        error, bound = (_error(value, worst.relative) for value in (worst.error, worst.bound))
         paper = "" if worst.paper_error is None else _error(worst.paper_error, worst.relative)
-        bound = _error(worst.bound, worst.relative)
-        rows.append(
-            f"| `{result.case.name}` | {result.case.stresses.replace('|', bar)} | {shown} | {bound} | {paper} |"
-        )
-    return "\n".join([*rows, "", f"{verdict(results)}. Drawn by {renderer}."]) + "\n"
+        shown = error if result.ok else f"**{error}**"
+        lines.append((f"`{result.case.name}`", result.case.stresses, shown, bound, paper))
+    table = rows.as_markdown(("case", "what is extreme", "error", "bound", "paper's"), lines)
+    return f"{table}\n\n{verdict(results)}. Drawn by {renderer}.\n"
 
 
 def _check_line(name: str, each: Check, ok: bool) -> str:
@@ -152,7 +141,3 @@ def _row(result: Result, each: Check) -> dict[str, object]:
         each.ok,
     )
     return dict(zip(FIELDS, values, strict=True))
-
-
-def _plain(row: dict[str, object]) -> dict[str, object]:
-    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in row.items()}
