@@ -1,7 +1,4 @@
-"""The viewer in a real window, under Xvfb, with real keys, buttons and wheel turns made by xdotool.
-
-One thing is not real: xdotool cannot drop files (XDND), so `Viewer.drop` is called, as GLFW's callback does.
-"""
+"""The viewer in a real window, under Xvfb, with real keys, buttons and wheel turns made by xdotool, and real drops."""
 
 from __future__ import annotations
 
@@ -32,7 +29,7 @@ from splatgl.splat.settings import CHOICES
 MISSING = [tool for tool in ("Xvfb", "xdotool") if shutil.which(tool) is None]
 pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 
-DRIVER = Path(__file__).with_name("view_driver.py")
+DRIVER, DRAG_SOURCE = (Path(__file__).with_name(name) for name in ("view_driver.py", "drag_source.py"))
 SIZE = (240, 180)
 # seconds that an answer may take
 PATIENCE = 30.0
@@ -95,6 +92,22 @@ class Window:
         self.hands("mousemove", *start, *keys[0], "mousedown", button, *moves, "mouseup", button, *keys[1])
         return self.ask("settle")
 
+    @property
+    def identity(self) -> str:
+        """The X server's number of the window."""
+        search = ["xdotool", "search", "--name", "splatgl"]
+        found = subprocess.run(search, env=self.environment, capture_output=True, text=True, check=True)
+        return found.stdout.split()[-1]
+
+    def drop(self, *paths: Path) -> Told:
+        """Files dragged onto the window; returns the state when all is at rest."""
+        command = [sys.executable, str(DRAG_SOURCE), self.identity, *map(str, paths)]
+        source = subprocess.Popen(command, env=self.environment)
+        while source.poll() is None:
+            self.ask("look")
+        assert source.returncode == 0
+        return self.ask("settle")
+
     def shot(self) -> np.ndarray:
         """uint8 [H, W, 3]: what the window holds."""
         self.ask("shot", path=str(self.folder / "shot.npy"))
@@ -120,7 +133,7 @@ class Window:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("view")
     np.save(place / "blob.npy", blob().samples)
-    np.save(place / "other.npy", blob(16).samples[:, ::-1])
+    np.save(place / "other ä %41.npy", blob(16).samples[:, ::-1])
     (place / "bad.npy").write_bytes(b"\x93NUMPY not quite")
     return place
 
@@ -365,10 +378,7 @@ def test_a_turned_view_keeps_to_its_baseline(window: Window, image_regression: I
 
 
 def test_resizing(window: Window) -> None:
-    found = subprocess.run(
-        ["xdotool", "search", "--name", "splatgl"], env=window.environment, capture_output=True, text=True, check=True
-    )
-    identity = found.stdout.split()[-1]
+    identity = window.identity
     window.hands("windowsize", "--sync", identity, 300, 200)
     assert window.ask("settle")["size"] == [300, 200]
     assert window.shot().shape == (200, 300, 3)
@@ -382,19 +392,15 @@ def test_resizing(window: Window) -> None:
 def test_dropped_files(window: Window, folder: Path) -> None:
     """Another volume is opened; a bad one says why, and what is shown stays."""
     first = window.key("i")["splats"]
-    window.ask("drop", paths=[str(folder / "other.npy")])
-    after = window.ask("settle")
-    assert after["source"].endswith("other.npy") and after["splats"] != first and after["full"]
+    after = window.drop(folder / "other ä %41.npy", folder / "blob.npy")
+    assert after["source"].endswith("other ä %41.npy") and after["splats"] != first and after["full"]
     shown = window.shot()
-    window.ask("drop", paths=[str(folder / "bad.npy")])
-    after = window.ask("settle")
-    assert "bad.npy" in after["message"] and after["source"].endswith("other.npy")
+    after = window.drop(folder / "bad.npy")
+    assert "bad.npy" in after["message"] and after["source"].endswith("other ä %41.npy")
     # the same picture but for the words below
     assert np.array_equal(window.shot()[:40], shown[:40]) and not np.array_equal(window.shot(), shown)
-    window.ask("drop", paths=[str(folder / "nothing.npy")])
-    assert "got nothing of that name" in window.ask("settle")["message"]
-    window.ask("drop", paths=[str(folder / "blob.npy")])
-    assert window.ask("settle")["splats"] == first
+    assert "got nothing of that name" in window.drop(folder / "nothing.npy")["message"]
+    assert window.drop(folder / "blob.npy")["splats"] == first
 
 
 def test_watching(display: str, tmp_path: Path) -> None:
@@ -428,10 +434,9 @@ def test_memory_stays(window: Window, folder: Path) -> None:
     after = window.ask("turn", times=120)
     window.hands("mouseup", 1)
     assert after["megabytes"] - began["megabytes"] < 2 and after["textures"] == began["textures"] == 3
-    for number in range(8):
-        window.ask("drop", paths=[str(folder / ("other.npy" if number % 2 else "blob.npy"))])
-        told = window.ask("settle")
-        began = told if number == 3 else began
+    for number in range(6):
+        told = window.drop(folder / ("other ä %41.npy" if number % 2 else "blob.npy"))
+        began = told if number == 2 else began
     assert told["megabytes"] - began["megabytes"] < 4
 
 

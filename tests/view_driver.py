@@ -1,6 +1,6 @@
 """A viewer in a process of its own, for tests: it lives on, and answers a line of JSON to every line of JSON.
 
-    python view_driver.py SOURCE FOLDER '{"backend": "egl", …}'
+python view_driver.py SOURCE FOLDER '{"backend": "egl", …}'
 """
 
 from __future__ import annotations
@@ -30,7 +30,19 @@ PATIENCE = 20.0
 def told(viewer: Viewer) -> dict[str, Any]:
     """What the window shows, in plain values."""
     state, frame, camera = viewer.state, viewer.painter.frame, viewer.state.pose.camera
-    names = ("threshold", "extinction", "turning", "blur", "beyond", "compare", "hud", "help", "panel", "ground", "message")
+    names = (
+        "threshold",
+        "extinction",
+        "turning",
+        "blur",
+        "beyond",
+        "compare",
+        "hud",
+        "help",
+        "panel",
+        "ground",
+        "message",
+    )
     return {
         **{name: getattr(state, name) for name in names},
         "eye": camera.eye.tolist(),
@@ -84,8 +96,6 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
     elif what == "look":
         # one picture after the events that are waiting
         viewer.step(0.02)
-    elif what == "drop":
-        viewer.drop(ask["paths"])
     elif what == "shot":
         np.save(ask["path"], viewer.shot())
     elif what == "reset":
