@@ -9,6 +9,9 @@ import pytest
 
 import splatgl as sg
 from splatgl.splat.bound import bound
+from splatgl.splat.crowd import crowd
+from splatgl.truth.pairs import values
+from splatgl.truth.reference import _Scene
 from splatgl.truth.stress import CASES, run_case
 
 SIZE = (64, 48)
@@ -25,17 +28,28 @@ WAYS = {
     "auto": {},
     "loose": {"tolerance": 0.2},
     "quads": {"primitive": "quad"},
-    "ray": {"align": "ray"},
-    "grid": {"align": "grid"},
-    "hybrid": {"align": "hybrid"},
-    "half floats": {"target": "rgba16f"},
-    "8-bit table": {"align": "ray", "footprint": "table", "table_bits": 8},
-    "paper": {"align": "hybrid", "table_bits": 8, "attenuation": "opacity", "target": "rgba8"},
+    "front to back": {"primitive": "quad", "order": "front-to-back"},
     "gaussian": {"kernel": "gaussian"},
     "xray": {"blend": "xray"},
     "mip": {"blend": "mip"},
     "parallel": {},
 }
+# what is coarser than the finest, and knows by how much
+COARSER = {
+    "ray": {"align": "ray"},
+    "grid": {"align": "grid"},
+    "hybrid": {"align": "hybrid"},
+    "a": {"align": "a"},
+    "b1": {"align": "b1"},
+    "half floats": {"target": "rgba16f"},
+    "half floats, xray": {"blend": "xray", "target": "rgba16f"},
+    "8 bits": {"target": "rgba8"},
+    "8-bit table": {"align": "ray", "footprint": "table", "table_bits": 8},
+    "small table": {"table_size": 32},
+    "paper": {"align": "hybrid", "table_bits": 8, "attenuation": "opacity", "target": "rgba8"},
+    "grid, mip": {"align": "grid", "blend": "mip"},
+}
+SOME = ("auto", "mip", "xray", "grid", "half floats", "8-bit table")
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +65,46 @@ def scenes() -> dict[str, tuple[sg.Splats, sg.Camera]]:
     return made
 
 
+def cloud(spacing: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> sg.Splats:
+    """Points anywhere, some of them in one cell."""
+    rng = np.random.default_rng(4)
+    points = rng.uniform(-6, 6, (200, 3)) * spacing
+    return sg.Splats.from_points(points, rng.random((200, 3)), rng.random(200), spacing)
+
+
+def lattice(count: int, depth: float, axes: tuple[int, int, int] = (1, 1, 1)) -> sg.Splats:
+    """Cells in all of these axes."""
+    places = [np.arange(count if axis else 1.0) for axis in axes]
+    points = np.stack(np.meshgrid(*places), -1).reshape(-1, 3)
+    return sg.Splats.from_points(points, np.ones_like(points) * (1, 0.5, 0.2), np.full(len(points), depth))
+
+
+SHAPES = {
+    "cloud": cloud(),
+    "long voxels": cloud((1.0, 2.0, 0.4)),
+    "fog": lattice(14, 0.02),
+    "block": lattice(10, 2.0),
+    "wall": lattice(16, 4.0, (1, 0, 1)),
+    "line": lattice(30, 3.0, (0, 1, 0)),
+}
+
+
+def views(splats: sg.Splats) -> dict[str, sg.Camera]:
+    """Far, near, inside, along the faces; pixels larger and smaller than voxels."""
+    fitted = sg.Camera.orbit(splats, 20, 30, size=(24, 18))
+    middle = splats.corners.mean(axis=0)
+    away = fitted.eye - middle
+    return {
+        "fitted": fitted,
+        "near": sg.Camera.look_at(middle + 0.55 * away, middle, (0, 0, 1), 50, (60, 44)),
+        "far": sg.Camera.look_at(middle + 3 * away, middle, (0, 0, 1), 14, (20, 15)),
+        "inside": sg.Camera.look_at(middle + 0.02 * away, middle, (0, 0, 1), 80, (32, 24)),
+        "along": sg.Camera.orbit(splats, 0, 0, size=(24, 18)),
+        "parallel": fitted.parallel(splats),
+        "parallel, coarse": fitted.parallel(splats).resized((8, 6)),
+    }
+
+
 def measured(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings) -> tuple[float, float]:
     """(error, bound) of one picture."""
     image = renderer.render(splats, camera, settings)
@@ -62,16 +116,106 @@ def measured(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settin
 def test_scenes_keep_their_bound_and_it_is_near(
     renderer: sg.Renderer, scenes: dict[str, tuple[sg.Splats, sg.Camera]], name: str
 ) -> None:
+    """What is coarser says how much so within 20 times, and the finest does in some way."""
     splats, camera = scenes[name]
     near = []
-    ways = WAYS if name == "letter_f" else {way: WAYS[way] for way in ("auto", "grid", "half floats", "mip", "xray")}
-    for way, changes in ways.items():
+    for way, changes in {**WAYS, **COARSER}.items():
+        if name != "letter_f" and way not in SOME:
+            continue
         view = camera.parallel(splats) if way == "parallel" else camera
         error, limit = measured(renderer, splats, view, sg.Settings(**changes))
         print(f"{name} {way}: {error:.3g} of {limit:.3g}")
         assert 0 < error <= limit, way
-        near.append(limit <= 20 * max(error, 1e-5))
+        if way in COARSER:
+            assert limit <= 20 * error
+        else:
+            near.append(limit <= 20 * max(error, 1e-5))
     assert any(near)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_views_keep_their_bound(renderer: sg.Renderer, name: str) -> None:
+    """From everywhere, and also where a coarser picture is not held against a finer one."""
+    splats = SHAPES[name]
+    for view, camera in views(splats).items():
+        for way in ("auto", "xray", "mip", "gaussian", "grid"):
+            settings = sg.Settings(**{**WAYS, **COARSER}[way])
+            image = renderer.render(splats, camera, settings, held=False)
+            error = np.abs(image.pixels - sg.reference.render(splats, camera, settings).pixels).max()
+            assert error <= image.info["error_bound"], (view, way)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_no_ray_meets_more_than_is_said(name: str) -> None:
+    splats = SHAPES[name]
+    for view, camera in views(splats).items():
+        chosen = sg.plan(splats, camera, sg.Settings(blend="xray"))
+        count, depth = met(splats, camera)
+        found = crowd(splats, camera, chosen)
+        assert count <= found.count <= len(splats), view
+        assert depth <= found.depth * 1.000001, view
+        # of a solid block most rays meet much
+        assert name not in ("fog", "block") or view == "inside" or found.depth < 4 * depth, view
+
+
+def met(splats: sg.Splats, camera: sg.Camera) -> tuple[float, float]:
+    """The most splats that a pixel's ray meets, and the most of their depth, as the reference has them."""
+    scene = _Scene(splats, camera, sg.plan(splats, camera, sg.Settings(blend="xray", align="ray")), "row1")
+    pixels = camera.size[0] * camera.size[1]
+    count, depth = np.zeros(pixels), np.zeros(pixels)
+    length, share = splats.records["optical_depth"], scene.row.coverage()
+    for found in values(scene.row, scene.boxes, scene.order, (0, camera.size[1]), camera):
+        count += np.bincount(found.pixel, minlength=pixels)
+        weight = length[found.splat] * share[found.splat]
+        depth += np.bincount(found.pixel, weight * (1.0 if splats.grid.cubic else 0.0), minlength=pixels)
+    return float(count.max()), float(depth.max())
+
+
+def test_single_splats_keep_a_bound_that_is_near(renderer: sg.Renderer) -> None:
+    """Anywhere in the picture, before and beyond z_k: what the bound takes a fragment to be off by."""
+    rng = np.random.default_rng(3)
+    shares: dict[bool, list[float]] = {False: [], True: []}
+    for n in range(60):
+        away, slant = rng.uniform(20, 80), rng.uniform(0, 45)
+        towards = rng.normal(size=3)
+        towards /= np.linalg.norm(towards)
+        side = np.cross(towards, rng.normal(size=3))
+        forward = towards + np.tan(np.radians(slant)) * side / np.linalg.norm(side)
+        eye = -towards * away / np.cos(np.radians(slant))
+        fov = 2 * slant + 16
+        pixels = int(2 * np.tan(np.radians(fov / 2)) * away / rng.uniform(0.8, 1.2))
+        camera = sg.Camera.look_at(eye, eye + forward, rng.normal(size=3), fov, (min(pixels, 200),) * 2)
+        splats = sg.Splats.from_points([[0.0, 0.0, 0.0]], [[1.0, 1.0, 1.0]], [0.5])
+        settings = sg.Settings(blend="xray" if n % 2 else "mip", kernel="crawfis-max" if n % 3 else "gaussian")
+        error, limit = measured(renderer, splats, camera, settings)
+        assert error <= limit
+        shares[sg.plan(splats, camera, settings).program.antialias].append(error / limit)
+    assert all(len(share) > 10 and max(share) > 0.2 for share in shares.values())
+
+
+def test_a_finer_picture_is_drawn_only_where_it_is_needed(
+    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = []
+    draw = type(renderer.passes).draw
+
+    def counted(self: object, *args: object) -> np.ndarray:
+        drawn.append(args)
+        return draw(self, *args)
+
+    monkeypatch.setattr(type(renderer.passes), "draw", counted)
+    splats = SHAPES["block"]
+    camera = views(splats)["fitted"]
+    for changes, held, count in (
+        ({}, True, 1),
+        ({"align": "grid"}, True, 2),
+        ({"align": "grid"}, False, 1),
+        ({"align": "grid", "tolerance": 1.0}, True, 1),
+        ({"target": "rgba16f"}, True, 2),
+    ):
+        drawn.clear()
+        renderer.render(splats, camera, sg.Settings(**changes), held=held)
+        assert len(drawn) == count, changes
 
 
 def test_the_bound_follows_what_makes_the_error(renderer: sg.Renderer) -> None:
@@ -98,9 +242,9 @@ def test_stress_pictures_keep_their_bound(renderer: sg.Renderer, monkeypatch: py
     render = sg.Renderer.render
 
     def checked(
-        self: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings | None = None
+        self: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings | None = None, **more: object
     ) -> sg.Image:
-        image = render(self, splats, camera, settings)
+        image = render(self, splats, camera, settings, **more)
         if 0 < len(splats) <= MOST_SPLATS and camera.size[0] * camera.size[1] <= MOST_PIXELS and len(kept) < 6:
             right = sg.reference.render(splats, camera, settings).pixels
             kept.append((float(np.abs(image.pixels - right).max()), float(image.info["error_bound"])))
