@@ -10,6 +10,7 @@ import pytest
 import splatgl as sg
 from splatgl.splat.bound import bound
 from splatgl.splat.crowd import crowd
+from splatgl.truth import streaks
 from splatgl.truth.pairs import values
 from splatgl.truth.reference import _Scene
 from splatgl.truth.stress import CASES, run_case
@@ -216,6 +217,46 @@ def test_a_finer_picture_is_drawn_only_where_it_is_needed(
         drawn.clear()
         renderer.render(splats, camera, sg.Settings(**changes), held=held)
         assert len(drawn) == count, changes
+
+
+MOVES = {
+    "spins": sg.Motion(spin=(0, 2, 20), center=(2.5, 2.5, 2.5)),
+    "passes": sg.Motion(velocity=(3.0, 1.0, 0.5)),
+    "flows": sg.Motion(flow=0.3 * np.random.default_rng(2).normal(size=(216, 3))),
+}
+
+
+@pytest.mark.parametrize("move", MOVES)
+def test_moving_pictures_keep_their_bound(renderer: sg.Renderer, move: str) -> None:
+    """Against float64 streaks; None where those are drawn otherwise."""
+    splats, motion = lattice(6, 0.5), MOVES[move]
+    near = []
+    for view in ("fitted", "near", "far", "parallel"):
+        camera = views(splats)[view]
+        for changes in (
+            {"blend": "xray"},
+            {"blend": "xray", "motion": "energy", "kernel": "gaussian"},
+            {"motion": "paper", "attenuation": "opacity"},
+            {},
+        ):
+            settings = sg.Settings(motion="exact").but(**changes)
+            image = renderer.render(splats, camera, settings, motion)
+            assert image.info["motion"] == settings.motion
+            right = streaks.render(splats, camera, settings, motion, settings.shutter, settings.motion).pixels
+            error = float(np.abs(image.pixels - right).max())
+            assert 0 < error <= image.info["error_bound"], (view, changes)
+            near.append(image.info["error_bound"] / max(error, 1e-5))
+    assert min(near) < 30
+    inside = renderer.render(splats, views(splats)["inside"], sg.Settings(motion="exact"), motion)
+    assert inside.info["error_bound"] is None
+
+
+def test_streaks_of_long_voxels_have_a_bound_before_z_k_alone(renderer: sg.Renderer) -> None:
+    splats, motion = SHAPES["long voxels"], MOVES["passes"]
+    for view, known in (("near", True), ("far", False)):
+        camera = views(splats)[view].resized((200, 150) if known else (20, 15))
+        image = renderer.render(splats, camera, sg.Settings(motion="exact"), motion)
+        assert (image.info["error_bound"] is not None) is known
 
 
 def test_the_bound_follows_what_makes_the_error(renderer: sg.Renderer) -> None:

@@ -82,10 +82,10 @@ class Renderer:
         """The picture, linear premultiplied float32 [H, W, 4], row 0 on top.
 
         In `xray` A is Σ τ and RGB Σ τ·colour, unclamped. motion: how the scene came to where it is; it is blurred as
-        `settings.motion` says, or, without settings, exactly, while the shutter is open, up to now. A picture that is
-        blurred has no error bound. held: where a form, table or target promises less than the tolerance, the picture is
-        held against a finer one, which takes as long again; False: it is not. Raises InputError for a size beyond
-        OpenGL's and for the flow of other splats.
+        `settings.motion` says, or, without settings, exactly, while the shutter is open, up to now; its error bound is
+        to straight streaks, and None near the eye and for long voxels beyond z_k. held: where a form, table or target
+        promises less than the tolerance, the picture is held against a finer one, which takes as long again; False: it
+        is not. Raises InputError for a size beyond OpenGL's and for the flow of other splats.
         """
         started = time.perf_counter()
         chosen = self.plan(splats, camera, settings, motion)
@@ -95,10 +95,11 @@ class Renderer:
         seconds = time.perf_counter() - started
         provenance = self._provenance(splats, camera, chosen, seconds)
         if chosen.exposure is not None:
-            moved = {"motion": chosen.program.motion, "shutter": chosen.exposure.frames * FULL_SHUTTER}
-            return Image(pixels, {**provenance, **moved, "error_bound": None})
-        error = bound(splats, camera, chosen, _brightest(pixels, chosen)).total
-        if held and error > chosen.tolerance * max(_brightest(pixels, chosen), 1e-30):
+            provenance |= {"motion": chosen.program.motion, "shutter": chosen.exposure.frames * FULL_SHUTTER}
+        brightest = _brightest(pixels, chosen)
+        own = bound(splats, camera, chosen, brightest)
+        error = own.total if own else None
+        if held and error is not None and error > chosen.tolerance * max(brightest, 1e-30) and not chosen.exposure:
             error = min(error, self._held(splats, camera, settings or Settings(), chosen, pixels))
         return Image(pixels, {**provenance, "error_bound": error})
 
@@ -111,8 +112,8 @@ class Renderer:
             return float("inf")
         with current(self.ctx):
             right = self._draw(splats, camera, finer, "finer")
-        apart = float(np.abs(right - pixels).max())
-        return apart + bound(splats, camera, finer, _brightest(right, finer)).total
+        apart, own = float(np.abs(right - pixels).max()), bound(splats, camera, finer, _brightest(right, finer))
+        return apart + own.total if own else float("inf")
 
     def _draw(self, splats: Splats, camera: Camera, chosen: Plan, role: str = "draw") -> np.ndarray:
         """The pixels; InputError if OpenGL ran out of memory or lost its context on the way."""

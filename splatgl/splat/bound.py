@@ -11,6 +11,9 @@ gives and T the light that passes up to its end, ∂C/∂τF = T (c − what is 
 since with q for what is seen, c = q − dq/dτ in [0, 1], and no q makes ∫ e^(−τ) |dq/dτ| dτ more than a half. Where F is
 small a relative error is large and an absolute one is not, so that (ρ, σ) is chosen for each picture (missed.py).
 Two numbers are measured, with a margin: ROUNDINGS, and how much the second order beyond z_k is (BENT, MOVED).
+
+A moving picture is bound to the float64 streaks of the same splats, not to what many moments show. A streak is the mean
+of a footprint on its way, and so are its errors; besides, it is the difference of two areas.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ import numpy as np
 from splatgl.splat.camera import Camera
 from splatgl.splat.crowd import Crowd, cells_of, crowd
 from splatgl.splat.missed import ULP, Lookup, Slip, largest, summed
+from splatgl.splat.motion import Exposure
 from splatgl.splat.rows import Splats
 
 if TYPE_CHECKING:
@@ -43,6 +47,13 @@ TARGET = {"rgba32f": ULP / 2, "rgba16f": 2.0**-11, "rgba8": 1.5 / 255}
 HALF_LINE, AROUND = 3.2e-5, 1.2e-4
 # shading, colour and one_minus_exp in float32
 ARITHMETIC = 8 * ULP
+# a streak has three places instead of one, and float32's areas over its length are off by so much of F(0); between the
+# exposure's ends and middle a ray meets no more than so many times what it meets there
+PLACES, AREAS, BETWEEN = 3.0, 5e-6, 1.5
+# nearer to the eye's plane, in reaches of a kernel, streaks are drawn otherwise: motion.glsl's AHEAD, and some
+AHEAD = 1.15
+# dwell.py's opacity changes by no more than this, relative to its two depths' relative changes, and to absolute ones
+DWELT = (1.7, 2.0)
 
 
 @dataclass(frozen=True)
@@ -59,7 +70,7 @@ class Bound:
 
     @property
     def total(self) -> float:
-        return min(self.footprint + self.hidden + self.rounding, self.largest)
+        return float(min(self.footprint + self.hidden + self.rounding, self.largest))
 
     def __str__(self) -> str:
         return (
@@ -68,22 +79,60 @@ class Bound:
         )
 
 
-def bound(splats: Splats, camera: Camera, plan: Plan, brightest: float) -> Bound:
-    """The bound of a picture; brightest: its largest component, which an X-ray's errors are in proportion to."""
+def bound(splats: Splats, camera: Camera, plan: Plan, brightest: float) -> Bound | None:
+    """The bound of a picture; brightest: its largest component, which an X-ray's errors are in proportion to.
+
+    None for streaks that are drawn otherwise than their model: near the eye, and of long voxels beyond z_k.
+    """
     if not len(splats):
         return Bound(0.0, 0.0, 0.0, 0.0)
     program = plan.program
     most = max(splats.brightest, 1.0)
-    met = crowd(splats, camera, plan)
+    if plan.exposure is None:
+        slip, met = _slip(splats, camera, plan), crowd(splats, camera, plan)
+    else:
+        blurred = _blurred(splats, plan, plan.exposure)
+        if blurred is None:
+            return None
+        slip, met = blurred
     whole = _largest(splats, plan, met, most)
     # 8 bits cut off what is over 1
     cut = program.blend == "xray" and program.target == "rgba8"
     brightest = whole if cut else brightest
-    footprint = _footprints(splats, camera, plan, met, brightest / most) * most
+    footprint = _footprints(splats, plan, slip, met, brightest / most) * most
     # blends
     scale = {"composite": most, "xray": brightest, "mip": whole}[program.blend]
     rounding = _last_digit(scale) * TARGET[program.target] * (1.0 if program.blend == "mip" else met.count)
     return Bound(footprint, plan.passing * most, whole if cut else rounding, whole)
+
+
+def _blurred(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[Slip, Crowd] | None:
+    """The same for streaks."""
+    steps = splats.grid.world_from_index / splats.grid.mean_spacing
+    astray = 0.0 if exposure.flow is None else 2 * float(np.linalg.norm(exposure.drift(splats), axis=1).max())
+    views = (exposure.first, exposure.middle, exposure.last)
+    boxes = [view.eye_from_points(splats.corners) / splats.grid.mean_spacing for view in views]
+    longest = float(np.linalg.norm(steps, ord=2))
+    nearest = min(float(box[:, 2].min()) for box in boxes) - astray * longest
+    if nearest <= AHEAD * plan.kernel.radius * longest or (plan.program.antialias and not plan.program.cubic):
+        return None
+    slips = [_slip(splats, view, plan) for view in views]
+    slip = Slip(
+        PLACES * max(each.place for each in slips),
+        max(each.gain for each in slips),
+        AREAS if plan.program.motion == "exact" else 0.0,
+    )
+    # a path's length, in voxels, and the stadium that it makes of a disc
+    flat = [
+        box[:, :2] / (box[:, 2:] if view.perspective else 1.0) / view.extent
+        for box, view in zip(boxes, views, strict=True)
+    ]
+    deepest = max(float(box[:, 2].max()) for box in boxes) if exposure.middle.perspective else 1.0
+    path = float(np.linalg.norm(flat[2] - flat[0], axis=1).max()) * exposure.middle.extent * deepest
+    area = BETWEEN * (1 + 2 * path / (np.pi * plan.kernel.radius))
+    met = [crowd(splats, view, plan, astray) for view in views]
+    count = min(float(len(splats)), area * max(each.count for each in met))
+    return slip, Crowd(count, min(splats.total_depth * longest, BETWEEN * max(each.depth for each in met)))
 
 
 def _largest(splats: Splats, plan: Plan, met: Crowd, most: float) -> float:
@@ -105,17 +154,18 @@ def _last_digit(largest: float) -> float:
     return float(2.0 ** np.ceil(np.log2(max(largest, 1e-30))))
 
 
-def _footprints(splats: Splats, camera: Camera, plan: Plan, met: Crowd, brightest: float) -> float:
+def _footprints(splats: Splats, plan: Plan, slip: Slip, met: Crowd, brightest: float) -> float:
     """What all fragments of a ray are off by together, for colours up to 1."""
     program = plan.program
-    slip = _slip(splats, camera, plan)
     lookup = Lookup(plan.kernel.name, program.footprint, plan.table_size, plan.table_bits)
     if program.blend == "mip":
         share = (largest(lookup, slip) + HALF_LINE * program.half_line + ARITHMETIC) * _opacity(splats)
         return min(share, 1.0)
     # an X-ray is the sum itself
-    weight = 0.5 if program.blend == "composite" else brightest
-    share = summed(lookup, slip, weight, met.depth)
+    weight, deep = (0.5 if program.blend == "composite" else brightest), met.depth
+    if program.motion != "off" and program.attenuation == "fill":
+        weight, deep = DWELT[0], DWELT[1] * met.depth
+    share = summed(lookup, slip, weight, deep)
     if program.half_line:
         share += _around(splats) * float(plan.kernel.footprint(np.zeros(())))
     return share + ARITHMETIC * max(weight, 1.0)

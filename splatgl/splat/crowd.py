@@ -70,10 +70,10 @@ class Cells:
     groups: Groups | None
 
 
-def crowd(splats: Splats, camera: Camera, plan: Plan) -> Crowd:
-    """What a ray of the picture meets at most; at least one splat is there."""
-    view, cells = _View.of(splats, camera, plan), cells_of(splats)
-    by_planes = _by_planes(splats, camera, plan, view)
+def crowd(splats: Splats, camera: Camera, plan: Plan, astray: float = 0.0) -> Crowd:
+    """What a ray of the picture meets at most; at least one splat is there. astray: grid steps that each may be off."""
+    view, cells = _View.of(splats, camera, plan, plan.kernel.radius + astray), cells_of(splats)
+    by_planes = _by_planes(splats, camera, view)
     if cells.groups is None:
         return by_planes
     by_places = _by_places(splats, camera, plan, view)
@@ -83,7 +83,8 @@ def crowd(splats: Splats, camera: Camera, plan: Plan) -> Crowd:
 @dataclass(frozen=True, eq=False)
 class _View:
     """eye_from_index: A in mean spacings. pitch: a pixel's side at depth 1, or everywhere. far: the furthest splat.
-    longest: the longest reach of a kernel of unit radius. stretch: area of the widest footprint over its own.
+    longest: the longest reach of a kernel of unit radius. stretch: area of the widest footprint over its own. radius:
+    how far from its place a splat reaches, grid steps.
     """
 
     eye_from_index: np.ndarray
@@ -91,9 +92,10 @@ class _View:
     far: float
     longest: float
     stretch: float
+    radius: float
 
     @classmethod
-    def of(cls, splats: Splats, camera: Camera, plan: Plan) -> _View:
+    def of(cls, splats: Splats, camera: Camera, plan: Plan, radius: float) -> _View:
         spacing = splats.grid.mean_spacing
         a = camera.eye_from_world @ splats.grid.world_from_index / spacing
         pitch = camera.extent / (camera.size[1] * plan.samples) / (1.0 if camera.perspective else spacing)
@@ -103,12 +105,12 @@ class _View:
             widest = pitch * (float(corners[:, 2].max()) if camera.perspective else 1.0)
             stretch = float(np.maximum(widest / np.linalg.svd(a[:2], compute_uv=False), 1.0).prod())
         far = float(np.linalg.norm(corners, axis=1).max())
-        return cls(a, pitch, far, float(np.linalg.norm(a, ord=2)), stretch)
+        return cls(a, pitch, far, float(np.linalg.norm(a, ord=2)), stretch, radius)
 
 
-def _by_planes(splats: Splats, camera: Camera, plan: Plan, view: _View) -> Crowd:
+def _by_planes(splats: Splats, camera: Camera, view: _View) -> Crowd:
     cells = cells_of(splats)
-    radius = plan.kernel.radius + (0.0 if cells.aligned else OFF)
+    radius = view.radius + (0.0 if cells.aligned else OFF)
     ellipse = DISCRETE * np.pi * radius**2
     # directions at the corners of the tiles, in index steps, and their lengths
     if camera.perspective:
@@ -139,7 +141,7 @@ def _by_places(splats: Splats, camera: Camera, plan: Plan, view: _View) -> Crowd
     groups = cells_of(splats).groups
     assert groups is not None
     x, y, z = view.eye_from_index @ (groups.place - splats.grid.index_from_world(camera.eye)).T
-    radius = (plan.kernel.radius + groups.radius) * view.longest
+    radius = (view.radius + groups.radius) * view.longest
     wide = STRETCHED * plan.kernel.radius * view.pitch if plan.program.antialias else 0.0
     if camera.perspective:
         # a ball's outline from the eye, and a pixel's share of a stretched footprint, which its members' places widen
@@ -183,9 +185,10 @@ def cells_of(splats: Splats) -> Cells:
 
 def _count(splats: Splats) -> Cells:
     position, depth = splats.records["position"], splats.records["optical_depth"]
+    # what shares a cell stands side by side
     first = np.concatenate([[True], np.diff(splats.cell_x) != 0])
     first[splats.row_start[:-1]] = True
-    start = np.flatnonzero(first)
+    start = np.flatnonzero(first[: len(splats)])
     planes = [len(np.unique(cells)) for cells in (splats.cell_x, splats.row_y, splats.row_z)]
     return Cells(
         bool((position == np.rint(position)).all()),

@@ -33,10 +33,11 @@ class Lookup:
 
 @dataclass(frozen=True)
 class Slip:
-    """How far a fragment's distance may be off, in voxels, and its value besides, as a share of itself."""
+    """How far a fragment's distance may be off, in voxels; its value besides, as a share of itself, and of F(0)."""
 
     place: float
     gain: float = 0.0
+    level: float = 0.0
 
 
 def largest(lookup: Lookup, slip: Slip) -> float:
@@ -71,7 +72,7 @@ def _distances(shape: Kernel) -> np.ndarray:
 def _missed(lookup: Lookup, slip: Slip) -> np.ndarray:
     """|drawn − right| / F(0) at _distances."""
     # steps of a tenth in the logarithm, so that moving cameras find what is there
-    return _missed_at(lookup, _step(slip.place), _step(slip.gain))
+    return _missed_at(lookup, _step(slip.place), _step(slip.gain)) + slip.level
 
 
 def _step(number: float) -> float:

@@ -211,7 +211,8 @@ def _exposed(
         return settings, None
     if settings.align not in ("auto", "exact"):
         notes.append(f"align {settings.align} left out: streaks are exact")
-    notes.append(f"motion blur {settings.motion}, shutter {settings.shutter:g}°, on quads; it has no error bound")
+    drawn = f"motion blur {settings.motion}, shutter {settings.shutter:g}°, on quads"
+    notes.append(f"{drawn}; its error bound is to straight streaks")
     notes.append(f"streaks are straight: where paths bend most they are off by {found.bend(splats):.2g} pixels")
     return settings.but(align="exact", primitive="quad"), found
 
