@@ -1,20 +1,30 @@
 """Draws the README's pictures into scripts/pictures: run it again after a change that shows.
 
-.venv/bin/python scripts/pictures.py
+.venv/bin/python scripts/pictures.py                  # the scenes
+.venv/bin/python scripts/pictures.py window head.nii  # the viewer's window
+.venv/bin/python scripts/pictures.py report nerve     # error against run time, for minutes on a quiet machine
+.venv/bin/python scripts/pictures.py methods          # the README's table of what a report tries
 """
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.app.scene import Scene, View
+from splatgl.truth.report.content import CONVERGENCE, registry
+from splatgl.truth.report.markdown import as_table
 
 FOLDER = Path(__file__).parent / "pictures"
+README = Path(__file__).parents[1] / "README.md"
+# the table that `methods` writes
+METHODS = r"(?s)<details><summary>all \d+ methods, by what is varied</summary>.*?</details>"
 SIZE = (400, 400)
 # of the viewer's window; a palette keeps its picture small
 WINDOW, COLORS = (860, 560), 128
@@ -59,9 +69,31 @@ def window(source: str) -> None:
     Pillow.fromarray(shown).quantize(COLORS).save(FOLDER / "window.png", optimize=True)
 
 
+def report(source: str) -> None:
+    """The diagram of error against run time: as `splatgl report --full` draws it, with fewer colours."""
+    from splatgl.app.cli import main as splatgl
+
+    with TemporaryDirectory() as folder:
+        if splatgl(["report", source, "--full", "-o", folder]):
+            sys.exit("no report")
+        (drawn,) = (path for path in Path(folder).glob("*.png") if path.stem != CONVERGENCE)
+        Pillow.open(drawn).convert("RGB").quantize(COLORS).save(FOLDER / "report.png", optimize=True)
+
+
+def methods() -> None:
+    """The README's table of methods, from their registry."""
+    text = README.read_text(encoding="utf-8")
+    table = as_table(registry())
+    README.write_text(re.sub(METHODS, lambda _: table, text), encoding="utf-8")
+
+
 def main() -> None:
-    if sys.argv[1:2] == ["window"]:
-        window(sys.argv[2] if len(sys.argv) > 2 else "nerve")
+    asked = {"window": window, "report": report}
+    if sys.argv[1:2] == ["methods"]:
+        methods()
+        return
+    if sys.argv[1:2] and sys.argv[1] in asked:
+        asked[sys.argv[1]](sys.argv[2] if len(sys.argv) > 2 else "nerve")
         return
     with sg.Renderer() as renderer:
         scenes = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -14,17 +15,22 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
+from splatgl.app.report import listed
 from splatgl.truth.integral import ray_integral
+from splatgl.truth.report import content, work
 from splatgl.truth.report import methods as registry
 from splatgl.truth.report.content import verdict
 from splatgl.truth.report.errors import errors
-from splatgl.truth.report.front import Point, Timing, cheapest, front, standing
+from splatgl.truth.report.front import Point, Timing, cheapest, front, stairs, standing
+from splatgl.truth.report.markdown import as_table
 from splatgl.truth.report.peers import MAPPERS, Peer
+from splatgl.truth.report.publish import publish
 from splatgl.truth.report.results import Results
 from splatgl.truth.report.store import Store
 from splatgl.truth.report.subject import LEVELS, Subject
 from splatgl.truth.report.sweep import Sweep, chosen
 from splatgl.truth.report.truths import Truths
+from splatgl.truth.stress import CASES, run_case
 
 LEVEL = replace(LEVELS["quick"], size=16, rounds=2)
 MACHINE = {
@@ -104,8 +110,8 @@ def test_two_reports_never_contradict_each_other() -> None:
         words = [{p.name: standing(p, run).word for p in run} for run in found]
         for name in words[0]:
             assert {words[0][name], words[1][name]} != {"front", "dominated"}, name
-        assert {p.name for run in found for p in front(run)} <= {p.name for p in clear} | {"close"}
-        assert {"0", "1", "2", "5"} <= {p.name for p in front(found[0])}
+        assert {p.name for run in found for p in front(run)} <= {p.name for p in clear}
+        assert {"0", "1", "2", "3", "4"} <= {p.name for p in front(found[0])}
         assert words[0]["worse"] == "dominated" and words[0]["twin"] in ("dominated", "unsure")
 
 
@@ -116,6 +122,7 @@ def test_times_are_compared_round_by_round() -> None:
     # of times that could be either way nothing is said
     points = [Point("a", 1e-3, slow), Point("b", 1e-2, Timing.of({0: 1.0, 1: 18.0, 2: 1.0, 4: 0.1}))]
     assert str(standing(points[1], points)) == "front, or behind a"
+    assert front(points) == points[:1] and front(points, unsure=True) == stairs(points) == points[::-1]
 
 
 def test_no_error_is_the_best() -> None:
@@ -133,17 +140,41 @@ def test_the_registry_holds_what_trades_accuracy_for_time() -> None:
     assert len(chosen(LEVELS["full"], peers=True)) == len(names) > len(chosen(LEVELS["quick"], peers=True)) > len(quick)
 
 
-def test_a_new_method_is_one_entry(
-    renderer: sg.Renderer, subject: Subject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(registry, "AXES", dict(registry.AXES))
+@pytest.fixture
+def mine() -> Iterator[str]:
+    """A method of one's own."""
     registry.register(registry.Axis("mine", "made up", (registry.Method("mine 1", {"table_size": 77}),)))
+    yield "mine 1"
+    del registry.AXES["mine"]
+
+
+def test_a_new_method_is_one_entry(
+    renderer: sg.Renderer, subject: Subject, mine: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It appears in the report, in the stress suite, in the list and in what the README is held to."""
     with pytest.raises(sg.InputError):
-        registry.register(registry.Axis("other", "taken", (registry.Method("mine 1"),)))
+        registry.register(registry.Axis("other", "taken", (registry.Method(mine),)))
     store = Store(tmp_path / "runs.jsonl", HEAD)
-    sweep(renderer, subject, store).pictures(chosen(LEVEL, ("mine",)), lambda text: None)
+    store.add("scene", scene="ball", mark="", splats=1, size=[16, 16], note="")
+    made, wanted = sweep(renderer, subject, store), chosen(LEVEL, ("mine",))
+    made.pictures(wanted, lambda text: None)
+    made.times(wanted, 2, lambda text: None)
     (line,) = store.of("picture")
-    assert line["method"] == "mine 1" and "77" in line["drawn"]["footprint"]
+    assert line["method"] == mine and "77" in line["drawn"]["footprint"]
+    publish(Results.of(store), store, tmp_path, {})
+    for name in ("report.md", "report.html", "report.csv", "report.json"):
+        assert mine in (tmp_path / name).read_text()
+
+    assert mine in as_table(content.registry()) and mine in listed()
+    # that case draws all there are; two axes are enough here
+    monkeypatch.setattr(registry, "AXES", {name: registry.AXES[name] for name in ("settings", "mine")})
+    found = run_case(CASES["methods"], renderer)
+    assert found.ok and f"{mine}: error/bound" in {each.what for each in found.checks}
+
+
+def test_the_readme_tells_all_methods() -> None:
+    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    assert as_table(content.registry()) in readme, "run scripts/pictures.py methods"
 
 
 @pytest.mark.parametrize("name", [name for name, method in registry.methods().items() if not method.peer])
@@ -178,9 +209,9 @@ def test_a_sweep_and_its_repetition(renderer: sg.Renderer, subject: Subject, tmp
     for name in ("one", "two"):
         store = Store(tmp_path / name, HEAD)
         store.add("scene", scene="ball")
-        work = sweep(renderer, subject, store)
-        work.pictures(wanted, lambda text: None)
-        work.times(wanted, 2, lambda text: None)
+        made = sweep(renderer, subject, store)
+        made.pictures(wanted, lambda text: None)
+        made.times(wanted, 2, lambda text: None)
         found.append(store)
     first, second = (store.of("picture") for store in found)
     assert first == second
@@ -214,12 +245,12 @@ def test_what_was_cut_short_goes_on(renderer: sg.Renderer, subject: Subject, tmp
         file.write('{"kind": "pict')
     store = Store(path, HEAD, resume=True)
     assert len(store.of("picture")) == 2
-    work = sweep(renderer, subject, store)
-    work.pictures(wanted, lambda text: None)
-    work.times(wanted, 2, lambda text: None)
+    made = sweep(renderer, subject, store)
+    made.pictures(wanted, lambda text: None)
+    made.times(wanted, 2, lambda text: None)
     assert len(store.of("picture")) == 3 and len(store.of("time")) == 6
     # all there: nothing is done twice, and the file is what is in memory
-    work.times(wanted, 2, lambda text: None)
+    made.times(wanted, 2, lambda text: None)
     assert [json.loads(line) for line in path.read_text().splitlines()] == store.lines
     assert len(store.of("time")) == 6
 
@@ -229,6 +260,9 @@ def test_other_reports_are_not_resumed(tmp_path: Path) -> None:
     Store(path, HEAD)
     with pytest.raises(sg.InputError, match="leave out --resume"):
         Store(path, {**HEAD, "size": 32}, resume=True)
+    Store(path, HEAD).add("time", scene="ball")
+    with pytest.raises(sg.InputError, match="line 2"):
+        Store(path, HEAD, resume=True)
     path.write_text("[1]\n")
     with pytest.raises(sg.InputError, match="line 1"):
         Store(path, HEAD, resume=True)
@@ -281,14 +315,72 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 
 
 @pytest.mark.parametrize(
-    "wrong", [["--only", "nothing"], ["--size", "1"], ["--rounds", "0"], ["no-such-file.nrrd"], ["-o", "{file}"]]
+    "wrong",
+    [
+        ["--only", "nothing"],
+        ["--size", "1"],
+        ["letter-f", "--size", "1000000"],
+        ["--rounds", "0"],
+        ["no-such-scene"],
+        ["letter-f", "no-such-file.nrrd"],
+        ["{here}"],
+        ["{here}/cut.nrrd"],
+        ["{here}/nan.npy"],
+        ["{here}/clear.toml"],
+        ["letter-f", "-o", "{here}/cut.nrrd"],
+        ["letter-f", "-o", "{here}/cut.nrrd/below"],
+        ["letter-f", "-o", ""],
+    ],
 )
 def test_bad_input_is_one_line(wrong: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "file").write_text("")
-    given = [part.format(file=tmp_path / "file") for part in wrong]
+    """And leaves nothing behind."""
+    (tmp_path / "cut.nrrd").write_bytes(b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 9 9 9\nencoding: raw\n\n123")
+    np.save(tmp_path / "nan.npy", np.full((3, 3, 3), np.nan))
+    np.save(tmp_path / "good.npy", np.ones((3, 3, 3)))
+    (tmp_path / "clear.toml").write_text('volume = "good.npy"\n[transfer]\npoints = [[0, 0.0], [1, 0.0]]')
+    before = sorted(tmp_path.rglob("*"))
+    given = [part.format(here=tmp_path) for part in wrong]
     output = [] if "-o" in given else ["-o", str(tmp_path / "out")]
     assert main(["report", "--quick", *given, *output]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_small_and_broken_volumes_have_reports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(work, "STUDIES", ())
+    np.save(tmp_path / "one.npy", np.ones((1, 1, 1)))
+    np.save(tmp_path / "holes.npy", np.where(np.arange(216) % 7, 0.5, np.nan).reshape(6, 6, 6))
+    asked = ["--quick", "--size", "12", "--rounds", "1", "--only", "settings", "preview", "--quiet"]
+    sources = [str(tmp_path / f"{name}.npy") for name in ("one", "holes")]
+    assert main(["report", *sources, *asked, "-o", str(tmp_path / "out")]) == 0
+    rows = list(csv.DictReader((tmp_path / "out" / "report.csv").open()))
+    assert {row["scene"] for row in rows} == {"one", "holes"} and "nan" not in str(rows)
+
+
+def test_a_kept_truth_that_is_damaged_is_made_again(renderer: sg.Renderer, subject: Subject, tmp_path: Path) -> None:
+    made = Truths(renderer, subject, LEVEL, tmp_path).get("reference", sg.Settings()).pixels
+    (path,) = tmp_path.iterdir()
+    for damage in (path.read_bytes()[:60], b"", b"nothing"):
+        path.write_bytes(damage)
+        again = Truths(renderer, subject, LEVEL, tmp_path).get("reference", sg.Settings()).pixels
+        np.testing.assert_array_equal(again, made)
+
+
+def test_no_sampled_truth_costs_no_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where a picture is too large for it: the pages say so."""
+
+    def refuse(self: Truths, settings: sg.Settings, samples: int) -> np.ndarray:
+        raise sg.InputError("image size: too large")
+
+    monkeypatch.setattr(Truths, "_sampled", refuse)
+    monkeypatch.setattr(work, "STUDIES", ())
+    asked = ["report", "letter-f", "--quick", "--size", "12", "--rounds", "1", "--only", "settings", "2×2", "--quiet"]
+    assert main([*asked, "-o", str(tmp_path)]) == 0
+    text = (tmp_path / "report.md").read_text()
+    assert "exact, antialiasing | image size: too large" in text
+    assert "**Drawing**" in text and "**Antialiasing**" not in text
 
 
 def test_the_list(capsys: pytest.CaptureFixture[str]) -> None:

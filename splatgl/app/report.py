@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from splatgl.app.options import add_backend
 from splatgl.app.report_scene import subjects
 from splatgl.data.errors import InputError, expected
 from splatgl.gl.renderer import Renderer
+from splatgl.gl.target import check_size
 from splatgl.truth.metrics import need_flip
 from splatgl.truth.report.machine import machine
 from splatgl.truth.report.methods import AXES, methods
@@ -53,7 +55,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measures, and writes the pages; 0, or 130 where Ctrl-C ended it, with pages of what is done."""
     if args.list:
-        print(_list())
+        print(listed())
         return 0
     level = _level(args)
     known = {*methods(), *AXES}
@@ -61,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         if name not in known:
             raise expected("--only", "methods or axes of splatgl report --list", repr(name))
     sources = args.sources or list(DEFAULT_SCENES)
-    folder = _folder(Path(args.output))
+    folder = _folder(args.output)
     ended = 0
     with Renderer(args.backend, args.device, args.gpu) as renderer:
         head = {
@@ -74,8 +76,11 @@ def run(args: argparse.Namespace) -> int:
             "peers": args.peers,
             "machine": machine(renderer.info),
         }
-        # what can't be read must not cost what is there
+        # what can't be read or drawn must not cost what is there, nor leave a folder behind
         scenes = subjects(sources, level)
+        for scene in scenes:
+            check_size(renderer.ctx, scene.camera.size)
+        _make(folder)
         store = Store(folder / NAME, head, args.resume)
         if not args.resume:
             _forget(folder / KEPT)
@@ -108,15 +113,23 @@ def _level(args: argparse.Namespace) -> Level:
     return replace(level, size=args.size or level.size, rounds=args.rounds or level.rounds)
 
 
-def _folder(folder: Path) -> Path:
-    """The folder, made with the one for truths."""
-    if folder.exists() and not folder.is_dir():
-        raise expected(folder, "a folder", "a file", "give another name to --output")
+def _folder(name: str) -> Path:
+    """The folder; InputError where it can't be one, before anything takes time."""
+    folder = Path(name)
+    there = next((path for path in (folder, *folder.absolute().parents) if path.exists()), folder)
+    if not name or not there.is_dir():
+        raise expected(there if name else "--output", "a folder", "a file" if name else repr(name), "give another name")
+    if not os.access(there, os.W_OK):
+        raise InputError(f"{there}: cannot be written into; give another name to --output")
+    return folder
+
+
+def _make(folder: Path) -> None:
+    """Makes the folder, with the one for truths in it."""
     try:
         (folder / KEPT).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {error.strerror or error}") from error
-    return folder
 
 
 def _forget(kept: Path) -> None:
@@ -133,7 +146,8 @@ def _has_flip() -> bool:
     return True
 
 
-def _list() -> str:
+def listed() -> str:
+    """The registry, for a terminal."""
     lines = []
     for axis in AXES.values():
         lines.append(f"{axis.name}: {axis.about}")

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from splatgl.truth.report.front import ERRORS, cheapest, front, standing
-from splatgl.truth.report.methods import AXES, TRUTHS, axis_of
+from splatgl.truth.report.methods import AXES, TRUTHS, axis_of, methods
 from splatgl.truth.report.results import Results, Row, Scene
-from splatgl.truth.report.words import Gist, grouped, milliseconds, number, rivals, story, times
+from splatgl.truth.report.words import Gist, as_milliseconds, grouped, milliseconds, number, rivals, story, times
 
 INTRO = (
     "Each method draws the same view. Its time is the wall clock around a finished frame with its pixels read back: "
@@ -31,7 +31,7 @@ PEERS = (
     "and mix what comes out, so that its errors are mostly that of another picture; it writes 8 bits; it takes no "
     "account of pixels wider than voxels."
 )
-FRONT_HEAD = ("method", "ms a frame", "RMSE", "maximum", "99.9 %", "over 1/255", "energy", "FLIP")
+FRONT_HEAD = ("method", "ms a frame", "RMSE", "maximum", "99.9 %", "over 1/255", "energy", "FLIP", "")
 GIST_HEAD = (
     "scene",
     "splats, pixels",
@@ -149,11 +149,17 @@ def _cells(row: Row, truth: str) -> tuple[str, ...]:
 
 
 def _front(scene: Scene, truth: str) -> Table:
-    """The front, from the fastest to the most right."""
-    rows = [scene.row(point.name) for point in front(rivals(truth, scene))]
-    cells = tuple(_cells(row, truth) for row in rows if row is not None)
-    head = FRONT_HEAD if any(line[-1] for line in cells) else FRONT_HEAD[:-1]
-    return Table(f"The front: {TRUTHS[truth]}", head, tuple(line[: len(head)] for line in cells))
+    """The front, from the fastest to the most right, with what may be on it."""
+    points = rivals(truth, scene)
+    cells = []
+    for point in front(points, unsure=True):
+        row, stands = scene.row(point.name), standing(point, points)
+        if row is not None:
+            cells.append((*_cells(row, truth), "" if stands.word == "front" else str(stands)))
+    # without FLIP and without doubt there is no column of it
+    empty = {n for n in range(len(FRONT_HEAD)) if not any(line[n] for line in cells)}
+    rows = tuple(tuple(cell for n, cell in enumerate(line) if n not in empty) for line in (FRONT_HEAD, *cells))
+    return Table(f"The front: {TRUTHS[truth]}", rows[0], rows[1:])
 
 
 def _cheapest(scene: Scene) -> Table:
@@ -163,7 +169,7 @@ def _cheapest(scene: Scene) -> Table:
     for n, limit in enumerate(ERRORS):
         points = [found[truth][n][1] for truth in truths]
         if any(points):
-            named = [f"{p.name}, {1e3 * p.time.median:.3g} ms" if p else "–" for p in points]
+            named = [f"{p.name}, {as_milliseconds(p.time.median)} ms" if p else "–" for p in points]
             rows.append(("1/255" if limit == 1 / 255 else number(limit), *named))
     return Table("The cheapest under each RMSE", ("RMSE", *(NAMES[truth] for truth in truths)), tuple(rows))
 
@@ -247,14 +253,21 @@ def _orders(results: Results) -> Table:
     return Table("Observed orders, the median, beside the expected", head, tuple(rows))
 
 
+def registry() -> Table:
+    """Every method there is, by what is varied; the README has it too."""
+    rows = tuple((axis.name, axis.about, " · ".join(m.name for m in axis.methods)) for axis in AXES.values())
+    return Table(
+        f"all {len(methods())} methods, by what is varied", ("axis", "what it is", "methods"), rows, folded=True
+    )
+
+
 def _how(results: Results) -> Iterator[Block]:
     head = results.head
     machine = head["machine"]
     yield Heading("How it was measured")
     truths = "; ".join(f"**{NAMES[truth]}**: against {about}" for truth, about in TRUTHS.items())
     yield Text((INTRO.format(rounds=head["rounds"], truths=f"What is measured: {truths}."), FRONT))
-    axes = tuple((axis.name, axis.about, ", ".join(m.name for m in axis.methods)) for axis in AXES.values())
-    yield Table("What is varied", ("axis", "what it is", "methods"), axes, folded=True)
+    yield registry()
     versions = ", ".join(f"{name} {found}" for name, found in machine["versions"].items())
     yield Text((f"Level {head['level']}; {machine['system']}, Python {machine['python']}, {versions}.",))
     if not results.flip:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.truth.figures.style import BLACK, BLUE, GRAY, GREEN, ORANGE, RED, encode, sheet, style
-from splatgl.truth.report.front import Point, front
+from splatgl.truth.report.front import Point, stairs
 from splatgl.truth.report.labels import Box, places
 from splatgl.truth.report.methods import AXES, DEFAULT, PAPER, PAPER_FLOAT, Axis, axis_of, methods
 from splatgl.truth.report.results import Scene
@@ -102,7 +102,7 @@ def _encoded(figure: Figure, suffix: str, title: str, head: Mapping[str, Any]) -
 def _figure(scene: Scene, head: Mapping[str, Any]) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    truths = [truth for truth in scene.truths if scene.points(truth)]
+    truths = [truth for truth in scene.truths if any(truth in axis_of(p.name).truths for p in scene.points(truth))]
     figure = sheet(HEIGHT + 0.75, PANEL * (FIRST - 1 + max(len(truths), 1)))
     width, height = scene.about["size"]
     machine = head["machine"]
@@ -145,10 +145,9 @@ def _panel(plot: Plot, scene: Scene, truth: str) -> dict[str, Any]:
                     on.remove(point)
             if on:
                 shown[name] = _line(plot, on, look, least, axis.connected)
-    best = front(rivals(truth, scene))
-    x, y = _places(best, least)
-    stairs = np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
-    (shown["front"],) = plot.plot(*stairs, color=BLACK, linewidth=2.6, alpha=0.18, solid_capstyle="round", zorder=1)
+    x, y = _places(stairs(rivals(truth, scene)), least)
+    steps = np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
+    (shown["front"],) = plot.plot(*steps, color=BLACK, linewidth=2.6, alpha=0.18, solid_capstyle="round", zorder=1)
     plot.set_xscale("log")
     plot.set_yscale("log")
     plot.set_xlabel("milliseconds for a frame")
@@ -216,7 +215,7 @@ def _label(plot: Plot, scene: Scene, truth: str, canvas: FigureCanvasAgg) -> Non
     """
     points = [p for p in scene.points(truth) if truth in axis_of(p.name).truths]
     least = min((p.error for p in points if p.error > 0), default=1.0)
-    best = {p.name for p in front(rivals(truth, scene))}
+    best = {p.name for p in stairs(rivals(truth, scene))}
     inner = set()
     for axis in AXES.values():
         inner |= {p.name for p in _on(axis, {p.name: p for p in points})[1:-1] if axis.connected}

@@ -95,9 +95,19 @@ def standing(point: Point, points: Sequence[Point]) -> Standing:
     return min(found, key=lambda s: (s.share, s.rival.rounded if s.rival else 0.0), default=Standing())
 
 
-def front(points: Sequence[Point]) -> list[Point]:
-    """The points that are surely on the front, the fastest first."""
-    return sorted((p for p in points if standing(p, points).word == "front"), key=lambda p: p.time.median)
+def front(points: Sequence[Point], unsure: bool = False) -> list[Point]:
+    """The points on the front, the fastest first; unsure: those too of which the times don't tell."""
+    words = ("front", "unsure") if unsure else ("front",)
+    return sorted((p for p in points if standing(p, points).word in words), key=lambda p: p.time.median)
+
+
+def stairs(points: Sequence[Point]) -> list[Point]:
+    """The front as it is drawn, by medians: of what may be on it, each that is more right than all that are faster."""
+    found: list[Point] = []
+    for point in front(points, unsure=True):
+        if not found or point.error < found[-1].error:
+            found.append(point)
+    return found
 
 
 def cheapest(points: Sequence[Point], limits: Sequence[float] = ERRORS) -> list[tuple[float, Point | None]]:

@@ -22,14 +22,15 @@ def _block(block: Block, diagrams: Mapping[str, str]) -> str:
         case Text(lines, bullets):
             return "\n".join(f"* {line}" for line in lines) if bullets else "\n\n".join(lines)
         case Table():
-            return _table(block)
+            return as_table(block)
         case Diagram(scene):
             return f"![error against run time: {scene}]({diagrams[scene]})" if scene in diagrams else ""
         case Pictures():
             return ""
 
 
-def _table(table: Table) -> str:
+def as_table(table: Table) -> str:
+    """One table, folded behind its title where it is to be; nothing for one without rows."""
     if not table.rows:
         return ""
     strong = [

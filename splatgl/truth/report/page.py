@@ -79,7 +79,8 @@ def _strip(strip: Strip) -> str:
         if any(truth in each.differences for each in strip.thumbnails)
     )
     columns = "".join(_column(each) for each in strip.thumbnails)
-    return f'<h3>Pictures, and their differences on one scale ({scales})</h3><div class="strip">{columns}</div>'
+    kind = "strip squares" if strip.small else "strip"
+    return f'<h3>Pictures, and their differences on one scale ({scales})</h3><div class="{kind}">{columns}</div>'
 
 
 def _column(each: Thumbnail) -> str:

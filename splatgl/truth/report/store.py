@@ -10,8 +10,14 @@ from typing import Any
 from splatgl.data.errors import InputError, expected
 
 NAME = "runs.jsonl"
-# what a line can be
-KINDS = ("head", "scene", "picture", "time", "convergence")
+# what a line can be, and what it then has
+KINDS: dict[str, set[str]] = {
+    "head": set(),
+    "scene": {"scene", "mark", "splats", "size", "note"},
+    "picture": {"scene", "axis", "method", "same_as", "omitted"},
+    "time": {"scene", "method", "round", "seconds"},
+    "convergence": {"study", "unit", "expected", "floor", "values", "errors", "orders"},
+}
 
 
 class Store:
@@ -69,6 +75,7 @@ def _read(path: Path) -> Iterator[dict[str, Any]]:
         except ValueError:
             # only the last can have been cut short
             return
-        if not isinstance(line, dict) or line.get("kind") not in KINDS or (number == 1) != (line["kind"] == "head"):
+        kind = line.get("kind") if isinstance(line, dict) else None
+        if kind not in KINDS or not line.keys() >= KINDS[kind] or (number == 1) != (kind == "head"):
             raise expected(f"{path} line {number}", "a line of a report", text[:60], "leave out --resume to begin anew")
         yield line

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from splatgl.data.errors import InputError
 from splatgl.data.image import Image
 from splatgl.gl.renderer import Renderer
+from splatgl.splat.settings import Settings
 from splatgl.truth.compare_pictures import data_uri, heat, largest, shown
 from splatgl.truth.report.methods import DEFAULT, PAPER, methods
 from splatgl.truth.report.results import Scene
@@ -21,6 +23,8 @@ SHOWN = (PAPER, "grid", "ray", DEFAULT, "no antialiasing", "2×2", "4×4", PREVI
 # differences are shown up to what this share of the worst method's pixels exceeds
 BRIGHTEST = 99.5
 COMPARED = ("reference", "sampled")
+# up to so many pixels a side, pictures are enlarged on the page
+SQUARES = 128
 
 
 @dataclass(frozen=True)
@@ -34,10 +38,14 @@ class Thumbnail:
 
 @dataclass(frozen=True)
 class Strip:
-    """A scene's thumbnails, the truth first. scales: the difference that is drawn brightest, by truth."""
+    """A scene's thumbnails, the truth first. scales: the difference that is drawn brightest, by truth.
+
+    small: whether pixels are shown as squares.
+    """
 
     thumbnails: tuple[Thumbnail, ...]
     scales: dict[str, float]
+    small: bool
 
 
 def strip(renderer: Renderer, subject: Subject, scene: Scene, truths: Truths) -> Strip:
@@ -55,13 +63,21 @@ def strip(renderer: Renderer, subject: Subject, scene: Scene, truths: Truths) ->
                 # that method has no such truth; the page says so where it tells what was left out
                 continue
     scales = {t: _scale([d for (name, of), d in found.items() if of == t and name != PREVIEW]) for t in COMPARED}
-    right = truths.get("sampled", subject.settings)
-    peak = float(right.pixels.max()) or 1.0 if right.info.get("blend") == "xray" else 1.0
-    cells = [Thumbnail("sampled truth", data_uri(shown(right, peak)), {})]
+    peak = max((float(image.pixels.max()) for image in drawn.values()), default=1.0) or 1.0
+    peak = peak if subject.settings.blend == "xray" else 1.0
+    cells = [Thumbnail(name, data_uri(shown(right, peak)), {}) for name, right in _truth(truths, subject.settings)]
     for name in names:
         heats = {t: _heat(found[name, t], scales[t]) for t in COMPARED if (name, t) in found}
         cells.append(Thumbnail(name, data_uri(shown(drawn[name], peak)), heats))
-    return Strip(tuple(cells), scales)
+    return Strip(tuple(cells), scales, max(subject.camera.size) <= SQUARES)
+
+
+def _truth(truths: Truths, settings: Settings) -> Iterator[tuple[str, Image]]:
+    """The sampled truth by its name, where there is one."""
+    try:
+        yield "sampled truth", truths.get("sampled", settings)
+    except InputError:
+        return
 
 
 def _scale(differences: list[np.ndarray]) -> float:

@@ -70,14 +70,14 @@ class Truths:
         if key not in self.kept:
             name = hashlib.sha256(f"{self.mark} {key}".encode()).hexdigest()[:16]
             path = self.folder / f"{name}.npy" if self.folder else None
-            if path is not None and path.exists():
-                self.kept[key] = np.load(path, allow_pickle=False)
-            else:
-                self.kept[key] = self._draw(truth, settings)
+            found = _read(path, (*self.subject.camera.size[::-1], 4)) if path else None
+            if found is None:
+                found = self._draw(truth, settings)
                 if path is not None:
                     buffer = io.BytesIO()
-                    np.save(buffer, self.kept[key])
+                    np.save(buffer, found)
                     write_whole(path, buffer.getvalue())
+            self.kept[key] = found
         return self.kept[key]
 
     def _draw(self, truth: str, settings: Settings) -> np.ndarray:
@@ -101,3 +101,13 @@ class Truths:
             occlusion="off",
         )
         return self.renderer.render(self.subject.splats(), self.subject.camera, exact).pixels.astype(np.float64)
+
+
+def _read(path: Path, shape: tuple[int, ...]) -> np.ndarray | None:
+    """A truth that was kept, float64; None where there is none, or a file that is something else."""
+    try:
+        found = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError):
+        return None
+    fine = isinstance(found, np.ndarray) and found.shape == shape and found.dtype == np.float64
+    return found if fine else None

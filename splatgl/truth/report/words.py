@@ -33,10 +33,12 @@ def milliseconds(timing: Timing | None) -> str:
     """The median, and the least and the most around it."""
     if timing is None:
         return ""
-    return f"{_ms(timing.median)} ({_ms(timing.low)}–{_ms(timing.high)})"
+    median, low, high = map(as_milliseconds, (timing.median, timing.low, timing.high))
+    return f"{median} ({low}–{high})"
 
 
-def _ms(seconds: float) -> str:
+def as_milliseconds(seconds: float) -> str:
+    """Three digits, and all before the point."""
     value = 1e3 * seconds
     return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
