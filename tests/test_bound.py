@@ -9,7 +9,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.splat.bound import bound
-from splatgl.splat.crowd import crowd
+from splatgl.splat.crowd import cells_of, crowd
 from splatgl.truth import streaks
 from splatgl.truth.pairs import values
 from splatgl.truth.reference import _Scene
@@ -146,9 +146,12 @@ def test_views_keep_their_bound(renderer: sg.Renderer, name: str) -> None:
             assert error <= image.info["error_bound"], (view, way)
 
 
+@pytest.mark.parametrize("few", [10_000, 60, 0], ids=["one by one", "blocks", "planes"])
 @pytest.mark.parametrize("name", SHAPES)
-def test_no_ray_meets_more_than_is_said(name: str) -> None:
-    splats = SHAPES[name]
+def test_no_ray_meets_more_than_is_said(name: str, few: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("splatgl.splat.crowd.FEW", few)
+    splats = replace(SHAPES[name])
+    assert (cells_of(splats).groups is None) == (few == 0)
     for view, camera in views(splats).items():
         chosen = sg.plan(splats, camera, sg.Settings(blend="xray"))
         count, depth = met(splats, camera)
