@@ -23,11 +23,13 @@ from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.gl.renderer import Renderer
+from splatgl.splat.blur import MOTIONS
 from splatgl.splat.extract import extract
 from splatgl.splat.motion import flow_of
 from splatgl.splat.rows import Splats
+from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
-from splatgl.truth.temporal import Moments, Shorter
+from splatgl.truth.temporal import Moments, Shorter, moments
 
 FULL_TURN = 360.0
 # frames of one turn if nothing else is asked for
@@ -42,8 +44,9 @@ Matter = tuple[Splats, np.ndarray | None]
 @dataclass(frozen=True, eq=False)
 class Animation:
     """scenes: one a volume, read with one transfer function. numbers: the frames wanted, of `count`; a volume of a
-    series is shown for `hold` of them. moments: how many pictures a frame is the mean of, each blurred over its part of
-    the exposure as the settings say. flow: by how much splats move along the volume's vectors a frame, for blur alone.
+    series is shown for `hold` of them. streaked: each picture is blurred, as the settings say, over its part of the
+    exposure. moments: how many pictures a frame is the mean of, None: as many as it takes.
+    flow: by how much splats move along the volume's vectors a frame, for blur alone.
     """
 
     scenes: list[Scene]
@@ -52,7 +55,8 @@ class Animation:
     count: int
     numbers: range
     hold: int = 1
-    moments: int = 1
+    streaked: bool = True
+    moments: int | None = 1
     flow: float | None = None
     bits: int = 8
     only: Splats | None = None
@@ -81,7 +85,7 @@ class Animation:
         numbers = range(first, last + 1)
         if args.flow is not None and args.moments is None and scene.settings.motion == "off":
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
-        asked = (args.hold, args.moments or 1, args.flow, args.bits)
+        asked = (args.hold, *_blur(args, scene.settings), args.flow, args.bits)
         return cls(scenes, transfer, track, count, numbers, *asked, only)
 
     def shown(self, frame: int) -> int:
@@ -94,7 +98,7 @@ class Animation:
         files = [(s.volume, Path(s.volume).stat().st_size if Path(s.volume).is_file() else 0) for s in self.scenes]
         cameras = [self.track.camera(n) for n in {0, self.count // 2, self.count - 1}]
         views = [(c.eye.tolist(), c.eye_from_world.tolist(), c.size, c.extent, c.perspective) for c in cameras]
-        blur = (self.moments, self.flow)
+        blur = (self.streaked, self.moments, self.flow)
         drawn = (self.scenes[0].settings, self.scenes[0].threshold, self.scenes[0].load, self.transfer.to_toml())
         return mark_of(files, drawn, views, self.count, self.hold, blur, self.bits)
 
@@ -134,9 +138,9 @@ class Animation:
         motion = replace(motion, flow=flow) if flow is not None else motion
         if self.moments == 1 or motion.still or settings.shutter == 0:
             return renderer.render(splats, camera, settings, motion)
-        # a maximum has no streaks
-        kind = Moments if settings.motion == "off" or settings.blend == "mip" else Shorter
-        image = kind(renderer.render, motion, settings.shutter, self.moments)(splats, camera, settings)
+        count = self.moments or moments(splats, camera, motion, settings.shutter)
+        kind = Shorter if self.streaked else Moments
+        image = kind(renderer.render, motion, settings.shutter, count)(splats, camera, settings)
         return Image(image.pixels.astype(np.float32), image.info)
 
     def _brightest(self, renderer: Renderer) -> float:
@@ -160,6 +164,17 @@ def _splats(scene: Scene, volume: Volume, transfer: Transfer) -> Splats:
     if not len(splats):
         raise nothing(scene, volume)
     return splats
+
+
+def _blur(args: argparse.Namespace, settings: Settings) -> tuple[bool, int | None]:
+    """Whether frames are streaked, and the mean of how many pictures they are. Streaks are right for sums; where matter
+    hides matter the mean of stills is nearer in the same time, and a maximum has no streaks.
+    """
+    chosen = args.motion is not None or settings.motion != MOTIONS[0] or settings.blend == "xray"
+    streaked = chosen and settings.motion != "off" and settings.blend != "mip"
+    if args.moments is not None:
+        return streaked, args.moments
+    return streaked, 1 if streaked or settings.motion == "off" else None
 
 
 def _degrees(args: argparse.Namespace, count: int, series: bool) -> float:

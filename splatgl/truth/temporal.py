@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.splat.camera import Camera
-from splatgl.splat.motion import Motion, exposure
+from splatgl.splat.motion import Motion, exposure, streaks
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import FULL_SHUTTER, Settings
 
 # anything that draws: Renderer.render, or reference.render
 Draw = Callable[[Splats, Camera, Settings], Image]
 
+
+# between two moments nothing that is seen moves by more pixels than this: a footprint is three wide
+STEP = 1.5
+# moments at most, and splats whose paths are looked at
+MOST, PROBED = 64, 4096
+# the share of them that keeps to the step
+KEPT = 0.99
 
 # what draws pictures that move: Renderer.render
 DrawMoving = Callable[[Splats, Camera, Settings, Motion], Image]
@@ -62,3 +70,23 @@ class Shorter(Moments):
         view, flow = self.motion.view(camera, last), self.motion.flow
         moved = Motion(camera=self.motion.view(camera, first), flow=None if flow is None else flow * (last - first))
         return self.draw_moving(self.motion.moved(splats, last), view, settings.but(shutter=FULL_SHUTTER), moved)
+
+
+def moments(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> int:
+    """How many moments show no more steps than footprints hide: for the fastest of what is seen, 1.5 pixels each.
+
+    1 if nothing that is seen moves.
+    """
+    each = max(len(splats) // PROBED, 1)
+    flow = None if motion.flow is None else motion.flow[::each]
+    paths = streaks(replace(splats, records=splats.records[::each]), camera, replace(motion, flow=flow), shutter)
+    spacing = splats.grid.mean_spacing
+    # what is within the picture at any time on its path
+    depth = np.where(paths.middle[2] > 0, paths.middle[2], np.inf) if camera.perspective else 1 / spacing
+    middle, half_step = np.abs(paths.middle[:2] / depth), np.abs(paths.step / depth) / 2
+    edge = np.array([[camera.size[0] / camera.size[1]], [1.0]]) * paths.camera.extent / 2
+    seen = (middle <= edge + half_step).all(axis=0) & (paths.middle[2] > 0)
+    if not seen.any():
+        return 1
+    longest = float(np.quantile(paths.pixels(spacing)[seen], KEPT))
+    return min(int(np.ceil(longest / STEP)) + 1, MOST)
