@@ -40,8 +40,10 @@ BENT, MOVED = 0.8, (0.3, 0.75)
 RIMMED = {"gaussian": 3.0}
 # antialiasing begins at three times a kernel's reach before the eye: affine.WIDEN_BEYOND
 NEAREST = 3.0
-# what one blend may lose of a number of 0.5 to 1; drivers may cut 16 bits off instead of rounding them
-TARGET = {"rgba32f": ULP / 2, "rgba16f": 2.0**-11, "rgba8": 1.5 / 255}
+# what one rounding may lose of a number of 0.5 to 1; drivers may cut 16 bits off instead of rounding them, and lay 8
+# bits over each other in 8 bits; 'over' in float32 rounds 1 − α, its product and the sum
+TARGET = {"rgba32f": ULP / 4, "rgba16f": 2.0**-11, "rgba8": 1.5 / 255}
+OVER = 3.0
 # a kernel around the eye: its share of a chord, times F/F(0), comes from a table within the first; all the lattice's
 # around it add up to the second
 HALF_LINE, AROUND = 3.2e-5, 1.2e-4
@@ -103,6 +105,8 @@ def bound(splats: Splats, camera: Camera, plan: Plan, brightest: float) -> Bound
     # blends
     scale = {"composite": most, "xray": brightest, "mip": whole}[program.blend]
     rounding = _last_digit(scale) * TARGET[program.target] * (1.0 if program.blend == "mip" else met.count)
+    if program.blend == "composite" and program.target == "rgba32f":
+        rounding *= OVER
     return Bound(footprint, plan.passing * most, whole if cut else rounding, whole)
 
 
