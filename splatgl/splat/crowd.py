@@ -24,8 +24,9 @@ DISCRETE = 1.35
 OFF = np.sqrt(3.0) / 2
 # tiles along each axis of the picture in which directions are bounded
 TILES = 8
-# up to so many splats are counted one by one; more in blocks of so many cells a side, if they are no more
-FEW, BLOCK = 8192, 8
+# up to so many splats are counted one by one; more in blocks of so many cells a side, if no more are in use, of a grid
+# of no more than so many
+FEW, BLOCK, MOST_BLOCKS = 8192, 8, 2**22
 # of these, one that is nearer than this share of the middle depth counts for the whole picture
 NEAR = 1 / 3
 # squares of the picture along each axis, at most
@@ -195,26 +196,27 @@ def _count(splats: Splats) -> Cells:
         int(np.diff(start, append=len(splats)).max()),
         float(np.add.reduceat(depth.astype(np.float64), start).max()),
         np.array(planes, dtype=np.float64),
-        _grouped(position, depth.astype(np.float64)),
+        _grouped(position, depth.astype(np.float64), splats.index_bounds),
     )
 
 
-def _grouped(position: np.ndarray, depth: np.ndarray) -> Groups | None:
+def _grouped(position: np.ndarray, depth: np.ndarray, bounds: np.ndarray) -> Groups | None:
     if len(position) <= FEW:
         return Groups(position.astype(np.float64), np.zeros(len(position)), np.ones(len(position)), depth)
-    block = np.floor((position - position.min(axis=0)) / BLOCK).astype(np.int64)
-    wide = block.max(axis=0) + 1
-    if float(wide.astype(np.float64).prod()) >= 2.0**62:
+    first, last = bounds
+    wide = np.floor((last - first) / BLOCK) + 1
+    if float(wide.prod()) > MOST_BLOCKS:
         return None
-    names, member = np.unique((block[:, 2] * wide[1] + block[:, 1]) * wide[0] + block[:, 0], return_inverse=True)
-    if len(names) > FEW:
+    block = ((position - first.astype(np.float32)) / np.float32(BLOCK)).astype(np.int32)
+    block = np.minimum(block, wide.astype(np.int32) - 1)
+    x, y, _ = (int(n) for n in wide)
+    name = (block[:, 2] * y + block[:, 1]) * x + block[:, 0]
+    count, total = np.bincount(name), np.bincount(name, depth)
+    used = np.flatnonzero(count)
+    if len(used) > FEW:
         return None
-    # the ball around the box of its members
-    order = np.argsort(member, kind="stable")
-    start = np.searchsorted(member[order], np.arange(len(names)))
-    low, high = (each.reduceat(position[order].astype(np.float64), start, axis=0) for each in (np.minimum, np.maximum))
-    count, total = np.bincount(member).astype(np.float64), np.bincount(member, depth)
-    return Groups((low + high) / 2, np.linalg.norm(high - low, axis=1) / 2, count, total)
+    middle = (np.stack([used % x, used // x % y, used // (x * y)], axis=1) + 0.5) * BLOCK + first
+    return Groups(middle, np.full(len(used), BLOCK * np.sqrt(3.0) / 2), count[used].astype(np.float64), total[used])
 
 
 def _sides(camera: Camera) -> tuple[float, float]:
