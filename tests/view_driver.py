@@ -5,6 +5,7 @@ python view_driver.py SOURCE FOLDER '{"backend": "egl", …}'
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import queue
@@ -20,6 +21,8 @@ import numpy as np
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.viewer import Options, Viewer
+from splatgl.data.errors import InputError
+from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
 
 PAGE = os.sysconf("SC_PAGE_SIZE")
@@ -96,6 +99,15 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
     elif what == "look":
         # one picture after the events that are waiting
         viewer.step(0.02)
+    elif what == "fail":
+        # an OpenGL error in the window's own context, as after the loss of it
+        with current(viewer.screen.ctx):
+            ctypes.CFUNCTYPE(None, ctypes.c_uint)(viewer.screen.loader.address("glEnable"))(0xFFFF)
+        viewer.refresh()
+        try:
+            viewer.step(0.0)
+        except InputError as error:
+            return {"message": str(error)}
     elif what == "shot":
         np.save(ask["path"], viewer.shot())
     elif what == "reset":

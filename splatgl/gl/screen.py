@@ -5,7 +5,8 @@ Whatever renderer drew the picture, and in whatever context, it comes here as nu
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,7 +70,7 @@ class Screen:
     def put(self, name: str, pixels: np.ndarray) -> None:
         """Keeps pixels [H, W, 4], float32 (linear) or uint8 (sRGB), as the `picture`, `other` or `overlay`."""
         size, dtype = (pixels.shape[1], pixels.shape[0]), "f4" if pixels.dtype == np.float32 else "f1"
-        with current(self.ctx):
+        with self._working():
             kept = self.textures.get(name)
             if kept is not None and (kept.size, kept.dtype) == (size, dtype):
                 kept.write(np.ascontiguousarray(pixels))
@@ -81,7 +82,7 @@ class Screen:
 
     def draw(self, size: tuple[int, int], look: Look) -> None:
         """Draws what was put into the window's back buffer of `size` pixels; the context stays as it was."""
-        with current(self.ctx):
+        with self._working():
             program, whole = self._program(look.compare, look.overlay)
             self.ctx.screen.use()
             self.ctx.viewport = (0, 0, *size)
@@ -109,10 +110,15 @@ class Screen:
             _ = self.ctx.error
         return np.frombuffer(data, np.uint8).reshape(size[1], size[0], 3)[::-1]
 
-    def check(self) -> None:
-        """InputError if the window's context failed or was lost."""
+    @contextmanager
+    def _working(self) -> Iterator[None]:
+        """With the window's context; InputError if it failed or was lost."""
         with current(self.ctx):
-            problem = self.ctx.error
+            try:
+                yield
+                problem = self.ctx.error
+            except moderngl.Error as error:
+                problem = str(error)
         if problem != "GL_NO_ERROR":
             raise InputError(f"window: OpenGL failed: {problem}; close other programs that use the graphics card")
 

@@ -62,23 +62,30 @@ def _create(size: tuple[int, int], title: str, visible: bool) -> Any:
         import glfw
     except ImportError as error:
         raise BackendError(f"GLFW could not be loaded ({error})") from error
+    window = None
     with _glfw_errors():
         # Without a display only the null platform starts, and there only OSMesa draws
         headless = not _has_display()
         glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL if headless else glfw.ANY_PLATFORM)
-        glfw.init()
-        glfw.default_window_hints()
-        if glfw.get_platform() == glfw.PLATFORM_NULL:
-            glfw.window_hint(glfw.CONTEXT_CREATION_API, glfw.OSMESA_CONTEXT_API)
-        glfw.window_hint(glfw.CONTEXT_VERSION_MAJOR, 3)
-        glfw.window_hint(glfw.CONTEXT_VERSION_MINOR, 3)
-        glfw.window_hint(glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE)
-        glfw.window_hint(glfw.OPENGL_FORWARD_COMPAT, sys.platform == "darwin")  # macOS insists, OSMesa refuses
-        glfw.window_hint(glfw.VISIBLE, visible)
-        window = glfw.create_window(*size, title, None, None)
+        # where it cannot start, a further call would hide why
+        if glfw.init():
+            _hint(glfw, visible)
+            window = glfw.create_window(*size, title, None, None)
     if not window:
         raise BackendError("GLFW made no window")
     return window
+
+
+def _hint(glfw: Any, visible: bool) -> None:
+    """What windows to make from now on."""
+    glfw.default_window_hints()
+    if glfw.get_platform() == glfw.PLATFORM_NULL:
+        glfw.window_hint(glfw.CONTEXT_CREATION_API, glfw.OSMESA_CONTEXT_API)
+    glfw.window_hint(glfw.CONTEXT_VERSION_MAJOR, 3)
+    glfw.window_hint(glfw.CONTEXT_VERSION_MINOR, 3)
+    glfw.window_hint(glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE)
+    glfw.window_hint(glfw.OPENGL_FORWARD_COMPAT, sys.platform == "darwin")  # macOS insists, OSMesa refuses
+    glfw.window_hint(glfw.VISIBLE, visible)
 
 
 def _has_display() -> bool:

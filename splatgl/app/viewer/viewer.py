@@ -246,7 +246,6 @@ class Viewer:
         self.dirty -= 1
         self._compose()
         self.window.show()
-        self.screen.check()
         self.window.title(f"{self.content.volume.name} - splatgl - {progress(self.state, self.painter.frame)}")
 
     def _compose(self) -> None:

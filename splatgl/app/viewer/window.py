@@ -16,6 +16,8 @@ from splatgl.gl.screen import Screen
 BUTTONS = ("left", "right", "middle")
 # what a program ends with whose display is gone
 GONE = 2
+# where Xlib's XErrorEvent has its code
+CODE = 32
 # smallest window, in screen coordinates
 SMALLEST = 64
 
@@ -131,19 +133,27 @@ class Window:
 
 
 def _outlive_display() -> None:
-    """A line and an exit code where the X server goes away: Xlib ends the program, and has its own way to say so."""
+    """A line and an exit code where the X server, or the window, goes away: Xlib ends the program in its own way."""
     name = ctypes.util.find_library("X11") if sys.platform.startswith("linux") else None
     if name is None:
         return
-    handler = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(_gone)
-    _kept.append(handler)
-    ctypes.CDLL(name).XSetIOErrorHandler(handler)
+    library = ctypes.CDLL(name)
+    lost = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(lambda _: _gone("the display went away"))
+    failed = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(_failed)
+    library.XSetIOErrorHandler(lost)
+    library.XSetErrorHandler(failed)
+    _kept.extend([lost, failed])
 
 
 # what C calls must not be collected
 _kept: list[Any] = []
 
 
-def _gone(_: Any) -> int:
-    os.write(2, b"splatgl: the display went away\n")
+def _failed(_: Any, event: int) -> int:
+    """Nearly always BadWindow (3) or BadDrawable (9)."""
+    return _gone(f"the window went away (X error {ctypes.string_at(event, CODE + 1)[CODE]})")
+
+
+def _gone(said: str) -> int:
+    os.write(2, f"splatgl: {said}\n".encode())
     os._exit(GONE)
