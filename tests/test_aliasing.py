@@ -12,6 +12,7 @@ from splatgl.truth.aliasing import (
     differing_before,
     finer,
     mean_square,
+    noise_ratio,
     only,
     share_beyond,
 )
@@ -83,6 +84,23 @@ def test_antialiasing_takes_aliasing_away(renderer: sg.Renderer, rng: np.random.
     right = draw(wall, camera, XRAY.but(antialias="supersample"))
     errors = [mean_square(draw(wall, camera, s), right, reach.beyond) for s in (OFF, XRAY)]
     assert errors[0] > 2 * errors[1] > 0
+
+
+@pytest.mark.parametrize("name", ["crawfis-max", "gaussian"])
+def test_of_noise_a_kernel_leaves_what_its_spectrum_says(name: str, renderer: sg.Renderer) -> None:
+    """Half as far again as z_k: a wall of noise, measured, against the spectrum; at z_k there is nothing to gain."""
+    rng = np.random.default_rng(3)
+    x, y = (c.ravel() for c in np.meshgrid(np.arange(-60.0, 61), np.arange(-60.0, 61)))
+    camera = sg.Camera.look_at((0, 0, 0), (0, 0, 1), (0, -1, 0), 2 * np.degrees(np.arctan(32 / 40)), (64, 64))
+    ratios = []
+    for depth in (40.1, 60.0):
+        places = np.stack([x, y, np.full_like(x, depth)], axis=1) + rng.uniform(-0.5, 0.5, (len(x), 1)) * (1, 1, 0)
+        wall = sg.Splats.from_points(places, np.repeat(rng.random((len(x), 1)), 3, axis=1), np.full(len(x), 3.0))
+        ratios.append(noise_ratio(wall, camera, name))
+    window = np.ones((256, 256))
+    off, on = (aliasing_energy(finer(renderer.render, wall, camera, s.but(kernel=name)), window) for s in (OFF, XRAY))
+    assert ratios[0] == pytest.approx(1, abs=0.05) and ratios[1] == pytest.approx(11, abs=1)
+    assert off / on == pytest.approx(ratios[1], rel=0.15)
 
 
 def test_reach_knows_what_is_beyond_z_k(sheet: sg.Splats, camera: sg.Camera) -> None:

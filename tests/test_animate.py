@@ -329,6 +329,8 @@ def test_movies_need_their_extra(
         (["-o", "a{frame}.png", "--frames", "0"], "--frames: expected a whole number"),
         (["-o", "a{frame}.png", "--spin", "3", "--turntable", "3"], "one of --turntable, --spin and --keyframes"),
         (["-o", "a{frame}.png", "--fps", "0"], "--fps"),
+        (["-o", "a{frame}.png", "--spin", "1e308"], "--spin: expected a number from"),
+        (["-o", "a{frame}.png", "--flow", "inf"], "--flow: expected a number from"),
         (["-o", "a{frame}.png", "--axis", "0,0,0"], "axis: expected a direction"),
         (["-o", "a{frame}.png", "--shutter", "400", "--moments", "2"], "shutter: expected an angle"),
         (["-o", "a{frame}.png", "--flow", "1", "--motion", "off"], "--moments"),

@@ -105,9 +105,11 @@ def test_numbers_of_still_figures(here: Path, capsys: pytest.CaptureFixture[str]
 
 
 def test_numbers_of_turning_figures(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["figure", "13", "letter-f", "--numbers", "--size", "24", "--moments", "2"]) == 0
+    assert main(["figure", "13", "letter-f", "--numbers", "--size", "12", "--moments", "2"]) == 0
     said = capsys.readouterr().out
-    for words in ("at 1°: (a)", "at 1°: (d)", "at 5°: (c)", "longest path", "popping"):
+    for words in ("at 1°: (a)", "at 1°: (d)", "at 5°: (c)", "longest path", "popping", "beyond z_k", "aliasing energy"):
+        assert words in said
+    for words in ("energy of blurred splats", "16 moments: (d)", "noise at these depths"):
         assert words in said
 
 

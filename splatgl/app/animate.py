@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-import numpy as np
-
 from splatgl.app.animation import FRAMES, FULL_TURN, Animation
 from splatgl.app.frames import Frames
 from splatgl.app.movie import need, write_movie
@@ -15,6 +13,8 @@ from splatgl.gl.renderer import Renderer
 
 FPS = 30.0
 MAX_FRAMES, MAX_MOMENTS, MAX_FPS = 1_000_000, 4096, 1000.0
+# degrees, and units of time a frame: beyond it sines have no digits left
+MAX_PACE = 1e9
 BLACK = (0.0, 0.0, 0.0)
 
 
@@ -81,8 +81,8 @@ def _check(args: argparse.Namespace) -> None:
         raise expected("--fps", f"a number above 0, up to {MAX_FPS:g}", args.fps)
     for name in ("turntable", "spin", "flow"):
         value = getattr(args, name)
-        if value is not None and not np.isfinite(value):
-            raise expected(f"--{name}", "a finite number", value)
+        if value is not None and not abs(value) <= MAX_PACE:
+            raise expected(f"--{name}", f"a number from {-MAX_PACE:g} to {MAX_PACE:g}", value)
 
 
 def _span(text: str) -> tuple[int, int]:

@@ -11,7 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.image import Image
+from splatgl.splat.blur import line_area
 from splatgl.splat.camera import Camera
+from splatgl.splat.kernel import kernel
 from splatgl.splat.plan import plan
 from splatgl.splat.rows import Grid, Splats, assemble
 from splatgl.splat.settings import Settings
@@ -24,6 +26,8 @@ TIMES = 4
 SOFT = 2.0
 # the line at z_k is drawn between parts blurred by so many pixels, where there is so much of them
 LINE, LINE_SEEN = 1.0, 0.3
+# of the spectra of kernels: cycles a pixel where they end, points along each axis, and steps of depth
+FASTEST, POINTS, DEPTHS = 4.0, 401, 40
 # the least alpha of a pixel that shows matter
 SEEN = 0.5
 
@@ -142,6 +146,34 @@ def aliasing_energy(fine: np.ndarray, window: np.ndarray, times: int = TIMES) ->
         spectrum = np.fft.fft2((shown - mean) * window)
         energy += float((np.abs(spectrum[fast]) ** 2).sum())
     return energy / window.size / total / 3
+
+
+def noise_ratio(splats: Splats, camera: Camera, name: str) -> float:
+    """How much less aliasing energy antialiasing leaves of splats of random colours, by the kernel's spectrum alone.
+
+    Beyond z_k a footprint is m = z_v/z_k times as wide as its splat: its spectrum ends m times as early, at a pixel's.
+    Where m is next to 1 there is next to nothing to take away, and what a kernel has beyond half a cycle a pixel stays.
+    Those of one kind of voxel, at their own depths; an X-ray's.
+    """
+    shape = kernel(name)
+    across = np.linspace(0.0, shape.radius, POINTS)
+    line = line_area(shape, across)
+    cycles = np.linspace(0.0, FASTEST, POINTS)
+    # a slice of the plane's spectrum is the line areas' own
+    spectrum = np.trapezoid(line * np.cos(2 * np.pi * cycles[:, None] * across), across, axis=1)
+    place = np.linspace(-FASTEST, FASTEST, POINTS)
+    radius = np.hypot(place[:, None], place)
+    fast = np.maximum(np.abs(place[:, None]), np.abs(place)) > 0.5
+
+    depth = camera.eye_from_points(world(splats))[:, 2] / plan(splats, camera, Settings()).z_k
+    count, edges = np.histogram(depth, DEPTHS, (1.0, max(float(depth.max(initial=1.0)), 1 + 1e-3)))
+    if not count.any():
+        return 1.0
+    wide = (edges[1:] + edges[:-1]) / 2
+    left = np.array([(np.interp(radius / m, cycles, spectrum)[fast] ** 2).sum() for m in (1.0, *wide)])
+    # a voxel covers 1/m² pixels, before and after
+    weight = count / wide**4
+    return float(weight @ left[1:] / weight.sum() / left[0])
 
 
 def mean_square(image: Image | np.ndarray, right: Image | np.ndarray, where: np.ndarray) -> float:
