@@ -9,6 +9,7 @@
 #include "sprite.glsl"
 #include "fill.glsl"
 #include "motion.glsl"
+#include "hidden.glsl"
 #define VARYING out
 #include "varyings.glsl"
 
@@ -90,6 +91,9 @@ void main() {
     to_local = sprite.to_local;
     pixel = sprite.center;
     gl_PointSize = sprite.size;
+#if HIDING
+    seen = seen && !is_hidden(sprite.center);
+#endif
 #else
     // the corner, and where it lies in the footprint
     vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;

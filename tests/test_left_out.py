@@ -40,7 +40,7 @@ FEATURES = (
 @pytest.mark.parametrize("name", FEATURES)
 @pytest.mark.parametrize("size", [12, 40])
 def test_forced_on(renderer: sg.Renderer, name: str, size: int) -> None:
-    splats = noise(size=size, opacity=0.9)
+    splats = noise(size=size, opacity=0.99999)
     camera = views(splats)["fitted"].resized((160, 120))
     chosen = renderer.plan(splats, camera)
     assert not chosen.program.antialias and not chosen.program.half_line and chosen.program.cubic

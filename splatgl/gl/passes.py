@@ -9,6 +9,7 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.buffers import SplatBuffer
+from splatgl.gl.closing import HIDDEN_UNIT, Closing
 from splatgl.gl.program import BLENDS, Programs
 from splatgl.gl.streaks import BLUR_UNIT, StreakBuffers
 from splatgl.gl.target import Target, Targets
@@ -28,8 +29,6 @@ TABLES: dict[int, tuple[str, np.dtype, int]] = {
     8: ("f1", np.dtype("u1"), 255),
 }
 CORNERS = 4
-# texture unit of the picture whose opaque pixels are closed
-CLOSING_UNIT = 2
 # texels along each axis of the half-line table: bilinear error 1e−5
 HALF_TABLE_SIZE = 256
 
@@ -46,6 +45,7 @@ class Passes:
         self.splats = SplatBuffer(ctx, owned)
         self.streaks = StreakBuffers(ctx, owned)
         self.whole: dict[int, moderngl.VertexArray] = {}
+        self.closing = Closing(ctx, self.programs, self.targets, self._whole)
         self.frame = ctx.buffer(reserve=FRAME.itemsize)
         owned.callback(self.frame.release)
         self.style = ctx.buffer(reserve=STYLE.itemsize)
@@ -75,6 +75,8 @@ class Passes:
             program["half_table"] = 1
             self._half_table(plan.kernel).use(location=1)
         self._bind_path(program, splats, plan)
+        if plan.program.hiding:
+            program["hidden"] = HIDDEN_UNIT
 
         blend = BLENDS[plan.program.blend, plan.program.order]
         self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
@@ -102,10 +104,12 @@ class Passes:
 
     def _draw_sprites(self, vertices: moderngl.VertexArray, target: Target, count: int, plan: Plan) -> None:
         """In parts, nearest first; between two of them pixels are closed that next to nothing passes."""
+        if plan.program.hiding:
+            self.closing.begin(target)
         ends = cuts(count, plan.parts)
         for begin, end in pairwise(ends):
             if begin:
-                self._close(target, plan)
+                self.closing.close(target, plan)
             target.framebuffer.use()
             # centres beyond the edge are clipped, so that the edge is moved out
             target.widen(plan.pad)
@@ -114,22 +118,10 @@ class Passes:
             vertices.render(moderngl.POINTS, vertices=end - begin, first=begin)
         target.widen(0)
 
-    def _close(self, target: Target, plan: Plan) -> None:
-        """Writes the nearest depth where less than `plan.passing` of the light passes."""
-        program = self.programs.for_closing()
-        program["drawn"] = CLOSING_UNIT
-        program["opaque"] = 1.0 - plan.passing
-        target.texture.use(location=CLOSING_UNIT)
-        with target.depth_alone(plan.window):
-            self.ctx.enable_only(moderngl.DEPTH_TEST)
-            self.ctx.depth_func = "1"
-            self._whole(program)
-            self.ctx.depth_func = "<="
-
     def _resolve(
         self, drawn: Target, size: tuple[int, int], plan: Plan, background: tuple[float, float, float] | None
     ) -> Target:
-        program = self.programs.for_resolve()
+        program = self.programs.for_screen("resolve.frag")
         target = self.targets.get("resolve", size, "rgba32f")
         target.framebuffer.use()
         self.ctx.enable_only(moderngl.NOTHING)

@@ -48,6 +48,7 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",
         "HALF_LINE": program.half_line,
         "SPRITE": program.primitive == "sprite",
+        "HIDING": program.hiding,
         "MOTION": f"MOTION_{program.motion.upper()}",
         "FLOW": program.flow,
     }
@@ -83,8 +84,7 @@ class Programs:
         self.ctx = ctx
         self.owned = owned
         self.splat: dict[tuple[tuple[str, str | int | bool], ...], moderngl.Program] = {}
-        self._resolve: moderngl.Program | None = None
-        self._closing: moderngl.Program | None = None
+        self.screen: dict[str, moderngl.Program] = {}
 
     def for_splats(self, program: Program) -> moderngl.Program:
         switches = splat_switches(program)
@@ -93,15 +93,11 @@ class Programs:
             self.splat[key] = self._keep(build(self.ctx, "splat.vert", "splat.frag", switches))
         return self.splat[key]
 
-    def for_resolve(self) -> moderngl.Program:
-        if self._resolve is None:
-            self._resolve = self._keep(build(self.ctx, "resolve.vert", "resolve.frag", {}))
-        return self._resolve
-
-    def for_closing(self) -> moderngl.Program:
-        if self._closing is None:
-            self._closing = self._keep(build(self.ctx, "resolve.vert", "opaque.frag", {}))
-        return self._closing
+    def for_screen(self, fragment: str) -> moderngl.Program:
+        """A fragment shader over the whole target."""
+        if fragment not in self.screen:
+            self.screen[fragment] = self._keep(build(self.ctx, "whole.vert", fragment, {}))
+        return self.screen[fragment]
 
     def _keep(self, program: moderngl.Program) -> moderngl.Program:
         self.owned.callback(program.release)

@@ -11,10 +11,14 @@ from splatgl.splat.sprites import Reach
 # share of the tolerance that may be hidden: the light that still passes a pixel when it is closed. sRGB is 13 times
 # as steep at black as on average: so it is a level there too, at the default tolerance; 3/4 is but 5 % faster
 SHARE = 1 / 13
-# fewer splats, less depth on average over the window, or fewer splats over a pixel: closing costs more than it saves
-FEWEST, SHALLOWEST, THINNEST = 20_000, 2.0, 12.0
-# parts: measured to be best near this many times the square root of how many splats cover a pixel
-PARTS, MOST_PARTS = 2.0, 48
+# closing costs more than it saves: with fewer splats; with less optical depth on average over the window, of which
+# larger sprites need less; and seen from within, where the nearest sprite is this much larger than most
+FEWEST, NEAREST = 20_000, 4.0
+SHALLOWEST, SHALLOWEST_LARGE, LARGE = 20.0, 5.0, 5.0
+# pixels along a tile's edge in the map of what is hidden, and how many of them the largest sprite may reach
+TILE, FURTHEST = 4, 16
+# parts: measured to be best near the square root of how many splats cover a pixel
+MOST_PARTS = 32
 # nearer parts are smaller: part i of n ends at (i/n)^this of the splats
 GROWTH = 1.5
 
@@ -22,12 +26,18 @@ GROWTH = 1.5
 def parts(splats: Splats, camera: Camera, reach: Reach) -> int:
     """In how many parts to draw; 1 where closing pixels does not pay."""
     area = reach.window.width * reach.window.height
-    if len(splats) < FEWEST or area == 0:
+    if len(splats) < FEWEST or area == 0 or around(reach) > FURTHEST or reach.largest > NEAREST * reach.typical:
+        return 1
+    shallowest = SHALLOWEST_LARGE if reach.typical > LARGE else SHALLOWEST
+    if _mean_depth(splats, camera, reach, area) < shallowest:
         return 1
     cover = len(splats) * (2 * reach.typical) ** 2 / area
-    if cover < THINNEST or _mean_depth(splats, camera, reach, area) < SHALLOWEST:
-        return 1
-    return int(np.clip(round(PARTS * np.sqrt(cover)), 2, MOST_PARTS))
+    return int(np.clip(round(np.sqrt(cover)), 2, MOST_PARTS))
+
+
+def around(reach: Reach) -> float:
+    """How many tiles beyond its own a sprite may touch."""
+    return float(np.ceil((reach.largest + 1) / TILE))
 
 
 def cuts(count: int, number: int) -> list[int]:

@@ -16,7 +16,7 @@ from splatgl.splat.alignment import alignment
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel, kernel
 from splatgl.splat.motion import Exposure, Motion
-from splatgl.splat.occlusion import SHARE, parts
+from splatgl.splat.occlusion import SHARE, around, parts
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.sprites import Reach, Window, reach
@@ -48,6 +48,7 @@ class Program:
     footprint: str = "table"
     half_line: bool = False
     primitive: str = "quad"
+    hiding: bool = False
     motion: str = "off"
     flow: bool = False
 
@@ -58,7 +59,7 @@ class Plan:
 
     window: the pixels, or samples, that splats reach. pad: how far beyond the picture's edge a sprite may be centred.
     parts: in how many parts it is drawn; between two, pixels that less than `passing` of the light passes are closed.
-    exposure: of a blurred picture.
+    around: how many tiles beyond its own a sprite may reach. exposure: of a blurred picture.
     """
 
     program: Program
@@ -73,6 +74,7 @@ class Plan:
     window: Window
     pad: int
     parts: int
+    around: int
     passing: float
     background: tuple[float, float, float] | None
     tolerance: float
@@ -92,7 +94,8 @@ class Plan:
         if program.half_line:
             program = replace(program, primitive="quad")
         sprite = program.primitive == "sprite"
-        return replace(self, program=program, pad=self.pad * sprite, parts=self.parts if sprite else 1)
+        parts = self.parts if sprite else 1
+        return replace(self, program=replace(program, hiding=parts > 1), pad=self.pad * sprite, parts=parts)
 
     def explain(self) -> str:
         """The plan in words, a line a decision."""
@@ -110,7 +113,7 @@ class Plan:
         lines.append(f"{p.primitive}s, read back from rows {w.y} to {w.y + w.height}: nothing reaches the others")
         if self.parts > 1:
             lines.append(
-                f"drawn in {self.parts} parts; what lies behind less than {self.passing:.2g} of the light is left out, "
+                f"drawn in {self.parts} parts; splats behind less than {self.passing:.2g} of the light are left out, "
                 "which changes no pixel by more"
             )
         if self.samples > 1:
@@ -169,6 +172,7 @@ def _planned(
         footprint=footprint,
         half_line=half_line,
         primitive="sprite" if sprite else "quad",
+        hiding=number > 1,
         motion=settings.motion if exposure else "off",
         flow=exposure is not None and exposure.flow is not None,
     )
@@ -186,6 +190,7 @@ def _planned(
         Window(0, 0, *fine.size) if exposure else covered.window,
         covered.pad if sprite else 0,
         number,
+        int(around(covered)) if number > 1 else 0,
         SHARE * settings.tolerance / max(splats.brightest, 1.0) if number > 1 else 0.0,
         settings.background,
         settings.tolerance,
