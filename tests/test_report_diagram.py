@@ -59,15 +59,14 @@ def scene(error: float = 1e-3) -> Scene:
     return Scene("made up", {"splats": 10, "size": [8, 8], "note": ""}, tuple(rows))
 
 
-@pytest.mark.parametrize("suffix", [".png", ".svg"])
-def test_pictures_come_out_the_same(suffix: str) -> None:
+def test_pictures_come_out_the_same() -> None:
     pytest.importorskip("matplotlib")
-    drawn = picture(scene(), HEAD, suffix)
-    assert suffix == ".png" or drawn == picture(scene(), HEAD, suffix)
-    assert drawn.startswith(b"\x89PNG" if suffix == ".png" else b"<?xml")
+    drawn = picture(scene(), HEAD)
+    assert drawn == picture(scene(), HEAD)
+    assert drawn[".png"].startswith(b"\x89PNG") and drawn[".svg"].startswith(b"<?xml")
 
 
 @pytest.mark.parametrize("error", [0.0, 1e-300])
 def test_errors_of_nothing_have_a_place(error: float) -> None:
     pytest.importorskip("matplotlib")
-    assert picture(scene(error), HEAD, ".png").startswith(b"\x89PNG")
+    assert picture(scene(error), HEAD)[".png"].startswith(b"\x89PNG")

@@ -29,7 +29,7 @@ PEERS = (
     "VTK casts rays through the same samples with the same camera, opacities over the same length, linear colours and "
     "head light. Not comparable: it interpolates samples and classifies what comes out, where splats classify voxels "
     "and mix what comes out, so that its errors are mostly that of another picture; it writes 8 bits; it takes no "
-    "account of pixels wider than voxels."
+    "account of pixels wider than voxels; its mapper for the CPU shades in fixed point, and darker (see its energy)."
 )
 FRONT_HEAD = ("method", "ms a frame", "RMSE", "maximum", "99.9 %", "over 1/255", "energy", "FLIP", "")
 GIST_HEAD = (
@@ -119,14 +119,16 @@ def _scene(scene: Scene) -> Iterator[Block]:
     yield Heading(scene.name)
     yield Text((f"{grouped(about['splats'])} splats{note}, {width}×{height} pixels.",))
     yield Text(tuple(story(scene)), bullets=True)
-    if any(row.axis == "peers" and row.errors for row in scene.rows):
-        yield Text((PEERS,))
     yield Diagram(scene.name)
     yield Pictures(scene.name)
     yield _cheapest(scene)
     yield _tolerances(scene)
     for truth in scene.truths:
         yield _front(scene, truth)
+    peers = [row for row in scene.rows if row.axis == "peers" and row.errors]
+    if peers:
+        yield _table(f"Peers: {TRUTHS['integral']}", [(*_cells(row, "integral"), "") for row in peers])
+        yield Text((PEERS,))
     yield _all(scene)
     omitted = _omitted(scene)
     if omitted.rows:
@@ -156,10 +158,14 @@ def _front(scene: Scene, truth: str) -> Table:
         row, stands = scene.row(point.name), standing(point, points)
         if row is not None:
             cells.append((*_cells(row, truth), "" if stands.word == "front" else str(stands)))
-    # without FLIP and without doubt there is no column of it
+    return _table(f"The front: {TRUTHS[truth]}", cells)
+
+
+def _table(title: str, cells: list[tuple[str, ...]]) -> Table:
+    """Rows of FRONT_HEAD, without the columns in which none has anything."""
     empty = {n for n in range(len(FRONT_HEAD)) if not any(line[n] for line in cells)}
     rows = tuple(tuple(cell for n, cell in enumerate(line) if n not in empty) for line in (FRONT_HEAD, *cells))
-    return Table(f"The front: {TRUTHS[truth]}", rows[0], rows[1:])
+    return Table(title, rows[0], rows[1:])
 
 
 def _cheapest(scene: Scene) -> Table:

@@ -63,14 +63,14 @@ def looks() -> dict[str, Look]:
     }
 
 
-def picture(scene: Scene, head: Mapping[str, Any], suffix: str) -> bytes:
-    """The diagram as a .png or .svg. Raises InputError where matplotlib is not installed."""
+def picture(scene: Scene, head: Mapping[str, Any]) -> dict[str, bytes]:
+    """The diagram as .png and .svg. Raises InputError where matplotlib is not installed."""
     with style():
-        return _encoded(_figure(scene, head), suffix, f"Error against run time: {scene.name}", head)
+        return _encoded(_figure(scene, head), f"Error against run time: {scene.name}", head)
 
 
-def convergence(lines: Sequence[Mapping[str, Any]], head: Mapping[str, Any], suffix: str) -> bytes:
-    """Errors over what is refined, a line a study, as a .png or .svg. Raises InputError as `picture`."""
+def convergence(lines: Sequence[Mapping[str, Any]], head: Mapping[str, Any]) -> dict[str, bytes]:
+    """Errors over what is refined, a line a study, as .png and .svg. Raises InputError as `picture`."""
     with style():
         figure = sheet(HEIGHT, 1.6 * PANEL)
         plot = figure.subplots()
@@ -86,17 +86,15 @@ def convergence(lines: Sequence[Mapping[str, Any]], head: Mapping[str, Any], suf
         plot.grid(True, which="major", color="#e4e4e4", linewidth=0.5, zorder=0)
         plot.legend(frameon=False, fontsize=6.5, loc="upper right")
         _ticks(plot)
-        return _encoded(figure, suffix, "Convergence", head)
+        return _encoded(figure, "Convergence", head)
 
 
-def _encoded(figure: Figure, suffix: str, title: str, head: Mapping[str, Any]) -> bytes:
+def _encoded(figure: Figure, title: str, head: Mapping[str, Any]) -> dict[str, bytes]:
     about = {"Title": title, "Description": head["machine"]["renderer"]}
     maker = f"splatgl {head['version']}"
-    if suffix == ".svg":
-        return encode(figure, suffix, about, maker)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=RESOLUTION, metadata={**about, "Software": maker})
-    return buffer.getvalue()
+    return {".png": buffer.getvalue(), ".svg": encode(figure, ".svg", about, maker)}
 
 
 def _figure(scene: Scene, head: Mapping[str, Any]) -> Figure:

@@ -39,10 +39,7 @@ def publish(results: Results, store: Store, folder: Path, strips: Mapping[str, S
 
 def _diagrams(results: Results) -> dict[str, bytes]:
     """Every diagram, as PNG and SVG, by file name."""
-    made = {}
-    for suffix in (".png", ".svg"):
-        for scene in results.scenes:
-            made[scene.name + suffix] = picture(scene, results.head, suffix)
-        if results.convergence:
-            made[CONVERGENCE + suffix] = convergence(results.convergence, results.head, suffix)
-    return made
+    drawn = {scene.name: picture(scene, results.head) for scene in results.scenes}
+    if results.convergence:
+        drawn[CONVERGENCE] = convergence(results.convergence, results.head)
+    return {name + suffix: data for name, each in drawn.items() for suffix, data in each.items()}
