@@ -40,8 +40,8 @@ FEATURES = (
 @pytest.mark.parametrize("name", FEATURES)
 @pytest.mark.parametrize("size", [12, 40])
 def test_forced_on(renderer: sg.Renderer, name: str, size: int) -> None:
-    splats = noise(size=size, opacity=0.99999)
-    camera = views(splats)["fitted"].resized((160, 120))
+    splats = noise(size=size, opacity=0.9)
+    camera = views(splats)["fitted"].resized((360, 270))
     chosen = renderer.plan(splats, camera)
     assert not chosen.program.antialias and not chosen.program.half_line and chosen.program.cubic
     assert (chosen.parts > 1) == (size == 40)
@@ -58,7 +58,8 @@ def test_order_is_left_out_of_sums(renderer: sg.Renderer) -> None:
         chosen = renderer.plan(splats, camera, sg.Settings(blend=blend))
         assert any(note.startswith("ordering left out") for note in chosen.notes)
         renderer.passes.draw(splats, camera, chosen)
-        assert renderer.passes.splats.indexed is not None and not renderer.passes.splats.indexed.orders
+        drawn = renderer.passes.splats.of(splats).indexed
+        assert drawn is not None and not drawn.orders
         renderer.passes.splats.release()
 
 

@@ -87,7 +87,7 @@ def test_a_moving_camera_compiles_and_makes_nothing(letter: sg.Splats, renderer:
     first = sg.Camera.orbit(letter, 0, 20, size=(48, 48))
     renderer.render(letter, first)
     programs, target = len(renderer.passes.programs.splat), renderer.passes.targets.kept["draw"]
-    kept = renderer.passes.splats.indexed
+    kept = renderer.passes.splats.of(letter).indexed
     assert kept is not None
     buffer = kept.buffer
     turn = [sg.Camera.orbit(letter, azimuth, 20, size=(48, 48)) for azimuth in range(0, 360, 30)]
@@ -97,7 +97,7 @@ def test_a_moving_camera_compiles_and_makes_nothing(letter: sg.Splats, renderer:
     for camera in turn:
         renderer.render(letter, camera)
     assert len(renderer.passes.programs.splat) == programs
-    assert renderer.passes.splats.indexed is kept and kept.buffer is buffer
+    assert renderer.passes.splats.of(letter).indexed is kept and kept.buffer is buffer
     assert len(orders) > 8 and dict(kept.orders) == orders
     assert renderer.passes.targets.kept["draw"] is target
 
@@ -208,3 +208,35 @@ def test_paper_settings_sample_an_8_bit_table(letter: sg.Splats, renderer: sg.Re
     texture = renderer.passes.tables["crawfis-max", "table", 256, 8]
     assert (texture.size, texture.dtype) == ((256, 256), "f1")
     assert (image.info["align"], image.info["target"], image.info["attenuation"]) == ("hybrid", "rgba8", "opacity")
+
+
+def test_the_last_few_splats_stay(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who goes to and fro between some uploads each once; the oldest go when there are too many, or too large ones."""
+    clouds = [sg.Splats.from_points(np.array([[0.0, 0, n]]), np.ones((1, 3)), np.ones(1)) for n in range(5)]
+    kept = renderer.passes.splats
+    for cloud in [*clouds[:3], *clouds[:3]]:
+        renderer.render(cloud, sg.Camera.orbit(cloud, size=(8, 8)))
+    assert [buffer.splats for buffer in kept.kept] == clouds[:3]
+    first = kept.of(clouds[0])
+    assert first.splats is clouds[0] and kept.of(clouds[0]) is first
+    # the latest came last: the second is the oldest now
+    kept.of(clouds[3])
+    assert [buffer.splats for buffer in kept.kept] == [clouds[2], clouds[0], clouds[3]]
+    monkeypatch.setattr("splatgl.gl.buffers.KEPT_BYTES", 0)
+    kept.of(clouds[4])
+    assert [buffer.splats for buffer in kept.kept] == [clouds[4]]
+
+
+def test_a_picture_can_be_given_up(renderer: sg.Renderer) -> None:
+    """Asked again and again, also where nothing is closed; what comes next is right bit for bit."""
+    cells = np.random.default_rng(1).random((60, 60, 60))
+    splats = sg.extract(sg.Volume(cells), sg.Transfer([(0, 0.1), (1, 0.9)], shading=False))
+    camera = sg.Camera.orbit(splats, size=(60, 60))
+    for settings in (sg.Settings(), sg.Settings(occlusion="off"), sg.Settings(blend="xray")):
+        right = renderer.render(splats, camera, settings).pixels
+        for allowed in (0, 1, 3):
+            asked = iter([False] * allowed + [True])
+            with pytest.raises(sg.Interrupted):
+                renderer.render(splats, camera, settings, interrupted=lambda asked=asked: next(asked))
+        assert (renderer.render(splats, camera, settings).pixels == right).all()
+        assert (renderer.render(splats, camera, settings, interrupted=lambda: False).pixels == right).all()

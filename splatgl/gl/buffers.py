@@ -1,4 +1,4 @@
-"""The last splats on the GPU: as records in drawing order for quads, as records and orders of them for sprites."""
+"""The last few splats on the GPU: as records in drawing order for quads, as records and orders of them for sprites."""
 
 from __future__ import annotations
 
@@ -11,45 +11,58 @@ import numpy as np
 from splatgl.splat.order import Order, back_to_front
 from splatgl.splat.rows import GL_ATTRIBUTES, GL_FORMAT, Splats
 
-# bytes of drawing orders kept, 4 a splat: enough for a turn around a volume
-KEPT_BYTES = 2**28
+# splats of which buffers are kept; and bytes of records of all but the last of them, or of one's drawing orders, 4 a
+# splat: enough for a turn around a volume
+KEPT, KEPT_BYTES = 3, 2**28
 
 # what is drawn in which order; None: any will do. nearest first or last
 Sequence = tuple[Order | None, bool]
 
 
-class SplatBuffer:
-    """Everything that hangs on the splats themselves; other splats release it."""
+class SplatBuffers:
+    """What hangs on splats themselves, of the last few: whoever goes to and fro between some uploads each once."""
 
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
         self.ctx = ctx
-        self.splats: Splats | None = None
-        self.sorted: Sorted | None = None
-        self.indexed: Indexed | None = None
+        self.kept: list[SplatBuffer] = []
         owned.callback(self.release)
 
-    def quads(self, program: moderngl.Program, splats: Splats, sequence: Sequence) -> moderngl.VertexArray:
+    def of(self, splats: Splats) -> SplatBuffer:
+        """The latest last; the oldest go first, until few are left and the rest are small."""
+        found = next((buffer for buffer in self.kept if buffer.splats is splats), None) or SplatBuffer(self.ctx, splats)
+        self.kept = [*(buffer for buffer in self.kept if buffer is not found), found]
+        while len(self.kept) > KEPT or sum(buffer.splats.records.nbytes for buffer in self.kept[:-1]) > KEPT_BYTES:
+            self.kept.pop(0).release()
+        return found
+
+    def release(self) -> None:
+        while self.kept:
+            self.kept.pop().release()
+
+
+class SplatBuffer:
+    """The splats on the GPU, in either form."""
+
+    def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
+        self.ctx, self.splats = ctx, splats
+        self.sorted: Sorted | None = None
+        self.indexed: Indexed | None = None
+
+    def quads(self, program: moderngl.Program, sequence: Sequence) -> moderngl.VertexArray:
         """A vertex array whose instances are the splats in drawing order."""
-        self._turn_to(splats)
-        self.sorted = self.sorted or Sorted(self.ctx, splats)
+        self.sorted = self.sorted or Sorted(self.ctx, self.splats)
         return self.sorted.vertices(program, sequence)
 
-    def sprites(self, program: moderngl.Program, splats: Splats, sequence: Sequence) -> moderngl.VertexArray:
+    def sprites(self, program: moderngl.Program, sequence: Sequence) -> moderngl.VertexArray:
         """A vertex array whose vertices are the splats in drawing order."""
-        self._turn_to(splats)
-        self.indexed = self.indexed or Indexed(self.ctx, splats)
+        self.indexed = self.indexed or Indexed(self.ctx, self.splats)
         return self.indexed.vertices(program, sequence)
 
     def release(self) -> None:
         for part in (self.sorted, self.indexed):
             if part is not None:
                 part.release()
-        self.sorted, self.indexed, self.splats = None, None, None
-
-    def _turn_to(self, splats: Splats) -> None:
-        if splats is not self.splats:
-            self.release()
-            self.splats = splats
+        self.sorted, self.indexed = None, None
 
 
 class Sorted:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from itertools import pairwise
 
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import SplatBuffer
+from splatgl.gl.buffers import SplatBuffers
 from splatgl.gl.closing import HIDDEN_UNIT, Closing
 from splatgl.gl.program import BLENDS, Programs
 from splatgl.gl.streaks import BLUR_UNIT, StreakBuffers
@@ -33,6 +34,17 @@ CORNERS = 4
 HALF_TABLE_SIZE = 256
 
 
+# splats drawn between two questions whether to go on
+BETWEEN = 2**16
+
+# splats [begin, end) of the part that begins at `part`
+Piece = tuple[int, int, int]
+
+
+class Interrupted(Exception):
+    """A picture was given up because who asked for it wants it no more."""
+
+
 class Passes:
     """What is kept in the context between pictures: programs, targets, tables, and the last splats."""
 
@@ -42,7 +54,7 @@ class Passes:
         self.programs = Programs(ctx, owned)
         self.targets = Targets(ctx, owned)
         self.tables: dict[tuple[str, str, int, int], moderngl.Texture] = {}
-        self.splats = SplatBuffer(ctx, owned)
+        self.splats = SplatBuffers(ctx, owned)
         self.streaks = StreakBuffers(ctx, owned)
         self.whole: dict[int, moderngl.VertexArray] = {}
         self.closing = Closing(ctx, self.programs, self.targets, self._whole)
@@ -51,20 +63,32 @@ class Passes:
         self.style = ctx.buffer(reserve=STYLE.itemsize)
         owned.callback(self.style.release)
 
-    def draw(self, splats: Splats, camera: Camera, plan: Plan, role: str = "draw") -> np.ndarray:
-        """float32 [H, W, 4]. role: the name of the target, which is kept for it."""
+    def draw(
+        self,
+        splats: Splats,
+        camera: Camera,
+        plan: Plan,
+        role: str = "draw",
+        interrupted: Callable[[], bool] | None = None,
+    ) -> np.ndarray:
+        """float32 [H, W, 4]. role: the name of the target, which is kept for it. interrupted: asked every few splats of
+        sprites; Interrupted is raised where it says so.
+        """
         size = (camera.size[0] * plan.samples, camera.size[1] * plan.samples)
         target = self.targets.get(role, size, plan.program.target, depth=plan.parts > 1)
         target.clear()
         if len(splats):
-            self._draw_splats(target, splats, plan.exposure.middle if plan.exposure else camera, plan)
+            seen = plan.exposure.middle if plan.exposure else camera
+            self._draw_splats(target, splats, seen, plan, interrupted)
         # the sum of an X-ray has nothing to lie over
         background = plan.background if plan.program.blend != "xray" else None
         if plan.samples > 1 or background is not None:
             return self._resolve(target, camera.size, plan, background).read()
         return target.read(plan.window)
 
-    def _draw_splats(self, target: Target, splats: Splats, camera: Camera, plan: Plan) -> None:
+    def _draw_splats(
+        self, target: Target, splats: Splats, camera: Camera, plan: Plan, interrupted: Callable[[], bool] | None
+    ) -> None:
         program = self.programs.for_splats(plan.program)
         self.frame.write(frame_block(splats, camera, plan).tobytes())
         self.style.write(style_block(splats, plan).tobytes())
@@ -84,13 +108,18 @@ class Passes:
         order = order_for(splats, camera) if plan.program.blend == "composite" else None
         sequence = (order, order is not None and plan.program.order == "front-to-back")
         if plan.program.primitive == "sprite":
-            self._draw_sprites(self.splats.sprites(program, splats, sequence), target, len(splats), plan)
+            self._draw_sprites(
+                self.splats.of(splats).sprites(program, sequence),
+                target,
+                plan,
+                _pieces(len(splats), plan.parts, interrupted),
+            )
         else:
             self.ctx.enable_only(moderngl.BLEND)
             if plan.program.flow:
                 vertices = self.streaks.quads(program, splats, sequence, plan)
             else:
-                vertices = self.splats.quads(program, splats, sequence)
+                vertices = self.splats.of(splats).quads(program, sequence)
             vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=len(splats))
 
     def _bind_path(self, program: moderngl.Program, splats: Splats, plan: Plan) -> None:
@@ -102,18 +131,19 @@ class Passes:
             program["blur_table"] = BLUR_UNIT
             self._blur_table(plan.kernel).use(location=BLUR_UNIT)
 
-    def _draw_sprites(self, vertices: moderngl.VertexArray, target: Target, count: int, plan: Plan) -> None:
-        """In parts, nearest first; between two of them pixels are closed that next to nothing passes."""
+    def _draw_sprites(
+        self, vertices: moderngl.VertexArray, target: Target, plan: Plan, pieces: Iterable[Piece]
+    ) -> None:
+        """In pieces of parts, nearest first; between two parts pixels are closed that next to nothing passes."""
         if plan.program.hiding:
             self.closing.begin(target)
-        ends = cuts(count, plan.parts)
-        for begin, end in pairwise(ends):
-            if begin:
+        for begin, end, part in pieces:
+            if part and begin == part:
                 self.closing.close(target, plan)
             target.framebuffer.use()
             # centres beyond the edge are clipped, so that the edge is moved out
             target.widen(plan.pad)
-            tested = moderngl.DEPTH_TEST if begin else 0
+            tested = moderngl.DEPTH_TEST if part else 0
             self.ctx.enable_only(moderngl.BLEND | moderngl.PROGRAM_POINT_SIZE | tested)
             vertices.render(moderngl.POINTS, vertices=end - begin, first=begin)
         target.widen(0)
@@ -164,3 +194,13 @@ class Passes:
         texture.repeat_x = texture.repeat_y = False
         self.tables[key] = texture
         return texture
+
+
+def _pieces(count: int, parts: int, interrupted: Callable[[], bool] | None) -> Iterator[Piece]:
+    """Whole parts; or, where it may be interrupted, smaller ones."""
+    for part, end in pairwise(cuts(count, parts)):
+        step = BETWEEN if interrupted else max(end - part, 1)
+        for begin in range(part, end, step):
+            if interrupted and interrupted():
+                raise Interrupted
+            yield begin, min(begin + step, end), part

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 from splatgl.data.errors import InputError
 from splatgl.data.image import Image
 from splatgl.gl.context import context_info, current, open_context
+from splatgl.gl.passes import Interrupted as Interrupted
 from splatgl.gl.passes import Passes
 from splatgl.gl.target import check_size
 from splatgl.splat.bound import bound
@@ -78,6 +80,7 @@ class Renderer:
         settings: Settings | None = None,
         motion: Motion | None = None,
         held: bool = True,
+        interrupted: Callable[[], bool] | None = None,
     ) -> Image:
         """The picture, linear premultiplied float32 [H, W, 4], row 0 on top.
 
@@ -85,13 +88,14 @@ class Renderer:
         `settings.motion` says, or, without settings, exactly, while the shutter is open, up to now; its error bound is
         to straight streaks, and None near the eye and for long voxels beyond z_k. held: where a form, table or target
         promises less than the tolerance, the picture is held against a finer one, which takes as long again; False: it
-        is not. Raises InputError for a size beyond OpenGL's and for the flow of other splats.
+        is not. interrupted: asked now and then while sprites are drawn; once it says so, Interrupted is raised, and the
+        next picture is as right as any. Raises InputError for a size beyond OpenGL's and for the flow of other splats.
         """
         started = time.perf_counter()
         chosen = self.plan(splats, camera, settings, motion)
         with current(self.ctx):
             check_size(self.ctx, (camera.size[0] * chosen.samples, camera.size[1] * chosen.samples))
-            pixels = self._draw(splats, camera, chosen)
+            pixels = self._draw(splats, camera, chosen, interrupted=interrupted)
         seconds = time.perf_counter() - started
         provenance = self._provenance(splats, camera, chosen, seconds)
         if chosen.exposure is not None:
@@ -115,10 +119,17 @@ class Renderer:
         apart, own = float(np.abs(right - pixels).max()), bound(splats, camera, finer, _brightest(right, finer))
         return apart + own.total if own else float("inf")
 
-    def _draw(self, splats: Splats, camera: Camera, chosen: Plan, role: str = "draw") -> np.ndarray:
+    def _draw(
+        self,
+        splats: Splats,
+        camera: Camera,
+        chosen: Plan,
+        role: str = "draw",
+        interrupted: Callable[[], bool] | None = None,
+    ) -> np.ndarray:
         """The pixels; InputError if OpenGL ran out of memory or lost its context on the way."""
         try:
-            pixels = self.passes.draw(splats, camera, chosen, role)
+            pixels = self.passes.draw(splats, camera, chosen, role, interrupted)
         except moderngl.Error as error:
             raise self._failure(splats, camera, str(error)) from error
         problem = self.ctx.error
