@@ -17,6 +17,7 @@ from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 from splatgl.truth import reference
+from splatgl.truth.integral import ray_integral
 from splatgl.truth.report.subject import Level
 
 # a ball of this radius, world units, seen from that far by this angle
@@ -168,11 +169,20 @@ def samples(renderer: Renderer, full: bool) -> Iterator[Pair]:
         yield count, _rmse(renderer.render(splats, camera, most.but(samples=count)).pixels, right)
 
 
+def slabs(renderer: Renderer, full: bool) -> Iterator[Pair]:
+    """Slabs a voxel of the ray integral, against many more: how far the third truth is from what it stands for."""
+    splats, camera = _splats(1.0), _camera(12)
+    right = ray_integral(splats, camera, steps_per_voxel=64).pixels
+    for count in (1, 2, 4, *((8, 16) if full else ())):
+        yield count, _rmse(ray_integral(splats, camera, steps_per_voxel=count).pixels, right)
+
+
 STUDIES = (
     Study("table size", "texels a side", 2, "float32 from 1e−6 on", table),
     Study("radial table size", "entries", 2, "float32 from 1e−6 on", radial),
     Study("voxel size", "voxels a radius", 2, "the kernels' sum is 1 to 1 %, and averages out along a ray", voxels),
     Study("voxel size beyond z_k", "voxels a radius", 2, "float32's blending of thousands of splats a pixel", distance),
     Study("picture size", "pixels a side", 2, "what one splat can't know of its pixel", picture),
+    Study("slabs of the ray integral", "slabs a voxel", 2, "nothing down to 1e−6", slabs),
     Study("samples a pixel", "samples an axis", 2, "float32 from 1e−6 on", samples),
 )

@@ -40,9 +40,9 @@ class Level:
 
 
 LEVELS = {
-    "quick": Level("quick", 64, 5, 30_000, 16, 1, 1, False),
-    "normal": Level("normal", 128, 7, 200_000, 16, 2, 2, True),
-    "full": Level("full", 256, 11, None, 16, 2, 4, True),
+    "quick": Level("quick", 64, 5, 30_000, 16, 2, 2, False),
+    "normal": Level("normal", 128, 7, 200_000, 16, 4, 2, True),
+    "full": Level("full", 256, 11, None, 16, 4, 4, True),
 }
 
 
