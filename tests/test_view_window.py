@@ -301,6 +301,13 @@ def test_the_wheel_zooms_to_the_cursor(window: Window) -> None:
     assert np.allclose(window.ask("settle")["eye"], before["eye"])
 
 
+def test_a_picture_that_is_being_refined_gives_way(window: Window) -> None:
+    before = window.ask("look")
+    assert window.ask("nudge")["same"]
+    after = window.ask("settle")
+    assert after["full"] and np.subtract(after["eye"], before["eye"]) @ direction(before) > 0.5
+
+
 def test_right_zooms(window: Window) -> None:
     before = window.ask("look")
     after = window.drag(3, (120, 90), (120, 50))

@@ -85,6 +85,24 @@ def until(viewer: Viewer, reached: Any, within: float = PATIENCE) -> None:
         viewer.step(0.01)
 
 
+def nudged(viewer: Viewer) -> dict[str, Any]:
+    """The wheel is turned, and again while the picture is being drawn in full. same: that picture did not come."""
+    shown: list[Any] = []
+    given_up = viewer._given_up
+
+    def turned_again(asked: int) -> bool:
+        if not shown:
+            shown.append(viewer.painter.frame)
+            viewer.wheel(1.0, (120.0, 90.0))
+        return given_up(asked)
+
+    viewer._given_up = turned_again  # type: ignore[method-assign]
+    viewer.wheel(1.0, (120.0, 90.0))
+    until(viewer, lambda: bool(shown))
+    viewer._given_up = given_up  # type: ignore[method-assign]
+    return {**told(viewer), "same": viewer.painter.frame is shown[0]}
+
+
 def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
     """Does one thing and says how the window is then."""
     what = ask["do"]
@@ -99,6 +117,8 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
     elif what == "look":
         # one picture after the events that are waiting
         viewer.step(0.02)
+    elif what == "nudge":
+        return nudged(viewer)
     elif what == "fail":
         # an OpenGL error in the window's own context, as after the loss of it
         with current(viewer.screen.ctx):

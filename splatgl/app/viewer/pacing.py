@@ -15,6 +15,8 @@ from splatgl.splat.settings import Settings
 
 # seconds a frame may take while moving
 TARGET = 0.033
+# seconds between two pictures of a scene that turns on its own, at least
+STEP = 1 / 60
 # seconds without input before the picture is drawn in full: longer than from one move of a hand to the next
 REST = 0.05
 # a held button means more may come: a full picture that takes longer than this, and cannot be broken off, would be in

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -37,6 +38,9 @@ COLUMN = 50
 ENOUGH = 1000
 
 
+Ask = Callable[[], bool]
+
+
 class Painter:
     """Keeps what is on the screen: the last frame, the overlay, and how the picture is shown."""
 
@@ -53,22 +57,24 @@ class Painter:
         self.written = -1e9
         self.beside: object = None
 
-    def draw(self, state: State, content: Content, level: Level, gliding: bool = False) -> Frame:
+    def draw(self, state: State, content: Content, level: Level, gliding: bool, interrupted: Ask) -> Frame:
         """Draws the splats at a level and keeps the picture. Raises InputError as the renderer does.
 
-        gliding: the view goes on from where it was drawn last, and may be blurred on the way.
+        gliding: the view goes on from where it was drawn last, and may be blurred on the way. interrupted: asked now
+        and then while a full picture is drawn; Interrupted if it says True, and all is as before.
         """
         started = time.perf_counter()
-        full = state.pose.camera.size
-        camera, settings = state.pose.camera.resized(level.size(full)), level.settings(state.settings)
-        settings = settings.but(motion=state.blur)
+        camera = state.pose.camera.resized(level.size(state.pose.camera.size))
+        settings = level.settings(state.settings).but(motion=state.blur)
         chosen = plan(content.finest, state.pose.camera, state.settings)
         splats = _enough(state, content, level, chosen)
         # the tint is not what the reference shows
         if state.beyond and state.compare == "off":
             splats = tinted(splats, camera, chosen.z_k)
         motion = self._motion(state, camera) if gliding else None
-        image = self.renderer.render(splats, camera, settings, motion, held=False)
+        # a picture that is gone in a moment is drawn to its end
+        ask = interrupted if level == FULL else None
+        image = self.renderer.render(splats, camera, settings, motion, held=False, interrupted=ask)
         seconds = time.perf_counter() - started
 
         subject = (state.pose, state.settings, content, state.beyond)

@@ -15,7 +15,9 @@ Wanted = tuple[object, ...]
 
 @dataclass(frozen=True)
 class Moment:
-    """idle: seconds since the last input. turning: on its own. held: a button is down. whole: all splats are made."""
+    """idle: seconds since the last input. turning: on its own. held: a button is down, and a full picture could not be
+    given up once it is begun. whole: all splats are made.
+    """
 
     idle: float
     turning: bool = False

@@ -57,6 +57,10 @@ def save_scene(state: State, content: Content, draw: Draw, folder: Path) -> str:
     return f"saved {target.with_suffix('.npy').name} and {target.name}"
 
 
+# what the window may be asked to save, and how
+SAVES = {"screenshot": save_picture, "save": save_scene}
+
+
 def free(folder: Path, stem: str, suffix: str) -> Path:
     """folder/stem-001 and so on: the first that is not there."""
     number = 1

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.app.viewer import saving
 from splatgl.app.viewer.bindings import BINDINGS, Binding, keymap
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.difference import Reference, Wanted
@@ -18,14 +17,16 @@ from splatgl.app.viewer.files import Files, News, Reopen
 from splatgl.app.viewer.hud import progress
 from splatgl.app.viewer.jobs import Done, Jobs
 from splatgl.app.viewer.mouse import Mouse, wheeled
-from splatgl.app.viewer.pacing import LADDER, REST, STRIDES, TARGET
+from splatgl.app.viewer.pacing import LADDER, REST, STEP, STRIDES, TARGET
 from splatgl.app.viewer.painter import Painter
 from splatgl.app.viewer.pick import picked
 from splatgl.app.viewer.pose import Place
 from splatgl.app.viewer.refiner import Moment, Refiner
+from splatgl.app.viewer.saving import SAVES
 from splatgl.app.viewer.state import State, acted, up_of
 from splatgl.app.viewer.window import Window
 from splatgl.data.errors import InputError, missing_extra
+from splatgl.gl.passes import Interrupted
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen
 
@@ -35,8 +36,6 @@ IDLE = 0.25
 MOST_FRAMES = 20
 # degrees a second of a scene that turns on its own
 SPEED = 30.0
-# seconds between two pictures of a scene that turns on its own
-STEP = 1 / 60
 
 
 @dataclass(frozen=True)
@@ -78,6 +77,8 @@ class Viewer:
         self.files = Files(self.jobs, self.options.watched, self.options.reopen, self.now())
         self.refiner = Refiner(content.counts, self._pixels(), self.options.target)
         self.touched = self.ticked = self.now()
+        # how often the hand asked for something: what is being drawn in full gives way to it
+        self.asked = 0
         self.closed = False
         self.dirty = 1
 
@@ -118,6 +119,7 @@ class Viewer:
         """Opens the first of the files; what is shown stays until it is there."""
         if paths:
             self.files.open(paths[0], self.state.settings)
+            self.asked += 1
             self.refresh()
 
     def refresh(self) -> None:
@@ -126,6 +128,8 @@ class Viewer:
     def raw(self, kind: str, *values: Any) -> bool:
         if self.panel is None or not self.state.panel:
             return False
+        # the cursor alone means nothing to a picture, unless it drags
+        self.asked += kind != "cursor" or self.window.held
         # a panel takes one event a frame, and shows what came of it in the next
         self.dirty = min(max(self.dirty, 1) + 1, MOST_FRAMES)
         return bool(self.panel.event(kind, *values))
@@ -184,7 +188,9 @@ class Viewer:
         return IDLE if due is None or (due == 0.0 and moment.held and not self.dirty) else min(due, IDLE)
 
     def _moment(self) -> Moment:
-        held = self.mouse.drag is not None
+        # sprites are drawn in parts, between which a picture can be given up: they are in nobody's way
+        frame = self.painter.frame
+        held = self.mouse.drag is not None and (frame is None or frame.plan.program.primitive != "sprite")
         return Moment(self.now() - self.touched, self.state.turning, held, self.content.whole)
 
     def _wanted(self) -> tuple[object, ...]:
@@ -195,7 +201,7 @@ class Viewer:
     def _draw(self) -> None:
         """A picture in motion where something changed, the full one where all is at rest."""
         self._extract()
-        wanted, moment = self._wanted(), self._moment()
+        wanted, moment, asked = self._wanted(), self._moment(), self.asked
         level = self.refiner.level(wanted, moment)
         if level is None:
             return
@@ -203,13 +209,20 @@ class Viewer:
             self.reference.forget()
         try:
             gliding = self.state.turning or self.mouse.drag is not None
-            frame = self.painter.draw(self.state, self.content, LADDER[level], gliding)
+            frame = self.painter.draw(self.state, self.content, LADDER[level], gliding, lambda: self._given_up(asked))
+        except Interrupted:
+            return
         except InputError as error:
             self.refiner.refuse(wanted)
             self.state = replace(self.state, message=str(error))
             return
         self.refiner.done(wanted, level, frame.seconds, moment, frame.full)
         self.dirty = max(self.dirty, 1)
+
+    def _given_up(self, asked: int) -> bool:
+        """Lets events in while a picture is drawn; True once the hand asks for something else."""
+        self.window.wait(0.0)
+        return self.asked != asked or self.window.closing
 
     def _extract(self) -> None:
         """The splats of the transfer function that is asked now: the finest are made by the thread, at rest."""
@@ -267,13 +280,10 @@ class Viewer:
     def _answer(self) -> None:
         """Does what the state asks of the window."""
         asks, self.state = self.state.asks, replace(self.state, asks=())
-        for ask in asks:
-            if ask == "quit":
-                self.closed = True
-                continue
-            save = saving.save_picture if ask == "screenshot" else saving.save_scene
+        self.closed |= "quit" in asks
+        for ask in [ask for ask in asks if ask in SAVES]:
             try:
-                said = save(self.state, self.content, self.renderer.render, self.options.folder)
+                said = SAVES[ask](self.state, self.content, self.renderer.render, self.options.folder)
             except InputError as error:
                 said = str(error)
             self.state = replace(self.state, message=said)
@@ -317,6 +327,7 @@ class Viewer:
         self._touch()
 
     def _touch(self) -> None:
+        self.asked += 1
         self.touched = self.now()
         self.dirty = max(self.dirty, 1)
 

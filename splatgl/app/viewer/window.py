@@ -73,6 +73,12 @@ class Window:
         return max(1.0, float(self.glfw.get_window_content_scale(self.handle)[1]))
 
     @property
+    def held(self) -> bool:
+        """Whether a button is down."""
+        buttons = range(len(BUTTONS))
+        return any(self.glfw.get_mouse_button(self.handle, button) == self.glfw.PRESS for button in buttons)
+
+    @property
     def closing(self) -> bool:
         return bool(self.glfw.window_should_close(self.handle))
 
