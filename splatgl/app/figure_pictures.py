@@ -12,15 +12,18 @@ from splatgl.app.options import size
 from splatgl.app.output import check_output
 from splatgl.app.panels import encoded
 from splatgl.app.picture_figures import PICTURES, Motioned, PictureFigure, Shown, by_moments, picture
-from splatgl.app.picture_numbers import numbers
+from splatgl.app.picture_numbers import SHUTTER, numbers
 from splatgl.app.scene import Scene, View
 from splatgl.app.track import Turning
 from splatgl.data.errors import expected
-from splatgl.data.image import write_whole
+from splatgl.data.image import Image, write_whole
 from splatgl.gl.renderer import Renderer
 from splatgl.splat.blur import MOTIONS
+from splatgl.splat.camera import Camera
+from splatgl.splat.rows import Splats
+from splatgl.splat.settings import Settings
 from splatgl.truth.figures.tables import PAGE
-from splatgl.truth.temporal import Draw
+from splatgl.truth.temporal import Draw, Moments, moments
 
 MAX_FRAMES, MAX_MOMENTS = 10_000, 4096
 # options that only rendered figures have
@@ -35,7 +38,7 @@ def add_pictures(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--size", type=size, metavar="W×H", help="pixels of each picture")
     group.add_argument("--spin", type=float, metavar="DEG", help="12, 13, 14: degrees a frame")
     group.add_argument("--frames", type=int, metavar="N", help="14: how many frames")
-    group.add_argument("--motion", choices=MOTIONS, metavar="|".join(MOTIONS), help="12, 13, 14: how they are blurred")
+    group.add_argument("--motion", choices=MOTIONS, metavar="|".join(MOTIONS), help="12, 13, 14: blur by streaks")
     group.add_argument("--moments", type=int, metavar="N", help="12, 13, 14: blur by N pictures instead; 0: none")
 
 
@@ -74,15 +77,25 @@ def run_picture(args: argparse.Namespace) -> int:
 
 
 def _blur(renderer: Renderer, args: argparse.Namespace) -> Motioned | None:
-    """Streaks, or as many pictures as are asked for; none at all for 0."""
+    """Streaks where they are asked for, and for sums, which they are right for; else the mean of many pictures, as many
+    as are asked for, or as paths are long; none at all for 0.
+    """
     if args.moments is not None:
         return by_moments(args.moments) if args.moments else None
-    form = args.motion or MOTIONS[0]
 
-    def streaks(_: Draw, track: Turning) -> Draw:
-        return lambda splats, camera, settings: renderer.render(splats, camera, settings.but(motion=form), track.turn)
+    def blurred(draw: Draw, track: Turning) -> Draw:
+        def one(splats: Splats, camera: Camera, settings: Settings) -> Image:
+            if args.motion or settings.blend == "xray":
+                return renderer.render(splats, camera, settings.but(motion=args.motion or MOTIONS[0]), track.turn)
+            # a strip's view is narrow: as many as the whole picture needs
+            whole = replace(camera, size=(camera.size[1], camera.size[1]))
+            return Moments(draw, track.turn, SHUTTER, moments(splats, whole, track.turn, SHUTTER))(
+                splats, camera, settings
+            )
 
-    return streaks
+        return one
+
+    return blurred
 
 
 def _asked(figure: PictureFigure, args: argparse.Namespace) -> PictureFigure:
