@@ -17,6 +17,8 @@ KEPT, KEPT_BYTES = 3, 2**28
 
 # what is drawn in which order; None: any will do. nearest first or last
 Sequence = tuple[Order | None, bool]
+# [begin, end) of the drawing order
+Range = tuple[int, int]
 
 
 class SplatBuffers:
@@ -45,13 +47,14 @@ class SplatBuffer:
 
     def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
         self.ctx, self.splats = ctx, splats
-        self.sorted: Sorted | None = None
+        # those that the order begins with, and others
+        self.sorted: dict[bool, Sorted] = {}
         self.indexed: Indexed | None = None
 
-    def quads(self, program: moderngl.Program, sequence: Sequence) -> moderngl.VertexArray:
-        """A vertex array whose instances are the splats in drawing order."""
-        self.sorted = self.sorted or Sorted(self.ctx, self.splats)
-        return self.sorted.vertices(program, sequence)
+    def quads(self, program: moderngl.Program, sequence: Sequence, which: Range) -> moderngl.VertexArray:
+        """A vertex array whose instances are splats `which` of the drawing order."""
+        found = self.sorted.setdefault(which[0] == 0, Sorted(self.ctx, self.splats))
+        return found.vertices(program, sequence, which)
 
     def sprites(self, program: moderngl.Program, sequence: Sequence) -> moderngl.VertexArray:
         """A vertex array whose vertices are the splats in drawing order."""
@@ -59,10 +62,10 @@ class SplatBuffer:
         return self.indexed.vertices(program, sequence)
 
     def release(self) -> None:
-        for part in (self.sorted, self.indexed):
+        for part in (*self.sorted.values(), self.indexed):
             if part is not None:
                 part.release()
-        self.sorted, self.indexed = None, None
+        self.sorted, self.indexed = {}, None
 
 
 class Sorted:
@@ -70,13 +73,16 @@ class Sorted:
 
     def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
         self.ctx, self.splats = ctx, splats
-        self.written: tuple[Sequence, bool] | None = None
+        self.written: tuple[Sequence, bool, Range] | None = None
         self.buffer: moderngl.Buffer | None = None
         self.arrays: dict[int, moderngl.VertexArray] = {}
 
-    def vertices(self, program: moderngl.Program, sequence: Sequence) -> moderngl.VertexArray:
-        wanted = (sequence, "in_runs" in program)
-        if self.buffer is None or (wanted != self.written and (sequence[0] is not None or wanted[1])):
+    def vertices(self, program: moderngl.Program, sequence: Sequence, which: Range) -> moderngl.VertexArray:
+        wanted = (sequence, "in_runs" in program, which)
+        # where any order will do, the one that is there does; and more than is read does no harm
+        (order, _), runs, _ = wanted
+        there = self.written is not None and self.written[2] == which and (self.written[1] or not runs)
+        if not there or (order is not None and self.written != wanted):
             self._upload(*wanted)
             self.written = wanted
         assert self.buffer is not None
@@ -90,13 +96,14 @@ class Sorted:
     def _content(self, program: moderngl.Program, buffer: moderngl.Buffer) -> list[tuple]:
         return [_content(program, buffer, "/i")]
 
-    def _upload(self, sequence: Sequence, runs: bool) -> None:
+    def _upload(self, sequence: Sequence, runs: bool, which: Range) -> None:
         records = self.splats.records_with_runs if runs else self.splats.records
         if sequence[0] is not None:
-            records = records[_indices(self.splats, sequence)]
+            records = records[_indices(self.splats, sequence)[slice(*which)]]
         if self.buffer is None:
             self.buffer = self.ctx.buffer(records)
         else:
+            self.buffer.orphan(records.nbytes)
             self.buffer.write(records)
 
 

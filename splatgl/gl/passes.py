@@ -18,6 +18,7 @@ from splatgl.gl.uniforms import FRAME, FRAME_BINDING, STYLE, STYLE_BINDING, fram
 from splatgl.splat.blur_table import blur_table
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel, footprint_table, half_line_table, radial_table
+from splatgl.splat.near import runs
 from splatgl.splat.occlusion import cuts
 from splatgl.splat.order import order_for
 from splatgl.splat.plan import Plan
@@ -79,7 +80,12 @@ class Passes:
         target.clear()
         if len(splats):
             seen = plan.exposure.middle if plan.exposure else camera
-            self._draw_splats(target, splats, seen, plan, interrupted)
+            if plan.near:
+                for run in runs(splats, plan.near):
+                    chosen = plan.nearest_quads if run.quads else plan
+                    self._draw_splats(target, splats, seen, chosen, (run.begin, run.end), interrupted)
+            else:
+                self._draw_splats(target, splats, seen, plan, (0, len(splats)), interrupted)
         # the sum of an X-ray has nothing to lie over
         background = plan.background if plan.program.blend != "xray" else None
         if plan.samples > 1 or background is not None:
@@ -87,8 +93,15 @@ class Passes:
         return target.read(plan.window)
 
     def _draw_splats(
-        self, target: Target, splats: Splats, camera: Camera, plan: Plan, interrupted: Callable[[], bool] | None
+        self,
+        target: Target,
+        splats: Splats,
+        camera: Camera,
+        plan: Plan,
+        which: tuple[int, int],
+        interrupted: Callable[[], bool] | None,
     ) -> None:
+        """Splats `which` of the drawing order."""
         program = self.programs.for_splats(plan.program)
         self.frame.write(frame_block(splats, camera, plan).tobytes())
         self.style.write(style_block(splats, plan).tobytes())
@@ -105,22 +118,23 @@ class Passes:
         blend = BLENDS[plan.program.blend, plan.program.order]
         self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
         self.ctx.blend_func = blend.source, blend.destination
-        order = order_for(splats, camera) if plan.program.blend == "composite" else None
+        ordered = plan.program.blend == "composite" or which != (0, len(splats))
+        order = order_for(splats, camera) if ordered else None
         sequence = (order, order is not None and plan.program.order == "front-to-back")
         if plan.program.primitive == "sprite":
             self._draw_sprites(
                 self.splats.of(splats).sprites(program, sequence),
                 target,
                 plan,
-                _pieces(len(splats), plan.parts, interrupted),
+                _pieces(which, plan.parts, interrupted),
             )
         else:
             self.ctx.enable_only(moderngl.BLEND)
             if plan.program.flow:
                 vertices = self.streaks.quads(program, splats, sequence, plan)
             else:
-                vertices = self.splats.of(splats).quads(program, sequence)
-            vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=len(splats))
+                vertices = self.splats.of(splats).quads(program, sequence, which)
+            vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=which[1] - which[0])
 
     def _bind_path(self, program: moderngl.Program, splats: Splats, plan: Plan) -> None:
         """What streaks need besides; nothing for a still."""
@@ -138,12 +152,12 @@ class Passes:
         if plan.program.hiding:
             self.closing.begin(target)
         for begin, end, part in pieces:
-            if part and begin == part:
+            if plan.program.hiding and part and begin == part:
                 self.closing.close(target, plan)
             target.framebuffer.use()
             # centres beyond the edge are clipped, so that the edge is moved out
             target.widen(plan.pad)
-            tested = moderngl.DEPTH_TEST if part else 0
+            tested = moderngl.DEPTH_TEST if plan.program.hiding and part else 0
             self.ctx.enable_only(moderngl.BLEND | moderngl.PROGRAM_POINT_SIZE | tested)
             vertices.render(moderngl.POINTS, vertices=end - begin, first=begin)
         target.widen(0)
@@ -196,9 +210,9 @@ class Passes:
         return texture
 
 
-def _pieces(count: int, parts: int, interrupted: Callable[[], bool] | None) -> Iterator[Piece]:
+def _pieces(which: tuple[int, int], parts: int, interrupted: Callable[[], bool] | None) -> Iterator[Piece]:
     """Whole parts; or, where it may be interrupted, smaller ones."""
-    for part, end in pairwise(cuts(count, parts)):
+    for part, end in pairwise(which[0] + cut for cut in cuts(which[1] - which[0], parts)):
         step = BETWEEN if interrupted else max(end - part, 1)
         for begin in range(part, end, step):
             if interrupted and interrupted():

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import Sequence, Sorted, _indices
+from splatgl.gl.buffers import Range, Sequence, Sorted, _indices
 from splatgl.gl.uniforms import PATH, PATH_BINDING, path_block
 from splatgl.splat.motion import Exposure
 from splatgl.splat.plan import Plan
@@ -39,7 +39,7 @@ class StreakBuffers:
         if self.flowing is None or not self.flowing.holds(splats, plan.exposure):
             self.release()
             self.flowing = Flowing(self.ctx, splats, plan.exposure)
-        return self.flowing.vertices(program, sequence)
+        return self.flowing.vertices(program, sequence, (0, len(splats)))
 
     def release(self) -> None:
         if self.flowing is not None:
@@ -67,7 +67,7 @@ class Flowing(Sorted):
     def _content(self, program: moderngl.Program, buffer: moderngl.Buffer) -> list[tuple]:
         return [*super()._content(program, buffer), (self.drift_buffer, "3f4/i", "in_flow")]
 
-    def _upload(self, sequence: Sequence, runs: bool) -> None:
-        super()._upload(sequence, runs)
+    def _upload(self, sequence: Sequence, runs: bool, which: Range) -> None:
+        super()._upload(sequence, runs, which)
         drift = self.drift if sequence[0] is None else self.drift[_indices(self.splats, sequence)]
         self.drift_buffer.write(np.ascontiguousarray(drift))

@@ -163,14 +163,14 @@ def _footprints(splats: Splats, plan: Plan, slip: Slip, met: Crowd, brightest: f
     program = plan.program
     lookup = Lookup(plan.kernel.name, program.footprint, plan.table_size, plan.table_bits)
     if program.blend == "mip":
-        share = (largest(lookup, slip) + HALF_LINE * program.half_line + ARITHMETIC) * _opacity(splats)
+        share = (largest(lookup, slip) + HALF_LINE * plan.half_line + ARITHMETIC) * _opacity(splats)
         return min(share, 1.0)
     # an X-ray is the sum itself
     weight, deep = (0.5 if program.blend == "composite" else brightest), met.depth
     if program.motion != "off" and program.attenuation == "fill":
         weight, deep = DWELT[0], DWELT[1] * met.depth
     share = summed(lookup, slip, weight, deep)
-    if program.half_line:
+    if plan.half_line:
         share += _around(splats) * float(plan.kernel.footprint(np.zeros(())))
     return share + ARITHMETIC * max(weight, 1.0)
 

@@ -16,7 +16,9 @@ from splatgl.splat.alignment import alignment
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel, kernel
 from splatgl.splat.motion import Exposure, Motion
+from splatgl.splat.near import Near, widened
 from splatgl.splat.occlusion import SHARE, around, parts
+from splatgl.splat.primitive import RADIAL_BITS, primitive
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.sprites import Reach, Window, reach
@@ -25,7 +27,6 @@ from splatgl.splat.sprites import Reach, Window, reach
 NEAR = 1e-3
 # texels along an axis: the paper's, and what brings a radial table's error to 1e−5
 TABLE_SIZES = {"table": 256, "radial": 1024}
-RADIAL_BITS = 32
 # the eye is near where a kernel is nearer than this many radii: √1.1, as shaders/exact.glsl has it, and some
 NEAR_RADII = 1.06
 # largest sprite, pixels, where no renderer says its own: that of software OpenGL
@@ -60,6 +61,8 @@ class Plan:
     window: the pixels, or samples, that splats reach. pad: how far beyond the picture's edge a sprite may be centred.
     parts: in how many parts it is drawn; between two, pixels that less than `passing` of the light passes are closed.
     around: how many tiles beyond its own a sprite may reach. exposure: of a blurred picture.
+    near: which splats are quads
+    all the same, where others are sprites. half_line: whether the eye may be in one of them.
     """
 
     program: Program
@@ -80,6 +83,8 @@ class Plan:
     tolerance: float
     notes: tuple[str, ...]
     exposure: Exposure | None = None
+    near: Near | None = None
+    half_line: bool = False
 
     @property
     def table(self) -> str:
@@ -95,7 +100,13 @@ class Plan:
             program = replace(program, primitive="quad")
         sprite = program.primitive == "sprite"
         parts = self.parts if sprite else 1
-        return replace(self, program=replace(program, hiding=parts > 1), pad=self.pad * sprite, parts=parts)
+        program = replace(program, hiding=parts > 1)
+        return replace(self, program=program, pad=self.pad * sprite, parts=parts, near=self.near if sprite else None)
+
+    @property
+    def nearest_quads(self) -> Plan:
+        """How the splats near the eye are drawn where the others are sprites."""
+        return self.forced(primitive="quad", half_line=self.half_line)
 
     def explain(self) -> str:
         """The plan in words, a line a decision."""
@@ -110,7 +121,10 @@ class Plan:
         if p.blend == "composite":
             lines.append(f"attenuation {p.attenuation}, {p.order}")
         w = self.window
-        lines.append(f"{p.primitive}s, read back from rows {w.y} to {w.y + w.height}: nothing reaches the others")
+        nearer = ", quads for the nearest planes" if self.near else ""
+        lines.append(
+            f"{p.primitive}s{nearer}, read back from rows {w.y} to {w.y + w.height}: nothing reaches the others"
+        )
         if self.parts > 1:
             lines.append(
                 f"drawn in {self.parts} parts; splats behind less than {self.passing:.2g} of the light are left out, "
@@ -155,10 +169,8 @@ def _planned(
     half_line = align == "exact" and _eye_is_near(splats, camera, shape.radius, exposure)
     if align == "exact" and not half_line:
         notes.append("half lines left out: the eye is in no kernel; the picture is the same")
-    footprint = _footprint(align, settings)
-    covered = reach(splats, fine, shape.radius)
-    sprite = _sprites(align, half_line, covered, settings, sprite_limit, notes)
-    number = _parts(splats, fine, covered, settings, notes) if sprite else 1
+    sprite, parted, covered = _sprites(splats, fine, settings, (align, half_line), sprite_limit, notes)
+    number = _parts(splats, fine, covered, settings, notes) if sprite and not parted else 1
     program = Program(
         blend=settings.blend,
         align=align,
@@ -167,10 +179,10 @@ def _planned(
         cubic=splats.grid.cubic,
         shading=_shading(splats, settings, notes),
         attenuation=_attenuation(settings, antialias or exposure is not None),
-        order=_order(settings, number, notes),
+        order=_order(settings, number > 1 or parted is not None, notes),
         target="rgba32f" if settings.target == "auto" else settings.target,
-        footprint=footprint,
-        half_line=half_line,
+        footprint=_footprint(align, settings),
+        half_line=half_line and not sprite,
         primitive="sprite" if sprite else "quad",
         hiding=number > 1,
         motion=settings.motion if exposure else "off",
@@ -179,7 +191,7 @@ def _planned(
     return Plan(
         program,
         shape,
-        settings.table_size or TABLE_SIZES[footprint],
+        settings.table_size or TABLE_SIZES[program.footprint],
         settings.table_bits,
         samples,
         z_k,
@@ -196,6 +208,8 @@ def _planned(
         settings.tolerance,
         tuple(notes),
         exposure,
+        parted,
+        half_line,
     )
 
 
@@ -247,6 +261,17 @@ def _attenuation(settings: Settings, weakened: bool) -> str:
     return "fill" if settings.attenuation == "auto" else settings.attenuation
 
 
+def _sprites(
+    splats: Splats, camera: Camera, settings: Settings, fit: tuple[str, bool], limit: float, notes: list[str]
+) -> tuple[bool, Near | None, Reach]:
+    """Whether there are sprites, which splats are quads all the same, and what they cover."""
+    covered = reach(splats, camera, kernel(settings.kernel).radius)
+    why, parted = primitive(splats, camera, settings, fit, covered, limit)
+    if why and settings.primitive != "quad":
+        notes.append(f"sprites left out{', but behind the nearest planes' if parted else ''}: {why}")
+    return not why or parted is not None, parted, widened(covered, parted)
+
+
 def _parts(splats: Splats, camera: Camera, covered: Reach, settings: Settings, notes: list[str]) -> int:
     """In how many parts to draw; pixels are closed only where light is taken away, nearest first."""
     if settings.blend != "composite" or settings.occlusion == "off" or settings.order == "back-to-front":
@@ -257,12 +282,12 @@ def _parts(splats: Splats, camera: Camera, covered: Reach, settings: Settings, n
     return number
 
 
-def _order(settings: Settings, number: int, notes: list[str]) -> str:
+def _order(settings: Settings, nearest_first: bool, notes: list[str]) -> str:
     if settings.blend != "composite":
         notes.append(f"ordering left out: {settings.blend} is the same in any order, but for float32's rounding")
     if settings.order != "auto":
         return settings.order
-    return "front-to-back" if number > 1 else "back-to-front"
+    return "front-to-back" if nearest_first else "back-to-front"
 
 
 def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
@@ -274,26 +299,6 @@ def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
 def _smallest_scale(splats: Splats) -> float:
     """The smallest width of a voxel from any side: the first to fall below a pixel."""
     return float(np.linalg.svd(splats.grid.world_from_index, compute_uv=False)[-1])
-
-
-def _sprites(align: str, half_line: bool, covered: Reach, settings: Settings, limit: float, notes: list[str]) -> bool:
-    """Whether splats can be sprites: footprints by distance alone, and none larger than OpenGL draws."""
-    if settings.primitive == "quad":
-        return False
-    # a parallel view's grid is exact, if it was not asked for
-    by_distance = align == "exact" or (align == "grid" and settings.align in ("auto", "exact"))
-    why = ""
-    if not by_distance or settings.footprint == "table" or settings.table_bits != RADIAL_BITS:
-        why = "footprints from a table are drawn on quads"
-    elif half_line or not np.isfinite(covered.largest):
-        why = "the eye is near splats"
-    elif 2 * covered.largest + 1 > limit:
-        why = f"the nearest splats are larger than the {limit:.0f} pixels that OpenGL draws"
-    if why and settings.primitive == "sprite":
-        raise expected("primitive sprite", "footprints by distance, away from the eye", why, "use auto")
-    if why:
-        notes.append(f"sprites left out: {why}")
-    return not why
 
 
 def _footprint(align: str, settings: Settings) -> str:

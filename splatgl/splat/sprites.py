@@ -37,8 +37,8 @@ class Window:
 class Reach:
     """What a picture's splats cover, in pixels.
 
-    window: every pixel that any of them reaches. largest: half the side of the largest that is centred in the
-    picture, inf where the eye is within CLEARANCE. pad: how far beyond the edge one may be centred and still reach in.
+    window: every pixel that any of them reaches. largest: half the side of the largest that reaches
+    in, inf where the eye is within CLEARANCE. pad: how far beyond the edge one may be centred and still reach in.
     typical: half a side at the mean depth, which is in mean spacings.
     """
 
@@ -49,8 +49,8 @@ class Reach:
     mean_depth: float
 
 
-def reach(splats: Splats, camera: Camera, radius: float) -> Reach:
-    """Bounds for splats of a kernel of `radius` voxels."""
+def reach(splats: Splats, camera: Camera, radius: float, beyond: float = -np.inf) -> Reach:
+    """Bounds for splats of a kernel of `radius` voxels, no nearer than `beyond`, in mean spacings of depth."""
     width, height = camera.size
     spacing = splats.grid.mean_spacing
     corners = camera.eye_from_points(splats.corners) / spacing
@@ -63,19 +63,21 @@ def reach(splats: Splats, camera: Camera, radius: float) -> Reach:
 
     # the deepest reach, the nearest centre: half a voxel behind the box's face
     deep = float(np.linalg.norm(steps[2]))
-    nearest, mean = float(corners[:, 2].min()), float(corners[:, 2].mean())
-    middle = max(mean, deep, 1e-9)
+    nearest, mean = max(float(corners[:, 2].min()), beyond), float(corners[:, 2].mean())
+    middle = max(mean, beyond, deep, 1e-9)
     typical = max(float(np.linalg.norm(steps[0])) / (middle * pitch), radius)
     if nearest <= CLEARANCE * deep:
         return Reach(Window(0, 0, width, height), np.inf, 0, typical, middle)
     edge = camera.extent / 2 * np.array([width / height, 1.0])
-    sides = [_sides(nearest, slope, step, steps[2]) for slope, step in zip(edge, steps, strict=False)]
-    stretched = STRETCHED * radius * (1 + float(np.hypot(*edge)))
+    beyond_edge = [_inwards(nearest, slope, step, steps[2]) for slope, step in zip(edge, steps, strict=False)]
+    # those centred beyond the edge are the largest
+    furthest = edge + beyond_edge
+    sides = [_sides(nearest, slope, step, steps[2]) for slope, step in zip(furthest, steps, strict=False)]
+    stretched = STRETCHED * radius * (1 + float(np.hypot(*furthest)))
     half = max(max(max(side) for side in sides) / pitch, stretched)
-    pad = max(
-        max(_inwards(nearest, slope, step, steps[2]) for slope, step in zip(edge, steps, strict=False)) / pitch,
-        stretched,
-    )
+    pad = max(max(beyond_edge) / pitch, stretched)
+    if beyond > -np.inf:
+        return Reach(Window(0, 0, width, height), half, _whole(pad), typical, middle)
     window = _window(corners[:, :2] / corners[:, 2:] / pitch, half, camera.size)
     return Reach(window, half, _whole(pad), typical, middle)
 

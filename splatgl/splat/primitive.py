@@ -1,0 +1,52 @@
+"""Whether splats are drawn as sprites, as quads, or near the eye as quads and behind as sprites."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatgl.data.errors import expected
+from splatgl.splat.camera import Camera
+from splatgl.splat.kernel import kernel
+from splatgl.splat.near import Near, near
+from splatgl.splat.order import order_for
+from splatgl.splat.rows import Splats
+from splatgl.splat.settings import Settings
+from splatgl.splat.sprites import Reach
+
+# bits of a radial table's texels: the only ones it has
+RADIAL_BITS = 32
+
+
+def primitive(
+    splats: Splats, camera: Camera, settings: Settings, fit: tuple[str, bool], covered: Reach, limit: float
+) -> tuple[str, Near | None]:
+    """Why splats cannot be sprites, "" if all can; and how those behind can be, where only the nearest cannot.
+
+    fit: the alignment, and whether the eye may be in a kernel. limit: of OpenGL's points, pixels.
+    """
+    why = _why_not(settings, fit, covered, limit)
+    if why and settings.primitive == "sprite":
+        raise expected("primitive sprite", "footprints by distance, away from the eye", why, "use auto")
+    parts = by_distance(fit[0], settings) and camera.perspective and settings.order != "back-to-front" and len(splats)
+    if not why or not parts or settings.primitive == "quad":
+        return why, None
+    return why, near(splats, camera, order_for(splats, camera), kernel(settings.kernel).radius, limit)
+
+
+def by_distance(align: str, settings: Settings) -> bool:
+    """Whether footprints depend on the distance alone; a parallel view's grid is exact, if it was not asked for."""
+    exact = align == "exact" or (align == "grid" and settings.align in ("auto", "exact"))
+    return exact and settings.footprint != "table" and settings.table_bits == RADIAL_BITS
+
+
+def _why_not(settings: Settings, fit: tuple[str, bool], covered: Reach, limit: float) -> str:
+    align, half_line = fit
+    if settings.primitive == "quad":
+        return "quads were asked for"
+    if not by_distance(align, settings):
+        return "footprints from a table are drawn on quads"
+    if half_line or not np.isfinite(covered.largest):
+        return "the eye is near splats"
+    if 2 * covered.largest + 1 > limit:
+        return f"the nearest splats are larger than the {limit:.0f} pixels that OpenGL draws"
+    return ""
