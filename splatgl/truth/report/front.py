@@ -37,10 +37,10 @@ class Timing:
         pairs = [(self.rounds[n], other.rounds[n]) for n in both] or [(self.median, other.median)]
         return sum(FASTER * mine < theirs for mine, theirs in pairs) / len(pairs)
 
-    def over(self, other: Timing) -> float:
-        """How many times as long as the other, by round: the median."""
+    def over(self, other: Timing) -> Timing:
+        """How many times as long as the other, round by round: what two reports agree on, however busy the machine."""
         both = self.rounds.keys() & other.rounds.keys()
-        return statistics.median([self.rounds[n] / other.rounds[n] for n in both] or [self.median / other.median])
+        return Timing.of({n: self.rounds[n] / other.rounds[n] for n in both} or {0: self.median / other.median})
 
 
 @dataclass(frozen=True)

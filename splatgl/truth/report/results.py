@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from splatgl.truth.report.front import Point, Timing, finite
-from splatgl.truth.report.methods import TRUTHS
+from splatgl.truth.report.methods import DEFAULT, TRUTHS
 from splatgl.truth.report.store import Store
 
 
@@ -40,6 +40,12 @@ class Scene:
 
     def row(self, method: str) -> Row | None:
         return next((row for row in self.rows if row.method == method), None)
+
+    @property
+    def usual(self) -> Timing | None:
+        """The time of the default settings, which others are told beside."""
+        row = self.row(DEFAULT)
+        return row.timing if row else None
 
     def points(self, truth: str, name: str = "rmse", same: bool = False) -> list[Point]:
         """The methods that were timed and measured; same: also those that draw the same picture as another."""

@@ -23,6 +23,9 @@ FIELDS = (
     "seconds_low",
     "seconds_high",
     "rounds",
+    "times_exact",
+    "times_exact_low",
+    "times_exact_high",
     "tolerance",
     "bound",
     *(f"{truth}_{name}" for truth in TRUTHS for name in ERRORS),
@@ -66,6 +69,9 @@ def _cells(scene: Scene, row: Row) -> dict[str, Any]:
             "seconds_high": timing.high,
             "rounds": timing.count,
         }
+        if scene.usual is not None:
+            ratio = timing.over(scene.usual)
+            cells |= {"times_exact": ratio.median, "times_exact_low": ratio.low, "times_exact_high": ratio.high}
     for truth, found in row.errors.items():
         cells |= {f"{truth}_{name}": found.get(name) for name in ERRORS}
         points = rivals(truth, scene)

@@ -37,6 +37,14 @@ def milliseconds(timing: Timing | None) -> str:
     return f"{median} ({low}–{high})"
 
 
+def relative(timing: Timing | None, other: Timing | None) -> str:
+    """How many times as long as the other: the median, and the least and the most around it."""
+    if timing is None or other is None:
+        return ""
+    found = timing.over(other)
+    return f"{found.median:.2g} ({found.low:.2g}–{found.high:.2g})"
+
+
 def as_milliseconds(seconds: float) -> str:
     """Three digits, and all before the point."""
     value = 1e3 * seconds
@@ -67,7 +75,7 @@ class Gist:
     def of(cls, scene: Scene) -> Gist:
         paper, exact = scene.row(PAPER), scene.row(DEFAULT)
         before, now = (row.timing if row else None for row in (paper, exact))
-        cost = now.over(before) if now and before else None
+        cost = now.over(before).median if now and before else None
         old, new = (row.error("reference") if row else None for row in (paper, exact))
         unfiltered, filtered = (row.error("sampled") if row else None for row in (paper, exact))
         best = min(rivals("integral", scene), key=lambda p: p.error, default=None)
@@ -119,7 +127,7 @@ def _filtering(scene: Scene, gist: Gist) -> str:
     if not nearer:
         return text + "; no number of samples tried here is nearer."
     best = min(nearer, key=lambda p: p.time.median)
-    ratio = best.time.over(exact.time)
+    ratio = best.time.over(exact.time).median
     how = "in as much time" if 1 / FASTER < ratio < FASTER else f"in {ratio:.2g} times their time"
     return text + f"; {best.name} samples a pixel get to {number(best.error)} {how}."
 
