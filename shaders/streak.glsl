@@ -10,7 +10,8 @@
 #define DENSEST 0.035
 #define LEAST 1e-6
 
-uniform sampler2D blur_table;  // share of a line before its end, over |u|/chord and v²/R²; last column: the line's area
+// share of a line before its end, and its slope, over |u|/chord and v²/R²; last column: the line's area; this row and the next
+uniform sampler2D blur_table;
 
 // Where a ray passes a kernel, in the kernel's own units.
 struct Passing {
@@ -79,11 +80,8 @@ float share(float t, int row, float part, int last) {
     if (along >= float(last)) return sign(t) * 0.5;
     int column = int(along);
     along -= float(column);
-    float here = hermite(texelFetch(blur_table, ivec2(column, row), 0).rg,
-                         texelFetch(blur_table, ivec2(column + 1, row), 0).rg, along);
-    float there = hermite(texelFetch(blur_table, ivec2(column, row + 1), 0).rg,
-                          texelFetch(blur_table, ivec2(column + 1, row + 1), 0).rg, along);
-    return sign(t) * mix(here, there, part);
+    vec4 low = texelFetch(blur_table, ivec2(column, row), 0), high = texelFetch(blur_table, ivec2(column + 1, row), 0);
+    return sign(t) * mix(hermite(low.rg, high.rg, along), hermite(low.ba, high.ba, along), part);
 }
 
 // The mean of the footprint along the path, over F(0).
@@ -97,11 +95,11 @@ float blurred(Passing p) {
     float chord = sqrt(max(radius2 - p.across2, 1e-12));
     if (p.across2 >= radius2 || near >= chord || far <= -chord) return 0.0;
     ivec2 texels = textureSize(blur_table, 0);
-    float place = p.across2 * (float(texels.y - 1) / radius2);
-    int row = min(int(place), texels.y - 2);
+    float place = p.across2 * (float(texels.y) / radius2);
+    int row = min(int(place), texels.y - 1);
     place -= float(row);
-    float area = hermite(texelFetch(blur_table, ivec2(texels.x - 1, row), 0).rg,
-                         texelFetch(blur_table, ivec2(texels.x - 1, row + 1), 0).rg, place);
+    vec4 line = texelFetch(blur_table, ivec2(texels.x - 1, row), 0);
+    float area = hermite(line.rg, line.ba, place);
     int last = texels.x - 2;
     return area * (share(far / chord, row, place, last) - share(near / chord, row, place, last)) / p.length;
 }

@@ -152,12 +152,12 @@ class Passes:
         if plan.program.hiding:
             self.closing.begin(target)
         for begin, end, part in pieces:
-            if plan.program.hiding and part and begin == part:
+            if plan.parts > 1 and part and begin == part:
                 self.closing.close(target, plan)
             target.framebuffer.use()
             # centres beyond the edge are clipped, so that the edge is moved out
             target.widen(plan.pad)
-            tested = moderngl.DEPTH_TEST if plan.program.hiding and part else 0
+            tested = moderngl.DEPTH_TEST if plan.parts > 1 and part else 0
             self.ctx.enable_only(moderngl.BLEND | moderngl.PROGRAM_POINT_SIZE | tested)
             vertices.render(moderngl.POINTS, vertices=end - begin, first=begin)
         target.widen(0)
@@ -195,7 +195,7 @@ class Passes:
 
     def _blur_table(self, kernel: Kernel) -> moderngl.Texture:
         key = (kernel.name, "blur", 0, 32)
-        return self.tables.get(key) or self._texture(key, blur_table(kernel.name).texels, 32)
+        return self.tables.get(key) or self._texture(key, blur_table(kernel.name).packed, 32)
 
     def _texture(self, key: tuple[str, str, int, int], texels: np.ndarray, bits: int) -> moderngl.Texture:
         dtype, store, one = TABLES[bits]

@@ -37,6 +37,11 @@ class BlurTable:
     def bytes(self) -> int:
         return self.texels.nbytes
 
+    @property
+    def packed(self) -> np.ndarray:
+        """[ROWS − 1, COLUMNS + 1, 4]: each row beside the next, so that the GPU reads both at once."""
+        return np.concatenate([self.texels[:-1], self.texels[1:]], axis=-1)
+
     def blurred(self, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
         """B(u, v, l)/F(0), arrays that broadcast."""
         real = self.texels.dtype.type
