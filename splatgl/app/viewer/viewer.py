@@ -146,7 +146,7 @@ class Viewer:
         for done in self.jobs.collect():
             self._finished(done)
         if self.reference.collect():
-            self.dirty = 1
+            self.refresh()
         self.files.look(self.now())
         self._turn()
         self._answer()
@@ -217,7 +217,7 @@ class Viewer:
             self.state = replace(self.state, message=str(error))
             return
         self.refiner.done(wanted, level, frame.seconds, moment, frame.full)
-        self.dirty = max(self.dirty, 1)
+        self.refresh()
 
     def _given_up(self, asked: int) -> bool:
         """Lets events in while a picture is drawn; True once the hand asks for something else."""
@@ -253,7 +253,7 @@ class Viewer:
         """The picture, the words over it and the panel, if any of it changed."""
         said = self.painter.compared(self.state, self.reference)
         if self.painter.write(self.state, self.content, self.window.scale, self.jobs.busy, said):
-            self.dirty = max(self.dirty, 1)
+            self.refresh()
         if not self.dirty:
             return
         self.dirty -= 1
@@ -290,7 +290,7 @@ class Viewer:
 
     def _finished(self, done: Done) -> None:
         """Takes what a thread has made; bad input is said and what was there stays."""
-        self.dirty = max(self.dirty, 1)
+        self.refresh()
         if isinstance(done.error, InputError | MemoryError):
             self.state = replace(self.state, message=str(done.error) or "not enough memory")
         elif done.error is not None:
@@ -317,7 +317,7 @@ class Viewer:
         """Shows a content from now on."""
         self.content = content
         self.refiner.renew(content.counts, self._pixels())
-        self.dirty = max(self.dirty, 1)
+        self.refresh()
 
     def _pivot(self, place: Place) -> None:
         found = picked(self.content.at(STRIDES[1]), self.state.pose.camera, place)
@@ -329,7 +329,7 @@ class Viewer:
     def _touch(self) -> None:
         self.asked += 1
         self.touched = self.now()
-        self.dirty = max(self.dirty, 1)
+        self.refresh()
 
     def _pixels(self) -> int:
         return self._size()[0] * self._size()[1]
