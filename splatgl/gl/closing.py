@@ -44,7 +44,8 @@ class Closing:
             self.ctx.depth_func = "1"
             self.whole(program)
             self.ctx.depth_func = "<="
-        self._hide(target, plan)
+        if plan.program.hiding:
+            self._hide(target, plan)
 
     def _hide(self, target: Target, plan: Plan) -> None:
         """Tiles of which every pixel is closed, then those with such tiles all around."""

@@ -17,7 +17,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel, kernel
 from splatgl.splat.motion import Exposure, Motion
 from splatgl.splat.near import Near, widened
-from splatgl.splat.occlusion import SHARE, around, parts
+from splatgl.splat.occlusion import SHARE, around, closing
 from splatgl.splat.primitive import RADIAL_BITS, primitive
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
@@ -100,7 +100,7 @@ class Plan:
             program = replace(program, primitive="quad")
         sprite = program.primitive == "sprite"
         parts = self.parts if sprite else 1
-        program = replace(program, hiding=parts > 1)
+        program = replace(program, hiding=program.hiding and sprite)
         return replace(self, program=program, pad=self.pad * sprite, parts=parts, near=self.near if sprite else None)
 
     @property
@@ -126,10 +126,9 @@ class Plan:
             f"{p.primitive}s{nearer}, read back from rows {w.y} to {w.y + w.height}: nothing reaches the others"
         )
         if self.parts > 1:
-            lines.append(
-                f"drawn in {self.parts} parts; splats behind less than {self.passing:.2g} of the light are left out, "
-                "which changes no pixel by more"
-            )
+            what = "splats" if p.hiding else "fragments"
+            light = f"behind less than {self.passing:.2g} of the light"
+            lines.append(f"drawn in {self.parts} parts; {what} {light} are left out, which changes no pixel by more")
         if self.samples > 1:
             lines.append(f"supersampled {self.samples}×{self.samples}")
         return "\n".join([*lines, *self.notes])
@@ -170,7 +169,8 @@ def _planned(
     if align == "exact" and not half_line:
         notes.append("half lines left out: the eye is in no kernel; the picture is the same")
     sprite, parted, covered = _sprites(splats, fine, settings, (align, half_line), sprite_limit, notes)
-    number = _parts(splats, fine, covered, settings, notes) if sprite and not parted else 1
+    closed = sprite and not parted
+    number, hiding = _closing(splats, fine, covered, settings, notes) if closed else (1, False)
     program = Program(
         blend=settings.blend,
         align=align,
@@ -184,7 +184,7 @@ def _planned(
         footprint=_footprint(align, settings),
         half_line=half_line and not sprite,
         primitive="sprite" if sprite else "quad",
-        hiding=number > 1,
+        hiding=hiding,
         motion=settings.motion if exposure else "off",
         flow=exposure is not None and exposure.flow is not None,
     )
@@ -202,7 +202,7 @@ def _planned(
         Window(0, 0, *fine.size) if exposure else covered.window,
         covered.pad if sprite else 0,
         number,
-        int(around(covered)) if number > 1 else 0,
+        int(around(covered)) if hiding else 0,
         SHARE * settings.tolerance / max(splats.brightest, 1.0) if number > 1 else 0.0,
         settings.background,
         settings.tolerance,
@@ -272,14 +272,16 @@ def _sprites(
     return not why or parted is not None, parted, widened(covered, parted)
 
 
-def _parts(splats: Splats, camera: Camera, covered: Reach, settings: Settings, notes: list[str]) -> int:
-    """In how many parts to draw; pixels are closed only where light is taken away, nearest first."""
+def _closing(
+    splats: Splats, camera: Camera, covered: Reach, settings: Settings, notes: list[str]
+) -> tuple[int, bool]:
+    """In how many parts to draw, and whether hidden splats are mapped: only where light is taken away."""
     if settings.blend != "composite" or settings.occlusion == "off" or settings.order == "back-to-front":
-        return 1
-    number = parts(splats, camera, covered)
+        return 1, False
+    number, hiding = closing(splats, camera, covered)
     if number == 1:
         notes.append("occlusion left out: closing pixels would cost more than it saves; the picture is the right one")
-    return number
+    return number, hiding
 
 
 def _order(settings: Settings, nearest_first: bool, notes: list[str]) -> str:
