@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from splatgl.app.options import scene_from
 from splatgl.app.render import PATIENCE, nothing, origin
 from splatgl.app.scene import Scene
 from splatgl.app.series import read_ahead, volumes
-from splatgl.app.track import Track, keyframes, turning
+from splatgl.app.track import Track, Turning, keyframes, turning
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
@@ -153,10 +154,19 @@ class Animation:
         motion = replace(motion, flow=flow) if flow is not None else motion
         if self.moments == 1 or motion.still or settings.shutter == 0:
             return renderer.render(splats, camera, settings, motion)
-        count = self.moments or moments(splats, camera, motion, settings.shutter)
+        count = self.moments or self._steady or moments(splats, camera, motion, settings.shutter)
         kind = Shorter if self.streaked else Moments
         image = kind(renderer.render, motion, settings.shutter, count)(splats, camera, settings)
         return Image(image.pixels.astype(np.float32), image.info)
+
+    @cached_property
+    def _steady(self) -> int | None:
+        """The moments of every frame of a turn: those of the fastest. None where more than the angle changes."""
+        if self.only is None or self.flow is not None or not isinstance(self.track, Turning):
+            return None
+        shutter, turn = self.scenes[0].settings.shutter, self.track.turn
+        cameras = [self.track.camera(n) for n in np.linspace(0, self.count - 1, LOOKS)]
+        return max(moments(self.only, camera, turn, shutter) for camera in cameras)
 
     def _brightest(self, renderer: Renderer) -> float:
         """What X-ray pictures are scaled by, the same for all frames whichever of them are drawn now."""
