@@ -17,6 +17,7 @@ import numpy as np
 from PIL import Image as Pillow
 
 import splatgl as sg
+from splatgl.app.cli import main as command
 from splatgl.app.scene import Scene, View
 from splatgl.truth.report.content import CONVERGENCE, registry
 from splatgl.truth.report.markdown import as_table
@@ -106,6 +107,8 @@ def main() -> None:
         small = (160, 160)
         kinds = [draw(renderer, "tunnel", sg.Settings(antialias=a, background=BLACK), small) for a in ("off", "paper")]
         beside(*(np.kron(kind, np.ones((3, 3, 1), np.float32)) for kind in kinds)).save(FOLDER / "antialiasing.png")
+    # Fig. 13: a landscape that turns
+    command(["figure", "13", "-o", str(FOLDER / "spinning.png")])
 
 
 if __name__ == "__main__":
