@@ -109,7 +109,7 @@ def ways(renderer: sg.Renderer, chosen: Case, size: int) -> dict[str, Callable[[
     plan = renderer.plan(chosen.splats, camera, chosen.settings)
     everything = plan.forced(primitive="quad", cubic=False, antialias=True, attenuation="fill", half_line=True)
     found: dict[str, Callable[[], Any] | Peer] = {
-        "planned": lambda: renderer.render(chosen.splats, camera, chosen.settings),
+        "planned": lambda: renderer.render(chosen.splats, camera, chosen.settings, held=False),
         "floor": floor(renderer, chosen.splats, camera, plan),
     }
     if everything.program.align == "exact":
@@ -190,7 +190,7 @@ def _planned(renderer: sg.Renderer, chosen: Case, camera: sg.Camera, rounds: int
     times = []
     for _ in range(rounds + 1):
         started = time.perf_counter()
-        renderer.render(chosen.splats, camera, chosen.settings)
+        renderer.render(chosen.splats, camera, chosen.settings, held=False)
         times.append(time.perf_counter() - started)
     later = times[1:]
     yield Row(
