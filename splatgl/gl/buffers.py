@@ -11,9 +11,10 @@ import numpy as np
 from splatgl.splat.order import Order, back_to_front
 from splatgl.splat.rows import GL_ATTRIBUTES, GL_FORMAT, Splats
 
-# splats of which buffers are kept; and bytes of records of all but the last of them, or of one's drawing orders, 4 a
-# splat: enough for a turn around a volume
+# splats of which buffers are kept, and bytes of records of all but the last of them
 KEPT, KEPT_BYTES = 3, 2**28
+# bytes of drawing orders kept, 4 a splat: what a hand that turns to and fro comes back to, not what a movie passes once
+ORDER_BYTES = 2**25
 
 # what is drawn in which order; None: any will do. nearest first or last
 Sequence = tuple[Order | None, bool]
@@ -145,7 +146,7 @@ class Indexed:
         if sequence in self.orders:
             self.orders.move_to_end(sequence)
             return self.orders[sequence]
-        if len(self.orders) > 1 and (len(self.orders) + 1) * 4 * len(self.splats) > KEPT_BYTES:
+        if len(self.orders) > 1 and (len(self.orders) + 1) * 4 * len(self.splats) > ORDER_BYTES:
             oldest, buffer = self.orders.popitem(last=False)
             for key in [key for key in self.arrays if key[1] == oldest]:
                 self.arrays.pop(key).release()

@@ -71,7 +71,7 @@ class Renderer:
         self, splats: Splats, camera: Camera, settings: Settings | None = None, motion: Motion | None = None
     ) -> Plan:
         """What `render` would do; a driver's largest point decides whether splats are sprites."""
-        return plan(splats, camera, settings or _asked(motion), self.sprite_limit, motion)
+        return plan(splats, camera, settings, self.sprite_limit, motion)
 
     def render(
         self,
@@ -176,11 +176,6 @@ class Renderer:
             "opengl": self.info.version,
             "seconds": round(seconds, 6),
         }
-
-
-def _asked(motion: Motion | None) -> Settings:
-    """The settings of one who gives none."""
-    return Settings(motion="off" if motion is None else "exact")
 
 
 def _kind(chosen: Plan) -> tuple[object, ...]:
