@@ -20,7 +20,6 @@ from splatgl.app.viewer.pacing import FULL, Level
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.skin import FAITHFUL, outside
 from splatgl.app.viewer.state import State
-from splatgl.data.image import Image
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Look, Screen
 from splatgl.splat.camera import Camera
@@ -51,6 +50,9 @@ class Painter:
         # what the last picture was of, and how it was seen
         self.subject: tuple[object, ...] = ()
         self.pose: Pose | None = None
+        # the stand-in that a full picture has just replaced, until what is said of the two is written
+        self.stand_in: np.ndarray | None = None
+        self.fresh = False
         self.brightest = 1.0
         self.overlay: Overlay | None = None
         self.words: tuple[str, ...] = ()
@@ -65,8 +67,8 @@ class Painter:
         """
         started = time.perf_counter()
         camera = state.pose.camera.resized(level.size(state.pose.camera.size))
-        settings = level.settings(state.settings).but(motion=state.blur)
-        chosen = plan(content.finest, state.pose.camera, state.settings)
+        asked = state.settings.but(motion=state.blur)
+        chosen = plan(content.finest, state.pose.camera, asked)
         splats = _enough(state, content, level, chosen)
         # the tint is not what the reference shows
         if state.beyond and state.compare == "off":
@@ -74,22 +76,31 @@ class Painter:
         motion = self._motion(state, camera) if gliding else None
         # a picture that is gone in a moment is drawn to its end
         ask = interrupted if level == FULL else None
-        image = self.renderer.render(splats, camera, settings, motion, held=False, interrupted=ask)
+        image = self.renderer.render(splats, camera, level.settings(asked), motion, held=False, interrupted=ask)
         seconds = time.perf_counter() - started
 
         subject = (state.pose, state.settings, content, state.beyond)
-        off = self._off(image) if subject == self.subject and level == FULL else None
+        replaces = level == FULL and self.frame is not None and not self.frame.full
+        self.fresh, self.stand_in = replaces, self.pixels if replaces and subject == self.subject else None
         self.subject, self.pose, self.pixels = subject, state.pose, image.pixels
         self.brightest = float(self.pixels.max()) or 1.0
         self.screen.put("picture", self.pixels)
         beyond = share_beyond(content.sample, state.pose.camera, chosen.z_k)
         hidden = len(content.at(level.stride)) - len(splats)
-        self.frame = Frame(image.info, seconds, level, chosen, beyond, hidden, "motion" in image.info, off)
+        self.frame = Frame(image.info, seconds, level, chosen, beyond, hidden, "motion" in image.info)
         return self.frame
 
     def write(self, state: State, content: Content, scale: float, busy: str | None, said: str) -> bool:
-        """Writes the overlay if what it says changed; True if it did. said: of the reference."""
+        """Writes the overlay if what it says changed; True if it did. said: of the reference.
+
+        A picture that replaces a stand-in is shown first, and told of the next time.
+        """
         now = time.perf_counter()
+        if self.fresh:
+            self.fresh = False
+            return False
+        if self.stand_in is not None and self.frame is not None:
+            self.frame, self.stand_in = replace(self.frame, off=self._off(self.stand_in)), None
         moving = self.frame is not None and not self.frame.full
         if not state.hud or state.help:
             self.words = ()
@@ -141,12 +152,13 @@ class Painter:
         same = before.camera.perspective == camera.perspective
         return Motion(camera=before.camera.resized(camera.size)) if same else None
 
-    def _off(self, image: Image) -> Difference:
-        """How far the stand-in on show is from the right picture; of an X-ray, as a share of its brightest pixel."""
-        height, width, _ = image.pixels.shape
+    def _off(self, stand_in: np.ndarray) -> Difference:
+        """How far what was shown is from the picture; of an X-ray, as a share of its brightest pixel."""
+        height, width, _ = self.pixels.shape
         step = 1 + max(width, height) // ENOUGH
-        one = float(image.pixels.max()) or 1.0 if image.info["blend"] == "xray" else 1.0
-        return Difference.of(enlarged(self.pixels, (width, height), step) / one, image.pixels[::step, ::step] / one)
+        xray = self.frame is not None and self.frame.info["blend"] == "xray"
+        one = self.brightest if xray else 1.0
+        return Difference.of(enlarged(stand_in, (width, height), step) / one, self.pixels[::step, ::step] / one)
 
     def _overlay(self, state: State, content: Content, scale: float, said: str) -> Overlay:
         texts = []

@@ -119,8 +119,7 @@ class Viewer:
         """Opens the first of the files; what is shown stays until it is there."""
         if paths:
             self.files.open(paths[0], self.state.settings)
-            self.asked += 1
-            self.refresh()
+            self._touch()
 
     def refresh(self) -> None:
         self.dirty = max(self.dirty, 1)
@@ -217,7 +216,8 @@ class Viewer:
             self.state = replace(self.state, message=str(error))
             return
         self.refiner.done(wanted, level, frame.seconds, moment, frame.full)
-        self.refresh()
+        # a full picture is shown, and then again with what is to be said of it
+        self.dirty = max(self.dirty, 1 + frame.full)
 
     def _given_up(self, asked: int) -> bool:
         """Lets events in while a picture is drawn; True once the hand asks for something else."""
