@@ -13,6 +13,7 @@ from splatgl import __version__
 from splatgl.app.compare import DIFFERENT, SAME, check_against, check_apart
 from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import check_output
+from splatgl.app.savings import savings
 from splatgl.app.scene import Scene
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
@@ -36,6 +37,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--ref", metavar="FILE", help="compare with this picture; write only if it differs, and exit 1")
     parser.add_argument("--explain", action="store_true", help="say what is drawn, what is left out, and why")
+    parser.add_argument("--savings", action="store_true", help="draw with what is left out, and say what that takes")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     add_drawing(parser)
     parser.set_defaults(run=run)
@@ -61,6 +63,8 @@ def run(args: argparse.Namespace) -> int:
         image = renderer.render(splats, camera, scene.settings)
         if args.explain:
             print(f"error bound {image.info['error_bound']:.3g}, against the float64 reference of the same splats")
+        if args.savings:
+            print("\n".join(savings(renderer, splats, camera, renderer.plan(splats, camera, scene.settings))))
     image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
     ground = scene.settings.background if scene.settings.blend == "xray" else None
     if reference is not None:

@@ -1,0 +1,56 @@
+"""What a plan saves by each thing that it leaves out, and what that changes: by drawing with it, here and now."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from splatgl.gl.context import current
+from splatgl.gl.renderer import Renderer
+from splatgl.splat.camera import Camera
+from splatgl.splat.plan import Plan
+from splatgl.splat.rows import Splats
+
+# frames of each way, in turns, after one that compiles and uploads; the fastest counts
+ROUNDS = 3
+
+
+def savings(renderer: Renderer, splats: Splats, camera: Camera, plan: Plan) -> list[str]:
+    """A line for the frame as planned, and one for each thing left out: the time with it, and the largest change."""
+    ways = {"as planned": plan, **with_it(plan)}
+    pictures: dict[str, np.ndarray] = {}
+    times: dict[str, float] = {}
+    with current(renderer.ctx):
+        for turn in range(ROUNDS + 1):
+            for name, way in ways.items():
+                started = time.perf_counter()
+                pictures[name] = renderer.passes.draw(splats, camera, way)
+                if turn:
+                    times[name] = min(times.get(name, np.inf), time.perf_counter() - started)
+    right, base = pictures.pop("as planned"), times.pop("as planned")
+    lines = [f"a frame takes {base * 1e3:.3g} ms; drawn with what is left out:"]
+    for name, seconds in times.items():
+        change = float(np.abs(pictures[name] - right).max())
+        lines.append(f"  {name}: {seconds / base:.2f} times as long, changes the picture by {change:.2g} at most")
+    return lines if times else [f"a frame takes {base * 1e3:.3g} ms; nothing that is left out can be drawn besides"]
+
+
+def with_it(plan: Plan) -> dict[str, Plan]:
+    """The plan with each thing that it leaves out, by name; and with all of them."""
+    program = plan.program
+    if program.align != "exact" or plan.exposure is not None:
+        return {}
+    sprite, closed = program.primitive == "sprite", plan.parts > 1
+    one_by_one = {
+        "quads for sprites": (sprite, plan.forced(primitive="quad")),
+        "antialiasing": (not program.antialias, plan.forced(antialias=True)),
+        "voxels of any shape": (program.cubic, plan.forced(cubic=False)),
+        "what is hidden": (closed, replace(plan.forced(hiding=False), parts=1)),
+    }
+    found = {name: way for name, (left_out, way) in one_by_one.items() if left_out}
+    if found:
+        everything = plan.forced(primitive="quad", antialias=True, cubic=False, half_line=True)
+        found["all of that, and half lines"] = everything
+    return found
