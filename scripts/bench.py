@@ -9,7 +9,6 @@ generated. Machines are noisy: compare ratios within one run.
 from __future__ import annotations
 
 import argparse
-import csv
 import os
 import resource
 import statistics
@@ -22,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from bench_rows import save
 
 import splatgl as sg
 from splatgl.app.scene import Scene
@@ -146,10 +146,7 @@ def main() -> None:
         print(row, flush=True)
         rows.append(row)
     if args.csv:
-        with args.csv.open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(Row.__dataclass_fields__)
-            writer.writerows([getattr(row, name) for name in Row.__dataclass_fields__] for row in rows)
+        save(args.csv, rows)
 
 
 if __name__ == "__main__":

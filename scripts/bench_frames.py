@@ -11,7 +11,6 @@ pixels read back. Every picture of the planned frames is compared with the float
 from __future__ import annotations
 
 import argparse
-import csv
 import importlib.util
 import os
 import random
@@ -24,6 +23,7 @@ from typing import Any
 
 import moderngl
 import numpy as np
+from bench_rows import save
 
 import splatgl as sg
 from splatgl.app.scene import Scene, View
@@ -37,8 +37,6 @@ void main() { gl_Position = clip_from_index * vec4(place, 1.0); gl_PointSize = s
 FLOOR_FRAGMENT = "#version 330\nout vec4 light; void main() { light = vec4(0.01); }"
 # times are per frame, since some ways are a hundred times as slow: each gets as many rounds as fit into this, seconds
 LONGEST = 8.0
-# the reference draws pictures of this edge for the error, a time that grows with pixels
-CHECKED = 192
 
 
 @dataclass(frozen=True)
@@ -148,13 +146,13 @@ def measure(renderer: sg.Renderer, chosen: Case, size: int, rounds: int) -> Iter
     base = statistics.median(times["planned"])
     for name, found in times.items():
         median = statistics.median(found)
-        note = f"{median / base:.2f} × planned" if name != "planned" else error(renderer, chosen)
+        note = f"{median / base:.2f} × planned" if name != "planned" else error(renderer, chosen, size)
         yield Row(chosen.name, size, name, len(chosen.splats), median, min(found), max(found), note)
 
 
-def error(renderer: sg.Renderer, chosen: Case) -> str:
-    """The planned picture's largest error and its bound, at a size that the reference draws in bearable time."""
-    camera = View(size=(CHECKED, CHECKED)).camera(chosen.volume, chosen.splats)
+def error(renderer: sg.Renderer, chosen: Case, size: int) -> str:
+    """The planned picture's largest error and its bound."""
+    camera = View(size=(size, size)).camera(chosen.volume, chosen.splats)
     drawn = renderer.render(chosen.splats, camera, chosen.settings)
     right = sg.reference.render(chosen.splats, camera, chosen.settings).pixels
     off = float(np.abs(drawn.pixels - right).max())
@@ -228,10 +226,7 @@ def main() -> None:
         print(row, flush=True)
         rows.append(row)
     if args.csv:
-        with args.csv.open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(Row.__dataclass_fields__)
-            writer.writerows([getattr(row, name) for name in Row.__dataclass_fields__] for row in rows)
+        save(args.csv, rows)
 
 
 if __name__ == "__main__":
