@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from bench_rows import save
+from bench_rows import tell
 
 import splatgl as sg
 from splatgl.app.scene import Scene
@@ -141,12 +141,7 @@ def main() -> None:
     if args.extract_only:
         extract_only(args.extract_only)
         return
-    rows = []
-    for row in measure(args.data and Path(args.data), args.rounds):
-        print(row, flush=True)
-        rows.append(row)
-    if args.csv:
-        save(args.csv, rows)
+    tell(measure(args.data and Path(args.data), args.rounds), args.csv)
 
 
 if __name__ == "__main__":

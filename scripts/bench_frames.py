@@ -23,7 +23,7 @@ from typing import Any
 
 import moderngl
 import numpy as np
-from bench_rows import save
+from bench_rows import tell
 
 import splatgl as sg
 from splatgl.app.scene import Scene, View
@@ -221,12 +221,7 @@ def main() -> None:
     parser.add_argument("--curves", action="store_true", help="instead: time over splats and over pixels")
     parser.add_argument("--csv", type=Path, help="also write the rows here")
     args = parser.parse_args()
-    rows = []
-    for row in all_rows(args.data and Path(args.data), args.rounds, args.curves):
-        print(row, flush=True)
-        rows.append(row)
-    if args.csv:
-        save(args.csv, rows)
+    tell(all_rows(args.data and Path(args.data), args.rounds, args.curves), args.csv)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""Writes what a benchmark found: rows of one dataclass, with who drew them."""
+"""Tells what a benchmark finds: rows of one dataclass, as they come, and in a file with who drew them."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,14 @@ from typing import Any
 import splatgl as sg
 
 
-def save(path: Path, rows: Sequence[Any]) -> None:
-    """A CSV file with a column for each of the rows' fields, and one for GL_RENDERER."""
+def tell(found: Iterable[Any], path: Path | None) -> None:
+    """Prints each row; then, if there is a path, a CSV file: a column for each field, and one for GL_RENDERER."""
+    rows = []
+    for row in found:
+        print(row, flush=True)
+        rows.append(row)
+    if path is None:
+        return
     with sg.Renderer() as renderer:
         name = renderer.info.renderer
     told = [{**asdict(row), "renderer": name} for row in rows]

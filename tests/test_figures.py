@@ -214,6 +214,17 @@ def test_text_needs_no_matplotlib(
     assert list(here.iterdir()) == []
 
 
+def refused(arguments: list[str], message: str, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`splatgl figure` says so in one line, with exit code 2, and writes nothing."""
+    try:
+        code = main(["figure", *arguments])
+    except SystemExit as error:
+        code = int(error.code or 0)
+    said = capsys.readouterr().err.strip()
+    assert code == 2 and message in said and said.count("\n") == 0
+    assert list(here.iterdir()) == []
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -229,13 +240,7 @@ def test_text_needs_no_matplotlib(
 def test_bad_input_is_one_line(
     arguments: list[str], message: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    try:
-        code = main(["figure", *arguments])
-    except SystemExit as error:
-        code = int(error.code or 0)
-    said = capsys.readouterr().err.strip()
-    assert code == 2 and message in said and said.count("\n") == 0
-    assert list(here.iterdir()) == []
+    refused(arguments, message, here, capsys)
 
 
 def test_setting_is_the_papers() -> None:

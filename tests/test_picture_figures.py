@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from test_figures import refused
 
 import splatgl as sg
 from splatgl.app.cli import main
@@ -142,10 +143,4 @@ def test_real_terrain_is_seen_from_low(here: Path) -> None:
 def test_bad_input_is_one_line(
     arguments: list[str], message: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    try:
-        code = main(["figure", *arguments])
-    except SystemExit as error:
-        code = int(error.code or 0)
-    said = capsys.readouterr().err.strip()
-    assert code == 2 and message in said and said.count("\n") == 0
-    assert list(here.iterdir()) == []
+    refused(arguments, message, here, capsys)

@@ -121,6 +121,32 @@ def test_closed_pixels_hide_less_than_the_tolerance(renderer: sg.Renderer, solid
     assert (closed[open_] == opened[open_]).all() and open_.any()
 
 
+@pytest.mark.parametrize("antialias", ["paper", "supersample"])
+@pytest.mark.parametrize("view", ["all", "parallel", "close", "far"])
+@pytest.mark.parametrize("grid", GRIDS)
+def test_hidden_splats_are_hidden(renderer: sg.Renderer, grid: str, view: str, antialias: str) -> None:
+    """On every grid and from everywhere; where nothing is closed, nothing changes."""
+    z, y, x = np.mgrid[-18:19, -18:19, -18:19]
+    cells = np.clip(17.5 - np.sqrt(x * x + y * y + z * z), 0, 1) + 0.2 * np.random.default_rng(2).random(x.shape)
+    splats = sg.extract(sg.Volume(cells, **GRIDS[grid]), sg.Transfer([(0.25, 0), (1, 0.95)], shading=False))
+    camera = sg.Camera.orbit(splats, 20, 30, size=(110, 90))
+    middle = splats.corners.mean(axis=0)
+    back = camera.forward * float(np.linalg.norm(np.ptp(splats.corners, axis=0))) * 0.62
+    camera = {
+        "all": camera,
+        "parallel": camera.parallel(splats),
+        "close": sg.Camera.look_at(middle - back, middle, (0, 0, 1), 30, (110, 90)),
+        "far": camera.resized((37, 29)),
+    }[view]
+    settings = sg.Settings(antialias=antialias, samples=3)
+    chosen = renderer.plan(splats, camera, settings)
+    if grid in ("cubes", "turned") and view != "close":
+        assert chosen.program.hiding
+    closed = renderer.render(splats, camera, settings).pixels
+    opened = renderer.render(splats, camera, settings.but(occlusion="off", order="front-to-back")).pixels
+    assert np.abs(closed - opened).max() <= chosen.passing + 3e-6
+
+
 def test_bright_colours_are_hidden_later(solid: sg.Splats) -> None:
     records = solid.records.copy()
     records["color"] *= 10

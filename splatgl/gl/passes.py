@@ -19,7 +19,7 @@ from splatgl.splat.blur_table import blur_table
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel, footprint_table, half_line_table, radial_table
 from splatgl.splat.near import runs
-from splatgl.splat.occlusion import cuts
+from splatgl.splat.occlusion import TILE, cuts
 from splatgl.splat.order import order_for
 from splatgl.splat.plan import Plan
 from splatgl.splat.rows import Splats
@@ -113,7 +113,7 @@ class Passes:
             self._half_table(plan.kernel).use(location=1)
         self._bind_path(program, splats, plan)
         if plan.program.hiding:
-            program["hidden"] = HIDDEN_UNIT
+            program["hidden"], program["hidden_tile"] = HIDDEN_UNIT, float(TILE)
 
         blend = BLENDS[plan.program.blend, plan.program.order]
         self.ctx.blend_equation = blend.equation  # type: ignore[assignment]

@@ -14,7 +14,6 @@ import numpy as np
 from splatgl.data.errors import InputError
 from splatgl.data.image import Image
 from splatgl.gl.context import context_info, current, open_context
-from splatgl.gl.passes import Interrupted as Interrupted
 from splatgl.gl.passes import Passes
 from splatgl.gl.target import check_size
 from splatgl.splat.bound import bound

@@ -343,8 +343,8 @@ class Viewer:
         if not find_spec("imgui_bundle"):
             said = str(missing_extra("the panel", "imgui-bundle", "gui"))
             self.state = replace(self.state, panel=False, message=said)
-            return
-        from splatgl.app.viewer.gui import Gui
+        else:
+            from splatgl.app.viewer.gui import Gui
 
-        self.panel = Gui(self.window)
-        self.state = replace(self.state, panel=True)
+            self.panel = Gui(self.window)
+            self.state = replace(self.state, panel=True)
