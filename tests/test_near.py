@@ -9,6 +9,7 @@ import pytest
 from test_sprites import GRIDS, noise
 
 import splatgl as sg
+from splatgl.app.savings import with_it
 from splatgl.splat.near import runs
 from splatgl.splat.order import order_for
 from splatgl.splat.sprites import reach
@@ -94,3 +95,13 @@ def test_where_it_does_not_pay_or_was_not_wished() -> None:
     ):
         assert sg.plan(subject, camera, settings).near is None
     assert sg.plan(splats, within).near.order == order_for(splats, within)  # type: ignore[union-attr]
+
+
+def test_all_as_quads_is_the_same_picture(renderer: sg.Renderer) -> None:
+    """Whoever forces quads gets half lines where the eye is in a kernel."""
+    splats = noise(size=26, opacity=0.3)
+    camera = inside(splats, (0, 1, 0.1))
+    chosen = renderer.plan(splats, camera)
+    drawn = renderer.passes.draw(splats, camera, chosen)
+    for way in with_it(chosen).values():
+        assert np.abs(renderer.passes.draw(splats, camera, way) - drawn).max() < 5e-5

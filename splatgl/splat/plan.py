@@ -61,8 +61,7 @@ class Plan:
     window: the pixels, or samples, that splats reach. pad: how far beyond the picture's edge a sprite may be centred.
     parts: in how many parts it is drawn; between two, pixels that less than `passing` of the light passes are closed.
     around: how many tiles beyond its own a sprite may reach. exposure: of a blurred picture.
-    near: which splats are quads
-    all the same, where others are sprites. half_line: whether the eye may be in one of them.
+    near: which splats are quads all the same, where others are sprites. half_line: whether the eye may be in one.
     """
 
     program: Program
@@ -94,7 +93,9 @@ class Plan:
         return f"{name} {size} at {self.table_bits} bits"
 
     def forced(self, **choices: Any) -> Plan:
-        """This plan with choices of `program` made otherwise; half lines need quads."""
+        """This plan with choices of `program` made otherwise; half lines need quads, quads near the eye need them."""
+        if choices.get("primitive") == "quad":
+            choices = {"half_line": self.half_line, **choices}
         program = replace(self.program, **choices)
         if program.half_line:
             program = replace(program, primitive="quad")
@@ -106,7 +107,7 @@ class Plan:
     @property
     def nearest_quads(self) -> Plan:
         """How the splats near the eye are drawn where the others are sprites."""
-        return self.forced(primitive="quad", half_line=self.half_line)
+        return self.forced(primitive="quad")
 
     def explain(self) -> str:
         """The plan in words, a line a decision."""
