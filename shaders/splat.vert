@@ -1,23 +1,11 @@
 // One splat, placed relative to the eye, rotated, stretched, shaded: as a sprite, which is one vertex in drawing order,
 // or one corner of its quad, where instances are splats in drawing order and a triangle strip has four vertices.
-// switch SHADING 0
 // switch FEEDBACK 0
-#include "frame.glsl"
-#include "optics.glsl"
-#include "footprint.glsl"
-#include "exact.glsl"
-#include "sprite.glsl"
-#include "fill.glsl"
-#include "motion.glsl"
-#include "hidden.glsl"
+#define ATTRIBUTE in
 #define VARYING out
-#include "varyings.glsl"
-
-in vec3 in_position;        // grid indices
-in float in_optical_depth;  // extinction × mean spacing
-in vec3 in_color;           // linear RGB
-in ivec3 in_normal;         // gradient direction, world axes; zero: unshaded
-in int in_runs;             // how far matter goes on along the grid's axes, coded
+#define FLAT flat
+#include "placing.glsl"
+#include "hidden.glsl"
 
 #if FLOW
 in vec3 in_flow;            // grid steps in half of the exposure
@@ -27,17 +15,6 @@ in vec3 in_flow;            // grid steps in half of the exposure
 out vec3 corner_eye;        // the corner in eye axes, mean spacings
 out float gain;
 #endif
-
-// C = c (0.3 + 0.7 |n·l|), l towards the eye; a zero gradient is unshaded
-float head_light(vec3 towards_eye) {
-#if SHADING
-    mat3 eye_from_world = mat3(frame.eye_from_world[0].xyz, frame.eye_from_world[1].xyz, frame.eye_from_world[2].xyz);
-    vec3 n = eye_from_world * vec3(in_normal);
-    float size = length(n);
-    if (size > 0.0) return style.ambient + style.diffuse * min(abs(dot(n / size, towards_eye)), 1.0);
-#endif
-    return 1.0;
-}
 
 // Clip coordinates of a point in eye axes. No depth test: z only clips what is nearer than `near`.
 vec4 clip_from_eye(vec3 point) {
@@ -69,27 +46,8 @@ void main() {
 #if SPRITE
     // the square of pixels, and how they lie in the footprint
     vec3 point = v;
-#if ALIGN == ALIGN_EXACT
-    bool stretched = is_stretched(v);
-    ExactQuad quad = exact_quad(v, stretched);
     Sprite sprite;
-    if (stretched) sprite = planar_sprite(v, quad.axis_1, quad.axis_2, quad.reach);
-    else sprite = near_sprite(v);
-    seen = v.z > frame.depth_reach;
-#if ANTIALIAS
-    bend = quad.bend;
-#if !CUBIC
-    cubic = quad.cubic;
-    mixed = quad.mixed;
-#endif
-#endif
-#else
-    Quad quad = splat_quad(v);
-    Sprite sprite = planar_sprite(v, quad.axis_1, quad.axis_2, style.radius);
-    seen = v.z >= 0.0;
-#endif
-    to_local = sprite.to_local;
-    pixel = sprite.center;
+    PLANE quad = place_sprite(v, sprite, seen);
     gl_PointSize = sprite.size;
 #if HIDING
     seen = seen && !is_hidden(sprite.center);
@@ -155,33 +113,19 @@ void main() {
     }
 #endif
 
-    // its matter
-#if BLEND == BLEND_MIP
-    splat.a = one_minus_exp(in_optical_depth * style.opacity_length);
-#else
-    float depth = in_optical_depth;
-#if ATTENUATION == ATTENUATION_FILL && ANTIALIAS
-    if (quad.coverage < 1.0) depth = filled_depth(depth, index_from_eye() * v, quad.coverage, smallest_axis(v.z), in_runs);
-#endif
-    splat.a = depth * quad.gain * style.peak;
+    give_matter(v, quad);
 #if MOTION != MOTION_OFF
-    if (move != vec2(0.0)) splat.a = depth * style.peak;
+    if (move != vec2(0.0)) {
+#if BLEND != BLEND_MIP
+        splat.a = attenuated_depth(v, quad.coverage) * style.peak;
+#endif
 #if ATTENUATION == ATTENUATION_FILL
-    lone = alone(size, run_along(index_from_eye() * vec3(move, 0.0), in_runs));
+        lone = alone(size, run_along(index_from_eye() * vec3(move, 0.0), in_runs));
 #endif
-#endif
-#endif
+    }
 #if ATTENUATION == ATTENUATION_OPACITY
-    coverage = quad.coverage;
-#if MOTION != MOTION_OFF
     coverage /= 1.0 + size * path.line;
 #endif
-#endif
-#if PERSPECTIVE
-    float far = length(v);
-    splat.rgb = in_color * head_light(far > 0.0 ? -v / far : vec3(0.0, 0.0, -1.0));
-#else
-    splat.rgb = in_color * head_light(vec3(0.0, 0.0, -1.0));
 #endif
 #if FEEDBACK
     corner_eye = point;

@@ -1,0 +1,96 @@
+// What a splat that stands still gives to one pixel: its footprint by one look-up, then the blend mode's value.
+// switch FOOTPRINT FOOTPRINT_TABLE
+#include "frame.glsl"
+#include "optics.glsl"
+#include "exact.glsl"
+#include "varyings.glsl"
+#define FOOTPRINT_TABLE 0
+#define FOOTPRINT_RADIAL 1
+
+// F/F(0) over [−R, R]²; or radial: one texel high, F/F(0) at a squared distance, and the step to the next
+uniform sampler2D footprint_table;
+
+// F/F(0) by the squared distance, in voxels
+float radial(float d2) {
+#if FOOTPRINT == FOOTPRINT_RADIAL
+    // two numbers in one look-up without a filter: faster than any filtered one
+    float place = clamp(d2 * style.radial_scale, 0.0, style.radial_last);
+    int texel = int(place);
+    vec2 line = texelFetch(footprint_table, ivec2(texel, 0), 0).rg;
+    return line.x + line.y * (place - float(texel));
+#else
+    // along the table's middle row, which holds every distance
+    float share = sqrt(max(d2, 0.0)) / style.radius;
+    return share < 1.0 ? texture(footprint_table, vec2(share * 0.5 + 0.5, 0.5)).r : 0.0;
+#endif
+}
+
+#if SPRITE
+// The place in the footprint of a pixel off the splat's centre.
+vec2 local_place(vec2 offset) {
+    return vec2(dot(to_local.xy, offset), dot(to_local.zw, offset));
+}
+#endif
+
+#if ALIGN == ALIGN_EXACT
+// A pixel's ray, and what all splats have of it.
+struct Ray {
+    float across2;  // |across|² in index axes, of a ray of depth 1
+    float length_;
+};
+
+vec3 ray_at(vec2 pixel_center) {
+    return vec3((pixel_center - frame.image_center) * frame.pixel_pitch, 1.0);
+}
+
+Ray ray_of(vec2 pixel_center) {
+    vec3 ray = ray_at(pixel_center);
+    vec3 across = to_index(ray);
+    return Ray(dot(across, across), length(ray));
+}
+
+// The integral along a ray over F(0)·gain; at: its place in the footprint.
+float exact_share(vec2 at, Ray ray) {
+    float r2 = dot(at, at);
+#if SPRITE
+    // before z_k a sprite's place is across the pixel's own ray
+    float shrink = ray.across2;
+#if ANTIALIAS
+    if (bend.x < 0.0) shrink = 1.0;
+#endif
+#else
+    float shrink = 1.0 + r2 * max(bend.x, 0.0);
+#endif
+#if ANTIALIAS && CUBIC
+    float d2 = (r2 + bend.y * at.x * at.x * at.x) / shrink;
+    float value = 1.0 + at.x * (bend.z + bend.w * at.x) + max(-bend.x, 0.0) * at.y * at.y;
+#elif ANTIALIAS
+    bool stretched = bend.x < 0.0;
+    float t = dot(cubic.zw, at);
+    float d2 = (r2 + dot(cubic.xy, at) * t * t + dot(mixed.xy, at) * dot(mixed.zw, at) * t) / shrink;
+    float value = stretched ? 1.0 + dot(bend.zw, at) : 1.0;
+#else
+    const bool stretched = false;
+    float d2 = r2 / shrink;
+    float value = 1.0;
+#endif
+#if !CUBIC && BLEND != BLEND_MIP
+    value *= ray.length_ * (stretched ? 1.0 : inversesqrt(ray.across2));
+#endif
+    return value * radial(d2);
+}
+#endif
+
+// From what a footprint is worth here to opacity, or whatever adds up.
+float blended(float value) {
+#if BLEND == BLEND_COMPOSITE
+#if ATTENUATION == ATTENUATION_OPACITY
+    // the paper's: the opacity of the unstretched splat, weakened by (z_k/z_v)² = coverage  [M98 Eq. 6]
+    return coverage > 0.0 ? coverage * one_minus_exp(value / coverage) : 0.0;
+#else
+    return one_minus_exp(value);
+#endif
+#else
+    return value;
+#endif
+}
