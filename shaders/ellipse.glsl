@@ -3,6 +3,7 @@
 // switch PERSPECTIVE 1
 // switch ANTIALIAS 1
 // switch CUBIC 1
+#include "frame.glsl"
 #define ALIGN_GRID 0
 #define ALIGN_RAY 1
 #define ALIGN_HYBRID 2

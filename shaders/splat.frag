@@ -1,4 +1,4 @@
-// One splat's contribution to one pixel: its footprint by one look-up, then the blend mode's value.
+// One splat's contribution to one pixel: its footprint, then the blend mode's value.
 #define VARYING in
 #define FLAT flat
 #include "value.glsl"
@@ -44,7 +44,7 @@ float footprint() {
     return exact_share(at, ray_of(gl_FragCoord.xy));
 #elif SPRITE
     return radial(dot(at, at));
-#elif FOOTPRINT == FOOTPRINT_RADIAL
+#elif FOOTPRINT != FOOTPRINT_TABLE
     return radial(dot(at, at) * style.radius * style.radius);
 #else
     return texture(footprint_table, at * 0.5 + 0.5).r;

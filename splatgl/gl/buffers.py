@@ -1,9 +1,14 @@
-"""The last few splats on the GPU: as records in drawing order for quads, as records and orders of them for sprites."""
+"""The last few splats on the GPU: as records in drawing order for quads, as records and orders of them for sprites, and
+both as textures for tiles.
+"""
 
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import moderngl
 import numpy as np
@@ -20,6 +25,10 @@ ORDER_BYTES = 2**25
 Sequence = tuple[Order | None, bool]
 # [begin, end) of the drawing order
 Range = tuple[int, int]
+
+
+# a list of indices
+Listed = TypeVar("Listed", moderngl.Buffer, moderngl.Texture)
 
 
 class SplatBuffers:
@@ -51,6 +60,7 @@ class SplatBuffer:
         # those that the order begins with, and others
         self.sorted: dict[bool, Sorted] = {}
         self.indexed: Indexed | None = None
+        self.textured: Textured | None = None
 
     def quads(self, program: moderngl.Program, sequence: Sequence, which: Range) -> moderngl.VertexArray:
         """A vertex array whose instances are splats `which` of the drawing order."""
@@ -62,11 +72,16 @@ class SplatBuffer:
         self.indexed = self.indexed or Indexed(self.ctx, self.splats)
         return self.indexed.vertices(program, sequence)
 
+    def texels(self, runs: bool, sequence: Sequence) -> Texels:
+        """The splats as textures, with runs if they are wanted, and their drawing order."""
+        self.textured = self.textured or Textured(self.ctx, self.splats)
+        return self.textured.texels(runs, sequence)
+
     def release(self) -> None:
-        for part in (*self.sorted.values(), self.indexed):
+        for part in (*self.sorted.values(), self.indexed, self.textured):
             if part is not None:
                 part.release()
-        self.sorted, self.indexed = {}, None
+        self.sorted, self.indexed, self.textured = {}, None, None
 
 
 class Sorted:
@@ -115,7 +130,7 @@ class Indexed:
         self.ctx, self.splats = ctx, splats
         self.runs = False
         self.buffer: moderngl.Buffer | None = None
-        self.orders: OrderedDict[Sequence, moderngl.Buffer] = OrderedDict()
+        self.orders = Orders(splats, self._listed, self._forget)
         self.arrays: dict[tuple[int, Sequence], moderngl.VertexArray] = {}
 
     def vertices(self, program: moderngl.Program, sequence: Sequence) -> moderngl.VertexArray:
@@ -129,7 +144,7 @@ class Indexed:
             self.runs = True
         # the order, and the array that joins the two for this program
         key = (program.glo, sequence)
-        order = self._order(sequence)
+        order = self.orders.of(sequence)
         if key not in self.arrays:
             self.arrays[key] = self.ctx.vertex_array(
                 program, [_content(program, self.buffer, "")], index_buffer=order, index_element_size=4
@@ -137,22 +152,105 @@ class Indexed:
         return self.arrays[key]
 
     def release(self) -> None:
-        _release(self.arrays, self.buffer, *self.orders.values())
+        self.orders.release()
+        _release(self.arrays, self.buffer)
 
-    def _order(self, sequence: Sequence) -> moderngl.Buffer | None:
+    def _listed(self, indices: np.ndarray) -> moderngl.Buffer:
+        return self.ctx.buffer(indices)
+
+    def _forget(self, sequence: Sequence) -> None:
+        """A list of indices goes, and what joins it to programs."""
+        for key in [key for key in self.arrays if key[1] == sequence]:
+            self.arrays.pop(key).release()
+
+
+class Orders(Generic[Listed]):
+    """The latest drawing orders on the GPU. make: of indices, uint32 [N]; forget: told what goes."""
+
+    def __init__(
+        self, splats: Splats, make: Callable[[np.ndarray], Listed], forget: Callable[[Sequence], None] | None = None
+    ) -> None:
+        self.splats, self.make, self.forget = splats, make, forget
+        self.kept: OrderedDict[Sequence, Listed] = OrderedDict()
+
+    def of(self, sequence: Sequence) -> Listed | None:
         """The list of indices; None for any order."""
         if sequence[0] is None:
             return None
-        if sequence in self.orders:
-            self.orders.move_to_end(sequence)
-            return self.orders[sequence]
-        if len(self.orders) > 1 and (len(self.orders) + 1) * 4 * len(self.splats) > ORDER_BYTES:
-            oldest, buffer = self.orders.popitem(last=False)
-            for key in [key for key in self.arrays if key[1] == oldest]:
-                self.arrays.pop(key).release()
-            buffer.release()
-        self.orders[sequence] = self.ctx.buffer(_indices(self.splats, sequence).astype(np.uint32))
-        return self.orders[sequence]
+        if sequence in self.kept:
+            self.kept.move_to_end(sequence)
+            return self.kept[sequence]
+        if len(self.kept) > 1 and (len(self.kept) + 1) * 4 * len(self.splats) > ORDER_BYTES:
+            oldest, listed = self.kept.popitem(last=False)
+            if self.forget:
+                self.forget(oldest)
+            listed.release()
+        self.kept[sequence] = self.make(_indices(self.splats, sequence).astype(np.uint32))
+        return self.kept[sequence]
+
+    def release(self) -> None:
+        while self.kept:
+            self.kept.popitem()[1].release()
+
+
+# splats abreast in a texture: tiles.glsl's ABREAST
+ABREAST = 1024
+# a record's 32-bit words: two texels of four, and the last
+WORDS = 9
+
+
+@dataclass(frozen=True)
+class Texels:
+    """Records' words 0 to 7, two texels a splat, and 8; and a drawing order's indices, None where any order will do."""
+
+    records: moderngl.Texture
+    rest: moderngl.Texture
+    order: moderngl.Texture | None
+
+
+class Textured:
+    """Records and drawing orders as textures: what shaders gather that draw no vertices."""
+
+    def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
+        self.ctx, self.splats = ctx, splats
+        self.orders = Orders(splats, self._listed)
+        self.records: moderngl.Texture | None = None
+        self.rest: moderngl.Texture | None = None
+        self.runs = False
+
+    def texels(self, runs: bool, sequence: Sequence) -> Texels:
+        if self.rest is None or (runs and not self.runs):
+            self._release_rest()
+            words = (self.splats.records_with_runs if runs else self.splats.records).view(np.uint32).reshape(-1, WORDS)
+            if self.records is None:
+                self.records = self._texture(words[:, :8], 4, 2)
+            self.rest, self.runs = self._texture(words[:, 8:], 1, 1), runs
+        assert self.records is not None
+        return Texels(self.records, self.rest, self.orders.of(sequence))
+
+    def release(self) -> None:
+        self.orders.release()
+        self._release_rest()
+        if self.records is not None:
+            self.records.release()
+            self.records = None
+
+    def _release_rest(self) -> None:
+        if self.rest is not None:
+            self.rest.release()
+            self.rest = None
+
+    def _listed(self, indices: np.ndarray) -> moderngl.Texture:
+        return self._texture(indices[:, None], 1, 1)
+
+    def _texture(self, words: np.ndarray, channels: int, each: int) -> moderngl.Texture:
+        """Of words [N, channels · each]: `each` texels a splat."""
+        height = -(-max(len(words), 1) // ABREAST)
+        padded = np.zeros((height * ABREAST, words.shape[1]), np.uint32)
+        padded[: len(words)] = words
+        texture = self.ctx.texture((ABREAST * each, height), channels, padded, alignment=4, dtype="u4")
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        return texture
 
 
 def _indices(splats: Splats, sequence: Sequence) -> np.ndarray:

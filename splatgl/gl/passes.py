@@ -14,6 +14,7 @@ from splatgl.gl.closing import HIDDEN_UNIT, Closing
 from splatgl.gl.program import BLENDS, Programs
 from splatgl.gl.streaks import BLUR_UNIT, StreakBuffers
 from splatgl.gl.target import Target, Targets
+from splatgl.gl.tiles import Tiles
 from splatgl.gl.uniforms import FRAME, FRAME_BINDING, STYLE, STYLE_BINDING, frame_block, style_block
 from splatgl.splat.blur_table import blur_table
 from splatgl.splat.camera import Camera
@@ -35,8 +36,8 @@ CORNERS = 4
 HALF_TABLE_SIZE = 256
 
 
-# splats drawn between two questions whether to go on
-BETWEEN = 2**16
+# splats drawn between two questions whether to go on, as sprites, and gathered by tiles
+BETWEEN, GATHERED_BETWEEN = 2**16, 2**18
 
 # splats [begin, end) of the part that begins at `part`
 Piece = tuple[int, int, int]
@@ -58,6 +59,7 @@ class Passes:
         self.splats = SplatBuffers(ctx, owned)
         self.streaks = StreakBuffers(ctx, owned)
         self.whole: dict[int, moderngl.VertexArray] = {}
+        self.tiles = Tiles(ctx, self.programs, self._whole, owned)
         self.closing = Closing(ctx, self.programs, self.targets, self._whole)
         self.frame = ctx.buffer(reserve=FRAME.itemsize)
         owned.callback(self.frame.release)
@@ -102,12 +104,21 @@ class Passes:
         interrupted: Callable[[], bool] | None,
     ) -> None:
         """Splats `which` of the drawing order."""
-        program = self.programs.for_splats(plan.program)
         self.frame.write(frame_block(splats, camera, plan).tobytes())
         self.style.write(style_block(splats, plan).tobytes())
         self.frame.bind_to_uniform_block(FRAME_BINDING)
         self.style.bind_to_uniform_block(STYLE_BINDING)
-        self._table(plan).use(location=0)
+        if plan.program.footprint != "polynomial":
+            self._table(plan).use(location=0)
+        ordered = plan.program.blend == "composite" or which != (0, len(splats))
+        order = order_for(splats, camera) if ordered else None
+        sequence = (order, order is not None and plan.program.order == "front-to-back")
+        if plan.program.primitive == "tile":
+            texels = self.splats.of(splats).texels(plan.program.attenuation == "fill", sequence)
+            for begin, end, _ in _pieces(which, plan.parts, interrupted, GATHERED_BETWEEN):
+                self.tiles.draw(target, plan, texels, (begin, end), carried=begin > 0)
+            return
+        program = self.programs.for_splats(plan.program)
         if plan.program.half_line:
             program["half_table"] = 1
             self._half_table(plan.kernel).use(location=1)
@@ -118,17 +129,11 @@ class Passes:
         blend = BLENDS[plan.program.blend, plan.program.order]
         self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
         self.ctx.blend_func = blend.source, blend.destination
-        ordered = plan.program.blend == "composite" or which != (0, len(splats))
-        order = order_for(splats, camera) if ordered else None
-        sequence = (order, order is not None and plan.program.order == "front-to-back")
         if plan.program.primitive == "sprite":
-            self._draw_sprites(
-                self.splats.of(splats).sprites(program, sequence),
-                target,
-                plan,
-                _pieces(which, plan.parts, interrupted),
-            )
+            vertices = self.splats.of(splats).sprites(program, sequence)
+            self._draw_sprites(vertices, target, plan, _pieces(which, plan.parts, interrupted, BETWEEN))
         else:
+            target.framebuffer.use()
             self.ctx.enable_only(moderngl.BLEND)
             if plan.program.flow:
                 vertices = self.streaks.quads(program, splats, sequence, plan)
@@ -210,10 +215,12 @@ class Passes:
         return texture
 
 
-def _pieces(which: tuple[int, int], parts: int, interrupted: Callable[[], bool] | None) -> Iterator[Piece]:
+def _pieces(
+    which: tuple[int, int], parts: int, interrupted: Callable[[], bool] | None, between: int
+) -> Iterator[Piece]:
     """Whole parts; or, where it may be interrupted, smaller ones."""
     for part, end in pairwise(which[0] + cut for cut in cuts(which[1] - which[0], parts)):
-        step = BETWEEN if interrupted else max(end - part, 1)
+        step = between if interrupted else max(end - part, 1)
         for begin in range(part, end, step):
             if interrupted and interrupted():
                 raise Interrupted

@@ -7,9 +7,11 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 import moderngl
+import numpy as np
 
 from splatgl.gl.shader import ShaderError, compose, declared_switches
 from splatgl.gl.uniforms import FRAME_BINDING, PATH_BINDING, STYLE_BINDING
+from splatgl.splat.kernel import kernel, polynomials
 from splatgl.splat.plan import Program
 
 Switches = Mapping[str, str | int | bool]
@@ -47,11 +49,25 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "ATTENUATION": f"ATTENUATION_{program.attenuation.upper().replace('-', '_')}",
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",
         "HALF_LINE": program.half_line,
-        "SPRITE": program.primitive == "sprite",
+        "SPRITE": program.primitive != "quad",
         "HIDING": program.hiding,
         "MOTION": f"MOTION_{program.motion.upper()}",
         "FLOW": program.flow,
+        "HALVINGS": program.halvings,
+        **_polynomials(program),
     }
+
+
+def _polynomials(program: Program) -> dict[str, str]:
+    """The coefficients as value.glsl wants them: in five vectors."""
+    if program.footprint != "polynomial":
+        return {}
+    shape = kernel(program.kernel)
+    fitted = polynomials(shape)
+    assert fitted is not None
+    numbers = [*fitted.inner, *fitted.outer, fitted.split, shape.radius**-2]
+    vectors = np.pad(np.array(numbers, np.float32), (0, -len(numbers) % 4)).reshape(-1, 4).tolist()
+    return {f"POLYNOMIALS_{n}": f"vec4({', '.join(map(repr, vector))})" for n, vector in enumerate(vectors)}
 
 
 def build(
@@ -71,10 +87,25 @@ def build(
         # moderngl's message names the stage that failed
         stage = 1 if fragment and "fragment_shader" in str(error) else 0
         raise ShaderError(f"{stages[stage]}: {texts[stage].explain(str(error))}") from error
+    _bind_blocks(program)
+    return program
+
+
+def build_compute(ctx: moderngl.Context, name: str, switches: Switches) -> moderngl.ComputeShader:
+    """Composes and compiles a compute shader."""
+    text = compose(name, switches)
+    try:
+        program = ctx.compute_shader(text.source)
+    except moderngl.Error as error:
+        raise ShaderError(f"{name}: {text.explain(str(error))}") from error
+    _bind_blocks(program)
+    return program
+
+
+def _bind_blocks(program: moderngl.Program | moderngl.ComputeShader) -> None:
     for block, binding in (("Frame", FRAME_BINDING), ("Style", STYLE_BINDING), ("Path", PATH_BINDING)):
         if block in program:
             program[block].binding = binding  # type: ignore[union-attr]
-    return program
 
 
 class Programs:
@@ -85,6 +116,7 @@ class Programs:
         self.owned = owned
         self.splat: dict[tuple[tuple[str, str | int | bool], ...], moderngl.Program] = {}
         self.screen: dict[str, moderngl.Program] = {}
+        self.tiles: dict[tuple[str, tuple[tuple[str, str | int | bool], ...]], moderngl.Program | moderngl.ComputeShader] = {}
 
     def for_splats(self, program: Program) -> moderngl.Program:
         switches = splat_switches(program)
@@ -98,6 +130,19 @@ class Programs:
         if fragment not in self.screen:
             self.screen[fragment] = self._keep(build(self.ctx, "whole.vert", fragment, {}))
         return self.screen[fragment]
+
+    def for_tiles(self, name: str, program: Program, more: Switches) -> moderngl.Program | moderngl.ComputeShader:
+        """One of the shaders that draw by tiles; more: its own switches."""
+        read = declared_switches(name)
+        chosen = {**splat_switches(program), **more}
+        switches = {switch: value for switch, value in chosen.items() if switch in read}
+        key = (name, tuple(switches.items()))
+        if key not in self.tiles:
+            compute = name.endswith(".comp")
+            made = build_compute(self.ctx, name, switches) if compute else build(self.ctx, "whole.vert", name, switches)
+            self.owned.callback(made.release)
+            self.tiles[key] = made
+        return self.tiles[key]
 
     def _keep(self, program: moderngl.Program) -> moderngl.Program:
         self.owned.callback(program.release)

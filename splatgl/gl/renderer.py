@@ -32,6 +32,8 @@ FINER: dict[str, Any] = {
     "target": "rgba32f",
     "primitive": "auto",
 }
+# the OpenGL that has compute shaders
+COMPUTE = 430
 
 
 class Renderer:
@@ -49,6 +51,8 @@ class Renderer:
             self.info = context_info(self.ctx)
             self.passes = Passes(self.ctx, self.owned)
             self.sprite_limit = float(self.ctx.info["GL_POINT_SIZE_RANGE"][1])
+            # tiles pay where pixels are blended by the CPU
+            self.tiles = self.info.software if self.ctx.version_code >= COMPUTE else None
         except BaseException:
             self.owned.close()
             raise
@@ -69,8 +73,8 @@ class Renderer:
     def plan(
         self, splats: Splats, camera: Camera, settings: Settings | None = None, motion: Motion | None = None
     ) -> Plan:
-        """What `render` would do; a driver's largest point decides whether splats are sprites."""
-        return plan(splats, camera, settings, self.sprite_limit, motion)
+        """What `render` would do; the driver decides whether splats are gathered by tiles, and how large sprites are."""
+        return plan(splats, camera, settings, self.sprite_limit, motion, self.tiles)
 
     def render(
         self,

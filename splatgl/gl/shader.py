@@ -18,6 +18,8 @@ SWITCH = re.compile(r"^// switch (\w+) (\w+)\s*$")
 # how llvmpipe/Mesa ("0:12(3): error"), NVIDIA ("0(12) : error") and AMD/Intel ("ERROR: 0:12:") name a line
 ERROR_LINE = re.compile(r"\b0[:(](\d+)")
 VERSION = "#version 330 core"
+# what a compute shader needs
+COMPUTE_VERSION = "#version 430 core"
 
 
 class ShaderError(RuntimeError):
@@ -55,7 +57,8 @@ def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozen
     if unknown:
         raise ShaderError(f"{name}: no such switch: {', '.join(sorted(unknown))}; it has {', '.join(declared)}")
     values = {switch: _literal(switches.get(switch, default)) for switch, default in declared.items()}
-    head = [VERSION, *(f"#define {switch} {value}" for switch, value in values.items())]
+    version = COMPUTE_VERSION if name.endswith(".comp") else VERSION
+    head = [version, *(f"#define {switch} {value}" for switch, value in values.items())]
     places = [f"{name}: switches"] * len(head) + [place for place, _ in lines]
     return ShaderText("\n".join([*head, *(text for _, text in lines)]) + "\n", tuple(places))
 

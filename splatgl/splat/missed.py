@@ -10,13 +10,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from splatgl.splat.kernel import Kernel, kernel, radial_table
+from splatgl.splat.kernel import Kernel, kernel, polynomials, radial_table
 
 # a float32 rounds by half of this
 ULP = 2.0**-23
 # samples of the footprint, from the middle to the rim, dense there; absolute errors that are tried
 SAMPLES = 400
 ABSOLUTE = np.logspace(-12, 0, 73)
+# a polynomial's terms are of both signs: in float32 they lose so many last digits of its value
+POLYNOMIAL_DIGITS = 64
 # what filtering 8-bit texels in 8-bit arithmetic loses, beyond the texels' own rounding
 EIGHT_BITS = 1.5 / 255
 
@@ -90,6 +92,10 @@ def _missed_at(lookup: Lookup, place: float, gain: float) -> np.ndarray:
 
 
 def _table_error(lookup: Lookup, shape: Kernel, d: np.ndarray, value: np.ndarray) -> np.ndarray:
+    if lookup.kind == "polynomial":
+        fitted = polynomials(shape)
+        assert fitted is not None
+        return np.asarray(np.abs(fitted((d / shape.radius) ** 2) - value) + POLYNOMIAL_DIGITS * ULP * value)
     if lookup.kind == "radial":
         table = radial_table(shape, lookup.size)[0]
         place = np.clip((d / shape.radius) ** 2 * (lookup.size - 1), 0, lookup.size - 1)

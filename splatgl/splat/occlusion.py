@@ -16,6 +16,8 @@ SHARE = 1 / 13
 FEWEST, SHALLOWEST, SMALLEST, NEAREST = 20_000, 5.0, 2.5, 4.0
 # with as much optical depth it pays for small sprites as well, and so does the map of what is hidden
 SOLID = 20.0
+# tiles gather solid volumes of more splats than this in so many parts
+MANY, PORTIONS = 1_000_000, 8
 # pixels along a tile's edge in the map of what is hidden, and how many of them the largest sprite may reach
 TILE, FURTHEST = 4, 16
 # parts: measured to be best near the square root of how many splats cover a pixel
@@ -34,6 +36,13 @@ def closing(splats: Splats, camera: Camera, reach: Reach) -> tuple[int, bool]:
         return 1, False
     cover = len(splats) * (2 * reach.typical) ** 2 / area
     return int(np.clip(round(np.sqrt(cover)), 2, MOST_PARTS)), depth >= SOLID
+
+
+def portions(splats: Splats, camera: Camera, reach: Reach) -> int:
+    """In how many parts tiles gather splats: those of solid volumes are mostly behind tiles that have ended."""
+    area = reach.window.width * reach.window.height
+    solid = len(splats) >= MANY and area > 0 and _mean_depth(splats, camera, reach, area) >= SOLID
+    return PORTIONS if solid else 1
 
 
 def around(reach: Reach) -> float:

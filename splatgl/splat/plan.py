@@ -14,19 +14,20 @@ import numpy as np
 from splatgl.data.errors import expected
 from splatgl.splat.alignment import alignment
 from splatgl.splat.camera import Camera
-from splatgl.splat.kernel import Kernel, kernel
+from splatgl.splat.kernel import Kernel, kernel, polynomials
 from splatgl.splat.motion import Exposure, Motion
 from splatgl.splat.near import Near, widened
-from splatgl.splat.occlusion import SHARE, around, closing
+from splatgl.splat.occlusion import SHARE, around, closing, portions
 from splatgl.splat.primitive import RADIAL_BITS, primitive
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.sprites import Reach, Window, reach
+from splatgl.splat.tiling import HALVINGS, HIGH, halvings, rows
 
 # nearest depth drawn, in voxels: a perspective quad nearer than that would overflow its clip coordinates
 NEAR = 1e-3
 # texels along an axis: the paper's, and what brings a radial table's error to 1e−5
-TABLE_SIZES = {"table": 256, "radial": 1024}
+TABLE_SIZES = {"table": 256, "radial": 1024, "polynomial": 1}
 # the eye is near where a kernel is nearer than this many radii: √1.1, as shaders/exact.glsl has it, and some
 NEAR_RADII = 1.06
 # largest sprite, pixels, where no renderer says its own: that of software OpenGL
@@ -35,7 +36,10 @@ SPRITE_LIMIT = 255.0
 
 @dataclass(frozen=True)
 class Program:
-    """The choices that are compiled in or set as GL state."""
+    """The choices that are compiled in or set as GL state.
+
+    kernel: the one whose polynomials are compiled in. halvings: see optics.glsl. rows: of pixels in a tile.
+    """
 
     blend: str
     align: str
@@ -52,6 +56,9 @@ class Program:
     hiding: bool = False
     motion: str = "off"
     flow: bool = False
+    kernel: str = ""
+    halvings: int = HALVINGS
+    rows: int = HIGH
 
 
 @dataclass(frozen=True)
@@ -62,6 +69,7 @@ class Plan:
     parts: in how many parts it is drawn; between two, pixels that less than `passing` of the light passes are closed.
     around: how many tiles beyond its own a sprite may reach. exposure: of a blurred picture.
     near: which splats are quads all the same, where others are sprites. half_line: whether the eye may be in one.
+    largest: half the side of the largest sprite, pixels.
     """
 
     program: Program
@@ -84,10 +92,13 @@ class Plan:
     exposure: Exposure | None = None
     near: Near | None = None
     half_line: bool = False
+    largest: float = 0.0
 
     @property
     def table(self) -> str:
         """The footprint table in words."""
+        if self.program.footprint == "polynomial":
+            return "polynomials"
         size = f"{self.table_size}×{self.table_size}" if self.program.footprint == "table" else str(self.table_size)
         name = "table" if self.program.footprint == "table" else "radial table"
         return f"{name} {size} at {self.table_bits} bits"
@@ -99,10 +110,10 @@ class Plan:
         program = replace(self.program, **choices)
         if program.half_line:
             program = replace(program, primitive="quad")
-        sprite = program.primitive == "sprite"
-        parts = self.parts if sprite else 1
+        sprite, quad = program.primitive == "sprite", program.primitive == "quad"
+        parts = self.parts if sprite == (self.program.primitive == "sprite") and not quad else 1
         program = replace(program, hiding=program.hiding and sprite)
-        return replace(self, program=program, pad=self.pad * sprite, parts=parts, near=self.near if sprite else None)
+        return replace(self, program=program, pad=self.pad * sprite, parts=parts, near=None if quad else self.near)
 
     @property
     def nearest_quads(self) -> Plan:
@@ -126,7 +137,9 @@ class Plan:
         lines.append(
             f"{p.primitive}s{nearer}, read back from rows {w.y} to {w.y + w.height}: nothing reaches the others"
         )
-        if self.parts > 1:
+        if p.primitive == "tile" and self.passing:
+            lines.append(f"tiles behind less than {self.passing:.2g} of the light end, which changes no pixel by more")
+        elif self.parts > 1:
             what = "splats" if p.hiding else "fragments"
             light = f"behind less than {self.passing:.2g} of the light"
             lines.append(f"drawn in {self.parts} parts; {what} {light} are left out, which changes no pixel by more")
@@ -141,21 +154,27 @@ def plan(
     settings: Settings | None = None,
     sprite_limit: float = SPRITE_LIMIT,
     motion: Motion | None = None,
+    tiles: bool | None = None,
 ) -> Plan:
     """The plan for one picture; everything that stands on `auto` is decided here.
 
-    sprite_limit: the largest point that OpenGL draws, pixels. motion: how the scene comes to where it is.
+    sprite_limit: the largest point that OpenGL draws, pixels. motion: how the scene comes to where it is. tiles: whether
+    the renderer prefers them to sprites; None if it has none.
     """
     settings = settings or Settings()
     notes: list[str] = []
     settings, exposure = _exposed(splats, camera, settings, motion, notes)
-    return _planned(splats, exposure or camera, settings, sprite_limit, notes)
+    return _planned(splats, exposure or camera, settings, (sprite_limit, tiles), notes)
 
 
 def _planned(
-    splats: Splats, seen: Camera | Exposure, settings: Settings, sprite_limit: float, notes: list[str]
+    splats: Splats,
+    seen: Camera | Exposure,
+    settings: Settings,
+    device: tuple[float, bool | None],
+    notes: list[str],
 ) -> Plan:
-    """The plan for a still, or for an exposure."""
+    """The plan for a still, or for an exposure. device: its largest point, and whether it prefers tiles."""
     exposure = seen if isinstance(seen, Exposure) else None
     camera = seen.middle if isinstance(seen, Exposure) else seen
     shape = kernel(settings.kernel)
@@ -169,9 +188,9 @@ def _planned(
     half_line = align == "exact" and _eye_is_near(splats, camera, shape.radius, exposure)
     if align == "exact" and not half_line:
         notes.append("half lines left out: the eye is in no kernel; the picture is the same")
-    sprite, parted, covered = _sprites(splats, fine, settings, (align, half_line), sprite_limit, notes)
-    closed = sprite and not parted
-    number, hiding = _closing(splats, fine, covered, settings, notes) if closed else (1, False)
+    kind, parted, covered = _primitive(splats, fine, settings, (align, half_line), device, notes)
+    number, hiding, closes = _closing(splats, fine, covered, settings, (kind, parted is None), notes)
+    footprint = _footprint(align, shape, settings)
     program = Program(
         blend=settings.blend,
         align=align,
@@ -180,14 +199,17 @@ def _planned(
         cubic=splats.grid.cubic,
         shading=_shading(splats, settings, notes),
         attenuation=_attenuation(settings, antialias or exposure is not None),
-        order=_order(settings, number > 1 or parted is not None, notes),
+        order=_order(settings, number > 1 or parted is not None or kind == "tile", notes),
         target="rgba32f" if settings.target == "auto" else settings.target,
-        footprint=_footprint(align, settings),
-        half_line=half_line and not sprite,
-        primitive="sprite" if sprite else "quad",
+        footprint=footprint,
+        half_line=half_line and kind == "quad",
+        primitive=kind,
         hiding=hiding,
         motion=settings.motion if exposure else "off",
         flow=exposure is not None and exposure.flow is not None,
+        kernel=shape.name if footprint == "polynomial" else "",
+        halvings=HALVINGS if exposure or settings.attenuation == "opacity" else halvings(splats, shape),
+        rows=rows(covered) if kind == "tile" else HIGH,
     )
     return Plan(
         program,
@@ -201,16 +223,17 @@ def _planned(
         farthest,
         # a streak may reach any pixel
         Window(0, 0, *fine.size) if exposure else covered.window,
-        covered.pad if sprite else 0,
+        covered.pad if kind == "sprite" else 0,
         number,
         int(around(covered)) if hiding else 0,
-        SHARE * settings.tolerance / max(splats.brightest, 1.0) if number > 1 else 0.0,
+        SHARE * settings.tolerance / max(splats.brightest, 1.0) if closes else 0.0,
         settings.background,
         settings.tolerance,
         tuple(notes),
         exposure,
         parted,
         half_line,
+        covered.largest,
     )
 
 
@@ -262,27 +285,39 @@ def _attenuation(settings: Settings, weakened: bool) -> str:
     return "fill" if settings.attenuation == "auto" else settings.attenuation
 
 
-def _sprites(
-    splats: Splats, camera: Camera, settings: Settings, fit: tuple[str, bool], limit: float, notes: list[str]
-) -> tuple[bool, Near | None, Reach]:
-    """Whether there are sprites, which splats are quads all the same, and what they cover."""
+def _primitive(
+    splats: Splats,
+    camera: Camera,
+    settings: Settings,
+    fit: tuple[str, bool],
+    device: tuple[float, bool | None],
+    notes: list[str],
+) -> tuple[str, Near | None, Reach]:
+    """Tiles, sprites or quads, which splats are quads all the same, and what sprites cover."""
     covered = reach(splats, camera, kernel(settings.kernel).radius)
-    why, parted = primitive(splats, camera, settings, fit, covered, limit)
+    kind, why, parted = primitive(splats, camera, settings, fit, covered, *device)
     if why and settings.primitive != "quad":
         notes.append(f"sprites left out{', but behind the nearest planes' if parted else ''}: {why}")
-    return not why or parted is not None, parted, widened(covered, parted)
+    return kind, parted, widened(covered, parted)
 
 
 def _closing(
-    splats: Splats, camera: Camera, covered: Reach, settings: Settings, notes: list[str]
-) -> tuple[int, bool]:
-    """In how many parts to draw, and whether hidden splats are mapped: only where light is taken away."""
+    splats: Splats, camera: Camera, covered: Reach, settings: Settings, how: tuple[str, bool], notes: list[str]
+) -> tuple[int, bool, bool]:
+    """In how many parts to draw, whether hidden splats are mapped, and whether pixels are closed: only where light is
+    taken away. how: the primitive, and whether all splats are drawn as such.
+    """
+    kind, whole = how
     if settings.blend != "composite" or settings.occlusion == "off" or settings.order == "back-to-front":
-        return 1, False
+        return 1, False, False
+    if kind == "tile":
+        return portions(splats, camera, covered) if whole else 1, False, True
+    if kind == "quad" or not whole:
+        return 1, False, False
     number, hiding = closing(splats, camera, covered)
     if number == 1:
         notes.append("occlusion left out: closing pixels would cost more than it saves; the picture is the right one")
-    return number, hiding
+    return number, hiding, number > 1
 
 
 def _order(settings: Settings, nearest_first: bool, notes: list[str]) -> str:
@@ -304,14 +339,19 @@ def _smallest_scale(splats: Splats) -> float:
     return float(np.linalg.svd(splats.grid.world_from_index, compute_uv=False)[-1])
 
 
-def _footprint(align: str, settings: Settings) -> str:
-    """`auto`: the paper's table for its quads, the finer radial one where a table's 0.04 level would show."""
+def _footprint(align: str, shape: Kernel, settings: Settings) -> str:
+    """`auto`: the paper's table for its quads; by distance, where its 0.04 level would show, polynomials or a table."""
     exact = align == "exact" or settings.align in ("auto", "exact")
+    fitted = polynomials(shape) is not None
     kind = settings.footprint
     if kind == "auto":
-        kind = "radial" if exact and settings.table_bits == RADIAL_BITS else "table"
-    if kind == "radial" and settings.table_bits != RADIAL_BITS:
-        raise expected("table_bits", f"{RADIAL_BITS} for a radial table", settings.table_bits, "use footprint table")
+        kind = "table"
+        if exact and settings.table_bits == RADIAL_BITS:
+            kind = "polynomial" if fitted and settings.table_size is None else "radial"
+    if kind != "table" and settings.table_bits != RADIAL_BITS:
+        raise expected("table_bits", f"{RADIAL_BITS} for a footprint by distance", settings.table_bits, "use table")
+    if kind == "polynomial" and not fitted:
+        raise expected("footprint polynomial", "a kernel of two pieces", shape.name, "use auto")
     return kind
 
 

@@ -1,4 +1,4 @@
-"""Whether splats are drawn as sprites, as quads, or near the eye as quads and behind as sprites."""
+"""Whether splats are gathered by tiles, drawn as sprites, or as quads, if only those near the eye."""
 
 from __future__ import annotations
 
@@ -12,25 +12,36 @@ from splatgl.splat.order import order_for
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.sprites import Reach
+from splatgl.splat.tiling import LIMIT, tiled
 
 # bits of a radial table's texels: the only ones it has
 RADIAL_BITS = 32
 
 
 def primitive(
-    splats: Splats, camera: Camera, settings: Settings, fit: tuple[str, bool], covered: Reach, limit: float
-) -> tuple[str, Near | None]:
-    """Why splats cannot be sprites, "" if all can; and how those behind can be, where only the nearest cannot.
+    splats: Splats,
+    camera: Camera,
+    settings: Settings,
+    fit: tuple[str, bool],
+    covered: Reach,
+    limit: float,
+    tiles: bool | None,
+) -> tuple[str, str, Near | None]:
+    """tile, sprite or quad; why quads, "" otherwise; and how splats are parted, where only the nearest must be quads.
 
-    fit: the alignment, and whether the eye may be in a kernel. limit: of OpenGL's points, pixels.
+    fit: the alignment, and whether the eye may be in a kernel. limit: of OpenGL's points, pixels. tiles: whether the
+    renderer prefers them to sprites; None if it has none.
     """
+    kind = "tile" if settings.primitive != "sprite" and tiled(splats, settings, tiles) else "sprite"
+    limit = LIMIT if kind == "tile" else limit
     why = _why_not(settings, fit, covered, limit)
-    if why and settings.primitive == "sprite":
-        raise expected("primitive sprite", "footprints by distance, away from the eye", why, "use auto")
+    if why and settings.primitive == kind:
+        raise expected(f"primitive {kind}", "footprints by distance, away from the eye", why, "use auto")
     parts = by_distance(fit[0], settings) and camera.perspective and settings.order != "back-to-front" and len(splats)
-    if not why or not parts or settings.primitive == "quad":
-        return why, None
-    return why, near(splats, camera, order_for(splats, camera), kernel(settings.kernel).radius, limit)
+    parted = None
+    if why and parts and settings.primitive != "quad":
+        parted = near(splats, camera, order_for(splats, camera), kernel(settings.kernel).radius, limit)
+    return kind if not why or parted else "quad", why, parted
 
 
 def by_distance(align: str, settings: Settings) -> bool:
@@ -48,5 +59,5 @@ def _why_not(settings: Settings, fit: tuple[str, bool], covered: Reach, limit: f
     if half_line or not np.isfinite(covered.largest):
         return "the eye is near splats"
     if 2 * covered.largest + 1 > limit:
-        return f"the nearest splats are larger than the {limit:.0f} pixels that OpenGL draws"
+        return f"the nearest splats are larger than {limit:.0f} pixels"
     return ""

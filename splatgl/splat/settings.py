@@ -16,9 +16,9 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "antialias": ("paper", "off", "supersample"),
     "align": ("auto", "exact", "ray", "grid", "hybrid", "a", "b1"),
     "attenuation": ("auto", "opacity", "optical-depth", "fill"),
-    "footprint": ("auto", "table", "radial"),
+    "footprint": ("auto", "table", "radial", "polynomial"),
     "target": ("rgba32f", "rgba16f", "rgba8", "auto"),
-    "primitive": ("auto", "quad", "sprite"),
+    "primitive": ("auto", "quad", "sprite", "tile"),
     "shading": ("auto", "on", "off"),
     "motion": (*MOTIONS, "off"),
     "occlusion": ("auto", "off"),
@@ -40,7 +40,8 @@ class Settings:
     antialias paper | off | supersample (samples × samples a pixel). align auto | exact | ray | grid | hybrid
     (ray-perpendicular up to depth z_s, grid-aligned beyond; z_s in world units, None: from `tolerance`) | a | b1.
     attenuation auto | opacity | optical-depth | fill (beyond z_k, composite only).
-    footprint auto | table (table_size², table_bits 32 | 16 | 8) | radial (by the squared distance);
+    footprint auto | table (table_size², table_bits 32 | 16 | 8) | radial (a table by the squared distance) |
+    polynomial (by the distance);
     table_size None: 256 for a table, 1024 for a radial one.
     primitive auto | quad | sprite (a square of pixels from one vertex; never for a kernel near the eye, nor for table
     footprints). occlusion auto | off (closing pixels that no more than a share of the tolerance passes).

@@ -189,7 +189,7 @@ class Viewer:
     def _moment(self) -> Moment:
         # sprites are drawn in parts, between which a picture can be given up: they are in nobody's way
         frame = self.painter.frame
-        held = self.mouse.drag is not None and (frame is None or frame.plan.program.primitive != "sprite")
+        held = self.mouse.drag is not None and (frame is None or frame.plan.program.primitive == "quad")
         return Moment(self.now() - self.touched, self.state.turning, held, self.content.whole)
 
     def _wanted(self) -> tuple[object, ...]:

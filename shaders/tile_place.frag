@@ -1,0 +1,68 @@
+// Places splats in drawing order, one for each pixel of some textures: what vertices hand to their fragments.
+// switch ORDERED 1
+#define ATTRIBUTE
+#define VARYING
+#define FLAT
+#include "placing.glsl"
+#include "tiles.glsl"
+
+// records of 9 words: see splatgl/splat/rows.py
+uniform usampler2D records;   // words 0 to 3 and 4 to 7
+uniform usampler2D rest;      // the last
+#if ORDERED
+uniform usampler2D order;     // indices of records
+#endif
+uniform uint first;           // of the drawing order
+
+layout(location = 0) out vec4 head;
+layout(location = 1) out vec4 shape;
+layout(location = 2) out vec4 matter;
+#if BENT
+layout(location = 3) out vec4 out_bend;
+#if !CUBIC
+layout(location = 4) out vec4 out_cubic;
+layout(location = 5) out vec4 out_mixed;
+#endif
+#endif
+
+void read_record(uint n) {
+    ivec2 at = texel_of(n);
+    uvec4 a = texelFetch(records, at * ivec2(2, 1), 0);
+    uvec4 b = texelFetch(records, at * ivec2(2, 1) + ivec2(1, 0), 0);
+    int xy = int(b.w), zr = int(texelFetch(rest, at, 0).r);
+    in_position = uintBitsToFloat(a.xyz);
+    in_optical_depth = uintBitsToFloat(a.w);
+    in_color = uintBitsToFloat(b.xyz);
+    // signed halves
+    in_normal = ivec3((xy << 16) >> 16, xy >> 16, (zr << 16) >> 16);
+    in_runs = zr >> 16;
+}
+
+void main() {
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    uint n = first + uint(at.y) * ABREAST + uint(at.x);
+#if ORDERED
+    n = texelFetch(order, texel_of(n), 0).r;
+#endif
+    read_record(n);
+    vec3 v = eye_from_index() * (in_position - frame.base.xyz) - frame.eye_from_base.xyz;
+    Sprite sprite;
+    bool seen;
+    PLANE quad = place_sprite(v, sprite, seen);
+    give_matter(v, quad);
+    head = vec4(pixel, splat.a, seen ? 0.5 * sprite.size : UNSEEN);
+    matter = splat;
+#if ATTENUATION == ATTENUATION_OPACITY
+    matter.a = coverage;
+#endif
+#if BENT
+    shape = to_local;
+    out_bend = bend;
+#if !CUBIC
+    out_cubic = cubic;
+    out_mixed = mixed;
+#endif
+#else
+    shape = vec4(form_of(to_local), 0.0);
+#endif
+}

@@ -1,0 +1,52 @@
+// Tiles of pixels, and the splats placed for them: what the passes share that list splats by tile and draw the tiles.
+// A splat is a texel in each of some textures of floats: its centre, its matter, half its sprite's side; how pixels lie
+// in its footprint; its colour and coverage; and what its footprint needs besides.
+// switch ROWS 8
+#include "varyings.glsl"
+#define COLUMNS 8
+// splats along a row of the textures, and along one of the list
+#define ABREAST 1024u
+#define LISTED 4096u
+// half a side: touches nothing
+#define UNSEEN -1e9
+// whether a footprint is more than a quadratic form
+#define BENT (ANTIALIAS && ALIGN == ALIGN_EXACT)
+
+uniform ivec2 origin;   // the first tile's first pixel
+uniform ivec2 tiles;    // along x and y
+
+ivec2 texel_of(uint n) {
+    return ivec2(int(n % ABREAST), int(n / ABREAST));
+}
+
+ivec2 listed_at(uint n) {
+    return ivec2(int(n % LISTED), int(n / LISTED));
+}
+
+// D² = f.x x² + f.y x y + f.z y² at pixels (x, y) off the centre.
+vec3 form_of(vec4 local) {
+    return vec3(dot(local.xz, local.xz), 2.0 * dot(local.xz, local.yw), dot(local.yw, local.yw));
+}
+
+// First and last tile, x and y, that a square around a centre touches.
+ivec4 tiles_around(vec2 center, float half_side) {
+    vec2 side = vec2(COLUMNS, ROWS);
+    vec2 low = floor((center - half_side - vec2(origin)) / side);
+    vec2 high = floor((center + half_side - vec2(origin)) / side);
+    // cut before the conversion, since what is far off is no integer
+    vec2 last = vec2(tiles) - 1.0;
+    return ivec4(clamp(low, vec2(0.0), last + 1.0), clamp(high, vec2(-1.0), last));
+}
+
+// Radius of the circle around the ellipse of that form in the square: its long half axis over the larger of its extents.
+float circle_around(vec3 form, float half_side) {
+    float mean = 0.5 * (form.x + form.z), off = 0.5 * (form.x - form.z);
+    float longest = mean + sqrt(off * off + 0.25 * form.y * form.y);
+    return half_side * sqrt(longest / max(max(form.x, form.z), 1e-30));
+}
+
+bool touches(ivec2 tile, vec2 center, float radius) {
+    vec2 low = vec2(origin + tile * ivec2(COLUMNS, ROWS));
+    vec2 off = center - clamp(center, low, low + vec2(COLUMNS, ROWS));
+    return dot(off, off) <= radius * radius;
+}

@@ -1,0 +1,174 @@
+"""Splats gathered by tiles of pixels: they are placed, listed by tile, and each tile's list is added up.
+
+For software OpenGL, which spends most of a sprite's time on setting it up and on blending: here a tile's pixels stay in
+registers while its splats pass, nearest first, and end with the one after which next to nothing passes any more.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from contextlib import ExitStack
+
+import moderngl
+import numpy as np
+
+from splatgl.gl.buffers import ABREAST, Range, Texels
+from splatgl.gl.program import Programs
+from splatgl.gl.target import Target
+from splatgl.splat.plan import Plan
+from splatgl.splat.tiling import COLUMNS, MOST
+
+# entries along a row of the list: tiles.glsl's LISTED; and entries of a list at most
+LISTED, MOST_LISTED = 4096, 2**25
+# invocations of a group, and how many groups list splats, each a run of them
+LANES, GROUPS = 8, min(os.cpu_count() or 1, 8)
+# llvmpipe ends a loop, and those around it, after 65535 rounds in all
+ROUNDS = 60_000
+# where placed splats, the list, records and the order are looked up; the storage buffer; the image written to
+PLACED_UNIT, LIST_UNIT, RECORDS_UNIT = 8, 5, 5
+CURSORS, IMAGE = 0, 0
+# what a placed splat is, a texture each; the last three for footprints beyond a quadratic form
+PLACED = ("heads", "shapes", "matters", "bends", "cubics", "mixeds")
+
+
+class Tiles:
+    """Keeps buffers and textures between pictures, which grow when they must. whole: draws one triangle over the
+    framebuffer in use.
+    """
+
+    def __init__(
+        self, ctx: moderngl.Context, programs: Programs, whole: Callable[[moderngl.Program], None], owned: ExitStack
+    ) -> None:
+        self.ctx, self.programs, self.whole = ctx, programs, whole
+        self.placed: list[moderngl.Texture] = []
+        self.framebuffer: moderngl.Framebuffer | None = None
+        self.cursors: moderngl.Buffer | None = None
+        self.list: moderngl.Texture | None = None
+        owned.callback(self.release)
+
+    def release(self) -> None:
+        for part in (self.framebuffer, *self.placed, self.cursors, self.list):
+            if part is not None:
+                part.release()
+        self.placed, self.framebuffer, self.cursors, self.list = [], None, None, None
+
+    def draw(self, target: Target, plan: Plan, texels: Texels, which: Range, carried: bool) -> None:
+        """Splats `which` of the drawing order, nearest first; carried: behind what the target shows."""
+        across, down = _tiles(plan)
+        for begin in range(which[0], which[1] if across * down else which[0], MOST):
+            self._draw(target, plan, texels, (begin, min(begin + MOST, which[1])), carried)
+            carried = True
+
+    def _draw(self, target: Target, plan: Plan, texels: Texels, which: Range, carried: bool) -> None:
+        count = which[1] - which[0]
+        self._place(plan, texels, which)
+        ends = self._count(plan, count)
+        total = int(ends[-1])
+        if total > MOST_LISTED and count > 1:
+            middle = which[0] + count // 2
+            self._draw(target, plan, texels, (which[0], middle), carried)
+            self._draw(target, plan, texels, (middle, which[1]), True)
+            return
+        self._list(plan, count, total)
+        self._add_up(target, plan, int(np.diff(ends, prepend=0).max()), carried)
+
+    def _place(self, plan: Plan, texels: Texels, which: Range) -> None:
+        program = self.programs.for_tiles("tile_place.frag", plan.program, {"ORDERED": texels.order is not None})
+        number = 3 if not plan.program.antialias or plan.program.align != "exact" else 4 if plan.program.cubic else 6
+        height = -(-(which[1] - which[0]) // ABREAST)
+        if len(self.placed) < number or self.placed[0].height < height:
+            self._make_placed(max(number, len(self.placed)), height)
+        for unit, texture in enumerate((texels.records, texels.rest, texels.order)):
+            if texture is not None:
+                texture.use(RECORDS_UNIT + unit)
+        _set(program, records=RECORDS_UNIT, rest=RECORDS_UNIT + 1, order=RECORDS_UNIT + 2, first=which[0])
+        assert self.framebuffer is not None
+        self.framebuffer.use()
+        self.framebuffer.viewport = (0, 0, ABREAST, height)
+        self.ctx.enable_only(moderngl.NOTHING)
+        self.whole(program)
+        for unit, texture in enumerate(self.placed):
+            texture.use(PLACED_UNIT + unit)
+
+    def _make_placed(self, number: int, height: int) -> None:
+        old = self.framebuffer, *self.placed
+        self.placed = [self.ctx.texture((ABREAST, height), 4, dtype="f4") for _ in range(number)]
+        for texture in self.placed:
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.framebuffer = self.ctx.framebuffer(self.placed)
+        for part in old:
+            if part is not None:
+                part.release()
+
+    def _count(self, plan: Plan, count: int) -> np.ndarray:
+        """Where each tile's list ends, int64 [tiles]; the cursors are where each run begins in each."""
+        across, down = _tiles(plan)
+        runs = GROUPS * LANES
+        size = runs * across * down * 4
+        if self.cursors is None or self.cursors.size < size:
+            if self.cursors is not None:
+                self.cursors.release()
+            self.cursors = self.ctx.buffer(reserve=size)
+        self.cursors.clear(size)
+        self.cursors.bind_to_storage_buffer(CURSORS)
+        self._run("tile_list.comp", plan, count, {"COUNTING": True})
+        found = np.frombuffer(self.cursors.read(size), np.uint32).reshape(runs, across * down)
+        # tile after tile, in each run after run
+        until = np.cumsum(found, axis=0, dtype=np.uint32)
+        ends = np.cumsum(until[-1], dtype=np.int64)
+        if ends[-1] <= MOST_LISTED:
+            self.cursors.write(until - found + (ends - until[-1]).astype(np.uint32))
+        return ends
+
+    def _list(self, plan: Plan, count: int, total: int) -> None:
+        height = total // LISTED + 1
+        if self.list is None or self.list.height < height:
+            if self.list is not None:
+                self.list.release()
+            self.list = self.ctx.texture((LISTED, height), 1, dtype="u4")
+            self.list.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.list.bind_to_image(IMAGE, read=False, write=True)
+        self._run("tile_list.comp", plan, count, {"COUNTING": False})
+
+    def _run(self, name: str, plan: Plan, count: int, switches: dict[str, bool]) -> None:
+        """Over all splats, in steps that end within ROUNDS."""
+        program = self._program(name, plan, switches)
+        length = -(-count // (GROUPS * LANES))
+        side = 2 * plan.largest
+        step = max(int(ROUNDS / (1 + (side / COLUMNS + 2) * (side / plan.program.rows + 2))), 1)
+        _set(program, count=count, length_=length, step_=step)
+        for done in range(0, length, step):
+            _set(program, done=done)
+            program.run(GROUPS)
+            self.ctx.memory_barrier()
+
+    def _add_up(self, target: Target, plan: Plan, longest: int, carried: bool) -> None:
+        across, down = _tiles(plan)
+        assert self.list is not None
+        self.list.use(LIST_UNIT)
+        target.texture.bind_to_image(IMAGE, read=True, write=True)
+        for skipped in range(0, max(longest, 1), ROUNDS):
+            program = self._program("tile_draw.comp", plan, {"CARRIED": carried or skipped > 0})
+            _set(program, list=LIST_UNIT, last=(GROUPS * LANES - 1) * across * down, opaque=1.0 - plan.passing)
+            _set(program, skipped=skipped, most=ROUNDS)
+            program.run(across, down)
+            self.ctx.memory_barrier()
+
+    def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
+        program = self.programs.for_tiles(name, plan.program, {**switches, "ROWS": plan.program.rows})
+        _set(program, origin=plan.window.box[:2], tiles=_tiles(plan))
+        _set(program, **{placed: PLACED_UNIT + unit for unit, placed in enumerate(PLACED)})
+        return program
+
+
+def _tiles(plan: Plan) -> tuple[int, int]:
+    """How many there are along x and y."""
+    return -(-plan.window.width // COLUMNS), -(-plan.window.height // plan.program.rows)
+
+
+def _set(program: moderngl.Program | moderngl.ComputeShader, **values: object) -> None:
+    """Those of the uniforms that the program has."""
+    for name, value in values.items():
+        if name in program:
+            program[name] = value
