@@ -23,4 +23,5 @@ layout(std140) uniform Style {
     float diffuse;
     float radial_scale;   // texels of the radial table a squared voxel
     float radial_last;    // its last texel, which holds 0
+    float brightest;      // the largest colour component, 1 or more
 } style;

@@ -9,14 +9,15 @@ layout(local_size_x = 8) in;
 layout(std430, binding = 0) readonly buffer Cursors { uint cursors[]; };  // those of the last run: where lists end
 layout(rgba32f, binding = 0) uniform image2D target;
 uniform usampler2D list;
-uniform sampler2D heads;
-uniform sampler2D shapes;
-uniform sampler2D matters;
+layout(std430, binding = 2) readonly buffer Filled { uint filled[]; };    // the tiles that have any
+uniform usampler2D heads;
+uniform usampler2D shapes;
 #if BENT
-uniform sampler2D bends;
+uniform usampler2D matters;
+uniform usampler2D bends;
 #if !CUBIC
-uniform sampler2D cubics;
-uniform sampler2D mixeds;
+uniform usampler2D cubics;
+uniform usampler2D mixeds;
 #endif
 #endif
 uniform uint last;       // where the last run begins
@@ -56,21 +57,27 @@ void join(inout vec4 light, Ray ray, Joined it, float row) {
 #endif
 }
 
-Joined read_splat(uint place, ivec2 corner) {
+Joined read_splat(uint place, vec2 first) {
     ivec2 texel = texel_of(texelFetch(list, listed_at(place), 0).r);
-    vec4 head = texelFetch(heads, texel, 0);
-    Joined it = Joined(vec2(corner) + 0.5 - head.xy, head.w, texelFetch(shapes, texel, 0));
-    splat = texelFetch(matters, texel, 0);
+    uvec4 head = texelFetch(heads, texel, 0);
+    uvec4 shape = texelFetch(shapes, texel, 0);
+    Joined it = Joined(first - uintBitsToFloat(head.xy), uintBitsToFloat(head.w), uintBitsToFloat(shape));
+#if BENT
+    splat = uintBitsToFloat(texelFetch(matters, texel, 0));
+#else
+    splat = vec4(unpackUnorm2x16(head.w), unpackUnorm2x16(shape.w));
+    splat.rgb *= style.brightest;
+#endif
 #if ATTENUATION == ATTENUATION_OPACITY
     coverage = splat.a;
 #endif
-    splat.a = head.z;
+    splat.a = uintBitsToFloat(head.z);
 #if BENT
     to_local = it.shape;
-    bend = texelFetch(bends, texel, 0);
+    bend = uintBitsToFloat(texelFetch(bends, texel, 0));
 #if !CUBIC
-    cubic = texelFetch(cubics, texel, 0);
-    mixed = texelFetch(mixeds, texel, 0);
+    cubic = uintBitsToFloat(texelFetch(cubics, texel, 0));
+    mixed = uintBitsToFloat(texelFetch(mixeds, texel, 0));
 #endif
 #else
     it.shape.xy *= vec2(it.offset.x * it.offset.x, it.offset.x);
@@ -80,9 +87,9 @@ Joined read_splat(uint place, ivec2 corner) {
 
 #define AT(row) (corner + ivec2(0, row))
 #if CARRIED
-#define BEGIN(row) light[row] = imageLoad(target, AT(row)); ray[row] = ray_of(vec2(AT(row)) + 0.5);
+#define BEGIN(row) light[row] = imageLoad(target, AT(row)); ray[row] = ray_of(first + vec2(0.0, row));
 #else
-#define BEGIN(row) light[row] = vec4(0.0); ray[row] = ray_of(vec2(AT(row)) + 0.5);
+#define BEGIN(row) light[row] = vec4(0.0); ray[row] = ray_of(first + vec2(0.0, row));
 #endif
 #define JOIN(row) join(light[row], ray[row], it, row);
 #define END(row) imageStore(target, AT(row), light[row]);
@@ -93,17 +100,18 @@ Joined read_splat(uint place, ivec2 corner) {
 #endif
 
 void main() {
-    uint tile = gl_WorkGroupID.y * uint(tiles.x) + gl_WorkGroupID.x;
+    uint tile = filled[gl_WorkGroupID.x];
     uint at = (tile > 0u ? cursors[last + tile - 1u] : 0u) + skipped;
     uint end = min(cursors[last + tile], at + most);
-    ivec2 corner = origin + ivec2(gl_WorkGroupID.xy) * ivec2(COLUMNS, ROWS) + ivec2(gl_LocalInvocationID.x, 0);
+    ivec2 corner = ivec2(tile % uint(tiles.x), tile / uint(tiles.x)) * ivec2(COLUMNS, ROWS);
+    corner += origin + ivec2(gl_LocalInvocationID.x, 0);
+    vec2 first = vec2(corner) + 0.5;
     vec4 light[ROWS];
     Ray ray[ROWS];
     EACH(BEGIN)
-    while (at < end) {
-        Joined it = read_splat(at, corner);
+    for (; at < end; at++) {
+        Joined it = read_splat(at, first);
         EACH(JOIN)
-        at++;
 #if BLEND == BLEND_COMPOSITE
         float least = min(min(light[0].a, light[1].a), min(light[2].a, light[3].a));
 #if ROWS == 8

@@ -7,43 +7,42 @@ layout(local_size_x = 8) in;
 #include "tiles.glsl"
 
 layout(std430, binding = 0) buffer Cursors { uint cursors[]; };  // run after run: how many, or where the next one goes
+layout(std430, binding = 1) buffer Done { uint done[]; };        // of each run
 #if !COUNTING
 layout(r32ui, binding = 0) writeonly uniform uimage2D list;
 #endif
-uniform sampler2D heads;
-uniform sampler2D shapes;
+uniform usampler2D bounds;
 
 uniform uint count;
 uniform uint length_;  // of a run
-uniform uint done;     // of each run, and to do now
-uniform uint step_;
+uniform uint budget;   // rounds of the loop after which the rest is left to the next time
 
 void main() {
     uint run = gl_GlobalInvocationID.x;
     uint column = run * uint(tiles.x * tiles.y);
-    uint begin = run * length_ + done;
-    uint end = min(min(begin + step_, (run + 1u) * length_), count);
-    for (uint n = begin; n < end; n++) {
-        vec4 head = texelFetch(heads, texel_of(n), 0);
-        vec4 shape = texelFetch(shapes, texel_of(n), 0);
-#if BENT
-        shape.xyz = form_of(shape);
-#endif
-        float radius = circle_around(shape.xyz, head.w);
-        ivec4 around = tiles_around(head.xy, head.w);
-        if (around.x > around.z || around.y > around.w) continue;
-        // one loop over both axes: where invocations run abreast, each waits for the longest
-        ivec2 tile = around.xy;
-        do {
-            if (touches(tile, head.xy, radius)) {
-                uint slot = column + uint(tile.y * tiles.x + tile.x);
-                uint place = cursors[slot];
+    uint n = run * length_ + done[run];
+    uint end = min((run + 1u) * length_, count);
+    vec4 it = uintBitsToFloat(texelFetch(bounds, texel_of(n), 0));
+    ivec4 around = tiles_around(it.xy, it.z);
+    ivec2 tile = around.xy;
+    // one loop over splats and their tiles: where invocations run abreast, none waits for another's large splat
+    for (uint round = 0u; n < end && (round < budget || tile != around.xy); round++) {
+        bool within = all(lessThanEqual(tile, around.zw));
+        if (within && touches(tile, it.xy, it.w)) {
+            uint slot = column + uint(tile.y * tiles.x + tile.x);
+            uint place = cursors[slot];
 #if !COUNTING
-                imageStore(list, listed_at(place), uvec4(n));
+            imageStore(list, listed_at(place), uvec4(n));
 #endif
-                cursors[slot] = place + 1u;
-            }
-            tile = tile.x < around.z ? tile + ivec2(1, 0) : ivec2(around.x, tile.y + 1);
-        } while (tile.y <= around.w);
+            cursors[slot] = place + 1u;
+        }
+        tile = tile.x < around.z ? tile + ivec2(1, 0) : ivec2(around.x, tile.y + 1);
+        if (!within || tile.y > around.w) {
+            n++;
+            it = uintBitsToFloat(texelFetch(bounds, texel_of(n), 0));
+            around = tiles_around(it.xy, it.z);
+            tile = around.xy;
+        }
     }
+    done[run] = n - run * length_;
 }

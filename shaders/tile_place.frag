@@ -14,14 +14,15 @@ uniform usampler2D order;     // indices of records
 #endif
 uniform uint first;           // of the drawing order
 
-layout(location = 0) out vec4 head;
-layout(location = 1) out vec4 shape;
-layout(location = 2) out vec4 matter;
+layout(location = 0) out uvec4 bounds;
+layout(location = 1) out uvec4 head;
+layout(location = 2) out uvec4 shape;
 #if BENT
-layout(location = 3) out vec4 out_bend;
+layout(location = 3) out uvec4 matter;
+layout(location = 4) out uvec4 out_bend;
 #if !CUBIC
-layout(location = 4) out vec4 out_cubic;
-layout(location = 5) out vec4 out_mixed;
+layout(location = 5) out uvec4 out_cubic;
+layout(location = 6) out uvec4 out_mixed;
 #endif
 #endif
 
@@ -50,19 +51,24 @@ void main() {
     bool seen;
     PLANE quad = place_sprite(v, sprite, seen);
     give_matter(v, quad);
-    head = vec4(pixel, splat.a, seen ? 0.5 * sprite.size : UNSEEN);
-    matter = splat;
-#if ATTENUATION == ATTENUATION_OPACITY
-    matter.a = coverage;
+#if ATTENUATION != ATTENUATION_OPACITY
+    const float coverage = 1.0;
 #endif
+    float half_side = seen ? 0.5 * sprite.size : UNSEEN;
+    vec3 form = form_of(to_local);
+    bounds = floatBitsToUint(vec4(pixel, half_side, circle_around(form, half_side)));
+    head = floatBitsToUint(vec4(pixel, splat.a, half_side));
 #if BENT
-    shape = to_local;
-    out_bend = bend;
+    shape = floatBitsToUint(to_local);
+    matter = floatBitsToUint(vec4(splat.rgb, coverage));
+    out_bend = floatBitsToUint(bend);
 #if !CUBIC
-    out_cubic = cubic;
-    out_mixed = mixed;
+    out_cubic = floatBitsToUint(cubic);
+    out_mixed = floatBitsToUint(mixed);
 #endif
 #else
-    shape = vec4(form_of(to_local), 0.0);
+    vec3 color = splat.rgb / style.brightest;
+    head.w = packUnorm2x16(color.rg);
+    shape = uvec4(floatBitsToUint(form), packUnorm2x16(vec2(color.b, coverage)));
 #endif
 }

@@ -1,7 +1,11 @@
 // Tiles of pixels, and the splats placed for them: what the passes share that list splats by tile and draw the tiles.
-// A splat is a texel in each of some textures of floats: its centre, its matter, half its sprite's side; how pixels lie
-// in its footprint; its colour and coverage; and what its footprint needs besides.
+// A splat is a texel in each of some textures of words: bounds, its centre, half its sprite's side and the radius of a
+// circle around it, if it is seen; heads, its centre, matter, and red and green or half its side; shapes, its quadratic
+// form, blue and coverage, or how pixels lie in its footprint. If this is bent: matters, its colour and coverage, and
+// what its footprint needs besides.
+// version 430
 // switch ROWS 8
+#include "optics.glsl"
 #include "varyings.glsl"
 #define COLUMNS 8
 // splats along a row of the textures, and along one of the list

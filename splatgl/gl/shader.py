@@ -1,6 +1,6 @@
 """Shader text from the folder `shaders/`: includes and switches, strictly.
 
-A file declares each switch it reads as `// switch NAME DEFAULT`. Composing with a switch that no file
+A file declares each switch it reads as `// switch NAME DEFAULT`, and a later GLSL than 3.3 as `// version 430`. Composing with a switch that no file
 declares, a file that is not there, or a cycle is an error that names file and line. The composed text
 knows where each of its lines came from, so that a compiler's message can say it too.
 """
@@ -17,9 +17,8 @@ INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 SWITCH = re.compile(r"^// switch (\w+) (\w+)\s*$")
 # how llvmpipe/Mesa ("0:12(3): error"), NVIDIA ("0(12) : error") and AMD/Intel ("ERROR: 0:12:") name a line
 ERROR_LINE = re.compile(r"\b0[:(](\d+)")
-VERSION = "#version 330 core"
-# what a compute shader needs
-COMPUTE_VERSION = "#version 430 core"
+VERSION_LINE = re.compile(r"^// version (\d+)\s*$")
+VERSION = 330
 
 
 class ShaderError(RuntimeError):
@@ -57,8 +56,8 @@ def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozen
     if unknown:
         raise ShaderError(f"{name}: no such switch: {', '.join(sorted(unknown))}; it has {', '.join(declared)}")
     values = {switch: _literal(switches.get(switch, default)) for switch, default in declared.items()}
-    version = COMPUTE_VERSION if name.endswith(".comp") else VERSION
-    head = [version, *(f"#define {switch} {value}" for switch, value in values.items())]
+    version = max([VERSION, *(int(match[1]) for _, text in lines if (match := VERSION_LINE.match(text)))])
+    head = [f"#version {version} core", *(f"#define {switch} {value}" for switch, value in values.items())]
     places = [f"{name}: switches"] * len(head) + [place for place, _ in lines]
     return ShaderText("\n".join([*head, *(text for _, text in lines)]) + "\n", tuple(places))
 

@@ -16,20 +16,20 @@ import numpy as np
 from splatgl.gl.buffers import ABREAST, Range, Texels
 from splatgl.gl.program import Programs
 from splatgl.gl.target import Target
-from splatgl.splat.plan import Plan
+from splatgl.splat.plan import Plan, Program
 from splatgl.splat.tiling import COLUMNS, MOST
 
 # entries along a row of the list: tiles.glsl's LISTED; and entries of a list at most
 LISTED, MOST_LISTED = 4096, 2**25
 # invocations of a group, and how many groups list splats, each a run of them
 LANES, GROUPS = 8, min(os.cpu_count() or 1, 8)
-# llvmpipe ends a loop, and those around it, after 65535 rounds in all
+# llvmpipe ends a loop after 65535 rounds: what needs more is done in portions
 ROUNDS = 60_000
 # where placed splats, the list, records and the order are looked up; the storage buffer; the image written to
 PLACED_UNIT, LIST_UNIT, RECORDS_UNIT = 8, 5, 5
-CURSORS, IMAGE = 0, 0
-# what a placed splat is, a texture each; the last three for footprints beyond a quadratic form
-PLACED = ("heads", "shapes", "matters", "bends", "cubics", "mixeds")
+CURSORS, DONE, FILLED, IMAGE = 0, 1, 2, 0
+# what a placed splat is, a texture each; the last four for footprints beyond a quadratic form
+PLACED = ("bounds", "heads", "shapes", "matters", "bends", "cubics", "mixeds")
 
 
 class Tiles:
@@ -43,15 +43,15 @@ class Tiles:
         self.ctx, self.programs, self.whole = ctx, programs, whole
         self.placed: list[moderngl.Texture] = []
         self.framebuffer: moderngl.Framebuffer | None = None
-        self.cursors: moderngl.Buffer | None = None
+        self.buffers: dict[int, moderngl.Buffer] = {}
         self.list: moderngl.Texture | None = None
         owned.callback(self.release)
 
     def release(self) -> None:
-        for part in (self.framebuffer, *self.placed, self.cursors, self.list):
+        for part in (self.framebuffer, *self.placed, *self.buffers.values(), self.list):
             if part is not None:
                 part.release()
-        self.placed, self.framebuffer, self.cursors, self.list = [], None, None, None
+        self.placed, self.framebuffer, self.buffers, self.list = [], None, {}, None
 
     def draw(self, target: Target, plan: Plan, texels: Texels, which: Range, carried: bool) -> None:
         """Splats `which` of the drawing order, nearest first; carried: behind what the target shows."""
@@ -71,11 +71,11 @@ class Tiles:
             self._draw(target, plan, texels, (middle, which[1]), True)
             return
         self._list(plan, count, total)
-        self._add_up(target, plan, int(np.diff(ends, prepend=0).max()), carried)
+        self._add_up(target, plan, np.diff(ends, prepend=0), carried)
 
     def _place(self, plan: Plan, texels: Texels, which: Range) -> None:
         program = self.programs.for_tiles("tile_place.frag", plan.program, {"ORDERED": texels.order is not None})
-        number = 3 if not plan.program.antialias or plan.program.align != "exact" else 4 if plan.program.cubic else 6
+        number = _textures(plan.program)
         height = -(-(which[1] - which[0]) // ABREAST)
         if len(self.placed) < number or self.placed[0].height < height:
             self._make_placed(max(number, len(self.placed)), height)
@@ -93,7 +93,7 @@ class Tiles:
 
     def _make_placed(self, number: int, height: int) -> None:
         old = self.framebuffer, *self.placed
-        self.placed = [self.ctx.texture((ABREAST, height), 4, dtype="f4") for _ in range(number)]
+        self.placed = [self.ctx.texture((ABREAST, height), 4, dtype="u4") for _ in range(number)]
         for texture in self.placed:
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.framebuffer = self.ctx.framebuffer(self.placed)
@@ -106,19 +106,15 @@ class Tiles:
         across, down = _tiles(plan)
         runs = GROUPS * LANES
         size = runs * across * down * 4
-        if self.cursors is None or self.cursors.size < size:
-            if self.cursors is not None:
-                self.cursors.release()
-            self.cursors = self.ctx.buffer(reserve=size)
-        self.cursors.clear(size)
-        self.cursors.bind_to_storage_buffer(CURSORS)
+        cursors = self._buffer(CURSORS, size)
+        cursors.clear(size)
         self._run("tile_list.comp", plan, count, {"COUNTING": True})
-        found = np.frombuffer(self.cursors.read(size), np.uint32).reshape(runs, across * down)
+        found = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, across * down)
         # tile after tile, in each run after run
         until = np.cumsum(found, axis=0, dtype=np.uint32)
         ends = np.cumsum(until[-1], dtype=np.int64)
         if ends[-1] <= MOST_LISTED:
-            self.cursors.write(until - found + (ends - until[-1]).astype(np.uint32))
+            cursors.write(until - found + (ends - until[-1]).astype(np.uint32))
         return ends
 
     def _list(self, plan: Plan, count: int, total: int) -> None:
@@ -132,28 +128,43 @@ class Tiles:
         self._run("tile_list.comp", plan, count, {"COUNTING": False})
 
     def _run(self, name: str, plan: Plan, count: int, switches: dict[str, bool]) -> None:
-        """Over all splats, in steps that end within ROUNDS."""
+        """Over all splats, each time as many as ROUNDS allow."""
         program = self._program(name, plan, switches)
         length = -(-count // (GROUPS * LANES))
-        side = 2 * plan.largest
-        step = max(int(ROUNDS / (1 + (side / COLUMNS + 2) * (side / plan.program.rows + 2))), 1)
-        _set(program, count=count, length_=length, step_=step)
-        for done in range(0, length, step):
-            _set(program, done=done)
+        _set(program, count=count, length_=length, budget=ROUNDS)
+        whole = np.clip(count - length * np.arange(GROUPS * LANES), 0, length)
+        done = self._buffer(DONE, whole.size * 4)
+        done.clear()
+        while True:
             program.run(GROUPS)
             self.ctx.memory_barrier()
+            if (np.frombuffer(done.read(whole.size * 4), np.uint32) >= whole).all():
+                return
 
-    def _add_up(self, target: Target, plan: Plan, longest: int, carried: bool) -> None:
-        across, down = _tiles(plan)
+    def _add_up(self, target: Target, plan: Plan, lengths: np.ndarray, carried: bool) -> None:
+        filled = np.flatnonzero(lengths).astype(np.uint32)
+        if not len(filled):
+            return
+        self._buffer(FILLED, filled.nbytes).write(filled)
         assert self.list is not None
         self.list.use(LIST_UNIT)
         target.texture.bind_to_image(IMAGE, read=True, write=True)
-        for skipped in range(0, max(longest, 1), ROUNDS):
+        for skipped in range(0, int(lengths.max()), ROUNDS):
             program = self._program("tile_draw.comp", plan, {"CARRIED": carried or skipped > 0})
-            _set(program, list=LIST_UNIT, last=(GROUPS * LANES - 1) * across * down, opaque=1.0 - plan.passing)
+            _set(program, list=LIST_UNIT, last=(GROUPS * LANES - 1) * len(lengths), opaque=1.0 - plan.passing)
             _set(program, skipped=skipped, most=ROUNDS)
-            program.run(across, down)
+            program.run(len(filled))
             self.ctx.memory_barrier()
+
+    def _buffer(self, binding: int, size: int) -> moderngl.Buffer:
+        """Of so many bytes at least, bound."""
+        found = self.buffers.get(binding)
+        if found is None or found.size < size:
+            if found is not None:
+                found.release()
+            found = self.buffers[binding] = self.ctx.buffer(reserve=size)
+        found.bind_to_storage_buffer(binding)
+        return found
 
     def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
         program = self.programs.for_tiles(name, plan.program, {**switches, "ROWS": plan.program.rows})
@@ -165,6 +176,13 @@ class Tiles:
 def _tiles(plan: Plan) -> tuple[int, int]:
     """How many there are along x and y."""
     return -(-plan.window.width // COLUMNS), -(-plan.window.height // plan.program.rows)
+
+
+def _textures(program: Program) -> int:
+    """How many placed splats need: tiles.glsl's BENT."""
+    if program.antialias and program.align == "exact":
+        return 5 if program.cubic else 7
+    return 3
 
 
 def _set(program: moderngl.Program | moderngl.ComputeShader, **values: object) -> None:

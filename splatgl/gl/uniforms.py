@@ -34,9 +34,9 @@ FRAME = np.dtype(
 )
 STYLE = np.dtype(
     {
-        "names": ["radius", "peak", "opacity_length", "ambient", "diffuse", "radial_scale", "radial_last"],
-        "formats": ["<f4"] * 7,
-        "offsets": [0, 4, 8, 12, 16, 20, 24],
+        "names": ["radius", "peak", "opacity_length", "ambient", "diffuse", "radial_scale", "radial_last", "brightest"],
+        "formats": ["<f4"] * 8,
+        "offsets": [0, 4, 8, 12, 16, 20, 24, 28],
         "itemsize": 32,
     }
 )
@@ -113,5 +113,6 @@ def style_block(splats: Splats, plan: Plan) -> np.ndarray:
     block["opacity_length"] = splats.unit / splats.grid.mean_spacing
     block["radial_scale"] = (plan.table_size - 1) / plan.kernel.radius**2
     block["radial_last"] = plan.table_size - 1
+    block["brightest"] = max(splats.brightest, 1.0)
     block["ambient"], block["diffuse"] = AMBIENT, DIFFUSE
     return block
