@@ -6,10 +6,10 @@ layout(local_size_x = 8) in;
 #include "value.glsl"
 #include "tiles.glsl"
 
-layout(std430, binding = 0) readonly buffer Cursors { uint cursors[]; };  // those of the last run: where lists end
+layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };      // tile, begin, end
+layout(std430, binding = 3) buffer Open { uint open[]; };                  // tiles that light still passes
 layout(rgba32f, binding = 0) uniform image2D target;
 uniform usampler2D list;
-layout(std430, binding = 2) readonly buffer Filled { uint filled[]; };    // the tiles that have any
 uniform usampler2D heads;
 uniform usampler2D shapes;
 #if BENT
@@ -20,10 +20,7 @@ uniform usampler2D cubics;
 uniform usampler2D mixeds;
 #endif
 #endif
-uniform uint last;       // where the last run begins
 uniform float opaque;    // a tile of pixels that hide more gets no more
-uniform uint skipped;    // of each list, and how many to draw at most
-uniform uint most;
 
 // A splat that is joined to the pixels.
 struct Joined {
@@ -57,8 +54,8 @@ void join(inout vec4 light, Ray ray, Joined it, float row) {
 #endif
 }
 
-Joined read_splat(uint place, vec2 first) {
-    ivec2 texel = texel_of(texelFetch(list, listed_at(place), 0).r);
+Joined read_splat(uint n, vec2 first) {
+    ivec2 texel = texel_of(n);
     uvec4 head = texelFetch(heads, texel, 0);
     uvec4 shape = texelFetch(shapes, texel, 0);
     Joined it = Joined(first - uintBitsToFloat(head.xy), uintBitsToFloat(head.w), uintBitsToFloat(shape));
@@ -93,32 +90,43 @@ Joined read_splat(uint place, vec2 first) {
 #endif
 #define JOIN(row) join(light[row], ray[row], it, row);
 #define END(row) imageStore(target, AT(row), light[row]);
-#if ROWS == 8
 #define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)
-#else
-#define EACH(what) what(0) what(1) what(2) what(3)
-#endif
 
 void main() {
-    uint tile = filled[gl_WorkGroupID.x];
-    uint at = (tile > 0u ? cursors[last + tile - 1u] : 0u) + skipped;
-    uint end = min(cursors[last + tile], at + most);
+    uvec4 mine = lists[gl_WorkGroupID.x];
+    uint tile = mine.x, at = mine.y, end = mine.z;
     ivec2 corner = ivec2(tile % uint(tiles.x), tile / uint(tiles.x)) * ivec2(COLUMNS, ROWS);
     corner += origin + ivec2(gl_LocalInvocationID.x, 0);
     vec2 first = vec2(corner) + 0.5;
     vec4 light[ROWS];
     Ray ray[ROWS];
     EACH(BEGIN)
-    for (; at < end; at++) {
-        Joined it = read_splat(at, first);
+    vec2 scale = 1.0 / vec2(textureSize(list, 0));
+#if BLEND == BLEND_COMPOSITE
+    float least = 0.0;
+#endif
+    for (; at < end; at += 4u) {
+        uvec4 four = textureGather(list, (vec2(listed_at(at)) + 1.0) * scale);
+        // beyond the list's end the first again, without its matter
+        Joined it = read_splat(four.w, first);
+        EACH(JOIN)
+        it = read_splat(at + 1u < end ? four.z : four.w, first);
+        if (at + 1u >= end) splat.a = 0.0;
+        EACH(JOIN)
+        it = read_splat(at + 2u < end ? four.x : four.w, first);
+        if (at + 2u >= end) splat.a = 0.0;
+        EACH(JOIN)
+        it = read_splat(at + 3u < end ? four.y : four.w, first);
+        if (at + 3u >= end) splat.a = 0.0;
         EACH(JOIN)
 #if BLEND == BLEND_COMPOSITE
-        float least = min(min(light[0].a, light[1].a), min(light[2].a, light[3].a));
-#if ROWS == 8
-        least = min(least, min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
-#endif
+        least = min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
+                    min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
         if (least > opaque) break;
 #endif
     }
     EACH(END)
+#if BLEND == BLEND_COMPOSITE
+    if (least <= opaque) open[tile] = 1u;
+#endif
 }

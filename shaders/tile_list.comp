@@ -9,6 +9,8 @@ layout(local_size_x = 8) in;
 layout(std430, binding = 0) buffer Cursors { uint cursors[]; };  // run after run: how many, or where the next one goes
 layout(std430, binding = 1) buffer Done { uint done[]; };        // of each run
 #if !COUNTING
+// the cursor of a tile that light passes no more
+#define NOWHERE 0xffffffffu
 layout(r32ui, binding = 0) writeonly uniform uimage2D list;
 #endif
 uniform usampler2D bounds;
@@ -32,7 +34,8 @@ void main() {
             uint slot = column + uint(tile.y * tiles.x + tile.x);
             uint place = cursors[slot];
 #if !COUNTING
-            imageStore(list, listed_at(place), uvec4(n));
+            if (place == NOWHERE) place--;
+            else imageStore(list, listed_at(place), uvec4(n));
 #endif
             cursors[slot] = place + 1u;
         }

@@ -4,13 +4,13 @@
 // form, blue and coverage, or how pixels lie in its footprint. If this is bent: matters, its colour and coverage, and
 // what its footprint needs besides.
 // version 430
-// switch ROWS 8
 #include "optics.glsl"
 #include "varyings.glsl"
 #define COLUMNS 8
+#define ROWS 8
 // splats along a row of the textures, and along one of the list
 #define ABREAST 1024u
-#define LISTED 4096u
+#define LISTED 2048u
 // half a side: touches nothing
 #define UNSEEN -1e9
 // whether a footprint is more than a quadratic form
@@ -23,8 +23,10 @@ ivec2 texel_of(uint n) {
     return ivec2(int(n % ABREAST), int(n / ABREAST));
 }
 
+// Four entries of the list are a square of texels, so that one look-up gathers them.
 ivec2 listed_at(uint n) {
-    return ivec2(int(n % LISTED), int(n / LISTED));
+    uint four = n / 4u;
+    return ivec2(int(four % LISTED) * 2 + int(n & 1u), int(four / LISTED) * 2 + int((n >> 1) & 1u));
 }
 
 // D² = f.x x² + f.y x y + f.z y² at pixels (x, y) off the centre.

@@ -80,6 +80,8 @@ class Passes:
         size = (camera.size[0] * plan.samples, camera.size[1] * plan.samples)
         target = self.targets.get(role, size, plan.program.target, depth=plan.parts > 1)
         target.clear()
+        if plan.program.primitive == "tile":
+            self.tiles.begin(plan)
         if len(splats):
             seen = plan.exposure.middle if plan.exposure else camera
             if plan.near:

@@ -17,17 +17,19 @@ from splatgl.gl.buffers import ABREAST, Range, Texels
 from splatgl.gl.program import Programs
 from splatgl.gl.target import Target
 from splatgl.splat.plan import Plan, Program
-from splatgl.splat.tiling import COLUMNS, MOST
+from splatgl.splat.tiling import COLUMNS, MOST, ROWS
 
 # entries along a row of the list: tiles.glsl's LISTED; and entries of a list at most
-LISTED, MOST_LISTED = 4096, 2**25
+LISTED, MOST_LISTED = 2048, 2**25
 # invocations of a group, and how many groups list splats, each a run of them
 LANES, GROUPS = 8, min(os.cpu_count() or 1, 8)
 # llvmpipe ends a loop after 65535 rounds: what needs more is done in portions
 ROUNDS = 60_000
 # where placed splats, the list, records and the order are looked up; the storage buffer; the image written to
 PLACED_UNIT, LIST_UNIT, RECORDS_UNIT = 8, 5, 5
-CURSORS, DONE, FILLED, IMAGE = 0, 1, 2, 0
+CURSORS, DONE, LISTS, OPEN, IMAGE = 0, 1, 2, 3, 0
+# the cursor of a tile that light passes no more: tile_list.comp's NOWHERE
+NOWHERE = 0xFFFFFFFF
 # what a placed splat is, a texture each; the last four for footprints beyond a quadratic form
 PLACED = ("bounds", "heads", "shapes", "matters", "bends", "cubics", "mixeds")
 
@@ -45,6 +47,8 @@ class Tiles:
         self.framebuffer: moderngl.Framebuffer | None = None
         self.buffers: dict[int, moderngl.Buffer] = {}
         self.list: moderngl.Texture | None = None
+        # tiles that next to nothing passes any more
+        self.closed = np.zeros(0, bool)
         owned.callback(self.release)
 
     def release(self) -> None:
@@ -53,25 +57,28 @@ class Tiles:
                 part.release()
         self.placed, self.framebuffer, self.buffers, self.list = [], None, {}, None
 
+    def begin(self, plan: Plan) -> None:
+        """A picture begins: light passes everywhere."""
+        across, down = _tiles(plan)
+        self.closed = np.zeros(across * down, bool)
+
     def draw(self, target: Target, plan: Plan, texels: Texels, which: Range, carried: bool) -> None:
         """Splats `which` of the drawing order, nearest first; carried: behind what the target shows."""
-        across, down = _tiles(plan)
-        for begin in range(which[0], which[1] if across * down else which[0], MOST):
+        for begin in range(which[0], which[1] if self.closed.size else which[0], MOST):
             self._draw(target, plan, texels, (begin, min(begin + MOST, which[1])), carried)
             carried = True
 
     def _draw(self, target: Target, plan: Plan, texels: Texels, which: Range, carried: bool) -> None:
         count = which[1] - which[0]
         self._place(plan, texels, which)
-        ends = self._count(plan, count)
-        total = int(ends[-1])
-        if total > MOST_LISTED and count > 1:
+        lists = self._count(plan, count)
+        if lists is None:
             middle = which[0] + count // 2
             self._draw(target, plan, texels, (which[0], middle), carried)
             self._draw(target, plan, texels, (middle, which[1]), True)
-            return
-        self._list(plan, count, total)
-        self._add_up(target, plan, np.diff(ends, prepend=0), carried)
+        elif len(lists):
+            self._list(plan, count, int(lists[-1, 2]))
+            self._add_up(target, plan, lists, carried)
 
     def _place(self, plan: Plan, texels: Texels, which: Range) -> None:
         program = self.programs.for_tiles("tile_place.frag", plan.program, {"ORDERED": texels.order is not None})
@@ -101,8 +108,10 @@ class Tiles:
             if part is not None:
                 part.release()
 
-    def _count(self, plan: Plan, count: int) -> np.ndarray:
-        """Where each tile's list ends, int64 [tiles]; the cursors are where each run begins in each."""
+    def _count(self, plan: Plan, count: int) -> np.ndarray | None:
+        """(tile, begin, end, 0) of every list that is not empty, uint32 [lists, 4]; None if they are too long in all. The
+        cursors are where each run's part of each list begins.
+        """
         across, down = _tiles(plan)
         runs = GROUPS * LANES
         size = runs * across * down * 4
@@ -112,17 +121,26 @@ class Tiles:
         found = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, across * down)
         # tile after tile, in each run after run
         until = np.cumsum(found, axis=0, dtype=np.uint32)
-        ends = np.cumsum(until[-1], dtype=np.int64)
-        if ends[-1] <= MOST_LISTED:
-            cursors.write(until - found + (ends - until[-1]).astype(np.uint32))
-        return ends
+        until[:, self.closed] = 0
+        lengths = until[-1].astype(np.int64)
+        # each list begins with four entries that are gathered at once
+        room = np.cumsum(-(-lengths // 4) * 4)
+        if room[-1] > MOST_LISTED and count > 1:
+            return None
+        begins = room - (-(-lengths // 4) * 4)
+        starts = until - found + begins.astype(np.uint32)
+        starts[:, self.closed] = NOWHERE
+        cursors.write(starts)
+        filled = np.flatnonzero(lengths)
+        ends = begins[filled] + lengths[filled]
+        return np.stack([filled, begins[filled], ends, np.zeros_like(ends)], axis=1).astype(np.uint32)
 
     def _list(self, plan: Plan, count: int, total: int) -> None:
-        height = total // LISTED + 1
+        height = (total // (LISTED * 4) + 1) * 2
         if self.list is None or self.list.height < height:
             if self.list is not None:
                 self.list.release()
-            self.list = self.ctx.texture((LISTED, height), 1, dtype="u4")
+            self.list = self.ctx.texture((LISTED * 2, height), 1, dtype="u4")
             self.list.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.list.bind_to_image(IMAGE, read=False, write=True)
         self._run("tile_list.comp", plan, count, {"COUNTING": False})
@@ -141,20 +159,25 @@ class Tiles:
             if (np.frombuffer(done.read(whole.size * 4), np.uint32) >= whole).all():
                 return
 
-    def _add_up(self, target: Target, plan: Plan, lengths: np.ndarray, carried: bool) -> None:
-        filled = np.flatnonzero(lengths).astype(np.uint32)
-        if not len(filled):
-            return
-        self._buffer(FILLED, filled.nbytes).write(filled)
+    def _add_up(self, target: Target, plan: Plan, lists: np.ndarray, carried: bool) -> None:
         assert self.list is not None
         self.list.use(LIST_UNIT)
         target.texture.bind_to_image(IMAGE, read=True, write=True)
-        for skipped in range(0, int(lengths.max()), ROUNDS):
-            program = self._program("tile_draw.comp", plan, {"CARRIED": carried or skipped > 0})
-            _set(program, list=LIST_UNIT, last=(GROUPS * LANES - 1) * len(lengths), opaque=1.0 - plan.passing)
-            _set(program, skipped=skipped, most=ROUNDS)
-            program.run(len(filled))
+        while len(lists):
+            program = self._program("tile_draw.comp", plan, {"CARRIED": carried})
+            _set(program, list=LIST_UNIT, opaque=1.0 - plan.passing)
+            now = lists.copy()
+            now[:, 2] = np.minimum(lists[:, 2], lists[:, 1] + 4 * ROUNDS)
+            self._buffer(LISTS, now.nbytes).write(now)
+            still = self._buffer(OPEN, self.closed.size * 4)
+            still.clear()
+            program.run(len(now))
             self.ctx.memory_barrier()
+            lists[:, 1] = now[:, 2]
+            lists, carried = lists[lists[:, 1] < lists[:, 2]], True
+        if plan.program.blend == "composite":
+            open_ = np.frombuffer(still.read(self.closed.size * 4), np.uint32)[now[:, 0]]
+            self.closed[now[open_ == 0, 0]] = True
 
     def _buffer(self, binding: int, size: int) -> moderngl.Buffer:
         """Of so many bytes at least, bound."""
@@ -167,7 +190,7 @@ class Tiles:
         return found
 
     def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
-        program = self.programs.for_tiles(name, plan.program, {**switches, "ROWS": plan.program.rows})
+        program = self.programs.for_tiles(name, plan.program, switches)
         _set(program, origin=plan.window.box[:2], tiles=_tiles(plan))
         _set(program, **{placed: PLACED_UNIT + unit for unit, placed in enumerate(PLACED)})
         return program
@@ -175,7 +198,7 @@ class Tiles:
 
 def _tiles(plan: Plan) -> tuple[int, int]:
     """How many there are along x and y."""
-    return -(-plan.window.width // COLUMNS), -(-plan.window.height // plan.program.rows)
+    return -(-plan.window.width // COLUMNS), -(-plan.window.height // ROWS)
 
 
 def _textures(program: Program) -> int:

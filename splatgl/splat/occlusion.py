@@ -16,8 +16,6 @@ SHARE = 1 / 13
 FEWEST, SHALLOWEST, SMALLEST, NEAREST = 20_000, 5.0, 2.5, 4.0
 # with as much optical depth it pays for small sprites as well, and so does the map of what is hidden
 SOLID = 20.0
-# tiles gather solid volumes of more splats than this in so many parts
-MANY, PORTIONS = 1_000_000, 8
 # pixels along a tile's edge in the map of what is hidden, and how many of them the largest sprite may reach
 TILE, FURTHEST = 4, 16
 # parts: measured to be best near the square root of how many splats cover a pixel
@@ -31,18 +29,11 @@ def closing(splats: Splats, camera: Camera, reach: Reach) -> tuple[int, bool]:
     area = reach.window.width * reach.window.height
     if len(splats) < FEWEST or area == 0 or around(reach) > FURTHEST or reach.largest > NEAREST * reach.typical:
         return 1, False
-    depth = _mean_depth(splats, camera, reach, area)
+    depth = mean_depth(splats, camera, reach, area)
     if depth < SHALLOWEST or (depth < SOLID and reach.typical < SMALLEST):
         return 1, False
     cover = len(splats) * (2 * reach.typical) ** 2 / area
     return int(np.clip(round(np.sqrt(cover)), 2, MOST_PARTS)), depth >= SOLID
-
-
-def portions(splats: Splats, camera: Camera, reach: Reach) -> int:
-    """In how many parts tiles gather splats: those of solid volumes are mostly behind tiles that have ended."""
-    area = reach.window.width * reach.window.height
-    solid = len(splats) >= MANY and area > 0 and _mean_depth(splats, camera, reach, area) >= SOLID
-    return PORTIONS if solid else 1
 
 
 def around(reach: Reach) -> float:
@@ -55,7 +46,7 @@ def cuts(count: int, number: int) -> list[int]:
     return [int(count * (n / number) ** GROWTH) for n in range(number)] + [count]
 
 
-def _mean_depth(splats: Splats, camera: Camera, reach: Reach, area: int) -> float:
+def mean_depth(splats: Splats, camera: Camera, reach: Reach, area: int) -> float:
     """Optical depth that the splats would have if they were spread over the window."""
     pitch = camera.extent / camera.size[1]
     voxel = pitch * reach.mean_depth if camera.perspective else pitch / splats.grid.mean_spacing

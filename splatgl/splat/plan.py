@@ -17,12 +17,12 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel, kernel, polynomials
 from splatgl.splat.motion import Exposure, Motion
 from splatgl.splat.near import Near, widened
-from splatgl.splat.occlusion import SHARE, around, closing, portions
+from splatgl.splat.occlusion import SHARE, around, closing
 from splatgl.splat.primitive import RADIAL_BITS, primitive
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.sprites import Reach, Window, reach
-from splatgl.splat.tiling import HALVINGS, HIGH, halvings, rows
+from splatgl.splat.tiling import HALVINGS, halvings, portions
 
 # nearest depth drawn, in voxels: a perspective quad nearer than that would overflow its clip coordinates
 NEAR = 1e-3
@@ -38,7 +38,7 @@ SPRITE_LIMIT = 255.0
 class Program:
     """The choices that are compiled in or set as GL state.
 
-    kernel: the one whose polynomials are compiled in. halvings: see optics.glsl. rows: of pixels in a tile.
+    kernel: the one whose polynomials are compiled in. halvings: see optics.glsl.
     """
 
     blend: str
@@ -58,7 +58,6 @@ class Program:
     flow: bool = False
     kernel: str = ""
     halvings: int = HALVINGS
-    rows: int = HIGH
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,6 @@ class Plan:
     parts: in how many parts it is drawn; between two, pixels that less than `passing` of the light passes are closed.
     around: how many tiles beyond its own a sprite may reach. exposure: of a blurred picture.
     near: which splats are quads all the same, where others are sprites. half_line: whether the eye may be in one.
-    largest: half the side of the largest sprite, pixels.
     """
 
     program: Program
@@ -92,7 +90,6 @@ class Plan:
     exposure: Exposure | None = None
     near: Near | None = None
     half_line: bool = False
-    largest: float = 0.0
 
     @property
     def table(self) -> str:
@@ -209,7 +206,6 @@ def _planned(
         flow=exposure is not None and exposure.flow is not None,
         kernel=shape.name if footprint == "polynomial" else "",
         halvings=HALVINGS if exposure or settings.attenuation == "opacity" else halvings(splats, shape),
-        rows=rows(covered) if kind == "tile" else HIGH,
     )
     return Plan(
         program,
@@ -233,7 +229,6 @@ def _planned(
         exposure,
         parted,
         half_line,
-        covered.largest,
     )
 
 
@@ -311,7 +306,7 @@ def _closing(
     if settings.blend != "composite" or settings.occlusion == "off" or settings.order == "back-to-front":
         return 1, False, False
     if kind == "tile":
-        return portions(splats, camera, covered) if whole else 1, False, True
+        return portions(splats, camera, covered), False, True
     if kind == "quad" or not whole:
         return 1, False, False
     number, hiding = closing(splats, camera, covered)

@@ -32,7 +32,7 @@ def primitive(
     fit: the alignment, and whether the eye may be in a kernel. limit: of OpenGL's points, pixels. tiles: whether the
     renderer prefers them to sprites; None if it has none.
     """
-    kind = "tile" if settings.primitive != "sprite" and tiled(splats, settings, tiles) else "sprite"
+    kind = "tile" if tiled(splats, camera, settings, covered, tiles) else "sprite"
     limit = LIMIT if kind == "tile" else limit
     why = _why_not(settings, fit, covered, limit)
     if why and settings.primitive == kind:

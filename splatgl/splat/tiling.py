@@ -1,7 +1,6 @@
 """When splats are gathered by tiles of pixels instead of drawn as sprites, and in which portions.
 
-A tile is a column of pixels for each of the lanes of a software renderer. What a splat costs by itself is shared by a
-tile's pixels, and what it costs at a pixel is paid by those beside it too: large sprites get high tiles.
+A tile is a column of pixels for each of the lanes of a software renderer.
 """
 
 from __future__ import annotations
@@ -9,15 +8,19 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.data.errors import expected
+from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel
+from splatgl.splat.occlusion import SOLID, mean_depth
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.sprites import Reach
 
-# pixels along a tile's sides: high ones where half a sprite's side is this many pixels or more
-COLUMNS, LOW, HIGH, LARGE = 8, 4, 8, 5.0
-# sprites are as good with fewer splats; larger ones than so many pixels, which touch a lot of tiles, are left to quads
-FEWEST, LIMIT = 5000, 128.0
+# pixels along a tile's sides: tiles.glsl's COLUMNS and ROWS
+COLUMNS, ROWS = 8, 8
+# sprites are as good with fewer splats, and with sprites that reach less far, in pixels; larger ones than so many pixels, which touch a lot of tiles, are left to quads
+FEWEST, SMALLEST, LIMIT = 30_000, 2.0, 128.0
+# solid volumes of more splats than this are gathered in so many parts
+MANY, PORTIONS = 1_000_000, 6
 # splats gathered at a time: a texel each of three to six textures
 MOST = 2**20
 # most halvings of an optical depth before its polynomial: what hides more than 1 − 2⁻³² hides all
@@ -26,14 +29,26 @@ HALVINGS = 5
 SLANTED = 1.5
 
 
-def tiled(splats: Splats, settings: Settings, preferred: bool | None) -> bool:
+def tiled(splats: Splats, camera: Camera, settings: Settings, covered: Reach, preferred: bool | None) -> bool:
     """Whether tiles are drawn, for splats that could be sprites; preferred: None where the renderer cannot draw them."""
     why = _why_not(settings, preferred)
     if settings.primitive == "tile":
         if why:
             raise expected("primitive tile", "what tiles can be drawn with", why, "use auto")
         return True
-    return settings.primitive == "auto" and bool(preferred) and not why and len(splats) >= FEWEST
+    if settings.primitive != "auto" or not preferred or why or len(splats) < FEWEST:
+        return False
+    return covered.typical >= SMALLEST or _solid(splats, camera, covered)
+
+
+def portions(splats: Splats, camera: Camera, covered: Reach) -> int:
+    """In how many parts to gather: splats of solid volumes are mostly behind tiles that have ended."""
+    return PORTIONS if len(splats) >= MANY and _solid(splats, camera, covered) else 1
+
+
+def _solid(splats: Splats, camera: Camera, covered: Reach) -> bool:
+    area = covered.window.width * covered.window.height
+    return area > 0 and mean_depth(splats, camera, covered, area) >= SOLID
 
 
 def _why_not(settings: Settings, preferred: bool | None) -> str:
@@ -44,11 +59,6 @@ def _why_not(settings: Settings, preferred: bool | None) -> str:
     if settings.blend == "composite" and settings.order == "back-to-front":
         return "order back-to-front"
     return ""
-
-
-def rows(covered: Reach) -> int:
-    """Pixels along the upright side of a tile."""
-    return HIGH if covered.typical >= LARGE else LOW
 
 
 def halvings(splats: Splats, shape: Kernel) -> int:
