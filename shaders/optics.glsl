@@ -8,27 +8,18 @@
 #define ATTENUATION_OPTICAL_DEPTH 0
 #define ATTENUATION_OPACITY 1
 #define ATTENUATION_FILL 2
-#define LOG2_E 1.44269504
 
-// 1 − 2⁻ˣ, 0 ≤ x ≤ 1, to 4e−7 of itself
-float hidden_part(float x) {
-    return x * (0.693146916 + x * (-0.240213824 + x * (0.0554043416 + x * (-0.00933759844 + x * 0.00100035493))));
-}
-
-// 1 − exp(−x) for x ≥ 0, to 1e−6 of itself: what two halves of a depth hide, four, …, cancels nothing; the steps are
-// cheaper than exp and a series for what is thin
+// 1 − exp(−x) for x ≥ 0; the series below 1/16 is good to float32's last digit
 float one_minus_exp(float x) {
-    float h = hidden_part(min(x * (LOG2_E / 32.0), 1.0));
-    h *= 2.0 - h;
-    h *= 2.0 - h;
-    h *= 2.0 - h;
-    h *= 2.0 - h;
-    return h * (2.0 - h);
+    if (x < 0.0625) return x * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x / 120.0))));
+    return 1.0 - exp(-x);
 }
 
-// The same for a splat's depth, which is none of the scene's larger than 2^HALVINGS ln 2.
-float opacity_of(float x) {
-    float h = hidden_part(min(x * (LOG2_E / float(1 << HALVINGS)), 1.0));
+// The same to 1e−6 of itself and quicker, for depths up to 2^HALVINGS ln 2: a polynomial for 1 − 2⁻ʸ, y ≤ 1, and what
+// two halves hide together, which cancels nothing.
+float quick_one_minus_exp(float x) {
+    float y = min(x * (1.44269504 / float(1 << HALVINGS)), 1.0);
+    float h = y * (0.693146916 + y * (-0.240213824 + y * (0.0554043416 + y * (-0.00933759844 + y * 0.00100035493))));
 #if HALVINGS > 0
     h *= 2.0 - h;
 #endif

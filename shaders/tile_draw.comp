@@ -22,6 +22,28 @@ uniform usampler2D mixeds;
 #endif
 uniform float opaque;    // a tile of pixels that hide more gets no more
 
+#if BENT
+#define RAY Ray
+#define RAY_OF ray_of
+#else
+// What all splats have of a pixel's ray: D² over the quadratic form, and the integral over F.
+struct Plain {
+    float shrink;
+    float gain;
+};
+#define RAY Plain
+#define RAY_OF plain_of
+
+Plain plain_of(vec2 pixel_center) {
+    Ray ray = ray_of(pixel_center);
+#if ALIGN == ALIGN_EXACT && !CUBIC && BLEND != BLEND_MIP
+    return Plain(1.0 / ray.across2, ray.length_ * inversesqrt(ray.across2));
+#else
+    return Plain(1.0 / ray.across2, 1.0);
+#endif
+}
+#endif
+
 // A splat that is joined to the pixels.
 struct Joined {
     vec2 offset;         // of the column's first pixel
@@ -29,7 +51,7 @@ struct Joined {
     vec4 shape;
 };
 
-void join(inout vec4 light, Ray ray, Joined it, float row) {
+void join(inout vec4 light, RAY ray, Joined it, float row) {
     vec2 offset = it.offset + vec2(0.0, row);
 #if BENT
     float value = splat.a * exact_share(local_place(offset), ray);
@@ -38,10 +60,7 @@ void join(inout vec4 light, Ray ray, Joined it, float row) {
 #else
     // f.x x² and f.y x are the column's
     float r2 = it.shape.x + offset.y * (it.shape.y + offset.y * it.shape.z);
-    float value = splat.a * radial(r2 * ray.shrink);
-#if ALIGN == ALIGN_EXACT && !CUBIC && BLEND != BLEND_MIP
-    value *= ray.length_ * sqrt(ray.shrink);
-#endif
+    float value = splat.a * radial(r2 * ray.shrink) * ray.gain;
 #endif
     value = blended(value);
 #if BLEND == BLEND_MIP
@@ -84,9 +103,9 @@ Joined read_splat(uint n, vec2 first) {
 
 #define AT(row) (corner + ivec2(0, row))
 #if CARRIED
-#define BEGIN(row) light[row] = imageLoad(target, AT(row)); ray[row] = ray_of(first + vec2(0.0, row));
+#define BEGIN(row) light[row] = imageLoad(target, AT(row)); ray[row] = RAY_OF(first + vec2(0.0, row));
 #else
-#define BEGIN(row) light[row] = vec4(0.0); ray[row] = ray_of(first + vec2(0.0, row));
+#define BEGIN(row) light[row] = vec4(0.0); ray[row] = RAY_OF(first + vec2(0.0, row));
 #endif
 #define JOIN(row) join(light[row], ray[row], it, row);
 #define END(row) imageStore(target, AT(row), light[row]);
@@ -99,7 +118,7 @@ void main() {
     corner += origin + ivec2(gl_LocalInvocationID.x, 0);
     vec2 first = vec2(corner) + 0.5;
     vec4 light[ROWS];
-    Ray ray[ROWS];
+    RAY ray[ROWS];
     EACH(BEGIN)
     vec2 scale = 1.0 / vec2(textureSize(list, 0));
 #if BLEND == BLEND_COMPOSITE

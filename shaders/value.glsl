@@ -1,5 +1,6 @@
 // What a splat that stands still gives to one pixel: its footprint by a look-up or a polynomial, then the blend mode's value.
 // switch FOOTPRINT FOOTPRINT_TABLE
+// switch TILED 0
 // switch POLYNOMIALS_0 0
 // switch POLYNOMIALS_1 0
 // switch POLYNOMIALS_2 0
@@ -51,7 +52,7 @@ vec2 local_place(vec2 offset) {
 
 // A pixel's ray, and what all splats have of it.
 struct Ray {
-    float shrink;   // 1/|across|², in index axes, of a ray of depth 1
+    float across2;  // |across|² in index axes, of a ray of depth 1
     float length_;
 };
 
@@ -63,7 +64,7 @@ Ray ray_of(vec2 pixel_center) {
 #if ALIGN == ALIGN_EXACT
     vec3 ray = ray_at(pixel_center);
     vec3 across = to_index(ray);
-    return Ray(1.0 / dot(across, across), length(ray));
+    return Ray(dot(across, across), length(ray));
 #else
     return Ray(1.0, 1.0);
 #endif
@@ -75,31 +76,37 @@ float exact_share(vec2 at, Ray ray) {
     float r2 = dot(at, at);
 #if SPRITE
     // before z_k a sprite's place is across the pixel's own ray
-    float shrink = ray.shrink;
+    float shrink = ray.across2;
 #if ANTIALIAS
     if (bend.x < 0.0) shrink = 1.0;
 #endif
 #else
-    float shrink = 1.0 / (1.0 + r2 * max(bend.x, 0.0));
+    float shrink = 1.0 + r2 * max(bend.x, 0.0);
 #endif
 #if ANTIALIAS && CUBIC
-    float d2 = (r2 + bend.y * at.x * at.x * at.x) * shrink;
+    float d2 = (r2 + bend.y * at.x * at.x * at.x) / shrink;
     float value = 1.0 + at.x * (bend.z + bend.w * at.x) + max(-bend.x, 0.0) * at.y * at.y;
 #elif ANTIALIAS
     bool stretched = bend.x < 0.0;
     float t = dot(cubic.zw, at);
-    float d2 = (r2 + dot(cubic.xy, at) * t * t + dot(mixed.xy, at) * dot(mixed.zw, at) * t) * shrink;
+    float d2 = (r2 + dot(cubic.xy, at) * t * t + dot(mixed.xy, at) * dot(mixed.zw, at) * t) / shrink;
     float value = stretched ? 1.0 + dot(bend.zw, at) : 1.0;
 #else
     const bool stretched = false;
-    float d2 = r2 * shrink;
+    float d2 = r2 / shrink;
     float value = 1.0;
 #endif
 #if !CUBIC && BLEND != BLEND_MIP
-    value *= ray.length_ * (stretched ? 1.0 : sqrt(ray.shrink));
+    value *= ray.length_ / (stretched ? 1.0 : sqrt(ray.across2));
 #endif
     return value * radial(d2);
 }
+#endif
+
+#if TILED
+#define OPACITY_OF quick_one_minus_exp
+#else
+#define OPACITY_OF one_minus_exp
 #endif
 
 // From what a footprint is worth here to opacity, or whatever adds up.
@@ -107,9 +114,9 @@ float blended(float value) {
 #if BLEND == BLEND_COMPOSITE
 #if ATTENUATION == ATTENUATION_OPACITY
     // the paper's: the opacity of the unstretched splat, weakened by (z_k/z_v)² = coverage  [M98 Eq. 6]
-    return coverage > 0.0 ? coverage * opacity_of(value / coverage) : 0.0;
+    return coverage > 0.0 ? coverage * OPACITY_OF(value / coverage) : 0.0;
 #else
-    return opacity_of(value);
+    return OPACITY_OF(value);
 #endif
 #else
     return value;

@@ -16,35 +16,46 @@ from splatgl.splat.sprites import Window
 ROUNDING = 2e-5
 
 
+# and where tiles have their colours in 16 bits and opacities by polynomials, or not
+TILED = 5e-5
+
+
 def forced(name: str, chosen: Plan, camera: sg.Camera) -> tuple[Plan, Plan, float]:
     """(the plan as it is or next to it, the plan with the feature on, how much may change)."""
     quads = chosen.forced(primitive="quad")
+    tiled = TILED if chosen.program.primitive == "tile" else 0.0
     return {
-        "antialiasing": (chosen, chosen.forced(antialias=True), 0.0),
+        "antialiasing": (chosen, chosen.forced(antialias=True), tiled),
         "antialiasing, quads": (quads, quads.forced(antialias=True), 0.0),
-        "attenuation": (chosen, chosen.forced(antialias=True, attenuation="fill"), 0.0),
+        "attenuation": (chosen, chosen.forced(antialias=True, attenuation="fill"), tiled),
         "half lines": (quads, quads.forced(half_line=True), 0.0),
         "non-cubic voxels": (chosen, chosen.forced(cubic=False), ROUNDING),
-        "quads": (chosen, quads, ROUNDING + chosen.passing),
-        "rows beyond the window": (chosen, replace(chosen, window=Window(0, 0, *camera.size)), 0.0),
+        "quads": (chosen, quads, ROUNDING + tiled + chosen.passing),
+        "sprites": (chosen, chosen.forced(primitive="sprite"), ROUNDING + tiled + chosen.passing),
+        # other tiles end at other splats
+        "rows beyond the window": (
+            chosen,
+            replace(chosen, window=Window(0, 0, *camera.size)),
+            chosen.passing if tiled else 0.0,
+        ),
         "hidden splats": (chosen, replace(chosen, parts=1), chosen.passing),
     }[name]
 
 
 FEATURES = (
     *("antialiasing", "antialiasing, quads", "attenuation", "half lines"),
-    *("non-cubic voxels", "quads", "rows beyond the window", "hidden splats"),
+    *("non-cubic voxels", "quads", "sprites", "rows beyond the window", "hidden splats"),
 )
 
 
 @pytest.mark.parametrize("name", FEATURES)
-@pytest.mark.parametrize("size", [12, 40])
-def test_forced_on(renderer: sg.Renderer, name: str, size: int) -> None:
+@pytest.mark.parametrize(("size", "primitive"), [(12, "sprite"), (40, "sprite"), (12, "tile"), (40, "tile")])
+def test_forced_on(renderer: sg.Renderer, name: str, size: int, primitive: str) -> None:
     splats = noise(size=size, opacity=0.9)
     camera = views(splats)["fitted"].resized((360, 270))
-    chosen = renderer.plan(splats, camera)
+    chosen = renderer.plan(splats, camera, sg.Settings(primitive=primitive))
     assert not chosen.program.antialias and not chosen.program.half_line and chosen.program.cubic
-    assert (chosen.parts > 1) == (size == 40)
+    assert (chosen.parts > 1) == (size == 40 and primitive == "sprite")
     without, with_it, change = forced(name, chosen, camera)
     drawn = renderer.passes.draw(splats, camera, without)
     assert drawn.max() > 0.1
@@ -59,7 +70,7 @@ def test_order_is_left_out_of_sums(renderer: sg.Renderer) -> None:
         assert any(note.startswith("ordering left out") for note in chosen.notes)
         renderer.passes.draw(splats, camera, chosen)
         drawn = renderer.passes.splats.of(splats).indexed
-        assert drawn is not None and not drawn.orders
+        assert drawn is not None and not drawn.orders.kept
         renderer.passes.splats.release()
 
 

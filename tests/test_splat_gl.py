@@ -63,7 +63,8 @@ def test_corners_by_transform_feedback(align: str, direction: np.ndarray, render
     assert plan.program.antialias
     switches = {**splat_switches(plan.program), "FEEDBACK": True}
     ctx = renderer.ctx
-    switches.pop("FOOTPRINT")  # the fragment shader's alone
+    for name in ("FOOTPRINT", "TILED"):  # the fragment shader's alone
+        switches.pop(name)
     program = build(ctx, "splat.vert", None, switches, varyings=("corner_eye", "gain"))
     count = len(splats)
     buffers = [ctx.buffer(frame_block(splats, camera, plan).tobytes()), ctx.buffer(style_block(splats, plan).tobytes())]

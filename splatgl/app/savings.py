@@ -42,9 +42,10 @@ def with_it(plan: Plan) -> dict[str, Plan]:
     program = plan.program
     if program.align != "exact" or plan.exposure is not None:
         return {}
-    sprite, closed = program.primitive == "sprite", plan.parts > 1
+    kind, closed = program.primitive, plan.parts > 1
     one_by_one = {
-        "quads for sprites": (sprite, plan.forced(primitive="quad")),
+        "sprites for tiles": (kind == "tile", plan.forced(primitive="sprite")),
+        f"quads for {kind}s": (kind != "quad", plan.forced(primitive="quad")),
         "antialiasing": (not program.antialias, plan.forced(antialias=True)),
         "voxels of any shape": (program.cubic, plan.forced(cubic=False)),
         "what is hidden": (closed, replace(plan.forced(hiding=False), parts=1)),

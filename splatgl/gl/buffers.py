@@ -28,7 +28,7 @@ Range = tuple[int, int]
 
 
 # a list of indices
-Listed = TypeVar("Listed", moderngl.Buffer, moderngl.Texture)
+Listed = TypeVar("Listed", bound=moderngl.Buffer | moderngl.Texture)
 
 
 class SplatBuffers:

@@ -53,6 +53,7 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "HIDING": program.hiding,
         "MOTION": f"MOTION_{program.motion.upper()}",
         "FLOW": program.flow,
+        "TILED": program.primitive == "tile",
         "HALVINGS": program.halvings,
         **_polynomials(program),
     }
@@ -62,10 +63,9 @@ def _polynomials(program: Program) -> dict[str, str]:
     """The coefficients as value.glsl wants them: in five vectors."""
     if program.footprint != "polynomial":
         return {}
-    shape = kernel(program.kernel)
-    fitted = polynomials(shape)
+    fitted = polynomials(program.kernel)
     assert fitted is not None
-    numbers = [*fitted.inner, *fitted.outer, fitted.split, shape.radius**-2]
+    numbers = [*fitted.inner, *fitted.outer, fitted.split, kernel(program.kernel).radius ** -2]
     vectors = np.pad(np.array(numbers, np.float32), (0, -len(numbers) % 4)).reshape(-1, 4).tolist()
     return {f"POLYNOMIALS_{n}": f"vec4({', '.join(map(repr, vector))})" for n, vector in enumerate(vectors)}
 
@@ -108,6 +108,12 @@ def _bind_blocks(program: moderngl.Program | moderngl.ComputeShader) -> None:
             program[block].binding = binding  # type: ignore[union-attr]
 
 
+def _read(name: str, program: Program, more: Switches) -> dict[str, str | int | bool]:
+    """Those of a plan's switches that a shader reads, so that a choice that it does not know compiles nothing."""
+    read = declared_switches(name)
+    return {switch: value for switch, value in {**splat_switches(program), **more}.items() if switch in read}
+
+
 class Programs:
     """The program cache: compiles on the first use of a plan's choices only."""
 
@@ -116,7 +122,8 @@ class Programs:
         self.owned = owned
         self.splat: dict[tuple[tuple[str, str | int | bool], ...], moderngl.Program] = {}
         self.screen: dict[str, moderngl.Program] = {}
-        self.tiles: dict[tuple[str, tuple[tuple[str, str | int | bool], ...]], moderngl.Program | moderngl.ComputeShader] = {}
+        self.placing: dict[tuple[tuple[str, str | int | bool], ...], moderngl.Program] = {}
+        self.tiles: dict[tuple[str, tuple[tuple[str, str | int | bool], ...]], moderngl.ComputeShader] = {}
 
     def for_splats(self, program: Program) -> moderngl.Program:
         switches = splat_switches(program)
@@ -131,17 +138,21 @@ class Programs:
             self.screen[fragment] = self._keep(build(self.ctx, "whole.vert", fragment, {}))
         return self.screen[fragment]
 
-    def for_tiles(self, name: str, program: Program, more: Switches) -> moderngl.Program | moderngl.ComputeShader:
-        """One of the shaders that draw by tiles; more: its own switches."""
-        read = declared_switches(name)
-        chosen = {**splat_switches(program), **more}
-        switches = {switch: value for switch, value in chosen.items() if switch in read}
+    def for_placing(self, program: Program, more: Switches) -> moderngl.Program:
+        """What places splats that are gathered by tiles; more: its own switches."""
+        switches = _read("tile_place.frag", program, more)
+        key = tuple(switches.items())
+        if key not in self.placing:
+            self.placing[key] = self._keep(build(self.ctx, "whole.vert", "tile_place.frag", switches))
+        return self.placing[key]
+
+    def for_tiles(self, name: str, program: Program, more: Switches) -> moderngl.ComputeShader:
+        """One of the compute shaders that gather splats by tiles; more: its own switches."""
+        switches = _read(name, program, more)
         key = (name, tuple(switches.items()))
         if key not in self.tiles:
-            compute = name.endswith(".comp")
-            made = build_compute(self.ctx, name, switches) if compute else build(self.ctx, "whole.vert", name, switches)
-            self.owned.callback(made.release)
-            self.tiles[key] = made
+            self.tiles[key] = build_compute(self.ctx, name, switches)
+            self.owned.callback(self.tiles[key].release)
         return self.tiles[key]
 
     def _keep(self, program: moderngl.Program) -> moderngl.Program:

@@ -73,7 +73,7 @@ class Renderer:
     def plan(
         self, splats: Splats, camera: Camera, settings: Settings | None = None, motion: Motion | None = None
     ) -> Plan:
-        """What `render` would do; the driver decides whether splats are gathered by tiles, and how large sprites are."""
+        """What `render` would do; the driver decides whether there are tiles, and how large sprites may be."""
         return plan(splats, camera, settings, self.sprite_limit, motion, self.tiles)
 
     def render(
@@ -143,6 +143,7 @@ class Renderer:
     def _failure(self, splats: Splats, camera: Camera, problem: str) -> InputError:
         # what is kept may be half made: the next picture starts afresh
         self.passes.splats.release()
+        self.passes.tiles.release()
         self.passes.streaks.release()
         return InputError(
             f"OpenGL failed on {len(splats):,} splats at {camera.size[0]}×{camera.size[1]}: {problem}; "

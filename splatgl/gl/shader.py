@@ -1,8 +1,8 @@
 """Shader text from the folder `shaders/`: includes and switches, strictly.
 
-A file declares each switch it reads as `// switch NAME DEFAULT`, and a later GLSL than 3.3 as `// version 430`. Composing with a switch that no file
-declares, a file that is not there, or a cycle is an error that names file and line. The composed text
-knows where each of its lines came from, so that a compiler's message can say it too.
+A file declares each switch it reads as `// switch NAME DEFAULT`, and a later GLSL than 3.3 as `// version 430`.
+Composing with a switch that no file declares, a file that is not there, or a cycle is an error that names file and
+line. The composed text knows where each of its lines came from, so that a compiler's message can say it too.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ class Tiles:
             self._add_up(target, plan, lists, carried)
 
     def _place(self, plan: Plan, texels: Texels, which: Range) -> None:
-        program = self.programs.for_tiles("tile_place.frag", plan.program, {"ORDERED": texels.order is not None})
+        program = self.programs.for_placing(plan.program, {"ORDERED": texels.order is not None})
         number = _textures(plan.program)
         height = -(-(which[1] - which[0]) // ABREAST)
         if len(self.placed) < number or self.placed[0].height < height:
@@ -109,8 +109,9 @@ class Tiles:
                 part.release()
 
     def _count(self, plan: Plan, count: int) -> np.ndarray | None:
-        """(tile, begin, end, 0) of every list that is not empty, uint32 [lists, 4]; None if they are too long in all. The
-        cursors are where each run's part of each list begins.
+        """(tile, begin, end, 0) of every list that is not empty, uint32 [lists, 4]; None if they are too long in all.
+
+        The cursors are where each run's part of each list begins.
         """
         across, down = _tiles(plan)
         runs = GROUPS * LANES

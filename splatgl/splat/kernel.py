@@ -154,8 +154,9 @@ def radial_table(shape: Kernel, size: int = 1024) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Polynomials:
-    """F/F(0) over s = D²/R²: inner[0] + inner[1] s + … up to `split`, then u^2.5 (outer[0] + outer[1] u + …), u = 1 − s,
-    which is how a kernel that is flat and C¹ at its rim ends.
+    """F/F(0) over s = D²/R²: inner[0] + inner[1] s + … up to `split`, then u^2.5 (outer[0] + outer[1] u …), u = 1 − s.
+
+    The power 2.5 is how the integral of a kernel ends that is C¹ at its rim.
     """
 
     split: float
@@ -169,8 +170,9 @@ class Polynomials:
 
 
 @lru_cache(maxsize=4)
-def polynomials(shape: Kernel) -> Polynomials | None:
-    """Within 5e−5 of F, relative to itself, down to F/F(0) = 1e−7; None for a kernel of other than two cubics."""
+def polynomials(name: str) -> Polynomials | None:
+    """Within 5e−5 of that kernel's F, relative to itself, down to F/F(0) = 1e−7; None if it is not of two cubics."""
+    shape = kernel(name)
     if not isinstance(shape, PiecewiseCubic) or len(shape.knots) != 2:
         return None
     near, far = SPLIT * _CHEBYSHEV, SPLIT + (END - SPLIT) * _CHEBYSHEV

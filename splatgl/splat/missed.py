@@ -93,7 +93,7 @@ def _missed_at(lookup: Lookup, place: float, gain: float) -> np.ndarray:
 
 def _table_error(lookup: Lookup, shape: Kernel, d: np.ndarray, value: np.ndarray) -> np.ndarray:
     if lookup.kind == "polynomial":
-        fitted = polynomials(shape)
+        fitted = polynomials(lookup.kernel)
         assert fitted is not None
         return np.asarray(np.abs(fitted((d / shape.radius) ** 2) - value) + POLYNOMIAL_DIGITS * ULP * value)
     if lookup.kind == "radial":

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from splatgl.splat.camera import Camera
+from splatgl.splat.motion import Exposure
 from splatgl.splat.order import Order
 from splatgl.splat.rows import Splats
 from splatgl.splat.sprites import CLEARANCE, Reach, reach
@@ -24,6 +25,8 @@ OFF_CELL = 0.5
 BEHIND, AHEAD = 2.0, 4.0
 # rounds that look for the depth at which sprites are small enough, each by this much deeper or more
 ROUNDS, DEEPER = 20, 1.1
+# the eye is near where a kernel is nearer than this many radii: √1.1, as shaders/exact.glsl has it, and some
+NEAR_RADII = 1.06
 # quads for all are as good where fewer splats than this share can be sprites
 WORTH = 0.1
 
@@ -110,3 +113,13 @@ def runs(splats: Splats, chosen: Near) -> list[Run]:
 def widened(covered: Reach, chosen: Near | None) -> Reach:
     """What the picture's sprites need, and the window of all splats."""
     return replace(chosen.reach, window=covered.window) if chosen else covered
+
+
+def eye_is_near(splats: Splats, camera: Camera, radius: float, exposure: Exposure | None) -> bool:
+    """Whether the eye may lie inside a kernel: within NEAR_RADII of the box of all centres, wherever they flow."""
+    low, high = splats.index_bounds
+    eye = splats.grid.index_from_world(camera.eye)
+    near = NEAR_RADII * radius
+    if exposure is not None and exposure.flow is not None and len(splats):
+        near += float(np.linalg.norm(exposure.drift(splats), axis=1).max())
+    return bool(np.linalg.norm(eye - np.clip(eye, low, high)) < near)

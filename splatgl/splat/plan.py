@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.splat.alignment import alignment
 from splatgl.splat.camera import Camera
-from splatgl.splat.kernel import Kernel, kernel, polynomials
+from splatgl.splat.kernel import Kernel, kernel
 from splatgl.splat.motion import Exposure, Motion
-from splatgl.splat.near import Near, widened
+from splatgl.splat.near import Near, eye_is_near, widened
 from splatgl.splat.occlusion import SHARE, around, closing
-from splatgl.splat.primitive import RADIAL_BITS, primitive
+from splatgl.splat.primitive import footprint, primitive
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.sprites import Reach, Window, reach
@@ -28,18 +27,13 @@ from splatgl.splat.tiling import HALVINGS, halvings, portions
 NEAR = 1e-3
 # texels along an axis: the paper's, and what brings a radial table's error to 1e−5
 TABLE_SIZES = {"table": 256, "radial": 1024, "polynomial": 1}
-# the eye is near where a kernel is nearer than this many radii: √1.1, as shaders/exact.glsl has it, and some
-NEAR_RADII = 1.06
 # largest sprite, pixels, where no renderer says its own: that of software OpenGL
 SPRITE_LIMIT = 255.0
 
 
 @dataclass(frozen=True)
 class Program:
-    """The choices that are compiled in or set as GL state.
-
-    kernel: the one whose polynomials are compiled in. halvings: see optics.glsl.
-    """
+    """What is compiled in or set as GL state. kernel: whose polynomials are compiled in. halvings: see optics.glsl."""
 
     blend: str
     align: str
@@ -110,7 +104,7 @@ class Plan:
         sprite, quad = program.primitive == "sprite", program.primitive == "quad"
         parts = self.parts if sprite == (self.program.primitive == "sprite") and not quad else 1
         program = replace(program, hiding=program.hiding and sprite)
-        return replace(self, program=program, pad=self.pad * sprite, parts=parts, near=None if quad else self.near)
+        return replace(self, program=program, pad=self.pad * (not quad), parts=parts, near=None if quad else self.near)
 
     @property
     def nearest_quads(self) -> Plan:
@@ -155,8 +149,8 @@ def plan(
 ) -> Plan:
     """The plan for one picture; everything that stands on `auto` is decided here.
 
-    sprite_limit: the largest point that OpenGL draws, pixels. motion: how the scene comes to where it is. tiles: whether
-    the renderer prefers them to sprites; None if it has none.
+    sprite_limit: the largest point that OpenGL draws, pixels. motion: how the scene comes to where it is.
+    tiles: whether the renderer prefers them to sprites; None if it has none.
     """
     settings = settings or Settings()
     notes: list[str] = []
@@ -165,11 +159,7 @@ def plan(
 
 
 def _planned(
-    splats: Splats,
-    seen: Camera | Exposure,
-    settings: Settings,
-    device: tuple[float, bool | None],
-    notes: list[str],
+    splats: Splats, seen: Camera | Exposure, settings: Settings, device: tuple[float, bool | None], notes: list[str]
 ) -> Plan:
     """The plan for a still, or for an exposure. device: its largest point, and whether it prefers tiles."""
     exposure = seen if isinstance(seen, Exposure) else None
@@ -182,12 +172,10 @@ def _planned(
 
     antialias = _antialias(settings, z_k, farthest, notes)
     align, z_s = alignment(splats, fine, settings, notes)
-    half_line = align == "exact" and _eye_is_near(splats, camera, shape.radius, exposure)
-    if align == "exact" and not half_line:
-        notes.append("half lines left out: the eye is in no kernel; the picture is the same")
+    half_line = _half_line(splats, camera, (align, shape), exposure, notes)
     kind, parted, covered = _primitive(splats, fine, settings, (align, half_line), device, notes)
     number, hiding, closes = _closing(splats, fine, covered, settings, (kind, parted is None), notes)
-    footprint = _footprint(align, shape, settings)
+    shaped = footprint((align, kind), shape, settings)
     program = Program(
         blend=settings.blend,
         align=align,
@@ -198,14 +186,14 @@ def _planned(
         attenuation=_attenuation(settings, antialias or exposure is not None),
         order=_order(settings, number > 1 or parted is not None or kind == "tile", notes),
         target="rgba32f" if settings.target == "auto" else settings.target,
-        footprint=footprint,
+        footprint=shaped,
         half_line=half_line and kind == "quad",
         primitive=kind,
         hiding=hiding,
         motion=settings.motion if exposure else "off",
         flow=exposure is not None and exposure.flow is not None,
-        kernel=shape.name if footprint == "polynomial" else "",
-        halvings=HALVINGS if exposure or settings.attenuation == "opacity" else halvings(splats, shape),
+        kernel=shape.name if shaped == "polynomial" else "",
+        halvings=halvings(splats, shape, settings) if kind == "tile" else HALVINGS,
     )
     return Plan(
         program,
@@ -219,7 +207,7 @@ def _planned(
         farthest,
         # a streak may reach any pixel
         Window(0, 0, *fine.size) if exposure else covered.window,
-        covered.pad if kind == "sprite" else 0,
+        covered.pad if kind != "quad" else 0,
         number,
         int(around(covered)) if hiding else 0,
         SHARE * settings.tolerance / max(splats.brightest, 1.0) if closes else 0.0,
@@ -253,6 +241,17 @@ def _exposed(
     notes.append(f"{drawn}; its error bound is to straight streaks")
     notes.append(f"streaks are straight: where paths bend most they are off by {found.bend(splats):.2g} pixels")
     return settings.but(align="exact", primitive="quad"), found
+
+
+def _half_line(
+    splats: Splats, camera: Camera, fit: tuple[str, Kernel], exposure: Exposure | None, notes: list[str]
+) -> bool:
+    """Only if the eye may be in a kernel. fit: alignment and kernel."""
+    align, shape = fit
+    near = align == "exact" and eye_is_near(splats, camera, shape.radius, exposure)
+    if align == "exact" and not near:
+        notes.append("half lines left out: the eye is in no kernel; the picture is the same")
+    return near
 
 
 def _antialias(settings: Settings, z_k: float, farthest: float, notes: list[str]) -> bool:
@@ -332,29 +331,3 @@ def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
 def _smallest_scale(splats: Splats) -> float:
     """The smallest width of a voxel from any side: the first to fall below a pixel."""
     return float(np.linalg.svd(splats.grid.world_from_index, compute_uv=False)[-1])
-
-
-def _footprint(align: str, shape: Kernel, settings: Settings) -> str:
-    """`auto`: the paper's table for its quads; by distance, where its 0.04 level would show, polynomials or a table."""
-    exact = align == "exact" or settings.align in ("auto", "exact")
-    fitted = polynomials(shape) is not None
-    kind = settings.footprint
-    if kind == "auto":
-        kind = "table"
-        if exact and settings.table_bits == RADIAL_BITS:
-            kind = "polynomial" if fitted and settings.table_size is None else "radial"
-    if kind != "table" and settings.table_bits != RADIAL_BITS:
-        raise expected("table_bits", f"{RADIAL_BITS} for a footprint by distance", settings.table_bits, "use table")
-    if kind == "polynomial" and not fitted:
-        raise expected("footprint polynomial", "a kernel of two pieces", shape.name, "use auto")
-    return kind
-
-
-def _eye_is_near(splats: Splats, camera: Camera, radius: float, exposure: Exposure | None) -> bool:
-    """Whether the eye may lie inside a kernel: within NEAR_RADII of the box of all centres, wherever they flow."""
-    low, high = splats.index_bounds
-    eye = splats.grid.index_from_world(camera.eye)
-    near = NEAR_RADII * radius
-    if exposure is not None and exposure.flow is not None and len(splats):
-        near += float(np.linalg.norm(exposure.drift(splats), axis=1).max())
-    return bool(np.linalg.norm(eye - np.clip(eye, low, high)) < near)

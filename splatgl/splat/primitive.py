@@ -1,4 +1,6 @@
-"""Whether splats are gathered by tiles, drawn as sprites, or as quads, if only those near the eye."""
+"""Whether splats are gathered by tiles, drawn as sprites, or as quads, if only those near the eye; and from what their
+footprints are read.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,7 @@ import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.splat.camera import Camera
-from splatgl.splat.kernel import kernel
+from splatgl.splat.kernel import Kernel, kernel, polynomials
 from splatgl.splat.near import Near, near
 from splatgl.splat.order import order_for
 from splatgl.splat.rows import Splats
@@ -14,6 +16,8 @@ from splatgl.splat.settings import Settings
 from splatgl.splat.sprites import Reach
 from splatgl.splat.tiling import LIMIT, tiled
 
+# polynomials are off by 4e−5 of the footprint: exact enough from this tolerance on
+POLYNOMIAL_TOLERANCE = 1e-3
 # bits of a radial table's texels: the only ones it has
 RADIAL_BITS = 32
 
@@ -61,3 +65,24 @@ def _why_not(settings: Settings, fit: tuple[str, bool], covered: Reach, limit: f
     if 2 * covered.largest + 1 > limit:
         return f"the nearest splats are larger than {limit:.0f} pixels"
     return ""
+
+
+def footprint(drawn: tuple[str, str], shape: Kernel, settings: Settings) -> str:
+    """What a footprint is read from. drawn: alignment and primitive.
+
+    `auto`: the paper's table for its quads, the finer radial one where a table's 0.04 level would show, and polynomials
+    for tiles, whose time a look-up is much of, where that is exact enough.
+    """
+    exact = drawn[0] == "exact" or settings.align in ("auto", "exact")
+    fitted = polynomials(shape.name) is not None
+    kind = settings.footprint
+    if kind == "auto":
+        kind = "radial" if exact and settings.table_bits == RADIAL_BITS else "table"
+        quick = fitted and settings.table_size is None and settings.tolerance >= POLYNOMIAL_TOLERANCE
+        if kind == "radial" and drawn[1] == "tile" and quick:
+            kind = "polynomial"
+    if kind != "table" and settings.table_bits != RADIAL_BITS:
+        raise expected("table_bits", f"{RADIAL_BITS} for a footprint by distance", settings.table_bits, "use table")
+    if kind == "polynomial" and not fitted:
+        raise expected("footprint polynomial", "a kernel of two pieces", shape.name, "use auto")
+    return kind

@@ -17,11 +17,14 @@ from splatgl.splat.sprites import Reach
 
 # pixels along a tile's sides: tiles.glsl's COLUMNS and ROWS
 COLUMNS, ROWS = 8, 8
-# sprites are as good with fewer splats, and with sprites that reach less far, in pixels; larger ones than so many pixels, which touch a lot of tiles, are left to quads
+# sprites are as good with fewer splats, and, but for solid volumes, where they reach less far, in pixels; those larger
+# than so many pixels touch a lot of tiles and are left to quads
 FEWEST, SMALLEST, LIMIT = 30_000, 2.0, 128.0
+# a cursor for each tile and run of splats: pictures of more pixels would take more memory than sprites do
+MOST_PIXELS = 2**24
 # solid volumes of more splats than this are gathered in so many parts
 MANY, PORTIONS = 1_000_000, 6
-# splats gathered at a time: a texel each of three to six textures
+# splats gathered at a time: a texel each of three to seven textures
 MOST = 2**20
 # most halvings of an optical depth before its polynomial: what hides more than 1 − 2⁻³² hides all
 HALVINGS = 5
@@ -30,13 +33,14 @@ SLANTED = 1.5
 
 
 def tiled(splats: Splats, camera: Camera, settings: Settings, covered: Reach, preferred: bool | None) -> bool:
-    """Whether tiles are drawn, for splats that could be sprites; preferred: None where the renderer cannot draw them."""
+    """Whether tiles are drawn, for splats that could be sprites; preferred: None where the renderer has none."""
     why = _why_not(settings, preferred)
     if settings.primitive == "tile":
         if why:
             raise expected("primitive tile", "what tiles can be drawn with", why, "use auto")
         return True
-    if settings.primitive != "auto" or not preferred or why or len(splats) < FEWEST:
+    pixels = covered.window.width * covered.window.height
+    if settings.primitive != "auto" or not preferred or why or len(splats) < FEWEST or pixels > MOST_PIXELS:
         return False
     return covered.typical >= SMALLEST or _solid(splats, camera, covered)
 
@@ -61,8 +65,11 @@ def _why_not(settings: Settings, preferred: bool | None) -> str:
     return ""
 
 
-def halvings(splats: Splats, shape: Kernel) -> int:
-    """How often the largest optical depth must be halved for 1 − 2⁻ˣ to be a polynomial's: down to 1, in powers of two."""
+def halvings(splats: Splats, shape: Kernel, settings: Settings) -> int:
+    """How often the largest depth, in powers of two, is halved until it is at most 1, where a polynomial holds."""
+    if settings.attenuation == "opacity":
+        # the unstretched splat's own, whatever the slant
+        return HALVINGS
     longest = float(np.linalg.norm(splats.grid.world_from_index / splats.grid.mean_spacing, ord=2))
     deepest = splats.deepest * float(shape.footprint(np.zeros(()))) * longest * SLANTED / np.log(2.0)
     return int(np.clip(np.ceil(np.log2(max(deepest, 1e-30))), 0, HALVINGS))

@@ -1,0 +1,175 @@
+"""Splats gathered by tiles draw what sprites draw, however they are portioned; tiles that have ended hide no more than
+they may."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_near import LOOKS, inside
+from test_sprites import GRIDS, noise, views
+
+import splatgl as sg
+from splatgl.gl import tiles
+from splatgl.splat import tiling
+from splatgl.splat.kernel import kernel, polynomials
+
+TILED = sg.Settings(primitive="tile")
+# polynomials are off by 4e−5 of the footprint, colours by 1e−5
+SAME = 5e-5
+
+
+def apart(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings) -> float:
+    """The largest difference between tiles and sprites, in shares of what is brightest, if that is over 1."""
+    assert renderer.plan(splats, camera, settings.but(primitive="tile")).program.primitive == "tile"
+    sprites = renderer.render(splats, camera, settings.but(primitive="sprite")).pixels
+    found = renderer.render(splats, camera, settings.but(primitive="tile")).pixels
+    assert sprites.max() > 0.05 and np.isfinite(found).all()
+    return float(np.abs(found - sprites).max() / max(sprites.max(), 1.0))
+
+
+@pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
+@pytest.mark.parametrize("view", views(noise()))
+@pytest.mark.parametrize("grid", GRIDS)
+def test_tiles_draw_what_sprites_draw(renderer: sg.Renderer, grid: str, view: str, blend: str) -> None:
+    splats = noise(grid)
+    for name in ("crawfis-max", "gaussian"):
+        settings = sg.Settings(blend=blend, kernel=name, occlusion="off", order="front-to-back")
+        assert apart(renderer, splats, views(splats)[view], settings) < SAME
+
+
+@pytest.mark.parametrize("attenuation", ["opacity", "optical-depth", "fill"])
+@pytest.mark.parametrize("view", ["far", "parallel, far"])
+@pytest.mark.parametrize("grid", ["cubes", "1:2:5"])
+def test_attenuation_is_the_same(renderer: sg.Renderer, grid: str, view: str, attenuation: str) -> None:
+    splats = noise(grid)
+    settings = sg.Settings(attenuation=attenuation, occlusion="off")
+    assert renderer.plan(splats, views(splats)[view], settings).program.antialias
+    assert apart(renderer, splats, views(splats)[view], settings) < SAME
+
+
+@pytest.mark.parametrize(
+    "change", [{"antialias": "supersample"}, {"background": (0.2, 0.4, 0.6)}, {"footprint": "radial"}], ids=str
+)
+def test_what_follows_and_other_footprints_are_the_same(renderer: sg.Renderer, change: dict) -> None:
+    splats = noise()
+    assert apart(renderer, splats, views(splats)["fitted"], sg.Settings(occlusion="off", **change)) < SAME
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_behind_the_nearest_planes(
+    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, look: tuple[float, ...]
+) -> None:
+    monkeypatch.setattr(tiling, "FEWEST", 0)
+    splats = noise(size=26, opacity=0.3)
+    camera = inside(splats, look)
+    chosen = renderer.plan(splats, camera)
+    assert chosen.program.primitive == "tile" and chosen.near is not None
+    for blend in ("composite", "xray", "mip"):
+        settings = sg.Settings(blend=blend, occlusion="off")
+        drawn = renderer.render(splats, camera, settings).pixels
+        quads = renderer.render(splats, camera, settings.but(primitive="quad", order="front-to-back")).pixels
+        assert np.abs(drawn - quads).max() < 5e-5 * max(quads.max(), 1.0)
+
+
+@pytest.mark.parametrize(
+    "portions",
+    [{"MOST": 100}, {"MOST_LISTED": 600}, {"ROUNDS": 24}, {"MOST": 333, "MOST_LISTED": 500, "ROUNDS": 12}],
+    ids=str,
+)
+@pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
+def test_portions_draw_the_same(
+    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, portions: dict[str, int], blend: str
+) -> None:
+    splats = noise()
+    for view in ("fitted", "far"):
+        camera, settings = views(splats)[view], TILED.but(blend=blend)
+        whole = renderer.render(splats, camera, settings).pixels
+        with monkeypatch.context() as patched:
+            for name, value in portions.items():
+                patched.setattr(tiles, name, value)
+            portioned = renderer.render(splats, camera, settings).pixels
+        passing = renderer.plan(splats, camera, settings).passing
+        assert np.abs(whole - portioned).max() < 2e-6 * max(whole.max(), 1.0) + passing
+
+
+def test_more_splats_on_a_tile_than_a_loop_has_rounds(renderer: sg.Renderer) -> None:
+    """Software OpenGL ends a loop after 65535."""
+    rng = np.random.default_rng(5)
+    count = 150_000
+    cloud = sg.Splats.from_points(rng.random((count, 3)) * 4, rng.random((count, 3)), np.full(count, 1e-4))
+    camera = sg.Camera.orbit(cloud, 30, 20, size=(8, 8))
+    assert apart(renderer, cloud, camera, sg.Settings(blend="xray")) < SAME
+    assert apart(renderer, cloud, camera, sg.Settings(occlusion="off")) < SAME
+
+
+@pytest.mark.parametrize("grid", GRIDS)
+def test_tiles_that_end_hide_no_more_than_they_may(
+    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, grid: str
+) -> None:
+    """Seen whole and from near, in one part and in several."""
+    splats = noise(grid, size=24, opacity=0.95)
+    for view in ("fitted", "close", "parallel"):
+        camera = views(splats)[view]
+        whole = renderer.render(splats, camera, TILED.but(occlusion="off")).pixels
+        monkeypatch.setattr(tiling, "SOLID", 0.0)
+        for many in (10**9, 1000):
+            monkeypatch.setattr(tiling, "MANY", many)
+            chosen = renderer.plan(splats, camera, TILED)
+            assert 0 < chosen.passing < 1e-3 and (chosen.parts > 1) == (many == 1000)
+            ended = renderer.render(splats, camera, TILED).pixels
+            changed = float(np.abs(ended - whole).max())
+            assert changed <= chosen.passing * 1.01 + 1e-6
+            assert changed > 0 or grid != "cubes" or view != "fitted"
+
+
+def test_who_gets_tiles(renderer: sg.Renderer) -> None:
+    splats = noise(size=44)
+    camera = views(splats)["close"]
+    assert len(splats) > tiling.FEWEST
+    assert sg.plan(splats, camera, tiles=True).program.primitive == "tile"
+    # a graphics card, or one without compute shaders; few splats; small ones; numbers or an order that tiles have not
+    assert sg.plan(splats, camera, tiles=False).program.primitive == "sprite"
+    assert sg.plan(splats, camera, TILED, tiles=False).program.primitive == "tile"
+    assert sg.plan(noise(), camera, tiles=True).program.primitive == "sprite"
+    assert sg.plan(splats, views(splats)["far"], sg.Settings(blend="mip"), tiles=True).program.primitive == "sprite"
+    for other in ({"target": "rgba16f"}, {"order": "back-to-front"}):
+        assert sg.plan(splats, camera, sg.Settings(**other), tiles=True).program.primitive == "sprite"
+        with pytest.raises(sg.InputError, match=r"^primitive tile: expected"):
+            sg.plan(splats, camera, TILED.but(**other), tiles=True)
+    with pytest.raises(sg.InputError, match=r"^primitive tile: expected .* without compute shaders"):
+        sg.plan(splats, camera, TILED)
+
+
+def test_a_moving_camera_compiles_nothing_and_grows_nothing(renderer: sg.Renderer) -> None:
+    splats = noise()
+    settings = TILED.but(occlusion="off")
+
+    def kept() -> tuple[object, ...]:
+        programs, drawn = renderer.passes.programs, renderer.passes.tiles
+        return len(programs.tiles), len(programs.placing), [id(part) for part in (*drawn.placed, drawn.list)]
+
+    for angle in (0, 40):
+        renderer.render(splats, sg.Camera.orbit(splats, angle, 20, size=(64, 48)), settings)
+    before = kept()
+    for angle in range(0, 40, 8):
+        renderer.render(splats, sg.Camera.orbit(splats, angle, 20, size=(64, 48)), settings)
+    assert kept() == before
+
+
+def test_a_deep_splat_and_a_faint_one(renderer: sg.Renderer) -> None:
+    """Halved as often as the deepest needs, no opacity loses digits."""
+    for opacity in (1e-6, 1e-3, 0.3, 0.9, 0.9999, 1.0):
+        splats = noise(size=4, opacity=opacity)
+        camera = views(splats)["fitted"]
+        right = sg.reference.render(splats, camera, sg.Settings()).pixels
+        found = renderer.render(splats, camera, TILED.but(occlusion="off")).pixels
+        assert np.abs(found - right).max() < 5e-5 * right.max()
+
+
+def test_polynomials_are_close_to_the_footprint() -> None:
+    fitted, shape = polynomials("crawfis-max"), kernel("crawfis-max")
+    assert fitted is not None and polynomials("gaussian") is None
+    s = np.linspace(0, 0.998, 5000)
+    right = shape.footprint(np.sqrt(s) * shape.radius) / shape.footprint(np.zeros(()))
+    assert np.abs(fitted(s) / right - 1).max() < 5e-5
+    assert fitted(np.ones(1)) == 0 and fitted(np.full(1, 2.0)) == 0
