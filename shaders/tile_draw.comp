@@ -44,11 +44,20 @@ Plain plain_of(vec2 pixel_center) {
 }
 #endif
 
-// A splat that is joined to the pixels.
+// A splat that is joined to the pixels: what a sprite's fragments have of it.
 struct Joined {
     vec2 offset;         // of the column's first pixel
-    float half_side;
     vec4 shape;
+    vec4 splat;
+    float coverage;
+#if BENT
+    float half_side;
+    vec4 bend;
+#if !CUBIC
+    vec4 cubic;
+    vec4 mixed;
+#endif
+#endif
 };
 
 void join(inout vec4 light, RAY ray, Joined it, float row) {
@@ -77,28 +86,41 @@ Joined read_splat(uint n, vec2 first) {
     ivec2 texel = texel_of(n);
     uvec4 head = texelFetch(heads, texel, 0);
     uvec4 shape = texelFetch(shapes, texel, 0);
-    Joined it = Joined(first - uintBitsToFloat(head.xy), uintBitsToFloat(head.w), uintBitsToFloat(shape));
+    Joined it;
+    it.offset = first - uintBitsToFloat(head.xy);
+    it.shape = uintBitsToFloat(shape);
 #if BENT
-    splat = uintBitsToFloat(texelFetch(matters, texel, 0));
-#else
-    splat = vec4(unpackUnorm2x16(head.w), unpackUnorm2x16(shape.w));
-    splat.rgb *= style.brightest;
-#endif
-#if ATTENUATION == ATTENUATION_OPACITY
-    coverage = splat.a;
-#endif
-    splat.a = uintBitsToFloat(head.z);
-#if BENT
-    to_local = it.shape;
-    bend = uintBitsToFloat(texelFetch(bends, texel, 0));
+    it.splat = uintBitsToFloat(texelFetch(matters, texel, 0));
+    it.half_side = uintBitsToFloat(head.w);
+    it.bend = uintBitsToFloat(texelFetch(bends, texel, 0));
 #if !CUBIC
-    cubic = uintBitsToFloat(texelFetch(cubics, texel, 0));
-    mixed = uintBitsToFloat(texelFetch(mixeds, texel, 0));
+    it.cubic = uintBitsToFloat(texelFetch(cubics, texel, 0));
+    it.mixed = uintBitsToFloat(texelFetch(mixeds, texel, 0));
 #endif
 #else
+    it.splat = vec4(unpackUnorm2x16(head.w), unpackUnorm2x16(shape.w));
+    it.splat.rgb *= style.brightest;
     it.shape.xy *= vec2(it.offset.x * it.offset.x, it.offset.x);
 #endif
+    it.coverage = it.splat.a;
+    it.splat.a = uintBitsToFloat(head.z);
     return it;
+}
+
+// What value.glsl reads of it.
+void choose(Joined it) {
+    splat = it.splat;
+#if ATTENUATION == ATTENUATION_OPACITY
+    coverage = it.coverage;
+#endif
+#if BENT
+    to_local = it.shape;
+    bend = it.bend;
+#if !CUBIC
+    cubic = it.cubic;
+    mixed = it.mixed;
+#endif
+#endif
 }
 
 #define AT(row) (corner + ivec2(0, row))
@@ -108,6 +130,7 @@ Joined read_splat(uint n, vec2 first) {
 #define BEGIN(row) light[row] = vec4(0.0); ray[row] = RAY_OF(first + vec2(0.0, row));
 #endif
 #define JOIN(row) join(light[row], ray[row], it, row);
+#define JOIN_ALL(splat_) { Joined it = splat_; choose(it); EACH(JOIN) }
 #define END(row) imageStore(target, AT(row), light[row]);
 #define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)
 
@@ -126,18 +149,20 @@ void main() {
 #endif
     for (; at < end; at += 4u) {
         uvec4 four = textureGather(list, (vec2(listed_at(at)) + 1.0) * scale);
-        // beyond the list's end the first again, without its matter
-        Joined it = read_splat(four.w, first);
-        EACH(JOIN)
-        it = read_splat(at + 1u < end ? four.z : four.w, first);
-        if (at + 1u >= end) splat.a = 0.0;
-        EACH(JOIN)
-        it = read_splat(at + 2u < end ? four.x : four.w, first);
-        if (at + 2u >= end) splat.a = 0.0;
-        EACH(JOIN)
-        it = read_splat(at + 3u < end ? four.y : four.w, first);
-        if (at + 3u >= end) splat.a = 0.0;
-        EACH(JOIN)
+        // all are read before the first is joined, so that none waits; beyond the list's end it is the first again,
+        // without its matter
+        Joined next[4];
+        next[0] = read_splat(four.w, first);
+        next[1] = read_splat(at + 1u < end ? four.z : four.w, first);
+        next[2] = read_splat(at + 2u < end ? four.x : four.w, first);
+        next[3] = read_splat(at + 3u < end ? four.y : four.w, first);
+        if (at + 1u >= end) next[1].splat.a = 0.0;
+        if (at + 2u >= end) next[2].splat.a = 0.0;
+        if (at + 3u >= end) next[3].splat.a = 0.0;
+        JOIN_ALL(next[0])
+        JOIN_ALL(next[1])
+        JOIN_ALL(next[2])
+        JOIN_ALL(next[3])
 #if BLEND == BLEND_COMPOSITE
         least = min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
                     min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
