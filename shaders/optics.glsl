@@ -15,10 +15,13 @@ float one_minus_exp(float x) {
     return 1.0 - exp(-x);
 }
 
-// The same to 1e−6 of itself and quicker, for depths up to 2^HALVINGS ln 2: a polynomial for 1 − 2⁻ʸ, y ≤ 1, and what
-// two halves hide together, which cancels nothing.
-float quick_one_minus_exp(float x) {
-    float y = min(x * (1.44269504 / float(1 << HALVINGS)), 1.0);
+// The same to 1e−6 of itself and quicker, for y = x · QUICK_SCALE: a polynomial for 1 − 2⁻ʸ, y ≤ 1, and HALVINGS times
+// what two halves hide together, which cancels nothing. A scene's y is no larger, or so large that all is hidden.
+#define QUICK_SCALE (1.44269504 / float(1 << HALVINGS))
+float quick_one_minus_exp(float y) {
+#if HALVINGS == 5
+    y = min(y, 1.0);
+#endif
     float h = y * (0.693146916 + y * (-0.240213824 + y * (0.0554043416 + y * (-0.00933759844 + y * 0.00100035493))));
 #if HALVINGS > 0
     h *= 2.0 - h;

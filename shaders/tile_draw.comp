@@ -104,6 +104,9 @@ Joined read_splat(uint n, vec2 first) {
 #endif
     it.coverage = it.splat.a;
     it.splat.a = uintBitsToFloat(head.z);
+#if BLEND == BLEND_COMPOSITE
+    it.splat.a *= QUICK_SCALE;
+#endif
     return it;
 }
 

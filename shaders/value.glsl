@@ -103,6 +103,7 @@ float exact_share(vec2 at, Ray ray) {
 }
 #endif
 
+// where tiles are drawn, of a depth times QUICK_SCALE
 #if TILED
 #define OPACITY_OF quick_one_minus_exp
 #else
