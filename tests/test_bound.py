@@ -34,6 +34,10 @@ WAYS = {
     "xray": {"blend": "xray"},
     "mip": {"blend": "mip"},
     "parallel": {},
+    "tiles": {"primitive": "tile"},
+    "tiles, gaussian": {"primitive": "tile", "kernel": "gaussian"},
+    "tiles, xray": {"primitive": "tile", "blend": "xray"},
+    "tiles, mip": {"primitive": "tile", "blend": "mip"},
 }
 # what is coarser than the finest, and knows by how much
 COARSER = {

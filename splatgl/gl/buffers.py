@@ -57,14 +57,15 @@ class SplatBuffer:
 
     def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
         self.ctx, self.splats = ctx, splats
-        # those that the order begins with, and others
-        self.sorted: dict[bool, Sorted] = {}
+        # by whether the order begins with them, and ends
+        self.sorted: dict[tuple[bool, bool], Sorted] = {}
         self.indexed: Indexed | None = None
         self.textured: Textured | None = None
 
     def quads(self, program: moderngl.Program, sequence: Sequence, which: Range) -> moderngl.VertexArray:
         """A vertex array whose instances are splats `which` of the drawing order."""
-        found = self.sorted.setdefault(which[0] == 0, Sorted(self.ctx, self.splats))
+        part = which[0] == 0, which[1] == len(self.splats)
+        found = self.sorted.setdefault(part, Sorted(self.ctx, self.splats))
         return found.vertices(program, sequence, which)
 
     def sprites(self, program: moderngl.Program, sequence: Sequence) -> moderngl.VertexArray:

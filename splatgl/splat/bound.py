@@ -49,6 +49,8 @@ OVER = 3.0
 HALF_LINE, AROUND = 3.2e-5, 1.2e-4
 # shading, colour and one_minus_exp in float32
 ARITHMETIC = 8 * ULP
+# tiles have colours of 16 bits, and a quicker one_minus_exp
+GATHERED = 2.0**-17 + 8 * ULP
 # a streak has three places instead of one, and float32's areas over its length are off by so much of F(0); between the
 # exposure's ends and middle a ray meets no more than so many times what it meets there
 PLACES, AREAS, BETWEEN = 3.0, 5e-6, 1.5
@@ -162,8 +164,9 @@ def _footprints(splats: Splats, plan: Plan, slip: Slip, met: Crowd, brightest: f
     """What all fragments of a ray are off by together, for colours up to 1."""
     program = plan.program
     lookup = Lookup(plan.kernel.name, program.footprint, plan.table_size, plan.table_bits)
+    arithmetic = ARITHMETIC + GATHERED * (program.primitive == "tile")
     if program.blend == "mip":
-        share = (largest(lookup, slip) + HALF_LINE * plan.half_line + ARITHMETIC) * _opacity(splats)
+        share = (largest(lookup, slip) + HALF_LINE * plan.half_line + arithmetic) * _opacity(splats)
         return min(share, 1.0)
     # an X-ray is the sum itself
     weight, deep = (0.5 if program.blend == "composite" else brightest), met.depth
@@ -172,7 +175,7 @@ def _footprints(splats: Splats, plan: Plan, slip: Slip, met: Crowd, brightest: f
     share = summed(lookup, slip, weight, deep)
     if plan.half_line:
         share += _around(splats) * float(plan.kernel.footprint(np.zeros(())))
-    return share + ARITHMETIC * max(weight, 1.0)
+    return share + arithmetic * max(weight, 1.0)
 
 
 def _around(splats: Splats) -> float:

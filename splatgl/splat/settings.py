@@ -41,10 +41,10 @@ class Settings:
     (ray-perpendicular up to depth z_s, grid-aligned beyond; z_s in world units, None: from `tolerance`) | a | b1.
     attenuation auto | opacity | optical-depth | fill (beyond z_k, composite only).
     footprint auto | table (table_size², table_bits 32 | 16 | 8) | radial (a table by the squared distance) |
-    polynomial (by the distance);
-    table_size None: 256 for a table, 1024 for a radial one.
-    primitive auto | quad | sprite (a square of pixels from one vertex; never for a kernel near the eye, nor for table
-    footprints). occlusion auto | off (closing pixels that no more than a share of the tolerance passes).
+    polynomial (by it too, to 4e−5, for crawfis-max); table_size None: 256 for a table, 1024 for a radial one.
+    primitive auto | quad | sprite (a square of pixels from one vertex) | tile (gathered by tiles of pixels, in compute
+    shaders; auto: by software OpenGL), the last two never for a kernel near the eye, nor for table footprints.
+    occlusion auto | off (closing pixels that no more than a share of the tolerance passes).
     target rgba32f | rgba16f | rgba8 | auto. shading auto (as the transfer function says) | on | off.
     motion exact (the mean of the footprint along its path) | energy | paper [M98 Eq. 11] | off: the blur of what moves,
     if anything does; shutter: for how long it is open, in degrees of a frame's 360.

@@ -210,7 +210,7 @@ register(
 register(
     Axis(
         "primitive",
-        "quads instead of sprites",
+        "quads instead of sprites or tiles",
         (Method("quads", {"primitive": "quad"}, "quads"),),
         connected=False,
     )
