@@ -230,7 +230,7 @@ def test_the_last_few_splats_stay(renderer: sg.Renderer, monkeypatch: pytest.Mon
 @pytest.mark.parametrize(("primitive", "pieces"), [("sprite", 4), ("tile", 2)])
 def test_a_picture_can_be_given_up(renderer: sg.Renderer, primitive: str, pieces: int) -> None:
     """Asked again and again, also where nothing is closed; what comes next is right bit for bit."""
-    cells = np.random.default_rng(1).random((60, 60, 60))
+    cells = np.random.default_rng(1).random((70, 70, 70))
     splats = sg.extract(sg.Volume(cells), sg.Transfer([(0, 0.1), (1, 0.9)], shading=False))
     camera = sg.Camera.orbit(splats, size=(60, 60))
     for change in ({}, {"occlusion": "off"}, {"blend": "xray"}):

@@ -137,7 +137,7 @@ def test_who_gets_tiles(renderer: sg.Renderer) -> None:
         with pytest.raises(sg.InputError, match=r"^primitive tile: expected"):
             sg.plan(splats, camera, TILED.but(**other), tiles=True)
     with pytest.raises(sg.InputError, match=r"^primitive tile: expected .* without compute shaders"):
-        sg.plan(splats, camera, TILED)
+        sg.plan(splats, camera, TILED, tiles=None)
 
 
 def test_a_moving_camera_compiles_nothing_and_grows_nothing(renderer: sg.Renderer) -> None:

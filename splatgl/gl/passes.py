@@ -37,7 +37,7 @@ HALF_TABLE_SIZE = 256
 
 
 # splats drawn between two questions whether to go on, as sprites, and gathered by tiles
-BETWEEN, GATHERED_BETWEEN = 2**16, 2**17
+BETWEEN, GATHERED_BETWEEN = 2**16, 2**18
 
 # splats [begin, end) of the part that begins at `part`
 Piece = tuple[int, int, int]

@@ -145,7 +145,7 @@ def plan(
     settings: Settings | None = None,
     sprite_limit: float = SPRITE_LIMIT,
     motion: Motion | None = None,
-    tiles: bool | None = None,
+    tiles: bool | None = False,
 ) -> Plan:
     """The plan for one picture; everything that stands on `auto` is decided here.
 
