@@ -173,3 +173,20 @@ def test_polynomials_are_close_to_the_footprint() -> None:
     right = shape.footprint(np.sqrt(s) * shape.radius) / shape.footprint(np.zeros(()))
     assert np.abs(fitted(s) / right - 1).max() < 5e-5
     assert fitted(np.ones(1)) == 0 and fitted(np.full(1, 2.0)) == 0
+
+
+def test_an_order_asked_for_again_is_read_in_turn(renderer: sg.Renderer) -> None:
+    """From sorted records or by indices, the picture is the same bit for bit; others come and go between."""
+    splats = noise()
+    camera, other = (sg.Camera.orbit(splats, angle, 20, size=(64, 48)) for angle in (30, 140))
+    for change in ({}, {"attenuation": "fill", "antialias": "paper"}):
+        settings = TILED.but(occlusion="off", **change)
+        renderer.passes.splats.release()
+        first = renderer.render(splats, camera, settings).pixels
+        kept = renderer.passes.splats.of(splats).textured
+        assert kept is not None and kept.sorted is None
+        again = [renderer.render(splats, camera, settings).pixels for _ in range(2)]
+        assert kept.sorted is not None and kept.sorted[1].order is None
+        renderer.render(splats, other, settings)
+        again.append(renderer.render(splats, camera, settings).pixels)
+        assert all((pixels == first).all() for pixels in again)

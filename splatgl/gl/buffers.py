@@ -21,6 +21,9 @@ KEPT, KEPT_BYTES = 3, 2**28
 # bytes of drawing orders kept, 4 a splat: what a hand that turns to and fro comes back to, not what a movie passes once
 ORDER_BYTES = 2**25
 
+# records are sorted for tiles where an order is asked for again, up to so many bytes: read in turn they come sooner
+SORTED_BYTES = 2**25
+
 # what is drawn in which order; None: any will do. nearest first or last
 Sequence = tuple[Order | None, bool]
 # [begin, end) of the drawing order
@@ -218,11 +221,23 @@ class Textured:
         self.records: moderngl.Texture | None = None
         self.rest: moderngl.Texture | None = None
         self.runs = False
+        # what was asked for last, and records in an order that was asked for again
+        self.asked: tuple[bool, Sequence] | None = None
+        self.sorted: tuple[tuple[bool, Sequence], Texels] | None = None
 
     def texels(self, runs: bool, sequence: Sequence) -> Texels:
+        asked, self.asked = self.asked, (runs, sequence)
+        if self.sorted is not None and self.sorted[0] == self.asked:
+            return self.sorted[1]
+        if asked == self.asked and sequence[0] is not None and self.splats.records.nbytes <= SORTED_BYTES:
+            self._release_sorted()
+            words = self._words(runs)[_indices(self.splats, sequence)]
+            found = Texels(self._texture(words[:, :8], 4, 2), self._texture(words[:, 8:], 1, 1), None)
+            self.sorted = self.asked, found
+            return found
         if self.rest is None or (runs and not self.runs):
             self._release_rest()
-            words = (self.splats.records_with_runs if runs else self.splats.records).view(np.uint32).reshape(-1, WORDS)
+            words = self._words(runs)
             if self.records is None:
                 self.records = self._texture(words[:, :8], 4, 2)
             self.rest, self.runs = self._texture(words[:, 8:], 1, 1), runs
@@ -232,6 +247,7 @@ class Textured:
     def release(self) -> None:
         self.orders.release()
         self._release_rest()
+        self._release_sorted()
         if self.records is not None:
             self.records.release()
             self.records = None
@@ -240,6 +256,15 @@ class Textured:
         if self.rest is not None:
             self.rest.release()
             self.rest = None
+
+    def _release_sorted(self) -> None:
+        if self.sorted is not None:
+            self.sorted[1].records.release()
+            self.sorted[1].rest.release()
+            self.sorted = None
+
+    def _words(self, runs: bool) -> np.ndarray:
+        return (self.splats.records_with_runs if runs else self.splats.records).view(np.uint32).reshape(-1, WORDS)
 
     def _listed(self, indices: np.ndarray) -> moderngl.Texture:
         return self._texture(indices[:, None], 1, 1)

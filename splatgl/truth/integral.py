@@ -147,7 +147,7 @@ def ray_integral(
     view = View.of(splats.grid, fine, kernel_named(settings.kernel), antialias=False)
     voxel = view.voxels(splats.records["position"])
     color = splats.records["color"].astype(np.float64)
-    if plan(splats, camera, settings.but(align="ray")).program.shading:
+    if plan(splats, camera, settings.but(align="ray", primitive="auto")).program.shading:
         color *= head_light(splats, camera, voxel)[:, None]
     # in parallel views voxels behind the eye's plane are absent, the others whole
     seen = np.full(len(splats), True) if camera.perspective else voxel[2] >= 0

@@ -47,7 +47,7 @@ def render(
     """
     started = time.perf_counter()
     settings = settings or Settings()
-    chosen = plan(splats, camera, settings.but(align="ray"))
+    chosen = plan(splats, camera, settings.but(align="ray", primitive="auto"))
     fine = camera.resized((camera.size[0] * chosen.samples, camera.size[1] * chosen.samples))
     scene = _Scene(splats, fine, chosen, row)
 

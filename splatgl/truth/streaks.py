@@ -80,7 +80,7 @@ class _Drawn:
 
     @classmethod
     def of(cls, splats: Splats, settings: Settings, paths: Streaks, shape: str) -> _Drawn:
-        chosen = plan(splats, paths.camera, settings.but(align="ray"))
+        chosen = plan(splats, paths.camera, settings.but(align="ray", primitive="auto"))
         program = chosen.program
         view = View.of(splats.grid, paths.camera, tabulated(chosen.kernel.name), program.antialias)
         row = StreakRow(view, "row1", paths.middle, None, paths.step, shape)
