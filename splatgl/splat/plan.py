@@ -291,7 +291,8 @@ def _primitive(
     covered = reach(splats, camera, kernel(settings.kernel).radius)
     kind, why, parted = primitive(splats, camera, settings, fit, covered, *device)
     if why and settings.primitive != "quad":
-        notes.append(f"sprites left out{', but behind the nearest planes' if parted else ''}: {why}")
+        left_out = "tiles" if kind == "tile" else "sprites"
+        notes.append(f"{left_out} left out{', but behind the nearest planes' if parted else ''}: {why}")
     return kind, parted, widened(covered, parted)
 
 
