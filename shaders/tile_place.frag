@@ -1,5 +1,6 @@
 // Places splats in drawing order, one for each pixel of some textures: what vertices hand to their fragments.
 // switch ORDERED 1
+// switch CULLED 0
 #define ATTRIBUTE
 #define VARYING
 #define FLAT
@@ -12,7 +13,12 @@ uniform usampler2D rest;      // the last
 #if ORDERED
 uniform usampler2D order;     // indices of records
 #endif
-uniform uint first;           // of the drawing order
+uniform uint first;           // of the drawing order, and the one that ends it
+uniform uint end;
+#if CULLED
+#define BLOCK 256u
+layout(std430, binding = 4) readonly buffer Blocks { uint blocks[]; };  // those of the drawing order that are shown
+#endif
 
 layout(location = 0) out uvec4 bounds;
 layout(location = 1) out uvec4 head;
@@ -41,7 +47,14 @@ void read_record(uint n) {
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
-    uint n = first + uint(at.y) * ABREAST + uint(at.x);
+    uint n = uint(at.y) * ABREAST + uint(at.x);
+#if CULLED
+    n = blocks[n / BLOCK] * BLOCK + n % BLOCK;
+    bool drawn = n >= first && n < end;
+#else
+    n += first;
+    const bool drawn = true;
+#endif
 #if ORDERED
     n = texelFetch(order, texel_of(n), 0).r;
 #endif
@@ -54,7 +67,7 @@ void main() {
 #if ATTENUATION != ATTENUATION_OPACITY
     const float coverage = 1.0;
 #endif
-    float half_side = seen ? 0.5 * sprite.size : UNSEEN;
+    float half_side = seen && drawn ? 0.5 * sprite.size : UNSEEN;
     vec3 form = form_of(to_local);
     bounds = floatBitsToUint(vec4(pixel, half_side, circle_around(form, half_side)));
     head = floatBitsToUint(vec4(pixel, splat.a, half_side));

@@ -10,7 +10,8 @@ from test_sprites import GRIDS, noise, views
 
 import splatgl as sg
 from splatgl.gl import tiles
-from splatgl.splat import tiling
+from splatgl.splat import blocks, tiling
+from splatgl.splat.blocks import BLOCK, shown, spheres
 from splatgl.splat.kernel import kernel, polynomials
 
 TILED = sg.Settings(primitive="tile")
@@ -190,3 +191,43 @@ def test_an_order_asked_for_again_is_read_in_turn(renderer: sg.Renderer) -> None
         renderer.render(splats, other, settings)
         again.append(renderer.render(splats, camera, settings).pixels)
         assert all((pixels == first).all() for pixels in again)
+
+
+def test_blocks_beyond_the_edges_are_left_out(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where an order is asked for again; the picture is the same bit for bit, also in portions."""
+    monkeypatch.setattr(tiling, "FEWEST", 0)
+    monkeypatch.setattr(tiling, "SMALLEST", 0.0)
+    for grid in GRIDS:
+        splats = noise(grid, size=30, opacity=0.3)
+        cameras = {name: view for name, view in views(splats).items() if "close" in name or name == "far"}
+        for camera in (*cameras.values(), inside(splats, LOOKS[0]), inside(splats, LOOKS[1], fov=15)):
+            for settings in (sg.Settings(occlusion="off"), sg.Settings(blend="xray", antialias="off")):
+                renderer.passes.splats.release()
+                first = renderer.render(splats, camera, settings).pixels
+                for most in (2**20, 300):
+                    with monkeypatch.context() as patched:
+                        patched.setattr(tiles, "MOST", most)
+                        again = renderer.render(splats, camera, settings).pixels
+                    assert np.abs(again - first).max() <= 1e-6 * first.max()
+
+
+def test_a_block_is_left_out_only_if_all_of_it_is_beyond_the_edges(monkeypatch: pytest.MonkeyPatch) -> None:
+    splats = noise(size=30)
+    positions = splats.records["position"]
+    assert len(spheres(positions)) == -(-len(splats) // BLOCK)
+    # as small as they are beside a large volume
+    few = 8
+    monkeypatch.setattr(blocks, "BLOCK", few)
+    around = spheres(positions)
+    outside = list(views(splats).values())
+    for camera in (*outside, *(inside(splats, look) for look in LOOKS)):
+        chosen = sg.plan(splats, camera)
+        seen = np.repeat(shown(around, splats, camera, chosen), few)[: len(splats)]
+        world = positions @ splats.grid.world_from_index.T + splats.grid.origin
+        x, y, z = camera.eye_from_points(world).T
+        pitch = camera.extent / camera.size[1] * (np.maximum(z, 1e-9) if camera.perspective else 1.0)
+        within = (z > 0) & (np.abs(x) < (camera.size[0] / 2 + chosen.pad) * pitch)
+        within &= np.abs(y) < (camera.size[1] / 2 + chosen.pad) * pitch
+        assert not (within & ~seen).any()
+        # what is behind an eye within is left out
+        assert any(camera is view for view in outside) or not seen.all()

@@ -13,6 +13,7 @@ from typing import Generic, TypeVar
 import moderngl
 import numpy as np
 
+from splatgl.splat.blocks import spheres
 from splatgl.splat.order import Order, back_to_front
 from splatgl.splat.rows import GL_ATTRIBUTES, GL_FORMAT, Splats
 
@@ -205,11 +206,14 @@ WORDS = 9
 
 @dataclass(frozen=True)
 class Texels:
-    """Records' words 0 to 7, two texels a splat, and 8; and a drawing order's indices, None where any order will do."""
+    """Records' words 0 to 7, two texels a splat, and 8; indices in drawing order, None where they stand in it or any will
+    do; and spheres around blocks of those that stand in it.
+    """
 
     records: moderngl.Texture
     rest: moderngl.Texture
     order: moderngl.Texture | None
+    spheres: np.ndarray | None = None
 
 
 class Textured:
@@ -232,7 +236,8 @@ class Textured:
         if asked == self.asked and sequence[0] is not None and self.splats.records.nbytes <= SORTED_BYTES:
             self._release_sorted()
             words = self._words(runs)[_indices(self.splats, sequence)]
-            found = Texels(self._texture(words[:, :8], 4, 2), self._texture(words[:, 8:], 1, 1), None)
+            around = spheres(words[:, :3].view(np.float32))
+            found = Texels(self._texture(words[:, :8], 4, 2), self._texture(words[:, 8:], 1, 1), None, around)
             self.sorted = self.asked, found
             return found
         if self.rest is None or (runs and not self.runs):

@@ -16,6 +16,7 @@ from splatgl.gl.streaks import BLUR_UNIT, StreakBuffers
 from splatgl.gl.target import Target, Targets
 from splatgl.gl.tiles import Tiles
 from splatgl.gl.uniforms import FRAME, FRAME_BINDING, STYLE, STYLE_BINDING, frame_block, style_block
+from splatgl.splat.blocks import shown
 from splatgl.splat.blur_table import blur_table
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel, footprint_table, half_line_table, radial_table
@@ -117,8 +118,11 @@ class Passes:
         sequence = (order, order is not None and plan.program.order == "front-to-back")
         if plan.program.primitive == "tile":
             texels = self.splats.of(splats).texels(plan.program.attenuation == "fill", sequence)
+            seen = None if texels.spheres is None else shown(texels.spheres, splats, camera, plan)
+            if seen is not None and seen.all():
+                seen = None
             for begin, end, _ in _pieces(which, plan.parts, interrupted, GATHERED_BETWEEN):
-                self.tiles.draw(target, plan, texels, (begin, end), carried=begin > 0)
+                self.tiles.draw(target, plan, texels, (begin, end), begin > 0, seen)
             return
         program = self.programs.for_splats(plan.program)
         if plan.program.half_line:

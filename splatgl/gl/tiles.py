@@ -16,6 +16,7 @@ import numpy as np
 from splatgl.gl.buffers import ABREAST, Range, Texels
 from splatgl.gl.program import Programs
 from splatgl.gl.target import Target
+from splatgl.splat.blocks import BLOCK
 from splatgl.splat.plan import Plan, Program
 from splatgl.splat.tiling import COLUMNS, MOST, ROWS
 
@@ -27,7 +28,7 @@ LANES, GROUPS = 8, min(os.cpu_count() or 1, 8)
 ROUNDS = 60_000
 # where placed splats, the list, records and the order are looked up; the storage buffer; the image written to
 PLACED_UNIT, LIST_UNIT, RECORDS_UNIT = 8, 5, 5
-CURSORS, DONE, LISTS, OPEN, IMAGE = 0, 1, 2, 3, 0
+CURSORS, DONE, LISTS, OPEN, BLOCKS, IMAGE = 0, 1, 2, 3, 4, 0
 # the cursor of a tile that light passes no more: tile_list.comp's NOWHERE
 NOWHERE = 0xFFFFFFFF
 # what a placed splat is, a texture each; the last four for footprints beyond a quadratic form
@@ -49,6 +50,8 @@ class Tiles:
         self.list: moderngl.Texture | None = None
         # tiles that next to nothing passes any more
         self.closed = np.zeros(0, bool)
+        # blocks of the drawing order that may be in the picture; None: all
+        self.shown: np.ndarray | None = None
         owned.callback(self.release)
 
     def release(self) -> None:
@@ -62,34 +65,54 @@ class Tiles:
         across, down = _tiles(plan)
         self.closed = np.zeros(across * down, bool)
 
-    def draw(self, target: Target, plan: Plan, texels: Texels, which: Range, carried: bool) -> None:
-        """Splats `which` of the drawing order, nearest first; carried: behind what the target shows."""
+    def draw(
+        self,
+        target: Target,
+        plan: Plan,
+        texels: Texels,
+        which: Range,
+        carried: bool,
+        shown: np.ndarray | None = None,
+    ) -> None:
+        """Splats `which` of the drawing order, nearest first; carried: behind what the target shows.
+
+        shown: which blocks of the order may be in the picture; None: all.
+        """
+        self.shown = shown
         for begin in range(which[0], which[1] if self.closed.size else which[0], MOST):
             self._draw(target, plan, texels, (begin, min(begin + MOST, which[1])), carried)
             carried = True
 
     def _draw(self, target: Target, plan: Plan, texels: Texels, which: Range, carried: bool) -> None:
-        count = which[1] - which[0]
-        self._place(plan, texels, which)
-        lists = self._count(plan, count)
+        count = self._place(plan, texels, which)
+        lists = self._count(plan, count) if count else np.zeros((0, 4), np.uint32)
         if lists is None:
-            middle = which[0] + count // 2
+            middle = (which[0] + which[1]) // 2
             self._draw(target, plan, texels, (which[0], middle), carried)
             self._draw(target, plan, texels, (middle, which[1]), True)
         elif len(lists):
             self._list(plan, count, int(lists[-1, 2]))
             self._add_up(target, plan, lists, carried)
 
-    def _place(self, plan: Plan, texels: Texels, which: Range) -> None:
-        program = self.programs.for_placing(plan.program, {"ORDERED": texels.order is not None})
+    def _place(self, plan: Plan, texels: Texels, which: Range) -> int:
+        """How many are placed."""
+        count = which[1] - which[0]
+        if self.shown is not None:
+            first = which[0] // BLOCK
+            blocks = first + np.flatnonzero(self.shown[first : -(-which[1] // BLOCK)])
+            self._buffer(BLOCKS, max(blocks.size, 1) * 4).write(blocks.astype(np.uint32))
+            count = blocks.size * BLOCK
+        switches = {"ORDERED": texels.order is not None, "CULLED": self.shown is not None}
+        program = self.programs.for_placing(plan.program, switches)
         number = _textures(plan.program)
-        height = -(-(which[1] - which[0]) // ABREAST)
+        height = max(-(-count // ABREAST), 1)
         if len(self.placed) < number or self.placed[0].height < height:
             self._make_placed(max(number, len(self.placed)), height)
         for unit, texture in enumerate((texels.records, texels.rest, texels.order)):
             if texture is not None:
                 texture.use(RECORDS_UNIT + unit)
-        _set(program, records=RECORDS_UNIT, rest=RECORDS_UNIT + 1, order=RECORDS_UNIT + 2, first=which[0])
+        _set(program, records=RECORDS_UNIT, rest=RECORDS_UNIT + 1, order=RECORDS_UNIT + 2)
+        _set(program, first=which[0], end=which[1])
         assert self.framebuffer is not None
         self.framebuffer.use()
         self.framebuffer.viewport = (0, 0, ABREAST, height)
@@ -97,6 +120,7 @@ class Tiles:
         self.whole(program)
         for unit, texture in enumerate(self.placed):
             texture.use(PLACED_UNIT + unit)
+        return count
 
     def _make_placed(self, number: int, height: int) -> None:
         old = self.framebuffer, *self.placed
