@@ -206,8 +206,8 @@ WORDS = 9
 
 @dataclass(frozen=True)
 class Texels:
-    """Records' words 0 to 7, two texels a splat, and 8; indices in drawing order, None where they stand in it or any will
-    do; and spheres around blocks of those that stand in it.
+    """Records' words 0 to 7, two texels a splat, and 8; indices in drawing order, None where they stand in it or any
+    will do; and spheres around blocks of those that stand in it.
     """
 
     records: moderngl.Texture
