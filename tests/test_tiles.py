@@ -11,7 +11,7 @@ from test_sprites import GRIDS, noise, views
 import splatgl as sg
 from splatgl.gl import tiles
 from splatgl.splat import blocks, tiling
-from splatgl.splat.blocks import BLOCK, shown, spheres
+from splatgl.splat.blocks import BLOCK, boxes, shown
 from splatgl.splat.kernel import kernel, polynomials
 
 TILED = sg.Settings(primitive="tile")
@@ -214,11 +214,11 @@ def test_blocks_beyond_the_edges_are_left_out(renderer: sg.Renderer, monkeypatch
 def test_a_block_is_left_out_only_if_all_of_it_is_beyond_the_edges(monkeypatch: pytest.MonkeyPatch) -> None:
     splats = noise(size=30)
     positions = splats.records["position"]
-    assert len(spheres(positions)) == -(-len(splats) // BLOCK)
+    assert len(boxes(positions)) == -(-len(splats) // BLOCK)
     # as small as they are beside a large volume
     few = 8
     monkeypatch.setattr(blocks, "BLOCK", few)
-    around = spheres(positions)
+    around = boxes(positions)
     outside = list(views(splats).values())
     for camera in (*outside, *(inside(splats, look) for look in LOOKS)):
         chosen = sg.plan(splats, camera)

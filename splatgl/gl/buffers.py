@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 import moderngl
 import numpy as np
 
-from splatgl.splat.blocks import spheres
+from splatgl.splat.blocks import boxes
 from splatgl.splat.order import Order, back_to_front
 from splatgl.splat.rows import GL_ATTRIBUTES, GL_FORMAT, Splats
 
@@ -207,13 +207,13 @@ WORDS = 9
 @dataclass(frozen=True)
 class Texels:
     """Records' words 0 to 7, two texels a splat, and 8; indices in drawing order, None where they stand in it or any
-    will do; and spheres around blocks of those that stand in it.
+    will do; and boxes around blocks of those that stand in it.
     """
 
     records: moderngl.Texture
     rest: moderngl.Texture
     order: moderngl.Texture | None
-    spheres: np.ndarray | None = None
+    boxes: np.ndarray | None = None
 
 
 class Textured:
@@ -236,7 +236,7 @@ class Textured:
         if asked == self.asked and sequence[0] is not None and self.splats.records.nbytes <= SORTED_BYTES:
             self._release_sorted()
             words = self._words(runs)[_indices(self.splats, sequence)]
-            around = spheres(words[:, :3].view(np.float32))
+            around = boxes(words[:, :3].view(np.float32))
             found = Texels(self._texture(words[:, :8], 4, 2), self._texture(words[:, 8:], 1, 1), None, around)
             self.sorted = self.asked, found
             return found

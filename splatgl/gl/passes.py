@@ -118,7 +118,7 @@ class Passes:
         sequence = (order, order is not None and plan.program.order == "front-to-back")
         if plan.program.primitive == "tile":
             texels = self.splats.of(splats).texels(plan.program.attenuation == "fill", sequence)
-            seen = None if texels.spheres is None else shown(texels.spheres, splats, camera, plan)
+            seen = None if texels.boxes is None else shown(texels.boxes, splats, camera, plan)
             if seen is not None and seen.all():
                 seen = None
             for begin, end, _ in _pieces(which, plan.parts, interrupted, GATHERED_BETWEEN):
