@@ -17,11 +17,13 @@ uniform usampler2D bounds;
 
 uniform uint count;
 uniform uint length_;  // of a run
+uniform uint unread;   // an entry of the list beyond all tiles' own
 uniform uint budget;   // rounds of the loop after which the rest is left to the next time
 
 void main() {
     uint run = gl_GlobalInvocationID.x;
-    uint column = run * uint(tiles.x * tiles.y);
+    uint nobody = uint(tiles.x * tiles.y);
+    uint column = run * (nobody + 1u);
     uint n = run * length_ + done[run];
     uint end = min((run + 1u) * length_, count);
     vec4 it = uintBitsToFloat(texelFetch(bounds, texel_of(n), 0));
@@ -30,15 +32,15 @@ void main() {
     // one loop over splats and their tiles: where invocations run abreast, none waits for another's large splat
     for (uint round = 0u; n < end && (round < budget || tile != around.xy); round++) {
         bool within = all(lessThanEqual(tile, around.zw));
-        if (within && touches(tile, it.xy, it.w)) {
-            uint slot = column + uint(tile.y * tiles.x + tile.x);
-            uint place = cursors[slot];
+        bool touched = within && touches(tile, it.xy, it.w);
+        // whoever touches nothing writes to nobody's place: quicker than to leave out some of those that run abreast
+        uint slot = column + (touched ? uint(tile.y * tiles.x + tile.x) : nobody);
+        uint place = cursors[slot];
 #if !COUNTING
-            if (place == NOWHERE) place--;
-            else imageStore(list, listed_at(place), uvec4(n));
+        imageStore(list, listed_at(min(place, unread)), uvec4(n));
+        touched = touched && place != NOWHERE;
 #endif
-            cursors[slot] = place + 1u;
-        }
+        cursors[slot] = place + uint(touched);
         tile = tile.x < around.z ? tile + ivec2(1, 0) : ivec2(around.x, tile.y + 1);
         if (!within || tile.y > around.w) {
             n++;

@@ -139,11 +139,13 @@ class Tiles:
         """
         across, down = _tiles(plan)
         runs = GROUPS * LANES
-        size = runs * across * down * 4
+        # one more for what touches no tile
+        size = runs * (across * down + 1) * 4
         cursors = self._buffer(CURSORS, size)
         cursors.clear(size)
-        self._run("tile_list.comp", plan, count, {"COUNTING": True})
-        found = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, across * down)
+        self._run(plan, count, {"COUNTING": True})
+        found = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, across * down + 1)
+        found = found[:, :-1]
         # tile after tile, in each run after run
         until = np.cumsum(found, axis=0, dtype=np.uint32)
         until[:, self.closed] = 0
@@ -153,28 +155,30 @@ class Tiles:
         if room[-1] > MOST_LISTED and count > 1:
             return None
         begins = room - (-(-lengths // 4) * 4)
-        starts = until - found + begins.astype(np.uint32)
-        starts[:, self.closed] = NOWHERE
+        starts = np.full((runs, across * down + 1), NOWHERE, np.uint32)
+        starts[:, :-1] = until - found + begins.astype(np.uint32)
+        starts[:, :-1][:, self.closed] = NOWHERE
         cursors.write(starts)
         filled = np.flatnonzero(lengths)
         ends = begins[filled] + lengths[filled]
         return np.stack([filled, begins[filled], ends, np.zeros_like(ends)], axis=1).astype(np.uint32)
 
     def _list(self, plan: Plan, count: int, total: int) -> None:
-        height = (total // (LISTED * 4) + 1) * 2
+        # and an entry that is never read
+        height = ((total + 4) // (LISTED * 4) + 1) * 2
         if self.list is None or self.list.height < height:
             if self.list is not None:
                 self.list.release()
             self.list = self.ctx.texture((LISTED * 2, height), 1, dtype="u4")
             self.list.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.list.bind_to_image(IMAGE, read=False, write=True)
-        self._run("tile_list.comp", plan, count, {"COUNTING": False})
+        self._run(plan, count, {"COUNTING": False}, total + 4)
 
-    def _run(self, name: str, plan: Plan, count: int, switches: dict[str, bool]) -> None:
-        """Over all splats, each time as many as ROUNDS allow."""
-        program = self._program(name, plan, switches)
+    def _run(self, plan: Plan, count: int, switches: dict[str, bool], unread: int = 0) -> None:
+        """Over all splats, each time as many as ROUNDS allow. unread: an entry of the list beyond what is read."""
+        program = self._program("tile_list.comp", plan, switches)
         length = -(-count // (GROUPS * LANES))
-        _set(program, count=count, length_=length, budget=ROUNDS)
+        _set(program, count=count, length_=length, budget=ROUNDS, unread=unread)
         whole = np.clip(count - length * np.arange(GROUPS * LANES), 0, length)
         done = self._buffer(DONE, whole.size * 4)
         done.clear()
