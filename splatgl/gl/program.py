@@ -15,6 +15,7 @@ from splatgl.splat.kernel import kernel, polynomials
 from splatgl.splat.plan import Program
 
 Switches = Mapping[str, str | int | bool]
+Chosen = tuple[tuple[str, str | int | bool], ...]
 
 
 @dataclass(frozen=True)
@@ -108,22 +109,18 @@ def _bind_blocks(program: moderngl.Program | moderngl.ComputeShader) -> None:
             program[block].binding = binding  # type: ignore[union-attr]
 
 
-def _read(name: str, program: Program, more: Switches) -> dict[str, str | int | bool]:
-    """Those of a plan's switches that a shader reads, so that a choice that it does not know compiles nothing."""
-    read = declared_switches(name)
-    return {switch: value for switch, value in {**splat_switches(program), **more}.items() if switch in read}
-
-
 class Programs:
     """The program cache: compiles on the first use of a plan's choices only."""
 
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
         self.ctx = ctx
         self.owned = owned
-        self.splat: dict[tuple[tuple[str, str | int | bool], ...], moderngl.Program] = {}
+        self.splat: dict[Chosen, moderngl.Program] = {}
         self.screen: dict[str, moderngl.Program] = {}
-        self.placing: dict[tuple[tuple[str, str | int | bool], ...], moderngl.Program] = {}
-        self.tiles: dict[tuple[str, tuple[tuple[str, str | int | bool], ...]], moderngl.ComputeShader] = {}
+        self.placing: dict[Chosen, moderngl.Program] = {}
+        self.tiles: dict[tuple[str, Chosen], moderngl.ComputeShader] = {}
+        # what a shader reads of what was asked for: its text is looked through once
+        self.read: dict[tuple[object, ...], Chosen] = {}
 
     def for_splats(self, program: Program) -> moderngl.Program:
         switches = splat_switches(program)
@@ -140,20 +137,27 @@ class Programs:
 
     def for_placing(self, program: Program, more: Switches) -> moderngl.Program:
         """What places splats that are gathered by tiles; more: its own switches."""
-        switches = _read("tile_place.frag", program, more)
-        key = tuple(switches.items())
-        if key not in self.placing:
-            self.placing[key] = self._keep(build(self.ctx, "whole.vert", "tile_place.frag", switches))
-        return self.placing[key]
+        switches = self._read("tile_place.frag", program, more)
+        if switches not in self.placing:
+            self.placing[switches] = self._keep(build(self.ctx, "whole.vert", "tile_place.frag", dict(switches)))
+        return self.placing[switches]
 
     def for_tiles(self, name: str, program: Program, more: Switches) -> moderngl.ComputeShader:
         """One of the compute shaders that gather splats by tiles; more: its own switches."""
-        switches = _read(name, program, more)
-        key = (name, tuple(switches.items()))
+        key = (name, self._read(name, program, more))
         if key not in self.tiles:
-            self.tiles[key] = build_compute(self.ctx, name, switches)
+            self.tiles[key] = build_compute(self.ctx, name, dict(key[1]))
             self.owned.callback(self.tiles[key].release)
         return self.tiles[key]
+
+    def _read(self, name: str, program: Program, more: Switches) -> Chosen:
+        """Those of a plan's switches that a shader reads, so that a choice that it does not know compiles nothing."""
+        asked = (name, program, *more.items())
+        if asked not in self.read:
+            read = declared_switches(name)
+            chosen = {**splat_switches(program), **more}
+            self.read[asked] = tuple((switch, value) for switch, value in chosen.items() if switch in read)
+        return self.read[asked]
 
     def _keep(self, program: moderngl.Program) -> moderngl.Program:
         self.owned.callback(program.release)
