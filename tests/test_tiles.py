@@ -94,9 +94,9 @@ def test_portions_draw_the_same(
 
 
 def test_more_splats_on_a_tile_than_a_loop_has_rounds(renderer: sg.Renderer) -> None:
-    """Software OpenGL ends a loop after 65535."""
+    """Software OpenGL ends a loop after 65535, and each joins four."""
     rng = np.random.default_rng(5)
-    count = 150_000
+    count = 300_000
     cloud = sg.Splats.from_points(rng.random((count, 3)) * 4, rng.random((count, 3)), np.full(count, 1e-4))
     camera = sg.Camera.orbit(cloud, 30, 20, size=(8, 8))
     assert apart(renderer, cloud, camera, sg.Settings(blend="xray")) < SAME
