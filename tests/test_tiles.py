@@ -74,7 +74,10 @@ def test_behind_the_nearest_planes(
 
 @pytest.mark.parametrize(
     "portions",
-    [{"MOST": 100}, {"MOST_LISTED": 600}, {"ROUNDS": 24}, {"MOST": 333, "MOST_LISTED": 500, "ROUNDS": 12}],
+    [
+        *({"MOST": 100}, {"MOST_LISTED": 600}, {"ROUNDS": 24}, {"MOST_TILES": 5}),
+        {"MOST": 333, "MOST_LISTED": 500, "ROUNDS": 12},
+    ],
     ids=str,
 )
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
@@ -231,3 +234,12 @@ def test_a_block_is_left_out_only_if_all_of_it_is_beyond_the_edges(monkeypatch: 
         assert not (within & ~seen).any()
         # what is behind an eye within is left out
         assert any(camera is view for view in outside) or not seen.all()
+
+
+def test_compute_shaders_that_do_nothing_are_told(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where a context is lost: one line instead of waiting forever."""
+    splats = noise()
+    # no round for anybody
+    monkeypatch.setattr(tiles, "ROUNDS", 0)
+    with pytest.raises(sg.InputError, match="compute shaders do nothing"):
+        renderer.render(splats, views(splats)["fitted"], TILED)

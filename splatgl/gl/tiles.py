@@ -26,6 +26,8 @@ LISTED, MOST_LISTED = 2048, 2**25
 LANES, GROUPS = 8, min(os.cpu_count() or 1, 8)
 # llvmpipe ends a loop after 65535 rounds: what needs more is done in portions
 ROUNDS = 60_000
+# tiles drawn at a time: the groups along x that every OpenGL has
+MOST_TILES = 65_535
 # where placed splats, the list, records and the order are looked up; the storage buffer; the image written to
 PLACED_UNIT, LIST_UNIT, RECORDS_UNIT = 8, 5, 5
 CURSORS, DONE, LISTS, OPEN, BLOCKS, IMAGE = 0, 1, 2, 3, 4, 0
@@ -92,7 +94,8 @@ class Tiles:
             self._draw(target, plan, texels, (middle, which[1]), True)
         elif len(lists):
             self._list(plan, count, int(lists[-1, 2]))
-            self._add_up(target, plan, lists, carried)
+            for begin in range(0, len(lists), MOST_TILES):
+                self._add_up(target, plan, lists[begin : begin + MOST_TILES], carried)
 
     def _place(self, plan: Plan, texels: Texels, which: Range) -> int:
         """How many are placed."""
@@ -182,11 +185,13 @@ class Tiles:
         whole = np.clip(count - length * np.arange(GROUPS * LANES), 0, length)
         done = self._buffer(DONE, whole.size * 4)
         done.clear()
-        while True:
+        so_far = np.zeros(whole.size, np.uint32)
+        while (so_far < whole).any():
             program.run(GROUPS)
             self.ctx.memory_barrier()
-            if (np.frombuffer(done.read(whole.size * 4), np.uint32) >= whole).all():
-                return
+            before, so_far = so_far, np.frombuffer(done.read(whole.size * 4), np.uint32)
+            if (so_far == before).all():
+                raise moderngl.Error("compute shaders do nothing")
 
     def _add_up(self, target: Target, plan: Plan, lists: np.ndarray, carried: bool) -> None:
         assert self.list is not None

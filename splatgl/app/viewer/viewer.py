@@ -184,18 +184,17 @@ class Viewer:
         if due is None and self._unfinished():
             due = max(0.0, REST - moment.idle)
         # a held button puts the full picture off for as long as it is down
-        return IDLE if due is None or (due == 0.0 and moment.held and not self.dirty) else min(due, IDLE)
+        return IDLE if due is None or (due == 0.0 and moment.held) else min(due, IDLE)
 
     def _moment(self) -> Moment:
-        # sprites are drawn in parts, between which a picture can be given up: they are in nobody's way
+        # sprites and tiles are drawn in parts, between which a picture can be given up: they are in nobody's way
         frame = self.painter.frame
         held = self.mouse.drag is not None and (frame is None or frame.plan.program.primitive == "quad")
         return Moment(self.now() - self.touched, self.state.turning, held, self.content.whole)
 
     def _wanted(self) -> tuple[object, ...]:
         """What a picture depends on; the parts are values or never change."""
-        state = self.state
-        return state.pose, state.settings, self.content, state.beyond and state.compare == "off"
+        return self.state.pose, self.state.settings, self.content, self.state.beyond and self.state.compare == "off"
 
     def _draw(self) -> None:
         """A picture in motion where something changed, the full one where all is at rest."""
