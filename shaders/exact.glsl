@@ -5,6 +5,8 @@
 #include "ellipse.glsl"
 // a kernel whose centre is nearer than √1.1 R is taken to be around the eye: from there on a quad holds it
 #define HALF_LINE_REACH 1.1
+// terms beyond the box's stretch are left out where they change a footprint by more than this share
+#define FIRST_ORDER 0.5
 
 // A quad whose local coordinates r ("at") are in voxels, |r| = distance to the ray as the kernel sees it.
 struct ExactQuad {
@@ -90,8 +92,10 @@ ExactQuad near_quad(vec3 i) {
 
 ExactQuad far_quad(vec3 v) {
     Ellipse ellipse = voxel_ellipse(vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0));
-    // offsets across the view shrink by f, where a pixel is wider than the voxel
+    // offsets across the view shrink by f, where a pixel is wider than the voxel; the narrower side always is
+    float still_1 = v.z > frame.beyond.x ? 0.0 : 1.0;
     vec2 f = min(vec2(1.0), ellipse.width / max(smallest_axis(v.z), 1e-30));
+    f.x = mix(f.x, 1.0, still_1);
     vec2 slope = vec2(dot(v, ellipse.axis_1), dot(v, ellipse.axis_2)) / v.z;
     vec3 o1 = to_index(ellipse.axis_1 * f.x);
     vec3 o2 = to_index(ellipse.axis_2 * f.y);
@@ -116,7 +120,11 @@ ExactQuad far_quad(vec3 v) {
     vec3 off_2 = o1 * e[1].x + o2 * e[1].y;
     vec2 tau = -vec2(dot(off_1, line), dot(off_2, line)) / line2;
     // an axis that is not stretched keeps the pixel's slope, slope + (ε·r)/z, and bends with the depth
-    vec2 still = vec2(f.x < 1.0 ? 0.0 : 1.0, f.y < 1.0 ? 0.0 : 1.0);
+#if ANTIALIAS
+    vec2 still = vec2(still_1, 0.0);
+#else
+    const vec2 still = vec2(1.0);
+#endif
     vec3 still_axis = o1 * still.x + o2 * still.y;
     vec2 epsilon = vec2(dot(still, e[0]), dot(still, e[1]));
     vec3 curve = depth + o1 * (still.x * slope.x) + o2 * (still.y * slope.y);
@@ -133,6 +141,12 @@ ExactQuad far_quad(vec3 v) {
     // the cubic terms move the rim outwards by less than this
     float shift = length(cubic.xy) * dot(tau, tau) + length(mixed.xy) * length(epsilon) * length(tau);
     float reach = style.radius * (1.0 + shift * style.radius);
+    if (max(shift, length(sloped)) * style.radius > FIRST_ORDER) {
+        // long voxels at a slant, near by: those terms have no meaning
+        cubic = mixed = vec4(0.0);
+        sloped = vec2(0.0);
+        reach = style.radius;
+    }
     return ExactQuad(step_1, step_2, reach, gain, f.x * f.y, vec4(-1.0, 0.0, sloped), cubic, mixed);
 #endif
 }
@@ -143,17 +157,10 @@ ExactQuad exact_quad(vec3 v, bool stretched) {
 }
 #endif
 
-// Whether antialiasing widens the voxel. A kernel that reaches a third of the way to the eye's plane is left alone:
-// along it diverging rays change so much that no one width is right, and at the plane there is none.
-#define WIDEN_BEYOND 3.0
+// Whether antialiasing widens the voxel: no splat is so near to that depth that float32 could mistake it.
 bool is_stretched(vec3 v) {
 #if ANTIALIAS
-    if (v.z <= WIDEN_BEYOND * frame.depth_reach) return false;
-#if CUBIC
-    return smallest_axis(v.z) > 1.0;
-#else
-    return smallest_axis(v.z) > voxel_ellipse(vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0)).width.y;
-#endif
+    return v.z > frame.beyond.y;
 #else
     return false;
 #endif

@@ -13,6 +13,8 @@ layout(std140) uniform Frame {
     float near;              // nothing nearer is drawn
     float depth_reach;       // how far in depth a kernel reaches
     vec2 image_center;       // in pixels: a pixel's slope is (gl_FragCoord − image_center) pixel_pitch
+    vec2 beyond;             // depths from which on antialiasing widens a voxel's wider and narrower side
+    vec2 reach;              // pixels from image_center beyond which no centre of a sprite reaches into the picture
 } frame;
 
 layout(std140) uniform Style {

@@ -80,7 +80,7 @@ PLANE place_sprite(vec3 v, out Sprite sprite, out bool seen) {
 #else
     PLANE quad = splat_quad(v);
     sprite = planar_sprite(v, quad.axis_1, quad.axis_2, style.radius);
-    seen = v.z >= 0.0;
+    seen = true;
 #endif
     to_local = sprite.to_local;
     pixel = sprite.center;

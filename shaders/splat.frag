@@ -47,7 +47,8 @@ float footprint() {
 #elif FOOTPRINT != FOOTPRINT_TABLE
     return radial(dot(at, at) * style.radius * style.radius);
 #else
-    return texture(footprint_table, at * 0.5 + 0.5).r;
+    // quads are a little larger than the table
+    return max(abs(at.x), abs(at.y)) <= 1.0 ? texture(footprint_table, at * 0.5 + 0.5).r : 0.0;
 #endif
 }
 

@@ -25,6 +25,16 @@ vec4 clip_from_eye(vec3 point) {
 #endif
 }
 
+// A rasteriser snaps corners to 1/256 of a pixel: a quad is larger by a little, so that none is lost in between.
+vec2 widened_corner(vec2 corner, vec3 v, vec2 sides) {
+#if PERSPECTIVE
+    float pixel_side = frame.pixel_pitch * max(v.z, 0.0);
+#else
+    float pixel_side = frame.pixel_pitch;
+#endif
+    return corner * (1.0 + SPRITE_MARGIN * pixel_side / max(sides, vec2(1e-30)));
+}
+
 void main() {
     // relative to the eye before anything is rounded
     vec3 local = in_position - frame.base.xyz;
@@ -59,23 +69,26 @@ void main() {
 #if ALIGN == ALIGN_B1
     seen = v.z > frame.near;
     ExactQuad quad = exact_quad(v, true);
-    at = corner;
+    const float across = 1.0;
 #else
     bool stretched = is_stretched(v);
     ExactQuad quad = exact_quad(v, stretched);
-    at = corner * quad.reach;
+    float across = quad.reach;
     bend = quad.bend;
 #if ANTIALIAS && !CUBIC
     cubic = quad.cubic;
     mixed = quad.mixed;
 #endif
 #endif
+    corner = widened_corner(corner, v, vec2(length(quad.axis_1), length(quad.axis_2)) * quad.reach);
+    at = corner * across;
     vec3 point = v + quad.reach * (corner.x * quad.axis_1 + corner.y * quad.axis_2);
 #else
     Quad quad = splat_quad(v);
+    corner = widened_corner(corner, v, vec2(length(quad.axis_1), length(quad.axis_2)) * style.radius);
     at = corner;
     vec3 point = v + style.radius * (corner.x * quad.axis_1 + corner.y * quad.axis_2);
-#if !PERSPECTIVE
+#if !PERSPECTIVE && MOTION != MOTION_OFF
     seen = v.z >= 0.0;
 #endif
 #endif

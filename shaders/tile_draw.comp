@@ -4,6 +4,7 @@ layout(local_size_x = 8) in;
 #define VARYING
 #define FLAT
 #include "value.glsl"
+#include "footprint.glsl"
 #include "tiles.glsl"
 
 layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };      // tile, begin, end
@@ -49,8 +50,8 @@ struct Joined {
     vec2 offset;         // of the column's first pixel
     vec4 shape;
     vec4 splat;
-    float coverage;
 #if BENT
+    float coverage;
     float half_side;
     vec4 bend;
 #if !CUBIC
@@ -67,8 +68,9 @@ void join(inout vec4 light, RAY ray, Joined it, float row) {
     // far beyond its rim a stretched footprint has no meaning
     if (max(abs(offset.x), abs(offset.y)) > it.half_side) value = 0.0;
 #else
-    // f.x x² and f.y x are the column's
-    float r2 = it.shape.x + offset.y * (it.shape.y + offset.y * it.shape.z);
+    // t.x x is the column's
+    float along = it.shape.x + offset.y * it.shape.y, across = offset.y * it.shape.z;
+    float r2 = along * along + across * across;
     float value = splat.a * radial(r2 * ray.shrink) * ray.gain;
 #endif
     value = blended(value);
@@ -98,11 +100,13 @@ Joined read_splat(uint n, vec2 first) {
     it.mixed = uintBitsToFloat(texelFetch(mixeds, texel, 0));
 #endif
 #else
-    it.splat = vec4(unpackUnorm2x16(head.w), unpackUnorm2x16(shape.w));
+    it.splat = vec4(unpackUnorm2x16(head.w), unpackUnorm2x16(shape.w).x, 0.0);
     it.splat.rgb *= style.brightest;
-    it.shape.xy *= vec2(it.offset.x * it.offset.x, it.offset.x);
+    it.shape.x *= it.offset.x;
 #endif
+#if BENT
     it.coverage = it.splat.a;
+#endif
     it.splat.a = uintBitsToFloat(head.z);
 #if BLEND == BLEND_COMPOSITE
     it.splat.a *= QUICK_SCALE;
@@ -113,7 +117,7 @@ Joined read_splat(uint n, vec2 first) {
 // What value.glsl reads of it.
 void choose(Joined it) {
     splat = it.splat;
-#if ATTENUATION == ATTENUATION_OPACITY
+#if BENT && ATTENUATION == ATTENUATION_OPACITY
     coverage = it.coverage;
 #endif
 #if BENT
@@ -146,6 +150,10 @@ void main() {
     vec4 light[ROWS];
     RAY ray[ROWS];
     EACH(BEGIN)
+#if !BENT && ATTENUATION == ATTENUATION_OPACITY
+    // all splats' alike: only parallel views come here with antialiasing
+    coverage = splat_quad(vec3(0.0)).coverage;
+#endif
     vec2 scale = 1.0 / vec2(textureSize(list, 0));
 #if BLEND == BLEND_COMPOSITE
     float least = 0.0;

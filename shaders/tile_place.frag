@@ -64,16 +64,19 @@ void main() {
     bool seen;
     PLANE quad = place_sprite(v, sprite, seen);
     give_matter(v, quad);
-#if ATTENUATION != ATTENUATION_OPACITY
-    const float coverage = 1.0;
-#endif
-    float half_side = seen && drawn ? 0.5 * sprite.size : UNSEEN;
-    vec3 form = form_of(to_local);
-    bounds = floatBitsToUint(vec4(pixel, half_side, circle_around(form, half_side)));
+    // whether or not its block is left out, one too far beyond the edge is in no tile's list
+    bool reaches = all(lessThanEqual(abs(pixel - frame.image_center), frame.reach));
+    float half_side = seen && drawn && reaches ? 0.5 * sprite.size : UNSEEN;
+    vec3 triangle = triangle_of(to_local);
+    bounds = floatBitsToUint(vec4(pixel, half_side, circle_around(triangle, half_side)));
     head = floatBitsToUint(vec4(pixel, splat.a, half_side));
 #if BENT
     shape = floatBitsToUint(to_local);
+#if ATTENUATION == ATTENUATION_OPACITY
     matter = floatBitsToUint(vec4(splat.rgb, coverage));
+#else
+    matter = floatBitsToUint(vec4(splat.rgb, 1.0));
+#endif
     out_bend = floatBitsToUint(bend);
 #if !CUBIC
     out_cubic = floatBitsToUint(cubic);
@@ -82,6 +85,6 @@ void main() {
 #else
     vec3 color = splat.rgb / style.brightest;
     head.w = packUnorm2x16(color.rg);
-    shape = uvec4(floatBitsToUint(form), packUnorm2x16(vec2(color.b, coverage)));
+    shape = uvec4(floatBitsToUint(triangle), packUnorm2x16(vec2(color.b, 0.0)));
 #endif
 }

@@ -1,7 +1,7 @@
 // Tiles of pixels, and the splats placed for them: what the passes share that list splats by tile and draw the tiles.
 // A splat is a texel in each of some textures of words: bounds, its centre, half its sprite's side and the radius of a
-// circle around it, if it is seen; heads, its centre, matter, and red and green or half its side; shapes, its quadratic
-// form, blue and coverage, or how pixels lie in its footprint. If this is bent: matters, its colour and coverage, and
+// circle around it, if it is seen; heads, its centre, matter, and red and green or half its side; shapes, the triangle
+// of its form, blue, or how pixels lie in its footprint. If this is bent: matters, its colour and coverage, and
 // what its footprint needs besides.
 // version 430
 #include "optics.glsl"
@@ -29,9 +29,10 @@ ivec2 listed_at(uint n) {
     return ivec2(int(four % LISTED) * 2 + int(n & 1u), int(four / LISTED) * 2 + int((n >> 1) & 1u));
 }
 
-// D² = f.x x² + f.y x y + f.z y² at pixels (x, y) off the centre.
-vec3 form_of(vec4 local) {
-    return vec3(dot(local.xz, local.xz), 2.0 * dot(local.xz, local.yw), dot(local.yw, local.yw));
+// D² = (t.x x + t.y y)² + (t.z y)² at pixels (x, y) off the centre: two squares, so that long ellipses lose no digits.
+vec3 triangle_of(vec4 local) {
+    float across = max(length(local.xz), 1e-30);
+    return vec3(across, dot(local.xz, local.yw) / across, (local.x * local.w - local.y * local.z) / across);
 }
 
 // First and last tile, x and y, that a square around a centre touches.
@@ -44,11 +45,12 @@ ivec4 tiles_around(vec2 center, float half_side) {
     return ivec4(clamp(low, vec2(0.0), last + 1.0), clamp(high, vec2(-1.0), last));
 }
 
-// Radius of the circle around the ellipse of that form in the square: its long half axis over the larger of its extents.
-float circle_around(vec3 form, float half_side) {
-    float mean = 0.5 * (form.x + form.z), off = 0.5 * (form.x - form.z);
-    float longest = mean + sqrt(off * off + 0.25 * form.y * form.y);
-    return half_side * sqrt(longest / max(max(form.x, form.z), 1e-30));
+// Radius of the circle around that ellipse in the square: its long half axis over the larger of its extents.
+float circle_around(vec3 t, float half_side) {
+    float width = t.x * t.x, height = t.y * t.y + t.z * t.z;
+    float mean = 0.5 * (width + height), off = 0.5 * (width - height);
+    float longest = mean + sqrt(off * off + width * t.y * t.y);
+    return half_side * sqrt(longest / max(max(width, height), 1e-30));
 }
 
 bool touches(ivec2 tile, vec2 center, float radius) {

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from splatgl.data.image import Image as Image
     from splatgl.data.readers import load as load
     from splatgl.data.volume import Volume as Volume
-    from splatgl.gl.passes import Interrupted as Interrupted
+    from splatgl.gl.portions import Interrupted as Interrupted
     from splatgl.gl.renderer import Renderer as Renderer
     from splatgl.splat.camera import Camera as Camera
     from splatgl.splat.extract import extract as extract
@@ -43,7 +43,7 @@ _PUBLIC = {
     "Camera": "splatgl.splat.camera",
     "Image": "splatgl.data.image",
     "InputError": "splatgl.data.errors",
-    "Interrupted": "splatgl.gl.passes",
+    "Interrupted": "splatgl.gl.portions",
     "Motion": "splatgl.splat.motion",
     "Renderer": "splatgl.gl.renderer",
     "Settings": "splatgl.splat.settings",

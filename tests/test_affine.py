@@ -37,7 +37,7 @@ def some_rays(view: View, depth: np.ndarray, rng: np.random.Generator) -> tuple[
     """Voxels [3, N] of those depths all over the picture, and rays [2, N] near them, widened as they are."""
     n = len(depth)
     voxel = np.concatenate([rng.uniform(-0.57, 0.57, (2, n)) * depth, depth[None]])
-    size = np.maximum(view.widths[:, None], view.smallest(depth))
+    size = view.widths[:, None] / view.shrink(depth)
     ray = voxel[:2] + view.axes @ (rng.uniform(-1.2, 1.2, (2, n)) * size)
     return voxel, ray / depth if view.perspective else ray
 

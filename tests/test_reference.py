@@ -165,7 +165,10 @@ def by_hand(splats: sg.Splats, camera: sg.Camera, blend: str) -> np.ndarray:
     ray = np.stack(np.broadcast_arrays(x[None, :], y[:, None]))
     picture = np.zeros((*ray.shape[1:], 4))
     for n in back_to_front(splats, order_for(splats, camera)):
-        found = row1(view, view.voxels(splats.records["position"][n : n + 1])[:, :, None], ray)
+        voxel = view.voxels(splats.records["position"][n : n + 1])
+        if not camera.perspective and voxel[2, 0] < 0:
+            continue
+        found = row1(view, voxel[:, :, None], ray)
         depth = float(splats.records["optical_depth"][n])
         light = np.append(splats.records["color"][n].astype(float), 1.0)
         if blend == "composite":

@@ -225,23 +225,3 @@ def test_the_last_few_splats_stay(renderer: sg.Renderer, monkeypatch: pytest.Mon
     monkeypatch.setattr("splatgl.gl.buffers.KEPT_BYTES", 0)
     kept.of(clouds[4])
     assert [buffer.splats for buffer in kept.kept] == [clouds[4]]
-
-
-@pytest.mark.parametrize(("primitive", "pieces"), [("sprite", 4), ("tile", 2)])
-def test_a_picture_can_be_given_up(renderer: sg.Renderer, primitive: str, pieces: int) -> None:
-    """Asked again and again, also where nothing is closed; what comes next is right bit for bit."""
-    cells = np.random.default_rng(1).random((70, 70, 70))
-    splats = sg.extract(sg.Volume(cells), sg.Transfer([(0, 0.1), (1, 0.9)], shading=False))
-    camera = sg.Camera.orbit(splats, size=(60, 60))
-    for change in ({}, {"occlusion": "off"}, {"blend": "xray"}):
-        settings = sg.Settings(primitive=primitive, **change)
-        right = renderer.render(splats, camera, settings).pixels
-        for allowed in range(pieces):
-            asked = iter([False] * allowed + [True])
-            with pytest.raises(sg.Interrupted):
-                renderer.render(splats, camera, settings, interrupted=lambda asked=asked: next(asked))
-        assert (renderer.render(splats, camera, settings).pixels == right).all()
-        # in other pieces, tiles end at other splats
-        passing = renderer.plan(splats, camera, settings).passing if primitive == "tile" else 0.0
-        asked_often = renderer.render(splats, camera, settings, interrupted=lambda: False).pixels
-        assert np.abs(asked_often - right).max() <= passing

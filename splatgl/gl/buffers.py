@@ -4,35 +4,30 @@ both as textures for tiles.
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Generic, TypeVar
 
 import moderngl
 import numpy as np
 
+from splatgl.gl.draw_order import Orders, Range, Sequence, indices
 from splatgl.splat.blocks import boxes
-from splatgl.splat.order import Order, back_to_front
-from splatgl.splat.rows import GL_ATTRIBUTES, GL_FORMAT, Splats
+from splatgl.splat.rows import GL_ATTRIBUTES, GL_FORMAT, RECORD, Splats
 
 # splats of which buffers are kept, and bytes of records of all but the last of them
 KEPT, KEPT_BYTES = 3, 2**28
-# bytes of drawing orders kept, 4 a splat: what a hand that turns to and fro comes back to, not what a movie passes once
-ORDER_BYTES = 2**25
-
 # records are sorted for tiles where an order is asked for again, up to so many bytes: read in turn they come sooner
 SORTED_BYTES = 2**25
 
-# what is drawn in which order; None: any will do. nearest first or last
-Sequence = tuple[Order | None, bool]
-# [begin, end) of the drawing order
-Range = tuple[int, int]
-
-
-# a list of indices
-Listed = TypeVar("Listed", bound=moderngl.Buffer | moderngl.Texture)
+# name, buffer, int or float, moderngl's format, and bytes to the first and from one to the next
+Attribute = tuple[str, moderngl.Buffer, str, str, int, int]
+# of a record's attributes: int or float, moderngl's format, and bytes to the first
+LAYOUTS: dict[str, tuple[str, str, int]] = {
+    name: ("i" if "i" in layout else "f", layout, offset)
+    for name, layout, (_, offset, *_) in zip(
+        GL_ATTRIBUTES, GL_FORMAT.split(), (RECORD.fields or {}).values(), strict=True
+    )
+}
 
 
 class SplatBuffers:
@@ -66,21 +61,22 @@ class SplatBuffer:
         self.indexed: Indexed | None = None
         self.textured: Textured | None = None
 
-    def quads(self, program: moderngl.Program, sequence: Sequence, which: Range) -> moderngl.VertexArray:
-        """A vertex array whose instances are splats `which` of the drawing order."""
+    def quads(self, program: moderngl.Program, sequence: Sequence, which: Range) -> Sorted:
+        """Splats `which` of the drawing order, as instances."""
         part = which[0] == 0, which[1] == len(self.splats)
         found = self.sorted.setdefault(part, Sorted(self.ctx, self.splats))
-        return found.vertices(program, sequence, which)
+        found.write(sequence, "in_runs" in program, which)
+        return found
 
     def sprites(self, program: moderngl.Program, sequence: Sequence) -> moderngl.VertexArray:
         """A vertex array whose vertices are the splats in drawing order."""
         self.indexed = self.indexed or Indexed(self.ctx, self.splats)
         return self.indexed.vertices(program, sequence)
 
-    def texels(self, runs: bool, sequence: Sequence) -> Texels:
-        """The splats as textures, with runs if they are wanted, and their drawing order."""
+    def texels(self, runs: bool, sequence: Sequence, which: Range | None = None) -> Texels:
+        """The splats as textures, with runs if they are wanted, and their drawing order; which: those of it alone."""
         self.textured = self.textured or Textured(self.ctx, self.splats)
-        return self.textured.texels(runs, sequence)
+        return self.textured.part(runs, sequence, which) if which else self.textured.texels(runs, sequence)
 
     def release(self) -> None:
         for part in (*self.sorted.values(), self.indexed, self.textured):
@@ -98,29 +94,37 @@ class Sorted:
         self.buffer: moderngl.Buffer | None = None
         self.arrays: dict[int, moderngl.VertexArray] = {}
 
-    def vertices(self, program: moderngl.Program, sequence: Sequence, which: Range) -> moderngl.VertexArray:
-        wanted = (sequence, "in_runs" in program, which)
+    def write(self, sequence: Sequence, runs: bool, which: Range) -> None:
+        """Splats `which` of the drawing order, with their runs if they are wanted, unless that is what is there."""
+        wanted = (sequence, runs, which)
         # where any order will do, the one that is there does; and more than is read does no harm
-        (order, _), runs, _ = wanted
         there = self.written is not None and self.written[2] == which and (self.written[1] or not runs)
-        if not there or (order is not None and self.written != wanted):
+        if not there or (sequence[0] is not None and self.written != wanted):
             self._upload(*wanted)
             self.written = wanted
-        assert self.buffer is not None
-        if program.glo not in self.arrays:
-            self.arrays[program.glo] = self.ctx.vertex_array(program, self._content(program, self.buffer))
-        return self.arrays[program.glo]
+
+    def vertices(self, program: moderngl.Program, first: int) -> moderngl.VertexArray:
+        """A vertex array whose instances are what was written, from the `first` on."""
+        array = self.arrays.get(program.glo)
+        if array is None:
+            array = self.arrays[program.glo] = self.ctx.vertex_array(program, [])
+        for name, buffer, kind, layout, offset, stride in self._attributes():
+            if name in program:
+                location = program[name].location  # type: ignore[union-attr]
+                array.bind(location, kind, buffer, layout, offset + first * stride, stride, 1)
+        return array
 
     def release(self) -> None:
         _release(self.arrays, self.buffer)
 
-    def _content(self, program: moderngl.Program, buffer: moderngl.Buffer) -> list[tuple]:
-        return [_content(program, buffer, "/i")]
+    def _attributes(self) -> list[Attribute]:
+        assert self.buffer is not None
+        return [(name, self.buffer, *layout, RECORD.itemsize) for name, layout in LAYOUTS.items()]
 
     def _upload(self, sequence: Sequence, runs: bool, which: Range) -> None:
         records = self.splats.records_with_runs if runs else self.splats.records
-        if sequence[0] is not None:
-            records = records[_indices(self.splats, sequence)[slice(*which)]]
+        chosen = slice(*which) if sequence[0] is None else indices(self.splats, sequence)[slice(*which)]
+        records = np.ascontiguousarray(records[chosen])
         if self.buffer is None:
             self.buffer = self.ctx.buffer(records)
         else:
@@ -169,35 +173,6 @@ class Indexed:
             self.arrays.pop(key).release()
 
 
-class Orders(Generic[Listed]):
-    """The latest drawing orders on the GPU. make: of indices, uint32 [N]; forget: told what goes."""
-
-    def __init__(
-        self, splats: Splats, make: Callable[[np.ndarray], Listed], forget: Callable[[Sequence], None] | None = None
-    ) -> None:
-        self.splats, self.make, self.forget = splats, make, forget
-        self.kept: OrderedDict[Sequence, Listed] = OrderedDict()
-
-    def of(self, sequence: Sequence) -> Listed | None:
-        """The list of indices; None for any order."""
-        if sequence[0] is None:
-            return None
-        if sequence in self.kept:
-            self.kept.move_to_end(sequence)
-            return self.kept[sequence]
-        if len(self.kept) > 1 and (len(self.kept) + 1) * 4 * len(self.splats) > ORDER_BYTES:
-            oldest, listed = self.kept.popitem(last=False)
-            if self.forget:
-                self.forget(oldest)
-            listed.release()
-        self.kept[sequence] = self.make(_indices(self.splats, sequence).astype(np.uint32))
-        return self.kept[sequence]
-
-    def release(self) -> None:
-        while self.kept:
-            self.kept.popitem()[1].release()
-
-
 # splats abreast in a texture: tiles.glsl's ABREAST
 ABREAST = 1024
 # a record's 32-bit words: two texels of four, and the last
@@ -234,10 +209,7 @@ class Textured:
         if self.sorted is not None and self.sorted[0] == self.asked:
             return self.sorted[1]
         if asked == self.asked and sequence[0] is not None and self.splats.records.nbytes <= SORTED_BYTES:
-            self._release_sorted()
-            words = self._words(runs)[_indices(self.splats, sequence)]
-            around = boxes(words[:, :3].view(np.float32))
-            found = Texels(self._texture(words[:, :8], 4, 2), self._texture(words[:, 8:], 1, 1), None, around)
+            found = self._in_order(runs, sequence, (0, len(self.splats)))
             self.sorted = self.asked, found
             return found
         if self.rest is None or (runs and not self.runs):
@@ -248,6 +220,21 @@ class Textured:
             self.rest, self.runs = self._texture(words[:, 8:], 1, 1), runs
         assert self.records is not None
         return Texels(self.records, self.rest, self.orders.of(sequence))
+
+    def part(self, runs: bool, sequence: Sequence, which: Range) -> Texels:
+        """Splats `which` alone, of more than are kept; nothing of the others stays."""
+        self.release()
+        found = self._in_order(runs, sequence, which)
+        self.sorted = (runs, sequence), found
+        self.asked = None
+        return found
+
+    def _in_order(self, runs: bool, sequence: Sequence, which: Range) -> Texels:
+        self._release_sorted()
+        chosen = slice(*which) if sequence[0] is None else indices(self.splats, sequence)[slice(*which)]
+        words = self._words(runs)[chosen]
+        around = boxes(words[:, :3].view(np.float32))
+        return Texels(self._texture(words[:, :8], 4, 2), self._texture(words[:, 8:], 1, 1), None, around)
 
     def release(self) -> None:
         self.orders.release()
@@ -282,13 +269,6 @@ class Textured:
         texture = self.ctx.texture((ABREAST * each, height), channels, padded, alignment=4, dtype="u4")
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         return texture
-
-
-def _indices(splats: Splats, sequence: Sequence) -> np.ndarray:
-    order, nearest_first = sequence
-    assert order is not None
-    found = back_to_front(splats, order)
-    return found[::-1] if nearest_first else found
 
 
 def _release(arrays: dict, *buffers: moderngl.Buffer | None) -> None:

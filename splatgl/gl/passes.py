@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from itertools import pairwise
 
@@ -11,11 +11,14 @@ import numpy as np
 
 from splatgl.gl.buffers import SplatBuffers
 from splatgl.gl.closing import HIDDEN_UNIT, Closing
+from splatgl.gl.draw_order import Range, Sequence, chunks
+from splatgl.gl.portions import Portions
 from splatgl.gl.program import BLENDS, Programs
 from splatgl.gl.streaks import BLUR_UNIT, StreakBuffers
 from splatgl.gl.target import Target, Targets
 from splatgl.gl.tiles import Tiles
 from splatgl.gl.uniforms import FRAME, FRAME_BINDING, STYLE, STYLE_BINDING, frame_block, style_block
+from splatgl.splat.ahead import ahead
 from splatgl.splat.blocks import shown
 from splatgl.splat.blur_table import blur_table
 from splatgl.splat.camera import Camera
@@ -24,7 +27,7 @@ from splatgl.splat.near import runs
 from splatgl.splat.occlusion import TILE, cuts
 from splatgl.splat.order import order_for
 from splatgl.splat.plan import Plan
-from splatgl.splat.rows import Splats
+from splatgl.splat.rows import MOST_KEPT, Splats
 
 # bits of a footprint table → moderngl's dtype, numpy's, and what 1.0 is stored as
 TABLES: dict[int, tuple[str, np.dtype, int]] = {
@@ -35,17 +38,6 @@ TABLES: dict[int, tuple[str, np.dtype, int]] = {
 CORNERS = 4
 # texels along each axis of the half-line table: bilinear error 1e−5
 HALF_TABLE_SIZE = 256
-
-
-# splats drawn between two questions whether to go on, as sprites, and gathered by tiles
-BETWEEN, GATHERED_BETWEEN = 2**16, 2**18
-
-# splats [begin, end) of the part that begins at `part`
-Piece = tuple[int, int, int]
-
-
-class Interrupted(Exception):
-    """A picture was given up because who asked for it wants it no more."""
 
 
 class Passes:
@@ -75,12 +67,15 @@ class Passes:
         role: str = "draw",
         interrupted: Callable[[], bool] | None = None,
     ) -> np.ndarray:
-        """float32 [H, W, 4]. role: the name of the target, which is kept for it. interrupted: asked every few splats of
-        sprites; Interrupted is raised where it says so.
+        """float32 [H, W, 4]. role: the name of the target, which is kept for it. interrupted: asked between two
+        portions; Interrupted is raised where it says so.
         """
+        if plan.exposure is None:
+            splats = ahead(splats, camera)
         size = (camera.size[0] * plan.samples, camera.size[1] * plan.samples)
         target = self.targets.get(role, size, plan.program.target, depth=plan.parts > 1)
         target.clear()
+        portions = Portions(self.ctx, interrupted, size[0] * size[1])
         if plan.program.primitive == "tile":
             self.tiles.begin(plan)
         if len(splats):
@@ -88,9 +83,9 @@ class Passes:
             if plan.near:
                 for run in runs(splats, plan.near):
                     chosen = plan.nearest_quads if run.quads else plan
-                    self._draw_splats(target, splats, seen, chosen, (run.begin, run.end), interrupted)
+                    self._draw_splats(target, splats, seen, chosen, (run.begin, run.end), portions)
             else:
-                self._draw_splats(target, splats, seen, plan, (0, len(splats)), interrupted)
+                self._draw_splats(target, splats, seen, plan, (0, len(splats)), portions)
         # the sum of an X-ray has nothing to lie over
         background = plan.background if plan.program.blend != "xray" else None
         if plan.samples > 1 or background is not None:
@@ -103,8 +98,8 @@ class Passes:
         splats: Splats,
         camera: Camera,
         plan: Plan,
-        which: tuple[int, int],
-        interrupted: Callable[[], bool] | None,
+        which: Range,
+        portions: Portions,
     ) -> None:
         """Splats `which` of the drawing order."""
         self.frame.write(frame_block(splats, camera, plan).tobytes())
@@ -117,12 +112,7 @@ class Passes:
         order = order_for(splats, camera) if ordered else None
         sequence = (order, order is not None and plan.program.order == "front-to-back")
         if plan.program.primitive == "tile":
-            texels = self.splats.of(splats).texels(plan.program.attenuation == "fill", sequence)
-            seen = None if texels.boxes is None else shown(texels.boxes, splats, camera, plan)
-            if seen is not None and seen.all():
-                seen = None
-            for begin, end, _ in _pieces(which, plan.parts, interrupted, GATHERED_BETWEEN):
-                self.tiles.draw(target, plan, texels, (begin, end), begin > 0, seen)
+            self._draw_tiles(target, splats, camera, plan, (sequence, which), portions)
             return
         program = self.programs.for_splats(plan.program)
         if plan.program.half_line:
@@ -137,15 +127,41 @@ class Passes:
         self.ctx.blend_func = blend.source, blend.destination
         if plan.program.primitive == "sprite":
             vertices = self.splats.of(splats).sprites(program, sequence)
-            self._draw_sprites(vertices, target, plan, _pieces(which, plan.parts, interrupted, BETWEEN))
-        else:
-            target.framebuffer.use()
-            self.ctx.enable_only(moderngl.BLEND)
+            self._draw_sprites(vertices, target, plan, which, portions)
+            return
+        target.framebuffer.use()
+        self.ctx.enable_only(moderngl.BLEND)
+        for chunk in chunks(which):
             if plan.program.flow:
-                vertices = self.streaks.quads(program, splats, sequence, plan)
+                quads = self.streaks.quads(splats, sequence, plan, program)
             else:
-                vertices = self.splats.of(splats).quads(program, sequence, which)
-            vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=which[1] - which[0])
+                quads = self.splats.of(splats).quads(program, sequence, chunk)
+            for begin, end in portions.over(*chunk):
+                vertices = quads.vertices(program, begin - chunk[0])
+                vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=end - begin)
+
+    def _draw_tiles(
+        self,
+        target: Target,
+        splats: Splats,
+        camera: Camera,
+        plan: Plan,
+        what: tuple[Sequence, Range],
+        portions: Portions,
+    ) -> None:
+        """what: the drawing order, and which splats of it."""
+        sequence, which = what
+        parts = pairwise(which[0] + cut for cut in cuts(which[1] - which[0], plan.parts))
+        for begin, end in (chunk for part in parts for chunk in chunks(part)):
+            kept = len(splats) <= MOST_KEPT
+            texels = self.splats.of(splats).texels(
+                plan.program.attenuation == "fill", sequence, None if kept else (begin, end)
+            )
+            seen = None if texels.boxes is None else shown(texels.boxes, splats, camera, plan)
+            if seen is not None and seen.all():
+                seen = None
+            first = 0 if kept else begin
+            self.tiles.draw(target, plan, texels, (begin - first, end - first), begin > 0, seen, portions.ask)
 
     def _bind_path(self, program: moderngl.Program, splats: Splats, plan: Plan) -> None:
         """What streaks need besides; nothing for a still."""
@@ -157,20 +173,21 @@ class Passes:
             self._blur_table(plan.kernel).use(location=BLUR_UNIT)
 
     def _draw_sprites(
-        self, vertices: moderngl.VertexArray, target: Target, plan: Plan, pieces: Iterable[Piece]
+        self, vertices: moderngl.VertexArray, target: Target, plan: Plan, which: Range, portions: Portions
     ) -> None:
-        """In pieces of parts, nearest first; between two parts pixels are closed that next to nothing passes."""
+        """In parts, nearest first; between two of them pixels are closed that next to nothing passes."""
         if plan.program.hiding:
             self.closing.begin(target)
-        for begin, end, part in pieces:
-            if plan.parts > 1 and part and begin == part:
+        for part in pairwise(which[0] + cut for cut in cuts(which[1] - which[0], plan.parts)):
+            tested = plan.parts > 1 and part[0] > which[0]
+            if tested:
                 self.closing.close(target, plan)
             target.framebuffer.use()
             # centres beyond the edge are clipped, so that the edge is moved out
             target.widen(plan.pad)
-            tested = moderngl.DEPTH_TEST if plan.parts > 1 and part else 0
-            self.ctx.enable_only(moderngl.BLEND | moderngl.PROGRAM_POINT_SIZE | tested)
-            vertices.render(moderngl.POINTS, vertices=end - begin, first=begin)
+            self.ctx.enable_only(moderngl.BLEND | moderngl.PROGRAM_POINT_SIZE | (moderngl.DEPTH_TEST if tested else 0))
+            for begin, end in portions.over(*part):
+                vertices.render(moderngl.POINTS, vertices=end - begin, first=begin)
         target.widen(0)
 
     def _resolve(
@@ -219,15 +236,3 @@ class Passes:
         texture.repeat_x = texture.repeat_y = False
         self.tables[key] = texture
         return texture
-
-
-def _pieces(
-    which: tuple[int, int], parts: int, interrupted: Callable[[], bool] | None, between: int
-) -> Iterator[Piece]:
-    """Whole parts; or, where it may be interrupted, smaller ones."""
-    for part, end in pairwise(which[0] + cut for cut in cuts(which[1] - which[0], parts)):
-        step = between if interrupted else max(end - part, 1)
-        for begin in range(part, end, step):
-            if interrupted and interrupted():
-                raise Interrupted
-            yield begin, min(begin + step, end), part

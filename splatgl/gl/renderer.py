@@ -51,6 +51,7 @@ class Renderer:
             self.info = context_info(self.ctx)
             self.passes = Passes(self.ctx, self.owned)
             self.sprite_limit = float(self.ctx.info["GL_POINT_SIZE_RANGE"][1])
+            self.viewport = int(min(self.ctx.info["GL_MAX_VIEWPORT_DIMS"]))
             # tiles pay where pixels are blended by the CPU
             self.tiles = self.info.software if self.ctx.version_code >= COMPUTE else None
         except BaseException:
@@ -74,7 +75,7 @@ class Renderer:
         self, splats: Splats, camera: Camera, settings: Settings | None = None, motion: Motion | None = None
     ) -> Plan:
         """What `render` would do; the driver decides whether there are tiles, and how large sprites may be."""
-        return plan(splats, camera, settings, self.sprite_limit, motion, self.tiles)
+        return plan(splats, camera, settings, self.sprite_limit, motion, self.tiles, self.viewport)
 
     def render(
         self,

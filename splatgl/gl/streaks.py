@@ -7,7 +7,8 @@ from contextlib import ExitStack
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import Range, Sequence, Sorted, _indices
+from splatgl.gl.buffers import Attribute, Sorted
+from splatgl.gl.draw_order import Range, Sequence, indices
 from splatgl.gl.uniforms import PATH, PATH_BINDING, path_block
 from splatgl.splat.motion import Exposure
 from splatgl.splat.plan import Plan
@@ -33,13 +34,14 @@ class StreakBuffers:
         self.path.write(path_block(splats, plan).tobytes())
         self.path.bind_to_uniform_block(PATH_BINDING)
 
-    def quads(self, program: moderngl.Program, splats: Splats, sequence: Sequence, plan: Plan) -> moderngl.VertexArray:
-        """A vertex array whose instances are splats, and how far they flow, in drawing order."""
+    def quads(self, splats: Splats, sequence: Sequence, plan: Plan, program: moderngl.Program) -> Sorted:
+        """The splats, and how far they flow, as instances in drawing order."""
         assert plan.exposure is not None
         if self.flowing is None or not self.flowing.holds(splats, plan.exposure):
             self.release()
             self.flowing = Flowing(self.ctx, splats, plan.exposure)
-        return self.flowing.vertices(program, sequence, (0, len(splats)))
+        self.flowing.write(sequence, "in_runs" in program, (0, len(splats)))
+        return self.flowing
 
     def release(self) -> None:
         if self.flowing is not None:
@@ -64,10 +66,10 @@ class Flowing(Sorted):
         super().release()
         self.drift_buffer.release()
 
-    def _content(self, program: moderngl.Program, buffer: moderngl.Buffer) -> list[tuple]:
-        return [*super()._content(program, buffer), (self.drift_buffer, "3f4/i", "in_flow")]
+    def _attributes(self) -> list[Attribute]:
+        return [*super()._attributes(), ("in_flow", self.drift_buffer, "f", "3f4", 0, self.drift.itemsize * 3)]
 
     def _upload(self, sequence: Sequence, runs: bool, which: Range) -> None:
         super()._upload(sequence, runs, which)
-        drift = self.drift if sequence[0] is None else self.drift[_indices(self.splats, sequence)]
+        drift = self.drift if sequence[0] is None else self.drift[indices(self.splats, sequence)]
         self.drift_buffer.write(np.ascontiguousarray(drift))

@@ -13,7 +13,8 @@ from contextlib import ExitStack
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import ABREAST, Range, Texels
+from splatgl.gl.buffers import ABREAST, Texels
+from splatgl.gl.draw_order import Range
 from splatgl.gl.program import Programs
 from splatgl.gl.target import Target
 from splatgl.splat.blocks import BLOCK
@@ -26,8 +27,8 @@ LISTED, MOST_LISTED = 2048, 2**25
 LANES, GROUPS = 8, min(os.cpu_count() or 1, 8)
 # llvmpipe ends a loop after 65535 rounds: what needs more is done in portions
 ROUNDS = 60_000
-# tiles drawn at a time: the groups along x that every OpenGL has
-MOST_TILES = 65_535
+# tiles drawn at a time: the groups along x that every OpenGL has; and entries of lists, a tenth of a second's work
+MOST_TILES, ENTRIES = 65_535, 2**20
 # where placed splats, the list, records and the order are looked up; the storage buffer; the image written to
 PLACED_UNIT, LIST_UNIT, RECORDS_UNIT = 8, 5, 5
 CURSORS, DONE, LISTS, OPEN, BLOCKS, IMAGE = 0, 1, 2, 3, 4, 0
@@ -52,6 +53,7 @@ class Tiles:
         self.list: moderngl.Texture | None = None
         # tiles that next to nothing passes any more
         self.closed = np.zeros(0, bool)
+        self.ask: Callable[[], None] = lambda: None
         # blocks of the drawing order that may be in the picture; None: all
         self.shown: np.ndarray | None = None
         owned.callback(self.release)
@@ -75,12 +77,14 @@ class Tiles:
         which: Range,
         carried: bool,
         shown: np.ndarray | None = None,
+        ask: Callable[[], None] = lambda: None,
     ) -> None:
         """Splats `which` of the drawing order, nearest first; carried: behind what the target shows.
 
-        shown: which blocks of the order may be in the picture; None: all.
+        shown: which blocks of the order may be in the picture; None: all. ask: called between two dispatches, and may
+        raise to end the picture.
         """
-        self.shown = shown
+        self.shown, self.ask = shown, ask
         for begin in range(which[0], which[1] if self.closed.size else which[0], MOST):
             self._draw(target, plan, texels, (begin, min(begin + MOST, which[1])), carried)
             carried = True
@@ -94,8 +98,9 @@ class Tiles:
             self._draw(target, plan, texels, (middle, which[1]), True)
         elif len(lists):
             self._list(plan, count, int(lists[-1, 2]))
-            for begin in range(0, len(lists), MOST_TILES):
-                self._add_up(target, plan, lists[begin : begin + MOST_TILES], carried)
+            for some in _dispatches(lists):
+                self.ask()
+                self._add_up(target, plan, some, carried)
 
     def _place(self, plan: Plan, texels: Texels, which: Range) -> int:
         """How many are placed."""
@@ -228,6 +233,13 @@ class Tiles:
         _set(program, origin=plan.window.box[:2], tiles=_tiles(plan))
         _set(program, **{placed: PLACED_UNIT + unit for unit, placed in enumerate(PLACED)})
         return program
+
+
+def _dispatches(lists: np.ndarray) -> list[np.ndarray]:
+    """The lists in groups that are drawn at a time: no more than MOST_TILES, nor, but for single ones, ENTRIES."""
+    before = np.cumsum(lists[:, 2].astype(np.int64) - lists[:, 1])
+    # one begins where either count is full
+    return np.split(lists, np.flatnonzero(np.diff(before // ENTRIES + np.arange(len(lists)) // MOST_TILES)) + 1)
 
 
 def _tiles(plan: Plan) -> tuple[int, int]:

@@ -26,10 +26,12 @@ FRAME = np.dtype(
             "near",
             "depth_reach",
             "image_center",
+            "beyond",
+            "reach",
         ],
-        "formats": [*[("<f4", (3, 4))] * 3, "<4f4", "<4f4", "<2f4", "<f4", "<f4", "<f4", "<f4", "<2f4"],
-        "offsets": [0, 48, 96, 144, 160, 176, 184, 188, 192, 196, 200],
-        "itemsize": 208,
+        "formats": [*[("<f4", (3, 4))] * 3, "<4f4", "<4f4", "<2f4", "<f4", "<f4", "<f4", "<f4", *["<2f4"] * 3],
+        "offsets": [0, 48, 96, 144, 160, 176, 184, 188, 192, 196, 200, 208, 216],
+        "itemsize": 224,
     }
 )
 STYLE = np.dtype(
@@ -49,6 +51,8 @@ PATH = np.dtype(
     }
 )
 
+# a depth that nothing is beyond, mean spacings
+FURTHEST = 1e30
 # shading: C = c (0.3 + 0.7 |n·l|)
 AMBIENT, DIFFUSE = 0.3, 0.7
 
@@ -79,6 +83,9 @@ def frame_block(splats: Splats, camera: Camera, plan: Plan) -> np.ndarray:
     block["near"] = NEAR
     block["depth_reach"] = plan.kernel.radius * np.linalg.norm(eye_from_index[2])
     block["image_center"] = fine / 2
+    # what is never widened, or always, by numbers that float32 has
+    block["beyond"] = np.clip(plan.beyond, -FURTHEST, FURTHEST)
+    block["reach"] = fine / 2 + plan.pad
     return block
 
 

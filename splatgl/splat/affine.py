@@ -28,6 +28,7 @@ class View:
     """A grid seen by a camera. eye_from_index [3, 3]: A. pitch: a pixel's side at depth 1, or everywhere.
 
     eye_index [3]: the eye in grid indices. antialias: whether p widens what is narrower.
+    beyond: depths from which on σ_1 and σ_2 are widened; None: where p is wider, see `widening.py`.
     """
 
     kernel: Kernel
@@ -36,14 +37,23 @@ class View:
     pitch: float
     perspective: bool
     antialias: bool
+    beyond: tuple[float, float] | None = None
 
     @classmethod
-    def of(cls, grid: Grid, camera: Camera, kernel: Kernel, antialias: bool = True) -> View:
+    def of(
+        cls,
+        grid: Grid,
+        camera: Camera,
+        kernel: Kernel,
+        antialias: bool = True,
+        beyond: tuple[float, float] | None = None,
+    ) -> View:
         """The view of `grid` by `camera`; lengths in the grid's mean spacing."""
         spacing = grid.mean_spacing
         pitch = camera.extent / camera.size[1] / (1.0 if camera.perspective else spacing)
         a = camera.eye_from_world @ grid.world_from_index / spacing
-        return cls(kernel, a, grid.index_from_world(camera.eye), pitch, camera.perspective, antialias)
+        eye = grid.index_from_world(camera.eye)
+        return cls(kernel, a, eye, pitch, camera.perspective, antialias, beyond)
 
     def voxels(self, positions: np.ndarray) -> np.ndarray:
         """Centres v [3, N] of splats at grid positions [N, 3]."""
@@ -78,22 +88,35 @@ class View:
         """How far in depth the kernel reaches: an eye further before the voxel sees all of it."""
         return self.depth_reach * self.kernel.radius
 
-    def smallest(self, z: np.ndarray) -> np.ndarray:
-        """p at depth z [...]: the least half width that antialiasing leaves; 0 without it.
+    @cached_property
+    def widened_beyond(self) -> tuple[float, float]:
+        """Depths from which on σ_1 and σ_2 are widened: ∞ where they never are.
 
         A kernel that reaches a third of the way to the eye's plane is left alone: along it diverging rays
         change so much that no one width is right, and at the plane there is none.
         """
         if not self.antialias:
-            return np.zeros(np.shape(z))
+            return np.inf, np.inf
         if not self.perspective:
-            return np.full(np.shape(z), self.pitch)
-        return np.where(z > WIDEN_BEYOND * self.reach, self.pitch * z, 0.0)
+            first, second = (-np.inf if self.pitch > width else np.inf for width in self.widths)
+            return first, second
+        first, second = (max(float(width) / self.pitch, WIDEN_BEYOND * self.reach) for width in self.widths)
+        return self.beyond or (first, second)
+
+    def widened(self, z: np.ndarray) -> np.ndarray:
+        """bool [2, ...]: whether antialiasing widens σ_1 and σ_2 at depth z [...]."""
+        return np.stack([np.asarray(z) > depth for depth in self.widened_beyond])
+
+    def pixel(self, z: np.ndarray) -> np.ndarray:
+        """p at depth z [...]: a pixel's side."""
+        return self.pitch * np.asarray(z) if self.perspective else np.full(np.shape(z), self.pitch)
 
     def shrink(self, z: np.ndarray) -> np.ndarray:
         """[2, ...]: min(1, σ_i/p), by which offsets along the axes shrink at the voxel's depth."""
-        p = self.smallest(z)
-        return np.stack([np.where(p > width, width / np.where(p > 0, p, 1.0), 1.0) for width in self.widths])
+        widened, p = self.widened(z), self.pixel(z)
+        some = widened.any(axis=0)
+        widths = [np.minimum(width / np.where(some, p, 1.0), 1.0) for width in self.widths]
+        return np.where(widened, np.stack(widths), 1.0)
 
     def coverage(self, z: np.ndarray) -> np.ndarray:
         """The share of a widened footprint that the voxel's own would fill: 1/m² [M98 Eq. 6] for cubic voxels."""
@@ -115,7 +138,7 @@ def row1(view: View, voxel: np.ndarray, ray: np.ndarray) -> Integral:
     """The correct value for voxels [3, ...] and rays [2, ...], whose shapes broadcast; arrays [...].
 
     A perspective ray is z·(w, 1), its slopes w given, and starts at the eye; an orthographic one is given
-    by its (x, y), is endless, and nothing is seen of voxels behind the eye's plane.  [M98 Table 1 row 1]
+    by its (x, y) and endless.  [M98 Table 1 row 1]
     """
     x, y, z, u, v = (part.ravel() for part in np.broadcast_arrays(*voxel, *ray))
     shape = np.broadcast_shapes(voxel.shape[1:], ray.shape[1:])
@@ -123,7 +146,7 @@ def row1(view: View, voxel: np.ndarray, ray: np.ndarray) -> Integral:
         found = _parallel(view, (x, y, z), (u, v))
     else:
         found = _straight(view, (x, y, z), (u, v))
-        widened = np.flatnonzero(view.smallest(z) > view.widths[1])
+        widened = np.flatnonzero(view.widened(z)[1])
         if len(widened):
             some = _bent(view, (x[widened], y[widened], z[widened]), (u[widened], v[widened]))
             found.value[widened], found.peak[widened] = some.value, some.peak
@@ -170,28 +193,28 @@ def _parallel(view: View, voxel: Triple, ray: Pair) -> Integral:
     squares = sum((o * s / width) ** 2 for o, s, width in zip(offset, shrink, view.widths, strict=True))
     peak = gain / (view.widths[0] * view.widths[1]) * view.kernel.footprint(np.zeros(()))
     value = gain / (view.widths[0] * view.widths[1]) * view.kernel.footprint(np.sqrt(squares))
-    return Integral(np.where(voxel[2] < 0, 0.0, value), peak)
+    return Integral(value, peak)
 
 
 def _bent(view: View, voxel: Triple, slope: Pair) -> Integral:
     """sec_p ∫ Π f_i(z) h(A⁻¹[U f(z) Uᵀ(w z − c); z − z_v]) dz, f_i = g_i z_v/z where widened, else 1."""
     x, y, z = voxel
     w = slope
-    shrink = view.shrink(z)
+    shrink, widened = view.shrink(z), view.widened(z)
     p0, p1 = [np.zeros_like(z) for _ in range(3)], [np.zeros_like(z) for _ in range(3)]
     p2 = [np.full_like(z, b) for b in view.index_from_eye[:, 2]]
-    for (u_x, u_y), g in zip(view.axes.T, shrink, strict=True):
+    for (u_x, u_y), g, wide in zip(view.axes.T, shrink, widened, strict=True):
         # along u: g (e + c t/z_v), straight in t, where widened; e + w δ where not
         e, c, slant = ((a * u_x + b * u_y) for a, b in ((w[0] * z - x, w[1] * z - y), (x, y), w))
         for axis, part in enumerate(view.index_from_eye[:, :2] @ (u_x, u_y)):
             p0[axis] += part * g * e
-            p1[axis] += part * np.where(g < 1, g * c / z, 0.0)
-            p2[axis] += part * np.where(g < 1, 0.0, slant)
+            p1[axis] += part * np.where(wide, g * c / z, 0.0)
+            p2[axis] += part * np.where(wide, 0.0, slant)
     gain = np.sqrt(1 + w[0] * w[0] + w[1] * w[1]) * shrink[0] * shrink[1]
     peak = gain / _length([a + b for a, b in zip(p1, p2, strict=True)]) * view.kernel.footprint(np.zeros(()))
     path = Path.of(p0, p1, p2, z, view.depth_reach)
     # dz = dt/(1 − t/z_v)², of which each widened axis takes one factor
-    value, both = np.zeros_like(z), shrink[0] < 1
+    value, both = np.zeros_like(z), widened[0]
     for power, index in ((0, np.flatnonzero(both)), (1, np.flatnonzero(~both))):
         if len(index):
             value[index] = gain[index] * path.take(index).integral(view.kernel, power)

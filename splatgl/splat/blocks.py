@@ -28,16 +28,17 @@ def boxes(positions: np.ndarray) -> np.ndarray:
 def shown(around: np.ndarray, splats: Splats, camera: Camera, plan: Plan) -> np.ndarray:
     """Which of the boxes [blocks, 6] hold a centre that may reach into the picture; bool [blocks].
 
-    Those are before the eye, and no further beyond the picture's edges than `plan.pad`.
+    Those are before the eye, and no further beyond the picture's edges than `plan.pad`, and a pixel for rounding.
     """
     size = np.array(camera.size) * plan.samples
     # slopes, or lengths, from the middle of the picture to the furthest centre
-    across, down = (size / 2 + plan.pad) * camera.extent / size[1]
-    sides = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1]])
-    limits = np.array([across, across, down, down, 0.0])
+    across, down = (size / 2 + plan.pad + 1) * camera.extent / size[1]
+    sides = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    limits = np.array([across, across, down, down])
     if camera.perspective:
         sides[:, 2] -= limits
-        limits[:] = 0.0
+        sides = np.concatenate([sides, [[0, 0, -1]]])
+        limits = np.zeros(5)
     # the planes' normals outwards, and how far out the innermost corner of a box is
     normals = sides @ camera.eye_from_world @ splats.grid.world_from_index
     middle = around[:, :3] - splats.grid.index_from_world(camera.eye)

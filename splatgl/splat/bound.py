@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from splatgl.splat.ahead import ahead
 from splatgl.splat.camera import Camera
 from splatgl.splat.crowd import Crowd, cells_of, crowd
 from splatgl.splat.missed import ULP, Lookup, Slip, largest, summed
@@ -38,11 +39,10 @@ ROUNDINGS = 0.5
 # (MOVED₀ + MOVED₁ tan²θ)/z² voxels; up to 60° off the axis, and three times as much for the Gaussian, which has a rim
 BENT, MOVED = 0.8, (0.3, 0.75)
 RIMMED = {"gaussian": 3.0}
-# antialiasing begins at three times a kernel's reach before the eye: affine.WIDEN_BEYOND
-NEAREST = 3.0
-# what one rounding may lose of a number of 0.5 to 1; drivers may cut 16 bits off instead of rounding them, and lay 8
-# bits over each other in 8 bits; 'over' in float32 rounds 1 − α, its product and the sum
-TARGET = {"rgba32f": ULP / 4, "rgba16f": 2.0**-11, "rgba8": 1.5 / 255}
+# what one rounding may lose of a number of 0.5 to 1, and of any number however small; drivers may cut 16 bits off
+# instead of rounding them, and lay 8 bits over each other in 8 bits; 'over' in float32 rounds 1 − α, its product and
+# the sum
+TARGET = {"rgba32f": (ULP / 4, 0.0), "rgba16f": (2.0**-11, 2.0**-24), "rgba8": (1.5 / 255, 1.5 / 255)}
 OVER = 3.0
 # a kernel around the eye: its share of a chord, times F/F(0), comes from a table within the first; all the lattice's
 # around it add up to the second
@@ -62,7 +62,7 @@ DWELT = (1.7, 2.0)
 
 @dataclass(frozen=True)
 class Bound:
-    """Parts of the bound, linear light; `total` is what a pixel may be off by, no more than `largest` can be.
+    """Parts of the bound, linear light; `total`: what a pixel may be off by, but for rounding no more than `largest`.
 
     footprint: form, table and float32's places; hidden: closed pixels; rounding: of the target, blend after blend.
     """
@@ -74,7 +74,7 @@ class Bound:
 
     @property
     def total(self) -> float:
-        return float(min(self.footprint + self.hidden + self.rounding, self.largest))
+        return float(min(self.footprint + self.hidden, self.largest) + self.rounding)
 
     def __str__(self) -> str:
         return (
@@ -88,8 +88,10 @@ def bound(splats: Splats, camera: Camera, plan: Plan, brightest: float) -> Bound
 
     None for streaks that are drawn otherwise than their model: near the eye, and of long voxels beyond z_k.
     """
+    if plan.exposure is None:
+        splats = ahead(splats, camera)
     if not len(splats):
-        return Bound(0.0, 0.0, 0.0, 0.0)
+        return Bound(0.0, 0.0, _resolved(plan, 1.0 if plan.background else 0.0), 0.0)
     program = plan.program
     most = max(splats.brightest, 1.0)
     if plan.exposure is None:
@@ -101,14 +103,18 @@ def bound(splats: Splats, camera: Camera, plan: Plan, brightest: float) -> Bound
         slip, met = blurred
     whole = _largest(splats, plan, met, most)
     # 8 bits cut off what is over 1
-    cut = program.blend == "xray" and program.target == "rgba8"
-    brightest = whole if cut else brightest
+    cut = program.target == "rgba8" and (program.blend == "xray" or whole > 1.0)
+    # and a form that is not the right one may not show at all what is bright
+    other = program.perspective and program.align != "exact"
+    brightest = whole if cut or other else brightest
     footprint = _footprints(splats, plan, slip, met, brightest / most) * most
     # blends
     scale = {"composite": most, "xray": brightest, "mip": whole}[program.blend]
-    rounding = _last_digit(scale) * TARGET[program.target] * (1.0 if program.blend == "mip" else met.count)
+    share, least = TARGET[program.target]
+    rounding = max(_last_digit(scale) * share, least) * (1.0 if program.blend == "mip" else met.count)
     if program.blend == "composite" and program.target == "rgba32f":
         rounding *= OVER
+    rounding += _resolved(plan, max(scale, 1.0 if plan.background else 0.0))
     return Bound(footprint, plan.passing * most, whole if cut else rounding, whole)
 
 
@@ -155,6 +161,13 @@ def _opacity(splats: Splats) -> float:
     return float(-np.expm1(-splats.deepest * splats.unit / splats.grid.mean_spacing))
 
 
+def _resolved(plan: Plan, scale: float) -> float:
+    """What float32 loses where samples are averaged and lie over a background; nothing where they are pixels."""
+    if plan.samples == 1 and plan.background is None:
+        return 0.0
+    return ULP * (plan.samples + 1) * _last_digit(scale)
+
+
 def _last_digit(largest: float) -> float:
     """A power of two that is not less: numbers below it lose no more than it times TARGET."""
     return float(2.0 ** np.ceil(np.log2(max(largest, 1e-30))))
@@ -197,13 +210,12 @@ def _slip(splats: Splats, camera: Camera, plan: Plan) -> Slip:
     if not plan.program.perspective:
         return Slip(place)
     if plan.program.antialias:
-        reach = radius * widths[0]
-        nearest = max(plan.z_k / spacing, float(corners[:, 2].min()), NEAREST * reach) / widths[0]
+        nearest = max(plan.beyond[1], float(corners[:, 2].min())) / widths[0]
         moved = MOVED[0] + MOVED[1] * _edge(camera) ** 2
-        place += RIMMED.get(plan.kernel.name, 1.0) * moved / nearest**2
-        gain = BENT / nearest**2
+        place += RIMMED.get(plan.kernel.name, 1.0) * moved / nearest**2 * widths[0] / widths[-1]
+        gain = BENT / nearest**2 + plan.unsure
     if plan.program.align != "exact":
-        place += _form(camera, plan, corners)
+        place += _form(camera, plan, corners) / widths[-1]
     return Slip(min(place, radius), gain)
 
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.splat.affine import View
+from splatgl.splat.ahead import ahead
 from splatgl.splat.alignment import alignment
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel, kernel
@@ -22,6 +24,7 @@ from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.sprites import Reach, Window, reach
 from splatgl.splat.tiling import HALVINGS, halvings, portions
+from splatgl.splat.widening import widening
 
 # nearest depth drawn, in voxels: a perspective quad nearer than that would overflow its clip coordinates
 NEAR = 1e-3
@@ -29,6 +32,8 @@ NEAR = 1e-3
 TABLE_SIZES = {"table": 256, "radial": 1024, "polynomial": 1}
 # largest sprite, pixels, where no renderer says its own: that of software OpenGL
 SPRITE_LIMIT = 255.0
+# pixels along a viewport's sides that every OpenGL of today draws, where no renderer says its own
+VIEWPORT = 16384
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,7 @@ class Plan:
     parts: in how many parts it is drawn; between two, pixels that less than `passing` of the light passes are closed.
     around: how many tiles beyond its own a sprite may reach. exposure: of a blurred picture.
     near: which splats are quads all the same, where others are sprites. half_line: whether the eye may be in one.
+    beyond, unsure: from which depths on antialiasing widens voxels; see widening.py.
     """
 
     program: Program
@@ -84,6 +90,8 @@ class Plan:
     exposure: Exposure | None = None
     near: Near | None = None
     half_line: bool = False
+    beyond: tuple[float, float] = (np.inf, np.inf)
+    unsure: float = 0.0
 
     @property
     def table(self) -> str:
@@ -125,9 +133,8 @@ class Plan:
             lines.append(f"attenuation {p.attenuation}, {p.order}")
         w = self.window
         nearer = ", quads for the nearest planes" if self.near else ""
-        lines.append(
-            f"{p.primitive}s{nearer}, read back from rows {w.y} to {w.y + w.height}: nothing reaches the others"
-        )
+        rows = f"rows {w.y} to {w.y + w.height}"
+        lines.append(f"{p.primitive}s{nearer}, read back from {rows}: nothing reaches the others")
         if p.primitive == "tile" and self.passing:
             lines.append(f"tiles behind less than {self.passing:.2g} of the light end, which changes no pixel by more")
         elif self.parts > 1:
@@ -146,22 +153,29 @@ def plan(
     sprite_limit: float = SPRITE_LIMIT,
     motion: Motion | None = None,
     tiles: bool | None = False,
+    viewport: int = VIEWPORT,
 ) -> Plan:
     """The plan for one picture; everything that stands on `auto` is decided here.
 
     sprite_limit: the largest point that OpenGL draws, pixels. motion: how the scene comes to where it is.
-    tiles: whether the renderer prefers them to sprites; None if it has none.
+    tiles: whether the renderer prefers them to sprites; None if it has none. viewport: its largest side, pixels.
     """
     settings = settings or Settings()
     notes: list[str] = []
     settings, exposure = _exposed(splats, camera, settings, motion, notes)
-    return _planned(splats, exposure or camera, settings, (sprite_limit, tiles), notes)
+    if exposure is None:
+        splats = ahead(splats, camera)
+    return _planned(splats, exposure or camera, settings, (sprite_limit, tiles, viewport), notes)
 
 
 def _planned(
-    splats: Splats, seen: Camera | Exposure, settings: Settings, device: tuple[float, bool | None], notes: list[str]
+    splats: Splats,
+    seen: Camera | Exposure,
+    settings: Settings,
+    device: tuple[float, bool | None, int],
+    notes: list[str],
 ) -> Plan:
-    """The plan for a still, or for an exposure. device: its largest point, and whether it prefers tiles."""
+    """The plan for a still, or for an exposure. device: its largest point, whether it prefers tiles, its viewport."""
     exposure = seen if isinstance(seen, Exposure) else None
     camera = seen.middle if isinstance(seen, Exposure) else seen
     shape = kernel(settings.kernel)
@@ -176,6 +190,7 @@ def _planned(
     kind, parted, covered = _primitive(splats, fine, settings, (align, half_line), device, notes)
     number, hiding, closes = _closing(splats, fine, covered, settings, (kind, parted is None), notes)
     shaped = footprint((align, kind), shape, settings)
+    widened_from = widening(splats, View.of(splats.grid, fine, shape, antialias))
     program = Program(
         blend=settings.blend,
         align=align,
@@ -217,6 +232,8 @@ def _planned(
         exposure,
         parted,
         half_line,
+        widened_from.beyond,
+        widened_from.unsure,
     )
 
 
@@ -284,12 +301,12 @@ def _primitive(
     camera: Camera,
     settings: Settings,
     fit: tuple[str, bool],
-    device: tuple[float, bool | None],
+    device: tuple[float, bool | None, int],
     notes: list[str],
 ) -> tuple[str, Near | None, Reach]:
     """Tiles, sprites or quads, which splats are quads all the same, and what sprites cover."""
     covered = reach(splats, camera, kernel(settings.kernel).radius)
-    kind, why, parted = primitive(splats, camera, settings, fit, covered, *device)
+    kind, why, parted = primitive(splats, camera, settings, fit, covered, device)
     if why and settings.primitive != "quad":
         left_out = "tiles" if kind == "tile" else "sprites"
         notes.append(f"{left_out} left out{', but behind the nearest planes' if parted else ''}: {why}")
@@ -299,9 +316,7 @@ def _primitive(
 def _closing(
     splats: Splats, camera: Camera, covered: Reach, settings: Settings, how: tuple[str, bool], notes: list[str]
 ) -> tuple[int, bool, bool]:
-    """In how many parts to draw, whether hidden splats are mapped, and whether pixels are closed: only where light is
-    taken away. how: the primitive, and whether all splats are drawn as such.
-    """
+    """How many parts, whether hidden splats are mapped, and pixels closed. how: the primitive, and whether of all."""
     kind, whole = how
     if settings.blend != "composite" or settings.occlusion == "off" or settings.order == "back-to-front":
         return 1, False, False

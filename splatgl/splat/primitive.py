@@ -11,7 +11,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel, kernel, polynomials
 from splatgl.splat.near import Near, near
 from splatgl.splat.order import order_for
-from splatgl.splat.rows import Splats
+from splatgl.splat.rows import MOST_KEPT, Splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.sprites import Reach
 from splatgl.splat.tiling import LIMIT, tiled
@@ -28,23 +28,28 @@ def primitive(
     settings: Settings,
     fit: tuple[str, bool],
     covered: Reach,
-    limit: float,
-    tiles: bool | None,
+    device: tuple[float, bool | None, int],
 ) -> tuple[str, str, Near | None]:
     """tile, sprite or quad; why quads, "" otherwise; and how splats are parted, where only the nearest must be quads.
 
-    fit: the alignment, and whether the eye may be in a kernel. limit: of OpenGL's points, pixels. tiles: whether the
-    renderer prefers them to sprites; None if it has none.
+    fit: the alignment, and whether the eye may be in a kernel. device: the limit of OpenGL's points, pixels; whether
+    the renderer prefers tiles to sprites, None if it has none; and its largest viewport, pixels.
     """
+    limit, tiles, viewport = device
     kind = "tile" if tiled(splats, camera, settings, covered, tiles) else "sprite"
     limit = LIMIT if kind == "tile" else limit
-    why = _why_not(settings, fit, covered, limit)
+    most_pad = viewport // 2 if kind == "tile" else (viewport - max(camera.size)) // 2
+    why = _why_not(settings, fit, covered, limit) or _too_wide(covered, most_pad)
+    if kind == "sprite" and len(splats) > MOST_KEPT:
+        why = why or f"more than {MOST_KEPT:,} splats"
     if why and settings.primitive == kind:
         raise expected(f"primitive {kind}", "footprints by distance, away from the eye", why, "use auto")
     parts = by_distance(fit[0], settings) and camera.perspective and settings.order != "back-to-front" and len(splats)
     parted = None
     if why and parts and settings.primitive != "quad":
         parted = near(splats, camera, order_for(splats, camera), kernel(settings.kernel).radius, limit)
+    if parted and (parted.reach.pad > most_pad or (kind == "sprite" and len(splats) > MOST_KEPT)):
+        parted = None
     return kind if not why or parted else "quad", why, parted
 
 
@@ -65,6 +70,11 @@ def _why_not(settings: Settings, fit: tuple[str, bool], covered: Reach, limit: f
     if 2 * covered.largest + 1 > limit:
         return f"the nearest splats are larger than {limit:.0f} pixels"
     return ""
+
+
+def _too_wide(covered: Reach, most_pad: int) -> str:
+    """Sprites centred beyond the edges need a viewport that is wider than the picture."""
+    return f"the picture and {covered.pad} pixels around it exceed the viewport" if covered.pad > most_pad else ""
 
 
 def footprint(drawn: tuple[str, str], shape: Kernel, settings: Settings) -> str:

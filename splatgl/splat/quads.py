@@ -82,7 +82,7 @@ def on_quads(view: View, quad: Quads, ray: np.ndarray) -> Integral:
         step = np.where(seen, step, 0.0)
         offset = (e_x + ray[0] * step, e_y + ray[1] * step, step)
     else:
-        seen = quad.voxel[2] >= 0
+        seen = np.full(quad.voxel.shape[1:], True)
         offset = (ray[0] - quad.voxel[0], ray[1] - quad.voxel[1], np.zeros_like(ray[0]))
     across = [sum_of(offset, axis) / size for axis, size in zip((quad.axis_1, quad.axis_2), quad.size, strict=True)]
     peak = quad.gain * view.kernel.footprint(np.zeros(()))

@@ -29,6 +29,8 @@ RECORD = np.dtype(
 GL_FORMAT = "3f4 1f4 3f4 3i2 1i2"
 GL_ATTRIBUTES = ("in_position", "in_optical_depth", "in_color", "in_normal", "in_runs")
 NORMAL_SCALE = 32767.0
+# more splats than this, 600 MB of records, are not kept on the GPU: a texture of theirs has no more rows
+MOST_KEPT = 2**24
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +195,11 @@ class Splats:
 
     @cached_property
     def _lattices(self) -> dict[int, Lattice]:
+        return {}
+
+    @cached_property
+    def cuts(self) -> dict[tuple[float, ...], Splats]:
+        """Parts of the splats, by the plane that cut them; see ahead.py."""
         return {}
 
     def columns(self) -> Lattice:

@@ -11,7 +11,7 @@ from splatgl.data.errors import expected
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel
 from splatgl.splat.occlusion import SOLID, mean_depth
-from splatgl.splat.rows import Splats
+from splatgl.splat.rows import MOST_KEPT, Splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.sprites import Reach
 
@@ -42,7 +42,8 @@ def tiled(splats: Splats, camera: Camera, settings: Settings, covered: Reach, pr
     pixels = covered.window.width * covered.window.height
     if settings.primitive != "auto" or not preferred or why or len(splats) < FEWEST or pixels > MOST_PIXELS:
         return False
-    return covered.typical >= SMALLEST or _solid(splats, camera, covered)
+    # of so many there are no sprites
+    return len(splats) > MOST_KEPT or covered.typical >= SMALLEST or _solid(splats, camera, covered)
 
 
 def portions(splats: Splats, camera: Camera, covered: Reach) -> int:

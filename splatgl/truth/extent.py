@@ -53,8 +53,8 @@ def _bounds(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np
     """Lowest and highest slope, or x and y, [2, N] each; low > high where nothing is seen."""
     z = voxel[2]
     if not view.perspective:
-        half = _half_axes(view, np.maximum(view.widths[:, None], view.smallest(z)))
-        return voxel[:2] - half, np.where(z < 0, -np.inf, voxel[:2] + half)
+        half = _half_axes(view, view.widths[:, None] / view.shrink(z))
+        return voxel[:2] - half, voxel[:2] + half
     corner = np.array([camera.extent * camera.size[0] / camera.size[1], camera.extent]) / 2
     if row == "row5":
         ahead = z > 0
@@ -70,7 +70,7 @@ def _bounds(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np
         square = (size / np.maximum(np.hypot(length, size), 1e-300) * length) ** 2
         return _outline(voxel, corner, (square, square, square, 0.0, 0.0))
     low, high = _outline(voxel, corner, _ellipsoid(view))
-    widened = view.smallest(z) > view.widths[1]
+    widened = view.widened(z)[1]
     some = _widened(view, row, voxel[:, widened], corner)
     low[:, widened], high[:, widened] = some
     return low, high
@@ -115,9 +115,9 @@ def _outline(voxel: np.ndarray, corner: np.ndarray, quadric: Quadric) -> tuple[n
 
 def _widened(view: View, row: str, voxel: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The same for voxels that antialiasing widens: the reach across is the kernel's or a pixel's."""
-    z, p = voxel[2], view.smallest(voxel[2])
+    z = voxel[2]
     near = z - view.reach
-    half = _half_axes(view, np.maximum(view.widths[:, None] / near, p / z))
+    half = _half_axes(view, np.maximum(view.widths[:, None] / near, view.pixel(z) / z))
     if row in ("row2", "row3"):
         # against the plane at the voxel's depth, or its own ray, they slant by the picture's corner at most
         length, radius = np.sqrt((voxel * voxel).sum(axis=0)), view.kernel.radius

@@ -14,6 +14,7 @@ import numpy as np
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.splat.affine import View
+from splatgl.splat.ahead import ahead
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel
 from splatgl.splat.kernel import kernel as kernel_named
@@ -50,8 +51,8 @@ class Field:
     free: np.ndarray
 
     @classmethod
-    def of(cls, splats: Splats, kernel: Kernel, color: np.ndarray, seen: np.ndarray) -> Field:
-        """The field of the splats that are `seen` [N]; InputError if they don't lie on a lattice."""
+    def of(cls, splats: Splats, kernel: Kernel, color: np.ndarray) -> Field:
+        """InputError if they don't lie on a lattice."""
         places = splats.records["position"].astype(np.float64)
         cells = np.rint(places).astype(np.int64)
         low, high = splats.index_bounds.astype(np.int64)
@@ -63,7 +64,6 @@ class Field:
         table[entries] = np.arange(len(places))
         if (cells != places).any() or np.count_nonzero(table < len(places)) < len(places):
             raise expected("splats", "one at most at each point of a lattice", "others", "take an extracted volume")
-        table[entries] = np.where(seen, np.arange(len(places)), len(places))
         depth = np.append(splats.records["optical_depth"].astype(np.float64), 0.0)
         emitted = depth[:, None] * np.concatenate([color, np.zeros((1, 3))])
         return cls(kernel, table, low, depth, emitted, _free(table < len(places)))
@@ -144,14 +144,13 @@ def ray_integral(
         if count < 1:
             raise expected(name, "a number of at least 1", count)
     fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
+    splats = ahead(splats, camera)
     view = View.of(splats.grid, fine, kernel_named(settings.kernel), antialias=False)
     voxel = view.voxels(splats.records["position"])
     color = splats.records["color"].astype(np.float64)
     if plan(splats, camera, settings.but(align="ray", primitive="auto")).program.shading:
         color *= head_light(splats, camera, voxel)[:, None]
-    # in parallel views voxels behind the eye's plane are absent, the others whole
-    seen = np.full(len(splats), True) if camera.perspective else voxel[2] >= 0
-    field = Field.of(splats, view.kernel, color, seen)
+    field = Field.of(splats, view.kernel, color)
 
     groups = np.split(np.arange(fine.size[0] * fine.size[1]), range(RAYS, fine.size[0] * fine.size[1], RAYS))
     drawn = np.concatenate([_march(field, view, fine, group, steps_per_voxel) for group in groups])

@@ -65,7 +65,7 @@ class Row:
         found = row1(self.view, voxel, ray)
         if self.name != "row1":
             # rows 2 and 3 are row 1 where nothing is widened
-            some = np.flatnonzero(self.view.smallest(voxel[2]) > 1.0)
+            some = np.flatnonzero(self.view.widened(voxel[2])[1])
             cubes = Splat(self.view.kernel, voxel[:, some].T, ray[:, some].T, 1 / self.view.pitch)
             found.value[some] = ROWS[self.name](cubes)
         return found

@@ -14,6 +14,7 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.gl.uniforms import AMBIENT, DIFFUSE
 from splatgl.splat.affine import View
+from splatgl.splat.ahead import ahead
 from splatgl.splat.camera import Camera
 from splatgl.splat.fill import filled_depth
 from splatgl.splat.order import back_to_front, order_for
@@ -47,6 +48,7 @@ def render(
     """
     started = time.perf_counter()
     settings = settings or Settings()
+    splats = ahead(splats, camera)
     chosen = plan(splats, camera, settings.but(align="ray", primitive="auto"))
     fine = camera.resized((camera.size[0] * chosen.samples, camera.size[1] * chosen.samples))
     scene = _Scene(splats, fine, chosen, row)
@@ -65,7 +67,7 @@ class _Scene:
     def __init__(self, splats: Splats, camera: Camera, chosen: Plan, row: str) -> None:
         program = chosen.program
         self.camera, self.plan = camera, chosen
-        view = View.of(splats.grid, camera, tabulated(chosen.kernel.name), program.antialias)
+        view = View.of(splats.grid, camera, tabulated(chosen.kernel.name), program.antialias, chosen.beyond)
         voxel = view.voxels(splats.records["position"])
         self.row = Row.of(view, row, voxel, splats.grid)
         self.boxes: Boxes = pixel_boxes(view, self.row.name, voxel, camera)
@@ -106,7 +108,8 @@ def filled(splats: Splats, view: View, voxel: np.ndarray, coverage: np.ndarray) 
     along = np.linalg.inv(view.eye_from_index) @ (ray / np.where(length > 0, length, 1.0))
     widths = np.linalg.norm(view.eye_from_index, axis=0)
     depth = splats.records["optical_depth"].astype(np.float64)
-    return filled_depth(depth, along, widths, view.smallest(voxel[2]), coverage, splats.runs)
+    pixel = np.where(view.widened(voxel[2])[1], view.pixel(voxel[2]), 0.0)
+    return filled_depth(depth, along, widths, pixel, coverage, splats.runs)
 
 
 def head_light(splats: Splats, camera: Camera, voxel: np.ndarray) -> np.ndarray:

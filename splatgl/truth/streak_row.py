@@ -51,7 +51,7 @@ class Local:
         z = voxel[2]
         shrink = view.shrink(z)
         if view.perspective:
-            slope = np.where(view.smallest(z) > view.widths[1], voxel[:2] / z, ray)
+            slope = np.where(view.widened(z)[1], voxel[:2] / z, ray)
             offset, seconds, depth = ray * z - voxel[:2], np.sqrt(1 + (ray * ray).sum(axis=0)), z
         else:
             slope = np.zeros_like(step)

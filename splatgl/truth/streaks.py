@@ -82,7 +82,7 @@ class _Drawn:
     def of(cls, splats: Splats, settings: Settings, paths: Streaks, shape: str) -> _Drawn:
         chosen = plan(splats, paths.camera, settings.but(align="ray", primitive="auto"))
         program = chosen.program
-        view = View.of(splats.grid, paths.camera, tabulated(chosen.kernel.name), program.antialias)
+        view = View.of(splats.grid, paths.camera, tabulated(chosen.kernel.name), program.antialias, chosen.beyond)
         row = StreakRow(view, "row1", paths.middle, None, paths.step, shape)
         order = np.arange(len(splats))
         if program.blend == "composite":

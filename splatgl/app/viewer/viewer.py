@@ -26,7 +26,7 @@ from splatgl.app.viewer.saving import SAVES
 from splatgl.app.viewer.state import State, acted, up_of
 from splatgl.app.viewer.window import Window
 from splatgl.data.errors import InputError, missing_extra
-from splatgl.gl.passes import Interrupted
+from splatgl.gl.portions import Interrupted
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen
 

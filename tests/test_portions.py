@@ -1,0 +1,80 @@
+"""Pictures in portions and in chunks: the same bits, however they are cut, and an end between any two of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_sprites import noise, views
+
+import splatgl as sg
+from splatgl.gl import draw_order, passes, portions, tiles
+from splatgl.splat import primitive, tiling
+
+PRIMITIVES = ("quad", "sprite", "tile")
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Portions of a few hundred splats, and dispatches of a few tiles."""
+    monkeypatch.setattr(portions, "FIRST", 300)
+    monkeypatch.setattr(portions, "GROWTH", 1.0)
+    monkeypatch.setattr(tiles, "ENTRIES", 2000)
+
+
+@pytest.mark.parametrize("kind", PRIMITIVES)
+@pytest.mark.usefixtures("small")
+def test_a_picture_can_be_cancelled_between_portions(renderer: sg.Renderer, kind: str) -> None:
+    """Wherever it is cancelled, what comes next is right bit for bit; whoever asks changes nothing."""
+    splats = noise(size=20, opacity=0.9)
+    camera = views(splats)["fitted"]
+    for change in ({}, {"occlusion": "off"}, {"blend": "xray"}):
+        settings = sg.Settings(primitive=kind, **change)
+        right = renderer.render(splats, camera, settings).pixels
+        asked: list[None] = []
+        counted = renderer.render(splats, camera, settings, interrupted=lambda asked=asked: asked.append(None)).pixels
+        assert (counted == right).all()
+        assert len(asked) > 5
+        for allowed in (0, 1, len(asked) - 1):
+            answers = iter([False] * allowed + [True])
+            with pytest.raises(sg.Interrupted):
+                renderer.render(splats, camera, settings, interrupted=lambda answers=answers: next(answers))
+        assert (renderer.render(splats, camera, settings).pixels == right).all()
+
+
+def test_portions_grow_and_shrink_with_the_time_they_take(
+    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr(portions.time, "perf_counter", lambda: now[0])
+    found = portions.Portions(renderer.ctx, None, 2**22)
+    ends, each = [], 1e-4
+    for begin, end in found.over(0, 400_000):
+        now[0] += (end - begin) * each
+        each = 1e-7 if begin > 100_000 else 1e-4
+        ends.append(end)
+    sizes = np.diff([0, *ends])
+    # a picture of four times the pixels begins with a quarter; then what takes 0.3 s; then what is quick
+    assert sizes[0] == 2**14 and abs(sizes[2] - 3000) < 5 and sizes[-2] > 20_000 and ends[-1] == 400_000
+
+
+@pytest.mark.parametrize("change", [{}, {"blend": "xray"}, {"attenuation": "fill"}], ids=str)
+@pytest.mark.parametrize("kind", ["quad", "tile"])
+def test_too_many_splats_to_be_kept_are_drawn_in_chunks(
+    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, kind: str, change: dict
+) -> None:
+    splats = noise(size=14, opacity=0.5)
+    for view in ("fitted", "far"):
+        camera = views(splats)[view]
+        settings = sg.Settings(primitive=kind, occlusion="off", order="front-to-back", **change)
+        whole = renderer.render(splats, camera, settings).pixels
+        with monkeypatch.context() as patched:
+            for module in (draw_order, passes, primitive, tiling):
+                patched.setattr(module, "MOST_KEPT", 1000)
+            patched.setattr(draw_order, "CHUNK", 300)
+            chunked = [renderer.render(splats, camera, settings).pixels for _ in range(2)]
+            with pytest.raises(sg.InputError, match=r"^primitive sprite: .* more than 1,000 splats"):
+                renderer.plan(splats, camera, settings.but(primitive="sprite"))
+        renderer.passes.splats.release()
+        assert (chunked[0] == chunked[1]).all()
+        # sums in another order, for want of one
+        assert np.abs(chunked[0] - whole).max() <= 2e-6 * whole.max()
