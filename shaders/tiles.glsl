@@ -53,8 +53,9 @@ float circle_around(vec3 t, float half_side) {
     return half_side * sqrt(longest / max(max(width, height), 1e-30));
 }
 
+// Whether the circle reaches the box of the tile's pixel centres.
 bool touches(ivec2 tile, vec2 center, float radius) {
-    vec2 low = vec2(origin + tile * ivec2(COLUMNS, ROWS));
-    vec2 off = center - clamp(center, low, low + vec2(COLUMNS, ROWS));
+    vec2 low = vec2(origin + tile * ivec2(COLUMNS, ROWS)) + 0.5;
+    vec2 off = center - clamp(center, low, low + vec2(COLUMNS - 1, ROWS - 1));
     return dot(off, off) <= radius * radius;
 }

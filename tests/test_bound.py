@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.bound import bound
+from splatgl.splat.bound import MOVED, bound
 from splatgl.splat.crowd import cells_of, crowd
+from splatgl.splat.kernel import kernel
+from splatgl.splat.missed import ULP
 from splatgl.truth import streaks
 from splatgl.truth.pairs import values
 from splatgl.truth.reference import _Scene
@@ -308,3 +310,55 @@ def test_nothing_has_no_error() -> None:
     empty = sg.Splats.from_points(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
     camera = sg.Camera.look_at((0, -5, 0), (0, 0, 0), (0, 0, 1))
     assert bound(empty, camera, sg.plan(empty, camera), 0.0).total == 0.0
+
+
+def test_the_second_order_is_as_large_as_measured(renderer: sg.Renderer) -> None:
+    """MOVED against what single splats just beyond z_k are displaced by on their slopes: no less, hardly more."""
+    shares = []
+    for n in range(80):
+        rng = np.random.default_rng(n)
+        slope, depth, beyond = np.tan(np.radians(rng.uniform(20, 45))), rng.uniform(14, 60), rng.uniform(1.0, 1.15)
+        turn = rng.uniform(0, 2 * np.pi)
+        eye = np.array([-slope * np.cos(turn), -slope * np.sin(turn), -1.0]) * depth
+        pixels = int(2 * (np.abs(eye[:2]).max() / beyond + 4))
+        fov = 2 * np.degrees(np.arctan(pixels * beyond / depth / 2))
+        camera = sg.Camera.look_at(eye, eye + np.array([0, 0, 1.0]), (0, -1, 0), fov, (pixels, pixels))
+        splats = sg.Splats.from_points([[0.0, 0.0, 0.0]], [[1.0, 1.0, 1.0]], [1.0])
+        settings = sg.Settings(blend="mip", primitive="quad")
+        assert sg.plan(splats, camera, settings).program.antialias
+        drawn, right = (
+            (render(splats, camera, settings).pixels[..., 3] / (1 - np.exp(-1.0))).clip(0, 1)
+            for render in (renderer.render, sg.reference.render)
+        )
+        shares.append(_displaced(drawn, right) * (depth / beyond) ** 2 / (MOVED[0] + MOVED[1] * slope**2))
+    assert 0.8 < max(shares) <= 1
+
+
+def _displaced(drawn: np.ndarray, right: np.ndarray) -> float:
+    """How far, in voxels, shares of the peak are from their places at most, where a gain hardly moves them."""
+    shape = kernel("crawfis-max")
+    d = np.linspace(0, shape.radius, 20_001)
+    share = shape.footprint(d) / shape.footprint(np.zeros(()))
+    slope = (right > 1e-3) & (right < 0.2)
+    places = [np.interp(-picture[slope], -share, d) for picture in (drawn, right)]
+    return float(np.abs(places[0] - places[1]).max())
+
+
+def test_over_loses_more_than_one_rounding_a_blend() -> None:
+    """Opacities for which float32 rounds the same way again and again, chosen one after the other."""
+    rng = np.random.default_rng(0)
+    drawn, right, count = np.float32(0), 0.0, 16
+    for _ in range(count):
+        opacity = (rng.random(4000) * 0.5).astype(np.float32)
+        kept = (np.float32(1) - opacity).astype(np.float32)
+        after = (opacity + (drawn * kept).astype(np.float32)).astype(np.float32)
+        exact = opacity.astype(float) + right * (1 - opacity.astype(float))
+        lost = (after - exact) * (1.0 if drawn >= right else -1.0)
+        worst = int(lost.argmax())
+        drawn, right = after[worst], float(exact[worst])
+    error = abs(float(drawn) - right)
+    column = lattice(count, 0.5, (0, 0, 1))
+    camera = sg.Camera.look_at((0, 0, -40), (0, 0, 0), (0, 1, 0), 20, (4, 4))
+    said = bound(column, camera, sg.plan(column, camera, sg.Settings(primitive="quad")), 1.0)
+    assert said is not None
+    assert count * ULP / 4 < error <= said.rounding

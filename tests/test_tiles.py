@@ -196,6 +196,18 @@ def test_an_order_asked_for_again_is_read_in_turn(renderer: sg.Renderer) -> None
         assert all((pixels == first).all() for pixels in again)
 
 
+def test_sorted_records_without_runs_do_not_serve_who_needs_them(renderer: sg.Renderer) -> None:
+    splats = noise()
+    camera = views(splats)["far"]
+    plain, filled = (TILED.but(occlusion="off", attenuation=name) for name in ("optical-depth", "fill"))
+    right = renderer.render(splats, camera, filled).pixels
+    renderer.passes.splats.release()
+    for _ in range(2):
+        renderer.render(splats, camera, plain)
+    assert renderer.passes.splats.of(splats).textured.sorted is not None  # type: ignore[union-attr]
+    assert (renderer.render(splats, camera, filled).pixels == right).all()
+
+
 def test_blocks_beyond_the_edges_are_left_out(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where an order is asked for again; the picture is the same bit for bit, also in portions."""
     monkeypatch.setattr(tiling, "FEWEST", 0)

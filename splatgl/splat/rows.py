@@ -143,7 +143,11 @@ class Splats:
     @property
     def corners(self) -> np.ndarray:
         """The eight corners [8, 3], in world units, of the box of all splats, half a voxel larger."""
-        low, high = self.index_bounds + np.array([[-0.5], [0.5]])
+        return self.box_around(0.5)
+
+    def box_around(self, margin: float) -> np.ndarray:
+        """The eight corners [8, 3], in world units, of the box of all centres, larger by so many voxels."""
+        low, high = self.index_bounds + np.array([[-margin], [margin]])
         box = np.array([[x, y, z] for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])])
         return np.asarray(box @ self.grid.world_from_index.T + self.grid.origin)
 

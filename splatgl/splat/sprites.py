@@ -53,7 +53,7 @@ def reach(splats: Splats, camera: Camera, radius: float, beyond: float = -np.inf
     """Bounds for splats of a kernel of `radius` voxels, no nearer than `beyond`, in mean spacings of depth."""
     width, height = camera.size
     spacing = splats.grid.mean_spacing
-    corners = camera.eye_from_points(splats.corners) / spacing
+    corners = camera.eye_from_points(splats.box_around(0.0)) / spacing
     steps = camera.eye_from_world @ splats.grid.world_from_index / spacing * radius
     pitch = camera.extent / height
     if not camera.perspective:
@@ -61,7 +61,7 @@ def reach(splats: Splats, camera: Camera, radius: float, beyond: float = -np.inf
         window = _window(corners[:, :2] * spacing / pitch, half, camera.size)
         return Reach(window, half, _whole(half), half, float(corners[:, 2].mean()))
 
-    # the deepest reach, the nearest centre: half a voxel behind the box's face
+    # the deepest reach, and the nearest centre
     deep = float(np.linalg.norm(steps[2]))
     nearest, mean = max(float(corners[:, 2].min()), beyond), float(corners[:, 2].mean())
     middle = max(mean, beyond, deep, 1e-9)
