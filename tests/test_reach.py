@@ -1,4 +1,4 @@
-"""No pixel that a footprint reaches is left out: by the window that is read back, or by the tiles that a splat is in."""
+"""No pixel that a footprint reaches is left out: not by the window that is read back, nor by a splat's tiles."""
 
 from __future__ import annotations
 
