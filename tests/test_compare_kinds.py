@@ -115,7 +115,7 @@ def test_the_report_in_a_browser(tmp_path: Path) -> None:
     # milliseconds on the page's clock: the first turn is after 600
     for elapsed, shown in ((200, "actual"), (900, "expected")):
         look = [*command, f"--virtual-time-budget={elapsed}", (tmp_path / "r.html").as_uri()]
-        page_then = subprocess.run(look, capture_output=True, text=True, check=True, timeout=60).stdout
+        page_then = subprocess.run(look, capture_output=True, text=True, check=True, timeout=600).stdout
         assert page_then.count(f"in turn: {shown}</span>") == 2
         views = re.findall(r'<div class="view flicker">(.*?)</div>', page_then)
         sources = [re.findall(r'src="([^"]+)"', view) for view in views]

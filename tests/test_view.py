@@ -35,6 +35,8 @@ from splatgl.app.viewer.watch import Watch
 from splatgl.data.coarse import coarser
 
 SIZE = (120, 80)
+# seconds after which a thread hangs
+LONGEST = 300.0
 
 
 def blob(side: int = 24, opaque: float = 40.0) -> sg.Volume:
@@ -626,15 +628,16 @@ def test_more_splats_than_can_be_held(monkeypatch: pytest.MonkeyPatch, scene: Sc
 def test_jobs_do_the_newest() -> None:
     started, gate, woken = threading.Event(), threading.Event(), threading.Event()
     jobs = Jobs(woken.set)
-    jobs.submit("first", lambda: started.set() or (gate.wait(5) and 1))
-    assert started.wait(5)
+    jobs.submit("first", lambda: started.set() or (gate.wait(LONGEST) and 1))
+    assert started.wait(LONGEST)
     jobs.submit("dropped", lambda: 2)
     jobs.submit("last", lambda: 1 / 0)
     assert jobs.busy == "last"
     gate.set()
-    end = time.monotonic() + 5
+    end = time.monotonic() + LONGEST
     while jobs.busy and time.monotonic() < end:
-        time.sleep(0.001)
+        # woken before it is done with the job
+        time.sleep(0)
     first, last = jobs.collect()
     assert first.result == 1 and isinstance(last.error, ZeroDivisionError) and woken.is_set()
     assert jobs.collect() == []

@@ -31,8 +31,8 @@ pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISS
 
 DRIVER, DRAG_SOURCE = (Path(__file__).with_name(name) for name in ("view_driver.py", "drag_source.py"))
 SIZE = (240, 180)
-# seconds that an answer may take
-PATIENCE = 30.0
+# seconds after which something hangs: none of it takes as long on a machine that many share
+PATIENCE = 300.0
 # xdotool's (X's) names of keys
 NAMES = {"[": "bracketleft", "]": "bracketright", ",": "comma", ".": "period", "?": "question"}
 NAMES |= {"space": "space", "escape": "Escape", "home": "Home", "tab": "Tab", "f1": "F1"}
@@ -51,10 +51,10 @@ def start_display() -> tuple[subprocess.Popen[bytes], str]:
     return server, f":{number}"
 
 
-def shown(environment: dict[str, str], pid: int) -> str:
-    """The X server's number of a process's window, once it is there."""
-    search = ["xdotool", "search", "--sync", "--onlyvisible", "--pid", str(pid)]
-    found = subprocess.run(search, env=environment, check=True, capture_output=True, text=True, timeout=20)
+def shown(environment: dict[str, str], pid: int, title: str = "") -> str:
+    """The X server's number of a process's window, once it is there and its title holds those words."""
+    search = ["xdotool", "search", "--sync", "--onlyvisible", "--all", "--pid", str(pid), "--name", title]
+    found = subprocess.run(search, env=environment, check=True, capture_output=True, text=True, timeout=PATIENCE)
     return found.stdout.split()[-1]
 
 
@@ -63,7 +63,7 @@ def display() -> Iterator[str]:
     server, name = start_display()
     yield name
     server.terminate()
-    server.wait(10)
+    server.wait(PATIENCE)
 
 
 class Window:
@@ -85,6 +85,13 @@ class Window:
         self.process.stdin.write(json.dumps({"do": what, **more}) + "\n")
         self.process.stdin.flush()
         return self._read()
+
+    def until(self, reached: Callable[[Told], bool]) -> Told:
+        """The state once it is as wanted; the last one where it never is."""
+        end = time.monotonic() + PATIENCE
+        while not reached(told := self.ask("look")) and time.monotonic() < end:
+            pass
+        return told
 
     def key(self, key: str) -> Told:
         """Presses a key as the bindings name it; returns the state when all is at rest."""
@@ -122,7 +129,7 @@ class Window:
         if self.process.poll() is None:
             self.process.stdin.write('{"do": "end"}\n')
             self.process.stdin.flush()
-        _, errors = self.process.communicate(timeout=20)
+        _, errors = self.process.communicate(timeout=PATIENCE)
         assert self.process.returncode == 0 and not errors, errors
 
     def _read(self) -> Told:
@@ -232,9 +239,7 @@ def test_every_key_does_what_the_help_says(window: Window, action: str, key: str
     if action == "turn":
         window.hands("key", "space")
         after = window.ask("look")
-        eye = after["eye"]
-        time.sleep(0.05)
-        assert not np.allclose(window.ask("look")["eye"], eye)
+        assert not np.allclose(window.until(lambda told: told["eye"] != after["eye"])["eye"], after["eye"])
     else:
         after = window.key(key)
     assert CHECKS[action](before, after), (before, after)
@@ -315,7 +320,7 @@ def test_right_zooms(window: Window) -> None:
 
 
 def test_double_click_sets_the_pivot(window: Window) -> None:
-    before = window.ask("look")
+    before = window.ask("double", within=PATIENCE)
     window.hands("mousemove", 120, 90, "click", 1, "click", 1)
     after = window.ask("settle")
     assert after["message"] == "turns about this point" and np.allclose(after["eye"], before["eye"])
@@ -420,17 +425,15 @@ def test_watching(display: str, tmp_path: Path) -> None:
     window = Window(display, tmp_path / "v.npy", tmp_path, watched=[str(tmp_path / "v.npy")], target=1e-6)
     # with no time at all for a frame, what moves is coarse, and what rests is not
     window.hands("mousemove", 100, 90, "key", "space")
-    moving = window.ask("settle", within=0.6)
-    assert not moving["full"] and "of the pixels" in moving["level"] and moving["turning"]
+    moving = window.until(lambda told: any("moving: 6%" in line for line in told["hud lines"]))
     assert any("moving: 6%" in line for line in moving["hud lines"])
-    began = time.monotonic()
+    assert not moving["full"] and "of the pixels" in moving["level"] and moving["turning"]
     turned = window.key("space")
     assert turned["full"] and any("refined to 1/255" in line for line in turned["hud lines"])
     assert any("in motion it was off by RMSE 0.0" in line for line in turned["hud lines"]), turned["hud lines"]
-    assert time.monotonic() - began < 1.0
-    np.save(tmp_path / "v.npy", blob().samples * (blob().samples > 20))
-    time.sleep(1.1)
-    window.ask("look")
+    np.save(tmp_path / "new.npy", blob().samples * (blob().samples > 20))
+    (tmp_path / "new.npy").replace(tmp_path / "v.npy")
+    window.until(lambda told: told["splats"] != turned["splats"])
     after = window.ask("settle")
     assert after["splats"] < turned["splats"] and np.allclose(after["eye"], turned["eye"])
     # closing it as a window manager does
@@ -502,28 +505,26 @@ def test_the_panel_takes_no_shortcuts(panel: Window) -> None:
 
 
 def view(display: str, source: Path) -> subprocess.Popen[str]:
-    """`splatgl view` itself, once its window is there."""
+    """`splatgl view` itself, once its window shows all there is."""
     environment = {**os.environ, "DISPLAY": display}
     command = [sys.executable, "-m", "splatgl", "view", str(source), "--no-panel", "--size", "100x80"]
     process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
-    shown(environment, process.pid)
+    shown(environment, process.pid, "refined")
     return process
 
 
 def test_ctrl_c(display: str, folder: Path) -> None:
     process = view(display, folder / "blob.npy")
-    time.sleep(0.3)
     process.send_signal(signal.SIGINT)
-    assert process.communicate(timeout=10) == (None, "") and process.returncode == 0
+    assert process.communicate(timeout=PATIENCE) == (None, "") and process.returncode == 0
 
 
 def test_a_display_that_goes_away(folder: Path) -> None:
     server, name = start_display()
     process = view(name, folder / "blob.npy")
-    time.sleep(0.3)
     server.terminate()
-    server.wait(10)
-    _, error = process.communicate(timeout=10)
+    server.wait(PATIENCE)
+    _, error = process.communicate(timeout=PATIENCE)
     assert error == "splatgl: the display went away\n" and process.returncode == 2
 
 
@@ -532,7 +533,7 @@ def test_a_window_that_goes_away(display: str, folder: Path) -> None:
     process = view(display, folder / "blob.npy")
     environment = {**os.environ, "DISPLAY": display}
     subprocess.run(["xdotool", "windowclose", shown(environment, process.pid)], env=environment, check=True)
-    _, error = process.communicate(timeout=10)
+    _, error = process.communicate(timeout=PATIENCE)
     assert error.startswith("splatgl: the window went away (X error ") and len(error.splitlines()) == 1
     assert process.returncode == 2
 
@@ -545,13 +546,13 @@ def test_a_context_that_fails(window: Window) -> None:
 def test_a_display_that_is_not_there(folder: Path) -> None:
     command = [sys.executable, "-m", "splatgl", "view", str(folder / "blob.npy")]
     environment = {**os.environ, "DISPLAY": ":9999"}
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=30)
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
     assert run.returncode == 2 and "Failed to open display :9999" in run.stderr and len(run.stderr.splitlines()) == 1
 
 
 def test_no_display(folder: Path) -> None:
     environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
     command = [sys.executable, "-m", "splatgl", "view", str(folder / "blob.npy")]
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=30)
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
     assert run.returncode == 2 and run.stderr.startswith("splatgl: display: expected one that opens a window")
     assert len(run.stderr.splitlines()) == 1
