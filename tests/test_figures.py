@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from splatgl.app.cli import main
-from splatgl.truth.figures import FIGURES, integrals, orientation, resampling, stretch, surfaces
+from splatgl.truth.figures import FIGURES, blurring, integrals, orientation, resampling, stretch, surfaces
 from splatgl.truth.figures.setting import PAPER, Setting
 from splatgl.truth.figures.style import RESOLUTION, style
 from splatgl.truth.figures.surfaces import DEPTHS, OFFSETS, SHOWN, Surfaces
@@ -127,9 +127,10 @@ def test_orientations_sample_where_their_distances_say() -> None:
 
 @pytest.fixture
 def light(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fig. 10 over few voxels, as drawing it whole takes seconds."""
+    """Fig. 10 over few voxels and Fig. 11's table of few lengths, as they take seconds whole."""
     few = surfaces.surfaces((-102.4, -1e-6, 0.0, 105.0, 409.6), (0.0, 128.0, 256.0))
     monkeypatch.setattr(surfaces, "surfaces", lambda *_: few)
+    monkeypatch.setattr(blurring, "LENGTHS", blurring.LENGTHS[:2])
 
 
 @pytest.mark.usefixtures("light")

@@ -33,8 +33,8 @@ import fuzz_seeds as good  # noqa: E402
 from hypothesis import HealthCheck, given, settings  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 
-SECONDS = 10
-"""Longest time for one bad file; each takes milliseconds, but for a machine that is busy otherwise."""
+SECONDS, HANGS = 20, 600
+"""Longest processor time for one bad file, of which most take milliseconds; and after how long one that waits hangs."""
 
 MIB = 2**20
 ROOM = 16 * MIB
@@ -43,27 +43,38 @@ ROOM = 16 * MIB
 VOLUMES = [name for name in good.SEEDS if name not in ("scene", "transfer")]
 
 
-QUICK = settings(
-    max_examples=60,
-    derandomize=True,
-    deadline=None,
-    database=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-"""The same files in every run."""
+def examples(most: int) -> settings:
+    """The same files in every run."""
+    fixtures = [HealthCheck.function_scoped_fixture]
+    return settings(max_examples=most, derandomize=True, deadline=None, database=None, suppress_health_check=fixtures)
+
+
+FEW, MANY = examples(12), examples(60)
 
 
 # --- damaged at random ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("reader", VOLUMES)
-@QUICK
-@given(index=st.integers(0, 2**32 - 1))
-def test_a_mutated_file_loads_or_is_refused(tmp_path: Path, reader: str, index: int) -> None:
+def mutated(tmp_path: Path, reader: str, index: int) -> None:
     path = fuzz.case(reader, index, 0, tmp_path / "case")
     with bounds(fuzz.LIMIT):
         result, said = fuzz.outcome(path, "volume")
     assert result in ("loaded", "refused"), said
+
+
+@pytest.mark.parametrize("reader", VOLUMES)
+@FEW
+@given(index=st.integers(0, 2**32 - 1))
+def test_a_mutated_file_loads_or_is_refused(tmp_path: Path, reader: str, index: int) -> None:
+    mutated(tmp_path, reader, index)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("reader", VOLUMES)
+@MANY
+@given(index=st.integers(0, 2**32 - 1))
+def test_many_mutated_files_load_or_are_refused(tmp_path: Path, reader: str, index: int) -> None:
+    mutated(tmp_path, reader, index)
 
 
 ANY = st.one_of(st.integers(-3, 12), st.integers(-(2**70), 2**70))
@@ -92,13 +103,25 @@ def _spaced(sizes: list[int]) -> str:
     return " ".join(map(str, sizes))
 
 
+SIZES = st.one_of(st.lists(ANY, min_size=1, max_size=5), st.lists(st.integers(1, 7), min_size=3, max_size=3))
+
+
 @pytest.mark.parametrize("name", TEXTS)
-@QUICK
-@given(
-    sizes=st.one_of(st.lists(ANY, min_size=1, max_size=5), st.lists(st.integers(1, 7), min_size=3, max_size=3)),
-    skip=ANY,
-)
+@FEW
+@given(sizes=SIZES, skip=ANY)
 def test_headers_of_any_numbers(tmp_path: Path, name: str, sizes: list[int], skip: int) -> None:
+    numbered(tmp_path, name, sizes, skip)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", TEXTS)
+@MANY
+@given(sizes=SIZES, skip=ANY)
+def test_many_headers_of_any_numbers(tmp_path: Path, name: str, sizes: list[int], skip: int) -> None:
+    numbered(tmp_path, name, sizes, skip)
+
+
+def numbered(tmp_path: Path, name: str, sizes: list[int], skip: int) -> None:
     """What loads lies in the file; all else is refused, fast and without taking memory."""
     path = tmp_path / name
     path.unlink(missing_ok=True)
@@ -137,7 +160,7 @@ def test_the_fuzzer_tells_faults(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 def test_the_fuzz_script_runs() -> None:
     command = [sys.executable, str(SCRIPTS / "fuzz.py"), "--reader", "npy", "--count", "12"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     head, row = done.stdout.splitlines()
     assert done.returncode == 0, done.stdout
     assert head.split() == ["reader", "files", "refused", "loaded", *fuzz.FAULTS]
@@ -170,18 +193,21 @@ def bounds(room: int) -> Iterator[None]:
     """Fails when the block takes more than `room` bytes or does not end."""
 
     def stop(_signal: int, _frame: object) -> None:
-        pytest.fail(f"still reading after {SECONDS} s")
+        pytest.fail(f"still reading after {SECONDS} s of processor time, or {HANGS} s in all")
 
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.alarm(SECONDS)
+    before = [signal.signal(each, stop) for each in (signal.SIGPROF, signal.SIGALRM)]
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    signal.alarm(HANGS)
     tracemalloc.reset_peak()
     held = tracemalloc.get_traced_memory()[0]
     try:
         yield
         assert tracemalloc.get_traced_memory()[1] - held < room
     finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
         signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        for each, handler in zip((signal.SIGPROF, signal.SIGALRM), before, strict=True):
+            signal.signal(each, handler)
 
 
 def refused(path: Path, message: str) -> None:

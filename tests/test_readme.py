@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatgl.app.cli import main
+from splatgl.app.cli import _parser, main
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text()
@@ -34,7 +34,19 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+# what takes long: other tests run these commands on less
+LONG = ("figure claims", "figure 10", "figure 5", "stress --case", "report", "--supersample", "render terrain")
+
+
 @pytest.mark.parametrize("command", COMMANDS)
+def test_commands_have_the_options_they_use(command: str) -> None:
+    arguments = shlex.split(command)[1:]
+    _parser(arguments).parse_args(arguments)
+
+
+@pytest.mark.parametrize(
+    "command", [pytest.param(c, marks=pytest.mark.long if any(word in c for word in LONG) else ()) for c in COMMANDS]
+)
 def test_commands(command: str, here: Path) -> None:
     arguments = shlex.split(command)[1:]
     if arguments[0] == "render" and "--size" not in arguments:

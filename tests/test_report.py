@@ -141,13 +141,22 @@ def test_the_registry_holds_what_trades_accuracy_for_time() -> None:
 
 
 @pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No diagrams, which take most of a small report's time."""
+    monkeypatch.setattr("splatgl.truth.report.publish._diagrams", lambda results: {})
+
+
+@pytest.fixture
 def mine() -> Iterator[str]:
     """A method of one's own."""
+    axes = registry.AXES
     registry.register(registry.Axis("mine", "made up", (registry.Method("mine 1", {"table_size": 77}),)))
     yield "mine 1"
-    del registry.AXES["mine"]
+    # from where it was put: the test may have others in their place
+    del axes["mine"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_new_method_is_one_entry(
     renderer: sg.Renderer, subject: Subject, mine: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -275,7 +284,7 @@ def test_tolerances_are_told_apart() -> None:
     assert "BEYOND" in verdict(1e-2, 1e-5, 1e-3)[0]
 
 
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("matplotlib")
     folder = tmp_path / "out"
     only = ["--only", "settings", "tolerance", "antialiasing off", "2×2", "gaussian", "grid", "preview"]
@@ -309,6 +318,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
             assert float(row["reference_maximum"]) <= float(row["tolerance"])
     assert "| exact |" in (folder / "report.md").read_text()
     before = (folder / "report.csv").read_text()
+    monkeypatch.setattr("splatgl.truth.report.publish._diagrams", lambda results: {})
     assert main([*asked, "--resume", "--quiet"]) == 0
     assert (folder / "report.csv").read_text() == before
     assert main([*asked, "--resume", "--rounds", "3"]) == 2
@@ -346,6 +356,7 @@ def test_bad_input_is_one_line(wrong: list[str], tmp_path: Path, capsys: pytest.
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_small_and_broken_volumes_have_reports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(work, "STUDIES", ())
     np.save(tmp_path / "one.npy", np.ones((1, 1, 1)))
@@ -366,6 +377,7 @@ def test_a_kept_truth_that_is_damaged_is_made_again(renderer: sg.Renderer, subje
         np.testing.assert_array_equal(again, made)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_no_sampled_truth_costs_no_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -389,6 +401,7 @@ def test_the_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(name in listed for name in registry.methods())
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_ctrl_c_leaves_pages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

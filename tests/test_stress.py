@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.truth.stress import CASES, run_case
+from splatgl.truth.report import methods as registry
+from splatgl.truth.stress import CASES, fog, run_case
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Check, Result, check
 from splatgl.truth.stress.pages import PAGES
@@ -35,13 +37,31 @@ BEYOND_THE_PAPER = (
 )
 
 
+# what takes long runs under --all; in its stead there is as much of it as finds the same faults
+LONG = ("constant-fog", "half-angle-89.9", "million-faint", "wall-0.1", "wall-0.5", "methods")
+
+
 def told(result: Result) -> str:
     return f"{result.bad_pixels} values not finite\n{lines(result)}\n{'; '.join(c.what for c in result.checks)}"
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.long if n in LONG else ()) for n in CASES])
 def test_every_case_keeps_its_bound(renderer: sg.Renderer, name: str) -> None:
-    result = run_case(CASES[name], renderer)
+    kept(run_case(CASES[name], renderer))
+
+
+def test_fog_seen_from_a_few_places(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fog, "VIEWS", 8)
+    kept(run_case(CASES["constant-fog"], renderer))
+
+
+def test_a_method_of_every_axis(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    few = {name: replace(axis, methods=axis.methods[-1:]) for name, axis in registry.AXES.items()}
+    monkeypatch.setattr(registry, "AXES", {**few, "settings": registry.AXES["settings"]})
+    kept(run_case(CASES["methods"], renderer))
+
+
+def kept(result: Result) -> None:
     assert result.ok, told(result)
     assert result.pictures > 0
     assert any(np.isfinite(each.bound) for each in result.checks)
