@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import os
+import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 
@@ -277,3 +280,90 @@ def test_doctor_without_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(contexts, "_open", refuse)
     text, ok = doctor.report()
     assert not ok and "nothing can be drawn" in text and "apt-get install" in text
+
+
+FORKED = """
+import gc, os, signal, sys
+import splatgl as sg
+from splatgl.gl.context import context_info, open_context
+
+volume = sg.scenes.ball(8)
+splats, camera = sg.extract(volume, sg.default_transfer(volume)), sg.Camera.orbit(volume, size=(40, 30))
+
+def said(work):
+    try:
+        work()
+    except sg.InputError as error:
+        return str(error)
+    return ""
+
+def child(work):
+    # a child that hangs ends by itself, and its exit code says so
+    if not (pid := os.fork()):
+        signal.alarm(LIMIT)
+        try:
+            work()
+            os._exit(0)
+        except BaseException as error:
+            print(type(error).__name__, error, flush=True)
+            os._exit(1)
+    assert os.waitpid(pid, 0)[1] == 0, work.__name__
+
+def draws(backend):
+    with sg.Renderer(backend) as renderer:
+        return renderer.render(splats, camera).pixels
+
+def fresh():
+    assert draws(own).any()
+
+def inherited():
+    line = said(lambda: renderer.render(splats, camera))
+    assert line.startswith("context: expected one opened in this process, got one from before it was forked;"), line
+    assert "spawn" in line and "spawn" in said(lambda: context_info(renderer.ctx))
+    with renderer:
+        pass
+    renderer.close()
+    renderer.ctx.release()
+    others()
+    del globals()["renderer"]
+    gc.collect()
+
+def others():
+    line = said(lambda: open_context(own))
+    assert line.startswith("OpenGL: expected a context") and "forked" in line and "spawn" in line, line
+    # what the parent had not opened still draws, and goes for auto
+    if other:
+        assert (draws(other) == right).all() and (draws("auto") == right).all()
+
+own, other = sys.argv[1:]
+child(fresh)
+renderer = sg.Renderer(own)
+right = renderer.render(splats, camera).pixels
+child(inherited)
+# the parent is none the worse, and what it closed is as lost to a child
+assert (renderer.render(splats, camera).pixels == right).all()
+renderer.close()
+child(others)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+@pytest.mark.parametrize(("backend", "other"), [("egl", "osmesa"), ("osmesa", "egl"), ("window", "")])
+def test_a_forked_process_is_told_to_be_spawned(backend: str, other: str) -> None:
+    """Its parent's threads are not in it: all that would hang there is refused, and nothing else."""
+    need(backend)
+    try:
+        need(other or backend)
+    except pytest.skip.Exception:
+        other = ""
+    script = FORKED.replace("LIMIT", "60")
+    with subprocess.Popen(
+        [sys.executable, "-c", script, backend, other],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+    ) as run:  # fmt: skip
+        try:
+            output, _ = run.communicate(timeout=400)
+        finally:
+            if run.poll() is None:
+                os.killpg(run.pid, signal.SIGKILL)
+    assert run.returncode == 0, output

@@ -14,7 +14,7 @@ import moderngl
 
 from splatgl.data.errors import InputError, expected
 from splatgl.gl.egl import EglLoader, device_count
-from splatgl.gl.loader import BackendError, Loader, current_loader, switch_to
+from splatgl.gl.loader import SPAWN, BackendError, Loader, current_loader, forked, switch_to
 from splatgl.gl.osmesa import OsmesaLoader
 from splatgl.gl.window import WindowLoader
 
@@ -58,8 +58,8 @@ def open_context(
     backend: egl, osmesa, window, or auto, which takes the first of these that opens. device: the EGL device, counted
     from 0, which leaves only egl to try; None takes the first that is a graphics card, else the first that opens.
     require_gpu refuses software renderers; None asks the environment variable SPLATGL_REQUIRE_GPU. Draw inside
-    `with current(ctx):` where several contexts are open. Raises InputError that says what each backend answered and
-    what to install.
+    `with current(ctx):` where several contexts are open. A forked process can't use its parent's contexts, nor open one
+    of a library that its parent had opened. Raises InputError that says what each backend answered and what to install.
     """
     if backend != "auto" and backend not in BACKENDS:
         raise expected("backend", " | ".join(("auto", *BACKENDS)), backend)
@@ -82,7 +82,9 @@ def open_context(
     switch_to(before)
     what = "OpenGL on a graphics card" if require_gpu else "OpenGL"
     fix = INSTALL.get(asked, INSTALL["egl"])
-    if require_gpu:
+    if forked():
+        fix = SPAWN
+    elif require_gpu:
         fix = f"unset {REQUIRE_GPU} to draw in software"
     elif device is not None:
         fix = "leave the device out to take the first that works"
@@ -103,6 +105,16 @@ def adopt(loader: Loader) -> moderngl.Context:
         raise BackendError(str(error)) from error
     context.extra = loader
     return context
+
+
+def inherited(ctx: moderngl.Context) -> bool:
+    """Whether `ctx` was opened before this process was forked, so that it can't be used here."""
+    return _loader(ctx).inherited
+
+
+def check_process(ctx: moderngl.Context) -> None:
+    """InputError if `ctx` is inherited."""
+    _loader(ctx).check_process()
 
 
 @contextmanager

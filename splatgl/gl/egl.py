@@ -20,7 +20,7 @@ class EglLoader(Loader):
     backend = "egl"
 
     def __init__(self, device: int) -> None:
-        super().__init__()
+        super().__init__("EGL")
         self._context, self._egl = _create(device)
         self.make_current()
 

@@ -22,7 +22,7 @@ class OsmesaLoader(Loader):
     backend = "osmesa"
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__("OSMesa")
         self._library = _library()
         attributes = (OSMESA_FORMAT, GL_RGBA, OSMESA_DEPTH_BITS, 0, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
         version = (OSMESA_MAJOR, 3, OSMESA_MINOR, 3, 0)

@@ -13,7 +13,7 @@ import numpy as np
 
 from splatgl.data.errors import InputError
 from splatgl.data.image import Image
-from splatgl.gl.context import context_info, current, open_context
+from splatgl.gl.context import check_process, context_info, current, inherited, open_context
 from splatgl.gl.passes import Passes
 from splatgl.gl.target import check_size
 from splatgl.splat.bound import bound
@@ -67,7 +67,9 @@ class Renderer:
         self.close()
 
     def close(self) -> None:
-        """Releases every GL object and the context; further calls do nothing."""
+        """Releases every GL object and the context; further calls do nothing, nor does one in a forked process."""
+        if inherited(self.ctx):
+            return
         with current(self.ctx):
             self.owned.close()
 
@@ -93,8 +95,10 @@ class Renderer:
         to straight streaks, and None near the eye and for long voxels beyond z_k. held: where a form, table or target
         promises less than the tolerance, the picture is held against a finer one, which takes as long again; False: it
         is not. interrupted: asked now and then while sprites are drawn; once it says so, Interrupted is raised, and the
-        next picture is as right as any. Raises InputError for a size beyond OpenGL's and for the flow of other splats.
+        next picture is as right as any. Raises InputError for a size beyond OpenGL's, for the flow of other splats, and
+        in a process that was forked after the renderer was opened.
         """
+        check_process(self.ctx)
         started = time.perf_counter()
         chosen = self.plan(splats, camera, settings, motion)
         with current(self.ctx):

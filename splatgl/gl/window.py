@@ -21,7 +21,7 @@ class WindowLoader(Loader):
     backend = "window"
 
     def __init__(self, size: tuple[int, int] = HIDDEN_SIZE, title: str = "splatgl", visible: bool = False) -> None:
-        super().__init__()
+        super().__init__("the window system's OpenGL" if _has_display() else "OSMesa")
         self.window = _create(size, title, visible)
         self.make_current()
 
