@@ -70,8 +70,14 @@ def test_parallel_keeps_the_middle() -> None:
         ({"fov": 0}, "fov: expected an angle"),
         ({"fov": 180}, "fov: expected an angle"),
         ({"size": (0, 5)}, "size: expected a width"),
+        ({"size": (5, 10**30)}, "size: expected a width"),
+        ({"size": (5, np.nan)}, "size: expected a width"),
         ({"eye": (np.nan, 0, 0)}, "eye: expected three finite"),
         ({"eye": (1, 2)}, "eye: expected three finite"),
+        ({"eye": (1e200, 0, 0)}, "eye: expected three finite"),
+        ({"up": (0, 0, np.inf)}, "up: expected three finite"),
+        ({"fov": np.nan}, "fov: expected an angle"),
+        ({"fov": 1e-308}, "fov: expected an angle"),
     ],
 )
 def test_impossible_views(change: dict, message: str) -> None:
@@ -80,8 +86,42 @@ def test_impossible_views(change: dict, message: str) -> None:
         sg.Camera.look_at(**{**good, **change})
 
 
-def test_impossible_heights_and_zooms() -> None:
-    with pytest.raises(sg.InputError, match="height: expected a positive length"):
-        sg.Camera.orthographic((0, 0, 0), (0, 0, 1), (0, 1, 0), height=0)
-    with pytest.raises(sg.InputError, match="zoom: expected a positive"):
-        sg.Camera.orbit(BOX, zoom=0)
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", [0, -1, np.nan, np.inf, -np.inf, 1e-320, 1e-308, 1e308])
+def test_impossible_heights_and_zooms(value: float) -> None:
+    """In one line, without a word from numpy, and before the eye is at infinity."""
+    for work in (
+        lambda: sg.Camera.orthographic((0, 0, 0), (0, 0, 1), (0, 1, 0), height=value),
+        lambda: sg.Camera.orbit(BOX).parallel(BOX, value),
+    ):
+        with pytest.raises(sg.InputError, match=r"^height: expected a positive length"):
+            work()
+    with pytest.raises(sg.InputError, match=r"^zoom: expected a positive"):
+        sg.Camera.orbit(BOX, zoom=value)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("what", ["azimuth", "elevation"])
+def test_impossible_angles(what: str) -> None:
+    for value in (np.nan, np.inf, -np.inf, 1e308):
+        with pytest.raises(sg.InputError, match=f"^{what}: expected an angle"):
+            sg.Camera.orbit(BOX, **{what: value})
+    assert np.isfinite(sg.Camera.orbit(BOX, **{what: 1e-320}).eye).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_views_that_float32_cannot_hold() -> None:
+    """Cameras of any splats, but not of these: the picture would be of NaN."""
+    splats = sg.Splats.from_points(np.eye(3), np.ones((3, 3)), np.ones(3))
+    for camera, message in (
+        (sg.Camera.look_at((0, -1e20, 0), (0, 0, 0), (0, 0, 1)), "eye: expected within 1e.15 spacings of the splats"),
+        (sg.Camera.orbit(splats).parallel(splats, 1e20), "height: expected"),
+        (sg.Camera.orbit(splats).parallel(splats, 1e-50), "height: expected"),
+    ):
+        with pytest.raises(sg.InputError, match=f"^{message}"):
+            sg.plan(splats, camera)
+    inside = sg.Camera.look_at((0, 5, 0), (0, 9, 0), (0, 0, 1))
+    with pytest.raises(sg.InputError, match=r"^height: expected a length, got none, with the middle behind the eye"):
+        inside.parallel(splats)
+    for zoom in (1e-14, 1e14):
+        sg.plan(splats, sg.Camera.orbit(splats, zoom=zoom))

@@ -94,6 +94,18 @@ BAD = {
     "eye is target": (["render", "noise.npy", "--eye", "1,2,3", "--look-at", "1,2,3"], "target: expected a point"),
     "up along view": (["render", "noise.npy", "--eye", "9,0,0", "--look-at", "0,0,0", "--up", "1,0,0"], "up: expected"),
     "size 0": (["render", "noise.npy", "--size", "0"], "size: expected a width and a height"),
+    "azimuth inf": (["render", "noise.npy", "--azimuth", "inf"], "azimuth: expected an angle"),
+    "elevation beyond floats": (["render", "noise.npy", "--elevation", "1e400"], "elevation: expected an angle"),
+    "tiny zoom": (["render", "noise.npy", "--zoom", "1e-308"], "zoom: expected a positive number"),
+    "tiny fov": (["render", "noise.npy", "--fov", "1e-308"], "fov: expected an angle"),
+    "height 0": (["render", "noise.npy", "--height", "0"], "height: expected a positive length"),
+    "tiny height": (["render", "noise.npy", "--height", "1e-308"], "height: expected a positive length"),
+    "eye beyond squares": (["render", "noise.npy", "--eye", "1e200,0,0"], "eye: expected three finite"),
+    "eye beyond float32": (["render", "noise.npy", "--eye", "1e20,0,0"], "eye: expected within"),
+    "look-at alone": (["render", "noise.npy", "--look-at", "nan,1,1"], "look_at: expected an eye that looks there"),
+    "tiny unit": (["render", "noise.npy", "--unit", "1e-308"], "unit: expected a length"),
+    "oblong voxels": (["render", "noise.npy", "--spacing", "1e20,1,1"], "spacing: expected three numbers"),
+    "size beyond integers": (["render", "noise.npy", "--size", "9" * 23], "size: expected a width and a height"),
     "size beyond OpenGL": (["render", "noise.npy", "--size", "999999x2"], "image size: expected at most"),
     "suffix": (["render", "noise.npy", "-o", "a.gif"], "a.gif: expected a name that ends in"),
     "no folder": (["render", "noise.npy", "-o", "no/a.png"], "no/a.png: expected a folder"),
@@ -107,6 +119,7 @@ BAD = {
 }
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input(name: str, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each with one clear line, exit code 2, and no half-written file."""
@@ -131,7 +144,17 @@ def test_bad_input(name: str, here: Path, capsys: pytest.CaptureFixture[str]) ->
     assert sorted(p.name for p in here.rglob("*")) == before
 
 
-@pytest.mark.parametrize("arguments", [["render", "noise.npy", "--size", "a"], ["fly"], [], ["render"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["render", "noise.npy", "--size", "a"],
+        ["render", "noise.npy", "--shape", "inf,1,1"],
+        ["render", "noise.npy", "--shape", "2.5,1,1"],
+        ["fly"],
+        [],
+        ["render"],
+    ],
+)
 def test_bad_usage(arguments: list[str], here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         main(arguments)

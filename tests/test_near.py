@@ -87,7 +87,7 @@ def test_where_it_does_not_pay_or_was_not_wished() -> None:
         (splats, within, sg.Settings(order="back-to-front")),
         (splats, within, sg.Settings(primitive="quad")),
         (splats, within, sg.Settings(footprint="table")),
-        (splats, within.parallel(splats), sg.Settings()),
+        (splats, within.parallel(splats, 10), sg.Settings()),
         # rays run along the planes, or back
         (splats, inside(splats, (1, 1, 1), fov=100), sg.Settings()),
         # nothing but near planes

@@ -156,7 +156,13 @@ def numbers(count: int) -> Any:
 
 def _integers(count: int) -> Any:
     def parse(text: str) -> tuple[int, ...]:
-        return tuple(int(n) for n in numbers(count)(text.replace("x", ",")))
+        try:
+            found = tuple(int(part) for part in text.replace("×", ",").replace("x", ",").split(","))
+        except ValueError:
+            found = ()
+        if len(found) != count:
+            raise argparse.ArgumentTypeError(f"expected {count} whole numbers separated by commas, got {text!r}")
+        return found
 
     return parse
 

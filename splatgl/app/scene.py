@@ -70,6 +70,8 @@ class View:
             up = _first(self.up, hints.up, (0.0, 0.0, 1.0))
             camera = Camera.look_at(_first(self.eye, hints.eye), target, up, fov, self.size)
         else:
+            if self.look_at is not None:
+                raise expected("look_at", "an eye that looks there", "none", "give --eye too")
             azimuth, elevation = _default_orbit(volume)
             camera = Camera.orbit(
                 subject,
@@ -80,7 +82,8 @@ class View:
                 _first(self.zoom, 1.0),
                 _first(self.up, hints.up, (0.0, 0.0, 1.0)),
             )
-        return camera.parallel(subject, self.height) if self.orthographic or self.height else camera
+        parallel = self.orthographic or self.height is not None
+        return camera.parallel(subject, self.height) if parallel else camera
 
 
 @dataclass(frozen=True)

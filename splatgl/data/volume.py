@@ -10,6 +10,10 @@ import numpy as np
 from splatgl.data.errors import expected
 
 Triple = tuple[float, float, float]
+# world units: float64 holds the fourth powers of these and of far larger distances
+LEAST_LENGTH, MOST_LENGTH = 1e-40, 1e40
+# the longest side of a voxel over its shortest: float32 holds its square, and distances in either
+MOST_OBLONG = 1e9
 
 
 @dataclass(frozen=True)
@@ -127,15 +131,18 @@ class Volume:
 
 def _triple(what: str, value: Sequence[float]) -> Triple:
     numbers = np.asarray(value, dtype=np.float64)
-    if numbers.shape != (3,) or not np.isfinite(numbers).all():
-        raise expected(what, "three finite numbers (x, y, z)", value)
+    if numbers.shape != (3,) or not (np.abs(numbers) <= MOST_LENGTH).all():
+        raise expected(what, f"three finite numbers (x, y, z) up to {MOST_LENGTH:g}", value)
     return float(numbers[0]), float(numbers[1]), float(numbers[2])
 
 
 def _spacing(value: Sequence[float]) -> Triple:
     spacing = _triple("spacing", value)
-    if min(spacing) <= 0:
-        raise expected("spacing", "three positive numbers (x, y, z)", value, "turn an axis by `direction` instead")
+    if min(spacing) < LEAST_LENGTH:
+        fix = "turn an axis by `direction` instead" if min(spacing) < 0 else ""
+        raise expected("spacing", f"three positive numbers (x, y, z) from {LEAST_LENGTH:g} on", value, fix)
+    if max(spacing) > MOST_OBLONG * min(spacing):
+        raise expected("spacing", f"three numbers (x, y, z) within a factor of {MOST_OBLONG:g}", value)
     return spacing
 
 

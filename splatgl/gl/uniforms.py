@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.splat.blur import line_area
-from splatgl.splat.camera import Camera
+from splatgl.splat.camera import FAR, Camera
 from splatgl.splat.plan import NEAR, Plan
 from splatgl.splat.rows import Splats
 
@@ -79,7 +79,7 @@ def frame_block(splats: Splats, camera: Camera, plan: Plan) -> np.ndarray:
     scale *= fine / (fine + 2 * plan.pad)
     block["clip_scale"] = scale if camera.perspective else scale * spacing
     block["pixel_pitch"] = pitch if camera.perspective else pitch / spacing
-    block["switch_depth"] = plan.z_s / spacing
+    block["switch_depth"] = min(plan.z_s / spacing, 2 * FAR)
     block["near"] = NEAR
     block["depth_reach"] = plan.kernel.radius * np.linalg.norm(eye_from_index[2])
     block["image_center"] = fine / 2

@@ -19,6 +19,16 @@ from splatgl.data.errors import expected
 UP_TOLERANCE = 1e-9
 # how much larger than the object's bounding sphere the default picture is
 FIT_MARGIN = 1.05
+# degrees: in larger angles whole turns leave no digits for the rest; a narrower field needs an eye further than FAR
+MOST_TURN, LEAST_FOV = 1e12, 1e-9
+# shares of the distance that shows all: beyond, the eye is in the middle, or further than FAR
+ZOOMS = (1e-15, 1e15)
+# along a side, whatever draws them
+MOST_PIXELS = 2**24
+# world units: float64 holds the fourth powers of lengths within these
+LEAST_LENGTH, MOST_LENGTH = 1e-60, 1e60
+# spacings: float32 holds the squares of what is within so many, and of its inverse
+FAR = 1e15
 
 
 Vector = Sequence[float] | np.ndarray
@@ -62,12 +72,9 @@ class Camera:
     ) -> Camera:
         """A perspective view from `eye` to `target`; fov is the full vertical angle in degrees.
 
-        Raises InputError if eye = target, `up` is along the view, or fov is not within (0, 180).
+        Raises InputError if eye = target, `up` is along the view, or fov is not within [1e−9, 180).
         """
-        if not 0.0 < fov < 180.0:
-            raise expected("fov", "an angle between 0 and 180 degrees", fov)
-        extent = 2.0 * float(np.tan(np.radians(fov) / 2))
-        return cls(_point("eye", eye), _axes(eye, target, up), _size(size), extent)
+        return cls(_point("eye", eye), _axes(eye, target, up), _size(size), 2.0 * _half_width(fov))
 
     @classmethod
     def orthographic(
@@ -82,9 +89,7 @@ class Camera:
 
         Nothing behind the plane through `eye` is seen. Raises InputError as `look_at`, and for height ≤ 0.
         """
-        if not (np.isfinite(height) and height > 0):
-            raise expected("height", "a positive length", height)
-        return cls(_point("eye", eye), _axes(eye, target, up), _size(size), float(height), perspective=False)
+        return cls(_point("eye", eye), _axes(eye, target, up), _size(size), _height(height), perspective=False)
 
     @classmethod
     def orbit(
@@ -99,27 +104,31 @@ class Camera:
     ) -> Camera:
         """A perspective view that shows all of `subject`. At (0, 0) it looks along +y with +z up;
         azimuth turns the eye counter-clockwise seen from +z, elevation lifts it (degrees). Another
-        `up` turns all of this by the shortest way from +z.
+        `up` turns all of this by the shortest way from +z. Raises InputError as `look_at`, for a zoom outside
+        [1e−15, 1e15], and for angles beyond 1e12 degrees.
         """
-        if not (0.0 < fov < 180.0):
-            raise expected("fov", "an angle between 0 and 180 degrees", fov)
-        if not zoom > 0:
-            raise expected("zoom", "a positive number", zoom)
+        half = _half_width(fov)
+        if not ZOOMS[0] <= zoom <= ZOOMS[1]:
+            raise expected("zoom", f"a positive number from {ZOOMS[0]:g} to {ZOOMS[1]:g}", zoom)
+        for what, angle in (("azimuth", azimuth), ("elevation", elevation)):
+            if not abs(angle) <= MOST_TURN:
+                raise expected(what, f"an angle of at most {MOST_TURN:g} degrees", angle)
         back, top = _orbit_axes(azimuth, elevation, up)
         corners = subject.corners
         center = (corners.min(axis=0) + corners.max(axis=0)) / 2
-        distance = _fit_distance(subject.outline - center, back, top, np.tan(np.radians(fov) / 2), _size(size))
+        distance = _fit_distance(subject.outline - center, back, top, half, _size(size))
         return cls.look_at(center + back * distance / zoom, center, top, fov, size)
 
     def parallel(self, subject: Bounded, height: float | None = None) -> Camera:
         """The orthographic view from the same eye; `height` in world units, None: the height of the
-        perspective picture at the middle of `subject`.
+        perspective picture at the middle of `subject`. Raises InputError for height ≤ 0, and for None where that
+        middle is not before the eye.
         """
         middle = float(self.eye_from_points(subject.corners)[:, 2].mean())
-        extent = height if height is not None else self.extent * max(middle, 1e-300)
-        if not (np.isfinite(extent) and extent > 0):
-            raise expected("height", "a positive length", height)
-        return Camera(self.eye, self.eye_from_world, self.size, float(extent), perspective=False)
+        if height is None and not middle > 0:
+            raise expected("height", "a length", "none, with the middle behind the eye", "give one")
+        extent = _height(self.extent * middle if height is None else height)
+        return Camera(self.eye, self.eye_from_world, self.size, extent, perspective=False)
 
     @property
     def right(self) -> np.ndarray:
@@ -159,18 +168,44 @@ class Camera:
         return Camera(self.eye, self.eye_from_world, _size(size), self.extent, self.perspective)
 
 
+def check_reach(corners: np.ndarray, camera: Camera, spacing: float) -> None:
+    """InputError for splats so far away, or a picture so high or low, that float32 can't hold the view.
+
+    corners [8, 3]: of the splats, in eye axes and spacings.
+    """
+    far = float(np.abs(corners).max())
+    if not far <= FAR:
+        raise expected("eye", f"within {FAR:g} spacings of the splats", f"{far:g}", "move it nearer")
+    if not camera.perspective and not 1 / FAR <= camera.extent / spacing <= FAR:
+        height = f"{camera.extent:g}"
+        raise expected("height", f"{spacing / FAR:g} to {spacing * FAR:g}, for splats {spacing:g} apart", height)
+
+
+def _half_width(fov: float) -> float:
+    """tan(fov/2)."""
+    if not LEAST_FOV <= fov < 180.0:
+        raise expected("fov", f"an angle between 0 and 180 degrees, from {LEAST_FOV:g} on", fov)
+    return float(np.tan(np.radians(fov) / 2))
+
+
+def _height(height: float) -> float:
+    if not LEAST_LENGTH <= height <= MOST_LENGTH:
+        raise expected("height", f"a positive length from {LEAST_LENGTH:g} to {MOST_LENGTH:g}", height)
+    return float(height)
+
+
 def _point(what: str, value: Vector) -> np.ndarray:
     point = np.array(value, dtype=np.float64)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise expected(what, "three finite numbers (x, y, z)", value)
+    if point.shape != (3,) or not (np.abs(point) <= MOST_LENGTH).all():
+        raise expected(what, f"three finite numbers (x, y, z) up to {MOST_LENGTH:g}", value)
     return point
 
 
 def _size(size: tuple[int, int]) -> tuple[int, int]:
-    width, height = (int(n) for n in size)
-    if width < 1 or height < 1:
-        raise expected("size", "a width and a height of at least 1 pixel", f"{width}×{height}")
-    return width, height
+    width, height = size
+    if not all(1 <= n <= MOST_PIXELS for n in size):
+        raise expected("size", f"a width and a height of at least 1 pixel, up to {MOST_PIXELS}", f"{width}×{height}")
+    return int(width), int(height)
 
 
 def _axes(eye: Vector, target: Vector, up: Vector) -> np.ndarray:

@@ -122,7 +122,7 @@ def _by_planes(splats: Splats, camera: Camera, view: _View) -> Crowd:
         ray[2] = 1.0
     steps = np.tensordot(np.linalg.inv(view.eye_from_index), ray, 1)
     least = np.where(_same_sign(steps), _corners(np.abs(steps)).min(axis=0), 0.0)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):
         crossed = cells.planes[:, None, None] / least
     index = (crossed * _corners(np.sqrt((steps * steps).sum(axis=0))).max(axis=0)).min(axis=0).max()
     length = (crossed * _corners(np.sqrt((ray * ray).sum(axis=0))).max(axis=0)).min(axis=0).max()

@@ -21,6 +21,8 @@ from splatgl.splat.transfer import Transfer
 SLAB_VOXELS = 1 << 22
 # integer types up to this many bytes are looked up in a table with an entry for each value
 TABLE_BYTES = 2
+# of the reference length over the spacing, or the other way round: float32 holds both
+MOST_UNIT = 1e30
 
 Progress = Callable[[Iterator[Slab], int], Iterator[Slab]]
 
@@ -79,7 +81,7 @@ def extract(
 
     threshold is an opacity per reference length in [0, 1); slab the planes read at a time.
     progress wraps the iteration over slabs (slabs, how many). Raises InputError for a threshold
-    outside [0, 1).
+    outside [0, 1), and for a unit that float32 can't hold in spacings.
     """
     if not 0.0 <= threshold < 1.0:
         raise expected("threshold", "an opacity of at least 0 and less than 1", threshold)
@@ -87,6 +89,8 @@ def extract(
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
     lookup = Lookup.of(transfer, volume.samples.dtype, threshold)
     unit = transfer.unit or grid.mean_spacing
+    if not 1 / MOST_UNIT <= unit / grid.mean_spacing <= MOST_UNIT:
+        raise expected("unit", f"a length within {MOST_UNIT:g} of the spacing, {grid.mean_spacing:g}", f"{unit:g}")
     dropped = Dropped(volume.shape) if threshold > 0 else None
 
     # one slab at a time

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from splatgl.data.errors import expected
+from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
 
 # 36 bytes a splat. position: (x, y, z) in grid indices. optical_depth: extinction × mean spacing.
 # color: linear RGB. normal: unit world gradient as signed 16-bit fractions, zero where there is none.
@@ -31,6 +32,8 @@ GL_ATTRIBUTES = ("in_position", "in_optical_depth", "in_color", "in_normal", "in
 NORMAL_SCALE = 32767.0
 # more splats than this, 600 MB of records, are not kept on the GPU: a texture of theirs has no more rows
 MOST_KEPT = 2**24
+# of colours and optical depths: float32 holds sums of so many
+BRIGHTEST = 1e30
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +114,7 @@ class Splats:
         points [N, 3] world; colors [N, 3] linear RGB ≥ 0; extinctions [N] ≥ 0 per world length.
         spacing, a number or (x, y, z), is the kernel's scale and the lattice whose cells
         round(p / spacing) give the order; ties keep the input's. Non-finite and transparent points
-        are absent. Raises InputError for other shapes and negative numbers.
+        are absent. Raises InputError for other shapes, and for numbers that are negative or that float32 can't hold.
         """
         points, colors, extinctions = _checked_points(points, colors, extinctions)
         scale = _checked_spacing(spacing)
@@ -126,9 +129,12 @@ class Splats:
         grid = Grid(np.diag(scale), base * scale)
         cells = (cells - base).astype(np.int32)
         order = np.lexsort((cells[:, 0], cells[:, 1], cells[:, 2]))
+        depths = extinctions[order] * grid.mean_spacing
+        if max(depths.max(initial=0.0), colors.max(initial=0.0)) > BRIGHTEST:
+            raise expected("colors and extinctions", f"at most {BRIGHTEST:g}, per spacing", "larger ones")
         records = np.zeros(len(points), RECORD)
         records["position"] = ((points - grid.origin) / scale)[order]
-        records["optical_depth"] = extinctions[order] * grid.mean_spacing
+        records["optical_depth"] = depths
         records["color"] = colors[order]
         return assemble(records, cells[order], grid, unit=grid.mean_spacing, name="points")
 
@@ -290,6 +296,9 @@ def _checked_points(points: object, colors: object, extinctions: object) -> tupl
 
 def _checked_spacing(spacing: float | Sequence[float]) -> np.ndarray:
     scale = np.asarray(spacing, dtype=np.float64)
-    if scale.shape not in ((), (3,)) or not np.isfinite(scale).all() or not (scale > 0).all():
-        raise expected("spacing", "a positive number or three (x, y, z)", spacing)
+    if scale.shape not in ((), (3,)) or not ((scale >= LEAST_LENGTH) & (scale <= MOST_LENGTH)).all():
+        within = f"from {LEAST_LENGTH:g} to {MOST_LENGTH:g}"
+        raise expected("spacing", f"a positive number or three (x, y, z), {within}", spacing)
+    if scale.max() > MOST_OBLONG * scale.min():
+        raise expected("spacing", f"three numbers (x, y, z) within a factor of {MOST_OBLONG:g}", spacing)
     return np.broadcast_to(scale, (3,))

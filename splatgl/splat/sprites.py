@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.camera import Camera
+from splatgl.splat.camera import Camera, check_reach
 from splatgl.splat.rows import Splats
 
 # a sprite needs its kernel ahead of the eye: no nearer than this many times the kernel's reach in depth
@@ -50,10 +50,14 @@ class Reach:
 
 
 def reach(splats: Splats, camera: Camera, radius: float, beyond: float = -np.inf) -> Reach:
-    """Bounds for splats of a kernel of `radius` voxels, no nearer than `beyond`, in mean spacings of depth."""
+    """Bounds for splats of a kernel of `radius` voxels, no nearer than `beyond`, in mean spacings of depth.
+
+    InputError where they are too far away for float32.
+    """
     width, height = camera.size
     spacing = splats.grid.mean_spacing
     corners = camera.eye_from_points(splats.box_around(0.0)) / spacing
+    check_reach(corners, camera, spacing)
     steps = camera.eye_from_world @ splats.grid.world_from_index / spacing * radius
     pitch = camera.extent / height
     if not camera.perspective:
