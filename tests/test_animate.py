@@ -196,7 +196,7 @@ def test_resume_keeps_what_is_there(here: Path, capsys: pytest.CaptureFixture[st
     Path("r/.01.png.abcdefgh").write_bytes(b"half")
     Path("r/.other").write_bytes(b"mine")
     assert main(["animate", *command, "--resume", "--size", "24"]) == 0
-    assert "4 frames, 2 of them there before" in capsys.readouterr().out
+    assert "r/00.png to r/03.png: 4 frames, 2 of them there before" in capsys.readouterr().out
     assert sorted(p.name for p in Path("r").iterdir()) == [".other", "00.png", "01.png", "02.png", "03.png"]
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     # another animation's frames are not taken for these
@@ -315,12 +315,21 @@ def test_movies_need_their_extra(
     assert "pip install 'splatgl[video]'" in capsys.readouterr().err
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["-o", "a.png"], "a name with {frame} in it"),
         (["-o", "a{frame}{x}.png"], "a name with {frame} in it"),
         (["-o", "a{frame:.0s}.png"], "a name with {frame} in it"),
+        (["-o", "a{frame!r}.png"], "a name with {frame} in it"),
+        (["-o", "a{frame:c}.png"], "a name with {frame} in it"),
+        (["-o", "a{frame:1000000}.png"], "a name with {frame} in it"),
+        (["-o", "a{frame:{frame}}.png"], "a name with {frame} in it"),
+        (["-o", ""], "output: expected a name, got nothing"),
+        (["-o", "a{frame}.png", "--keyframes", ""], "keyframes: expected a name, got nothing"),
+        (["-o", "a{frame}.gif", "--fps", "1e-308"], "--fps: expected a number from 0.01"),
+        (["-o", "a{frame}.png", "--axis", "inf,0,1"], "axis: expected a direction"),
         (["-o", "a{frame.png"], "a name with {frame} in it"),
         (["-o", "a{frame}.jpg"], "ends in .png or .npy"),
         (["-o", "{frame}/a.png"], "in the file's name alone"),
@@ -356,4 +365,5 @@ def test_bad_input_is_one_line(
 def test_templates(here: Path) -> None:
     frames = Frames.at("x/{frame:05d}_a.png", "m")
     assert frames.path(37) == Path("x/00037_a.png") and Path("x").is_dir()
+    assert Frames.at("x/{frame:3}{frame}.npy", "m").path(37) == Path("x/ 3737.npy")
     assert Frames.at("m.mp4", "m").path(3) == Path("m.mp4.frames/000003.png")

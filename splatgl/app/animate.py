@@ -12,7 +12,9 @@ from splatgl.data.errors import expected
 from splatgl.gl.renderer import Renderer
 
 FPS = 30.0
-MAX_FRAMES, MAX_MOMENTS, MAX_FPS = 1_000_000, 4096, 1000.0
+MAX_FRAMES, MAX_MOMENTS = 1_000_000, 4096
+# a GIF's frame stays for 655 s at most
+MIN_FPS, MAX_FPS = 0.01, 1000.0
 # degrees, and units of time a frame: beyond it sines have no digits left
 MAX_PACE = 1e9
 BLACK = (0.0, 0.0, 0.0)
@@ -64,7 +66,8 @@ def run(args: argparse.Namespace) -> int:
         frames.clear(wanted)
     if not args.quiet:
         kept = f", {len(wanted) - len(todo)} of them there before" if len(todo) < len(wanted) else ""
-        print(f"{args.output}: {len(wanted)} frames{kept}")
+        names = dict.fromkeys(str(frames.movie or frames.path(n)) for n in (wanted[0], wanted[-1]))
+        print(f"{' to '.join(names)}: {len(wanted)} frames{kept}")
     return 0
 
 
@@ -77,8 +80,8 @@ def _check(args: argparse.Namespace) -> None:
         value = getattr(args, name)
         if value is not None and not low <= value <= high:
             raise expected(f"--{name}", f"a whole number from {low} to {high}", value)
-    if not 0 < args.fps <= MAX_FPS:
-        raise expected("--fps", f"a number above 0, up to {MAX_FPS:g}", args.fps)
+    if not MIN_FPS <= args.fps <= MAX_FPS:
+        raise expected("--fps", f"a number from {MIN_FPS:g} to {MAX_FPS:g}", args.fps)
     for name in ("turntable", "spin", "flow"):
         value = getattr(args, name)
         if value is not None and not abs(value) <= MAX_PACE:

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from splatgl import __version__
-from splatgl.data.errors import InputError
+from splatgl.data.errors import InputError, expected
 
 BAD_INPUT = 2
 # what a shell reports for a program ended by Ctrl-C
@@ -19,6 +19,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         args = _parser(arguments).parse_args(arguments)
+        _refuse_empty(args)
         return int(args.run(args))
     except InputError as error:
         print(f"splatgl: {error}", file=sys.stderr)
@@ -31,6 +32,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     except BrokenPipeError:
         return 0
+
+
+def _refuse_empty(args: argparse.Namespace) -> None:
+    """InputError for an argument without a letter, such as a shell makes of a variable that is not set."""
+    for name, value in vars(args).items():
+        if value == "" or (isinstance(value, list) and "" in value):
+            raise expected(name.replace("_", "-"), "a name", "nothing", "leave it out, or say what it is")
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:

@@ -16,10 +16,12 @@ def report(backend: str = "auto", device: int | None = None) -> tuple[str, bool]
     """The report as text of several lines, and whether pictures drawn by `backend` can be trusted.
 
     False where no context opens, or where float32 blending or filtering is wrong. Raises InputError for a backend
-    that does not exist.
+    or a device that can't exist.
     """
     if backend not in ("auto", *BACKENDS):
         raise expected("backend", " | ".join(("auto", *BACKENDS)), backend)
+    if device is not None and device < 0:
+        raise expected("device", "an EGL device number from 0", device)
     chosen, ok = _chosen(backend, device)
     parts = (["versions", *_versions()], ["backends", *_backends()], chosen)
     return "\n\n".join("\n".join(part) for part in parts), ok

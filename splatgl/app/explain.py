@@ -30,6 +30,8 @@ WHAT = {
     "c": "true distance before z_k, b behind it",
     "bprime": "b with the trapezoid's bend",
 }
+# spacings, beyond which rays have no digits left
+FAR = 1e9
 # forms that need the voxel's own ray to lie before the eye
 AHEAD = ("a", "b", "b1", "c", "bprime")
 # depth, in radii, within which all of the picture's rays are tried
@@ -59,10 +61,10 @@ def _position(text: str) -> tuple[float, ...]:
 
 def run(args: argparse.Namespace) -> int:
     """Prints the page; 0."""
-    if not (np.isfinite(args.spacing) and args.spacing > 0):
-        raise expected("spacing", "a positive length", args.spacing)
-    if not np.isfinite(args.voxel).all():
-        raise expected("X,Y,Z", "finite numbers", args.voxel)
+    if not 1 / FAR <= args.spacing <= FAR:
+        raise expected("spacing", f"a positive length from {1 / FAR:g} to {FAR:g}", args.spacing)
+    if not (np.abs(args.voxel) <= FAR * min(args.spacing, 1.0)).all():
+        raise expected("X,Y,Z", f"finite numbers, up to {FAR:g} spacings", args.voxel)
     camera = straight_ahead(args.size, args.fov)
     sight = Sight(kernel(args.kernel), camera, np.array(args.voxel) / args.spacing)
     if sight.voxel[2] <= -sight.kernel.radius:

@@ -33,6 +33,8 @@ DEFAULT_SCENES = ("tunnel", "terrain", "nerve")
 # a folder for the truths that were made
 KEPT = "truths"
 INTERRUPTED = 130
+# pixels a side, which the truths take several rays of each; and times
+MAX_SIZE, MAX_ROUNDS = 16384, 10_000
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
@@ -106,10 +108,10 @@ def _strip(renderer: Renderer, subject: Subject, results: Results, task: Task) -
 
 def _level(args: argparse.Namespace) -> Level:
     level = LEVELS["quick" if args.quick else "full" if args.full else "normal"]
-    for name, least in (("size", 8), ("rounds", 1)):
+    for name, least, most in (("size", 8, MAX_SIZE), ("rounds", 1, MAX_ROUNDS)):
         value = getattr(args, name)
-        if value is not None and value < least:
-            raise expected(f"--{name}", f"a number of at least {least}", value)
+        if value is not None and not least <= value <= most:
+            raise expected(f"--{name}", f"a number of at least {least}, up to {most}", value)
     return replace(level, size=args.size or level.size, rounds=args.rounds or level.rounds)
 
 

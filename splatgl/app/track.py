@@ -95,7 +95,7 @@ def turning(view: View, volume: Volume, subject: Bounded, degrees: float, axis: 
     """The volume turns by `degrees` a frame about its centre, counter-clockwise seen from `axis`' tip (up)."""
     up = axis if axis is not None else np.array(view.up or volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
     length = float(np.linalg.norm(up))
-    if not length > 0:
+    if not 0 < length < np.inf:
         raise expected("axis", "a direction", up.tolist())
     swept = Swept.of(subject, up / length) if degrees else subject
     center = (subject.corners.min(axis=0) + subject.corners.max(axis=0)) / 2

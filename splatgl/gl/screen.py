@@ -21,6 +21,8 @@ from splatgl.gl.window import WindowLoader
 
 # what lies below a picture without a background
 GROUNDS = ("black", "white", "checks")
+# a window's side: no display has more, and GLFW ends the process at a negative one
+MOST_PIXELS = 16384
 # texture units, by the sampler's name
 UNITS = {"picture": 0, "other": 1, "overlay": 2}
 
@@ -45,6 +47,9 @@ class Screen:
     """A visible window. Raises InputError where there is no display. Everything runs in the main thread."""
 
     def __init__(self, size: tuple[int, int], title: str) -> None:
+        if not all(1 <= side <= MOST_PIXELS for side in size):
+            sides = f"{size[0]}×{size[1]}"
+            raise expected("size", f"a window of 1 to {MOST_PIXELS} pixels a side", sides, "choose another --size")
         self.owned = ExitStack()
         # GLX refuses to make a window while another system's context is current in this thread
         switch_to(None)
