@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.app.animation import scaled
 from splatgl.app.cli import main
 from splatgl.app.frames import Frames
 from splatgl.app.scene import Scene, View
@@ -367,3 +368,8 @@ def test_templates(here: Path) -> None:
     assert frames.path(37) == Path("x/00037_a.png") and Path("x").is_dir()
     assert Frames.at("x/{frame:3}{frame}.npy", "m").path(37) == Path("x/ 3737.npy")
     assert Frames.at("m.mp4", "m").path(3) == Path("m.mp4.frames/000003.png")
+
+
+def test_a_scaled_x_ray_scales_its_bound() -> None:
+    image = scaled(sg.Image(np.full((2, 2, 4), 3.0, np.float32), {"error_bound": 0.5}), 4.0)
+    assert image.info["error_bound"] == 0.125 and (image.pixels == 0.75).all()

@@ -221,7 +221,11 @@ def test_info_and_doctor(here: Path, capsys: pytest.CaptureFixture[str]) -> None
 
 def test_explain(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["render", "noise.npy", "--size", "16", "--explain"]) == 0
-    assert "align exact" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "align exact" in told
+    assert re.search(r"error bound \S+: the tolerance 0.00392 is met, against", told)
+    assert main(["render", "noise.npy", "--size", "16", "--paper"]) == 0
+    assert re.search(r"\nerror bound \S+: the tolerance 0.00392 is not met\n", capsys.readouterr().out)
 
 
 def test_savings(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 import splatgl as sg
 from splatgl.data.scenes import letter_f
 from splatgl.splat.plan import plan
+from splatgl.truth.temporal import Moments
 
 
 @pytest.fixture(scope="module")
@@ -143,6 +145,35 @@ def test_no_splats_is_the_background(renderer: sg.Renderer) -> None:
     assert (renderer.render(nothing, sg.Camera.orbit(nothing, size=(8, 8))).pixels == 0).all()
 
 
+def test_a_picture_tells_whether_its_tolerance_is_met(letter: sg.Splats, renderer: sg.Renderer) -> None:
+    """Of X-rays relative to the brightest component: ten times the light is ten times the error."""
+    camera = sg.Camera.orbit(letter, 20, 30, size=(24, 18))
+    met = {}
+    for name, settings in {
+        "auto": sg.Settings(),
+        "coarse": sg.Settings(target="rgba8", tolerance=1e-6),
+        "paper": sg.Settings.paper(),
+        "xray": sg.Settings(blend="xray"),
+        "grid xray": sg.Settings(blend="xray", align="grid"),
+    }.items():
+        image = renderer.render(letter, camera, settings)
+        top = image.pixels.max() if settings.blend == "xray" else 1.0
+        met[name] = image.info["tolerance_met"]
+        assert met[name] is bool(image.info["error_bound"] <= settings.tolerance * top), name
+    assert met == {"auto": True, "coarse": False, "paper": False, "xray": True, "grid xray": False}
+    bright = replace(letter, records=letter.records.copy())
+    bright.records["optical_depth"] *= 300
+    image = renderer.render(bright, camera, sg.Settings(blend="xray"))
+    assert image.info["error_bound"] > image.info["tolerance"] and image.info["tolerance_met"] is True
+
+
+def test_without_a_bound_no_tolerance_is_met(letter: sg.Splats, renderer: sg.Renderer) -> None:
+    inside = sg.Camera.look_at(letter.corners.mean(axis=0), letter.corners[0], (0, 0, 1), size=(12, 9))
+    motion = sg.Motion(spin=np.array([0.0, 0.0, 3.0]), center=letter.corners.mean(axis=0))
+    image = renderer.render(letter, inside, sg.Settings(), motion)
+    assert image.info["error_bound"] is None and image.info["tolerance_met"] is False
+
+
 def test_eye_inside_the_volume(renderer: sg.Renderer) -> None:
     volume = sg.Volume(np.ones((20, 20, 20), np.uint8))
     splats = sg.extract(volume, sg.Transfer([(0, 0.05)], unit=1.0, shading=False))
@@ -225,3 +256,19 @@ def test_the_last_few_splats_stay(renderer: sg.Renderer, monkeypatch: pytest.Mon
     monkeypatch.setattr("splatgl.gl.buffers.KEPT_BYTES", 0)
     kept.of(clouds[4])
     assert [buffer.splats for buffer in kept.kept] == [clouds[4]]
+
+
+def test_the_mean_of_moments_carries_the_mean_of_their_bounds(letter: sg.Splats, renderer: sg.Renderer) -> None:
+    camera, each = sg.Camera.orbit(letter, size=(12, 9)), []
+
+    def draw(splats: sg.Splats, view: sg.Camera, settings: sg.Settings) -> sg.Image:
+        each.append(renderer.render(splats, view, settings))
+        return each[-1]
+
+    motion = sg.Motion(spin=np.array([0.0, 0.0, 9.0]), center=letter.corners.mean(axis=0))
+    for tolerance, met in ((1 / 255, True), (1e-9, False)):
+        each.clear()
+        info = Moments(draw, motion, count=3)(letter, camera, sg.Settings(tolerance=tolerance)).info
+        bounds = [image.info["error_bound"] for image in each]
+        assert len(set(bounds)) == 3 and info["error_bound"] == pytest.approx(np.mean(bounds))
+        assert info["tolerance_met"] is met

@@ -120,7 +120,7 @@ class Animation:
                 for n in group:
                     image = self._frame(renderer, splats, flow, n)
                     if top is not None and frames.path(n).suffix.lower() == ".png":
-                        image = _scaled(image, top)
+                        image = scaled(image, top)
                     frames.save(n, Image(image.pixels, {**image.info, **about}), self.bits, ground)
                     if bar is not None:
                         bar.update()
@@ -179,9 +179,12 @@ class Animation:
         return top * HEADROOM or 1.0
 
 
-def _scaled(image: Image, top: float) -> Image:
+def scaled(image: Image, top: float) -> Image:
     """An X-ray as it is to be seen, so that saving does not scale it by its own maximum."""
-    return Image(image.pixels / np.float32(top), {**image.info, "blend": "xray over scale", "scale": 1 / top})
+    info = {**image.info, "blend": "xray over scale", "scale": 1 / top}
+    if isinstance(error := info.get("error_bound"), float):
+        info["error_bound"] = error / top
+    return Image(image.pixels / np.float32(top), info)
 
 
 def _splats(scene: Scene, volume: Volume, transfer: Transfer) -> Splats:

@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
             print(renderer.plan(splats, camera, scene.settings).explain())
         image = renderer.render(splats, camera, scene.settings)
         if args.explain:
-            print(f"error bound {image.info['error_bound']:.3g}, against the float64 reference of the same splats")
+            print(f"{_accuracy(image)}, against the float64 reference of the same splats")
         if args.savings:
             print("\n".join(savings(renderer, splats, camera, renderer.plan(splats, camera, scene.settings))))
     image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
@@ -96,8 +96,16 @@ def _summary(output: Path, image: Image, splats: Splats, camera: Camera) -> str:
             f"{output}: {camera.size[0]}×{camera.size[1]}, {len(splats):,} splats in {info['seconds']:.2f} s",
             f"{info['blend']}, {info['kernel']}, align {info['align']}, {info['footprint']}, target {info['target']}",
             f"by {info['renderer']} ({info['backend']})",
+            *([] if info["tolerance_met"] else [_accuracy(image)]),
         ]
     )
+
+
+def _accuracy(image: Image) -> str:
+    """The error bound, and whether it keeps to the tolerance."""
+    error, tolerance = image.info["error_bound"], image.info["tolerance"]
+    known = f"error bound {error:.3g}" if isinstance(error, float) else "no error bound"
+    return f"{known}: the tolerance {tolerance:.3g} is {'' if image.info['tolerance_met'] else 'not '}met"
 
 
 def nothing(scene: Scene, volume: Volume) -> InputError:

@@ -94,9 +94,10 @@ class Renderer:
         `settings.motion` says, or, without settings, exactly, while the shutter is open, up to now; its error bound is
         to straight streaks, and None near the eye and for long voxels beyond z_k. held: where a form, table or target
         promises less than the tolerance, the picture is held against a finer one, which takes as long again; False: it
-        is not. interrupted: asked now and then while sprites are drawn; once it says so, Interrupted is raised, and the
-        next picture is as right as any. Raises InputError for a size beyond OpenGL's, for the flow of other splats, and
-        in a process that was forked after the renderer was opened.
+        is not. `info["tolerance_met"]` says whether the error bound is known and within the tolerance, which for X-rays
+        is relative to the brightest component. interrupted: asked now and then while sprites are drawn; once it says
+        so, Interrupted is raised, and the next picture is as right as any. Raises InputError for a size beyond
+        OpenGL's, for the flow of other splats, and in a process that was forked after the renderer was opened.
         """
         check_process(self.ctx)
         started = time.perf_counter()
@@ -111,9 +112,11 @@ class Renderer:
         brightest = _brightest(pixels, chosen)
         own = bound(splats, camera, chosen, brightest)
         error = own.total if own else None
-        if held and error is not None and error > chosen.tolerance * max(brightest, 1e-30) and not chosen.exposure:
+        allowed = chosen.tolerance * max(brightest, 1e-30)
+        if held and error is not None and error > allowed and not chosen.exposure:
             error = min(error, self._held(splats, camera, settings or Settings(), chosen, pixels))
-        return Image(pixels, {**provenance, "error_bound": error})
+        met = error is not None and bool(error <= allowed)
+        return Image(pixels, {**provenance, "error_bound": error, "tolerance_met": met})
 
     def _held(self, splats: Splats, camera: Camera, settings: Settings, chosen: Plan, pixels: np.ndarray) -> float:
         """How far the picture is from one by the finest form, table and target, and what that may be off by; inf if it

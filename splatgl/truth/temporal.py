@@ -39,15 +39,25 @@ class Moments:
         self.exposure = exposure(shutter)
 
     def __call__(self, splats: Splats, camera: Camera, settings: Settings) -> Image:
-        """The mean of the moments' pictures; info is the last one's, with how many there were."""
+        """The mean of the moments' pictures; info is the last one's, with how many there were. Where each carries an
+        error bound, their mean bounds this one's error, against the mean of the moments' right pictures.
+        """
         total: np.ndarray | None = None
+        bounds: list[float] = []
         for part in range(self.count):
             image = self._part(splats, camera, settings, part)
             pixels = image.pixels.astype(np.float64)
             total = pixels if total is None else total + pixels
+            found = image.info.get("error_bound")
+            bounds += [found] if isinstance(found, float) else []
         assert total is not None
+        mean = total / self.count
         info = {**image.info, "moments": self.count, "shutter": self.exposure * FULL_SHUTTER}
-        return Image(total / self.count, info)
+        if "error_bound" in info:
+            error = sum(bounds) / self.count if len(bounds) == self.count else None
+            allowed = settings.tolerance * (max(float(mean.max()), 1e-30) if settings.blend == "xray" else 1.0)
+            info |= {"error_bound": error, "tolerance_met": error is not None and error <= allowed}
+        return Image(mean, info)
 
     def _part(self, splats: Splats, camera: Camera, settings: Settings, part: int) -> Image:
         """The picture in the middle of a part of the exposure."""
