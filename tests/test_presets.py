@@ -171,3 +171,9 @@ def test_real_volumes_are_cut_where_people_cut_them(
 def test_the_visible_males_bone() -> None:
     samples = np.fromfile(data_file("visible_male_128x256x256_uint8.raw"), "u1").reshape(256, 256, 128)
     assert first_value(preset("ct-bone", Volume(samples)), 0.4) == pytest.approx(90, rel=0.1)
+
+
+def test_values_that_signed_integers_cannot_hold() -> None:
+    """Of uint64 next to 2⁶⁴, which floats round up to it."""
+    samples = np.full((3, 3, 3), 2**64 - 1, np.uint64)
+    assert default_transfer(Volume(samples)).points[0][0] == 2.0**64

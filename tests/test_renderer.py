@@ -174,6 +174,21 @@ def test_without_a_bound_no_tolerance_is_met(letter: sg.Splats, renderer: sg.Ren
     assert image.info["error_bound"] is None and image.info["tolerance_met"] is False
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("primitive", ["auto", "quad", "sprite", "tile"])
+def test_no_splats_is_the_background_whatever_draws_them(primitive: str, renderer: sg.Renderer) -> None:
+    nothing = sg.Splats.from_points(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    ground = (0.5, 0.0, 1.0)
+    for eye in ((0, -5, 0), (0, 0.1, 0), (0, -1e20, 0)):
+        camera = sg.Camera.look_at(eye, (0, 0, 0), (0, 0, 1), size=(9, 8))
+        for changes in ({}, {"footprint": "table"}, {"align": "hybrid"}, {"antialias": "supersample", "samples": 2}):
+            settings = sg.Settings(primitive=primitive, background=ground, **changes)
+            image = renderer.render(nothing, camera, settings)
+            assert (image.pixels == np.array([*ground, 1], np.float32)).all(), (eye, changes)
+            assert image.info["error_bound"] == 0 and image.info["tolerance_met"] is True
+            assert (renderer.render(nothing, camera, settings.but(blend="xray")).pixels == 0).all()
+
+
 def test_eye_inside_the_volume(renderer: sg.Renderer) -> None:
     volume = sg.Volume(np.ones((20, 20, 20), np.uint8))
     splats = sg.extract(volume, sg.Transfer([(0, 0.05)], unit=1.0, shading=False))

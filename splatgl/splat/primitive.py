@@ -35,6 +35,8 @@ def primitive(
     fit: the alignment, and whether the eye may be in a kernel. device: the limit of OpenGL's points, pixels; whether
     the renderer prefers tiles to sprites, None if it has none; and its largest viewport, pixels.
     """
+    if not len(splats):
+        return "quad", "there are no splats", None
     limit, tiles, viewport = device
     kind = "tile" if tiled(splats, camera, settings, covered, tiles) else "sprite"
     limit = LIMIT if kind == "tile" else limit

@@ -57,7 +57,8 @@ def reach(splats: Splats, camera: Camera, radius: float, beyond: float = -np.inf
     width, height = camera.size
     spacing = splats.grid.mean_spacing
     corners = camera.eye_from_points(splats.box_around(0.0)) / spacing
-    check_reach(corners, camera, spacing)
+    if len(splats):
+        check_reach(corners, camera, spacing)
     steps = camera.eye_from_world @ splats.grid.world_from_index / spacing * radius
     pitch = camera.extent / height
     if not camera.perspective:

@@ -98,7 +98,7 @@ def _with_outstanding(volume: Volume, lowest: float) -> np.ndarray:
     """All finite values other than the lowest sampled one (at most VALUES of them), and that one, sorted."""
     found = [np.array([lowest])]
     for slab in volume.slabs(16, halo=0):
-        others = slab.samples[slab.samples != slab.samples.dtype.type(lowest)].astype(np.float64)
+        others = slab.samples[slab.samples != lowest].astype(np.float64)
         found.append(others[np.isfinite(others)])
     values = np.concatenate(found)
     return np.sort(values[:: len(values) // VALUES + 1])
