@@ -185,7 +185,7 @@ def test_no_splats_is_the_background_whatever_draws_them(primitive: str, rendere
             settings = sg.Settings(primitive=primitive, background=ground, **changes)
             image = renderer.render(nothing, camera, settings)
             assert (image.pixels == np.array([*ground, 1], np.float32)).all(), (eye, changes)
-            assert image.info["error_bound"] == 0 and image.info["tolerance_met"] is True
+            assert image.info["error_bound"] <= 1e-6 and image.info["tolerance_met"] is True
             assert (renderer.render(nothing, camera, settings.but(blend="xray")).pixels == 0).all()
 
 

@@ -62,7 +62,7 @@ DWELT = (1.7, 2.0)
 
 @dataclass(frozen=True)
 class Bound:
-    """Parts of the bound, linear light; `total`: what a pixel may be off by, but for rounding no more than `largest`.
+    """Parts of the bound, linear light; `total`: what a pixel may be off by, no more than `largest` can be.
 
     footprint: form, table and float32's places; hidden: closed pixels; rounding: of the target, blend after blend.
     """
@@ -74,7 +74,7 @@ class Bound:
 
     @property
     def total(self) -> float:
-        return float(min(self.footprint + self.hidden, self.largest) + self.rounding)
+        return float(min(self.footprint + self.hidden + self.rounding, self.largest))
 
     def __str__(self) -> str:
         return (
@@ -91,7 +91,8 @@ def bound(splats: Splats, camera: Camera, plan: Plan, brightest: float) -> Bound
     if plan.exposure is None:
         splats = ahead(splats, camera)
     if not len(splats):
-        return Bound(0.0, 0.0, _resolved(plan, 1.0 if plan.background else 0.0), 0.0)
+        lost = _resolved(plan, 1.0 if plan.background else 0.0)
+        return Bound(0.0, 0.0, lost, lost)
     program = plan.program
     most = max(splats.brightest, 1.0)
     if plan.exposure is None:
@@ -114,8 +115,10 @@ def bound(splats: Splats, camera: Camera, plan: Plan, brightest: float) -> Bound
     rounding = max(_last_digit(scale) * share, least) * (1.0 if program.blend == "mip" else met.count)
     if program.blend == "composite" and program.target == "rgba32f":
         rounding *= OVER
-    rounding += _resolved(plan, max(scale, 1.0 if plan.background else 0.0))
-    return Bound(footprint, plan.passing * most, whole if cut else rounding, whole)
+    lost = _resolved(plan, max(scale, 1.0 if plan.background else 0.0))
+    # rounded up, or by a form that takes a ray for longer than it is, pixels are brighter than any can be
+    longest = 2 * float(np.hypot(_edge(camera), 1.0)) if other else 1.0
+    return Bound(footprint, plan.passing * most, whole if cut else rounding + lost, whole * longest + least + lost)
 
 
 def _blurred(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[Slip, Crowd] | None:

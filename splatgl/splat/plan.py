@@ -34,6 +34,8 @@ TABLE_SIZES = {"table": 256, "radial": 1024, "polynomial": 1}
 SPRITE_LIMIT = 255.0
 # pixels along a viewport's sides that every OpenGL of today draws, where no renderer says its own
 VIEWPORT = 16384
+# the largest point, whether tiles are preferred (None: there are none), and the largest viewport
+Device = tuple[float, bool | None, int]
 
 
 @dataclass(frozen=True)
@@ -169,15 +171,10 @@ def plan(
 
 
 def _planned(
-    splats: Splats,
-    seen: Camera | Exposure,
-    settings: Settings,
-    device: tuple[float, bool | None, int],
-    notes: list[str],
+    splats: Splats, seen: Camera | Exposure, settings: Settings, device: Device, notes: list[str]
 ) -> Plan:
     """The plan for a still, or for an exposure. device: its largest point, whether it prefers tiles, its viewport."""
-    exposure = seen if isinstance(seen, Exposure) else None
-    camera = seen.middle if isinstance(seen, Exposure) else seen
+    exposure, camera = (seen, seen.middle) if isinstance(seen, Exposure) else (None, seen)
     shape = kernel(settings.kernel)
     samples = settings.samples if settings.antialias == "supersample" else 1
     fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
@@ -190,7 +187,6 @@ def _planned(
     kind, parted, covered = _primitive(splats, fine, settings, (align, half_line), device, notes)
     number, hiding, closes = _closing(splats, fine, covered, settings, (kind, parted is None), notes)
     shaped = footprint((align, kind), shape, settings)
-    widened_from = widening(splats, View.of(splats.grid, fine, shape, antialias))
     program = Program(
         blend=settings.blend,
         align=align,
@@ -232,8 +228,7 @@ def _planned(
         exposure,
         parted,
         half_line,
-        widened_from.beyond,
-        widened_from.unsure,
+        *widening(splats, View.of(splats.grid, fine, shape, antialias)),
     )
 
 
@@ -301,7 +296,7 @@ def _primitive(
     camera: Camera,
     settings: Settings,
     fit: tuple[str, bool],
-    device: tuple[float, bool | None, int],
+    device: Device,
     notes: list[str],
 ) -> tuple[str, Near | None, Reach]:
     """Tiles, sprites or quads, which splats are quads all the same, and what sprites cover."""

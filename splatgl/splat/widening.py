@@ -7,7 +7,7 @@ it than float32 can tell.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,7 @@ ULP = 2.0**-24
 FURTHEST = 0.02
 
 
-@dataclass(frozen=True)
-class Widening:
+class Widening(NamedTuple):
     """beyond: the depths, mean spacings, from which on σ_1 and σ_2 are widened; ∞ where they never are.
 
     unsure: what a splat may jump by, as a share of itself, where splats are everywhere; 0 where no splat is near.
