@@ -117,7 +117,7 @@ def bound(splats: Splats, camera: Camera, plan: Plan, brightest: float) -> Bound
         rounding *= OVER
     lost = _resolved(plan, max(scale, 1.0 if plan.background else 0.0))
     # rounded up, or by a form that takes a ray for longer than it is, pixels are brighter than any can be
-    longest = 2 * float(np.hypot(_edge(camera), 1.0)) if other else 1.0
+    longest = 2 * float(np.hypot(_edge(camera), 1.0)) if other and program.blend != "composite" else 1.0
     return Bound(footprint, plan.passing * most, whole if cut else rounding + lost, whole * longest + least + lost)
 
 
