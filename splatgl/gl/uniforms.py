@@ -6,8 +6,10 @@ import numpy as np
 
 from splatgl.splat.blur import line_area
 from splatgl.splat.camera import FAR, Camera
-from splatgl.splat.plan import NEAR, Plan
+from splatgl.splat.plan import Plan
+from splatgl.splat.quads import NEAR
 from splatgl.splat.rows import Splats
+from splatgl.splat.shading import AMBIENT, DIFFUSE
 
 # binding points of the blocks
 FRAME_BINDING, STYLE_BINDING, PATH_BINDING = 0, 1, 2
@@ -53,8 +55,6 @@ PATH = np.dtype(
 
 # a depth that nothing is beyond, mean spacings
 FURTHEST = 1e30
-# shading: C = c (0.3 + 0.7 |n·l|)
-AMBIENT, DIFFUSE = 0.3, 0.7
 
 
 def frame_block(splats: Splats, camera: Camera, plan: Plan) -> np.ndarray:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.splat.affine import View
 from splatgl.splat.ahead import ahead
 from splatgl.splat.alignment import alignment
 from splatgl.splat.camera import Camera
@@ -20,21 +19,19 @@ from splatgl.splat.motion import Exposure, Motion
 from splatgl.splat.near import Near, eye_is_near, widened
 from splatgl.splat.occlusion import SHARE, around, closing
 from splatgl.splat.primitive import footprint, primitive
+from splatgl.splat.resolve import Resolved
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.sprites import Reach, Window, reach
 from splatgl.splat.tiling import HALVINGS, halvings, portions
-from splatgl.splat.widening import widening
 
-# nearest depth drawn, in voxels: a perspective quad nearer than that would overflow its clip coordinates
-NEAR = 1e-3
 # texels along an axis: the paper's, and what brings a radial table's error to 1e−5
 TABLE_SIZES = {"table": 256, "radial": 1024, "polynomial": 1}
 # largest sprite, pixels, where no renderer says its own: that of software OpenGL
 SPRITE_LIMIT = 255.0
 # pixels along a viewport's sides that every OpenGL of today draws, where no renderer says its own
 VIEWPORT = 16384
-# the largest point, whether tiles are preferred (None: there are none), and the largest viewport
+# the largest point, pixels; whether tiles are preferred, None: there are none; the largest viewport, pixels
 Device = tuple[float, bool | None, int]
 
 
@@ -173,28 +170,26 @@ def plan(
 def _planned(
     splats: Splats, seen: Camera | Exposure, settings: Settings, device: Device, notes: list[str]
 ) -> Plan:
-    """The plan for a still, or for an exposure. device: its largest point, whether it prefers tiles, its viewport."""
+    """The plan for a still, or for an exposure."""
     exposure, camera = (seen, seen.middle) if isinstance(seen, Exposure) else (None, seen)
-    shape = kernel(settings.kernel)
-    samples = settings.samples if settings.antialias == "supersample" else 1
-    fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
-    nearest, farthest = depth_range(splats, camera)
-    z_k = fine.z_k(_smallest_scale(splats))
+    resolved = Resolved.of(splats, camera, settings, moving=exposure is not None)
+    fine, shape = resolved.camera, resolved.kernel
 
-    antialias = _antialias(settings, z_k, farthest, notes)
+    notes += resolved.antialias_notes
     align, z_s = alignment(splats, fine, settings, notes)
     half_line = _half_line(splats, camera, (align, shape), exposure, notes)
     kind, parted, covered = _primitive(splats, fine, settings, (align, half_line), device, notes)
     number, hiding, closes = _closing(splats, fine, covered, settings, (kind, parted is None), notes)
     shaped = footprint((align, kind), shape, settings)
+    notes += resolved.shading_notes
     program = Program(
-        blend=settings.blend,
+        blend=resolved.blend,
         align=align,
         perspective=camera.perspective,
-        antialias=antialias,
+        antialias=resolved.antialias,
         cubic=splats.grid.cubic,
-        shading=_shading(splats, settings, notes),
-        attenuation=_attenuation(settings, antialias or exposure is not None),
+        shading=resolved.shading,
+        attenuation=resolved.attenuation,
         order=_order(settings, number > 1 or parted is not None or kind == "tile", notes),
         target="rgba32f" if settings.target == "auto" else settings.target,
         footprint=shaped,
@@ -211,24 +206,25 @@ def _planned(
         shape,
         settings.table_size or TABLE_SIZES[program.footprint],
         settings.table_bits,
-        samples,
-        z_k,
+        resolved.samples,
+        resolved.z_k,
         z_s,
-        nearest,
-        farthest,
+        resolved.nearest,
+        resolved.farthest,
         # a streak may reach any pixel
         Window(0, 0, *fine.size) if exposure else covered.window,
         covered.pad if kind != "quad" else 0,
         number,
         int(around(covered)) if hiding else 0,
         SHARE * settings.tolerance / max(splats.brightest, 1.0) if closes else 0.0,
-        settings.background,
+        resolved.background,
         settings.tolerance,
         tuple(notes),
         exposure,
         parted,
         half_line,
-        *widening(splats, View.of(splats.grid, fine, shape, antialias)),
+        resolved.beyond,
+        resolved.unsure,
     )
 
 
@@ -264,31 +260,6 @@ def _half_line(
     if align == "exact" and not near:
         notes.append("half lines left out: the eye is in no kernel; the picture is the same")
     return near
-
-
-def _antialias(settings: Settings, z_k: float, farthest: float, notes: list[str]) -> bool:
-    """Only if a splat lies beyond z_k."""
-    wanted = settings.antialias != "off"
-    if wanted and farthest < z_k:
-        notes.append(f"antialiasing left out: every splat is nearer than z_k = {z_k:.6g}; the picture is the same")
-    return wanted and farthest >= z_k
-
-
-def _shading(splats: Splats, settings: Settings, notes: list[str]) -> bool:
-    if settings.shading != "auto":
-        return settings.shading == "on"
-    if splats.shaded and settings.blend != "composite":
-        notes.append(f"shading left out: {settings.blend} shows values, not surfaces; the picture would be another")
-    return splats.shaded and settings.blend == "composite"
-
-
-def _attenuation(settings: Settings, weakened: bool) -> str:
-    """The forms differ in composite alone, and are alike before z_k where nothing moves. Measured over walls, edges,
-    threads, dots, fog and real volumes, fill is the nearest to supersampling.
-    """
-    if settings.blend != "composite" or not weakened:
-        return "optical-depth"
-    return "fill" if settings.attenuation == "auto" else settings.attenuation
 
 
 def _primitive(
@@ -331,14 +302,3 @@ def _order(settings: Settings, nearest_first: bool, notes: list[str]) -> str:
     if settings.order != "auto":
         return settings.order
     return "front-to-back" if nearest_first else "back-to-front"
-
-
-def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
-    """Smallest and largest depth, world units, of the box of all splats."""
-    depth = camera.eye_from_points(splats.corners)[:, 2]
-    return float(depth.min()), float(depth.max())
-
-
-def _smallest_scale(splats: Splats) -> float:
-    """The smallest width of a voxel from any side: the first to fall below a pixel."""
-    return float(np.linalg.svd(splats.grid.world_from_index, compute_uv=False)[-1])

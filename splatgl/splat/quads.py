@@ -12,6 +12,9 @@ import numpy as np
 
 from splatgl.splat.affine import Integral, View
 
+# nearest depth drawn, in voxels: a perspective quad nearer than that would overflow its clip coordinates
+NEAR = 1e-3
+
 
 @dataclass(frozen=True, eq=False)
 class Quads:

@@ -49,6 +49,11 @@ class Grid:
         return float(np.exp(np.linalg.slogdet(self.world_from_index)[1] / 3))
 
     @property
+    def smallest_spacing(self) -> float:
+        """The smallest width of a voxel from any side, world units: the first to fall below a pixel."""
+        return float(np.linalg.svd(self.world_from_index, compute_uv=False)[-1])
+
+    @property
     def cubic(self) -> bool:
         """True if a voxel is a cube, however turned: the footprint is then a disc."""
         scaled = self.world_from_index / self.mean_spacing

@@ -14,7 +14,6 @@ from splatgl.data.image import Image
 from splatgl.splat.blur import line_area
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import kernel
-from splatgl.splat.plan import plan
 from splatgl.splat.rows import Grid, Splats, assemble
 from splatgl.splat.settings import Settings
 from splatgl.truth.temporal import Draw
@@ -89,7 +88,7 @@ class Reach:
         pixels = draw(painted, camera, Settings(antialias="off", shading="off")).pixels.astype(np.float64)
         seen = pixels[..., 3] > SEEN
         shown = np.where(seen, pixels[..., 0] / np.where(seen, pixels[..., 3], 1.0) * far, np.inf)
-        return cls(shown, plan(splats, camera, Settings()).z_k)
+        return cls(shown, camera.z_k(splats.grid.smallest_spacing))
 
     @property
     def beyond(self) -> np.ndarray:
@@ -126,7 +125,7 @@ def world(splats: Splats) -> np.ndarray:
 def share_beyond(splats: Splats, camera: Camera) -> float:
     """The share of the splats that lie beyond z_k."""
     depth = camera.eye_from_points(world(splats))[:, 2]
-    return float((depth >= plan(splats, camera, Settings()).z_k).mean()) if len(splats) else 0.0
+    return float((depth >= camera.z_k(splats.grid.smallest_spacing)).mean()) if len(splats) else 0.0
 
 
 def aliasing_energy(fine: np.ndarray, window: np.ndarray, times: int = TIMES) -> float:
@@ -165,7 +164,7 @@ def noise_ratio(splats: Splats, camera: Camera, name: str) -> float:
     radius = np.hypot(place[:, None], place)
     fast = np.maximum(np.abs(place[:, None]), np.abs(place)) > 0.5
 
-    depth = camera.eye_from_points(world(splats))[:, 2] / plan(splats, camera, Settings()).z_k
+    depth = camera.eye_from_points(world(splats))[:, 2] / camera.z_k(splats.grid.smallest_spacing)
     count, edges = np.histogram(depth, DEPTHS, (1.0, max(float(depth.max(initial=1.0)), 1 + 1e-3)))
     if not count.any():
         return 1.0
@@ -201,7 +200,7 @@ def only(splats: Splats, keep: np.ndarray) -> Splats:
 
 def differing_before(draw: Draw, splats: Splats, camera: Camera, settings: Settings) -> tuple[int, int]:
     """Of the pixels that see nothing from beyond z_k: how many antialiasing changes, and how many there are."""
-    z_k = plan(splats, camera, Settings()).z_k
+    z_k = camera.z_k(splats.grid.smallest_spacing)
     beyond = camera.eye_from_points(world(splats))[:, 2] >= z_k
     reached = draw(only(splats, beyond), camera, settings.but(antialias="paper", blend="xray")).pixels[..., 3] > 0
     off, on = (draw(splats, camera, settings.but(antialias=name)).pixels for name in ("off", "paper"))

@@ -18,10 +18,10 @@ from splatgl.splat.ahead import ahead
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernel import Kernel
 from splatgl.splat.kernel import kernel as kernel_named
-from splatgl.splat.plan import plan
+from splatgl.splat.resolve import Resolved
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
-from splatgl.truth.reference import head_light
+from splatgl.splat.shading import head_light
 
 # cells of the box of all splats that are looked up in one table, 4 bytes each
 MAX_CELLS = 1 << 27
@@ -148,7 +148,7 @@ def ray_integral(
     view = View.of(splats.grid, fine, kernel_named(settings.kernel), antialias=False)
     voxel = view.voxels(splats.records["position"])
     color = splats.records["color"].astype(np.float64)
-    if plan(splats, camera, settings.but(align="ray", primitive="auto")).program.shading:
+    if Resolved.of(splats, camera, settings).shading:
         color *= head_light(splats, camera, voxel)[:, None]
     field = Field.of(splats, view.kernel, color)
 

@@ -12,15 +12,15 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from splatgl.data.image import Image
-from splatgl.gl.uniforms import AMBIENT, DIFFUSE
 from splatgl.splat.affine import View
 from splatgl.splat.ahead import ahead
 from splatgl.splat.camera import Camera
 from splatgl.splat.fill import filled_depth
 from splatgl.splat.order import back_to_front, order_for
-from splatgl.splat.plan import Plan, plan
+from splatgl.splat.resolve import Resolved
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
+from splatgl.splat.shading import head_light
 from splatgl.splat.tabulated import tabulated
 from splatgl.truth.blend import ADD, Band, Part, pixels
 from splatgl.truth.extent import Boxes, pixel_boxes
@@ -49,39 +49,39 @@ def render(
     started = time.perf_counter()
     settings = settings or Settings()
     splats = ahead(splats, camera)
-    chosen = plan(splats, camera, settings.but(align="ray", primitive="auto"))
-    fine = camera.resized((camera.size[0] * chosen.samples, camera.size[1] * chosen.samples))
-    scene = _Scene(splats, fine, chosen, row)
+    resolved = Resolved.of(splats, camera, settings)
+    fine = resolved.camera
+    scene = _Scene(splats, resolved, row)
 
     # band after band; every sample of a pixel is in the same one
-    height = max(1, BAND // fine.size[0] // chosen.samples) * chosen.samples
+    height = max(1, BAND // fine.size[0] // resolved.samples) * resolved.samples
     bands = [(top, min(top + height, fine.size[1])) for top in range(0, fine.size[1], height)]
     drawn = [scene.band(band) for band in (progress(iter(bands), len(bands)) if progress else bands)]
-    picture = _resolve(np.concatenate(drawn), camera.size, chosen)
-    return Image(picture, _provenance(splats, camera, chosen, row, time.perf_counter() - started))
+    picture = _mean(np.concatenate(drawn), camera.size, resolved)
+    return Image(picture, _provenance(splats, camera, resolved, row, time.perf_counter() - started))
 
 
 class _Scene:
     """What every band needs, made once: places, boxes, order and colours of all splats."""
 
-    def __init__(self, splats: Splats, camera: Camera, chosen: Plan, row: str) -> None:
-        program = chosen.program
-        self.camera, self.plan = camera, chosen
-        view = View.of(splats.grid, camera, tabulated(chosen.kernel.name), program.antialias, chosen.beyond)
+    def __init__(self, splats: Splats, resolved: Resolved, row: str) -> None:
+        blend, camera = resolved.blend, resolved.camera
+        self.camera, self.blend = camera, blend
+        view = View.of(splats.grid, camera, tabulated(resolved.kernel.name), resolved.antialias, resolved.beyond)
         voxel = view.voxels(splats.records["position"])
         self.row = Row.of(view, row, voxel, splats.grid)
         self.boxes: Boxes = pixel_boxes(view, self.row.name, voxel, camera)
         self.order = np.arange(len(splats))
-        if len(splats) and program.blend == "composite":
+        if len(splats) and blend == "composite":
             self.order = back_to_front(splats, order_for(splats, camera))[::-1]
         self.color = splats.records["color"].astype(np.float64)
-        if program.shading:
+        if resolved.shading:
             self.color *= head_light(splats, camera, voxel)[:, None]
         depth = splats.records["optical_depth"].astype(np.float64)
         # mip shows opacity over the transfer function's reference length
-        self.depth = -np.expm1(-depth * splats.unit / splats.grid.mean_spacing) if program.blend == "mip" else depth
-        self.coverage = self.row.coverage() if program.attenuation == "opacity" else np.ones(len(splats))
-        if program.attenuation == "fill":
+        self.depth = -np.expm1(-depth * splats.unit / splats.grid.mean_spacing) if blend == "mip" else depth
+        self.coverage = self.row.coverage() if resolved.attenuation == "opacity" else np.ones(len(splats))
+        if resolved.attenuation == "fill":
             self.depth = filled(splats, view, voxel, self.row.coverage())
 
     def band(self, band: tuple[int, int]) -> np.ndarray:
@@ -90,12 +90,12 @@ class _Scene:
         gathered = Band.empty((band[1] - band[0]) * width)
         for found in values(self.row, self.boxes, self.order, band, self.camera):
             if len(found.splat):
-                ADD[self.plan.program.blend](gathered, self._part(found))
-        return pixels(gathered, self.plan.program.blend).reshape(-1, width, 4)
+                ADD[self.blend](gathered, self._part(found))
+        return pixels(gathered, self.blend).reshape(-1, width, 4)
 
     def _part(self, found: Values) -> Part:
         value = found.integral.value
-        if self.plan.program.blend == "mip":
+        if self.blend == "mip":
             value = value / found.integral.peak
         splat = found.splat
         return Part(found.pixel, self.depth[splat] * value, self.color[splat], self.coverage[splat])
@@ -112,29 +112,16 @@ def filled(splats: Splats, view: View, voxel: np.ndarray, coverage: np.ndarray) 
     return filled_depth(depth, along, widths, pixel, coverage, splats.runs)
 
 
-def head_light(splats: Splats, camera: Camera, voxel: np.ndarray) -> np.ndarray:
-    """[N]: 0.3 + 0.7 |n·l|, l from the voxels [3, N] (eye axes) towards the eye; 1 where there is no gradient."""
-    normal = camera.eye_from_world @ splats.records["normal"].astype(np.float64).T
-    towards = voxel if camera.perspective else np.array([[0.0], [0.0], [1.0]])
-    lengths = [np.sqrt((each * each).sum(axis=0)) for each in (normal, towards)]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        cosine = np.abs((normal * towards).sum(axis=0)) / lengths[0] / lengths[1]
-        # at the eye itself any direction is towards it; the view's is taken
-        cosine = np.where(lengths[1] > 0, cosine, np.abs(normal[2]) / lengths[0])
-    return np.where(lengths[0] > 0, AMBIENT + DIFFUSE * np.minimum(cosine, 1.0), 1.0)
-
-
-def _resolve(samples: np.ndarray, size: tuple[int, int], chosen: Plan) -> np.ndarray:
+def _mean(samples: np.ndarray, size: tuple[int, int], resolved: Resolved) -> np.ndarray:
     """The mean of each pixel's samples, over the background."""
-    n = chosen.samples
+    n = resolved.samples
     mean = samples.reshape(size[1], n, size[0], n, 4).mean(axis=(1, 3))
-    if chosen.background is None or chosen.program.blend == "xray":
+    if resolved.background is None or resolved.blend == "xray":
         return np.asarray(mean)
-    return np.asarray(mean + (1 - mean[..., 3:]) * np.array([*chosen.background, 1.0]))
+    return np.asarray(mean + (1 - mean[..., 3:]) * np.array([*resolved.background, 1.0]))
 
 
-def _provenance(splats: Splats, camera: Camera, chosen: Plan, row: str, seconds: float) -> dict[str, object]:
-    program = chosen.program
+def _provenance(splats: Splats, camera: Camera, resolved: Resolved, row: str, seconds: float) -> dict[str, object]:
     return {
         "scene": splats.name,
         "splats": len(splats),
@@ -142,14 +129,14 @@ def _provenance(splats: Splats, camera: Camera, chosen: Plan, row: str, seconds:
         "projection": "perspective" if camera.perspective else "orthographic",
         "eye": [float(x) for x in camera.eye],
         "forward": [float(x) for x in camera.forward],
-        "blend": program.blend,
-        "kernel": chosen.kernel.name,
+        "blend": resolved.blend,
+        "kernel": resolved.kernel.name,
         "row": row,
-        "antialias": program.antialias,
-        "samples": chosen.samples,
-        "attenuation": program.attenuation,
-        "shading": program.shading,
-        "background": None if chosen.background is None else list(chosen.background),
+        "antialias": resolved.antialias,
+        "samples": resolved.samples,
+        "attenuation": resolved.attenuation,
+        "shading": resolved.shading,
+        "background": None if resolved.background is None else list(resolved.background),
         "renderer": "float64 reference",
         "seconds": round(seconds, 6),
     }

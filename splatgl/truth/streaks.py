@@ -19,15 +19,16 @@ from splatgl.splat.dwell import alone, dwelt_depth
 from splatgl.splat.fill import GRAZING
 from splatgl.splat.motion import Motion, Streaks, streaks
 from splatgl.splat.order import back_to_front, order_for
-from splatgl.splat.plan import plan
+from splatgl.splat.resolve import Resolved
 from splatgl.splat.rows import Splats
 from splatgl.splat.runs import OCTAVES
 from splatgl.splat.settings import Settings
+from splatgl.splat.shading import head_light
 from splatgl.splat.tabulated import tabulated
 from splatgl.truth.blend import ADD, Band, Part, pixels
 from splatgl.truth.extent import Boxes, pixel_ends
 from splatgl.truth.pairs import values
-from splatgl.truth.reference import filled, head_light
+from splatgl.truth.reference import filled
 from splatgl.truth.streak_row import Local, StreakRow
 
 # samples of the picture worked on at once
@@ -80,29 +81,27 @@ class _Drawn:
 
     @classmethod
     def of(cls, splats: Splats, settings: Settings, paths: Streaks, shape: str) -> _Drawn:
-        chosen = plan(splats, paths.camera, settings.but(align="ray", primitive="auto"))
-        program = chosen.program
-        view = View.of(splats.grid, paths.camera, tabulated(chosen.kernel.name), program.antialias, chosen.beyond)
+        resolved = Resolved.of(splats, paths.camera, settings, moving=True)
+        blend, attenuation = resolved.blend, resolved.attenuation
+        view = View.of(splats.grid, paths.camera, tabulated(resolved.kernel.name), resolved.antialias, resolved.beyond)
         row = StreakRow(view, "row1", paths.middle, None, paths.step, shape)
         order = np.arange(len(splats))
-        if program.blend == "composite":
+        if blend == "composite":
             order = back_to_front(splats, order_for(splats, paths.camera))[::-1]
         color = splats.records["color"].astype(np.float64)
-        if program.shading:
+        if resolved.shading:
             color *= head_light(splats, paths.camera, paths.middle)[:, None]
         depth = splats.records["optical_depth"].astype(np.float64)
         coverage, lone = np.ones(len(splats)), np.zeros(len(splats))
-        # the plan knows of antialiasing alone, and forgets attenuation without it
-        attenuation = "fill" if settings.attenuation == "auto" else settings.attenuation
-        if program.blend == "composite" and attenuation != "optical-depth":
+        if attenuation != "optical-depth":
             coverage = view.coverage(paths.middle[2])
             lengths = _lengths(view, paths)
             if attenuation == "fill":
-                depth = filled(splats, view, paths.middle, coverage) if program.antialias else depth
+                depth = filled(splats, view, paths.middle, coverage) if resolved.antialias else depth
                 coverage, lone = np.ones(len(splats)), alone(lengths, _through(splats, view, paths))
             else:
                 coverage = coverage * energy_gain(view.kernel, lengths)
-        return cls(row, _boxes(view, paths), paths.camera, program.blend, order, color, depth, coverage, lone)
+        return cls(row, _boxes(view, paths), paths.camera, blend, order, color, depth, coverage, lone)
 
     def band(self, band: tuple[int, int]) -> np.ndarray:
         """float64 [rows, width, 4]."""

@@ -18,9 +18,9 @@ import numpy as np
 from splatgl.data.errors import expected, missing_extra
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
-from splatgl.gl.uniforms import AMBIENT, DIFFUSE
 from splatgl.splat.camera import Camera
 from splatgl.splat.settings import Settings
+from splatgl.splat.shading import AMBIENT, DIFFUSE
 from splatgl.splat.transfer import Transfer
 
 MAPPERS = {"cpu": "vtkFixedPointVolumeRayCastMapper", "gpu": "vtkGPUVolumeRayCastMapper"}

@@ -10,7 +10,7 @@ import numpy as np
 
 from splatgl.data.volume import Volume
 from splatgl.splat.camera import Camera
-from splatgl.splat.plan import depth_range
+from splatgl.splat.resolve import depth_range
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer

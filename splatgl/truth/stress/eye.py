@@ -9,7 +9,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.forms import half_line
 from splatgl.splat.kernel import Gaussian, kernel
-from splatgl.splat.plan import NEAR
+from splatgl.splat.quads import NEAR
 from splatgl.splat.rows import Splats
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Check, check

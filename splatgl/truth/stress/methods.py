@@ -7,7 +7,7 @@ import numpy as np
 from splatgl.data.scenes import ball
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
-from splatgl.splat.plan import depth_range
+from splatgl.splat.resolve import depth_range
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 from splatgl.truth import reference
