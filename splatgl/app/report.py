@@ -11,13 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from splatgl import __version__
+from splatgl.app.machine import machine
 from splatgl.app.options import add_backend
 from splatgl.app.report_scene import subjects
 from splatgl.data.errors import InputError, expected
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.target import check_size
 from splatgl.truth.metrics import need_flip
-from splatgl.truth.report.machine import machine
 from splatgl.truth.report.methods import AXES, methods
 from splatgl.truth.report.publish import publish
 from splatgl.truth.report.results import Results

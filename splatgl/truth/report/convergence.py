@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.scenes import ball
-from splatgl.gl.renderer import Renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 from splatgl.truth import reference
+from splatgl.truth.drawing import Renderer
 from splatgl.truth.integral import ray_integral
 from splatgl.truth.report.subject import Level
 

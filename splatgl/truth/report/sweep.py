@@ -10,9 +10,8 @@ from dataclasses import replace
 
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
-from splatgl.gl.renderer import Renderer
-from splatgl.splat.plan import Plan
 from splatgl.splat.settings import Settings
+from splatgl.truth.drawing import Plan, Planner
 from splatgl.truth.report.errors import errors
 from splatgl.truth.report.methods import TRUTHS, Method, axis_of, methods
 from splatgl.truth.report.peers import Peer
@@ -43,7 +42,7 @@ def chosen(level: Level, only: tuple[str, ...] = (), peers: bool = False) -> lis
 class Sweep:
     """One scene's pictures and times, into a store. flip: whether FLIP is measured."""
 
-    def __init__(self, renderer: Renderer, subject: Subject, truths: Truths, store: Store, flip: bool) -> None:
+    def __init__(self, renderer: Planner, subject: Subject, truths: Truths, store: Store, flip: bool) -> None:
         self.renderer, self.subject, self.truths, self.store, self.flip = renderer, subject, truths, store, flip
         self.plans: dict[tuple[Plan, int], str] = {}
         self.peers: dict[str, Peer] = {}

@@ -10,9 +10,9 @@ import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.image import Image, write_whole
-from splatgl.gl.renderer import Renderer
 from splatgl.splat.settings import Settings
 from splatgl.truth import reference
+from splatgl.truth.drawing import Renderer
 from splatgl.truth.integral import ray_integral
 from splatgl.truth.report.methods import TRUTHS
 from splatgl.truth.report.subject import Level, Subject

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from splatgl.data.errors import expected
-from splatgl.gl.renderer import Renderer
+from splatgl.truth.drawing import Planner
 from splatgl.truth.report.convergence import STUDIES
 from splatgl.truth.report.store import Store
 from splatgl.truth.report.subject import Level, Subject
@@ -32,7 +32,7 @@ class Task:
         return scenes * count * (1 + self.level.rounds) + len(STUDIES)
 
 
-def work(renderer: Renderer, subjects: Sequence[Subject], task: Task, store: Store, tick: Tick) -> None:
+def work(renderer: Planner, subjects: Sequence[Subject], task: Task, store: Store, tick: Tick) -> None:
     """Measures everything that the store does not hold yet."""
     wanted = chosen(task.level, task.only, task.peers)
     for subject in subjects:

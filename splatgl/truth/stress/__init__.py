@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 
-from splatgl.gl.renderer import Renderer
+from splatgl.truth.drawing import Renderer
 from splatgl.truth.stress import edge, eye, fog, lens, methods, optics, pictures, piles, samples, space, stiff, walls
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Result, raised

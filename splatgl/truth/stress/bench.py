@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.gl.renderer import Renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.rows import Splats
 from splatgl.splat.settings import Settings
 from splatgl.truth import reference
+from splatgl.truth.drawing import Renderer
 
 
 class Bench:
