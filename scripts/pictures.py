@@ -1,9 +1,10 @@
-"""Draws the README's pictures into scripts/pictures: run it again after a change that shows.
+"""Draws the pictures of the README files into scripts/pictures: run it again after a change that shows.
 
 .venv/bin/python scripts/pictures.py                  # the scenes
+.venv/bin/python scripts/pictures.py gallery visible_male_128x256x256_uint8.raw neuron.tif stent.nrrd  # real data
 .venv/bin/python scripts/pictures.py window head.nii  # the viewer's window
 .venv/bin/python scripts/pictures.py report nerve     # error against run time, for minutes on a quiet machine
-.venv/bin/python scripts/pictures.py methods          # the README's table of what a report tries
+.venv/bin/python scripts/pictures.py methods          # the table of methods in splatgl/truth/README.md
 """
 
 from __future__ import annotations
@@ -23,12 +24,16 @@ from splatgl.truth.report.content import CONVERGENCE, registry
 from splatgl.truth.report.markdown import as_table
 
 FOLDER = Path(__file__).parent / "pictures"
-README = Path(__file__).parents[1] / "README.md"
+TRUTH = Path(__file__).parents[1] / "splatgl" / "truth" / "README.md"
 # the table that `methods` writes
 METHODS = r"(?s)<details><summary>all \d+ methods, by what is varied</summary>.*?</details>"
 SIZE = (400, 400)
 # of the viewer's window; a palette keeps its picture small
 WINDOW, COLORS = (860, 560), 128
+# options of the gallery: CT of the Visible Male (z runs downwards), a neuron, CT of a stent
+SKULL = "--preset ct-bone --spacing 1.57774,0.995861,1.00797 --up 0,0,-1 --azimuth 40 --elevation -5 --zoom 1.05"
+NEURON = "--zoom 1.2"
+STENT = "--points 0.2:0,0.35:0.6 --azimuth 0 --zoom 1.05"
 # linear light of the page behind the pictures
 PAPER = (1.0, 1.0, 1.0)
 BLACK = (0.0, 0.0, 0.0)
@@ -47,6 +52,20 @@ def beside(*pictures: np.ndarray, gap: int = 6) -> sg.Image:
     space = np.ones((pictures[0].shape[0], gap, 4), np.float32)
     parts = [part for picture in pictures for part in (picture, space)]
     return sg.Image(np.concatenate(parts[:-1], axis=1)).over(PAPER)
+
+
+def gallery(*sources: str) -> None:
+    """A skull, a neuron and a stent beside each other on black, as `splatgl render` draws them."""
+    common = "--size 400 --background black --antialias supersample --quiet"
+    pictures = []
+    with TemporaryDirectory() as folder:
+        drawn = f"{folder}/drawn.png"
+        for source, options in zip(sources, (SKULL, NEURON, STENT), strict=True):
+            if command(["render", source, "-o", drawn, *options.split(), *common.split()]):
+                sys.exit("no gallery")
+            pictures.append(np.asarray(Pillow.open(drawn).convert("RGB")))
+    shown = np.concatenate(pictures, axis=1)
+    Pillow.fromarray(shown).quantize(COLORS).save(FOLDER / "gallery.png", optimize=True)
 
 
 def window(source: str) -> None:
@@ -82,14 +101,17 @@ def report(source: str) -> None:
 
 
 def methods() -> None:
-    """The README's table of methods, from their registry."""
-    text = README.read_text(encoding="utf-8")
+    """The table of methods, from their registry."""
+    text = TRUTH.read_text(encoding="utf-8")
     table = as_table(registry())
-    README.write_text(re.sub(METHODS, lambda _: table, text), encoding="utf-8")
+    TRUTH.write_text(re.sub(METHODS, lambda _: table, text), encoding="utf-8")
 
 
 def main() -> None:
     asked = {"window": window, "report": report}
+    if sys.argv[1:2] == ["gallery"]:
+        gallery(*sys.argv[2:])
+        return
     if sys.argv[1:2] == ["methods"]:
         methods()
         return

@@ -12,6 +12,7 @@ from splatgl.splat.bound import MOVED, bound
 from splatgl.splat.crowd import cells_of, crowd
 from splatgl.splat.kernel import kernel
 from splatgl.splat.missed import ULP
+from splatgl.splat.resolve import Resolved
 from splatgl.truth import streaks
 from splatgl.truth.pairs import values
 from splatgl.truth.reference import _Scene
@@ -171,7 +172,7 @@ def test_no_ray_meets_more_than_is_said(name: str, few: int, monkeypatch: pytest
 
 def met(splats: sg.Splats, camera: sg.Camera) -> tuple[float, float]:
     """The most splats that a pixel's ray meets, and the most of their depth, as the reference has them."""
-    scene = _Scene(splats, camera, sg.plan(splats, camera, sg.Settings(blend="xray", align="ray")), "row1")
+    scene = _Scene(splats, Resolved.of(splats, camera, sg.Settings(blend="xray")), "row1")
     pixels = camera.size[0] * camera.size[1]
     count, depth = np.zeros(pixels), np.zeros(pixels)
     length, share = splats.records["optical_depth"], scene.row.coverage()

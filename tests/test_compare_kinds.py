@@ -1,4 +1,4 @@
-"""Eight ways in which a picture goes wrong: each is caught, named, and to be seen in the report; the README's table.
+"""Eight ways in which a picture goes wrong: each is caught, named, and to be seen in the report; app/README.md's table.
 
     SPLATGL_WRITE_README=1 pytest tests/test_compare_kinds.py     renews the table
 """
@@ -24,7 +24,7 @@ from splatgl.truth.compare_report import case, page
 from splatgl.truth.verdict import Tolerance, Verdict, judge, number
 
 BASELINES = Path(__file__).parent / "baselines" / "test_compare_scenes"
-README = Path(__file__).parents[1] / "README.md"
+README = Path(__file__).parents[1] / "splatgl" / "app" / "README.md"
 RIGHT = sg.Image.load(BASELINES / "terrain-composite.png")
 # where the picture has a mountain
 ROW, COLUMN = 44, 45

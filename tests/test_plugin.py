@@ -188,7 +188,7 @@ def test_the_hint_works_where_pytest_was_called(pytester: pytest.Pytester) -> No
 
 def test_the_readmes_five_lines(pytester: pytest.Pytester) -> None:
     """What the README shows, as a user would try it."""
-    text = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[1] / "splatgl" / "app" / "README.md").read_text(encoding="utf-8")
     (snippet,) = (block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "image_regression" in block)
     assert len([line for line in snippet.splitlines() if line]) <= 6
     pytester.makepyfile(test_snippet=snippet)

@@ -182,7 +182,7 @@ def test_a_new_method_is_one_entry(
 
 
 def test_the_readme_tells_all_methods() -> None:
-    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    readme = (Path(__file__).parents[1] / "splatgl" / "truth" / "README.md").read_text(encoding="utf-8")
     assert as_table(content.registry()) in readme, "run scripts/pictures.py methods"
 
 

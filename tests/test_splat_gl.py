@@ -116,7 +116,9 @@ def corners_in_float64(splats: sg.Splats, camera: sg.Camera, plan: object, align
         gains[n] = 1 / size.prod()
         for corner in range(4):
             signs = np.array([corner & 1, corner >> 1]) * 2 - 1
-            corners[n, corner] = place + plan.kernel.radius * axes @ (signs * size)
+            # and 1/32 of a pixel more, so that no rasteriser loses a quad between two
+            half = plan.kernel.radius * size + camera.extent / camera.size[1] * max(place[2], 0.0) / 32
+            corners[n, corner] = place + axes @ (signs * half)
     return corners, gains
 
 

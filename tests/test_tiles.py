@@ -220,7 +220,7 @@ def test_blocks_beyond_the_edges_are_left_out(renderer: sg.Renderer, monkeypatch
             for settings in (sg.Settings(occlusion="off"), sg.Settings(blend="xray", antialias="off")):
                 renderer.passes.splats.release()
                 first = renderer.render(splats, camera, settings).pixels
-                for most in (2**20, 300):
+                for most in (2**20, 3000):
                     with monkeypatch.context() as patched:
                         patched.setattr(tiles, "MOST", most)
                         again = renderer.render(splats, camera, settings).pixels

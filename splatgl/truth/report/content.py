@@ -280,7 +280,7 @@ def _orders(results: Results) -> Table:
 
 
 def registry() -> Table:
-    """Every method there is, by what is varied; the README has it too."""
+    """Every method there is, by what is varied; splatgl/truth/README.md has it too."""
     rows = tuple((axis.name, axis.about, " · ".join(m.name for m in axis.methods)) for axis in AXES.values())
     return Table(
         f"all {len(methods())} methods, by what is varied", ("axis", "what it is", "methods"), rows, folded=True
