@@ -25,7 +25,8 @@ float radial(float d2) {
 #if FOOTPRINT == FOOTPRINT_POLYNOMIAL
     // literal coefficients: a software renderer reads a uniform anew for every use
     const vec4 a = POLYNOMIALS_0, b = POLYNOMIALS_1, c = POLYNOMIALS_2, e = POLYNOMIALS_3;
-    float s = min(d2 * POLYNOMIALS_4.x, 1.0);
+    // a widened footprint's terms may take the square below 0
+    float s = clamp(d2 * POLYNOMIALS_4.x, 0.0, 1.0);
     float u = 1.0 - s;
     float near = a.x + s * (a.y + s * (a.z + s * (a.w + s * (b.x + s * (b.y + s * (b.z + s * b.w))))));
     float far = c.x + u * (c.y + u * (c.z + u * (c.w + u * (e.x + u * (e.y + u * e.z)))));
