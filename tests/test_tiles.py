@@ -213,7 +213,7 @@ def test_blocks_beyond_the_edges_are_left_out(renderer: sg.Renderer, monkeypatch
     """Where an order is asked for again; the picture is the same bit for bit, also in portions."""
     monkeypatch.setattr(tiling, "FEWEST", 0)
     monkeypatch.setattr(tiling, "SMALLEST", 0.0)
-    for grid in GRIDS:
+    for grid in ("cubes", "sheared"):
         splats = noise(grid, size=30, opacity=0.3)
         cameras = {name: view for name, view in views(splats).items() if "close" in name or name == "far"}
         for camera in (*cameras.values(), inside(splats, LOOKS[0]), inside(splats, LOOKS[1], fov=15)):

@@ -9,6 +9,7 @@ from itertools import pairwise
 import moderngl
 import numpy as np
 
+from splatgl.data.errors import expected
 from splatgl.gl.buffers import SplatBuffers
 from splatgl.gl.closing import HIDDEN_UNIT, Closing
 from splatgl.gl.draw_order import Range, Sequence, chunks
@@ -131,6 +132,8 @@ class Passes:
             return
         target.framebuffer.use()
         self.ctx.enable_only(moderngl.BLEND)
+        if plan.program.flow and len(splats) > MOST_KEPT:
+            raise expected("splats", f"at most {MOST_KEPT:,} that flow", f"{len(splats):,}", "raise the threshold")
         for chunk in chunks(which):
             if plan.program.flow:
                 quads = self.streaks.quads(splats, sequence, plan, program)
