@@ -206,6 +206,7 @@ def test_resume_keeps_what_is_there(here: Path, capsys: pytest.CaptureFixture[st
     assert animate(*command, "--spin", "3") == 0
 
 
+@pytest.mark.long
 def test_killed_and_resumed_without_a_gap(here: Path) -> None:
     """SIGKILL in the middle: all frames that are there are whole; going on gives those of a run that went through."""
     command = ["ball.npy", "-o", "k/{frame:03d}.png", "--frames", "400", "--size", "24", "--quiet"]

@@ -122,7 +122,7 @@ def measured(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settin
 
 
 @pytest.mark.parametrize(
-    "name", [name if name == "letter_f" else pytest.param(name, marks=pytest.mark.long) for name in PIECES]
+    "name", [pytest.param(name, marks=pytest.mark.long) for name in PIECES]
 )
 def test_scenes_keep_their_bound_and_it_is_near(renderer: sg.Renderer, name: str) -> None:
     """What is coarser says how much so within 20 times, and the finest does in some way."""

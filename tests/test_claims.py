@@ -49,6 +49,7 @@ def found() -> dict[str, Claim]:
     return {claim.name: claim for claim in claims()}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", KNOWN)
 def test_claim(name: str, found: dict[str, Claim]) -> None:
     values, holds = KNOWN[name]
@@ -60,10 +61,12 @@ def test_claim(name: str, found: dict[str, Claim]) -> None:
     assert len(claim.values) >= len(values)
 
 
+@pytest.mark.long
 def test_every_claim_is_known(found: dict[str, Claim]) -> None:
     assert set(found) == set(KNOWN)
 
 
+@pytest.mark.long
 def test_z_s_is_beyond_the_papers(found: dict[str, Claim]) -> None:
     """z_s − z_k is the table's at 30°, and above 100 for every tolerance, where the paper has 70."""
     extra, *behind = found["z_s"].values
@@ -72,6 +75,7 @@ def test_z_s_is_beyond_the_papers(found: dict[str, Claim]) -> None:
     assert len(behind) == len(TOLERANCES) and min(behind) > 100 and extra > TOLERANCES[0]
 
 
+@pytest.mark.long
 def test_cumulative_error_is_like_the_largest(found: dict[str, Claim]) -> None:
     row5, row4, *ratios = found["cumulative error"].values
     assert row5 == pytest.approx(0.989, abs=5e-4) and row4 == pytest.approx(0.9995, abs=5e-5)

@@ -105,6 +105,7 @@ def test_numbers_of_still_figures(here: Path, capsys: pytest.CaptureFixture[str]
     assert [p.name for p in here.iterdir()] == ["n.csv"]
 
 
+@pytest.mark.long
 def test_numbers_of_turning_figures(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["figure", "13", "letter-f", "--numbers", "--size", "12", "--moments", "2"]) == 0
     said = capsys.readouterr().out

@@ -284,6 +284,7 @@ def test_tolerances_are_told_apart() -> None:
     assert "BEYOND" in verdict(1e-2, 1e-5, 1e-3)[0]
 
 
+@pytest.mark.long
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("matplotlib")
     folder = tmp_path / "out"

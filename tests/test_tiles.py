@@ -96,6 +96,7 @@ def test_portions_draw_the_same(
         assert np.abs(whole - portioned).max() < 2e-6 * max(whole.max(), 1.0) + passing
 
 
+@pytest.mark.long
 def test_more_splats_on_a_tile_than_a_loop_has_rounds(renderer: sg.Renderer) -> None:
     """Software OpenGL ends a loop after 65535, and each joins four."""
     rng = np.random.default_rng(5)

@@ -441,6 +441,7 @@ def test_watching(display: str, tmp_path: Path) -> None:
     window.end()
 
 
+@pytest.mark.long
 def test_memory_stays(window: Window, folder: Path) -> None:
     """Many pictures and several files leave nothing behind."""
     window.hands("mousemove", 100, 90, "mousedown", 1)
