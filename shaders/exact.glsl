@@ -120,11 +120,7 @@ ExactQuad far_quad(vec3 v) {
     vec3 off_2 = o1 * e[1].x + o2 * e[1].y;
     vec2 tau = -vec2(dot(off_1, line), dot(off_2, line)) / line2;
     // an axis that is not stretched keeps the pixel's slope, slope + (ε·r)/z, and bends with the depth
-#if ANTIALIAS
     vec2 still = vec2(still_1, 0.0);
-#else
-    const vec2 still = vec2(1.0);
-#endif
     vec3 still_axis = o1 * still.x + o2 * still.y;
     vec2 epsilon = vec2(dot(still, e[0]), dot(still, e[1]));
     vec3 curve = depth + o1 * (still.x * slope.x) + o2 * (still.y * slope.y);

@@ -72,11 +72,7 @@ void main() {
     head = floatBitsToUint(vec4(pixel, splat.a, half_side));
 #if BENT
     shape = floatBitsToUint(to_local);
-#if ATTENUATION == ATTENUATION_OPACITY
     matter = floatBitsToUint(vec4(splat.rgb, coverage));
-#else
-    matter = floatBitsToUint(vec4(splat.rgb, 1.0));
-#endif
     out_bend = floatBitsToUint(bend);
 #if !CUBIC
     out_cubic = floatBitsToUint(cubic);

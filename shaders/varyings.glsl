@@ -13,6 +13,8 @@ VARYING vec2 at;           // place in the footprint: [−1, 1]², or for exact 
 FLAT VARYING vec4 splat;   // linear RGB, shaded; optical depth, or for mip the opacity, at the centre
 #if ATTENUATION == ATTENUATION_OPACITY
 FLAT VARYING float coverage;  // 1/m² [M98 Eq. 6]
+#else
+const float coverage = 1.0;
 #endif
 #if ALIGN == ALIGN_EXACT
 #if ANTIALIAS || !SPRITE

@@ -41,6 +41,16 @@ def test_a_picture_can_be_cancelled_between_portions(renderer: sg.Renderer, kind
         assert (renderer.render(splats, camera, settings).pixels == right).all()
 
 
+def test_too_many_that_flow_are_refused(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their flow is kept beside their records, whole."""
+    splats = noise(size=8, opacity=0.5)
+    flow = sg.Motion(flow=np.full((len(splats), 3), 0.1))
+    renderer.render(splats, views(splats)["fitted"], motion=flow)
+    monkeypatch.setattr(passes, "MOST_KEPT", len(splats) - 1)
+    with pytest.raises(sg.InputError, match=r"^splats: expected at most [0-9]+ that flow, got [0-9]+; raise the threshold"):
+        renderer.render(splats, views(splats)["fitted"], motion=flow)
+
+
 def test_portions_grow_and_shrink_with_the_time_they_take(
     renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:

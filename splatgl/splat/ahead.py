@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from splatgl.splat.rows import Splats, index_rows
 
 # a splat that is behind the plane by less than this share of its distance from the eye is on it: rounding
 ON_PLANE = 1e-9
+# the latest cut of each volume's splats, and the plane it was made by
+_latest: WeakKeyDictionary[Splats, tuple[tuple[float, ...], Splats]] = WeakKeyDictionary()
 
 
 def ahead(splats: Splats, camera: Camera) -> Splats:
@@ -21,10 +24,11 @@ def ahead(splats: Splats, camera: Camera) -> Splats:
     if depth[:, 2].min() >= 0.0:
         return splats
     plane = (*camera.eye.tolist(), *camera.forward.tolist())
-    if plane not in splats.cuts:
-        splats.cuts.clear()
-        splats.cuts[plane] = _cut(splats, camera, ON_PLANE * float(np.linalg.norm(depth, axis=1).max()))
-    return splats.cuts[plane]
+    latest = _latest.get(splats)
+    if latest is None or latest[0] != plane:
+        latest = plane, _cut(splats, camera, ON_PLANE * float(np.linalg.norm(depth, axis=1).max()))
+        _latest[splats] = latest
+    return latest[1]
 
 
 def _cut(splats: Splats, camera: Camera, slack: float) -> Splats:

@@ -212,11 +212,6 @@ class Splats:
     def _lattices(self) -> dict[int, Lattice]:
         return {}
 
-    @cached_property
-    def cuts(self) -> dict[tuple[float, ...], Splats]:
-        """Parts of the splats, by the plane that cut them; see ahead.py."""
-        return {}
-
     def columns(self) -> Lattice:
         """The splats in planes across y of rows along z, for what looks at neighbours along z."""
         count = np.diff(self.row_start)
