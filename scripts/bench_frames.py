@@ -105,13 +105,13 @@ def floor(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, chosen: s
 def ways(renderer: sg.Renderer, chosen: Case, size: int) -> dict[str, Callable[[], Any] | Peer]:
     camera = View(size=(size, size)).camera(chosen.volume, chosen.splats)
     plan = renderer.plan(chosen.splats, camera, chosen.settings)
-    everything = plan.forced(primitive="quad", cubic=False, antialias=True, attenuation="fill", half_line=True)
+    everything = plan.forced(technique="quads", cubic=False, antialias=True, attenuation="fill", half_line=True)
     found: dict[str, Callable[[], Any] | Peer] = {
-        "planned": lambda: renderer.render(chosen.splats, camera, chosen.settings, held=False),
+        "planned": lambda: renderer.render(chosen.splats, camera, chosen.settings, verify_bound=False),
         "floor": floor(renderer, chosen.splats, camera, plan),
     }
     if everything.program.align == "exact":
-        found["everything on"] = lambda: renderer.passes.draw(chosen.splats, camera, everything)
+        found["everything on"] = lambda: renderer.passes.draw(chosen.splats, everything)
     if chosen.peers and importlib.util.find_spec("vtk") is None:
         print("VTK left out: not installed (pip install splatgl[bench])")
     elif chosen.peers:
@@ -188,7 +188,7 @@ def _planned(renderer: sg.Renderer, chosen: Case, camera: sg.Camera, rounds: int
     times = []
     for _ in range(rounds + 1):
         started = time.perf_counter()
-        renderer.render(chosen.splats, camera, chosen.settings, held=False)
+        renderer.render(chosen.splats, camera, chosen.settings, verify_bound=False)
         times.append(time.perf_counter() - started)
     later = times[1:]
     yield Row(

@@ -199,8 +199,8 @@ def settings_of(rng: Random) -> sg.Settings:
         "samples": 2,
         "target": one_of("rgba32f", "rgba32f", "rgba32f", "rgba16f", "rgba8"),
         "attenuation": one_of("auto", "auto", "opacity", "optical-depth"),
-        "align": one_of(*["auto"] * 8, "ray", "grid", "hybrid", "b1"),
-        "primitive": one_of("auto", "quad", "sprite", "tile", "tile"),
+        "align": one_of(*["auto"] * 8, "ray", "grid", "hybrid"),
+        "technique": one_of("auto", "auto", "quads", "tiles", "tiles"),
         "background": one_of(None, None, (0.2, 0.4, 0.6)),
         "occlusion": one_of("auto", "off"),
         "order": one_of("auto", "auto", "back-to-front", "front-to-back"),
@@ -215,24 +215,26 @@ def case(seed: int) -> Case:
     view = str(rng.choice(list(CAMERAS)))
     camera = CAMERAS[view](rng, splats)
     settings = settings_of(rng)
-    changed = {f: getattr(settings, f) for f in ("blend", "kernel", "antialias", "target", "align", "primitive")}
+    changed = {f: getattr(settings, f) for f in ("blend", "kernel", "antialias", "target", "align", "technique")}
     return Case(splats, camera, settings, f"{made}, {view} {camera.size}, " + " ".join(map(str, changed.values())))
 
 
 def drawable(renderer: sg.Renderer, chosen: Case) -> sg.Settings:
-    """The settings without a primitive that the picture cannot have."""
-    for settings in (chosen.settings, chosen.settings.but(primitive="auto"), chosen.settings.but(align="auto")):
+    """The settings without a technique that the picture cannot have."""
+    for settings in (chosen.settings, chosen.settings.but(technique="auto"), chosen.settings.but(align="auto")):
         try:
             renderer.plan(chosen.splats, chosen.camera, settings)
         except InputError:
             continue
         return settings
-    return chosen.settings.but(primitive="auto", align="auto")
+    return chosen.settings.but(technique="auto", align="auto")
 
 
-def measure(renderer: sg.Renderer, chosen: Case, held: bool = False) -> Found:
+def measure(renderer: sg.Renderer, chosen: Case, verify_bound: bool = False) -> Found:
     settings = drawable(renderer, chosen)
-    first, second = (renderer.render(chosen.splats, chosen.camera, settings, held=held) for _ in range(2))
+    first, second = (
+        renderer.render(chosen.splats, chosen.camera, settings, verify_bound=verify_bound) for _ in range(2)
+    )
     right = sg.reference.render(chosen.splats, chosen.camera, settings).pixels
     error = float(np.abs(first.pixels - right).max(initial=0.0)) if np.isfinite(first.pixels).all() else np.inf
     return Found(error, float(first.info["error_bound"]), bool((first.pixels == second.pixels).all()))

@@ -4,7 +4,7 @@
 .venv/bin/python scripts/pictures.py gallery visible_male_128x256x256_uint8.raw neuron.tif stent.nrrd  # real data
 .venv/bin/python scripts/pictures.py window head.nii  # the viewer's window
 .venv/bin/python scripts/pictures.py report nerve     # error against run time, for minutes on a quiet machine
-.venv/bin/python scripts/pictures.py methods          # the table of methods in splatgl/truth/README.md
+.venv/bin/python scripts/pictures.py tables           # of methods in splatgl/truth/README.md, of techniques in gl's
 """
 
 from __future__ import annotations
@@ -20,12 +20,16 @@ from PIL import Image as Pillow
 import splatgl as sg
 from splatgl.app.cli import main as command
 from splatgl.app.scene import Scene, View
+from splatgl.splat.plan.technique import TECHNIQUES, combinations
 from splatgl.truth.report.content import CONVERGENCE, registry
 from splatgl.truth.report.markdown import as_table
+from splatgl.truth.table_io import as_markdown
 
 FOLDER = Path(__file__).parent / "pictures"
 TRUTH = Path(__file__).parents[1] / "splatgl" / "truth" / "README.md"
-# the table that `methods` writes
+GL = Path(__file__).parents[1] / "splatgl" / "gl" / "README.md"
+# what `tables` writes
+REFUSED = r"(?m)^\| setting \| tiles .*\n(\|.*\n)*"
 METHODS = r"(?s)<details><summary>all \d+ methods, by what is varied</summary>.*?</details>"
 SIZE = (400, 400)
 # of the viewer's window; a palette keeps its picture small
@@ -100,11 +104,12 @@ def report(source: str) -> None:
         Pillow.open(drawn).convert("RGB").quantize(COLORS).save(FOLDER / "report.png", optimize=True)
 
 
-def methods() -> None:
-    """The table of methods, from their registry."""
-    text = TRUTH.read_text(encoding="utf-8")
-    table = as_table(registry())
-    TRUTH.write_text(re.sub(METHODS, lambda _: table, text), encoding="utf-8")
+def tables() -> None:
+    """The table of methods, from their registry, and that of what techniques refuse, from themselves."""
+    refused = as_markdown(("setting", *TECHNIQUES), combinations())
+    for path, pattern, table in ((TRUTH, METHODS, as_table(registry())), (GL, REFUSED, refused + "\n")):
+        text = path.read_text(encoding="utf-8")
+        path.write_text(re.sub(pattern, lambda _, table=table: table, text), encoding="utf-8")
 
 
 def main() -> None:
@@ -112,8 +117,8 @@ def main() -> None:
     if sys.argv[1:2] == ["gallery"]:
         gallery(*sys.argv[2:])
         return
-    if sys.argv[1:2] == ["methods"]:
-        methods()
+    if sys.argv[1:2] == ["tables"]:
+        tables()
         return
     if sys.argv[1:2] and sys.argv[1] in asked:
         asked[sys.argv[1]](sys.argv[2] if len(sys.argv) > 2 else "nerve")

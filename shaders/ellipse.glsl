@@ -7,9 +7,7 @@
 #define ALIGN_GRID 0
 #define ALIGN_RAY 1
 #define ALIGN_HYBRID 2
-#define ALIGN_A 3
-#define ALIGN_B1 4
-#define ALIGN_EXACT 5
+#define ALIGN_EXACT 3
 
 mat3 eye_from_index() {
     return mat3(frame.eye_from_index[0].xyz, frame.eye_from_index[1].xyz, frame.eye_from_index[2].xyz);
@@ -17,6 +15,11 @@ mat3 eye_from_index() {
 
 mat3 index_from_eye() {
     return mat3(frame.index_from_eye[0].xyz, frame.index_from_eye[1].xyz, frame.index_from_eye[2].xyz);
+}
+
+// An offset in the kernel's own axes: a cube's kernel looks the same in eye axes.
+vec3 to_index(vec3 offset) {
+    return CUBIC == 1 ? offset : index_from_eye() * offset;
 }
 
 // Two unit vectors perpendicular to the unit vector u and to each other: the rotation of the quad.
@@ -28,15 +31,14 @@ void perpendicular_axes(vec3 u, out vec3 e1, out vec3 e2) {
     e2 = vec3(b, s + u.y * u.y * a, -u.y);
 }
 
-// A pixel's side at depth z: the antialiasing's smallest half axis; 0 without antialiasing.  [M98 Eq. 3]
+// A pixel's side at depth z.
+float pixel_side(float z) {
+    return PERSPECTIVE == 1 ? frame.pixel_pitch * max(z, 0.0) : frame.pixel_pitch;
+}
+
+// The antialiasing's smallest half axis at depth z; 0 without antialiasing.  [M98 Eq. 3]
 float smallest_axis(float z) {
-#if !ANTIALIAS
-    return 0.0;
-#elif PERSPECTIVE
-    return frame.pixel_pitch * max(z, 0.0);
-#else
-    return frame.pixel_pitch;
-#endif
+    return ANTIALIAS == 1 ? pixel_side(z) : 0.0;
 }
 
 // Half axes of a kernel of unit radius, projected across the plane of e1 and e2.
@@ -61,9 +63,8 @@ Ellipse voxel_ellipse(vec3 e1, vec3 e2) {
     return Ellipse(e1 * major.x + e2 * major.y, e2 * major.x - e1 * major.y, vec2(width_1, area / width_1));
 }
 
-#if PERSPECTIVE
 // Furthest slope from x/z at which a plane through the eye touches the kernel's ellipsoid: (x − s z)² = R² |e − s f|²,
-// e and f the rows of eye_from_index along x and depth.
+// e and f the rows of eye_from_index along x and depth. Perspective views.
 float furthest(float x, float z, vec3 e, vec3 f) {
     float r2 = style.radius * style.radius;
     float a = z * z - r2 * dot(f, f);
@@ -71,4 +72,3 @@ float furthest(float x, float z, vec3 e, vec3 f) {
     float c = x * x - r2 * dot(e, e);
     return (abs(b - a * x / z) + sqrt(max(b * b - a * c, 0.0))) / a;
 }
-#endif

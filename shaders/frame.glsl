@@ -14,13 +14,21 @@ layout(std140) uniform Frame {
     float depth_reach;       // how far in depth a kernel reaches
     vec2 image_center;       // in pixels: a pixel's slope is (gl_FragCoord − image_center) pixel_pitch
     vec2 beyond;             // depths from which on antialiasing widens a voxel's wider and narrower side
-    vec2 reach;              // pixels from image_center beyond which no centre of a sprite reaches into the picture
+    vec2 edge;               // slopes, or lengths, from the middle of the picture to its edges
+    vec2 support;            // how far beyond the planes through them a kernel reaches,
+    vec2 stretch;            // and one that antialiasing widens, at depth 1
+    vec4 first_from_index[3];  // motion: as eye_from_index and eye_from_base, when the shutter opens …
+    vec4 last_from_index[3];
+    vec4 first_from_base;      // … and closes
+    vec4 last_from_base;
+    float line;                // W: the footprint's integral along a line through its centre
+    float weaken;              // a streak of length l is weaker by 1 + l · weaken
 } frame;
 
 layout(std140) uniform Style {
     float radius;         // R, the kernel's support
     float peak;           // F(0); the table holds F/F(0)
-    float opacity_length; // reference length of opacities, for mip
+    float opacity_length; // reference length of opacities
     float ambient;        // shading: C = c (ambient + diffuse |n·l|)
     float diffuse;
     float radial_scale;   // texels of the radial table a squared voxel

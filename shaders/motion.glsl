@@ -1,29 +1,16 @@
 // A splat's path across the view while the shutter is open, as a straight line, and the quad around its streak.
-// Twin of splatgl/splat/motion.py. All lengths in mean voxel spacings, in eye axes.
+// Twin of splatgl/splat/motion/motion.py. All lengths in mean voxel spacings, in eye axes.
 // switch MOTION MOTION_OFF
 // switch FLOW 0
-#include "exact.glsl"
+#include "approximations.glsl"
 #define MOTION_OFF 0
 #define MOTION_EXACT 1
 #define MOTION_ENERGY 2
 #define MOTION_PAPER 3
 
-#if MOTION != MOTION_OFF
-// a place nearer to the eye's plane has none in the picture
-#define NEAREST 0.01
-// nor a kernel that reaches this part of the way to it: it stands still
-#define AHEAD 1.1
-// within 7 % all rays that meet a kernel are parallel from this many of its reaches on
-#define FAR 16.0
-
-layout(std140) uniform Path {
-    vec4 first_from_index[3];  // as Frame's eye_from_index and eye_from_base, when the shutter opens …
-    vec4 last_from_index[3];
-    vec4 first_from_base;      // … and closes
-    vec4 last_from_base;
-    float line;                // W: the footprint's integral along a line through its centre
-    float weaken;              // a streak of length l is weaker by 1 + l · weaken
-} path;
+#constant NEAREST  // a place nearer to the eye's plane has none in the picture
+#constant AHEAD    // nor a kernel that reaches this part of the way to it: it stands still
+#constant FAR      // within 7 % all rays that meet a kernel are parallel from this many of its reaches on
 
 struct Streak {
     vec2 shift;  // from the path's middle in time to the mean of its places
@@ -37,15 +24,14 @@ vec3 place(vec4 columns[3], vec4 eye, vec3 local) {
 // v: the middle in time. By Simpson's rule; nothing for a kernel beside the eye.
 Streak streak_of(vec3 v, vec3 first, vec3 last) {
     Streak still = Streak(vec2(0.0), vec2(0.0));
-#if PERSPECTIVE
+    if (PERSPECTIVE == 0) {
+        if (v.z <= frame.depth_reach) return still;
+        return Streak(((first.xy - v.xy) + (last.xy - v.xy)) / 6.0, last.xy - first.xy);
+    }
     if (min(v.z, min(first.z, last.z)) <= NEAREST || v.z <= AHEAD * frame.depth_reach) return still;
     vec2 before = first.xy / first.z - v.xy / v.z;
     vec2 after = last.xy / last.z - v.xy / v.z;
     return Streak((before + after) * (v.z / 6.0), (after - before) * v.z);
-#else
-    if (v.z <= frame.depth_reach) return still;
-    return Streak(((first.xy - v.xy) + (last.xy - v.xy)) / 6.0, last.xy - first.xy);
-#endif
 }
 
 // What offsets across the view become in the kernel's own axes, where antialiasing widens it.
@@ -56,32 +42,28 @@ struct Inner {
 
 Inner inner_of(vec3 v, bool widened) {
     float p = widened ? smallest_axis(v.z) : 0.0;
-#if CUBIC
-    float f = 1.0 / max(1.0, p);
-    return Inner(mat2x3(f, 0.0, 0.0, 0.0, f, 0.0), vec2(f));
-#else
+    if (CUBIC == 1) {
+        float f = 1.0 / max(1.0, p);
+        return Inner(mat2x3(f, 0.0, 0.0, 0.0, f, 0.0), vec2(f));
+    }
     Ellipse ellipse = voxel_ellipse(vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0));
     vec2 f = min(vec2(1.0), ellipse.width / max(p, 1e-30));
     vec3 first = ellipse.axis_1 * f.x, second = ellipse.axis_2 * f.y;
     return Inner(mat2x3(to_index(first * ellipse.axis_1.x + second * ellipse.axis_2.x),
                         to_index(first * ellipse.axis_1.y + second * ellipse.axis_2.y)), f);
-#endif
 }
 
 // The path's length across its own ray, in the kernel's units.
 float length_of(Inner inner, vec3 v, vec2 step_) {
     vec3 line = to_index(vec3(0.0, 0.0, 1.0));
-#if PERSPECTIVE
-    line += inner.axes * (v.xy / v.z);
-#endif
+    if (PERSPECTIVE == 1) line += inner.axes * (v.xy / v.z);
     vec3 move = inner.axes * step_;
     return length(move - line * (dot(move, line) / dot(line, line)));
 }
 
 // How far a footprint reaches along the unit vector h of the picture; `half_` before and after its own place.
-float reach_along(vec2 h, vec3 v, vec3 axis_1, vec3 axis_2, float reach, bool widened, float half_) {
-#if PERSPECTIVE
-    if (!widened) {
+float reach_along(vec2 h, vec3 v, Quad quad, bool widened, float half_) {
+    if (PERSPECTIVE == 1 && !widened) {
         mat3 rows = transpose(eye_from_index());
         vec3 e = rows[0] * h.x + rows[1] * h.y;
         float x = dot(v.xy, h);
@@ -90,16 +72,14 @@ float reach_along(vec2 h, vec3 v, vec3 axis_1, vec3 axis_2, float reach, bool wi
             return style.radius * 1.15 * length(abs(e) + (abs(x) + half_) / v.z * abs(rows[2]));
         return v.z * max(furthest(x - half_, v.z, e, rows[2]), furthest(x + half_, v.z, e, rows[2]));
     }
-#endif
-    return reach * length(vec2(dot(axis_1.xy, h), dot(axis_2.xy, h)));
+    return quad.reach * length(vec2(dot(quad.axis_1.xy, h), dot(quad.axis_2.xy, h)));
 }
 
 // From the path's middle to one corner of the streak's quad, which is parallel to the image.
-vec2 streak_corner(vec2 corner, vec3 v, vec2 step_, vec3 axis_1, vec3 axis_2, float reach, bool widened) {
+vec2 streak_corner(vec2 corner, vec3 v, vec2 step_, Quad quad, bool widened) {
     float half_ = length(step_) * 0.5;
     vec2 h = normalize(step_);
     vec2 n = vec2(-h.y, h.x);
-    float along = half_ + reach_along(h, v, axis_1, axis_2, reach, widened, half_);
-    return h * (corner.x * along) + n * (corner.y * reach_along(n, v, axis_1, axis_2, reach, widened, 0.0));
+    float along = half_ + reach_along(h, v, quad, widened, half_);
+    return h * (corner.x * along) + n * (corner.y * reach_along(n, v, quad, widened, 0.0));
 }
-#endif

@@ -1,13 +1,15 @@
 // What splats add up to, and from optical depth to opacity without cancellation.
-// switch BLEND BLEND_COMPOSITE
+// switch JOIN JOIN_OVER
+// switch PEAK 0
 // switch ATTENUATION ATTENUATION_OPTICAL_DEPTH
-// switch HALVINGS 5
-#define BLEND_COMPOSITE 0
-#define BLEND_XRAY 1
-#define BLEND_MIP 2
+// switch DOUBLINGS 5
+#define JOIN_OVER 0
+#define JOIN_SUM 1
+#define JOIN_MAX 2
 #define ATTENUATION_OPTICAL_DEPTH 0
 #define ATTENUATION_OPACITY 1
 #define ATTENUATION_FILL 2
+#constant MOST_DOUBLINGS
 
 // 1 − exp(−x) for x ≥ 0; the series below 1/16 is good to float32's last digit
 float one_minus_exp(float x) {
@@ -15,28 +17,12 @@ float one_minus_exp(float x) {
     return 1.0 - exp(-x);
 }
 
-// The same to 1e−6 of itself and quicker, for y = x · QUICK_SCALE: a polynomial for 1 − 2⁻ʸ, y ≤ 1, and HALVINGS times
+// The same to 1e−6 of itself and quicker, for y = x · QUICK_SCALE: a polynomial for 1 − 2⁻ʸ, y ≤ 1, and DOUBLINGS times
 // what two halves hide together, which cancels nothing. A scene's y is no larger, or so large that all is hidden.
-#define QUICK_SCALE (1.44269504 / float(1 << HALVINGS))
+#define QUICK_SCALE (1.44269504 / float(1 << DOUBLINGS))
 float quick_one_minus_exp(float y) {
-#if HALVINGS == 5
-    y = min(y, 1.0);
-#endif
+    if (DOUBLINGS == MOST_DOUBLINGS) y = min(y, 1.0);
     float h = y * (0.693146916 + y * (-0.240213824 + y * (0.0554043416 + y * (-0.00933759844 + y * 0.00100035493))));
-#if HALVINGS > 0
-    h *= 2.0 - h;
-#endif
-#if HALVINGS > 1
-    h *= 2.0 - h;
-#endif
-#if HALVINGS > 2
-    h *= 2.0 - h;
-#endif
-#if HALVINGS > 3
-    h *= 2.0 - h;
-#endif
-#if HALVINGS > 4
-    h *= 2.0 - h;
-#endif
+    for (int k = 0; k < DOUBLINGS; k++) h *= 2.0 - h;
     return h;
 }

@@ -1,14 +1,12 @@
-// A moving splat along one pixel's ray. Twin of splatgl/truth/streak_row.py, splatgl/splat/blur_table.py and dwell.py.
+// A moving splat along one pixel's ray. Twin of splatgl/truth/streak_row.py, splatgl/splat/motion/blur_table.py and dwell.py.
 #include "motion.glsl"
 #include "optics.glsl"
 
-#if MOTION != MOTION_OFF
-// a path shorter than this many voxels is summed by Simpson's rule
-#define SHORT 0.03
+#constant SHORT  // a path shorter than this many voxels is summed by Simpson's rule
 // what hides is more of the time than what is seen at half depth: 1 − (1 − p)^κ, κ = 1 + DENSE x/(1 + DENSEST x)
-#define DENSE 0.146
-#define DENSEST 0.035
-#define LEAST 1e-6
+#constant DENSE
+#constant DENSEST
+#constant LEAST
 
 // share of a line before its end, and its slope, over |u|/chord and v²/R²; last column: the line's area; this row and the next
 uniform sampler2D blur_table;
@@ -26,12 +24,12 @@ Passing passing(vec3 v, vec2 at, vec2 step_, Inner inner) {
     vec3 ahead = to_index(vec3(0.0, 0.0, 1.0));
     vec3 line = ahead;
     float seconds = 1.0;
-#if PERSPECTIVE
-    bool widened = min(inner.shrink.x, inner.shrink.y) < 1.0;
-    vec2 ray = (v.xy + at) / v.z;
-    line += inner.axes * (widened ? v.xy / v.z : ray);
-    seconds = length(vec3(ray, 1.0));
-#endif
+    bool widened = PERSPECTIVE == 1 && min(inner.shrink.x, inner.shrink.y) < 1.0;
+    if (PERSPECTIVE == 1) {
+        vec2 ray = (v.xy + at) / v.z;
+        line += inner.axes * (widened ? v.xy / v.z : ray);
+        seconds = length(vec3(ray, 1.0));
+    }
     vec3 move = inner.axes * step_;
     vec3 r = inner.axes * at;
     float square = dot(line, line);
@@ -48,14 +46,12 @@ Passing passing(vec3 v, vec2 at, vec2 step_, Inner inner) {
     float passed = clamp(dot(r, heading), -0.5 * size, 0.5 * size);
     r -= passed * heading;
     t += passed * one * forward;
-#if PERSPECTIVE && ANTIALIAS
-    if (widened) {
+    if (widened && ANTIALIAS == 1) {
         // a widened kernel's ray bends: the trapezoid's term moves it, and changes its length
         float toward = dot(r, ahead), distance2 = dot(r, r);
         gain *= 1.0 - (2.0 * t * dot(line, ahead) + toward) / (v.z * square);
         r *= sqrt(max(distance2 + 2.0 * t * t * toward / v.z, 0.0) / max(distance2, 1e-30));
     }
-#endif
     float further = dot(r, heading);
     return Passing(passed + further, max(dot(r, r) - further * further, 0.0), size, gain);
 }
@@ -66,7 +62,6 @@ float closest(Passing p) {
     return radial(beyond * beyond + p.across2);
 }
 
-#if MOTION == MOTION_EXACT
 // Hermite's cubic through two values and their slopes a step.
 float hermite(vec2 first, vec2 last, float part) {
     float rise = last.x - first.x;
@@ -103,23 +98,18 @@ float blurred(Passing p) {
     int last = texels.x - 2;
     return area * (share(far / chord, row, place, last) - share(near / chord, row, place, last)) / p.length;
 }
-#endif
 
 float streak_shape(Passing p) {
-#if MOTION == MOTION_EXACT
-    return p.gain * blurred(p);
-#else
-    return p.gain * closest(p) / (1.0 + p.length * path.weaken);
-#endif
+    if (MOTION == MOTION_EXACT) return p.gain * blurred(p);
+    return p.gain * closest(p) / (1.0 + p.length * frame.weaken);
 }
 
-// Opacity of what is before the pixel for a part of the time: mean and most of its depth; lone is 1 for what moves
+// Opacity of what is before the pixel for a part of the time: mean and most of its depth; isolation is 1 for what moves
 // by itself, 0 in matter that follows it.
-float dwelt_opacity(float mean, float most, float lone) {
+float dwelt_opacity(float mean, float most, float isolation) {
     float part = most > 0.0 ? max(mean / most, LEAST) : 1.0;
     if (part >= 1.0) return one_minus_exp(mean);
     float dense = 1.0 + DENSE * most / (1.0 + DENSEST * most);
     float rare = part < 0.01 ? part * (1.0 + part * (0.5 + part / 3.0)) : -log(1.0 - part);
-    return pow(one_minus_exp(dense * rare), lone) * one_minus_exp(mean * pow(part, -lone));
+    return pow(one_minus_exp(dense * rare), isolation) * one_minus_exp(mean * pow(part, -isolation));
 }
-#endif

@@ -1,18 +1,16 @@
 // Counts how many splats of each run touch each tile, or lists them by tile, in drawing order: a run of splats for each
 // invocation, and each run goes on where those before it end.
 // switch COUNTING 0
-layout(local_size_x = 8) in;
+#constant LANES  // invocations of a group
+layout(local_size_x = LANES) in;
 #define VARYING
 #define FLAT
+#constant NOWHERE  // the cursor of a tile that light passes no more
 #include "tiles.glsl"
 
 layout(std430, binding = 0) buffer Cursors { uint cursors[]; };  // run after run: how many, or where the next one goes
 layout(std430, binding = 1) buffer Done { uint done[]; };        // of each run
-#if !COUNTING
-// the cursor of a tile that light passes no more
-#define NOWHERE 0xffffffffu
 layout(r32ui, binding = 0) writeonly uniform uimage2D list;
-#endif
 uniform usampler2D bounds;
 
 uniform uint count;
@@ -33,13 +31,13 @@ void main() {
     for (uint round = 0u; n < end && (round < budget || tile != around.xy); round++) {
         bool within = all(lessThanEqual(tile, around.zw));
         bool touched = within && touches(tile, it.xy, it.w);
-        // whoever touches nothing writes to nobody's place: quicker than to leave out some of those that run abreast
+        // what touches nothing writes to nobody's place: quicker than to leave out some of those that run abreast
         uint slot = column + (touched ? uint(tile.y * tiles.x + tile.x) : nobody);
         uint place = cursors[slot];
-#if !COUNTING
-        imageStore(list, listed_at(min(place, unread)), uvec4(n));
-        touched = touched && place != NOWHERE;
-#endif
+        if (COUNTING == 0) {
+            imageStore(list, listed_at(min(place, unread)), uvec4(n));
+            touched = touched && place != NOWHERE;
+        }
         cursors[slot] = place + uint(touched);
         tile = tile.x < around.z ? tile + ivec2(1, 0) : ivec2(around.x, tile.y + 1);
         if (!within || tile.y > around.w) {

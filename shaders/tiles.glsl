@@ -1,26 +1,39 @@
 // Tiles of pixels, and the splats placed for them: what the passes share that list splats by tile and draw the tiles.
-// A splat is a texel in each of some textures of words: bounds, its centre, half its sprite's side and the radius of a
-// circle around it, if it is seen; heads, its centre, matter, and red and green or half its side; shapes, the triangle
-// of its form, blue, or how pixels lie in its footprint. If this is bent: matters, its colour and coverage, and
+// A splat is a texel in each of some textures of words: bounds, its centre, half its square's side and the radius of a
+// circle around it, if it is seen; heads, its centre, matter, and a half of its colour or half its side; shapes, the
+// triangle of its form and the rest of its colour, or how pixels lie in its footprint. If this is bent: matters, its colour and coverage, and
 // what its footprint needs besides.
 // version 430
-#include "optics.glsl"
 #include "varyings.glsl"
-#define COLUMNS 8
-#define ROWS 8
-// splats along a row of the textures, and along one of the list
-#define ABREAST 1024u
-#define LISTED 2048u
+#constant COLUMNS  // pixels of a tile
+#constant ROWS
+#constant ABREAST  // splats along a row of the textures
+#constant LISTED   // and along one of the list
 // half a side: touches nothing
 #define UNSEEN -1e9
+#define EVERYWHERE 1e9
+// in place of a half side, or of a triangle's first number, which are positive: a kernel around the eye
+#define AROUND -1.0
 // whether a footprint is more than a quadratic form
-#define BENT (ANTIALIAS && ALIGN == ALIGN_EXACT)
+const bool BENT = ANTIALIAS == 1 && ALIGN == ALIGN_EXACT;
 
 uniform ivec2 origin;   // the first tile's first pixel
 uniform ivec2 tiles;    // along x and y
 
 ivec2 texel_of(uint n) {
     return ivec2(int(n % ABREAST), int(n / ABREAST));
+}
+
+// A colour from 0 to 1 in two words: 21 bits a channel, of which green's are in both.
+#define COLOR_STEPS 2097151.0
+uvec2 packed_color(vec3 color) {
+    uvec3 c = uvec3(clamp(color, 0.0, 1.0) * COLOR_STEPS + 0.5);
+    return uvec2(c.r | (c.g << 21), c.b | ((c.g >> 11) << 21));
+}
+
+vec3 unpacked_color(uvec2 words) {
+    uvec2 low = words & 0x1fffffu;
+    return vec3(low.x, (words.x >> 21) | ((words.y >> 21) << 11), low.y) / COLOR_STEPS;
 }
 
 // Four entries of the list are a square of texels, so that one look-up gathers them.

@@ -1,42 +1,44 @@
-// What a quad's corners hand to its fragments: few and packed, since a software rasteriser sets up each of
-// them for each triangle. VARYING is defined as `out` in the vertex shader and `in` in the
-// fragment shader, FLAT as `flat`; both as nothing where a shader keeps them to itself.
-// switch SPRITE 0
+// What a quad's corners hand to its fragments: few and packed, since a software rasteriser sets up each of them for each
+// triangle. VARYING is defined as `out` in the vertex shader and `in` in the fragment shader, FLAT as `flat`; both as
+// nothing where a shader keeps them to itself. What a program does not need is a variable that is never read.
+// switch HALF_LINE 0
 #include "motion.glsl"
 
-#if SPRITE
-FLAT VARYING vec4 to_local;  // see Sprite
-FLAT VARYING vec2 pixel;     // the centre
-#else
-VARYING vec2 at;           // place in the footprint: [−1, 1]², or for exact quads in voxels; for streaks, see passing
-#endif
-FLAT VARYING vec4 splat;   // linear RGB, shaded; optical depth, or for mip the opacity, at the centre
-#if ATTENUATION == ATTENUATION_OPACITY
-FLAT VARYING float coverage;  // 1/m² [M98 Eq. 6]
-#else
-const float coverage = 1.0;
-#endif
 #if ALIGN == ALIGN_EXACT
-#if ANTIALIAS || !SPRITE
-FLAT VARYING vec4 bend;    // see ExactQuad
+#define EXACT_VARYING FLAT VARYING
+#else
+#define EXACT_VARYING
 #endif
-#if ANTIALIAS && !CUBIC
-FLAT VARYING vec4 cubic;
-FLAT VARYING vec4 mixed;
+#if ALIGN == ALIGN_EXACT && ANTIALIAS && !CUBIC
+#define WIDENED_VARYING FLAT VARYING
+#else
+#define WIDENED_VARYING
+#endif
+#if ATTENUATION == ATTENUATION_OPACITY
+#define OPACITY_VARYING FLAT VARYING
+#else
+#define OPACITY_VARYING
 #endif
 #if HALF_LINE
-FLAT VARYING vec4 center;  // the voxel relative to the eye, index axes (eye axes for cubes); w is 1 if around the eye
-#endif
+#define HALF_LINE_VARYING FLAT VARYING
+#else
+#define HALF_LINE_VARYING
 #endif
 #if MOTION != MOTION_OFF
-FLAT VARYING vec3 heart;   // the middle of a streak's path, eye axes
-FLAT VARYING vec2 move;    // Streak's step; 0 for what stands still
-FLAT VARYING vec2 shrink;  // see Inner
-#if !CUBIC
-FLAT VARYING vec3 inner_x;
-FLAT VARYING vec3 inner_y;
+#define MOTION_VARYING FLAT VARYING
+#else
+#define MOTION_VARYING
 #endif
-#if ATTENUATION == ATTENUATION_FILL
-FLAT VARYING float lone;   // see dwelt_opacity
-#endif
-#endif
+
+VARYING vec2 at;                       // place in the footprint, voxels; for streaks, see passing
+FLAT VARYING vec4 splat;               // linear RGB, shaded; optical depth at the centre, or opacity
+OPACITY_VARYING float coverage;        // 1/m² [M98 Eq. 6]
+EXACT_VARYING vec4 bend;               // see Quad
+WIDENED_VARYING vec4 cubic;
+WIDENED_VARYING vec4 mixed;
+HALF_LINE_VARYING vec4 center;         // the voxel relative to the eye, see to_index; w is 1 if around the eye
+MOTION_VARYING vec3 path_center;       // the middle of a streak's path, eye axes
+MOTION_VARYING vec2 path_step;         // Streak's step; 0 for what stands still
+MOTION_VARYING vec3 path_isolation;    // isolation, see dwelt_opacity, and Inner's shrink
+MOTION_VARYING vec3 inner_x;           // Inner's axes
+MOTION_VARYING vec3 inner_y;

@@ -16,7 +16,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 if TYPE_CHECKING:
     from splatgl.data import scenes as scenes
@@ -26,36 +26,40 @@ if TYPE_CHECKING:
     from splatgl.data.volume import Volume as Volume
     from splatgl.gl.portions import Interrupted as Interrupted
     from splatgl.gl.renderer import Renderer as Renderer
-    from splatgl.splat.camera import Camera as Camera
-    from splatgl.splat.extract import extract as extract
-    from splatgl.splat.motion import Motion as Motion
-    from splatgl.splat.plan import plan as plan
-    from splatgl.splat.presets import default_transfer as default_transfer
-    from splatgl.splat.presets import preset as preset
-    from splatgl.splat.rows import Splats as Splats
-    from splatgl.splat.settings import Settings as Settings
-    from splatgl.splat.transfer import Transfer as Transfer
+    from splatgl.splat.classification.presets import default_transfer as default_transfer
+    from splatgl.splat.classification.presets import preset as preset
+    from splatgl.splat.classification.transfer import Transfer as Transfer
+    from splatgl.splat.extraction.extract import extract as extract
+    from splatgl.splat.extraction.splats import Splats as Splats
+    from splatgl.splat.kernel.kernels import PiecewiseCubic as PiecewiseCubic
+    from splatgl.splat.kernel.kernels import register_kernel as register_kernel
+    from splatgl.splat.motion.motion import Motion as Motion
+    from splatgl.splat.plan.plan import plan as plan
+    from splatgl.splat.plan.settings import Settings as Settings
+    from splatgl.splat.view.camera import Camera as Camera
     from splatgl.truth import reference as reference
     from splatgl.truth.compare import compare as compare
 
 # public name → where it lives; loaded on first use, so that a command imports only what it needs
 _PUBLIC = {
-    "Camera": "splatgl.splat.camera",
+    "Camera": "splatgl.splat.view.camera",
     "Image": "splatgl.data.image",
     "InputError": "splatgl.data.errors",
     "Interrupted": "splatgl.gl.portions",
-    "Motion": "splatgl.splat.motion",
+    "PiecewiseCubic": "splatgl.splat.kernel.kernels",
+    "Motion": "splatgl.splat.motion.motion",
     "Renderer": "splatgl.gl.renderer",
-    "Settings": "splatgl.splat.settings",
-    "Splats": "splatgl.splat.rows",
-    "Transfer": "splatgl.splat.transfer",
+    "Settings": "splatgl.splat.plan.settings",
+    "Splats": "splatgl.splat.extraction.splats",
+    "Transfer": "splatgl.splat.classification.transfer",
     "Volume": "splatgl.data.volume",
     "compare": "splatgl.truth.compare",
-    "default_transfer": "splatgl.splat.presets",
-    "extract": "splatgl.splat.extract",
+    "default_transfer": "splatgl.splat.classification.presets",
+    "extract": "splatgl.splat.extraction.extract",
     "load": "splatgl.data.readers",
-    "plan": "splatgl.splat.plan",
-    "preset": "splatgl.splat.presets",
+    "plan": "splatgl.splat.plan.plan",
+    "preset": "splatgl.splat.classification.presets",
+    "register_kernel": "splatgl.splat.kernel.kernels",
 }
 _MODULES = {"reference": "splatgl.truth.reference", "scenes": "splatgl.data.scenes"}
 
@@ -64,10 +68,13 @@ __all__ = ["__version__", *sorted([*_PUBLIC, *_MODULES])]
 
 def __getattr__(name: str) -> Any:
     if name in _MODULES:
-        return import_module(_MODULES[name])
-    if name in _PUBLIC:
-        return getattr(import_module(_PUBLIC[name]), name)
-    raise AttributeError(f"module 'splatgl' has no attribute {name!r}")
+        found = import_module(_MODULES[name])
+    elif name in _PUBLIC:
+        found = getattr(import_module(_PUBLIC[name]), name)
+    else:
+        raise AttributeError(f"module 'splatgl' has no attribute {name!r}")
+    globals()[name] = found
+    return found
 
 
 def __dir__() -> list[str]:

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.affine import View, row1
-from splatgl.splat.footprint import ROWS, Splat
-from splatgl.splat.kernel import Gaussian, kernel
-from splatgl.splat.quads import on_quads, quads
-from splatgl.splat.rows import Grid
-from splatgl.splat.tabulated import tabulated
+from splatgl.splat.extraction.splats import Grid
+from splatgl.splat.integral.line_integral import row1
+from splatgl.splat.integral.quads import on_quads, quads
+from splatgl.splat.integral.table1 import ROWS, Splat
+from splatgl.splat.kernel.kernels import Gaussian, kernel
+from splatgl.splat.kernel.tabulated import tabulated
+from splatgl.splat.view.view import View
 
 KERNELS = ("crawfis-max", "gaussian")
 TURN = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
@@ -117,7 +118,7 @@ def test_brute_force_along_the_ray(grid: str, height: float | None, rng: np.rand
 )
 def test_half_line(depth: float, right: float) -> None:
     """The eye in, before and beyond a kernel exp(−2r²): only what lies before it counts."""
-    view = View(kernel("gaussian"), np.eye(3), np.zeros(3), 1e-3, perspective=True, antialias=True)
+    view = View(kernel("gaussian"), np.eye(3), np.zeros(3), 1e-3, (8, 8), perspective=True, antialias=True)
     found = row1(view, np.array([[0.0], [0], [depth]]), np.zeros((2, 1))).value
     assert found * 1.966468767 == pytest.approx(right, abs=1e-9)
 
@@ -131,7 +132,7 @@ def test_quadrature_is_fine_enough(name: str, rng: np.random.Generator, monkeypa
     ray[:, ::2] = voxel[:2, ::2] / depth[::2] + rng.normal(0, 1e-3, (2, 1500)) * view.pitch
     found = row1(view, voxel, ray).value
     nodes, weights = np.polynomial.legendre.leggauss(96)
-    monkeypatch.setattr("splatgl.splat.path._RULE", ((nodes + 1) / 2, weights / 2))
+    monkeypatch.setattr("splatgl.splat.integral.curved_ray._RULE", ((nodes + 1) / 2, weights / 2))
     assert np.abs((found - row1(view, voxel, ray).value) / view.coverage(depth)).max() < 1e-11
 
 
@@ -150,7 +151,7 @@ def test_flat_voxels_lose_no_digits() -> None:
         speed = np.sqrt((along * along).sum())
         distance = float(np.sqrt((cross * cross).sum()) / speed)
         right = view.kernel.footprint(np.array(distance)) * float(np.linalg.norm(direction) / speed)
-        unwidened = View(view.kernel, view.eye_from_index, view.eye_index, view.pitch, True, antialias=False)
+        unwidened = View(view.kernel, view.eye_from_index, view.eye_index, view.pitch, view.size, True, antialias=False)
         assert row1(unwidened, centre[:, None], ray[:, None]).value[0] == pytest.approx(right, rel=1e-9)
 
 
@@ -182,6 +183,6 @@ def test_narrow_kernels_bend_too() -> None:
     """A long way beyond z_k the value tends to the box stretch's, row 2, for any kernel."""
     h = Gaussian(k=9.0, radius=0.7, name="narrow")
     voxel, ray = np.array([[300.0], [100.0], [5000.0]]), np.array([[0.0602], [0.0201]])
-    view = View(h, np.eye(3), np.zeros(3), 0.01, perspective=True, antialias=True)
+    view = View(h, np.eye(3), np.zeros(3), 0.01, (8, 8), perspective=True, antialias=True)
     splat = Splat(h, voxel.T, ray.T, 100.0)
     assert row1(view, voxel, ray).value[0] == pytest.approx(float(ROWS["row2"](splat)[0]), rel=1e-3)

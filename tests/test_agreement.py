@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_sprites import GRIDS, noise, views
+from noise import GRIDS, noise, views
 
 import splatgl as sg
-from splatgl.splat import tiling
-from splatgl.splat.affine import View
-from splatgl.splat.ahead import ahead
-from splatgl.splat.kernel import kernel
-from splatgl.splat.widening import _depths, widening
+from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.view.ahead import ahead
+from splatgl.splat.view.slab import between
+from splatgl.splat.view.view import View
+from splatgl.splat.view.widening import widening
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 import fuzz_bound
@@ -28,7 +28,7 @@ BROKE = (2656, 2626, 1573, 1905, 1029, 1132, 1367, 68)
 
 def off(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings) -> tuple[float, float]:
     """(error, bound) of a picture that is not held against a finer one."""
-    image = renderer.render(splats, camera, settings, held=False)
+    image = renderer.render(splats, camera, settings, verify_bound=False)
     right = sg.reference.render(splats, camera, settings).pixels
     return float(np.abs(image.pixels - right).max()), float(image.info["error_bound"])
 
@@ -54,7 +54,7 @@ def test_what_is_behind_a_parallel_view_is_decided_once(renderer: sg.Renderer, g
         camera = sg.Camera.orthographic(eye, eye + normal, rng.normal(size=3), 9.0, (14, 11))
         before = (splats.records["position"] - place) @ steps >= 0
         assert len(ahead(splats, camera)) == before.sum() < len(splats)
-        for settings in (sg.Settings(blend="xray"), sg.Settings(primitive="quad"), sg.Settings(primitive="tile")):
+        for settings in (sg.Settings(blend="xray"), sg.Settings(technique="quads"), sg.Settings(technique="tiles")):
             error, limit = off(renderer, splats, camera, settings)
             assert error <= limit
         assert ahead(splats, camera) is ahead(splats, camera)
@@ -85,7 +85,7 @@ def test_no_splat_is_near_the_depth_where_widening_begins() -> None:
             assert asked * (1 - 1e-12) <= depth <= asked * 1.02 + 1e-4
             moved += depth > asked * (1 + 1e-12)
             near = 5e-7 * depth
-            assert not len(_depths(splats, view, depth - near, depth + near))
+            assert not between(splats, view, depth - near, depth + near).size
     assert moved > 10
     places = np.zeros((60_000, 3))
     places[:, 2] = np.linspace(-1, 4, len(places))
@@ -126,30 +126,28 @@ def test_very_oblique_pictures_keep_their_bound(
     span = float(np.linalg.norm(np.ptp(splats.corners, axis=0)))
     for away in (0.3, 0.8):
         camera = sg.Camera.look_at(middle - out.forward * span * away, middle, (0, 0, 1), fov, size)
-        for changes in ({}, {"blend": "xray"}, {"antialias": "off", "primitive": "quad"}):
+        for changes in ({}, {"blend": "xray"}, {"antialias": "off", "technique": "quads"}):
             error, limit = off(renderer, splats, camera, sg.Settings(**changes))
             assert error <= limit, (away, changes)
 
 
 @pytest.mark.parametrize(("size", "samples"), [((3, 16384), 1), ((2, 8192), 2)])
 def test_pictures_as_large_as_the_viewport(renderer: sg.Renderer, size: tuple[int, int], samples: int) -> None:
-    """No room is left there for sprites that are centred beyond the edges."""
+    """Tiles in bands of rows, against quads."""
     splats = noise(size=6)
     antialias = "supersample" if samples > 1 else "off"
     settings = sg.Settings(antialias=antialias, samples=samples, blend="xray")
     camera = sg.Camera.orbit(splats, size=size, zoom=0.2)
-    drawn = renderer.render(splats, camera, settings).pixels
-    quads = renderer.render(splats, camera, settings.but(primitive="quad")).pixels
-    assert np.abs(drawn - quads).max() <= 1e-4 * quads.max()
-    if renderer.viewport == max(size) * samples:
-        with pytest.raises(sg.InputError, match=r"^primitive sprite: .* exceed the viewport"):
-            renderer.render(splats, camera, settings.but(primitive="sprite"))
+    quads = renderer.render(splats, camera, settings.but(technique="quads")).pixels
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("splatgl.gl.tiles.MOST_PIXELS", 2**14)
+        drawn = renderer.render(splats, camera, settings.but(technique="tiles")).pixels
+    assert np.abs(drawn - quads).max() <= 1e-3 * quads.max()
 
 
-def test_the_same_picture_twice_has_the_same_bits(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where tiles lie behind near quads and blocks beyond the edges are left out the second time."""
-    monkeypatch.setattr(tiling, "FEWEST", 0)
-    mixed = 0
+def test_the_same_picture_twice_has_the_same_bits(renderer: sg.Renderer) -> None:
+    """Also where blocks beyond the edges are left out the second time."""
+    near = 0
     for grid in ("cubes", "sheared"):
         splats = noise(grid, size=36, opacity=0.95)
         low, high = splats.corners.min(axis=0), splats.corners.max(axis=0)
@@ -158,9 +156,8 @@ def test_the_same_picture_twice_has_the_same_bits(renderer: sg.Renderer, monkeyp
             eye = rng.uniform(low, high)
             size = (int(rng.integers(30, 120)), int(rng.integers(30, 120)))
             camera = sg.Camera.look_at(eye, eye + rng.normal(size=3), rng.normal(size=3), rng.uniform(20, 80), size)
-            chosen = renderer.plan(splats, camera)
-            mixed += chosen.program.primitive == "tile" and chosen.near is not None
+            near += renderer.plan(splats, camera).program.seen.half_line
             renderer.passes.splats.release()
             first, *others = (renderer.render(splats, camera).pixels for _ in range(3))
             assert all((pixels == first).all() for pixels in others)
-    assert mixed > 4
+    assert near > 4

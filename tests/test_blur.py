@@ -7,7 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from splatgl.splat.blur import (
+from splatgl.splat.kernel.kernels import KERNELS, kernel
+from splatgl.splat.motion.blur import (
     MOTIONS,
     POINT,
     box_blur,
@@ -18,9 +19,8 @@ from splatgl.splat.blur import (
     streak,
     stretched,
 )
-from splatgl.splat.blur_table import SHORT, blur_table
-from splatgl.splat.dwell import alone, dwelt_depth
-from splatgl.splat.kernel import KERNELS, kernel
+from splatgl.splat.motion.blur_table import SHORT, blur_table
+from splatgl.splat.motion.motion_opacity import dwelt_depth, isolation
 
 # (u, v, l) → B of the kernel of unit volume
 PLACES = np.array([(0, 0, 0), (0.3, 0.2, 0.5), (1, 0, 2), (1, 0.5, 10), (50, 0.1, 100)], float).T
@@ -134,4 +134,4 @@ def test_dwelling_is_smeared_depth_for_fog_and_smeared_opacity_for_what_is_alone
     hidden = -np.expm1(-dwelt_depth(np.array([1.0]), np.array([10.0]), np.ones(1)))
     assert 0.1 < float(hidden[0]) < 0.25
     assert (dwelt_depth(mean, mean, np.ones(3)) == mean).all()
-    assert alone(np.array([5.0, 5.0]), np.array([1.0, 1000.0])) == pytest.approx([1.0, 0.0], abs=1e-4)
+    assert isolation(np.array([5.0, 5.0]), np.array([1.0, 1000.0])) == pytest.approx([1.0, 0.0], abs=1e-4)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.bound import MOVED, bound
-from splatgl.splat.crowd import cells_of, crowd
-from splatgl.splat.kernel import kernel
-from splatgl.splat.missed import ULP
-from splatgl.splat.resolve import Resolved
+from splatgl.splat.bound.bound import MOVED, bound
+from splatgl.splat.bound.footprint_error import ULP
+from splatgl.splat.bound.ray_overlap import cells_of, ray_overlap
+from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.plan.resolve import Resolved
 from splatgl.truth import streaks
 from splatgl.truth.pairs import values
 from splatgl.truth.reference import _Scene
@@ -36,24 +36,22 @@ PIECES = {
 WAYS = {
     "auto": {},
     "loose": {"tolerance": 0.2},
-    "quads": {"primitive": "quad"},
-    "front to back": {"primitive": "quad", "order": "front-to-back"},
+    "quads": {"technique": "quads"},
+    "front to back": {"technique": "quads", "order": "front-to-back"},
     "gaussian": {"kernel": "gaussian"},
     "xray": {"blend": "xray"},
     "mip": {"blend": "mip"},
     "parallel": {},
-    "tiles": {"primitive": "tile"},
-    "tiles, gaussian": {"primitive": "tile", "kernel": "gaussian"},
-    "tiles, xray": {"primitive": "tile", "blend": "xray"},
-    "tiles, mip": {"primitive": "tile", "blend": "mip"},
+    "tiles": {"technique": "tiles"},
+    "tiles, gaussian": {"technique": "tiles", "kernel": "gaussian"},
+    "tiles, xray": {"technique": "tiles", "blend": "xray"},
+    "tiles, mip": {"technique": "tiles", "blend": "mip"},
 }
 # what is coarser than the finest, and knows by how much
 COARSER = {
     "ray": {"align": "ray"},
     "grid": {"align": "grid"},
     "hybrid": {"align": "hybrid"},
-    "a": {"align": "a"},
-    "b1": {"align": "b1"},
     "half floats": {"target": "rgba16f"},
     "half floats, xray": {"blend": "xray", "target": "rgba16f"},
     "8 bits": {"target": "rgba8"},
@@ -121,9 +119,7 @@ def measured(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settin
     return float(np.abs(image.pixels - right).max()), float(image.info["error_bound"])
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.long) for name in PIECES]
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.long) for name in PIECES])
 def test_scenes_keep_their_bound_and_it_is_near(renderer: sg.Renderer, name: str) -> None:
     """What is coarser says how much so within 20 times, and the finest does in some way."""
     splats, camera = scene(name)
@@ -149,7 +145,7 @@ def test_views_keep_their_bound(renderer: sg.Renderer, name: str) -> None:
     for view, camera in views(splats).items():
         for way in ("auto", "xray", "mip", "gaussian", "grid"):
             settings = sg.Settings(**{**WAYS, **COARSER}[way])
-            image = renderer.render(splats, camera, settings, held=False)
+            image = renderer.render(splats, camera, settings, verify_bound=False)
             error = np.abs(image.pixels - sg.reference.render(splats, camera, settings).pixels).max()
             assert error <= image.info["error_bound"], (view, way)
 
@@ -157,13 +153,13 @@ def test_views_keep_their_bound(renderer: sg.Renderer, name: str) -> None:
 @pytest.mark.parametrize("few", [10_000, 60, 0], ids=["one by one", "blocks", "planes"])
 @pytest.mark.parametrize("name", SHAPES)
 def test_no_ray_meets_more_than_is_said(name: str, few: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("splatgl.splat.crowd.FEW", few)
+    monkeypatch.setattr("splatgl.splat.bound.ray_overlap.FEW", few)
     splats = replace(SHAPES[name])
     assert (cells_of(splats).groups is None) == (few == 0)
     for view, camera in views(splats).items():
         chosen = sg.plan(splats, camera, sg.Settings(blend="xray"))
         count, depth = met(splats, camera)
-        found = crowd(splats, camera, chosen)
+        found = ray_overlap(splats, chosen.view)
         assert count <= found.count <= len(splats), view
         assert depth <= found.depth * 1.000001, view
         # of a solid block most rays meet much
@@ -201,7 +197,7 @@ def test_single_splats_keep_a_bound_that_is_near(renderer: sg.Renderer) -> None:
         settings = sg.Settings(blend="xray" if n % 2 else "mip", kernel="crawfis-max" if n % 3 else "gaussian")
         error, limit = measured(renderer, splats, camera, settings)
         assert error <= limit
-        shares[sg.plan(splats, camera, settings).program.antialias].append(error / limit)
+        shares[sg.plan(splats, camera, settings).program.seen.antialias].append(error / limit)
     assert all(len(share) > 10 and max(share) > 0.2 for share in shares.values())
 
 
@@ -226,7 +222,7 @@ def test_a_finer_picture_is_drawn_only_where_it_is_needed(
         ({"target": "rgba16f"}, True, 2),
     ):
         drawn.clear()
-        renderer.render(splats, camera, sg.Settings(**changes), held=held)
+        renderer.render(splats, camera, sg.Settings(**changes), verify_bound=held)
         assert len(drawn) == count, changes
 
 
@@ -277,7 +273,7 @@ def test_the_bound_follows_what_makes_the_error(renderer: sg.Renderer) -> None:
     camera = sg.Camera.orbit(splats, size=SIZE)
 
     def parts(**changes: object) -> object:
-        return bound(splats, camera, sg.plan(splats, camera, sg.Settings(**changes)), 1.0)
+        return bound(splats, sg.plan(splats, camera, sg.Settings(**changes)), 1.0)
 
     exact, grid, half, coarse = parts(), parts(align="grid"), parts(target="rgba16f"), parts(table_size=32)
     assert grid.footprint > 20 * exact.footprint
@@ -314,7 +310,7 @@ def test_stress_pictures_keep_their_bound(renderer: sg.Renderer, monkeypatch: py
 def test_nothing_has_no_error() -> None:
     empty = sg.Splats.from_points(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
     camera = sg.Camera.look_at((0, -5, 0), (0, 0, 0), (0, 0, 1))
-    assert bound(empty, camera, sg.plan(empty, camera), 0.0).total == 0.0
+    assert bound(empty, sg.plan(empty, camera), 0.0).total == 0.0
 
 
 def test_the_second_order_is_as_large_as_measured(renderer: sg.Renderer) -> None:
@@ -329,8 +325,8 @@ def test_the_second_order_is_as_large_as_measured(renderer: sg.Renderer) -> None
         fov = 2 * np.degrees(np.arctan(pixels * beyond / depth / 2))
         camera = sg.Camera.look_at(eye, eye + np.array([0, 0, 1.0]), (0, -1, 0), fov, (pixels, pixels))
         splats = sg.Splats.from_points([[0.0, 0.0, 0.0]], [[1.0, 1.0, 1.0]], [1.0])
-        settings = sg.Settings(blend="mip", primitive="quad")
-        assert sg.plan(splats, camera, settings).program.antialias
+        settings = sg.Settings(blend="mip", technique="quads")
+        assert sg.plan(splats, camera, settings).program.seen.antialias
         drawn, right = (
             (render(splats, camera, settings).pixels[..., 3] / (1 - np.exp(-1.0))).clip(0, 1)
             for render in (renderer.render, sg.reference.render)
@@ -364,6 +360,6 @@ def test_over_loses_more_than_one_rounding_a_blend() -> None:
     error = abs(float(drawn) - right)
     column = lattice(count, 0.5, (0, 0, 1))
     camera = sg.Camera.look_at((0, 0, -40), (0, 0, 0), (0, 1, 0), 20, (4, 4))
-    said = bound(column, camera, sg.plan(column, camera, sg.Settings(primitive="quad")), 1.0)
+    said = bound(column, sg.plan(column, camera, sg.Settings(technique="quads")), 1.0)
     assert said is not None
     assert count * ULP / 4 < error <= said.rounding

@@ -1,6 +1,6 @@
 """Eight ways in which a picture goes wrong: each is caught, named, and to be seen in the report; app/README.md's table.
 
-    SPLATGL_WRITE_README=1 pytest tests/test_compare_kinds.py     renews the table
+SPLATGL_WRITE_README=1 pytest tests/test_compare_kinds.py     renews the table
 """
 
 from __future__ import annotations

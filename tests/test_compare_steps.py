@@ -7,7 +7,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.truth.compare import compare
-from splatgl.truth.steps import over_a_step
+from splatgl.truth.quantization import over_a_step
 from splatgl.truth.verdict import judge
 
 LEVELS = np.arange(256)

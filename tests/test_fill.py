@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.fill import filled_depth
-from splatgl.splat.kernel import kernel
-from splatgl.splat.runs import OCTAVES
+from splatgl.splat.extraction.run_lengths import OCTAVES
+from splatgl.splat.integral.attenuation import filled_depth
+from splatgl.splat.kernel.kernels import kernel
 
 FORMS = ("opacity", "optical-depth", "fill")
 
@@ -87,14 +87,14 @@ def test_what_a_dot_hides_is_near_at_any_depth() -> None:
     assert -0.07 < min(apart) < -0.05 and 0.02 < max(apart) < 0.035
 
 
-@pytest.mark.parametrize("kind", ["quad", "tile"])
+@pytest.mark.parametrize("kind", ["quads", "tiles"])
 def test_a_deep_dot_is_the_same_on_the_gpu(renderer: sg.Renderer, kind: str) -> None:
     """Alone in its pixels, where the rim counts most."""
     for depth in (3.0, 8.0, 16.0):
         dot = sg.Splats.from_points([[0.0, 0, 0]], [[1.0, 1, 1]], [depth])
         camera = sg.Camera.look_at((0, 0, -100), (0.01, 0.02, 0), (0, 1, 0), 12, (9, 9))
-        settings = sg.Settings(primitive=kind, occlusion="off")
-        assert sg.plan(dot, camera, settings, tiles=True).program.attenuation == "fill"
+        settings = sg.Settings(technique=kind, occlusion="off")
+        assert sg.plan(dot, camera, settings, tiles=True).program.look.attenuation == "fill"
         right = sg.reference.render(dot, camera, settings).pixels
         assert np.abs(renderer.render(dot, camera, settings).pixels - right).max() < 3e-4 * right.max()
 
@@ -142,7 +142,7 @@ def test_nearest_to_supersampling(make, m: float, renderer: sg.Renderer) -> None
 def test_nothing_changes_before_z_k(renderer: sg.Renderer) -> None:
     splats = matter(dots())
     camera = sg.Camera.orbit(splats, 30, 20, size=(300, 300))
-    assert not sg.plan(splats, camera).program.antialias
+    assert not sg.plan(splats, camera).program.seen.antialias
     drawn = [renderer.render(splats, camera, sg.Settings(attenuation=form)).pixels for form in FORMS]
     assert (drawn[0] == drawn[1]).all()
     assert (drawn[0] == drawn[2]).all()
@@ -151,5 +151,5 @@ def test_nothing_changes_before_z_k(renderer: sg.Renderer) -> None:
 def test_fill_is_what_auto_means() -> None:
     splats = matter(dots())
     far = sg.Camera.orbit(splats, size=(20, 20))
-    assert sg.plan(splats, far).program.attenuation == "fill"
-    assert sg.plan(splats, far, sg.Settings(blend="xray")).program.attenuation == "optical-depth"
+    assert sg.plan(splats, far).program.look.attenuation == "fill"
+    assert sg.plan(splats, far, sg.Settings(blend="xray")).program.look.attenuation == "optical-depth"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.footprint import ROWS, Splat, switch_depth
-from splatgl.splat.kernel import kernel
+from splatgl.splat.integral.table1 import ROWS, Splat, switch_depth
+from splatgl.splat.kernel.kernels import kernel
 
 NAMES = {"D": "gaussian", "CM": "crawfis-max"}
 

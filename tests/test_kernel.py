@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
-from splatgl.splat.kernel import KERNELS, footprint_table, kernel
+import splatgl as sg
+from splatgl.splat.kernel.kernels import KERNELS, PiecewiseCubic, footprint_table, kernel
 
 
 @pytest.mark.parametrize("name", KERNELS)
@@ -99,3 +103,42 @@ def test_table_error(bits: int, bound: float) -> None:
 def test_unknown_kernel() -> None:
     with pytest.raises(ValueError, match=r"kernel: expected crawfis-max or gaussian, got 'box'"):
         kernel("box")
+
+
+B_SPLINE = ((2 / 3, 0.0, -1.0, 0.5), (4 / 3, -2.0, 1.0, -1 / 6))
+
+
+@pytest.fixture
+def registered() -> Iterator[str]:
+    sg.register_kernel(PiecewiseCubic("radial-b-spline", (1.0, 2.0), B_SPLINE))
+    yield "radial-b-spline"
+    del KERNELS["radial-b-spline"]
+
+
+def test_a_registered_kernel_draws_within_its_bound(renderer: sg.Renderer, registered: str) -> None:
+    """Known to settings, plan, tables, shaders, reference and bound, without a touch to any of them."""
+    volume = sg.Volume(np.random.default_rng(2).random((7, 8, 9)), spacing=(1, 1, 2))
+    splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.6)]))
+    for technique, zoom, blend in itertools.product(("quads", "tiles"), (1, 1 / 12), ("composite", "xray", "mip")):
+        camera = sg.Camera.orbit(splats, 20, 30, size=(64, 64), zoom=zoom)
+        settings = sg.Settings(kernel=registered, technique=technique, blend=blend)
+        image = renderer.render(splats, camera, settings, verify_bound=False)
+        right = sg.reference.render(splats, camera, settings).pixels
+        assert image.info["kernel"] == registered and right.max() > 0.01
+        assert np.abs(image.pixels - right).max() <= image.info["error_bound"]
+
+
+@pytest.mark.parametrize(
+    ("name", "knots", "pieces", "message"),
+    [
+        ("gaussian", (1.0, 2.0), B_SPLINE, "a new name"),
+        ("Mine!", (1.0, 2.0), B_SPLINE, "a new name"),
+        ("wide", (1.0, 9.0), B_SPLINE, "a radius of at most 4"),
+        ("negative", (1.0,), ((1.0, -3.0, 2.0, 0.0),), "nowhere negative"),
+        ("box", (0.5,), ((1.0, 0.0, 0.0, 0.0),), "a step of at most 0.001 at its rim"),
+    ],
+)
+def test_what_is_no_kernel_is_refused(name: str, knots: tuple, pieces: tuple, message: str) -> None:
+    with pytest.raises(sg.InputError, match=message):
+        sg.register_kernel(PiecewiseCubic(name, knots, pieces))
+    assert name not in KERNELS or name == "gaussian"

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_sprites import noise, views
+from noise import noise, views
 
 import splatgl as sg
-from splatgl.splat.plan import Plan
-from splatgl.splat.sprites import Window
+from splatgl.splat.plan.occlusion_policy import Hiding
+from splatgl.splat.plan.plan import Plan
+from splatgl.splat.view.screen_bounds import Window
 
 # float32's last digits, where another way computes the same
 ROUNDING = 2e-5
@@ -22,44 +23,43 @@ TILED = 5e-5
 
 def forced(name: str, chosen: Plan, camera: sg.Camera) -> tuple[Plan, Plan, float]:
     """(the plan as it is or next to it, the plan with the feature on, how much may change)."""
-    quads = chosen.forced(primitive="quad")
-    tiled = TILED if chosen.program.primitive == "tile" else 0.0
+    quads = chosen.forced(technique="quads")
+    tiled = TILED if chosen.program.technique == "tiles" else 0.0
     return {
         "antialiasing": (chosen, chosen.forced(antialias=True), tiled),
         "antialiasing, quads": (quads, quads.forced(antialias=True), 0.0),
         "attenuation": (chosen, chosen.forced(antialias=True, attenuation="fill"), tiled),
-        "half lines": (quads, quads.forced(half_line=True), 0.0),
+        "half lines": (chosen, chosen.forced(half_line=True), tiled),
+        "half lines, quads": (quads, quads.forced(half_line=True), 0.0),
         "non-cubic voxels": (chosen, chosen.forced(cubic=False), ROUNDING),
-        "quads": (chosen, quads, ROUNDING + tiled + chosen.passing),
-        "sprites": (chosen, chosen.forced(primitive="sprite"), ROUNDING + tiled + chosen.passing),
+        "quads": (chosen, quads, ROUNDING + tiled + chosen.hiding.cutoff),
         # other tiles end at other splats
         "rows beyond the window": (
             chosen,
             replace(chosen, window=Window(0, 0, *camera.size)),
-            chosen.passing if tiled else 0.0,
+            chosen.hiding.cutoff if tiled else 0.0,
         ),
-        "hidden splats": (chosen, replace(chosen, parts=1), chosen.passing),
+        "hidden splats": (chosen, replace(chosen, hiding=Hiding()), chosen.hiding.cutoff),
     }[name]
 
 
 FEATURES = (
-    *("antialiasing", "antialiasing, quads", "attenuation", "half lines"),
-    *("non-cubic voxels", "quads", "sprites", "rows beyond the window", "hidden splats"),
+    *("antialiasing", "antialiasing, quads", "attenuation", "half lines", "half lines, quads"),
+    *("non-cubic voxels", "quads", "rows beyond the window", "hidden splats"),
 )
 
 
 @pytest.mark.parametrize("name", FEATURES)
-@pytest.mark.parametrize(("size", "primitive"), [(12, "sprite"), (40, "sprite"), (12, "tile"), (40, "tile")])
-def test_forced_on(renderer: sg.Renderer, name: str, size: int, primitive: str) -> None:
+@pytest.mark.parametrize("size", [12, 40])
+def test_forced_on(renderer: sg.Renderer, name: str, size: int) -> None:
     splats = noise(size=size, opacity=0.9)
     camera = views(splats)["fitted"].resized((360, 270))
-    chosen = renderer.plan(splats, camera, sg.Settings(primitive=primitive))
-    assert not chosen.program.antialias and not chosen.program.half_line and chosen.program.cubic
-    assert (chosen.parts > 1) == (size == 40 and primitive == "sprite")
+    chosen = renderer.plan(splats, camera, sg.Settings(technique="tiles"))
+    assert not chosen.program.seen.antialias and not chosen.program.seen.half_line and chosen.program.seen.cubic
     without, with_it, change = forced(name, chosen, camera)
-    drawn = renderer.passes.draw(splats, camera, without)
+    drawn = renderer.passes.draw(splats, without)
     assert drawn.max() > 0.1
-    assert np.abs(renderer.passes.draw(splats, camera, with_it) - drawn).max() <= change
+    assert np.abs(renderer.passes.draw(splats, with_it) - drawn).max() <= change
 
 
 def test_order_is_left_out_of_sums(renderer: sg.Renderer) -> None:
@@ -68,8 +68,8 @@ def test_order_is_left_out_of_sums(renderer: sg.Renderer) -> None:
     for blend in ("xray", "mip"):
         chosen = renderer.plan(splats, camera, sg.Settings(blend=blend))
         assert any(note.startswith("ordering left out") for note in chosen.notes)
-        renderer.passes.draw(splats, camera, chosen)
-        drawn = renderer.passes.splats.of(splats).indexed
+        renderer.passes.draw(splats, chosen)
+        drawn = renderer.passes.splats.of(splats).textured
         assert drawn is not None and not drawn.orders.kept
         renderer.passes.splats.release()
 

@@ -11,9 +11,8 @@ import pytest
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.gl.program import build, splat_switches
-from splatgl.gl.uniforms import PATH, PATH_BINDING
-from splatgl.splat.blur import MOTIONS
-from splatgl.splat.kernel import kernel
+from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.motion.blur import MOTIONS
 from splatgl.truth import streaks
 from splatgl.truth.temporal import Moments
 
@@ -132,7 +131,7 @@ def test_what_does_not_move_is_the_still_bit_for_bit(renderer: sg.Renderer, view
 def test_a_still_splat_among_moving_ones_is_the_same(renderer: sg.Renderer) -> None:
     """One that flows is drawn alone, and beside others that stand still: streaks change nothing of theirs."""
     splats, camera = cloud(), CAMERAS["near"]
-    quads = sg.Settings(blend="xray", primitive="quad")
+    quads = sg.Settings(blend="xray", technique="quads")
     flow = np.zeros((COUNT, 3))
     flow[0] = (2.0, 0, 1)
     first = replace(splats, records=splats.records[:1])
@@ -186,7 +185,7 @@ def test_the_eye_inside(renderer: sg.Renderer) -> None:
     splats = cloud()
     camera = sg.Camera.look_at((0.3, -4, 0.2), (0, 0, 0), (0, 0, 1), 80, (30, 30))
     for motion in (MOVES["spins"], sg.Motion(velocity=(0.3, 0.8, 0.0))):
-        assert renderer.plan(splats, camera, XRAY, motion).program.half_line
+        assert renderer.plan(splats, camera, XRAY, motion).program.seen.half_line
         right = Moments(renderer.render, motion, 180, 64)(splats, camera, XRAY.but(motion="off")).pixels
         found = renderer.render(splats, camera, XRAY, motion).pixels
         assert np.isfinite(found).all()
@@ -196,9 +195,9 @@ def test_the_eye_inside(renderer: sg.Renderer) -> None:
 
 def test_the_plan_says_what_it_leaves_out(renderer: sg.Renderer) -> None:
     splats, camera, motion = cloud(), CAMERAS["near"], MOVES["spins"]
-    assert renderer.plan(splats, camera).program.primitive == "sprite"
+    assert renderer.plan(splats, camera).program.technique == "tiles"
     chosen = renderer.plan(splats, camera, XRAY.but(align="hybrid"), motion)
-    assert (chosen.program.primitive, chosen.program.align, chosen.parts) == ("quad", "exact", 1)
+    assert (chosen.program.technique, chosen.program.align, chosen.hiding.depth_batches) == ("streaks", "exact", 1)
     for words in ("align hybrid left out", "motion blur exact, shutter 180°", "error bound is to straight streaks"):
         assert words in chosen.explain()
     # a maximum has no blur
@@ -225,34 +224,10 @@ def test_every_choice_compiles(renderer: sg.Renderer) -> None:
         for camera in (CAMERAS["near"], CAMERAS["far"], CAMERAS["parallel"]):
             for blend, attenuation in (("xray", "auto"), ("composite", "fill"), ("composite", "opacity")):
                 settings = base.but(motion=form, blend=blend, attenuation=attenuation)
-                program = renderer.plan(splats, camera, settings, MOVES["flows"]).program
-                for shading, cubic, half_line in ((True, False, False), (False, True, program.perspective)):
-                    chosen = replace(program, shading=shading, cubic=cubic, half_line=half_line)
+                plan = renderer.plan(splats, camera, settings, MOVES["flows"])
+                for shading, cubic, half_line in ((True, False, False), (False, True, plan.view.perspective)):
+                    chosen = plan.forced(shading=shading, cubic=cubic, half_line=half_line).program
                     build(renderer.ctx, "splat.vert", "splat.frag", splat_switches(chosen)).release()
-
-
-def test_path_mirrors_the_shader(renderer: sg.Renderer) -> None:
-    """Each number of the block stands where the shader looks for it."""
-    source = """#version 330 core
-    layout(std140) uniform Path { vec4 first_from_index[3]; vec4 last_from_index[3]; vec4 first_from_base;
-        vec4 last_from_base; float line; float weaken; } path;
-    out float echo;
-    void main() { gl_Position = vec4(0.0); echo = float[6](path.first_from_index[1].z, path.last_from_index[2].x,
-        path.first_from_base.y, path.last_from_base.z, path.line, path.weaken)[gl_VertexID]; }"""
-    program = renderer.ctx.program(vertex_shader=source, varyings=("echo",))
-    assert program["Path"].size <= PATH.itemsize
-    record = np.zeros((), PATH)
-    for name in PATH.names:
-        shape = PATH[name].shape
-        record[name] = np.arange(np.prod(shape, dtype=int)).reshape(shape) + 100 * PATH.names.index(name)
-    program["Path"].binding = PATH_BINDING
-    buffer, out = renderer.ctx.buffer(record.tobytes()), renderer.ctx.buffer(reserve=24)
-    buffer.bind_to_uniform_block(PATH_BINDING)
-    array = renderer.ctx.vertex_array(program, [])
-    array.transform(out, vertices=6)
-    assert np.frombuffer(out.read(), np.float32).tolist() == [6, 108, 201, 302, 400, 500]
-    for thing in (array, program, buffer, out):
-        thing.release()
 
 
 def test_animate_draws_streaks(

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat import order as order_module
-from splatgl.splat.order import Order, back_to_front, order_for
+from splatgl.splat.extraction import order as order_module
+from splatgl.splat.extraction.order import Order, back_to_front, order_for
 
 
 def full_grid(rng: np.random.Generator, share: float = 0.6) -> tuple[np.ndarray, sg.Splats]:

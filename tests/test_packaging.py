@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+import splatgl as sg
+
 ROOT = Path(__file__).parents[1]
 CORE = {"moderngl", "numpy", "glfw", "pyrr", "Pillow", "pytest"}
 
@@ -38,7 +40,7 @@ def test_wheel_carries_shaders_and_types(tmp_path: Path) -> None:
     assert shaders(ROOT) and packed_shaders(wheel) == shaders(ROOT)
     names = zipfile.ZipFile(wheel).namelist()
     assert "splatgl/py.typed" in names and "splatgl/gl/context.py" in names
-    assert {name.split("/")[0] for name in names} == {"splatgl", "splatgl-0.1.0.dist-info"}
+    assert {name.split("/")[0] for name in names} == {"splatgl", f"splatgl-{sg.__version__}.dist-info"}
 
 
 def test_wheel_from_sdist_is_the_same(tmp_path: Path) -> None:

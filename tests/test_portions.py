@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_sprites import noise, views
+from noise import noise, views
 
 import splatgl as sg
-from splatgl.gl import draw_order, passes, portions, tiles
-from splatgl.splat import primitive, tiling
+from splatgl.gl import draw_order, portions, streaks, tiles
 
-PRIMITIVES = ("quad", "sprite", "tile")
+TECHNIQUES = ("quads", "tiles")
 
 
 @pytest.fixture
@@ -21,14 +20,14 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tiles, "ENTRIES", 1000)
 
 
-@pytest.mark.parametrize("kind", PRIMITIVES)
+@pytest.mark.parametrize("kind", TECHNIQUES)
 @pytest.mark.usefixtures("small")
 def test_a_picture_can_be_cancelled_between_portions(renderer: sg.Renderer, kind: str) -> None:
     """Wherever it is cancelled, what comes next is right bit for bit; whoever asks changes nothing."""
     splats = noise(size=20, opacity=0.9)
     camera = views(splats)["fitted"]
     for change in ({}, {"occlusion": "off"}, {"blend": "xray"}):
-        settings = sg.Settings(primitive=kind, **change)
+        settings = sg.Settings(technique=kind, **change)
         right = renderer.render(splats, camera, settings).pixels
         asked: list[None] = []
         counted = renderer.render(splats, camera, settings, interrupted=lambda asked=asked: asked.append(None)).pixels
@@ -46,7 +45,7 @@ def test_too_many_that_flow_are_refused(renderer: sg.Renderer, monkeypatch: pyte
     splats = noise(size=8, opacity=0.5)
     flow = sg.Motion(flow=np.full((len(splats), 3), 0.1))
     renderer.render(splats, views(splats)["fitted"], motion=flow)
-    monkeypatch.setattr(passes, "MOST_KEPT", len(splats) - 1)
+    monkeypatch.setattr(streaks, "MOST_KEPT", len(splats) - 1)
     with pytest.raises(sg.InputError, match=r"^splats: expected at most \d+ that flow, got \d+; raise the"):
         renderer.render(splats, views(splats)["fitted"], motion=flow)
 
@@ -68,22 +67,20 @@ def test_portions_grow_and_shrink_with_the_time_they_take(
 
 
 @pytest.mark.parametrize("change", [{}, {"blend": "xray"}, {"attenuation": "fill"}], ids=str)
-@pytest.mark.parametrize("kind", ["quad", "tile"])
+@pytest.mark.parametrize("kind", TECHNIQUES)
 def test_too_many_splats_to_be_kept_are_drawn_in_chunks(
     renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, kind: str, change: dict
 ) -> None:
     splats = noise(size=14, opacity=0.5)
     for view in ("fitted", "far"):
         camera = views(splats)[view]
-        settings = sg.Settings(primitive=kind, occlusion="off", order="front-to-back", **change)
+        settings = sg.Settings(technique=kind, occlusion="off", order="front-to-back", **change)
         whole = renderer.render(splats, camera, settings).pixels
         with monkeypatch.context() as patched:
-            for module in (draw_order, passes, primitive, tiling):
+            for module in (draw_order, tiles):
                 patched.setattr(module, "MOST_KEPT", 1000)
             patched.setattr(draw_order, "CHUNK", 300)
             chunked = [renderer.render(splats, camera, settings).pixels for _ in range(2)]
-            with pytest.raises(sg.InputError, match=r"^primitive sprite: .* more than 1,000 splats"):
-                renderer.plan(splats, camera, settings.but(primitive="sprite"))
         renderer.passes.splats.release()
         assert (chunked[0] == chunked[1]).all()
         # sums in another order, for want of one

@@ -11,9 +11,9 @@ import pytest
 
 from splatgl.data.errors import InputError
 from splatgl.data.volume import Hints, Volume
-from splatgl.splat.presets import BONE_HU, PRESETS, SOLID, default_transfer, preset
-from splatgl.splat.statistics import PLANES, statistics
-from splatgl.splat.transfer import Transfer
+from splatgl.splat.classification.presets import BONE_HU, PRESETS, SOLID, default_transfer, preset
+from splatgl.splat.classification.statistics import PLANES, statistics
+from splatgl.splat.classification.transfer import Transfer
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[2] / "shared" / "data"))
 

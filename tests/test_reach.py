@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from test_sprites import GRIDS
+from noise import GRIDS, noise, views
 
 import splatgl as sg
-from splatgl.splat.affine import View
-from splatgl.splat.kernel import kernel
+from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.view.screen_bounds import Window
+from splatgl.splat.view.view import View
 from splatgl.truth.extent import pixel_boxes
 
 # a footprint's value from which on a pixel must have been reached, of its peak: at 0.99 of its reach it is 7e-6
@@ -60,10 +63,22 @@ def test_a_splat_is_in_every_tile_that_it_reaches(renderer: sg.Renderer, grid: s
     for turn in range(4):
         camera = sg.Camera.orbit(splats, 20 + turn, 70, size=(400, 300)).parallel(splats)
         camera = sg.Camera(camera.eye + rng.random(3), camera.eye_from_world, camera.size, camera.extent, False)
-        settings = sg.Settings(blend="xray", primitive="tile", antialias="off")
+        settings = sg.Settings(blend="xray", technique="tiles", antialias="off")
         drawn = renderer.render(splats, camera, settings).pixels[..., 3]
         right = sg.reference.render(splats, camera, settings).pixels[..., 3]
         rim = (right > RIM * right.max()) & (right < 1e-4 * right.max())
         reached += int(rim.sum())
         assert (drawn[right > RIM * right.max()] > 0).all()
     assert reached > 1000
+
+
+@pytest.mark.parametrize("view", views(noise()))
+@pytest.mark.parametrize("grid", GRIDS)
+def test_no_splat_reaches_beyond_the_window(renderer: sg.Renderer, grid: str, view: str) -> None:
+    splats = noise(grid, opacity=1.0)
+    few = sg.Splats.from_points(np.array([[0.0, 0, 0], [3, 2, 1]]), np.ones((2, 3)), np.ones(2))
+    for subject in (splats, few):
+        camera = views(splats)[view]
+        chosen = sg.plan(subject, camera)
+        whole = replace(chosen, window=Window(0, 0, *camera.size))
+        assert (renderer.passes.draw(subject, chosen) == renderer.passes.draw(subject, whole)).all()

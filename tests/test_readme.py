@@ -22,7 +22,8 @@ from splatgl.app.cli import COMMANDS, _parser, main
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.bindings import load_bindings
 from splatgl.data.readers import FORMATS
-from splatgl.splat.settings import CHOICES, Settings
+from splatgl.splat.kernel import kernels
+from splatgl.splat.plan.settings import Settings, choices
 from splatgl.truth.stress import CASES
 
 ROOT = Path(__file__).parents[1]
@@ -32,7 +33,7 @@ IDS = [path.relative_to(ROOT).as_posix() for path in READMES]
 ROOMS = ("data", "splat", "gl", "truth", "app", "app/viewer")
 MOST_LINES = 170
 # of code blocks; text is output, and holds no command
-LANGUAGES = ("sh", "python", "toml", "text")
+LANGUAGES = ("sh", "python", "toml", "text", "mermaid")
 # what begins a command line
 PROGRAMS = ("splatgl ", "scripts/", "pip ", "pytest ")
 
@@ -218,7 +219,10 @@ def test_commands(command: str, here: Path) -> None:
 
 
 @pytest.mark.parametrize("block", of("python"), ids=lambda block: block.path.parent.name)
-def test_snippets(block: Block, here: Path) -> None:
+def test_snippets(block: Block, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # what they register is gone with them
+    monkeypatch.setattr(kernels, "KERNELS", dict(kernels.KERNELS))
+    monkeypatch.setattr("splatgl.splat.plan.settings.KERNELS", kernels.KERNELS)
     names: dict[str, object] = {}
     exec(compile(block.text, str(block.path), "exec"), names)
     # one that defines a test is run by test_plugin.py
@@ -348,7 +352,7 @@ def test_every_setting_is_in_the_table() -> None:
 def test_settings_table_is_the_code() -> None:
     """The values of each choice are those of its row, the default first."""
     rows = settings_rows()
-    for name, allowed in CHOICES.items():
+    for name, allowed in choices().items():
         values = rows[f"--{name}"][1].split(", ")
         assert sorted(values) == sorted(allowed), name
         assert values[0] == getattr(Settings(), name), name

@@ -7,10 +7,11 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.scenes import letter_f
-from splatgl.splat.affine import View, row1
-from splatgl.splat.footprint import ROWS, Splat
-from splatgl.splat.kernel import kernel
-from splatgl.splat.order import back_to_front, order_for
+from splatgl.splat.extraction.order import back_to_front, order_for
+from splatgl.splat.integral.line_integral import row1
+from splatgl.splat.integral.table1 import ROWS, Splat
+from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.view.view import View
 from splatgl.truth import pairs
 from splatgl.truth.blend import ADD, Band, Part, Sum
 from splatgl.truth.extent import Boxes
@@ -102,7 +103,7 @@ def test_sums_keep_what_rounding_takes() -> None:
     faint = 1e-7 * np.arange(1, 5)
     band, depth = Band.empty(2), np.concatenate([[1e9], faint])
     part = Part(np.array([0, 1, 1, 1, 1]), depth, np.eye(5)[:, 2:], np.ones(5))
-    ADD["composite"](band, part)
+    ADD["over"](band, part)
     before = np.concatenate([[0], np.cumsum(faint)])
     right = -np.expm1(-faint) * np.exp(-before[:-1])
     assert band.color.value[1] == pytest.approx(right[1:], rel=1e-14, abs=0)
@@ -150,7 +151,7 @@ def test_homogeneous_slab(kernel_name: str, bound: float, distance: float) -> No
     middle = (wide - 1) / 2
     eye, size = (middle, middle, -0.5 - distance), (60, 60) if distance < 100 else (16, 16)
     camera = sg.Camera.look_at(eye, (middle, middle, 0), (0, -1, 0), 60 if distance < 100 else 12, size)
-    assert sg.plan(splats, camera).program.antialias == (distance > 100)
+    assert sg.plan(splats, camera).program.seen.antialias == (distance > 100)
     found = render(splats, camera, sg.Settings(kernel=kernel_name)).pixels[..., 3]
     x, y = camera.slopes()
     path = thick * np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
@@ -160,7 +161,7 @@ def test_homogeneous_slab(kernel_name: str, bound: float, distance: float) -> No
 def by_hand(splats: sg.Splats, camera: sg.Camera, blend: str) -> np.ndarray:
     """The picture, a splat at a time over all pixels, back to front."""
     plan = sg.plan(splats, camera)
-    view = View.of(splats.grid, camera, kernel("crawfis-max"), plan.program.antialias)
+    view = View.of(splats.grid, camera, kernel("crawfis-max"), plan.program.seen.antialias)
     x, y = (slopes / (1 if camera.perspective else splats.grid.mean_spacing) for slopes in camera.slopes())
     ray = np.stack(np.broadcast_arrays(x[None, :], y[:, None]))
     picture = np.zeros((*ray.shape[1:], 4))

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.affine import View, row1
-from splatgl.splat.kernel import kernel
+from splatgl.splat.integral.line_integral import row1
+from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.view.view import View
 from splatgl.truth import integral
 from splatgl.truth.integral import ray_integral
 from splatgl.truth.reference import render

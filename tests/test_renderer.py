@@ -10,7 +10,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.scenes import letter_f
-from splatgl.splat.plan import plan
+from splatgl.splat.plan.plan import plan
 from splatgl.truth.temporal import Moments
 
 
@@ -42,16 +42,16 @@ def test_bad_settings(asked: dict, message: str) -> None:
 def test_plan_leaves_out_what_is_not_needed(letter: sg.Splats) -> None:
     near = sg.Camera.orbit(letter, size=(400, 400))
     far = sg.Camera.orbit(letter, size=(40, 40))
-    assert not plan(letter, near).program.antialias
-    assert plan(letter, far).program.antialias
-    assert not plan(letter, far, sg.Settings(antialias="off")).program.antialias
-    assert plan(letter, far).program.cubic
-    assert plan(letter, far).program.shading
-    assert not plan(letter, far, sg.Settings(blend="mip")).program.shading
+    assert not plan(letter, near).program.seen.antialias
+    assert plan(letter, far).program.seen.antialias
+    assert not plan(letter, far, sg.Settings(antialias="off")).program.seen.antialias
+    assert plan(letter, far).program.seen.cubic
+    assert plan(letter, far).program.look.shading
+    assert not plan(letter, far, sg.Settings(blend="mip")).program.look.shading
     assert plan(letter, near.parallel(letter)).program.align == "grid"
     assert "antialiasing left out" in plan(letter, near).explain()
     # supersampling moves z_k to the finer pixel
-    assert not plan(letter, far, sg.Settings(antialias="supersample", samples=10)).program.antialias
+    assert not plan(letter, far, sg.Settings(antialias="supersample", samples=10)).program.seen.antialias
 
 
 def test_auto_never_picks_grid(letter: sg.Splats) -> None:
@@ -62,25 +62,24 @@ def test_auto_never_picks_grid(letter: sg.Splats) -> None:
 def test_leaving_antialiasing_out_changes_nothing(letter: sg.Splats, renderer: sg.Renderer) -> None:
     """Every splat before z_k: with and without, bit for bit the same."""
     camera = sg.Camera.orbit(letter, 30, 20, size=(150, 150))
-    chosen = plan(letter, camera)
-    assert not chosen.program.antialias
+    settings = sg.Settings(technique="quads")
+    chosen = plan(letter, camera, settings)
+    assert not chosen.program.seen.antialias
     # one far splat forces it on; the rest of the picture must stay
-    forced = renderer.render(letter, camera, sg.Settings())
-    from dataclasses import replace
+    forced = renderer.render(letter, camera, settings)
 
-    with_it = renderer.passes.draw(letter, camera, replace(chosen, program=replace(chosen.program, antialias=True)))
+    with_it = renderer.passes.draw(letter, chosen.forced(antialias=True))
     assert (with_it == forced.pixels).all()
 
 
 def test_the_general_path_draws_cubes_alike(letter: sg.Splats, renderer: sg.Renderer) -> None:
     """Cubic voxels through the path for any grid: the same picture within float32."""
-    from dataclasses import replace
 
     camera = sg.Camera.orbit(letter, 30, 20, size=(64, 64))
     chosen = plan(letter, camera)
-    assert chosen.program.cubic
-    simple = renderer.passes.draw(letter, camera, chosen)
-    general = renderer.passes.draw(letter, camera, replace(chosen, program=replace(chosen.program, cubic=False)))
+    assert chosen.program.seen.cubic
+    simple = renderer.passes.draw(letter, chosen)
+    general = renderer.passes.draw(letter, chosen.forced(cubic=False))
     assert np.abs(simple - general).max() < 2e-4
     assert not (simple == general).all()
 
@@ -88,18 +87,18 @@ def test_the_general_path_draws_cubes_alike(letter: sg.Splats, renderer: sg.Rend
 def test_a_moving_camera_compiles_and_makes_nothing(letter: sg.Splats, renderer: sg.Renderer) -> None:
     first = sg.Camera.orbit(letter, 0, 20, size=(48, 48))
     renderer.render(letter, first)
-    programs, target = len(renderer.passes.programs.splat), renderer.passes.targets.kept["draw"]
-    kept = renderer.passes.splats.of(letter).indexed
+    programs, target = len(renderer.passes.programs.tiles), renderer.passes.targets.kept["draw"]
+    kept = renderer.passes.splats.of(letter).textured
     assert kept is not None
-    buffer = kept.buffer
+    records = kept.records
     turn = [sg.Camera.orbit(letter, azimuth, 20, size=(48, 48)) for azimuth in range(0, 360, 30)]
     for camera in turn:
         renderer.render(letter, camera)
     orders = dict(kept.orders.kept)
     for camera in turn:
         renderer.render(letter, camera)
-    assert len(renderer.passes.programs.splat) == programs
-    assert renderer.passes.splats.of(letter).indexed is kept and kept.buffer is buffer
+    assert len(renderer.passes.programs.tiles) <= programs + 2
+    assert renderer.passes.splats.of(letter).textured is kept and kept.records is records
     assert len(orders) > 8 and dict(kept.orders.kept) == orders
     assert renderer.passes.targets.kept["draw"] is target
 
@@ -175,14 +174,14 @@ def test_without_a_bound_no_tolerance_is_met(letter: sg.Splats, renderer: sg.Ren
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("primitive", ["auto", "quad", "sprite", "tile"])
-def test_no_splats_is_the_background_whatever_draws_them(primitive: str, renderer: sg.Renderer) -> None:
+@pytest.mark.parametrize("technique", ["auto", "quads", "tiles"])
+def test_no_splats_is_the_background_whatever_draws_them(technique: str, renderer: sg.Renderer) -> None:
     nothing = sg.Splats.from_points(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
     ground = (0.5, 0.0, 1.0)
     for eye in ((0, -5, 0), (0, 0.1, 0), (0, -1e20, 0)):
         camera = sg.Camera.look_at(eye, (0, 0, 0), (0, 0, 1), size=(9, 8))
         for changes in ({}, {"footprint": "table"}, {"align": "hybrid"}, {"antialias": "supersample", "samples": 2}):
-            settings = sg.Settings(primitive=primitive, background=ground, **changes)
+            settings = sg.Settings(technique=technique, background=ground, **changes)
             image = renderer.render(nothing, camera, settings)
             assert (image.pixels == np.array([*ground, 1], np.float32)).all(), (eye, changes)
             assert image.info["error_bound"] <= 1e-6 and image.info["tolerance_met"] is True
@@ -203,8 +202,8 @@ def test_eye_inside_the_volume(renderer: sg.Renderer) -> None:
 def test_size_beyond_opengl(letter: sg.Splats, renderer: sg.Renderer) -> None:
     with pytest.raises(sg.InputError, match="image size: expected at most"):
         renderer.render(letter, sg.Camera.orbit(letter, size=(1_000_000, 2)))
+    settings = sg.Settings(antialias="supersample", samples=64)
     with pytest.raises(sg.InputError, match="image size: expected at most"):
-        settings = sg.Settings(antialias="supersample", samples=64)
         renderer.render(letter, sg.Camera.orbit(letter, size=(4096, 2)), settings)
 
 
@@ -251,7 +250,7 @@ def test_egl_and_osmesa_draw_the_same_bits(letter: sg.Splats, renderer: sg.Rende
 def test_paper_settings_sample_an_8_bit_table(letter: sg.Splats, renderer: sg.Renderer) -> None:
     image = renderer.render(letter, sg.Camera.orbit(letter, size=(32, 32)), sg.Settings.paper())
     assert image.info["footprint"] == "table 256×256 at 8 bits"
-    texture = renderer.passes.tables["crawfis-max", "table", 256, 8]
+    texture = renderer.passes.tables.kept["crawfis-max", "table", 256, 8]
     assert (texture.size, texture.dtype) == ((256, 256), "f1")
     assert (image.info["align"], image.info["target"], image.info["attenuation"]) == ("hybrid", "rgba8", "opacity")
 

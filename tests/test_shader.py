@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +9,9 @@ import pytest
 
 import splatgl as sg
 from splatgl.gl import shader
-from splatgl.gl.program import build, splat_switches
+from splatgl.gl.program import build
 from splatgl.gl.shader import ShaderError, compose, folder
 from splatgl.gl.uniforms import FRAME, STYLE
-from splatgl.splat.plan import Program
 
 
 @pytest.fixture
@@ -54,17 +52,6 @@ def test_a_compiler_message_names_file_and_line(shaders: Path, renderer: sg.Rend
     (shaders / "b.glsl").write_text("// fine\nfloat wrong = missing;\n")
     with pytest.raises(ShaderError, match=r"b\.glsl:2"):
         build(renderer.ctx, "a.vert", None, {})
-
-
-@pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
-@pytest.mark.parametrize("align", ["ray", "grid", "hybrid"])
-def test_every_choice_compiles(blend: str, align: str, renderer: sg.Renderer) -> None:
-    for perspective, antialias, cubic, shading in itertools.product((False, True), repeat=4):
-        for attenuation in ("opacity", "optical-depth"):
-            program = Program(
-                blend, align, perspective, antialias, cubic, shading, attenuation, "back-to-front", "rgba32f"
-            )
-            build(renderer.ctx, "splat.vert", "splat.frag", splat_switches(program)).release()
 
 
 def test_blocks_mirror_the_shader(renderer: sg.Renderer) -> None:

@@ -8,8 +8,8 @@ import pytest
 import splatgl as sg
 from splatgl.gl.program import build, splat_switches
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
-from splatgl.splat.kernel import kernel
-from splatgl.splat.rows import GL_FORMAT
+from splatgl.splat.extraction.splats import GL_FORMAT
+from splatgl.splat.kernel.kernels import kernel
 
 NAMES = {"D": "gaussian", "CM": "crawfis-max"}
 LEVEL = 255.0
@@ -60,14 +60,14 @@ def test_corners_by_transform_feedback(align: str, direction: np.ndarray, render
     splats = sg.extract(volume, sg.Transfer([(0, 0.5)], shading=False))
     camera = sg.Camera.look_at((1.0, -9.0, 3.0), (0.5, 3.0, 6.0), (0, 0.2, 1), fov=50, size=(20, 16))
     plan = sg.plan(splats, camera, sg.Settings(align=align))
-    assert plan.program.antialias
-    switches = {**splat_switches(plan.program), "FEEDBACK": True}
+    assert plan.program.seen.antialias
+    switches = splat_switches(plan.program)
     ctx = renderer.ctx
     for name in ("FOOTPRINT", "TILED"):  # the fragment shader's alone
         switches.pop(name)
     program = build(ctx, "splat.vert", None, switches, varyings=("corner_eye", "gain"))
     count = len(splats)
-    buffers = [ctx.buffer(frame_block(splats, camera, plan).tobytes()), ctx.buffer(style_block(splats, plan).tobytes())]
+    buffers = [ctx.buffer(frame_block(splats, plan).tobytes()), ctx.buffer(style_block(splats, plan).tobytes())]
     records, out = ctx.buffer(splats.records), ctx.buffer(reserve=count * 4 * 16)
     buffers[0].bind_to_uniform_block(FRAME_BINDING)
     buffers[1].bind_to_uniform_block(STYLE_BINDING)

@@ -7,7 +7,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.image import Image
-from splatgl.splat.motion import Motion
+from splatgl.splat.motion.motion import Motion
 from splatgl.truth import streaks
 from splatgl.truth.temporal import MOST, Moments, Shorter, moments
 

@@ -1,37 +1,38 @@
-"""Splats gathered by tiles draw what sprites draw, however they are portioned; tiles that have ended hide no more than
+"""Splats gathered by tiles draw what quads draw, however they are portioned; tiles that have ended hide no more than
 they may."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_near import LOOKS, inside
-from test_sprites import GRIDS, noise, views
+from noise import GRIDS, LOOKS, inside, noise, views
 
 import splatgl as sg
 from splatgl.gl import tiles
-from splatgl.splat import blocks, tiling
-from splatgl.splat.blocks import BLOCK, boxes, shown
-from splatgl.splat.kernel import kernel, polynomials
+from splatgl.splat.kernel.kernels import kernel, polynomials
+from splatgl.splat.plan import occlusion_policy as occlusion
+from splatgl.splat.plan import tiling
+from splatgl.splat.view import block_culling as blocks
+from splatgl.splat.view.block_culling import BLOCK, Frustum, boxes, shown
 
-TILED = sg.Settings(primitive="tile")
+TILED = sg.Settings(technique="tiles")
 # polynomials are off by 4e−5 of the footprint, colours by 1e−5
 SAME = 5e-5
 
 
 def apart(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings) -> float:
-    """The largest difference between tiles and sprites, in shares of what is brightest, if that is over 1."""
-    assert renderer.plan(splats, camera, settings.but(primitive="tile")).program.primitive == "tile"
-    sprites = renderer.render(splats, camera, settings.but(primitive="sprite")).pixels
-    found = renderer.render(splats, camera, settings.but(primitive="tile")).pixels
-    assert sprites.max() > 0.05 and np.isfinite(found).all()
-    return float(np.abs(found - sprites).max() / max(sprites.max(), 1.0))
+    """The largest difference between tiles and quads, in shares of what is brightest, if that is over 1."""
+    assert renderer.plan(splats, camera, settings.but(technique="tiles")).program.technique == "tiles"
+    quads = renderer.render(splats, camera, settings.but(technique="quads")).pixels
+    found = renderer.render(splats, camera, settings.but(technique="tiles")).pixels
+    assert quads.max() > 0.05 and np.isfinite(found).all()
+    return float(np.abs(found - quads).max() / max(quads.max(), 1.0))
 
 
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 @pytest.mark.parametrize("view", views(noise()))
 @pytest.mark.parametrize("grid", GRIDS)
-def test_tiles_draw_what_sprites_draw(renderer: sg.Renderer, grid: str, view: str, blend: str) -> None:
+def test_tiles_draw_what_quads_draw(renderer: sg.Renderer, grid: str, view: str, blend: str) -> None:
     splats = noise(grid)
     for name in ("crawfis-max", "gaussian"):
         settings = sg.Settings(blend=blend, kernel=name, occlusion="off", order="front-to-back")
@@ -44,32 +45,16 @@ def test_tiles_draw_what_sprites_draw(renderer: sg.Renderer, grid: str, view: st
 def test_attenuation_is_the_same(renderer: sg.Renderer, grid: str, view: str, attenuation: str) -> None:
     splats = noise(grid)
     settings = sg.Settings(attenuation=attenuation, occlusion="off")
-    assert renderer.plan(splats, views(splats)[view], settings).program.antialias
+    assert renderer.plan(splats, views(splats)[view], settings).program.seen.antialias
     assert apart(renderer, splats, views(splats)[view], settings) < SAME
 
 
 @pytest.mark.parametrize(
-    "change", [{"antialias": "supersample"}, {"background": (0.2, 0.4, 0.6)}, {"footprint": "radial"}], ids=str
+    "change", [{"antialias": "supersample"}, {"background": (0.2, 0.4, 0.6)}, {"table_size": 1024}], ids=str
 )
 def test_what_follows_and_other_footprints_are_the_same(renderer: sg.Renderer, change: dict) -> None:
     splats = noise()
     assert apart(renderer, splats, views(splats)["fitted"], sg.Settings(occlusion="off", **change)) < SAME
-
-
-@pytest.mark.parametrize("look", LOOKS)
-def test_behind_the_nearest_planes(
-    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, look: tuple[float, ...]
-) -> None:
-    monkeypatch.setattr(tiling, "FEWEST", 0)
-    splats = noise(size=26, opacity=0.3)
-    camera = inside(splats, look)
-    chosen = renderer.plan(splats, camera)
-    assert chosen.program.primitive == "tile" and chosen.near is not None
-    for blend in ("composite", "xray", "mip"):
-        settings = sg.Settings(blend=blend, occlusion="off")
-        drawn = renderer.render(splats, camera, settings).pixels
-        quads = renderer.render(splats, camera, settings.but(primitive="quad", order="front-to-back")).pixels
-        assert np.abs(drawn - quads).max() < 5e-5 * max(quads.max(), 1.0)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +77,7 @@ def test_portions_draw_the_same(
             for name, value in portions.items():
                 patched.setattr(tiles, name, value)
             portioned = renderer.render(splats, camera, settings).pixels
-        passing = renderer.plan(splats, camera, settings).passing
+        passing = renderer.plan(splats, camera, settings).hiding.cutoff
         assert np.abs(whole - portioned).max() < 2e-6 * max(whole.max(), 1.0) + passing
 
 
@@ -116,32 +101,29 @@ def test_tiles_that_end_hide_no_more_than_they_may(
     for view in ("fitted", "close", "parallel"):
         camera = views(splats)[view]
         whole = renderer.render(splats, camera, TILED.but(occlusion="off")).pixels
-        monkeypatch.setattr(tiling, "SOLID", 0.0)
+        monkeypatch.setattr(occlusion, "SOLID", 0.0)
         for many in (10**9, 1000):
             monkeypatch.setattr(tiling, "MANY", many)
             chosen = renderer.plan(splats, camera, TILED)
-            assert 0 < chosen.passing < 1e-3 and (chosen.parts > 1) == (many == 1000)
+            assert 0 < chosen.hiding.cutoff < 1e-3 and (chosen.hiding.depth_batches > 1) == (many == 1000)
             ended = renderer.render(splats, camera, TILED).pixels
             changed = float(np.abs(ended - whole).max())
-            assert changed <= chosen.passing * 1.01 + 1e-6
+            assert changed <= chosen.hiding.cutoff * 1.01 + 1e-6
             assert changed > 0 or grid != "cubes" or view != "fitted"
 
 
 def test_who_gets_tiles(renderer: sg.Renderer) -> None:
-    splats = noise(size=44)
+    splats = noise()
     camera = views(splats)["close"]
-    assert len(splats) > tiling.FEWEST
-    assert sg.plan(splats, camera, tiles=True).program.primitive == "tile"
-    # a graphics card, or one without compute shaders; few splats; small ones; numbers or an order that tiles have not
-    assert sg.plan(splats, camera, tiles=False).program.primitive == "sprite"
-    assert sg.plan(splats, camera, TILED, tiles=False).program.primitive == "tile"
-    assert sg.plan(noise(), camera, tiles=True).program.primitive == "sprite"
-    assert sg.plan(splats, views(splats)["far"], sg.Settings(blend="mip"), tiles=True).program.primitive == "sprite"
-    for other in ({"target": "rgba16f"}, {"order": "back-to-front"}):
-        assert sg.plan(splats, camera, sg.Settings(**other), tiles=True).program.primitive == "sprite"
-        with pytest.raises(sg.InputError, match=r"^primitive tile: expected"):
+    assert sg.plan(splats, camera, tiles=True).program.technique == "tiles"
+    # a graphics card, or one without compute shaders; a target or an order that tiles have not
+    assert sg.plan(splats, camera, tiles=False).program.technique == "quads"
+    assert sg.plan(splats, camera, TILED, tiles=False).program.technique == "tiles"
+    for other in ({"target": "rgba16f"}, {"order": "back-to-front"}, {"footprint": "table"}):
+        assert sg.plan(splats, camera, sg.Settings(**other), tiles=True).program.technique == "quads"
+        with pytest.raises(sg.InputError, match=r"^technique tiles: expected"):
             sg.plan(splats, camera, TILED.but(**other), tiles=True)
-    with pytest.raises(sg.InputError, match=r"^primitive tile: expected .* without compute shaders"):
+    with pytest.raises(sg.InputError, match=r"^technique tiles: expected .* without compute shaders"):
         sg.plan(splats, camera, TILED, tiles=None)
 
 
@@ -212,8 +194,6 @@ def test_sorted_records_without_runs_do_not_serve_who_needs_them(renderer: sg.Re
 
 def test_blocks_beyond_the_edges_are_left_out(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where an order is asked for again; the picture is the same bit for bit, also in portions."""
-    monkeypatch.setattr(tiling, "FEWEST", 0)
-    monkeypatch.setattr(tiling, "SMALLEST", 0.0)
     for grid in ("cubes", "sheared"):
         splats = noise(grid, size=30, opacity=0.3)
         cameras = {name: view for name, view in views(splats).items() if "close" in name or name == "far"}
@@ -237,17 +217,15 @@ def test_a_block_is_left_out_only_if_all_of_it_is_beyond_the_edges(monkeypatch: 
     monkeypatch.setattr(blocks, "BLOCK", few)
     around = boxes(positions)
     outside = list(views(splats).values())
+    left_out = 0
     for camera in (*outside, *(inside(splats, look) for look in LOOKS)):
         chosen = sg.plan(splats, camera)
-        seen = np.repeat(shown(around, splats, camera, chosen), few)[: len(splats)]
-        world = positions @ splats.grid.world_from_index.T + splats.grid.origin
-        x, y, z = camera.eye_from_points(world).T
-        pitch = camera.extent / camera.size[1] * (np.maximum(z, 1e-9) if camera.perspective else 1.0)
-        within = (z > 0) & (np.abs(x) < (camera.size[0] / 2 + chosen.pad) * pitch)
-        within &= np.abs(y) < (camera.size[1] / 2 + chosen.pad) * pitch
-        assert not (within & ~seen).any()
-        # what is behind an eye within is left out
-        assert any(camera is view for view in outside) or not seen.all()
+        frustum = Frustum.of(chosen.view)
+        seen = np.repeat(shown(around, frustum), few)[: len(splats)]
+        one_by_one = frustum.reached(chosen.view.voxels(positions))
+        assert (one_by_one <= seen).all()
+        left_out += int((~seen).sum())
+    assert left_out > len(splats)
 
 
 def test_compute_shaders_that_do_nothing_are_told(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,9 +10,9 @@ import pytest
 
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.errors import InputError
-from splatgl.splat import colormap as maps
-from splatgl.splat.colormap import CORE, colormap
-from splatgl.splat.transfer import OPAQUE, Transfer
+from splatgl.splat.classification import colormap as maps
+from splatgl.splat.classification.colormap import CORE, colormap
+from splatgl.splat.classification.transfer import OPAQUE, Transfer
 
 # --- sRGB ---
 

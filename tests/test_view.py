@@ -402,7 +402,7 @@ def test_hidden_splats_cannot_be_seen(renderer: sg.Renderer) -> None:
     skin = skinned(splats)
     assert 0.3 * len(splats) < len(skin) < 0.8 * len(splats)
     camera = sg.Camera.orbit(splats, 30, 20, 40, (64, 64), zoom=3.0)
-    assert outside(skin, camera.eye) and not sg.plan(splats, camera).program.antialias
+    assert outside(skin, camera.eye) and not sg.plan(splats, camera).program.seen.antialias
     apart = np.abs(renderer.render(skin, camera).pixels - renderer.render(splats, camera).pixels)
     assert apart.max() < 1 / 255
     assert not outside(splats, np.array([10.0, 10.0, 10.0]))
@@ -516,13 +516,15 @@ def test_opacity_keys_undo_each_other(scene: Scene) -> None:
     assert stronger(1.0, 0.2) == 1.0 and stronger(0.0, 5.0) == 0.0
 
 
-def test_alignments_that_a_volume_does_not_allow_are_passed_over(scene: Scene) -> None:
+def test_settings_that_a_volume_does_not_allow_are_passed_over(scene: Scene) -> None:
     content = replace(Content.open(scene), volumes=(blob(),) * len(STRIDES), made={}, skins={})
     state, met = State.of(content, SIZE), []
+    state = replace(state, settings=state.settings.but(technique="tiles"))
     for _ in range(6):
         state = acted(state, "align", content)
         met.append(state.settings.align)
-    assert "a" not in met and "exact" in met and "auto" in met
+    # tiles draw no tables
+    assert "ray" not in met and "exact" in met and "auto" in met
 
 
 # --- saved scenes -------------------------------------------------------------------------------------------------

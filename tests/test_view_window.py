@@ -24,7 +24,7 @@ from splatgl.app.regression import ImageRegression
 from splatgl.app.viewer import curve
 from splatgl.app.viewer.bindings import BINDINGS
 from splatgl.data.color import linear_from_srgb
-from splatgl.splat.settings import CHOICES
+from splatgl.splat.plan.settings import choices
 
 MISSING = [tool for tool in ("Xvfb", "xdotool") if shutil.which(tool) is None]
 pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
@@ -180,9 +180,9 @@ def next_choice(name: str) -> Callable[[Told, Told], bool]:
     """The next value that this volume allows, or a word why there is none."""
 
     def check(before: Told, after: Told) -> bool:
-        if len(CHOICES[name]) < 2:
+        if len(choices()[name]) < 2:
             return f"{name} is always" in after["message"]
-        return after["settings"][name] == CHOICES[name][1] and CHOICES[name][1] in after["message"]
+        return after["settings"][name] == choices()[name][1] and choices()[name][1] in after["message"]
 
     return check
 

@@ -7,7 +7,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.scenes import ball, letter_f
-from splatgl.splat.kernel import kernel
+from splatgl.splat.kernel.kernels import kernel
 
 SHEAR = np.array([[1.0, 0.35, 0.1], [0.0, 1.0, -0.25], [0.2, 0.0, 1.0]])
 GRIDS = [((1, 1, 1), np.eye(3)), ((1, 1, 5), np.eye(3)), ((0.5, 1, 2), np.eye(3)), ((1, 1.2, 1.5), SHEAR)]

@@ -24,13 +24,14 @@ from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.gl.renderer import Renderer
-from splatgl.splat.blur import MOTIONS
-from splatgl.splat.extract import extract
-from splatgl.splat.motion import flow_of
-from splatgl.splat.order import order_for
-from splatgl.splat.rows import Splats
-from splatgl.splat.settings import Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.extract import extract
+from splatgl.splat.extraction.order import order_for
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.motion.blur import MOTIONS
+from splatgl.splat.motion.motion import flow_of
+from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.settings import Settings
 from splatgl.truth.temporal import Moments, Shorter, moments
 
 FULL_TURN = 360.0
@@ -110,9 +111,9 @@ class Animation:
     def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool) -> None:
         """Draws and saves frame after frame; of a series, the next volume is read meanwhile."""
         settings = self.scenes[0].settings
-        ground = settings.background if settings.blend == "xray" else None
+        ground = settings.background if BLENDS[settings.blend].unbounded else None
         groups = [(number, list(group)) for number, group in groupby(todo, self.shown)]
-        top = self._brightest(renderer) if settings.blend == "xray" else None
+        top = self._brightest(renderer) if BLENDS[settings.blend].unbounded else None
         self._sort(todo)
         with _bar(len(todo), quiet) as bar:
             for (number, group), (_, (splats, flow)) in zip(groups, self._matter(groups), strict=True):
@@ -129,7 +130,7 @@ class Animation:
         """Sorts a single volume's splats along every axis that frames will look along, before any is drawn: what
         memory an animation takes, it has taken with its first frame.
         """
-        if self.only is None or self.scenes[0].settings.blend != "composite":
+        if self.only is None or not BLENDS[self.scenes[0].settings.blend].ordered:
             return
         some = todo[:: max(len(todo) // LOOKS, 1)]
         for axis in {order_for(self.only, self.track.camera(n)).axis for n in some}:
@@ -198,8 +199,8 @@ def _blur(args: argparse.Namespace, settings: Settings) -> tuple[bool, int | Non
     """Whether frames are streaked, and the mean of how many pictures they are. Streaks are right for sums; where matter
     hides matter the mean of stills is nearer in the same time, and a maximum has no streaks.
     """
-    chosen = args.motion is not None or settings.motion != MOTIONS[0] or settings.blend == "xray"
-    streaked = chosen and settings.motion != "off" and settings.blend != "mip"
+    chosen = args.motion is not None or settings.motion != MOTIONS[0] or BLENDS[settings.blend].unbounded
+    streaked = chosen and settings.motion != "off" and BLENDS[settings.blend].join != "max"
     if args.moments is not None:
         return streaked, args.moments
     return streaked, 1 if streaked or settings.motion == "off" else None

@@ -1,9 +1,9 @@
 """Baselines on disk: the pictures that a test accepts, one for all renderers or some for each class of them.
 
-    tests/baselines/<test file>/<name>.png              portable: for any renderer that has none of its own
-    tests/baselines/<test file>/<name>.nvidia.png       for NVIDIA only, instead of the portable one
-    tests/baselines/<test file>/<name>.nvidia-2.png     one more that is right there
-    tests/baselines/<test file>/<name>.portable-2.png   one more that is right wherever the portable one is
+tests/baselines/<test file>/<name>.png              portable: for any renderer that has none of its own
+tests/baselines/<test file>/<name>.nvidia.png       for NVIDIA only, instead of the portable one
+tests/baselines/<test file>/<name>.nvidia-2.png     one more that is right there
+tests/baselines/<test file>/<name>.portable-2.png   one more that is right wherever the portable one is
 """
 
 from __future__ import annotations

@@ -102,7 +102,7 @@ def _doctor() -> Callable[[argparse.ArgumentParser], None]:
 
 
 def _figure() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.app.figure import add_parser
+    from splatgl.app.figures.cli import add_parser
 
     return add_parser
 

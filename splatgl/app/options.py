@@ -12,8 +12,8 @@ import numpy as np
 from splatgl.app.scene import Scene, View
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.readers import LoadOptions
-from splatgl.splat.presets import PRESETS
-from splatgl.splat.settings import CHOICES, Settings
+from splatgl.splat.classification.presets import PRESETS
+from splatgl.splat.plan.settings import Settings, choices
 
 NAMED_COLORS = {"black": "#000000", "white": "#ffffff", "gray": "#808080"}
 
@@ -89,7 +89,7 @@ def add_view(parser: argparse.ArgumentParser) -> None:
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """How it is drawn: the fields of Settings."""
     group = parser.add_argument_group("drawing (the first is the default)")
-    for name, allowed in CHOICES.items():
+    for name, allowed in choices().items():
         if len(allowed) > 1:
             group.add_argument(f"--{name}", choices=allowed, metavar="|".join(allowed))
     group.add_argument("--samples", type=int, metavar="N", help="supersampling: samples along each axis of a pixel (4)")
@@ -131,7 +131,7 @@ TRANSFER = ("preset", "points", "gradient", "colormap", "window", "unit")
 def _transfer_file(path: str | None) -> dict[str, Any]:
     if path is None:
         return {}
-    from splatgl.splat.transfer import Transfer
+    from splatgl.splat.classification.transfer import Transfer
 
     transfer = Transfer.load(path)
     return {f.name: getattr(transfer, f.name) for f in fields(Transfer)}

@@ -19,10 +19,11 @@ from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
 from splatgl.data.volume import Slab, Volume
 from splatgl.gl.renderer import Renderer
-from splatgl.splat.camera import Camera
-from splatgl.splat.extract import extract
-from splatgl.splat.rows import Splats
-from splatgl.splat.transfer import Transfer
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.extract import extract
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.view.camera import Camera
 from splatgl.truth.compare_read import read
 
 # seconds of work before a progress bar shows
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         if args.savings:
             print("\n".join(savings(renderer, splats, camera, renderer.plan(splats, camera, scene.settings))))
     image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
-    ground = scene.settings.background if scene.settings.blend == "xray" else None
+    ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     if reference is not None:
         verdict = check_against(image, reference, output, ground)
         if not (verdict.same and args.quiet):

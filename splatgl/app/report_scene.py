@@ -13,9 +13,9 @@ from splatgl.app.scene import Scene
 from splatgl.data.coarse import coarser
 from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
-from splatgl.splat.extract import extract
-from splatgl.splat.rows import Splats
-from splatgl.splat.transfer import Transfer
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.extract import extract
+from splatgl.splat.extraction.splats import Splats
 from splatgl.truth.report.content import CONVERGENCE
 from splatgl.truth.report.subject import Level, Subject
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
-from splatgl.splat.camera import Camera
-from splatgl.splat.plan import Plan
-from splatgl.splat.rows import Splats
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.plan.occlusion_policy import Hiding
+from splatgl.splat.plan.plan import Plan
+from splatgl.splat.view.camera import Camera
 
 # frames of each way, in turns, after one that compiles and uploads; the fastest counts
 ROUNDS = 3
@@ -26,7 +27,7 @@ def savings(renderer: Renderer, splats: Splats, camera: Camera, plan: Plan) -> l
         for turn in range(ROUNDS + 1):
             for name, way in ways.items():
                 started = time.perf_counter()
-                pictures[name] = renderer.passes.draw(splats, camera, way)
+                pictures[name] = renderer.passes.draw(splats, way)
                 if turn:
                     times[name] = min(times.get(name, np.inf), time.perf_counter() - started)
     right, base = pictures.pop("as planned"), times.pop("as planned")
@@ -42,16 +43,14 @@ def with_it(plan: Plan) -> dict[str, Plan]:
     program = plan.program
     if program.align != "exact" or plan.exposure is not None:
         return {}
-    kind, closed = program.primitive, plan.parts > 1
     one_by_one = {
-        "sprites for tiles": (kind == "tile", plan.forced(primitive="sprite")),
-        f"quads for {kind}s": (kind != "quad", plan.forced(primitive="quad")),
-        "antialiasing": (not program.antialias, plan.forced(antialias=True)),
-        "voxels of any shape": (program.cubic, plan.forced(cubic=False)),
-        "what is hidden": (closed, replace(plan.forced(hiding=False), parts=1)),
+        "quads for tiles": (program.technique != "quads", plan.forced(technique="quads")),
+        "antialiasing": (not program.seen.antialias, plan.forced(antialias=True)),
+        "voxels of any shape": (program.seen.cubic, plan.forced(cubic=False)),
+        "what is hidden": (plan.hiding.cutoff > 0, replace(plan, hiding=Hiding())),
     }
     found = {name: way for name, (left_out, way) in one_by_one.items() if left_out}
     if found:
-        everything = plan.forced(primitive="quad", antialias=True, cubic=False, half_line=True)
+        everything = plan.forced(technique="quads", antialias=True, cubic=False, half_line=True)
         found["all of that, and half lines"] = everything
     return found

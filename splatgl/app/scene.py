@@ -1,11 +1,11 @@
 """What one command shows: a source, how it is read, seen and drawn; from options or a scene.toml.
 
-    volume = "head.nii.gz"          # beside the scene file, or the name of a built-in scene
-    threshold = 0.0
-    [load]                          # as LoadOptions
-    [transfer]                      # preset = "…", or points, colormap, window, unit, gradient, shading
-    [camera]                        # size, azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
-    [settings]                      # as Settings
+volume = "head.nii.gz"          # beside the scene file, or the name of a built-in scene
+threshold = 0.0
+[load]                          # as LoadOptions
+[transfer]                      # preset = "…", or points, colormap, window, unit, gradient, shading
+[camera]                        # size, azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
+[settings]                      # as Settings
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from splatgl.data.readers import LoadOptions, load
 from splatgl.data.scenes import SCENES
 from splatgl.data.toml import load_table
 from splatgl.data.volume import Triple, Volume
-from splatgl.splat.camera import Bounded, Camera
-from splatgl.splat.presets import default_transfer, preset
-from splatgl.splat.settings import Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.splat.classification.presets import default_transfer, preset
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.camera import Bounded, Camera
 
 # a volume thinner than this share of its width is looked at from above
 FLAT = 0.5

@@ -25,8 +25,8 @@ from splatgl.app.scene import VIEW_COUNTS, View, typed
 from splatgl.data.errors import InputError, expected
 from splatgl.data.toml import load_table
 from splatgl.data.volume import Volume
-from splatgl.splat.camera import Bounded, Camera
-from splatgl.splat.motion import Motion
+from splatgl.splat.motion.motion import Motion
+from splatgl.splat.view.camera import Bounded, Camera
 
 EASES = ("smooth", "linear")
 # of a scene's camera, what is not between its values anywhere

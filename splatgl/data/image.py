@@ -93,9 +93,7 @@ class Image:
         samples = self._samples(info, bits, background)
         return _with_text(_encode(samples), KEYWORD, json.dumps(info, ensure_ascii=True))
 
-    def _samples(
-        self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None
-    ) -> np.ndarray:
+    def _samples(self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None) -> np.ndarray:
         """Straight sRGB, uint8 or uint16 [H, W, 4]; the scale of an X-ray is noted in `info`."""
         image = self
         if info.get("blend") == "xray":

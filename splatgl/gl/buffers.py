@@ -1,6 +1,4 @@
-"""The last few splats on the GPU: as records in drawing order for quads, as records and orders of them for sprites, and
-both as textures for tiles.
-"""
+"""The last few splats on the GPU: records in drawing order for quads, textures of records and orders for tiles."""
 
 from __future__ import annotations
 
@@ -10,9 +8,10 @@ from dataclasses import dataclass
 import moderngl
 import numpy as np
 
-from splatgl.gl.draw_order import Orders, Range, Sequence, indices
-from splatgl.splat.blocks import boxes
-from splatgl.splat.rows import GL_ATTRIBUTES, GL_FORMAT, RECORD, Splats
+from splatgl.gl.constants import ABREAST
+from splatgl.gl.draw_order import DrawOrder, Orders, Range, indices
+from splatgl.splat.extraction.splats import GL_ATTRIBUTES, GL_FORMAT, RECORD, Splats
+from splatgl.splat.view.block_culling import boxes
 
 # splats of which buffers are kept, and bytes of records of all but the last of them
 KEPT, KEPT_BYTES = 3, 2**28
@@ -58,31 +57,25 @@ class SplatBuffer:
         self.ctx, self.splats = ctx, splats
         # by whether the order begins with them, and ends
         self.sorted: dict[tuple[bool, bool], Sorted] = {}
-        self.indexed: Indexed | None = None
         self.textured: Textured | None = None
 
-    def quads(self, program: moderngl.Program, sequence: Sequence, which: Range) -> Sorted:
+    def quads(self, program: moderngl.Program, order: DrawOrder, which: Range) -> Sorted:
         """Splats `which` of the drawing order, as instances."""
         part = which[0] == 0, which[1] == len(self.splats)
         found = self.sorted.setdefault(part, Sorted(self.ctx, self.splats))
-        found.write(sequence, "in_runs" in program, which)
+        found.write(order, "in_runs" in program, which)
         return found
 
-    def sprites(self, program: moderngl.Program, sequence: Sequence) -> moderngl.VertexArray:
-        """A vertex array whose vertices are the splats in drawing order."""
-        self.indexed = self.indexed or Indexed(self.ctx, self.splats)
-        return self.indexed.vertices(program, sequence)
-
-    def texels(self, runs: bool, sequence: Sequence, which: Range | None = None) -> Texels:
+    def texels(self, runs: bool, order: DrawOrder, which: Range | None = None) -> Texels:
         """The splats as textures, with runs if they are wanted, and their drawing order; which: those of it alone."""
         self.textured = self.textured or Textured(self.ctx, self.splats)
-        return self.textured.part(runs, sequence, which) if which else self.textured.texels(runs, sequence)
+        return self.textured.part(runs, order, which) if which else self.textured.texels(runs, order)
 
     def release(self) -> None:
-        for part in (*self.sorted.values(), self.indexed, self.textured):
+        for part in (*self.sorted.values(), self.textured):
             if part is not None:
                 part.release()
-        self.sorted, self.indexed, self.textured = {}, None, None
+        self.sorted, self.textured = {}, None
 
 
 class Sorted:
@@ -90,16 +83,16 @@ class Sorted:
 
     def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
         self.ctx, self.splats = ctx, splats
-        self.written: tuple[Sequence, bool, Range] | None = None
+        self.written: tuple[DrawOrder, bool, Range] | None = None
         self.buffer: moderngl.Buffer | None = None
         self.arrays: dict[int, moderngl.VertexArray] = {}
 
-    def write(self, sequence: Sequence, runs: bool, which: Range) -> None:
+    def write(self, order: DrawOrder, runs: bool, which: Range) -> None:
         """Splats `which` of the drawing order, with their runs if they are wanted, unless that is what is there."""
-        wanted = (sequence, runs, which)
+        wanted = (order, runs, which)
         # where any order will do, the one that is there does; and more than is read does no harm
         there = self.written is not None and self.written[2] == which and (self.written[1] or not runs)
-        if not there or (sequence[0] is not None and self.written != wanted):
+        if not there or (order.boxes is not None and self.written != wanted):
             self._upload(*wanted)
             self.written = wanted
 
@@ -121,9 +114,9 @@ class Sorted:
         assert self.buffer is not None
         return [(name, self.buffer, *layout, RECORD.itemsize) for name, layout in LAYOUTS.items()]
 
-    def _upload(self, sequence: Sequence, runs: bool, which: Range) -> None:
+    def _upload(self, order: DrawOrder, runs: bool, which: Range) -> None:
         records = self.splats.records_with_runs if runs else self.splats.records
-        chosen = slice(*which) if sequence[0] is None else indices(self.splats, sequence)[slice(*which)]
+        chosen = slice(*which) if order.boxes is None else indices(self.splats, order)[slice(*which)]
         records = np.ascontiguousarray(records[chosen])
         if self.buffer is None:
             self.buffer = self.ctx.buffer(records)
@@ -132,49 +125,6 @@ class Sorted:
             self.buffer.write(records)
 
 
-class Indexed:
-    """Records as they stand, and a list of indices for every drawing order: a turned view uploads next to nothing."""
-
-    def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
-        self.ctx, self.splats = ctx, splats
-        self.runs = False
-        self.buffer: moderngl.Buffer | None = None
-        self.orders = Orders(splats, self._listed, self._forget)
-        self.arrays: dict[tuple[int, Sequence], moderngl.VertexArray] = {}
-
-    def vertices(self, program: moderngl.Program, sequence: Sequence) -> moderngl.VertexArray:
-        # records: with runs once a program wants them
-        runs = "in_runs" in program
-        if self.buffer is None:
-            self.buffer = self.ctx.buffer(self.splats.records_with_runs if runs else self.splats.records)
-            self.runs = runs
-        elif runs and not self.runs:
-            self.buffer.write(self.splats.records_with_runs)
-            self.runs = True
-        # the order, and the array that joins the two for this program
-        key = (program.glo, sequence)
-        order = self.orders.of(sequence)
-        if key not in self.arrays:
-            self.arrays[key] = self.ctx.vertex_array(
-                program, [_content(program, self.buffer, "")], index_buffer=order, index_element_size=4
-            )
-        return self.arrays[key]
-
-    def release(self) -> None:
-        self.orders.release()
-        _release(self.arrays, self.buffer)
-
-    def _listed(self, indices: np.ndarray) -> moderngl.Buffer:
-        return self.ctx.buffer(indices)
-
-    def _forget(self, sequence: Sequence) -> None:
-        """A list of indices goes, and what joins it to programs."""
-        for key in [key for key in self.arrays if key[1] == sequence]:
-            self.arrays.pop(key).release()
-
-
-# splats abreast in a texture: tiles.glsl's ABREAST
-ABREAST = 1024
 # a record's 32-bit words: two texels of four, and the last
 WORDS = 9
 
@@ -201,15 +151,15 @@ class Textured:
         self.rest: moderngl.Texture | None = None
         self.runs = False
         # what was asked for last, and records in an order that was asked for again
-        self.asked: tuple[bool, Sequence] | None = None
-        self.sorted: tuple[tuple[bool, Sequence], Texels] | None = None
+        self.asked: tuple[bool, DrawOrder] | None = None
+        self.sorted: tuple[tuple[bool, DrawOrder], Texels] | None = None
 
-    def texels(self, runs: bool, sequence: Sequence) -> Texels:
-        asked, self.asked = self.asked, (runs, sequence)
+    def texels(self, runs: bool, order: DrawOrder) -> Texels:
+        asked, self.asked = self.asked, (runs, order)
         if self.sorted is not None and self.sorted[0] == self.asked:
             return self.sorted[1]
-        if asked == self.asked and sequence[0] is not None and self.splats.records.nbytes <= SORTED_BYTES:
-            found = self._in_order(runs, sequence, (0, len(self.splats)))
+        if asked == self.asked and order.boxes is not None and self.splats.records.nbytes <= SORTED_BYTES:
+            found = self._in_order(runs, order, (0, len(self.splats)))
             self.sorted = self.asked, found
             return found
         if self.rest is None or (runs and not self.runs):
@@ -219,19 +169,19 @@ class Textured:
                 self.records = self._texture(words[:, :8], 4, 2)
             self.rest, self.runs = self._texture(words[:, 8:], 1, 1), runs
         assert self.records is not None
-        return Texels(self.records, self.rest, self.orders.of(sequence))
+        return Texels(self.records, self.rest, self.orders.of(order))
 
-    def part(self, runs: bool, sequence: Sequence, which: Range) -> Texels:
+    def part(self, runs: bool, order: DrawOrder, which: Range) -> Texels:
         """Splats `which` alone, of more than are kept; nothing of the others stays."""
         self.release()
-        found = self._in_order(runs, sequence, which)
-        self.sorted = (runs, sequence), found
+        found = self._in_order(runs, order, which)
+        self.sorted = (runs, order), found
         self.asked = None
         return found
 
-    def _in_order(self, runs: bool, sequence: Sequence, which: Range) -> Texels:
+    def _in_order(self, runs: bool, order: DrawOrder, which: Range) -> Texels:
         self._release_sorted()
-        chosen = slice(*which) if sequence[0] is None else indices(self.splats, sequence)[slice(*which)]
+        chosen = slice(*which) if order.boxes is None else indices(self.splats, order)[slice(*which)]
         words = self._words(runs)[chosen]
         around = boxes(words[:, :3].view(np.float32))
         return Texels(self._texture(words[:, :8], 4, 2), self._texture(words[:, 8:], 1, 1), None, around)
@@ -271,19 +221,10 @@ class Textured:
         return texture
 
 
-def _release(arrays: dict, *buffers: moderngl.Buffer | None) -> None:
+def _release(arrays: dict[int, moderngl.VertexArray], *buffers: moderngl.Buffer | None) -> None:
     for array in arrays.values():
         array.release()
     arrays.clear()
     for buffer in buffers:
         if buffer is not None:
             buffer.release()
-
-
-def _content(program: moderngl.Program, buffer: moderngl.Buffer, per: str) -> tuple:
-    """The record's format with the attributes that a program does not read skipped."""
-    used = [name for name in GL_ATTRIBUTES if name in program]
-    sizes = {"3f4": "12x", "1f4": "4x", "3i2": "6x", "1i2": "2x"}
-    named = iter(GL_ATTRIBUTES)
-    kept = [part if next(named) in used else sizes[part] for part in GL_FORMAT.split()]
-    return (buffer, " ".join(kept) + per, *used)

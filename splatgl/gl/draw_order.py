@@ -4,28 +4,31 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import moderngl
 import numpy as np
 
-from splatgl.splat.order import Order, back_to_front
-from splatgl.splat.rows import MOST_KEPT, Splats
+from splatgl.splat.extraction.order import Order, back_to_front
+from splatgl.splat.extraction.splats import MOST_KEPT, Splats
 
 # bytes of drawing orders kept, 4 a splat: what a hand that turns to and fro comes back to, not what a movie passes once
 ORDER_BYTES = 2**25
 # splats that are uploaded at a time where they are too many to be kept
 CHUNK = 2**22
 
-# what is drawn in which order; None: any will do. nearest first or last
-Sequence = tuple[Order | None, bool]
 # [begin, end) of the drawing order
 Range = tuple[int, int]
-# a list of indices
-Listed = TypeVar("Listed", bound=moderngl.Buffer | moderngl.Texture)
 # the latest drawing order of splats that are uploaded in chunks
 _latest: WeakKeyDictionary[Splats, tuple[Order, np.ndarray]] = WeakKeyDictionary()
+
+
+class DrawOrder(NamedTuple):
+    """boxes: in which the rows are read; None: any order will do."""
+
+    boxes: Order | None
+    nearest_first: bool
 
 
 def chunks(which: Range) -> list[Range]:
@@ -36,40 +39,34 @@ def chunks(which: Range) -> list[Range]:
     return [(first, min(first + CHUNK, end)) for first in range(begin, end, CHUNK)]
 
 
-def indices(splats: Splats, sequence: Sequence) -> np.ndarray:
+def indices(splats: Splats, order: DrawOrder) -> np.ndarray:
     """int64 [N]: the records in drawing order."""
-    order, nearest_first = sequence
-    assert order is not None
+    assert order.boxes is not None
     kept = _latest.get(splats)
-    found = kept[1] if kept and kept[0] == order else back_to_front(splats, order)
+    found = kept[1] if kept and kept[0] == order.boxes else back_to_front(splats, order.boxes)
     if len(splats) > MOST_KEPT:
-        _latest[splats] = order, found
-    return found[::-1] if nearest_first else found
+        _latest[splats] = order.boxes, found
+    return found[::-1] if order.nearest_first else found
 
 
-class Orders(Generic[Listed]):
-    """The latest drawing orders on the GPU. make: of indices, uint32 [N]; forget: told what goes."""
+class Orders:
+    """The latest drawing orders on the GPU. make: a texture of indices, uint32 [N]."""
 
-    def __init__(
-        self, splats: Splats, make: Callable[[np.ndarray], Listed], forget: Callable[[Sequence], None] | None = None
-    ) -> None:
-        self.splats, self.make, self.forget = splats, make, forget
-        self.kept: OrderedDict[Sequence, Listed] = OrderedDict()
+    def __init__(self, splats: Splats, make: Callable[[np.ndarray], moderngl.Texture]) -> None:
+        self.splats, self.make = splats, make
+        self.kept: OrderedDict[DrawOrder, moderngl.Texture] = OrderedDict()
 
-    def of(self, sequence: Sequence) -> Listed | None:
+    def of(self, order: DrawOrder) -> moderngl.Texture | None:
         """The list of indices; None for any order."""
-        if sequence[0] is None:
+        if order.boxes is None:
             return None
-        if sequence in self.kept:
-            self.kept.move_to_end(sequence)
-            return self.kept[sequence]
+        if order in self.kept:
+            self.kept.move_to_end(order)
+            return self.kept[order]
         if len(self.kept) > 1 and (len(self.kept) + 1) * 4 * len(self.splats) > ORDER_BYTES:
-            oldest, listed = self.kept.popitem(last=False)
-            if self.forget:
-                self.forget(oldest)
-            listed.release()
-        self.kept[sequence] = self.make(indices(self.splats, sequence).astype(np.uint32))
-        return self.kept[sequence]
+            self.kept.popitem(last=False)[1].release()
+        self.kept[order] = self.make(indices(self.splats, order).astype(np.uint32))
+        return self.kept[order]
 
     def release(self) -> None:
         while self.kept:

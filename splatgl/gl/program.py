@@ -10,9 +10,9 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.shader import ShaderError, compose, declared_switches
-from splatgl.gl.uniforms import FRAME_BINDING, PATH_BINDING, STYLE_BINDING
-from splatgl.splat.kernel import kernel, polynomials
-from splatgl.splat.plan import Program
+from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING
+from splatgl.splat.kernel.kernels import kernel, polynomials
+from splatgl.splat.plan.plan import Program
 
 Switches = Mapping[str, str | int | bool]
 Chosen = tuple[tuple[str, str | int | bool], ...]
@@ -27,41 +27,39 @@ class Blend:
     destination: int
 
 
-# (blend, order) → state; the sum and the maximum do not depend on order
-BLENDS = {
-    ("composite", "back-to-front"): Blend(moderngl.FUNC_ADD, moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA),
-    ("composite", "front-to-back"): Blend(moderngl.FUNC_ADD, moderngl.ONE_MINUS_DST_ALPHA, moderngl.ONE),
-    ("xray", "back-to-front"): Blend(moderngl.FUNC_ADD, moderngl.ONE, moderngl.ONE),
-    ("xray", "front-to-back"): Blend(moderngl.FUNC_ADD, moderngl.ONE, moderngl.ONE),
-    ("mip", "back-to-front"): Blend(moderngl.MAX, moderngl.ONE, moderngl.ONE),
-    ("mip", "front-to-back"): Blend(moderngl.MAX, moderngl.ONE, moderngl.ONE),
+# how splats join, and whether nearest first where it matters
+BLEND_STATES = {
+    ("over", False): Blend(moderngl.FUNC_ADD, moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA),
+    ("over", True): Blend(moderngl.FUNC_ADD, moderngl.ONE_MINUS_DST_ALPHA, moderngl.ONE),
+    ("sum", False): Blend(moderngl.FUNC_ADD, moderngl.ONE, moderngl.ONE),
+    ("max", False): Blend(moderngl.MAX, moderngl.ONE, moderngl.ONE),
 }
 
 
 def splat_switches(program: Program) -> dict[str, str | int | bool]:
     """The shader switches that a plan's choices set."""
+    look, seen = program.look, program.seen
     return {
         "ALIGN": f"ALIGN_{program.align.upper()}",
-        "PERSPECTIVE": program.perspective,
-        "ANTIALIAS": program.antialias,
-        "CUBIC": program.cubic,
-        "SHADING": program.shading,
-        "BLEND": f"BLEND_{program.blend.upper()}",
-        "ATTENUATION": f"ATTENUATION_{program.attenuation.upper().replace('-', '_')}",
+        "PERSPECTIVE": seen.perspective,
+        "ANTIALIAS": seen.antialias,
+        "CUBIC": seen.cubic,
+        "HALF_LINE": seen.half_line,
+        "SHADING": look.shading,
+        "JOIN": f"JOIN_{look.blend.join.upper()}",
+        "PEAK": look.blend.peak,
+        "ATTENUATION": f"ATTENUATION_{look.attenuation.upper().replace('-', '_')}",
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",
-        "HALF_LINE": program.half_line,
-        "SPRITE": program.primitive != "quad",
-        "HIDING": program.hiding,
         "MOTION": f"MOTION_{program.motion.upper()}",
         "FLOW": program.flow,
-        "TILED": program.primitive == "tile",
-        "HALVINGS": program.halvings,
+        "TILED": program.technique == "tiles",
+        "DOUBLINGS": program.exp_doublings,
         **_polynomials(program),
     }
 
 
 def _polynomials(program: Program) -> dict[str, str]:
-    """The coefficients as value.glsl wants them: in five vectors."""
+    """The coefficients as footprint_eval.glsl wants them: in five vectors."""
     if program.footprint != "polynomial":
         return {}
     fitted = polynomials(program.kernel)
@@ -104,7 +102,7 @@ def build_compute(ctx: moderngl.Context, name: str, switches: Switches) -> moder
 
 
 def _bind_blocks(program: moderngl.Program | moderngl.ComputeShader) -> None:
-    for block, binding in (("Frame", FRAME_BINDING), ("Style", STYLE_BINDING), ("Path", PATH_BINDING)):
+    for block, binding in (("Frame", FRAME_BINDING), ("Style", STYLE_BINDING)):
         if block in program:
             program[block].binding = binding  # type: ignore[union-attr]
 

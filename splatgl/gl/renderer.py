@@ -16,21 +16,21 @@ from splatgl.data.image import Image
 from splatgl.gl.context import check_process, context_info, current, inherited, open_context
 from splatgl.gl.passes import Passes
 from splatgl.gl.target import check_size
-from splatgl.splat.bound import bound
-from splatgl.splat.camera import Camera
-from splatgl.splat.motion import Motion
-from splatgl.splat.plan import Plan, plan
-from splatgl.splat.rows import Splats
-from splatgl.splat.settings import FULL_SHUTTER, Settings
+from splatgl.splat.bound.bound import bound
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.motion.motion import Motion
+from splatgl.splat.plan.plan import Plan, plan
+from splatgl.splat.plan.settings import FULL_SHUTTER, Settings
+from splatgl.splat.view.camera import Camera
 
-# what a coarser form, table or target is held against
+# what a coarser form, table or target is compared with
 FINER: dict[str, Any] = {
     "align": "exact",
     "footprint": "auto",
     "table_size": None,
     "table_bits": 32,
     "target": "rgba32f",
-    "primitive": "auto",
+    "technique": "auto",
 }
 # the OpenGL that has compute shaders
 COMPUTE = 430
@@ -50,8 +50,6 @@ class Renderer:
         try:
             self.info = context_info(self.ctx)
             self.passes = Passes(self.ctx, self.owned)
-            self.sprite_limit = float(self.ctx.info["GL_POINT_SIZE_RANGE"][1])
-            self.viewport = int(min(self.ctx.info["GL_MAX_VIEWPORT_DIMS"]))
             # tiles pay where pixels are blended by the CPU
             self.tiles = self.info.software if self.ctx.version_code >= COMPUTE else None
         except BaseException:
@@ -76,8 +74,8 @@ class Renderer:
     def plan(
         self, splats: Splats, camera: Camera, settings: Settings | None = None, motion: Motion | None = None
     ) -> Plan:
-        """What `render` would do; the driver decides whether there are tiles, and how large sprites may be."""
-        return plan(splats, camera, settings, self.sprite_limit, motion, self.tiles, self.viewport)
+        """What `render` would do; the driver decides whether there are tiles."""
+        return plan(splats, camera, settings, motion, self.tiles)
 
     def render(
         self,
@@ -85,40 +83,41 @@ class Renderer:
         camera: Camera,
         settings: Settings | None = None,
         motion: Motion | None = None,
-        held: bool = True,
+        verify_bound: bool = True,
         interrupted: Callable[[], bool] | None = None,
     ) -> Image:
         """The picture, linear premultiplied float32 [H, W, 4], row 0 on top.
 
-        In `xray` A is Σ τ and RGB Σ τ·colour, unclamped. motion: how the scene came to where it is; it is blurred as
-        `settings.motion` says, or, without settings, exactly, while the shutter is open, up to now; its error bound is
-        to straight streaks, and None near the eye and for long voxels beyond z_k. held: where a form, table or target
-        promises less than the tolerance, the picture is held against a finer one, which takes as long again; False: it
-        is not. `info["tolerance_met"]` says whether the error bound is known and within the tolerance, which for X-rays
-        is relative to the brightest component. interrupted: asked now and then while sprites are drawn; once it says
-        so, Interrupted is raised, and the next picture is as right as any. Raises InputError for a size beyond
+        In `xray` A is Σ τ and RGB Σ τ·colour, unclamped.
+
+        motion: of the scene since the previous frame; blurred as `settings.motion` says, or, without settings, exactly,
+        while the shutter is open, up to now. Its error bound is to straight streaks, and None near the eye and for long
+        voxels beyond z_k. verify_bound: if the bound exceeds the tolerance, render again with the finest form and
+        measure. `info["tolerance_met"]` says whether the error bound is known and within the tolerance, which for
+        X-rays is relative to the brightest component. interrupted: asked between two portions of the drawing; once it
+        says so, Interrupted is raised, and the next picture is as right as any. Raises InputError for a size beyond
         OpenGL's, for the flow of other splats, and in a process that was forked after the renderer was opened.
         """
         check_process(self.ctx)
         started = time.perf_counter()
         chosen = self.plan(splats, camera, settings, motion)
         with current(self.ctx):
-            check_size(self.ctx, (camera.size[0] * chosen.samples, camera.size[1] * chosen.samples))
-            pixels = self._draw(splats, camera, chosen, interrupted=interrupted)
+            check_size(self.ctx, chosen.view.size)
+            pixels = self._draw(splats, chosen, interrupted=interrupted)
         seconds = time.perf_counter() - started
         provenance = self._provenance(splats, camera, chosen, seconds)
         if chosen.exposure is not None:
             provenance |= {"motion": chosen.program.motion, "shutter": chosen.exposure.frames * FULL_SHUTTER}
         brightest = _brightest(pixels, chosen)
-        own = bound(splats, camera, chosen, brightest)
+        own = bound(splats, chosen, brightest)
         error = own.total if own else None
-        allowed = chosen.tolerance * max(brightest, 1e-30)
-        if held and error is not None and error > allowed and not chosen.exposure:
-            error = min(error, self._held(splats, camera, settings or Settings(), chosen, pixels))
+        allowed = chosen.resolved.tolerance * max(brightest, 1e-30)
+        if verify_bound and error is not None and error > allowed and not chosen.exposure:
+            error = min(error, self._verified(splats, camera, settings or Settings(), chosen, pixels))
         met = error is not None and bool(error <= allowed)
         return Image(pixels, {**provenance, "error_bound": error, "tolerance_met": met})
 
-    def _held(self, splats: Splats, camera: Camera, settings: Settings, chosen: Plan, pixels: np.ndarray) -> float:
+    def _verified(self, splats: Splats, camera: Camera, settings: Settings, chosen: Plan, pixels: np.ndarray) -> float:
         """How far the picture is from one by the finest form, table and target, and what that may be off by; inf if it
         is that one.
         """
@@ -126,35 +125,29 @@ class Renderer:
         if _kind(finer) == _kind(chosen):
             return float("inf")
         with current(self.ctx):
-            right = self._draw(splats, camera, finer, "finer")
-        apart, own = float(np.abs(right - pixels).max()), bound(splats, camera, finer, _brightest(right, finer))
+            right = self._draw(splats, finer, "finer")
+        apart, own = float(np.abs(right - pixels).max()), bound(splats, finer, _brightest(right, finer))
         return apart + own.total if own else float("inf")
 
     def _draw(
-        self,
-        splats: Splats,
-        camera: Camera,
-        chosen: Plan,
-        role: str = "draw",
-        interrupted: Callable[[], bool] | None = None,
+        self, splats: Splats, chosen: Plan, role: str = "draw", interrupted: Callable[[], bool] | None = None
     ) -> np.ndarray:
         """The pixels; InputError if OpenGL ran out of memory or lost its context on the way."""
         try:
-            pixels = self.passes.draw(splats, camera, chosen, role, interrupted)
+            pixels = self.passes.draw(splats, chosen, role, interrupted)
         except moderngl.Error as error:
-            raise self._failure(splats, camera, str(error)) from error
+            raise self._failure(splats, chosen, str(error)) from error
         problem = self.ctx.error
         if problem != "GL_NO_ERROR":
-            raise self._failure(splats, camera, problem)
+            raise self._failure(splats, chosen, problem)
         return pixels
 
-    def _failure(self, splats: Splats, camera: Camera, problem: str) -> InputError:
+    def _failure(self, splats: Splats, chosen: Plan, problem: str) -> InputError:
         # what is kept may be half made: the next picture starts afresh
-        self.passes.splats.release()
-        self.passes.tiles.release()
-        self.passes.streaks.release()
+        self.passes.release()
+        width, height = (side // chosen.samples for side in chosen.view.size)
         return InputError(
-            f"OpenGL failed on {len(splats):,} splats at {camera.size[0]}×{camera.size[1]}: {problem}; "
+            f"OpenGL failed on {len(splats):,} splats at {width}×{height}: {problem}; "
             "try a smaller picture, fewer samples, or a higher threshold"
         )
 
@@ -168,21 +161,21 @@ class Renderer:
             "projection": "perspective" if camera.perspective else "orthographic",
             "eye": [float(x) for x in camera.eye],
             "forward": [float(x) for x in camera.forward],
-            "blend": program.blend,
+            "blend": program.look.blend.name,
             "kernel": chosen.kernel.name,
             "align": program.align,
             "z_s": chosen.z_s,
-            "z_k": _finite(chosen.z_k),
-            "antialias": program.antialias,
+            "z_k": _finite(chosen.resolved.z_k),
+            "antialias": program.seen.antialias,
             "samples": chosen.samples,
-            "attenuation": program.attenuation,
-            "shading": program.shading,
-            "order": program.order,
+            "attenuation": program.look.attenuation,
+            "shading": program.look.shading,
+            "order": chosen.order,
             "footprint": chosen.table,
-            "target": program.target,
-            "tolerance": chosen.tolerance,
+            "target": chosen.target,
+            "tolerance": chosen.resolved.tolerance,
             "dropped_depth": splats.dropped_depth,
-            "background": None if chosen.background is None else list(chosen.background),
+            "background": None if chosen.resolved.background is None else list(chosen.resolved.background),
             "renderer": self.info.renderer,
             "backend": self.info.backend,
             "opengl": self.info.version,
@@ -193,12 +186,12 @@ class Renderer:
 def _kind(chosen: Plan) -> tuple[object, ...]:
     """What makes one picture coarser than another."""
     program = chosen.program
-    return program.align, program.footprint, program.target, chosen.table_size, chosen.table_bits
+    return program.align, program.footprint, chosen.target, chosen.lookup.size, chosen.lookup.bits
 
 
 def _brightest(pixels: np.ndarray, chosen: Plan) -> float:
     """The largest component of an X-ray, which its errors are in proportion to; other pictures end at 1."""
-    return float(pixels.max()) if chosen.program.blend == "xray" else 1.0
+    return float(pixels.max()) if chosen.program.look.blend.unbounded else 1.0
 
 
 def _finite(x: float) -> float | None:

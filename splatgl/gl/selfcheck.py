@@ -92,9 +92,7 @@ def _blending(ctx: moderngl.Context, target: str, dtype: str) -> list[Check]:
     return checks
 
 
-def _draw_layers(
-    ctx: moderngl.Context, dtype: str, equation: int, function: tuple[int, int], ramp: bool
-) -> np.ndarray:
+def _draw_layers(ctx: moderngl.Context, dtype: str, equation: int, function: tuple[int, int], ramp: bool) -> np.ndarray:
     """The target [SIDE,SIDE,4] after LAYERS full-screen quads, float64."""
     program = ctx.program(vertex_shader=QUAD, fragment_shader=LAYER)
     program["ramp"] = ramp

@@ -1,6 +1,7 @@
 """Shader text from the folder `shaders/`: includes and switches, strictly.
 
-A file declares each switch it reads as `// switch NAME DEFAULT`, and a later GLSL than 3.3 as `// version 430`.
+A file declares each switch it reads as `// switch NAME DEFAULT`, a later GLSL than 3.3 as `// version 430`, and a
+number that it shares with Python as `#constant NAME`.
 Composing with a switch that no file declares, a file that is not there, or a cycle is an error that names file and
 line. The composed text knows where each of its lines came from, so that a compiler's message can say it too.
 """
@@ -13,7 +14,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from splatgl.gl.constants import CONSTANTS, glsl
+
 INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
+CONSTANT = re.compile(r"^#constant (\w+)")
 SWITCH = re.compile(r"^// switch (\w+) (\w+)\s*$")
 # how llvmpipe/Mesa ("0:12(3): error"), NVIDIA ("0(12) : error") and AMD/Intel ("ERROR: 0:12:") name a line
 ERROR_LINE = re.compile(r"\b0[:(](\d+)")
@@ -72,8 +76,12 @@ def _expand(name: str, outer: tuple[str, ...], seen: set[str]) -> Iterator[tuple
     seen.add(name)
     for number, text in enumerate(_read(name), 1):
         place = f"{name}:{number}"
-        match = INCLUDE.match(text)
-        if not match:
+        match, constant = INCLUDE.match(text), CONSTANT.match(text)
+        if constant:
+            if constant[1] not in CONSTANTS:
+                raise ShaderError(f"{place}: no such constant: {constant[1]}")
+            yield place, f"#define {constant[1]} {glsl(constant[1])}"
+        elif not match:
             yield place, text
         elif match[1] in (*outer, name):
             raise ShaderError(f"{place}: includes {match[1]}, which includes it")

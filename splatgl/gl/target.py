@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import moderngl
 import numpy as np
 
 from splatgl.data.errors import InputError, expected
-from splatgl.splat.sprites import Window
+from splatgl.splat.view.screen_bounds import Window
 
 # target → moderngl's dtype, numpy's, and what 1.0 is stored as
 FORMATS: dict[str, tuple[str, np.dtype, float]] = {
@@ -27,8 +26,6 @@ class Target:
     texture: moderngl.Texture
     framebuffer: moderngl.Framebuffer
     format: str
-    depth: moderngl.Renderbuffer | None = None
-    depth_only: moderngl.Framebuffer | None = None
 
     def read(self, window: Window | None = None) -> np.ndarray:
         """float32 [H, W, 4]; outside of the window's rows it is zero, and never touched."""
@@ -43,29 +40,9 @@ class Target:
         return pixels if self.format == "rgba32f" else pixels.astype(np.float32) / np.float32(one)
 
     def clear(self) -> None:
-        """Binds and clears the target, depth as well; splats test depth, but never write it."""
+        """Binds and clears the target."""
         self.framebuffer.use()
-        self.widen(0)
-        self.framebuffer.depth_mask = True
-        self.framebuffer.clear(depth=1.0)
-        self.framebuffer.depth_mask = False
-
-    def widen(self, pad: int) -> None:
-        """The viewport, larger than the target by `pad` on every side."""
-        width, height = self.texture.size
-        self.framebuffer.viewport = (-pad, -pad, width + 2 * pad, height + 2 * pad)
-
-    @contextmanager
-    def depth_alone(self, window: Window) -> Iterator[None]:
-        """Draws go to the depth alone, within `window`."""
-        assert self.depth_only is not None
-        self.depth_only.use()
-        self.depth_only.depth_mask = True
-        self.depth_only.scissor = window.box
-        try:
-            yield
-        finally:
-            self.depth_only.scissor = None  # type: ignore[assignment]
+        self.framebuffer.clear()
 
 
 class Targets:
@@ -76,12 +53,11 @@ class Targets:
         self.kept: dict[str, Target] = {}
         owned.callback(self.release)
 
-    def get(self, role: str, size: tuple[int, int], form: str, depth: bool = False) -> Target:
+    def get(self, role: str, size: tuple[int, int], form: str) -> Target:
         target = self.kept.get(role)
-        missing = target is None or (depth and target.depth is None)
-        if target is None or missing or target.texture.size != size or target.format != form:
+        if target is None or target.texture.size != size or target.format != form:
             # moderngl binds the framebuffer in use again whenever it makes one, so the old one goes last
-            old, target = target, self._make(size, form, depth)
+            old, target = target, self._make(size, form)
             target.framebuffer.use()
             self.kept[role] = target
             if old:
@@ -92,16 +68,12 @@ class Targets:
         while self.kept:
             _release(self.kept.popitem()[1])
 
-    def _make(self, size: tuple[int, int], form: str, depth: bool) -> Target:
+    def _make(self, size: tuple[int, int], form: str) -> Target:
         check_size(self.ctx, size)
         try:
             texture = self.ctx.texture(size, 4, dtype=FORMATS[form][0])
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            if not depth:
-                return Target(texture, self.ctx.framebuffer([texture]), form)
-            closed = self.ctx.depth_renderbuffer(size)
-            alone = self.ctx.framebuffer([], closed)
-            return Target(texture, self.ctx.framebuffer([texture], closed), form, closed, alone)
+            return Target(texture, self.ctx.framebuffer([texture]), form)
         except moderngl.Error as error:
             raise InputError(
                 f"image size {size[0]}×{size[1]}: OpenGL cannot draw into {form} of that size ({error})"
@@ -109,9 +81,8 @@ class Targets:
 
 
 def _release(target: Target) -> None:
-    for part in (target.depth_only, target.framebuffer, target.depth, target.texture):
-        if part is not None:
-            part.release()
+    target.framebuffer.release()
+    target.texture.release()
 
 
 def check_size(ctx: moderngl.Context, size: tuple[int, int]) -> None:

@@ -1,7 +1,8 @@
 """Splats gathered by tiles of pixels: they are placed, listed by tile, and each tile's list is added up.
 
-For software OpenGL, which spends most of a sprite's time on setting it up and on blending: here a tile's pixels stay in
-registers while its splats pass, nearest first, and end with the one after which next to nothing passes any more.
+A tile's pixels stay in registers while its splats are composited, nearest first, and end with the one after which next
+to nothing passes any more. Nothing is sorted, and software OpenGL, which spends most of a quad's time on setting it up
+and on blending, does neither.
 """
 
 from __future__ import annotations
@@ -9,22 +10,30 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import pairwise
 
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import ABREAST, Texels
-from splatgl.gl.draw_order import Range
+from splatgl.gl.buffers import SplatBuffers, Texels
+from splatgl.gl.constants import ABREAST, LANES, LISTED, NOWHERE
+from splatgl.gl.draw_order import DrawOrder, Range, chunks
+from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
+from splatgl.gl.tables import HALF_LINE_UNIT
 from splatgl.gl.target import Target
-from splatgl.splat.blocks import BLOCK
-from splatgl.splat.plan import Plan, Program
-from splatgl.splat.tiling import COLUMNS, MOST, ROWS
+from splatgl.splat.extraction.splats import MOST_KEPT, Splats
+from splatgl.splat.plan.occlusion_policy import cuts
+from splatgl.splat.plan.plan import Plan, Program
+from splatgl.splat.plan.tiling import COLUMNS, MOST, MOST_PIXELS, ROWS
+from splatgl.splat.view.block_culling import BLOCK, Frustum, shown
+from splatgl.splat.view.screen_bounds import Window
 
-# entries along a row of the list: tiles.glsl's LISTED; and entries of a list at most
-LISTED, MOST_LISTED = 2048, 2**25
-# invocations of a group, and how many groups list splats, each a run of them
-LANES, GROUPS = 8, min(os.cpu_count() or 1, 8)
+# entries of a list at most
+MOST_LISTED = 2**25
+# how many groups list splats, each a run of them for each invocation
+GROUPS = min(os.cpu_count() or 1, 8)
 # llvmpipe ends a loop after 65535 rounds: what needs more is done in portions
 ROUNDS = 60_000
 # tiles drawn at a time: the groups along x that every OpenGL has; and entries of lists, a tenth of a second's work
@@ -32,10 +41,19 @@ MOST_TILES, ENTRIES = 65_535, 2**20
 # where placed splats, the list, records and the order are looked up; the storage buffer; the image written to
 PLACED_UNIT, LIST_UNIT, RECORDS_UNIT = 8, 5, 5
 CURSORS, DONE, LISTS, OPEN, BLOCKS, IMAGE = 0, 1, 2, 3, 4, 0
-# the cursor of a tile that light passes no more: tile_list.comp's NOWHERE
-NOWHERE = 0xFFFFFFFF
 # what a placed splat is, a texture each; the last four for footprints beyond a quadratic form
 PLACED = ("bounds", "heads", "shapes", "matters", "bends", "cubics", "mixeds")
+
+
+@dataclass(eq=False)
+class Band:
+    """Rows of a picture that is being drawn. closed: tiles that next to nothing passes any more; begun: whether the
+    target holds what is nearer.
+    """
+
+    window: Window
+    closed: np.ndarray
+    begun: bool = False
 
 
 class Tiles:
@@ -44,19 +62,22 @@ class Tiles:
     """
 
     def __init__(
-        self, ctx: moderngl.Context, programs: Programs, whole: Callable[[moderngl.Program], None], owned: ExitStack
+        self,
+        ctx: moderngl.Context,
+        programs: Programs,
+        splats: SplatBuffers,
+        whole: Callable[[moderngl.Program], None],
+        owned: ExitStack,
     ) -> None:
-        self.ctx, self.programs, self.whole = ctx, programs, whole
+        self.ctx, self.programs, self.splats, self.whole = ctx, programs, splats, whole
         self.placed: list[moderngl.Texture] = []
         self.framebuffer: moderngl.Framebuffer | None = None
         self.buffers: dict[int, moderngl.Buffer] = {}
         self.list: moderngl.Texture | None = None
-        # tiles that next to nothing passes any more
-        self.closed = np.zeros(0, bool)
+        self.band = Band(Window(0, 0, 0, 0), np.zeros(0, bool))
         self.ask: Callable[[], None] = lambda: None
         # blocks of the drawing order that may be in the picture; None: all
         self.shown: np.ndarray | None = None
-        owned.callback(self.release)
 
     def release(self) -> None:
         for part in (self.framebuffer, *self.placed, *self.buffers.values(), self.list):
@@ -64,43 +85,58 @@ class Tiles:
                 part.release()
         self.placed, self.framebuffer, self.buffers, self.list = [], None, {}, None
 
-    def begin(self, plan: Plan) -> None:
-        """A picture begins: light passes everywhere."""
-        across, down = _tiles(plan)
-        self.closed = np.zeros(across * down, bool)
+    def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
+        frustum, kept = Frustum.of(plan.view), len(splats) <= MOST_KEPT
+        batches = pairwise(cuts(len(splats), plan.hiding.depth_batches))
+        bands = [self.begin(window) for window in bands_of(plan.window)]
+        for begin, end in (chunk for batch in batches for chunk in chunks(batch)):
+            runs = plan.program.look.attenuation == "fill"
+            texels = self.splats.of(splats).texels(runs, order, None if kept else (begin, end))
+            seen = None if texels.boxes is None else shown(texels.boxes, frustum)
+            if seen is not None and seen.all():
+                seen = None
+            first = 0 if kept else begin
+            for band in bands:
+                portions.ask()
+                self.gather(target, plan, texels, (begin - first, end - first), band, seen, portions.ask)
 
-    def draw(
+    def begin(self, window: Window) -> Band:
+        """A picture, or a band of one, begins: light passes everywhere."""
+        across, down = _tiles(window)
+        return Band(window, np.zeros(across * down, bool))
+
+    def gather(
         self,
         target: Target,
         plan: Plan,
         texels: Texels,
         which: Range,
-        carried: bool,
+        band: Band,
         shown: np.ndarray | None = None,
         ask: Callable[[], None] = lambda: None,
     ) -> None:
-        """Splats `which` of the drawing order, nearest first; carried: behind what the target shows.
+        """Splats `which` of the drawing order, nearest first, behind what was drawn of the band before.
 
         shown: which blocks of the order may be in the picture; None: all. ask: called between two dispatches, and may
         raise to end the picture.
         """
-        self.shown, self.ask = shown, ask
-        for begin in range(which[0], which[1] if self.closed.size else which[0], MOST):
-            self._draw(target, plan, texels, (begin, min(begin + MOST, which[1])), carried)
-            carried = True
+        self.shown, self.ask, self.band = shown, ask, band
+        for begin in range(which[0], which[1] if band.closed.size else which[0], MOST):
+            self._draw(target, plan, texels, (begin, min(begin + MOST, which[1])))
 
-    def _draw(self, target: Target, plan: Plan, texels: Texels, which: Range, carried: bool) -> None:
+    def _draw(self, target: Target, plan: Plan, texels: Texels, which: Range) -> None:
         count = self._place(plan, texels, which)
         lists = self._count(plan, count) if count else np.zeros((0, 4), np.uint32)
         if lists is None:
             middle = (which[0] + which[1]) // 2
-            self._draw(target, plan, texels, (which[0], middle), carried)
-            self._draw(target, plan, texels, (middle, which[1]), True)
+            self._draw(target, plan, texels, (which[0], middle))
+            self._draw(target, plan, texels, (middle, which[1]))
         elif len(lists):
             self._list(plan, count, int(lists[-1, 2]))
             for some in _dispatches(lists):
                 self.ask()
-                self._add_up(target, plan, some, carried)
+                self._add_up(target, plan, some, self.band.begun)
+            self.band.begun = True
 
     def _place(self, plan: Plan, texels: Texels, which: Range) -> int:
         """How many are placed."""
@@ -145,7 +181,7 @@ class Tiles:
 
         The cursors are where each run's part of each list begins.
         """
-        across, down = _tiles(plan)
+        across, down = _tiles(self.band.window)
         runs = GROUPS * LANES
         # one more for what touches no tile
         size = runs * (across * down + 1) * 4
@@ -156,7 +192,7 @@ class Tiles:
         found = found[:, :-1]
         # tile after tile, in each run after run
         until = np.cumsum(found, axis=0, dtype=np.uint32)
-        until[:, self.closed] = 0
+        until[:, self.band.closed] = 0
         lengths = until[-1].astype(np.int64)
         # each list begins with four entries that are gathered at once
         room = np.cumsum(-(-lengths // 4) * 4)
@@ -165,7 +201,7 @@ class Tiles:
         begins = room - (-(-lengths // 4) * 4)
         starts = np.full((runs, across * down + 1), NOWHERE, np.uint32)
         starts[:, :-1] = until - found + begins.astype(np.uint32)
-        starts[:, :-1][:, self.closed] = NOWHERE
+        starts[:, :-1][:, self.band.closed] = NOWHERE
         cursors.write(starts)
         filled = np.flatnonzero(lengths)
         ends = begins[filled] + lengths[filled]
@@ -204,19 +240,19 @@ class Tiles:
         target.texture.bind_to_image(IMAGE, read=True, write=True)
         while len(lists):
             program = self._program("tile_draw.comp", plan, {"CARRIED": carried})
-            _set(program, list=LIST_UNIT, opaque=1.0 - plan.passing)
+            _set(program, half_table=HALF_LINE_UNIT, list=LIST_UNIT, opaque=1.0 - plan.hiding.cutoff)
             now = lists.copy()
             now[:, 2] = np.minimum(lists[:, 2], lists[:, 1] + 4 * ROUNDS)
             self._buffer(LISTS, now.nbytes).write(now)
-            still = self._buffer(OPEN, self.closed.size * 4)
+            still = self._buffer(OPEN, self.band.closed.size * 4)
             still.clear()
             program.run(len(now))
             self.ctx.memory_barrier()
             lists[:, 1] = now[:, 2]
             lists, carried = lists[lists[:, 1] < lists[:, 2]], True
-        if plan.program.blend == "composite":
-            open_ = np.frombuffer(still.read(self.closed.size * 4), np.uint32)[now[:, 0]]
-            self.closed[now[open_ == 0, 0]] = True
+        if plan.program.look.blend.ordered:
+            open_ = np.frombuffer(still.read(self.band.closed.size * 4), np.uint32)[now[:, 0]]
+            self.band.closed[now[open_ == 0, 0]] = True
 
     def _buffer(self, binding: int, size: int) -> moderngl.Buffer:
         """Of so many bytes at least, bound."""
@@ -230,7 +266,7 @@ class Tiles:
 
     def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
         program = self.programs.for_tiles(name, plan.program, switches)
-        _set(program, origin=plan.window.box[:2], tiles=_tiles(plan))
+        _set(program, origin=self.band.window.box[:2], tiles=_tiles(self.band.window))
         _set(program, **{placed: PLACED_UNIT + unit for unit, placed in enumerate(PLACED)})
         return program
 
@@ -242,15 +278,22 @@ def _dispatches(lists: np.ndarray) -> list[np.ndarray]:
     return np.split(lists, np.flatnonzero(np.diff(before // ENTRIES + np.arange(len(lists)) // MOST_TILES)) + 1)
 
 
-def _tiles(plan: Plan) -> tuple[int, int]:
+def bands_of(window: Window) -> list[Window]:
+    """The window in bands of rows of MOST_PIXELS at most."""
+    height = max(MOST_PIXELS // max(window.width, 1) // ROWS, 1) * ROWS
+    last = window.y + window.height
+    return [Window(window.x, top, window.width, min(height, last - top)) for top in range(window.y, last, height)]
+
+
+def _tiles(window: Window) -> tuple[int, int]:
     """How many there are along x and y."""
-    return -(-plan.window.width // COLUMNS), -(-plan.window.height // ROWS)
+    return -(-window.width // COLUMNS), -(-window.height // ROWS)
 
 
 def _textures(program: Program) -> int:
     """How many placed splats need: tiles.glsl's BENT."""
-    if program.antialias and program.align == "exact":
-        return 5 if program.cubic else 7
+    if program.seen.antialias and program.align == "exact":
+        return 5 if program.seen.cubic else 7
     return 3
 
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.image import Image
-from splatgl.splat.blur import line_area
-from splatgl.splat.camera import Camera
-from splatgl.splat.kernel import kernel
-from splatgl.splat.rows import Grid, Splats, assemble
-from splatgl.splat.settings import Settings
+from splatgl.splat.extraction.splats import Grid, Splats, assemble
+from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.motion.blur import line_area
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.camera import Camera
 from splatgl.truth.temporal import Draw
 
 # samples a pixel, along each axis

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatgl.splat.plan.blend_mode import BlendMode
+
 # the opacity next below 1: paper's attenuation of an opaque splat that is not widened by a rounding
 ALMOST_ONE = 1.0 - 2.0**-53
 
@@ -39,7 +41,7 @@ class Sum:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Pairs of a chunk, front to back. pixel int [P]; depth [P]: optical depth, in mip opacity; color [P, 3];
+    """Pairs of a chunk, front to back. pixel int [P]; depth [P]: optical depth, or opacity; color [P, 3];
     coverage [P]: 1 where opacity is not weakened.
     """
 
@@ -61,7 +63,7 @@ class Band:
         return cls(Sum.zeros((pixels,)), Sum.zeros((pixels, 3)))
 
 
-def add_composite(band: Band, part: Part) -> None:
+def add_over(band: Band, part: Part) -> None:
     """'Over', front to back: colour by the transmittance of what is before it; optical depths add."""
     order, start, where = _by_pixel(part.pixel)
     depth, coverage, color = part.depth[order], part.coverage[order], part.color[order]
@@ -75,7 +77,7 @@ def add_composite(band: Band, part: Part) -> None:
     band.depth.add(where, np.add.reduceat(depth, start))
 
 
-def add_xray(band: Band, part: Part) -> None:
+def add_sum(band: Band, part: Part) -> None:
     """The sum of optical depth and of depth · colour."""
     order, start, where = _by_pixel(part.pixel)
     depth = part.depth[order]
@@ -83,7 +85,7 @@ def add_xray(band: Band, part: Part) -> None:
     band.depth.add(where, np.add.reduceat(depth, start))
 
 
-def add_mip(band: Band, part: Part) -> None:
+def add_max(band: Band, part: Part) -> None:
     """The maximum of opacity and, by channel, of opacity · colour."""
     order, start, where = _by_pixel(part.pixel)
     opacity = part.depth[order]
@@ -92,12 +94,12 @@ def add_mip(band: Band, part: Part) -> None:
     band.depth.total[where] = np.maximum(band.depth.total[where], np.maximum.reduceat(opacity, start))
 
 
-ADD: dict[str, Callable[[Band, Part], None]] = {"composite": add_composite, "xray": add_xray, "mip": add_mip}
+ADD: dict[str, Callable[[Band, Part], None]] = {"over": add_over, "sum": add_sum, "max": add_max}
 
 
-def pixels(band: Band, blend: str) -> np.ndarray:
+def pixels(band: Band, blend: BlendMode) -> np.ndarray:
     """float64 [n, 4], premultiplied."""
-    alpha = -np.expm1(-band.depth.value) if blend == "composite" else band.depth.value
+    alpha = -np.expm1(-band.depth.value) if blend.ordered else band.depth.value
     return np.concatenate([band.color.value, alpha[:, None]], axis=1)
 
 

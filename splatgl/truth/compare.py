@@ -11,7 +11,7 @@ import numpy as np
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.truth.metrics import flip, ssim, unmatched
-from splatgl.truth.steps import differ, over_channels
+from splatgl.truth.quantization import differ, over_channels
 
 # one level of an 8-bit picture
 LEVELS = 255.0

@@ -11,7 +11,7 @@ import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.truth.compare import BAND_ROWS, Comparison
-from splatgl.truth.steps import over_channels
+from splatgl.truth.quantization import over_channels
 
 # pixels along the longer side of a picture in a report, and of the enlarged part around the difference
 LARGEST, DETAIL = 1024, 64

@@ -5,14 +5,14 @@
 
 from __future__ import annotations
 
-from dataclasses import Field
-from typing import Any, ClassVar, Protocol
+from collections.abc import Hashable
+from typing import Protocol
 
 from splatgl.data.image import Image
-from splatgl.splat.camera import Camera
-from splatgl.splat.motion import Motion
-from splatgl.splat.rows import Splats
-from splatgl.splat.settings import Settings
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.motion.motion import Motion
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.camera import Camera
 
 
 class Renderer(Protocol):
@@ -24,11 +24,11 @@ class Renderer(Protocol):
         camera: Camera,
         settings: Settings | None = None,
         motion: Motion | None = None,
-        held: bool = True,
+        verify_bound: bool = True,
     ) -> Image:
         """One picture; `info` tells what was drawn and how, `error_bound` included.
 
-        held: whether a picture that promises less than the tolerance is measured against a finer one.
+        verify_bound: whether a picture whose bound exceeds the tolerance is measured against a finer one.
         Raises InputError for what can't be drawn.
         """
 
@@ -37,26 +37,20 @@ class Program(Protocol):
     """What a plan compiles."""
 
     @property
-    def primitive(self) -> str:
-        """quad, sprite or tile."""
-
-    @property
-    def antialias(self) -> bool:
-        """Whether any splat is widened."""
+    def technique(self) -> str:
+        """quads or tiles."""
 
 
 class Plan(Protocol):
-    """What a renderer decided for a picture: a frozen dataclass; equal plans draw equal pictures."""
-
-    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+    """What a renderer decided for a picture."""
 
     @property
     def program(self) -> Program:
         """What it compiles."""
 
     @property
-    def parts(self) -> int:
-        """In how many parts the picture is drawn."""
+    def key(self) -> Hashable:
+        """Plans of the same splats and camera draw the same picture if their keys are equal."""
 
 
 class Planner(Renderer, Protocol):

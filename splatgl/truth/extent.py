@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.affine import View
-from splatgl.splat.camera import Camera
+from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.view import View
 
 # share of a box by which it is widened against rounding
 MARGIN = 1e-9

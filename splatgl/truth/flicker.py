@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.splat.camera import Camera
-from splatgl.splat.order import order_for
-from splatgl.splat.rows import Splats
-from splatgl.splat.settings import Settings
+from splatgl.splat.extraction.order import order_for
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.camera import Camera
 from splatgl.truth.temporal import Draw
 
 # degrees between the two frames whose difference is popping

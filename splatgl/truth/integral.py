@@ -13,15 +13,15 @@ import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
-from splatgl.splat.affine import View
-from splatgl.splat.ahead import ahead
-from splatgl.splat.camera import Camera
-from splatgl.splat.kernel import Kernel
-from splatgl.splat.kernel import kernel as kernel_named
-from splatgl.splat.resolve import Resolved
-from splatgl.splat.rows import Splats
-from splatgl.splat.settings import Settings
-from splatgl.splat.shading import head_light
+from splatgl.splat.classification.shading import head_light
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.kernel.kernels import Kernel
+from splatgl.splat.kernel.kernels import kernel as kernel_named
+from splatgl.splat.plan.resolve import Resolved
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.ahead import ahead
+from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.view import View
 
 # cells of the box of all splats that are looked up in one table, 4 bytes each
 MAX_CELLS = 1 << 27
@@ -148,7 +148,7 @@ def ray_integral(
     view = View.of(splats.grid, fine, kernel_named(settings.kernel), antialias=False)
     voxel = view.voxels(splats.records["position"])
     color = splats.records["color"].astype(np.float64)
-    if Resolved.of(splats, camera, settings).shading:
+    if Resolved.of(splats, camera, settings).look.shading:
         color *= head_light(splats, camera, voxel)[:, None]
     field = Field.of(splats, view.kernel, color)
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from splatgl.data.errors import expected, missing_extra
-from splatgl.truth.steps import differ, over_channels
+from splatgl.truth.quantization import differ, over_channels
 
 # Wang et al., "Image quality assessment: from error visibility to structural similarity", 2004, Eq. 13: K1 and K2;
 # the window of 7×7 with equal weights and the sample covariance are scikit-image's defaults
@@ -91,9 +91,7 @@ def need_flip() -> None:
         raise missing_extra("flip", "flip-evaluator", "compare") from error
 
 
-def unmatched(
-    a: np.ndarray, b: np.ndarray, over: np.ndarray, threshold: float | None = None, peak: float = 1.0
-) -> int:
+def unmatched(a: np.ndarray, b: np.ndarray, over: np.ndarray, threshold: float | None = None, peak: float = 1.0) -> int:
     """How many of the pixels that are `over` no neighbour explains.
 
     A pixel is explained where each channel of `a` lies within what `b` takes in the 3×3 pixels around, and `b` within

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.errors import expected
-from splatgl.splat.affine import Integral, View, row1
-from splatgl.splat.camera import Camera
-from splatgl.splat.footprint import ROWS, Splat
-from splatgl.splat.quads import Quads, on_quads, quads
-from splatgl.splat.rows import Grid
+from splatgl.splat.extraction.splats import Grid
+from splatgl.splat.integral.line_integral import Integral, row1
+from splatgl.splat.integral.quads import Quads, on_quads, quads
+from splatgl.splat.integral.table1 import ROWS, Splat
+from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.view import View
 from splatgl.truth.extent import Boxes
 
 # pairs worked on at once: temporaries of 2 MB stay near the processor

@@ -8,20 +8,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from splatgl.data.image import Image
-from splatgl.splat.affine import View
-from splatgl.splat.ahead import ahead
-from splatgl.splat.camera import Camera
-from splatgl.splat.fill import filled_depth
-from splatgl.splat.order import back_to_front, order_for
-from splatgl.splat.resolve import Resolved
-from splatgl.splat.rows import Splats
-from splatgl.splat.settings import Settings
-from splatgl.splat.shading import head_light
-from splatgl.splat.tabulated import tabulated
+from splatgl.splat.classification.shading import head_light
+from splatgl.splat.extraction.order import back_to_front, order_for
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.integral.attenuation import filled_depth
+from splatgl.splat.kernel.tabulated import tabulated
+from splatgl.splat.plan.resolve import Resolved
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.ahead import ahead
+from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.view import View
 from splatgl.truth.blend import ADD, Band, Part, pixels
 from splatgl.truth.extent import Boxes, pixel_boxes
 from splatgl.truth.pairs import Row, Values, values
@@ -65,23 +66,23 @@ class _Scene:
     """What every band needs, made once: places, boxes, order and colours of all splats."""
 
     def __init__(self, splats: Splats, resolved: Resolved, row: str) -> None:
-        blend, camera = resolved.blend, resolved.camera
+        blend, camera = resolved.look.blend, resolved.camera
         self.camera, self.blend = camera, blend
-        view = View.of(splats.grid, camera, tabulated(resolved.kernel.name), resolved.antialias, resolved.beyond)
+        view = replace(resolved.view, kernel=tabulated(resolved.kernel.name))
         voxel = view.voxels(splats.records["position"])
         self.row = Row.of(view, row, voxel, splats.grid)
         self.boxes: Boxes = pixel_boxes(view, self.row.name, voxel, camera)
         self.order = np.arange(len(splats))
-        if len(splats) and blend == "composite":
+        if len(splats) and blend.ordered:
             self.order = back_to_front(splats, order_for(splats, camera))[::-1]
         self.color = splats.records["color"].astype(np.float64)
-        if resolved.shading:
+        if resolved.look.shading:
             self.color *= head_light(splats, camera, voxel)[:, None]
         depth = splats.records["optical_depth"].astype(np.float64)
-        # mip shows opacity over the transfer function's reference length
-        self.depth = -np.expm1(-depth * splats.unit / splats.grid.mean_spacing) if blend == "mip" else depth
-        self.coverage = self.row.coverage() if resolved.attenuation == "opacity" else np.ones(len(splats))
-        if resolved.attenuation == "fill":
+        # opacity over the transfer function's reference length
+        self.depth = -np.expm1(-depth * splats.unit / splats.grid.mean_spacing) if blend.peak else depth
+        self.coverage = self.row.coverage() if resolved.look.attenuation == "opacity" else np.ones(len(splats))
+        if resolved.look.attenuation == "fill":
             self.depth = filled(splats, view, voxel, self.row.coverage())
 
     def band(self, band: tuple[int, int]) -> np.ndarray:
@@ -90,12 +91,12 @@ class _Scene:
         gathered = Band.empty((band[1] - band[0]) * width)
         for found in values(self.row, self.boxes, self.order, band, self.camera):
             if len(found.splat):
-                ADD[self.blend](gathered, self._part(found))
+                ADD[self.blend.join](gathered, self._part(found))
         return pixels(gathered, self.blend).reshape(-1, width, 4)
 
     def _part(self, found: Values) -> Part:
         value = found.integral.value
-        if self.blend == "mip":
+        if self.blend.peak:
             value = value / found.integral.peak
         splat = found.splat
         return Part(found.pixel, self.depth[splat] * value, self.color[splat], self.coverage[splat])
@@ -116,7 +117,7 @@ def _mean(samples: np.ndarray, size: tuple[int, int], resolved: Resolved) -> np.
     """The mean of each pixel's samples, over the background."""
     n = resolved.samples
     mean = samples.reshape(size[1], n, size[0], n, 4).mean(axis=(1, 3))
-    if resolved.background is None or resolved.blend == "xray":
+    if resolved.background is None or resolved.look.blend.unbounded:
         return np.asarray(mean)
     return np.asarray(mean + (1 - mean[..., 3:]) * np.array([*resolved.background, 1.0]))
 
@@ -129,13 +130,13 @@ def _provenance(splats: Splats, camera: Camera, resolved: Resolved, row: str, se
         "projection": "perspective" if camera.perspective else "orthographic",
         "eye": [float(x) for x in camera.eye],
         "forward": [float(x) for x in camera.forward],
-        "blend": resolved.blend,
+        "blend": resolved.look.blend.name,
         "kernel": resolved.kernel.name,
         "row": row,
-        "antialias": resolved.antialias,
+        "antialias": resolved.view.antialias,
         "samples": resolved.samples,
-        "attenuation": resolved.attenuation,
-        "shading": resolved.shading,
+        "attenuation": resolved.look.attenuation,
+        "shading": resolved.look.shading,
         "background": None if resolved.background is None else list(resolved.background),
         "renderer": "float64 reference",
         "seconds": round(seconds, 6),

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.affine import Integral, View, row1
-from splatgl.splat.blur import energy_gain, paper_gain, stretched
-from splatgl.splat.blur_table import blur_table
+from splatgl.splat.integral.line_integral import Integral, row1
+from splatgl.splat.motion.blur import energy_gain, paper_gain, stretched
+from splatgl.splat.motion.blur_table import blur_table
+from splatgl.splat.view.view import View
 from splatgl.truth.pairs import Row
 
 

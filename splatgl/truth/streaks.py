@@ -6,25 +6,26 @@ bends, one width for a depth that changes, and optical depth smeared before it o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
-from splatgl.splat.affine import View
-from splatgl.splat.blur import MOTIONS, energy_gain
-from splatgl.splat.camera import Camera
-from splatgl.splat.dwell import alone, dwelt_depth
-from splatgl.splat.fill import GRAZING
-from splatgl.splat.motion import Motion, Streaks, streaks
-from splatgl.splat.order import back_to_front, order_for
-from splatgl.splat.resolve import Resolved
-from splatgl.splat.rows import Splats
-from splatgl.splat.runs import OCTAVES
-from splatgl.splat.settings import Settings
-from splatgl.splat.shading import head_light
-from splatgl.splat.tabulated import tabulated
+from splatgl.splat.classification.shading import head_light
+from splatgl.splat.extraction.order import back_to_front, order_for
+from splatgl.splat.extraction.run_lengths import OCTAVES
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.integral.attenuation import GRAZING
+from splatgl.splat.kernel.tabulated import tabulated
+from splatgl.splat.motion.blur import MOTIONS, energy_gain
+from splatgl.splat.motion.motion import Motion, Streaks, streaks
+from splatgl.splat.motion.motion_opacity import dwelt_depth, isolation
+from splatgl.splat.plan.blend_mode import BLENDS, BlendMode
+from splatgl.splat.plan.resolve import Resolved
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.view import View
 from splatgl.truth.blend import ADD, Band, Part, pixels
 from splatgl.truth.extent import Boxes, pixel_ends
 from splatgl.truth.pairs import values
@@ -46,18 +47,18 @@ def render(
     """The picture of moving splats, float64 [H, W, 4], linear premultiplied; shape: exact, energy or paper.
 
     Blur weakens what antialiasing does, opacity or optical depth, as `attenuation` says. Raises InputError
-    for another shape, for the blend mode mip and for supersampling, which it has not.
+    for another shape, for maxima and for supersampling, which it has not.
     """
     if shape not in MOTIONS:
         raise expected("shape", " or ".join(MOTIONS), repr(shape))
-    if settings.antialias == "supersample" or settings.blend == "mip":
+    if settings.antialias == "supersample" or BLENDS[settings.blend].join == "max":
         raise expected("settings", "antialias paper or off, blend composite or xray", "others")
     drawn = _Drawn.of(splats, settings, streaks(splats, camera, motion, shutter), shape)
     # bands of the picture, as the reference draws it
     width, height = camera.size
     rows = max(1, BAND // width)
     picture = np.concatenate([drawn.band((top, min(top + rows, height))) for top in range(0, height, rows)])
-    if settings.background is not None and settings.blend != "xray":
+    if settings.background is not None and not BLENDS[settings.blend].unbounded:
         picture = picture + (1 - picture[..., 3:]) * np.array([*settings.background, 1.0])
     info = {"scene": splats.name, "blend": settings.blend, "motion": shape, "shutter": shutter}
     return Image(picture, {**info, "renderer": "float64 streaks"})
@@ -66,42 +67,42 @@ def render(
 @dataclass(frozen=True, eq=False)
 class _Drawn:
     """What every band needs: the streaks' row and boxes, and of all splats order, colour, depth, coverage (opacity's
-    share that is left) and lone (see dwell.py).
+    share that is left) and isolated (see dwell.py).
     """
 
     row: StreakRow
     boxes: Boxes
     camera: Camera
-    blend: str
+    blend: BlendMode
     order: np.ndarray
     color: np.ndarray
     depth: np.ndarray
     coverage: np.ndarray
-    lone: np.ndarray
+    isolated: np.ndarray
 
     @classmethod
     def of(cls, splats: Splats, settings: Settings, paths: Streaks, shape: str) -> _Drawn:
         resolved = Resolved.of(splats, paths.camera, settings, moving=True)
-        blend, attenuation = resolved.blend, resolved.attenuation
-        view = View.of(splats.grid, paths.camera, tabulated(resolved.kernel.name), resolved.antialias, resolved.beyond)
+        blend, attenuation = resolved.look.blend, resolved.look.attenuation
+        view = replace(resolved.view, kernel=tabulated(resolved.kernel.name))
         row = StreakRow(view, "row1", paths.middle, None, paths.step, shape)
         order = np.arange(len(splats))
-        if blend == "composite":
+        if blend.ordered:
             order = back_to_front(splats, order_for(splats, paths.camera))[::-1]
         color = splats.records["color"].astype(np.float64)
-        if resolved.shading:
+        if resolved.look.shading:
             color *= head_light(splats, paths.camera, paths.middle)[:, None]
         depth = splats.records["optical_depth"].astype(np.float64)
-        coverage, lone = np.ones(len(splats)), np.zeros(len(splats))
+        coverage, isolated = np.ones(len(splats)), np.zeros(len(splats))
         if attenuation != "optical-depth":
             coverage = view.coverage(paths.middle[2])
             lengths = _lengths(view, paths)
             if attenuation == "fill":
-                depth = filled(splats, view, paths.middle, coverage) if resolved.antialias else depth
-                coverage, lone = np.ones(len(splats)), alone(lengths, _through(splats, view, paths))
+                depth = filled(splats, view, paths.middle, coverage) if resolved.view.antialias else depth
+                coverage, isolated = np.ones(len(splats)), isolation(lengths, _through(splats, view, paths))
             else:
                 coverage = coverage * energy_gain(view.kernel, lengths)
-        return cls(row, _boxes(view, paths), paths.camera, blend, order, color, depth, coverage, lone)
+        return cls(row, _boxes(view, paths), paths.camera, blend, order, color, depth, coverage, isolated)
 
     def band(self, band: tuple[int, int]) -> np.ndarray:
         """float64 [rows, width, 4]."""
@@ -111,9 +112,9 @@ class _Drawn:
             s = found.splat
             if len(s):
                 depth = self.depth[s] * found.integral.value
-                if self.lone.any():
-                    depth = dwelt_depth(depth, self.depth[s] * found.integral.peak, self.lone[s])
-                ADD[self.blend](gathered, Part(found.pixel, depth, self.color[s], self.coverage[s]))
+                if self.isolated.any():
+                    depth = dwelt_depth(depth, self.depth[s] * found.integral.peak, self.isolated[s])
+                ADD[self.blend.join](gathered, Part(found.pixel, depth, self.color[s], self.coverage[s]))
         return pixels(gathered, self.blend).reshape(-1, width, 4)
 
 
@@ -144,7 +145,5 @@ def _boxes(view: View, paths: Streaks) -> Boxes:
     unseen = [right < left for left, right, _, _ in ends]
     some, all_ = unseen[0] | unseen[1], (unseen[0] & unseen[1]) | (paths.middle[2] < 0) & unseen[0]
     left, top = (np.where(some, 0, np.minimum(ends[0][n], ends[1][n])) for n in (0, 2))
-    right, bottom = (
-        np.where(some, full, np.maximum(ends[0][n], ends[1][n])) for n, full in ((1, width), (3, height))
-    )
+    right, bottom = (np.where(some, full, np.maximum(ends[0][n], ends[1][n])) for n, full in ((1, width), (3, height)))
     return Boxes(left, np.where(all_ | (right <= left) | (bottom <= top), left, right), top, bottom)

@@ -9,10 +9,10 @@ import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
-from splatgl.splat.camera import Camera
-from splatgl.splat.motion import Motion, exposure, streaks
-from splatgl.splat.rows import Splats
-from splatgl.splat.settings import FULL_SHUTTER, Settings
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.motion.motion import Motion, exposure, streaks
+from splatgl.splat.plan.settings import FULL_SHUTTER, Settings
+from splatgl.splat.view.camera import Camera
 
 # anything that draws: Renderer.render, or reference.render
 Draw = Callable[[Splats, Camera, Settings], Image]

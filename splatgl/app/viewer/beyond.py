@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from splatgl.app.viewer.skin import inherit
-from splatgl.splat.camera import Camera
-from splatgl.splat.rows import Splats
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.view.camera import Camera
 
 # linear light: what is beyond z_k goes this far towards TINT; what the plane cuts is PLANE
 TINT, PLANE = np.array([0.9, 0.12, 0.02], np.float32), np.array([1.0, 0.85, 0.1], np.float32)

@@ -1,8 +1,8 @@
 """Which key does what: the one table that the window obeys and the help prints; and changes to it from a TOML file.
 
-    [bindings]
-    turn = ["space", "t"]       # action = the keys that do it, instead of the usual ones
-    quit = "q"
+[bindings]
+turn = ["space", "t"]       # action = the keys that do it, instead of the usual ones
+quit = "q"
 """
 
 from __future__ import annotations

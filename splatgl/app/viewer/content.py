@@ -13,10 +13,10 @@ from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.skin import skinned
 from splatgl.data.coarse import coarser
 from splatgl.data.volume import Volume
-from splatgl.splat.camera import Bounded, Camera
-from splatgl.splat.extract import extract
-from splatgl.splat.rows import Grid, Splats
-from splatgl.splat.transfer import Transfer
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.extract import extract
+from splatgl.splat.extraction.splats import Grid, Splats
+from splatgl.splat.view.camera import Bounded, Camera
 
 # volumes of fewer voxels are drawn as they are, moving or not
 SMALL = 1 << 15

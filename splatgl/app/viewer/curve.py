@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.splat.statistics import Statistics
-from splatgl.splat.transfer import Nodes
+from splatgl.splat.classification.statistics import Statistics
+from splatgl.splat.classification.transfer import Nodes
 
 # opacities below this have about as much of the canvas's height as each ten times more above it
 FINE = 0.01

@@ -9,9 +9,9 @@ import numpy as np
 
 from splatgl.app.viewer.jobs import Jobs
 from splatgl.data.image import Image
-from splatgl.splat.camera import Camera
-from splatgl.splat.rows import Splats
-from splatgl.splat.settings import Settings
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.camera import Camera
 from splatgl.truth import reference
 
 # beyond this many splats a reference takes minutes, and gigabytes

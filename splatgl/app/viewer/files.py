@@ -11,7 +11,7 @@ from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.watch import Watch
 from splatgl.data.scenes import SCENES
-from splatgl.splat.settings import Settings
+from splatgl.splat.plan.settings import Settings
 
 Reopen = Callable[[], Scene]
 

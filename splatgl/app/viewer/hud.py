@@ -9,7 +9,7 @@ from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.difference import Difference
 from splatgl.app.viewer.pacing import FULL, Level
 from splatgl.app.viewer.state import State
-from splatgl.splat.plan import Plan
+from splatgl.splat.plan.plan import Plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +86,8 @@ def _tolerance(tolerance: float) -> str:
 
 
 def _depths(content: Content, frame: Frame) -> str:
-    z_k, unit = frame.plan.z_k, content.volume.unit
-    if frame.plan.program.perspective:
+    z_k, unit = frame.plan.resolved.z_k, content.volume.unit
+    if frame.plan.program.seen.perspective:
         return f"z_k = {z_k:.4g}{' ' + unit if unit else ''}, {frame.beyond:.0%} of the splats beyond"
     return "z_k: voxels are " + ("narrower" if z_k == 0 else "wider") + " than pixels everywhere"
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from splatgl.splat.settings import Settings
+from splatgl.splat.plan.settings import Settings
 
 # seconds a frame may take while moving
 TARGET = 0.033

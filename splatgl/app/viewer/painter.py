@@ -22,10 +22,11 @@ from splatgl.app.viewer.skin import FAITHFUL, outside
 from splatgl.app.viewer.state import State
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Look, Screen
-from splatgl.splat.camera import Camera
-from splatgl.splat.motion import Motion
-from splatgl.splat.plan import Plan, plan
-from splatgl.splat.rows import Splats
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.motion.motion import Motion
+from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.plan import Plan, plan
+from splatgl.splat.view.camera import Camera
 
 # seconds between two writings of the HUD while the picture moves
 CALM = 0.25
@@ -72,11 +73,11 @@ class Painter:
         splats = _enough(state, content, level, chosen)
         # the tint is not what the reference shows
         if state.beyond and state.compare == "off":
-            splats = tinted(splats, camera, chosen.z_k)
+            splats = tinted(splats, camera, chosen.resolved.z_k)
         motion = self._motion(state, camera) if gliding else None
         # a picture that is gone in a moment is drawn to its end
         ask = interrupted if level == FULL else None
-        image = self.renderer.render(splats, camera, level.settings(asked), motion, held=False, interrupted=ask)
+        image = self.renderer.render(splats, camera, level.settings(asked), motion, verify_bound=False, interrupted=ask)
         seconds = time.perf_counter() - started
 
         subject = (state.pose, state.settings, content, state.beyond)
@@ -85,7 +86,7 @@ class Painter:
         self.subject, self.pose, self.pixels = subject, state.pose, image.pixels
         self.brightest = float(self.pixels.max()) or 1.0
         self.screen.put("picture", self.pixels)
-        beyond = share_beyond(content.sample, state.pose.camera, chosen.z_k)
+        beyond = share_beyond(content.sample, state.pose.camera, chosen.resolved.z_k)
         hidden = len(content.at(level.stride)) - len(splats)
         self.frame = Frame(image.info, seconds, level, chosen, beyond, hidden, "motion" in image.info)
         return self.frame
@@ -117,7 +118,7 @@ class Painter:
 
     def look(self, state: State, reference: Reference) -> Look:
         """How the picture is shown now; puts the reference beside it where there is one."""
-        xray = state.settings.blend == "xray"
+        xray = BLENDS[state.settings.blend].unbounded
         background = None if xray else state.settings.background
         scale = 1.0 / self.brightest if xray else 1.0
         written = self.overlay is not None and bool(self.overlay.texts or self.overlay.polygon)
@@ -173,8 +174,8 @@ class Painter:
             width = max(20, int(size[0] / LETTER / scale))
             texts.append(Text(tuple(part for line in told for part in _wrapped(line, width)), "bottom left", note=True))
         polygon: tuple[tuple[float, float], ...] = ()
-        if state.beyond and self.frame is not None and self.frame.plan.program.perspective:
-            found = crossing(content.volume.corners, state.pose.camera, self.frame.plan.z_k)
+        if state.beyond and self.frame is not None and self.frame.plan.program.seen.perspective:
+            found = crossing(content.volume.corners, state.pose.camera, self.frame.plan.resolved.z_k)
             polygon = tuple((round(float(x)), round(float(y))) for x, y in found)
         return Overlay(size, scale, tuple(texts), polygon)
 
@@ -182,9 +183,9 @@ class Painter:
 def _enough(state: State, content: Content, level: Level, chosen: Plan) -> Splats:
     """The splats that make this picture: all, or those that can be seen where that is as good."""
     skin = content.skin(level.stride)
-    fits = chosen.program.blend == "composite" and outside(skin, state.pose.camera.eye)
+    fits = chosen.program.look.blend.ordered and outside(skin, state.pose.camera.eye)
     if level == FULL:
-        fits = fits and not chosen.program.antialias and state.settings.tolerance > FAITHFUL
+        fits = fits and not chosen.program.seen.antialias and state.settings.tolerance > FAITHFUL
     return skin if fits else content.at(level.stride)
 
 

@@ -15,11 +15,11 @@ from splatgl.app.viewer.hud import Frame
 from splatgl.app.viewer.overlay import plain
 from splatgl.app.viewer.state import BLURS, HIGHEST, State, drawable
 from splatgl.data.color import srgb_from_linear
-from splatgl.splat.colormap import CORE
-from splatgl.splat.presets import PRESETS, preset
-from splatgl.splat.settings import CHOICES
-from splatgl.splat.statistics import Statistics, statistics
-from splatgl.splat.transfer import Transfer
+from splatgl.splat.classification.colormap import CORE
+from splatgl.splat.classification.presets import PRESETS, preset
+from splatgl.splat.classification.statistics import Statistics, statistics
+from splatgl.splat.classification.transfer import Nodes, Transfer
+from splatgl.splat.plan.settings import choices
 
 # screen units
 WIDTH, HEIGHT, BAR, EDGE = 330.0, 150.0, 10.0, 6.0
@@ -39,7 +39,7 @@ ABOUT = {
     "target": "The frame buffer's numbers; the paper's has 8 bits.",
     "shading": "C = c (0.3 + 0.7 |n l|), a light at the eye.",
     "order": "Read from the rows of splats, without a sort.",
-    "primitive": "What covers a splat on the screen.",
+    "technique": "How splats are drawn: quads, or gathered by tiles of pixels.",
     "motion": "Blur while the view is turned. exact: the mean of the footprint along its path; energy: half discs and "
     "a rectangle with its energy kept; paper: Eq. 11.",
     "occlusion": "Pixels that next to nothing passes any more are closed to what lies behind.",
@@ -135,9 +135,7 @@ class Panel:
             imgui.set_tooltip(f"{points[self.dragged][0]:.5g}: {points[self.dragged][1]:.4g}")
         return transfer if points == transfer.points else _with_points(transfer, points)
 
-    def _dragged(
-        self, points: curve.Nodes, canvas: Canvas, place: tuple[float, float], hovered: bool, active: bool
-    ) -> curve.Nodes:
+    def _dragged(self, points: Nodes, canvas: Canvas, place: tuple[float, float], hovered: bool, active: bool) -> Nodes:
         """The nodes after what the mouse does to them."""
         under = curve.nearest(points, canvas, place)
         if hovered and imgui.is_mouse_clicked(imgui.MouseButton_.right) and under is not None:
@@ -172,7 +170,7 @@ class Panel:
 def _settings(state: State, content: Content) -> State:
     """Every choice of Settings, with a sentence."""
     for name, about in ABOUT.items():
-        allowed = BLURS if name == "motion" else CHOICES[name]
+        allowed = BLURS if name == "motion" else choices()[name]
         chosen = state.blur if name == "motion" else getattr(state.settings, name)
         changed, index = imgui.combo(name, allowed.index(chosen), list(allowed))
         imgui.set_item_tooltip(plain(about))
@@ -202,7 +200,7 @@ def _colors(transfer: Transfer, stats: Statistics) -> Transfer:
     return replace(transfer, window=(low, high)) if changed and low < high else transfer
 
 
-def _with_points(transfer: Transfer, points: curve.Nodes) -> Transfer:
+def _with_points(transfer: Transfer, points: Nodes) -> Transfer:
     """Other nodes; the colours stay where they were, though they followed the first and last node."""
     window = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
     return replace(transfer, points=points, window=window if window[0] < window[1] else None)

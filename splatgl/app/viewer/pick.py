@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.camera import Camera
-from splatgl.splat.rows import Splats
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.view.camera import Camera
 
 # a splat is met within this many voxels of the ray; the ray ends where it has gone through this optical depth
 WITHIN = 1.0

@@ -11,7 +11,7 @@ import numpy as np
 
 from splatgl.app.scene import View
 from splatgl.data.volume import Triple
-from splatgl.splat.camera import Camera
+from splatgl.splat.view.camera import Camera
 
 # the pivot counts as no nearer than this share of the scene's radius, so that a zoom goes on through it
 NEAREST = 0.05

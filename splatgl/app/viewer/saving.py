@@ -11,11 +11,12 @@ from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.state import State
 from splatgl.data.image import Image, write_whole
-from splatgl.splat.camera import Camera
-from splatgl.splat.extract import extract
-from splatgl.splat.rows import Splats
-from splatgl.splat.settings import Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.extract import extract
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.camera import Camera
 
 Draw = Callable[[Splats, Camera, Settings], Image]
 
@@ -43,7 +44,7 @@ def save_picture(state: State, content: Content, draw: Draw, folder: Path) -> st
     """Writes the next free picture-NNN.png; returns what to say."""
     target = free(folder, "picture", ".png")
     scene = scene_of(state, content)
-    ground = scene.settings.background if scene.settings.blend == "xray" else None
+    ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     picture_of(scene, content, draw).save(target, background=ground)
     return f"saved {target.name}"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.rows import Splats, assemble
+from splatgl.splat.extraction.splats import Splats, assemble
 
 # matter is hidden behind layers of cells, up to so many in every direction, of this optical depth together:
 # e^−6.2 = 0.002 of its light comes through, half of the tolerance below which nothing is left out

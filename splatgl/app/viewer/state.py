@@ -13,10 +13,11 @@ from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.pose import Pose
 from splatgl.data.errors import InputError
 from splatgl.gl.screen import GROUNDS
-from splatgl.splat.camera import Camera
-from splatgl.splat.plan import plan
-from splatgl.splat.settings import CHOICES, MOTIONS, Settings
-from splatgl.splat.transfer import OPAQUE, Transfer
+from splatgl.splat.classification.transfer import OPAQUE, Transfer
+from splatgl.splat.motion.blur import MOTIONS
+from splatgl.splat.plan.plan import plan
+from splatgl.splat.plan.settings import Settings, choices
+from splatgl.splat.view.camera import Camera
 
 COMPARE = ("off", "split", "difference")
 # degrees of azimuth and elevation of the standard views; the front is where a scene's azimuth is 0
@@ -128,7 +129,7 @@ def _projection(state: State, content: Content) -> State:
 
 def _cycle(name: str) -> Action:
     def cycle(state: State, content: Content) -> State:
-        allowed = CHOICES[name]
+        allowed = choices()[name]
         chosen = getattr(state.settings, name)
         for _ in allowed:
             chosen = _next(allowed, chosen)
@@ -147,7 +148,7 @@ def _blur(state: State, content: Content) -> State:
 
 
 def drawable(settings: Settings, state: State, content: Content) -> bool:
-    """Whether these settings can be had for this volume (align a wants cubic voxels)."""
+    """Whether these settings can be had for this volume."""
     try:
         plan(content.at(STRIDES[-1]), state.pose.camera, settings)
     except InputError:

@@ -187,9 +187,9 @@ class Viewer:
         return IDLE if due is None or (due == 0.0 and moment.held) else min(due, IDLE)
 
     def _moment(self) -> Moment:
-        # sprites and tiles are drawn in parts, between which a picture can be given up: they are in nobody's way
+        # quads near the eye may take long even in portions: they wait until the mouse is released
         frame = self.painter.frame
-        held = self.mouse.drag is not None and (frame is None or frame.plan.program.primitive == "quad")
+        held = self.mouse.drag is not None and (frame is None or frame.plan.program.technique == "quads")
         return Moment(self.now() - self.touched, self.state.turning, held, self.content.whole)
 
     def _wanted(self) -> tuple[object, ...]:

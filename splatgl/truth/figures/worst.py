@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.footprint import ROWS, Splat, row1
-from splatgl.splat.forms import FORMS
-from splatgl.splat.kernel import Kernel
+from splatgl.splat.integral.approximations import FORMS
+from splatgl.splat.integral.table1 import ROWS, Splat, row1
+from splatgl.splat.kernel.kernels import Kernel
 
 Form = Callable[[Splat], np.ndarray]
 ALL: dict[str, Form] = {**ROWS, **FORMS}

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.scenes import ball
-from splatgl.splat.camera import Camera
-from splatgl.splat.extract import extract
-from splatgl.splat.rows import Splats
-from splatgl.splat.settings import Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.extract import extract
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.plan.settings import Footprint, Settings
+from splatgl.splat.view.camera import Camera
 from splatgl.truth import reference
 from splatgl.truth.drawing import Renderer
 from splatgl.truth.integral import ray_integral
@@ -99,10 +99,10 @@ def table(renderer: Renderer, full: bool) -> Iterator[Pair]:
 
 def radial(renderer: Renderer, full: bool) -> Iterator[Pair]:
     """Entries of a radial table, likewise."""
-    yield from _tables(renderer, "radial", (16, 32, 64, 128, 256, 512, *((1024, 2048) if full else ())))
+    yield from _tables(renderer, "auto", (16, 32, 64, 128, 256, 512, *((1024, 2048) if full else ())))
 
 
-def _tables(renderer: Renderer, kind: str, sizes: tuple[int, ...]) -> Iterator[Pair]:
+def _tables(renderer: Renderer, kind: Footprint, sizes: tuple[int, ...]) -> Iterator[Pair]:
     splats, camera = _splats(1.0), _camera(SIZE)
     right = reference.render(splats, camera, Settings(antialias="off")).pixels
     for size in sizes:

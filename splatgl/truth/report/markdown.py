@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from splatgl.truth import rows
+from splatgl.truth import table_io as rows
 from splatgl.truth.report.content import Block, Diagram, Heading, Pictures, Table, Text, blocks
 from splatgl.truth.report.results import Results
 

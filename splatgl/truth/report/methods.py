@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from splatgl.data.errors import expected
-from splatgl.splat.settings import Settings
+from splatgl.splat.plan.settings import Settings
 
 # what a picture is measured against, and what that tells
 TRUTHS = {
@@ -119,7 +119,7 @@ register(
     Axis(
         "form",
         "the footprint's form: one plane or direction for all, or the ray's own",
-        tuple(Method(name, {"align": name}, name) for name in ("grid", "ray", "a", "b1")),
+        tuple(Method(name, {"align": name}, name) for name in ("grid", "ray")),
         connected=False,
     )
 )
@@ -158,7 +158,7 @@ register(
     Axis(
         "radial",
         "entries of a table over the squared distance, exact",
-        _each("radial", "table_size", (32, 64, 128, 256, 512), (32, 128, 512), footprint="radial", align="exact"),
+        _each("radial", "table_size", (32, 64, 128, 256, 512), (32, 128, 512), align="exact"),
     )
 )
 register(
@@ -209,16 +209,16 @@ register(
 )
 register(
     Axis(
-        "primitive",
-        "quads instead of sprites or tiles",
-        (Method("quads", {"primitive": "quad"}, "quads"),),
+        "technique",
+        "quads instead of tiles",
+        (Method("quads", {"technique": "quads"}, "quads"),),
         connected=False,
     )
 )
 register(
     Axis(
         "occlusion",
-        "nothing closed, nothing left out",
+        "no tile ends before its list",
         (Method("no occlusion", {"occlusion": "off"}, "no occlusion"),),
         connected=False,
     )

@@ -18,10 +18,10 @@ import numpy as np
 from splatgl.data.errors import expected, missing_extra
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
-from splatgl.splat.camera import Camera
-from splatgl.splat.settings import Settings
-from splatgl.splat.shading import AMBIENT, DIFFUSE
-from splatgl.splat.transfer import Transfer
+from splatgl.splat.classification.shading import AMBIENT, DIFFUSE
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.camera import Camera
 
 MAPPERS = {"cpu": "vtkFixedPointVolumeRayCastMapper", "gpu": "vtkGPUVolumeRayCastMapper"}
 # samples along a ray for each voxel

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.camera import Camera
-from splatgl.splat.resolve import depth_range
-from splatgl.splat.rows import Splats
-from splatgl.splat.settings import Settings
-from splatgl.splat.transfer import Transfer
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.plan.resolve import depth_range
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.camera import Camera
 from splatgl.truth.report.methods import Method
 
 # (threshold, how often joined two by two) → splats

@@ -5,13 +5,12 @@ from __future__ import annotations
 import random
 import statistics
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Hashable
 
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
-from splatgl.splat.settings import Settings
-from splatgl.truth.drawing import Plan, Planner
+from splatgl.splat.plan.settings import Settings
+from splatgl.truth.drawing import Planner
 from splatgl.truth.report.errors import errors
 from splatgl.truth.report.methods import TRUTHS, Method, axis_of, methods
 from splatgl.truth.report.peers import Peer
@@ -27,6 +26,8 @@ LONGEST, LEAST_ROUNDS = 20.0, 3
 TURN, FRAMES = 0.04, 5
 # FLIP is measured against this truth
 FLIP_TRUTH = "sampled"
+# what is told of how a picture was drawn
+DRAWN = ("align", "antialias", "footprint", "samples", "attenuation", "target")
 
 # told what is going on, once for each step
 Tick = Callable[[str], None]
@@ -44,7 +45,7 @@ class Sweep:
 
     def __init__(self, renderer: Planner, subject: Subject, truths: Truths, store: Store, flip: bool) -> None:
         self.renderer, self.subject, self.truths, self.store, self.flip = renderer, subject, truths, store, flip
-        self.plans: dict[tuple[Plan, int], str] = {}
+        self.plans: dict[tuple[Hashable, int], str] = {}
         self.peers: dict[str, Peer] = {}
 
     def pictures(self, wanted: list[Method], tick: Tick) -> None:
@@ -56,7 +57,7 @@ class Sweep:
                 # drawn before: others may turn out to be the same
                 splats, settings = self.subject.drawn(method)
                 plan = self.renderer.plan(splats, self.subject.camera, settings)
-                self.plans.setdefault((_key(plan), id(splats)), method.name)
+                self.plans.setdefault((plan.key, id(splats)), method.name)
             if not done:
                 line = self._peer_picture(method) if method.peer else self._picture(method)
                 self.store.add("picture", scene=self.subject.name, **line)
@@ -74,7 +75,7 @@ class Sweep:
             return {**line, "omitted": "no splat is left"}
 
         # one plan, one picture
-        key = (_key(plan), id(splats))
+        key = (plan.key, id(splats))
         if key in self.plans:
             line["same_as"] = self.plans[key]
         else:
@@ -85,8 +86,7 @@ class Sweep:
             "splats": len(splats),
             "tolerance": settings.tolerance,
             "bound": image.info["error_bound"],
-            "drawn": {name: image.info[name] for name in ("align", "footprint", "samples", "attenuation", "target")}
-            | {"primitive": plan.program.primitive, "antialias": plan.program.antialias, "parts": plan.parts},
+            "drawn": {name: image.info[name] for name in DRAWN} | {"technique": plan.program.technique},
             **self._measured(image, settings, tuple(TRUTHS)),
         }
 
@@ -168,10 +168,5 @@ class Sweep:
             return self._peer(method).frame()[1]
         splats, settings = self.subject.drawn(method)
         started = time.perf_counter()
-        self.renderer.render(splats, self.subject.camera, settings, held=False)
+        self.renderer.render(splats, self.subject.camera, settings, verify_bound=False)
         return time.perf_counter() - started
-
-
-def _key(plan: Plan) -> Plan:
-    """A plan without what changes no pixel."""
-    return replace(plan, notes=(), tolerance=0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from splatgl.truth import rows
+from splatgl.truth import table_io as rows
 from splatgl.truth.report.front import standing
 from splatgl.truth.report.methods import TRUTHS
 from splatgl.truth.report.results import Results, Row, Scene

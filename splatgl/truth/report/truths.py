@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.image import Image, write_whole
-from splatgl.splat.settings import Settings
+from splatgl.splat.plan.settings import Settings
 from splatgl.truth import reference
 from splatgl.truth.drawing import Renderer
 from splatgl.truth.integral import ray_integral
@@ -55,7 +56,7 @@ class Truths:
         pixels = self._made(key, truth, Settings(**asked))
         return Image(pixels, {"blend": settings.blend})
 
-    def _check(self, asked: dict) -> None:
+    def _check(self, asked: dict[str, Any]) -> None:
         width, height = self.subject.camera.size
         samples = width * height * asked["samples"] ** 2
         if samples > MOST_SAMPLES[self.level.name]:

@@ -8,10 +8,10 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from splatgl.splat.camera import Camera
-from splatgl.splat.kernel import kernel
-from splatgl.splat.rows import Splats
-from splatgl.splat.settings import CHOICES
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.plan.settings import choices
+from splatgl.splat.view.camera import Camera
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import alpha, block, parallel
@@ -20,7 +20,7 @@ LAYERS, DENSE = 40, 0.99
 # voxels a pixel
 ZOOMS = (1.0, 2.0, 4.0, 8.0, 16.0)
 # every named form; auto is one of them
-FORMS = tuple(form for form in CHOICES["attenuation"] if form != "auto")
+FORMS = tuple(form for form in choices()["attenuation"] if form != "auto")
 # pixels on either side of the one whose centre is on the edge
 REACH = 3
 # pictures, each moved by that part of a pixel

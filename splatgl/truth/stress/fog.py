@@ -9,9 +9,9 @@ from itertools import product
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.camera import Camera
-from splatgl.splat.extract import extract
-from splatgl.splat.rows import Splats
+from splatgl.splat.extraction.extract import extract
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.view.camera import Camera
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import alpha, transfer

@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.extract import extract
-from splatgl.splat.transfer import OPAQUE
+from splatgl.splat.classification.transfer import OPAQUE
+from splatgl.splat.extraction.extract import extract
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import alpha, dots, middle, parallel, peak, transfer
 
 # float32 sums and products: some roundings of 6e−8
 ROUNDING = 1e-6
+# what is left of light: two of the smallest steps below 1 that float32 has
+LIGHT = 2.0**-23
 # opacities, 1 among them; what a voxel of 1 is read as is the opacity next below it
 OPACITIES = (1e-8, 1e-7, 1e-4, 0.5, 1 - 1e-4, 1 - 1e-7, 1.0)
 # (opacity per length 1, thickness): 1 − (1 − a)^s, to 16 digits
@@ -35,7 +37,7 @@ def opacities(bench: Bench) -> list[Check]:
         right.append(-np.expm1(np.log1p(-min(opacity, OPAQUE)) * peak()))
     return [
         check("opacity", found, right, ROUNDING, paper, relative=True),
-        check("what is left of light", 1 - np.array(found), 1 - np.array(right), 2.0**-24, 1 - np.array(paper)),
+        check("what is left of light", 1 - np.array(found), 1 - np.array(right), LIGHT, 1 - np.array(paper)),
     ]
 
 

@@ -7,7 +7,7 @@ from textwrap import fill
 
 import numpy as np
 
-from splatgl.truth import rows
+from splatgl.truth import table_io as rows
 from splatgl.truth.stress.case import Case, Check, Result
 
 # widths of the table's columns, characters: with the spaces between them 97

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.camera import Camera
-from splatgl.splat.extract import extract
-from splatgl.splat.kernel import kernel
-from splatgl.splat.transfer import Transfer
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.extract import extract
+from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.view.camera import Camera
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import alpha, dots, noise, parallel, transfer

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from splatgl.data.volume import Volume
-from splatgl.splat.camera import Camera, Vector
-from splatgl.splat.extract import extract
-from splatgl.splat.kernel import kernel
-from splatgl.splat.rows import Splats
-from splatgl.splat.transfer import Transfer
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.extract import extract
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.view.camera import Camera, Vector
 
 # rows of pixels run along +y, columns along +x, for an eye that looks along +z
 UP = (0.0, -1.0, 0.0)

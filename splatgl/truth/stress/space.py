@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.data.volume import Triple, Volume
-from splatgl.splat.camera import Camera
-from splatgl.splat.extract import extract
-from splatgl.splat.kernel import kernel
+from splatgl.splat.extraction.extract import extract
+from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.view.camera import Camera
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import alpha, dots, noise, transfer

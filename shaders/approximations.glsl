@@ -1,0 +1,121 @@
+// Quads beyond Table 1: the footprint at the true distance before z_k (form c), and beyond it the ellipse of
+// perspective space with the trapezoid's first-order term (b′).
+// Twin of splatgl/splat/integral/approximations.py. All lengths in mean voxel spacings, in eye axes; g and τ in index axes.
+#include "table1.glsl"
+#include "optics.glsl"
+#constant FIRST_ORDER  // terms beyond the box's stretch are left out where they change a footprint by more than this share
+
+// What a Quad's bend, cubic and mixed hold here.
+// Before z_k, bend = (1/|v|², 0, 0, 0): D² = r²/(1 + r²/|v|²).  Beyond it:
+// cubes, bend = (−γ, κ, λ, β): D² = r² + κ r.x³, value × (1 + λ r.x + β r.x² + γ r.y²);
+// others, bend = (−1, 0, λ.x, λ.y): value × (1 + λ·r) × the length of the pixel's ray, and
+// D² = r² + (cubic.xy·r)(cubic.zw·r)² + (mixed.xy·r)(mixed.zw·r)(cubic.zw·r), where only one axis is stretched
+
+// Before z_k d² = |v×U|²/|v+U|² on any plane through the centre v; on the one perpendicular to v it is
+// U²/(1 + U²/|v|²). The sphere of radius R seen from the eye reaches this far there.
+float near_reach(float far2) {
+    return style.radius * sqrt(far2 / max(far2 - style.radius * style.radius, 1e-6 * far2));
+}
+
+Quad near_quad(vec3 axis_1, vec3 axis_2, float far2) {
+    return Quad(axis_1, axis_2, near_reach(far2), 1.0, 1.0, vec4(1.0 / far2, 0.0, 0.0, 0.0), vec4(0.0), vec4(0.0));
+}
+
+// Beyond z_k, on the plane at the voxel's depth: the pixel's ray is a straight line of the voxel's own slope in the
+// space in which the kernel is stretched; along it the depth is t + t²/z to first order.
+Quad cubic_quad(vec3 v, bool stretched) {
+    float out_ = length(v.xy);
+    vec3 radial = out_ > 0.0 ? vec3(v.xy / out_, 0.0) : vec3(1.0, 0.0, 0.0);
+    vec3 across = vec3(-radial.y, radial.x, 0.0);
+    float far2 = dot(v, v);
+    if (!stretched) return near_quad((radial * v.z - vec3(0.0, 0.0, out_)) * inversesqrt(far2), across, far2);
+    // a_v = c/(z m) and q_v = √(1 + a²); the ellipse is q times as long along c
+    float m = max(1.0, smallest_axis(v.z));
+    float a = out_ / (v.z * m);
+    float q = sqrt(1.0 + a * a);
+    float a_q = a / q;
+    float coverage = 1.0 / (m * m);
+    float sec2 = far2 / (v.z * v.z);
+    // the cubic term moves the rim outwards by less than this share
+    float cubic = -2.0 * a_q * a_q * a_q / v.z;
+    float reach = style.radius * (1.0 - cubic * style.radius);
+    // the pixel's ray is longer or shorter than the voxel's: sec_p/sec_v to second order, and the trapezoid's term
+    float across_step = m / v.z;
+    float along_step = across_step * q;
+    float turn = out_ / v.z * along_step / sec2;
+    float trapezoid = 3.0 * a_q / (q * q * v.z);
+    vec4 bend = vec4(-across_step * across_step / (2.0 * sec2), cubic, turn + trapezoid,
+                     along_step * along_step / (2.0 * sec2 * sec2) + turn * trapezoid);
+    // a share of the peak on a ray of that slant
+    if (PEAK == 1) bend = vec4(-1e-30, cubic, trapezoid, 0.0);
+    return Quad(radial * (m * q), across * m, reach, coverage * sqrt(sec2) / q, coverage, bend, vec4(0.0), vec4(0.0));
+}
+
+Quad far_quad(vec3 v) {
+    Ellipse ellipse = voxel_ellipse(vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0));
+    // offsets across the view shrink by f, where a pixel is wider than the voxel; the narrower side always is
+    float still_1 = v.z > frame.beyond.x ? 0.0 : 1.0;
+    vec2 f = min(vec2(1.0), ellipse.width / max(smallest_axis(v.z), 1e-30));
+    f.x = mix(f.x, 1.0, still_1);
+    vec2 slope = vec2(dot(v, ellipse.axis_1), dot(v, ellipse.axis_2)) / v.z;
+    vec3 o1 = to_index(ellipse.axis_1 * f.x);
+    vec3 o2 = to_index(ellipse.axis_2 * f.y);
+    vec3 depth = to_index(vec3(0.0, 0.0, 1.0));
+    vec3 line = o1 * slope.x + o2 * slope.y + depth;
+    float line2 = dot(line, line);
+
+    // local coordinates across the line; e: the step on the plane that each stands for
+    vec3 g1, g2;
+    perpendicular_axes(line * inversesqrt(line2), g1, g2);
+    mat2 local = mat2(dot(g1, o1), dot(g2, o1), dot(g1, o2), dot(g2, o2));
+    mat2 e = inverse(local);
+    vec3 step_1 = ellipse.axis_1 * e[0].x + ellipse.axis_2 * e[0].y;
+    vec3 step_2 = ellipse.axis_1 * e[1].x + ellipse.axis_2 * e[1].y;
+    float gain = f.x * f.y * inversesqrt(line2);
+
+    // t₀ = τ·r: the line's closest point to the centre
+    vec3 off_1 = o1 * e[0].x + o2 * e[0].y;
+    vec3 off_2 = o1 * e[1].x + o2 * e[1].y;
+    vec2 tau = -vec2(dot(off_1, line), dot(off_2, line)) / line2;
+    // an axis that is not stretched keeps the pixel's slope, slope + (ε·r)/z, and bends with the depth
+    vec3 still_axis = o1 * still_1;
+    vec2 epsilon = still_1 * vec2(e[0].x, e[1].x);
+    vec3 curve = depth + o1 * (still_1 * slope.x);
+    vec2 gamma = vec2(dot(g1, curve), dot(g2, curve));
+    vec2 pi_ = vec2(dot(g1, still_axis), dot(g2, still_axis));
+    // and counts its width once less often: a further z/z_v under the integral
+    vec2 sloped = (tau * still_1 - (gamma + 2.0 * tau * dot(line, curve)) / line2) / v.z;
+    // a share of the peak is on a ray of the same slant; all else is the integral itself
+    if (PEAK == 0) sloped -= epsilon * (dot(line, still_axis) / (v.z * line2));
+    vec4 cubic = vec4(gamma * (2.0 / v.z), tau);
+    vec4 mixed = vec4(pi_ * (2.0 / v.z), epsilon);
+    // the cubic terms move the rim outwards by less than this
+    float shift = length(cubic.xy) * dot(tau, tau) + length(mixed.xy) * length(epsilon) * length(tau);
+    float reach = style.radius * (1.0 + shift * style.radius);
+    if (max(shift, length(sloped)) * style.radius > FIRST_ORDER) {
+        // long voxels at a slant, near by: those terms have no meaning
+        cubic = mixed = vec4(0.0);
+        sloped = vec2(0.0);
+        reach = style.radius;
+    }
+    return Quad(step_1, step_2, reach, gain, f.x * f.y, vec4(-1.0, 0.0, sloped), cubic, mixed);
+}
+
+// Whether antialiasing widens the voxel: no splat is so near to that depth that float32 could mistake it.
+bool is_stretched(vec3 v) {
+    return ANTIALIAS == 1 && v.z > frame.beyond.y;
+}
+
+Quad exact_quad(vec3 v) {
+    if (CUBIC == 1) return cubic_quad(v, is_stretched(v));
+    if (is_stretched(v)) return far_quad(v);
+    vec3 f1, f2, i = index_from_eye() * v;
+    float far2 = dot(i, i);
+    perpendicular_axes(i * inversesqrt(far2), f1, f2);
+    return near_quad(eye_from_index() * f1, eye_from_index() * f2, far2);
+}
+
+Quad splat_quad(vec3 v) {
+    if (ALIGN == ALIGN_EXACT) return exact_quad(v);
+    return table_quad(v);
+}

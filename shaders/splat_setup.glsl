@@ -1,0 +1,41 @@
+// One splat placed relative to the eye, with its matter: for a quad's vertex, or for the lists of tiles.
+// ATTRIBUTE and VARYING are defined as `in` and `out` in the vertex shader, FLAT as `flat`; elsewhere as nothing.
+// switch SHADING 0
+#include "approximations.glsl"
+#include "attenuation.glsl"
+#include "varyings.glsl"
+
+ATTRIBUTE vec3 in_position;        // grid indices
+ATTRIBUTE float in_optical_depth;  // extinction × mean spacing
+ATTRIBUTE vec3 in_color;           // linear RGB
+ATTRIBUTE ivec3 in_normal;         // gradient direction, world axes; zero: unshaded
+ATTRIBUTE int in_runs;             // how far matter goes on along the grid's axes, coded
+
+// C = c (0.3 + 0.7 |n·l|), l towards the eye; a zero gradient is unshaded
+float head_light(vec3 v) {
+    float far = length(v);
+    vec3 towards_eye = PERSPECTIVE == 1 && far > 0.0 ? -v / far : vec3(0.0, 0.0, -1.0);
+    mat3 eye_from_world = mat3(frame.eye_from_world[0].xyz, frame.eye_from_world[1].xyz, frame.eye_from_world[2].xyz);
+    vec3 n = eye_from_world * vec3(in_normal);
+    float size = length(n);
+    if (SHADING == 0 || size == 0.0) return 1.0;
+    return style.ambient + style.diffuse * min(abs(dot(n / size, towards_eye)), 1.0);
+}
+
+// Optical depth, per mean spacing, that attenuation by m² leaves right on average.
+float attenuated_depth(vec3 v, float coverage) {
+    if (ATTENUATION == ATTENUATION_FILL && ANTIALIAS == 1 && coverage < 1.0)
+        return filled_depth(in_optical_depth, index_from_eye() * v, coverage, smallest_axis(v.z), in_runs);
+    return in_optical_depth;
+}
+
+// What a still splat hands to its fragments.
+void give_matter(vec3 v, Quad quad) {
+    splat.rgb = in_color * head_light(v);
+    if (PEAK == 1) splat.a = one_minus_exp(in_optical_depth * style.opacity_length);
+    else splat.a = attenuated_depth(v, quad.coverage) * quad.gain * style.peak;
+    coverage = quad.coverage;
+    bend = quad.bend;
+    cubic = quad.cubic;
+    mixed = quad.mixed;
+}

@@ -1,0 +1,1 @@
+"""`splatgl figure`: the paper's figures and claims."""

@@ -1,0 +1,75 @@
+"""`splatgl figure`: the paper's figures as pictures and numbers, and which of its claims hold."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from textwrap import fill
+
+from splatgl import __version__
+from splatgl.app.figures.options import add_pictures, refuse, run_picture
+from splatgl.app.figures.render import PICTURES
+from splatgl.app.output import check_output
+from splatgl.data.errors import expected
+from splatgl.data.image import write_whole
+from splatgl.truth.claims import page
+from splatgl.truth.figures import FIGURES, Figure
+from splatgl.truth.figures.tables import PAGE
+
+# figures whose text is the claims read off them
+CLAIMED = (9, 10)
+# the numbers of all figures that can be asked for
+KNOWN = sorted([*FIGURES, *PICTURES])
+
+
+def add_parser(parser: argparse.ArgumentParser) -> None:
+    names = " ".join(map(str, KNOWN))
+    parser.add_argument("number", metavar="N", help=f"{names}, or claims: all of the paper's claims, tried")
+    add_pictures(parser)
+    parser.add_argument("-o", "--output", metavar="FILE", help="picture to write, .png or .svg (default: figureN.png)")
+    parser.add_argument("--csv", metavar="FILE", help="write the numbers; no picture, unless --output is given too")
+    parser.add_argument(
+        "--text", "--numbers", action="store_true", help="print what it shows; no picture, unless --output is given"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Draws, writes or prints one figure; 0."""
+    if args.number == "claims":
+        if args.output or args.csv:
+            raise expected("figure claims", "no file to write", args.output or args.csv, "it is printed")
+        print(page())
+        return 0
+    if args.number in map(str, PICTURES):
+        return run_picture(args)
+    refuse(args)
+    figure = _figure(args.number)
+    output = Path(args.output or f"figure{figure.number}.png")
+    drawn = bool(args.output) or not (args.csv or args.text)
+    if drawn:
+        check_output(output, (".png", ".svg"))
+    if args.csv:
+        check_output(Path(args.csv), (".csv",))
+        write_whole(Path(args.csv), figure.table().csv().encode())
+        print(f"{args.csv}: the numbers of figure {figure.number}")
+    if drawn:
+        write_whole(output, figure.picture(output.suffix.lower(), f"splatgl {__version__}"))
+        print(f"{output}:", fill(f"Figure {figure.number}. {figure.caption}", PAGE), sep="\n")
+    if args.text:
+        print(text(figure))
+    return 0
+
+
+def text(figure: Figure) -> str:
+    """What a figure shows, on a page."""
+    head = fill(f"Figure {figure.number}. {figure.caption}", PAGE)
+    body = page(figure.number) if figure.number in CLAIMED else figure.table().text()
+    return f"{head}\n\n{body}"
+
+
+def _figure(number: str) -> Figure:
+    if not number.isdecimal() or int(number) not in FIGURES:
+        known = ", ".join(map(str, KNOWN))
+        raise expected("figure", f"one of {known}, or claims", number)
+    return FIGURES[int(number)]

@@ -1,0 +1,126 @@
+"""`splatgl figure` 5, 6, 12, 13 and 14: the options of the figures that are rendered, and drawing them."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from textwrap import fill
+
+from splatgl import __version__
+from splatgl.app.figures.metrics import SHUTTER, numbers
+from splatgl.app.figures.render import PICTURES, Motioned, PictureFigure, Shown, by_moments, picture
+from splatgl.app.options import size
+from splatgl.app.output import check_output
+from splatgl.app.panels import encoded
+from splatgl.app.scene import Scene, View
+from splatgl.app.track import Turning
+from splatgl.data.errors import expected
+from splatgl.data.image import Image, write_whole
+from splatgl.gl.renderer import Renderer
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.motion.blur import MOTIONS
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.camera import Camera
+from splatgl.truth.figures.tables import PAGE
+from splatgl.truth.temporal import Draw, Moments, moments
+
+MAX_FRAMES, MAX_MOMENTS = 10_000, 4096
+# options that only rendered figures have
+ONLY = ("source", "color", "size", "spin", "frames", "motion", "moments")
+
+
+def add_pictures(parser: argparse.ArgumentParser) -> None:
+    names = " ".join(map(str, PICTURES))
+    parser.add_argument("source", nargs="?", metavar="SOURCE", help=f"{names}: a volume or scene.toml for the paper's")
+    group = parser.add_argument_group(f"rendered figures ({names})")
+    group.add_argument("--color", metavar="PICTURE", help="colour picture laid over a height map")
+    group.add_argument("--size", type=size, metavar="W×H", help="pixels of each picture")
+    group.add_argument("--spin", type=float, metavar="DEG", help="12, 13, 14: degrees a frame")
+    group.add_argument("--frames", type=int, metavar="N", help="14: how many frames")
+    group.add_argument("--motion", choices=MOTIONS, metavar="|".join(MOTIONS), help="12, 13, 14: blur by streaks")
+    group.add_argument("--moments", type=int, metavar="N", help="12, 13, 14: blur by N pictures instead; 0: none")
+
+
+def refuse(args: argparse.Namespace) -> None:
+    """InputError for an option that the other figures have not."""
+    given = [name for name in ONLY if getattr(args, name) is not None]
+    if given:
+        names = ", ".join(map(str, PICTURES))
+        raise expected(f"figure {args.number}", "no picture options", given[0], f"they are for {names}")
+
+
+def run_picture(args: argparse.Namespace) -> int:
+    """Draws, writes or prints one rendered figure; 0."""
+    figure = _asked(PICTURES[int(args.number)], args)
+    output = Path(args.output or f"figure{figure.number}.png")
+    drawn = bool(args.output) or not (args.csv or args.text)
+    if drawn:
+        check_output(output, (".png",))
+    if args.csv:
+        check_output(Path(args.csv), (".csv",))
+    scene = _scene(figure, args)
+    with Renderer() as renderer:
+        shown = Shown(figure, scene, renderer.render, _blur(renderer, args))
+        if drawn:
+            about = figure.caption if args.source is None else f"{figure.caption} Here: {shown.volume.name}."
+            write_whole(output, encoded(picture(shown), about, f"splatgl {__version__}"))
+            print(f"{output}:", fill(f"Figure {figure.number}. {about}", PAGE), sep="\n")
+        if args.csv or args.text:
+            table = numbers(shown)
+            if args.csv:
+                write_whole(Path(args.csv), table.csv().encode())
+                print(f"{args.csv}: the numbers of figure {figure.number}")
+            if args.text:
+                print(fill(f"Figure {figure.number}. {figure.caption}", PAGE), table.text(), sep="\n\n")
+    return 0
+
+
+def _blur(renderer: Renderer, args: argparse.Namespace) -> Motioned | None:
+    """Streaks where they are asked for, and for sums, which they are right for; else the mean of many pictures, as many
+    as are asked for, or as paths are long; none at all for 0.
+    """
+    if args.moments is not None:
+        return by_moments(args.moments) if args.moments else None
+
+    def blurred(draw: Draw, track: Turning) -> Draw:
+        def one(splats: Splats, camera: Camera, settings: Settings) -> Image:
+            if args.motion or settings.blend == "xray":
+                return renderer.render(splats, camera, settings.but(motion=args.motion or MOTIONS[0]), track.turn)
+            # a strip's view is narrow: as many as the whole picture needs
+            whole = replace(camera, size=(camera.size[1], camera.size[1]))
+            return Moments(draw, track.turn, SHUTTER, moments(splats, whole, track.turn, SHUTTER))(
+                splats, camera, settings
+            )
+
+        return one
+
+    return blurred
+
+
+def _asked(figure: PictureFigure, args: argparse.Namespace) -> PictureFigure:
+    """The figure with what was asked for; InputError for what it can't be."""
+    turns = figure.spin != 0
+    for name, allowed in (("spin", turns), ("frames", figure.number == 14), ("motion", turns), ("moments", turns)):
+        if getattr(args, name) is not None and not allowed:
+            raise expected(f"figure {figure.number}", f"no --{name}", getattr(args, name))
+    if args.frames is not None and not 2 <= args.frames <= MAX_FRAMES:
+        raise expected("--frames", f"a whole number from 2 to {MAX_FRAMES}", args.frames)
+    if args.moments is not None and args.motion is not None:
+        raise expected(f"figure {figure.number}", "one of --motion and --moments", "both")
+    if args.moments is not None and not 0 <= args.moments <= MAX_MOMENTS:
+        raise expected("--moments", f"a whole number from 0 to {MAX_MOMENTS}", args.moments)
+    if args.spin is not None and not 0 < abs(args.spin) <= 360:
+        raise expected("--spin", "an angle up to 360 degrees, not 0", args.spin)
+    return replace(figure, spin=args.spin or figure.spin, frames=args.frames or figure.frames)
+
+
+def _scene(figure: PictureFigure, args: argparse.Namespace) -> Scene:
+    """The scene that is asked for, or the paper's; a scene.toml says all that a scene can."""
+    source = args.source or figure.source
+    wanted = args.size or (figure.size, figure.size)
+    scene = Scene(source, view=View(size=wanted))
+    if Path(source).suffix == ".toml":
+        scene = Scene.from_toml(Path(source))
+        scene = replace(scene, view=replace(scene.view, size=args.size)) if args.size else scene
+    return replace(scene, load={**scene.load, "color": args.color}) if args.color else scene

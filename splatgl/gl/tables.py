@@ -1,0 +1,62 @@
+"""Tables that shaders look up, as textures: footprints, half lines and blurred footprints, each made once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+
+import moderngl
+import numpy as np
+
+from splatgl.splat.kernel.kernels import Kernel, footprint_table, half_line_table, radial_table
+from splatgl.splat.motion.blur_table import blur_table
+from splatgl.splat.plan.plan import Plan
+
+# texture units
+FOOTPRINT_UNIT, HALF_LINE_UNIT, BLUR_UNIT = 0, 1, 3
+# bits of a texel → moderngl's dtype, numpy's, and what 1.0 is stored as
+FORMATS: dict[int, tuple[str, np.dtype, int]] = {
+    32: ("f4", np.dtype("<f4"), 1),
+    16: ("nu2", np.dtype("<u2"), 65535),
+    8: ("f1", np.dtype("u1"), 255),
+}
+# texels along each axis of the half-line table: bilinear error 1e−5
+HALF_LINE_SIZE = 256
+
+
+class Tables:
+    """Kept by what they are of."""
+
+    def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
+        self.ctx, self.owned = ctx, owned
+        self.kept: dict[tuple[str, str, int, int], moderngl.Texture] = {}
+
+    def use(self, plan: Plan) -> None:
+        """Binds what a plan's program looks up."""
+        kernel, program = plan.kernel, plan.program
+        size, bits = plan.lookup.size, plan.lookup.bits
+        if program.footprint != "polynomial":
+            make = footprint_table if program.footprint == "table" else radial_table
+            self._of(kernel, program.footprint, size, bits, lambda: make(kernel, size)).use(FOOTPRINT_UNIT)
+        if program.seen.half_line:
+            table = self._of(kernel, "half line", HALF_LINE_SIZE, 32, lambda: half_line_table(kernel, HALF_LINE_SIZE))
+            table.use(HALF_LINE_UNIT)
+        if program.motion == "exact":
+            self._of(kernel, "blur", 0, 32, lambda: blur_table(kernel.name).packed).use(BLUR_UNIT)
+
+    def _of(self, kernel: Kernel, kind: str, size: int, bits: int, make: Callable[[], np.ndarray]) -> moderngl.Texture:
+        key = (kernel.name, kind, size, bits)
+        if key not in self.kept:
+            self.kept[key] = self._texture(make(), bits)
+        return self.kept[key]
+
+    def _texture(self, texels: np.ndarray, bits: int) -> moderngl.Texture:
+        dtype, store, one = FORMATS[bits]
+        data = (np.rint(texels * one) if one > 1 else texels).astype(store)
+        height, width, *components = data.shape
+        channels = components[0] if components else 1
+        texture = self.ctx.texture((width, height), channels, data.tobytes(), alignment=1, dtype=dtype)
+        self.owned.callback(texture.release)
+        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        texture.repeat_x = texture.repeat_y = False
+        return texture

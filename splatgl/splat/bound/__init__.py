@@ -1,0 +1,1 @@
+"""How far a picture may be from the right one."""

@@ -1,0 +1,217 @@
+"""How much one ray of a picture can meet: the most splats, and the most of their optical depth, near any of them.
+
+By planes: a ray that crosses n planes of the lattice at an angle meets no more than an ellipse's cells in each.
+By places: few splats, or few blocks of them, are counted in squares of the picture as large as the largest of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.view.view import View
+
+# lattice points in an ellipse across a plane over its area, at most: measured over places, turns and lengths
+DISCRETE = 1.35
+# a point that is off its cell's middle is this far from it at most
+OFF = np.sqrt(3.0) / 2
+# tiles along each axis of the picture in which directions are bounded
+TILES = 8
+# up to so many splats are counted one by one; more in blocks of so many cells a side, if no more are in use, of a grid
+# of no more than so many
+FEW, BLOCK, MOST_BLOCKS = 8192, 8, 2**22
+# of these, one that is nearer than this share of the middle depth counts for the whole picture
+NEAR = 1 / 3
+# squares of the picture along each axis, at most
+SQUARES = 512
+# beyond z_k a footprint reaches 2 R pixels at most: blocks.STRETCHED
+STRETCHED = 2.0
+
+
+@dataclass(frozen=True)
+class RayOverlap:
+    """count: splats whose footprints one ray meets; depth: Σ τ g of them, g the length that it counts for (1 for cubes,
+    before z_k), in units of the kernel's line integral.
+    """
+
+    count: float
+    depth: float
+
+
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """Splats one by one, or in blocks: places [N, 3] in grid indices, radius [N] from there to its members' middles,
+    count [N] and Σ τ [N] of them.
+    """
+
+    place: np.ndarray
+    radius: np.ndarray
+    count: np.ndarray
+    depth: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """What is in the lattice: whether every splat is in its cell's middle, the most in one cell, and planes in use.
+
+    groups: None if even blocks are too many.
+    """
+
+    aligned: bool
+    count: int
+    depth: float
+    planes: np.ndarray
+    groups: Groups | None
+
+
+def ray_overlap(splats: Splats, view: View, astray: float = 0.0) -> RayOverlap:
+    """What a ray of the picture meets at most; at least one splat is there. astray: grid steps that each may be off."""
+    reach, cells = _Reach.of(splats, view, astray), cells_of(splats)
+    by_planes = _by_planes(splats, view, reach)
+    if cells.groups is None:
+        return by_planes
+    by_places = _by_places(cells.groups, view, reach)
+    return RayOverlap(min(by_planes.count, by_places.count), min(by_planes.depth, by_places.depth))
+
+
+@dataclass(frozen=True, eq=False)
+class _Reach:
+    """far: the furthest splat. longest: the longest reach of a kernel of unit radius. stretch: area of the widest
+    footprint over its own. radius: how far from its place a splat reaches, grid steps.
+    """
+
+    far: float
+    longest: float
+    stretch: float
+    radius: float
+
+    @classmethod
+    def of(cls, splats: Splats, view: View, astray: float) -> _Reach:
+        corners, stretch = view.box(splats), 1.0
+        if view.antialias:
+            widest = view.pitch * (float(corners[2].max()) if view.perspective else 1.0)
+            stretch = float(np.maximum(widest / view.widths, 1.0).prod())
+        far = float(np.linalg.norm(corners, axis=0).max())
+        return cls(far, float(np.linalg.norm(view.eye_from_index, ord=2)), stretch, view.kernel.radius + astray)
+
+
+def _by_planes(splats: Splats, view: View, reach: _Reach) -> RayOverlap:
+    cells = cells_of(splats)
+    radius = reach.radius + (0.0 if cells.aligned else OFF)
+    ellipse = DISCRETE * np.pi * radius**2
+    # directions at the corners of the tiles, in index steps, and their lengths
+    if view.perspective:
+        across, down = (np.linspace(-1, 1, TILES + 1) * edge for edge in view.edge)
+        ray = np.stack([*np.meshgrid(across, down), np.ones((TILES + 1, TILES + 1))])
+    else:
+        ray = np.zeros((3, 2, 2))
+        ray[2] = 1.0
+    steps = np.tensordot(view.index_from_eye, ray, 1)
+    least = np.where(_same_sign(steps), _corners(np.abs(steps)).min(axis=0), 0.0)
+    with np.errstate(divide="ignore", over="ignore"):
+        crossed = cells.planes[:, None, None] / least
+    index = (crossed * _corners(np.sqrt((steps * steps).sum(axis=0))).max(axis=0)).min(axis=0).max()
+    length = (crossed * _corners(np.sqrt((ray * ray).sum(axis=0))).max(axis=0)).min(axis=0).max()
+    if view.perspective:
+        # it begins at the eye
+        shortest = float(np.linalg.norm(view.index_from_eye, ord=2))
+        index = min(index, reach.far * shortest + 2 * np.sqrt(3.0))
+        length = min(length, reach.far + 2 * np.sqrt(3.0) * reach.longest)
+    # of wide footprints the discrete excess is less: that of half a cell around
+    wide = radius * np.sqrt(reach.stretch)
+    area = min(DISCRETE * np.pi * wide**2, np.pi * (wide + OFF) ** 2)
+    count = min(float(len(splats)), area * index * cells.count)
+    return RayOverlap(count, min(splats.total_depth * reach.longest, ellipse * length * cells.depth))
+
+
+def _by_places(groups: Groups, view: View, reach: _Reach) -> RayOverlap:
+    x, y, z = view.voxels(groups.place)
+    radius = (reach.radius + groups.radius) * reach.longest
+    wide = STRETCHED * view.kernel.radius * view.pitch if view.antialias else 0.0
+    if view.perspective:
+        # a ball's outline from the eye, and a pixel's share of a stretched footprint, which its members' places widen
+        ahead = z > np.maximum(2 * radius, NEAR * max(float(np.median(z)), 0.0))
+        safe = np.where(ahead, z, 1e30)
+        slope, ratio = np.maximum(np.abs(x), np.abs(y)) / safe, radius / safe
+        half = ratio * (np.sqrt(1 + slope * slope) + slope * ratio) / (1 - ratio**2) + wide * (1 + slope)
+        x, y = x / safe, y / safe
+    else:
+        ahead = z >= -radius
+        half = radius + wide
+    everywhere = ~ahead & (z > -radius)
+    many, deep = float(groups.count[everywhere].sum()), float(groups.depth[everywhere].sum())
+    if ahead.any():
+        # squares that no footprint is larger than, so that each is in four of them at most
+        place = _squares(x[ahead], y[ahead], half[ahead])
+        many += float(np.bincount(place, np.repeat(groups.count[ahead], 4)).max())
+        deep += float(np.bincount(place, np.repeat(groups.depth[ahead], 4)).max())
+    return RayOverlap(many, deep * reach.longest)
+
+
+def _squares(x: np.ndarray, y: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """[4 N]: the squares of the picture that boxes [N] around x, y may touch."""
+    across = max(float(np.ptp(x)), float(np.ptp(y)))
+    size = max(2 * float(half.max()), across / SQUARES)
+    columns, rows = (np.floor((n - half - (n - half).min()) / size).astype(np.int64) for n in (x, y))
+    width = int(columns.max()) + 2
+    return np.asarray((rows[:, None] + [0, 0, 1, 1]) * width + columns[:, None] + [0, 1, 0, 1]).ravel()
+
+
+_cells: WeakKeyDictionary[Splats, Cells] = WeakKeyDictionary()
+
+
+def cells_of(splats: Splats) -> Cells:
+    """Made once for each splats, and kept while they are."""
+    found = _cells.get(splats)
+    if found is None:
+        found = _cells[splats] = _count(splats)
+    return found
+
+
+def _count(splats: Splats) -> Cells:
+    position, depth = splats.records["position"], splats.records["optical_depth"]
+    # what shares a cell stands side by side
+    first = np.concatenate([[True], np.diff(splats.cell_x) != 0])
+    first[splats.row_start[:-1]] = True
+    start = np.flatnonzero(first[: len(splats)])
+    planes = [len(np.unique(cells)) for cells in (splats.cell_x, splats.row_y, splats.row_z)]
+    return Cells(
+        bool((position == np.rint(position)).all()),
+        int(np.diff(start, append=len(splats)).max()),
+        float(np.add.reduceat(depth.astype(np.float64), start).max()),
+        np.array(planes, dtype=np.float64),
+        _grouped(position, depth.astype(np.float64), splats.index_bounds),
+    )
+
+
+def _grouped(position: np.ndarray, depth: np.ndarray, bounds: np.ndarray) -> Groups | None:
+    if len(position) <= FEW:
+        return Groups(position.astype(np.float64), np.zeros(len(position)), np.ones(len(position)), depth)
+    first, last = bounds
+    wide = np.floor((last - first) / BLOCK) + 1
+    if float(wide.prod()) > MOST_BLOCKS:
+        return None
+    block = ((position - first.astype(np.float32)) / np.float32(BLOCK)).astype(np.int32)
+    block = np.minimum(block, wide.astype(np.int32) - 1)
+    x, y, _ = (int(n) for n in wide)
+    name = (block[:, 2] * y + block[:, 1]) * x + block[:, 0]
+    count, total = np.bincount(name), np.bincount(name, depth)
+    used = np.flatnonzero(count)
+    if len(used) > FEW:
+        return None
+    middle = (np.stack([used % x, used // x % y, used // (x * y)], axis=1) + 0.5) * BLOCK + first
+    return Groups(middle, np.full(len(used), BLOCK * np.sqrt(3.0) / 2), count[used].astype(np.float64), total[used])
+
+
+def _corners(values: np.ndarray) -> np.ndarray:
+    """The four corners of each tile: [4, …, n − 1, m − 1] of [..., n, m]."""
+    rows = values[..., :-1, :], values[..., 1:, :]
+    return np.stack([part for row in rows for part in (row[..., :-1], row[..., 1:])])
+
+
+def _same_sign(values: np.ndarray) -> np.ndarray:
+    corners = _corners(np.sign(values))
+    return np.asarray(np.abs(corners.sum(axis=0)) == 4)

@@ -1,0 +1,1 @@
+"""From samples to colour, extinction and shading."""

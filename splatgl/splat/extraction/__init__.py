@@ -1,0 +1,1 @@
+"""From a volume to splats, their rows and their order."""

@@ -1,0 +1,210 @@
+"""The voxel extractor: a voxel is kept where t = F(∇, ρ) exceeds a threshold.  [M98 §5]
+
+It reads the volume slab by slab; each splat depends on its own voxel and six neighbours alone, so the
+result is the same bit for bit whatever the slabs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.data.color import linear_from_srgb
+from splatgl.data.errors import expected
+from splatgl.data.volume import Slab, Volume
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.splats import NORMAL_SCALE, RECORD, Grid, Splats, assemble
+
+# voxels in a slab: temporaries stay near 100 MB, numpy's overhead a thousandth
+SLAB_VOXELS = 1 << 22
+# integer types up to this many bytes are looked up in a table with an entry for each value
+TABLE_BYTES = 2
+# of the reference length over the spacing, or the other way round: float32 holds both
+MOST_UNIT = 1e30
+
+Progress = Callable[[Iterator[Slab], int], Iterator[Slab]]
+
+
+@dataclass(frozen=True, eq=False)
+class Lookup:
+    """opacity(ρ), "may be kept" and linear colour of every value of an integer type, or of any array."""
+
+    transfer: Transfer
+    threshold: float
+    first: int | None
+    opacities: np.ndarray
+    colors: np.ndarray
+
+    @classmethod
+    def of(cls, transfer: Transfer, dtype: np.dtype, threshold: float) -> Lookup:
+        if dtype.kind == "b":
+            values = np.array([0, 1])
+        elif dtype.kind in "ui" and dtype.itemsize <= TABLE_BYTES:
+            values = np.arange(np.iinfo(dtype).min, np.iinfo(dtype).max + 1)
+        else:
+            return cls(transfer, threshold, None, np.zeros(0), np.zeros((0, 3)))
+        opacity = np.asarray(transfer.opacity(values))
+        return cls(transfer, threshold, int(values[0]), opacity, np.asarray(transfer.color(values), np.float32))
+
+    def keeps(self, samples: np.ndarray) -> np.ndarray:
+        """bool [...]: where the value alone reaches over the threshold; the gradient only takes away."""
+        if self.first is None:
+            return self.opacity(samples) > self.threshold
+        return np.take(self.opacities > self.threshold, self._entry(samples))
+
+    def opacity(self, values: np.ndarray) -> np.ndarray:
+        if self.first is None:
+            return np.asarray(self.transfer.opacity(values))
+        return np.take(self.opacities, self._entry(values))
+
+    def color(self, values: np.ndarray) -> np.ndarray:
+        if self.first is None:
+            return np.asarray(self.transfer.color(values), np.float32)
+        return np.take(self.colors, self._entry(values), axis=0)
+
+    def _entry(self, values: np.ndarray) -> np.ndarray:
+        if not self.first:
+            return values.view(np.uint8) if values.dtype == bool else values
+        return values.astype(np.int32) - self.first
+
+
+def extract(
+    volume: Volume,
+    transfer: Transfer,
+    threshold: float = 0.0,
+    slab: int | None = None,
+    progress: Progress | None = None,
+) -> Splats:
+    """The splats of all finite voxels with t > threshold, in row order.
+
+    threshold is an opacity per reference length in [0, 1); slab the planes read at a time.
+    progress wraps the iteration over slabs (slabs, how many). Raises InputError for a threshold
+    outside [0, 1), and for a unit that float32 can't hold in spacings.
+    """
+    if not 0.0 <= threshold < 1.0:
+        raise expected("threshold", "an opacity of at least 0 and less than 1", threshold)
+    depth, height, width = volume.shape
+    grid = Grid(volume.world_from_index, np.asarray(volume.origin))
+    lookup = Lookup.of(transfer, volume.samples.dtype, threshold)
+    unit = transfer.unit or grid.mean_spacing
+    if not 1 / MOST_UNIT <= unit / grid.mean_spacing <= MOST_UNIT:
+        raise expected("unit", f"a length within {MOST_UNIT:g} of the spacing, {grid.mean_spacing:g}", f"{unit:g}")
+    dropped = Dropped(volume.shape) if threshold > 0 else None
+
+    # one slab at a time
+    planes = slab or max(1, SLAB_VOXELS // (height * width))
+    slabs = volume.slabs(planes, halo=1)
+    chunks: list[np.ndarray] = []
+    for part in progress(slabs, -(-depth // planes)) if progress else slabs:
+        chunks.append(_slab_records(volume, part, lookup, unit / grid.mean_spacing, dropped))
+    records = _join(chunks)
+
+    # rows from the cells; the largest depth left out
+    cells = records["position"].astype(np.int32)
+    lost = dropped.largest() * grid.mean_spacing / unit if dropped else 0.0
+    return assemble(records, cells, grid, unit, volume.name, transfer.shading, lost)
+
+
+def _slab_records(
+    volume: Volume, slab: Slab, lookup: Lookup, unit_in_spacings: float, dropped: Dropped | None
+) -> np.ndarray:
+    transfer = lookup.transfer
+    own = slab.samples[slab.before : slab.before + slab.stop - slab.start]
+    _, height, width = own.shape
+
+    # voxels that the value alone may keep
+    flat = np.flatnonzero(lookup.keeps(own))
+    values = np.take(own, flat)
+    opacity = lookup.opacity(values)
+    z, rest = np.divmod(flat, height * width)
+    y, x = np.divmod(rest, width)
+
+    # gradients where they are wanted; F(∇, ρ)
+    gradient = np.zeros((len(flat), 3))
+    if transfer.shading or transfer.gradient:
+        index_gradient = _gradient(slab.samples, x, y, z + slab.before)
+        gradient = index_gradient @ np.linalg.inv(volume.world_from_index)
+    if transfer.gradient:
+        opacity = opacity * transfer.weight(np.linalg.norm(gradient, axis=1))
+    if dropped:
+        dropped.add(lookup, own, slab.start, flat, opacity)
+    if transfer.gradient:
+        keep = opacity > lookup.threshold
+        flat, values, opacity, gradient = flat[keep], values[keep], opacity[keep], gradient[keep]
+        x, y, z = x[keep], y[keep], z[keep]
+
+    # the records
+    records = np.zeros(len(flat), RECORD)
+    records["position"][:, 0], records["position"][:, 1], records["position"][:, 2] = x, y, z + slab.start
+    records["optical_depth"] = transfer.extinction(opacity, unit_in_spacings)
+    if volume.color is not None:
+        linear = linear_from_srgb(np.arange(256) / 255).astype(np.float32)
+        records["color"] = linear[volume.color[z + slab.start, y, x]]
+    else:
+        records["color"] = lookup.color(values)
+    if transfer.shading:
+        records["normal"] = _snorm(gradient)
+    return records
+
+
+def _gradient(samples: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """[N, 3] per grid step along x, y, z: central where both neighbours exist, else one-sided, else 0."""
+    center = samples[z, y, x].astype(np.float64)
+    gradient = np.empty((len(center), 3))
+    for axis, (index, count) in enumerate(((x, samples.shape[2]), (y, samples.shape[1]), (z, samples.shape[0]))):
+        steps = []
+        for step in (-1, 1):
+            at = np.clip(index + step, 0, count - 1)
+            where = (z, y, at) if axis == 0 else (z, at, x) if axis == 1 else (at, y, x)
+            neighbour = samples[where].astype(np.float64)
+            steps.append((neighbour, (at != index) & np.isfinite(neighbour)))
+        (low, has_low), (high, has_high) = steps
+        low, high = np.where(has_low, low, center), np.where(has_high, high, center)
+        gradient[:, axis] = (high - low) / np.maximum(has_low.astype(int) + has_high, 1)
+    return gradient
+
+
+def _snorm(gradient: np.ndarray) -> np.ndarray:
+    """Unit vectors as 16-bit fractions; zero (and what is too small to have a direction) stays zero."""
+    largest = np.abs(gradient).max(axis=1, keepdims=True)
+    scaled = gradient / np.where(largest > 0, largest, 1.0)
+    length = np.linalg.norm(scaled, axis=1, keepdims=True)
+    return np.rint(scaled / np.where(length > 0, length, 1.0) * NORMAL_SCALE).astype(np.int16)
+
+
+def _join(chunks: list[np.ndarray]) -> np.ndarray:
+    """All chunks in one array; each is let go as soon as it is copied, so little is held twice."""
+    records = np.empty(sum(map(len, chunks)), RECORD)
+    stop = len(records)
+    while chunks:
+        chunk = chunks.pop()
+        records[stop - len(chunk) : stop] = chunk
+        stop -= len(chunk)
+    return records
+
+
+class Dropped:
+    """Optical depth per reference length left out by the threshold, summed along every axis line."""
+
+    def __init__(self, shape: tuple[int, int, int]) -> None:
+        d, h, w = shape
+        self.sums = [np.zeros((h, w)), np.zeros((d, w)), np.zeros((d, h))]
+
+    def add(self, lookup: Lookup, own: np.ndarray, start: int, flat: np.ndarray, opacity: np.ndarray) -> None:
+        """Adds one slab's: all matter of `own`, less what is kept at `flat` with that opacity t."""
+        left = lookup.opacity(own)
+        if lookup.transfer.gradient:
+            # voxels the value alone drops count whole (an upper bound); the others with their t
+            np.put(left, flat, np.where(opacity > lookup.threshold, 0.0, opacity))
+        else:
+            np.put(left, flat, 0.0)
+        depth = lookup.transfer.extinction(left, 1.0)
+        stop = start + len(own)
+        self.sums[0] += depth.sum(axis=0)
+        self.sums[1][start:stop] += depth.sum(axis=1)
+        self.sums[2][start:stop] += depth.sum(axis=2)
+
+    def largest(self) -> float:
+        return float(max(total.max() for total in self.sums))

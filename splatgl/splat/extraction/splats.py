@@ -1,0 +1,303 @@
+"""`Splats`: what is drawn, as rows (z, y) of splats sorted by x; and the record each splat has on the GPU.
+
+Positions are grid indices, small and exact in float32; the affine grid places them in the world in
+float64. Only rows that hold a splat are stored (compressed sparse rows).  [M98 §5, voxel extractor]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from splatgl.data.errors import expected
+from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
+
+# 36 bytes a splat. position: (x, y, z) in grid indices. optical_depth: extinction × mean spacing.
+# color: linear RGB. normal: unit world gradient as signed 16-bit fractions, zero where there is none.
+# runs: see runs.py; filled in on upload where a plan wants them.
+RECORD = np.dtype(
+    [
+        ("position", "<f4", 3),
+        ("optical_depth", "<f4"),
+        ("color", "<f4", 3),
+        ("normal", "<i2", 3),
+        ("runs", "<i2"),
+    ]
+)
+GL_FORMAT = "3f4 1f4 3f4 3i2 1i2"
+GL_ATTRIBUTES = ("in_position", "in_optical_depth", "in_color", "in_normal", "in_runs")
+NORMAL_SCALE = 32767.0
+# more splats than this, 600 MB of records, are not kept on the GPU: a texture of theirs has no more rows
+MOST_KEPT = 2**24
+# of colours and optical depths: float32 holds sums of so many
+BRIGHTEST = 1e30
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The affine lattice that positions count in: world = world_from_index @ position + origin."""
+
+    world_from_index: np.ndarray
+    origin: np.ndarray
+
+    @property
+    def mean_spacing(self) -> float:
+        """|det A|^(1/3): the side of the cube with a voxel's volume; GL counts lengths in it."""
+        return float(np.exp(np.linalg.slogdet(self.world_from_index)[1] / 3))
+
+    @property
+    def smallest_spacing(self) -> float:
+        """The smallest width of a voxel from any side, world units: the first to fall below a pixel."""
+        return float(np.linalg.svd(self.world_from_index, compute_uv=False)[-1])
+
+    @property
+    def cubic(self) -> bool:
+        """True if a voxel is a cube, however turned: the footprint is then a disc."""
+        scaled = self.world_from_index / self.mean_spacing
+        return bool(np.abs(scaled.T @ scaled - np.eye(3)).max() < 1e-6)
+
+    def index_from_world(self, point: np.ndarray) -> np.ndarray:
+        """Grid coordinates (x, y, z) of world points [..., 3], float64."""
+        return np.asarray((np.asarray(point) - self.origin) @ np.linalg.inv(self.world_from_index).T)
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """Splats as planes of rows: members are ordered by their cells along axes[0], then [1], then [2].
+
+    index int64 [N]: the members' records; None: they are the records as they stand.
+    plane [P], row [M], cell [N]: coordinates along the three axes; plane_start [P+1] counts rows,
+    row_start [M+1] members.
+    """
+
+    axes: tuple[int, int, int]
+    index: np.ndarray | None
+    plane: np.ndarray
+    plane_start: np.ndarray
+    row: np.ndarray
+    row_start: np.ndarray
+    cell: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Splats:
+    """Splats in row order: z, then y, then x ascending.
+
+    records [N] of RECORD. cell_x int32 [N]: each splat's cell along x.
+    row_z, row_y int32 [M]: the rows that hold a splat; row_start int64 [M+1] into the records.
+    unit: world length that opacities are stated for. shaded: whether the transfer function shades.
+    dropped_depth: largest optical depth that the threshold removed from one axis line.
+    """
+
+    records: np.ndarray
+    cell_x: np.ndarray
+    row_z: np.ndarray
+    row_y: np.ndarray
+    row_start: np.ndarray
+    grid: Grid
+    unit: float
+    shaded: bool = False
+    dropped_depth: float = 0.0
+    name: str = ""
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    @classmethod
+    def from_points(
+        cls,
+        points: np.ndarray,
+        colors: np.ndarray,
+        extinctions: np.ndarray,
+        spacing: float | Sequence[float] = 1.0,
+    ) -> Splats:
+        """Unshaded splats at any place.
+
+        points [N, 3] world; colors [N, 3] linear RGB ≥ 0; extinctions [N] ≥ 0 per world length.
+        spacing, a number or (x, y, z), is the kernel's scale and the lattice whose cells
+        round(p / spacing) give the order; ties keep the input's. Non-finite and transparent points
+        are absent. Raises InputError for other shapes, and for numbers that are negative or that float32 can't hold.
+        """
+        points, colors, extinctions = _checked_points(points, colors, extinctions)
+        scale = _checked_spacing(spacing)
+        with np.errstate(invalid="ignore", over="ignore"):
+            cells = np.rint(points / scale)
+        keep = np.isfinite(cells).all(axis=1) & np.isfinite(colors).all(axis=1)
+        keep &= np.isfinite(extinctions) & (extinctions > 0)
+        points, colors, extinctions, cells = points[keep], colors[keep], extinctions[keep], cells[keep]
+        base = cells.min(axis=0) if len(cells) else np.zeros(3)
+        if len(cells) and np.ptp(cells, axis=0).max() >= 2**31:
+            raise expected("points", "at most 2³¹ cells along each axis", np.ptp(cells, axis=0).max())
+        grid = Grid(np.diag(scale), base * scale)
+        cells = (cells - base).astype(np.int32)
+        order = np.lexsort((cells[:, 0], cells[:, 1], cells[:, 2]))
+        depths = extinctions[order] * grid.mean_spacing
+        if max(depths.max(initial=0.0), colors.max(initial=0.0)) > BRIGHTEST:
+            raise expected("colors and extinctions", f"at most {BRIGHTEST:g}, per spacing", "larger ones")
+        records = np.zeros(len(points), RECORD)
+        records["position"] = ((points - grid.origin) / scale)[order]
+        records["optical_depth"] = depths
+        records["color"] = colors[order]
+        return assemble(records, cells[order], grid, unit=grid.mean_spacing, name="points")
+
+    @cached_property
+    def index_bounds(self) -> np.ndarray:
+        """[2, 3]: smallest and largest position, in grid indices; zeros if there is no splat."""
+        if not len(self):
+            return np.zeros((2, 3))
+        position = self.records["position"]
+        return np.array([[reach(position[:, axis]) for axis in range(3)] for reach in (np.min, np.max)], np.float64)
+
+    @property
+    def corners(self) -> np.ndarray:
+        """The eight corners [8, 3], in world units, of the box of all splats, half a voxel larger."""
+        return np.asarray(self.corners_in_grid(0.5) @ self.grid.world_from_index.T + self.grid.origin)
+
+    def corners_in_grid(self, margin: float = 0.0) -> np.ndarray:
+        """The eight corners [8, 3], in grid indices, of the box of all centres, larger by a margin in voxels."""
+        low, high = self.index_bounds + np.array([[-margin], [margin]])
+        return np.array([[x, y, z] for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])])
+
+    @cached_property
+    def outline(self) -> np.ndarray:
+        """Points [N, 3], world units, around all splats: the ends of all rows, half a voxel outwards."""
+        if not len(self):
+            return self.corners
+        ends = self.records["position"][np.concatenate([self.row_start[:-1], self.row_start[1:] - 1])]
+        middle = self.index_bounds.mean(axis=0)
+        # twice, since an end in the middle has no outwards
+        outwards = [ends + np.where(side(ends, middle), 0.5, -0.5) for side in (np.greater, np.greater_equal)]
+        return np.asarray(np.concatenate(outwards) @ self.grid.world_from_index.T + self.grid.origin)
+
+    @cached_property
+    def total_depth(self) -> float:
+        """Σ optical depths."""
+        return float(self.records["optical_depth"].sum(dtype=np.float64))
+
+    @cached_property
+    def deepest(self) -> float:
+        """The largest optical depth of one splat."""
+        return float(self.records["optical_depth"].max(initial=0.0))
+
+    @cached_property
+    def brightest(self) -> float:
+        """The largest colour component, linear light."""
+        return float(self.records["color"].max(initial=0.0))
+
+    @cached_property
+    def runs(self) -> np.ndarray:
+        """int16 [N]: how far matter goes on around each splat, coded; see runs.py."""
+        from splatgl.splat.extraction.run_lengths import packed_runs
+
+        return packed_runs(self)
+
+    @cached_property
+    def records_with_runs(self) -> np.ndarray:
+        """The records with `runs` filled in."""
+        records = self.records.copy()
+        records["runs"] = self.runs
+        return records
+
+    def lattice(self, axis: int) -> Lattice:
+        """The splats in planes across `axis` (0 is x); made on the first use and kept."""
+        if axis not in self._lattices:
+            self._lattices[axis] = self._make_lattice(axis)
+        return self._lattices[axis]
+
+    @cached_property
+    def _lattices(self) -> dict[int, Lattice]:
+        return {}
+
+    def columns(self) -> Lattice:
+        """The splats in planes across y of rows along z, for what looks at neighbours along z."""
+        count = np.diff(self.row_start)
+        index = _bucketed(self.cell_x)
+        index = index[_bucketed(np.repeat(self.row_y, count)[index])]
+        x, y, z = self.cell_x[index], np.repeat(self.row_y, count)[index], np.repeat(self.row_z, count)[index]
+        row_y, row_x, row_start = index_rows(x, y)
+        plane, plane_start = _groups(row_y)
+        return Lattice((1, 0, 2), index, plane, plane_start, row_x, row_start, z)
+
+    def _make_lattice(self, axis: int) -> Lattice:
+        count = np.diff(self.row_start)
+        if axis == 2:
+            plane, plane_start = _groups(self.row_z)
+            return Lattice((2, 1, 0), None, plane, plane_start, self.row_y, self.row_start, self.cell_x)
+        if axis == 1:
+            # whole rows, put under their y; z still ascends
+            rows = _bucketed(self.row_y)
+            row_start = np.concatenate([[0], np.cumsum(count[rows])])
+            index = np.arange(len(self)) + np.repeat(self.row_start[rows] - row_start[:-1], count[rows])
+            plane, plane_start = _groups(self.row_y[rows])
+            return Lattice((1, 2, 0), index, plane, plane_start, self.row_z[rows], row_start, self.cell_x[index])
+        # single splats, put under their x; z, then y still ascend
+        index = _bucketed(self.cell_x)
+        x, y, z = self.cell_x[index], np.repeat(self.row_y, count)[index], np.repeat(self.row_z, count)[index]
+        row_x, row_z, row_start = index_rows(z, x)
+        plane, plane_start = _groups(row_x)
+        return Lattice((0, 2, 1), index, plane, plane_start, row_z, row_start, y)
+
+
+def assemble(
+    records: np.ndarray,
+    cells: np.ndarray,
+    grid: Grid,
+    unit: float,
+    name: str,
+    shaded: bool = False,
+    dropped: float = 0.0,
+) -> Splats:
+    """Splats from records already in row order; cells int [N, 3] (x, y, z)."""
+    row_z, row_y, row_start = index_rows(cells[:, 1], cells[:, 2])
+    cell_x = np.ascontiguousarray(cells[:, 0], dtype=np.int32)
+    return Splats(records, cell_x, row_z, row_y, row_start, grid, unit, shaded, dropped, name)
+
+
+def index_rows(y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(row_z, row_y, row_start) of splats whose cells' y and z are given in row order."""
+    if not len(y):
+        return np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(1, np.int64)
+    first = np.concatenate([[True], (np.diff(y) != 0) | (np.diff(z) != 0)])
+    start = np.flatnonzero(first)
+    return z[start].astype(np.int32), y[start].astype(np.int32), np.append(start, len(y))
+
+
+def _groups(ascending: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The different values of an ascending array, and where each begins: [P] and int64 [P+1]."""
+    start = np.flatnonzero(np.diff(ascending, prepend=ascending[:1] - 1))
+    return ascending[start], np.append(start, len(ascending))
+
+
+def _bucketed(coordinate: np.ndarray) -> np.ndarray:
+    """int64 [N]: members by coordinate, ties as they stand. Made once for a volume, never for a view.
+
+    Coordinates of 16 bits, as nearly all are, take numpy's counting (radix) pass.
+    """
+    narrow = len(coordinate) and np.iinfo(np.int16).min <= coordinate.min() and coordinate.max() <= 32767
+    return np.argsort(coordinate.astype(np.int16) if narrow else coordinate, kind="stable")
+
+
+def _checked_points(points: object, colors: object, extinctions: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    p, c, e = (np.asarray(array, dtype=np.float64) for array in (points, colors, extinctions))
+    if p.ndim != 2 or p.shape[1] != 3:
+        raise expected("points", "shape [N, 3]", p.shape)
+    if c.shape != p.shape:
+        raise expected("colors", f"shape {p.shape}", c.shape)
+    if e.shape != (len(p),):
+        raise expected("extinctions", f"shape {(len(p),)}", e.shape)
+    if (c < 0).any() or (e < 0).any():
+        raise expected("colors and extinctions", "numbers of at least 0", min(c.min(), e.min()))
+    return p, c, e
+
+
+def _checked_spacing(spacing: float | Sequence[float]) -> np.ndarray:
+    scale = np.asarray(spacing, dtype=np.float64)
+    if scale.shape not in ((), (3,)) or not ((scale >= LEAST_LENGTH) & (scale <= MOST_LENGTH)).all():
+        within = f"from {LEAST_LENGTH:g} to {MOST_LENGTH:g}"
+        raise expected("spacing", f"a positive number or three (x, y, z), {within}", spacing)
+    if scale.max() > MOST_OBLONG * scale.min():
+        raise expected("spacing", f"three numbers (x, y, z) within a factor of {MOST_OBLONG:g}", spacing)
+    return np.broadcast_to(scale, (3,))

@@ -1,0 +1,1 @@
+"""Reconstruction kernels, their footprints and tables."""

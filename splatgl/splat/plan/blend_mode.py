@@ -1,0 +1,38 @@
+"""Blend modes: what a splat is along a ray, and how splats join. Everything else reads this table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class BlendMode:
+    """join: `over` (by the transmittance of what is nearer), `sum` or `max`.
+
+    peak: whether a splat shows its opacity times its share of the footprint's peak, instead of a line integral.
+    """
+
+    name: str
+    join: str
+    peak: bool
+    about: str
+
+    @property
+    def ordered(self) -> bool:
+        """Whether the picture depends on the order."""
+        return self.join == "over"
+
+    @property
+    def unbounded(self) -> bool:
+        """Whether pixels have no largest value: errors and PNGs are in proportion to the brightest."""
+        return self.join == "sum"
+
+
+BLENDS = {
+    mode.name: mode
+    for mode in (
+        BlendMode("composite", "over", False, "'over' by opacity, nearest first"),
+        BlendMode("xray", "sum", False, "sums of optical depth and of depth times colour"),
+        BlendMode("mip", "max", True, "the maximum of opacity and of opacity times colour"),
+    )
+}

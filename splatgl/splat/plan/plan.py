@@ -1,0 +1,248 @@
+"""`Plan`: what one picture needs, decided from what was asked, the splats and the camera.
+
+`program` holds the enums and booleans that choose shader text and GL state, and is the key of the
+program cache; everything else is a number for a uniform, so that a moving camera compiles nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from splatgl.splat.bound.footprint_error import Lookup
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.kernel.kernels import Kernel
+from splatgl.splat.motion.motion import Exposure, Motion
+from splatgl.splat.plan.alignment import alignment
+from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.occlusion_policy import SHARE, Hiding
+from splatgl.splat.plan.resolve import Look, Resolved
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.plan.technique import Asked, footprint, technique
+from splatgl.splat.plan.tiling import MOST_DOUBLINGS, depth_batches, exp_doublings
+from splatgl.splat.view.ahead import ahead
+from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.eye_near import eye_is_near
+from splatgl.splat.view.screen_bounds import Window, screen_bounds
+from splatgl.splat.view.view import View
+
+# texels along an axis: the paper's, and what brings a radial table's error to 1e−5
+TABLE_SIZES = {"table": 256, "radial": 1024, "polynomial": 1}
+
+
+@dataclass(frozen=True)
+class Seen:
+    """How the grid is seen. antialias: whether any voxel is widened. cubic: whether voxels are cubes.
+
+    half_line: whether the eye may be in a kernel.
+    """
+
+    perspective: bool
+    antialias: bool
+    cubic: bool
+    half_line: bool
+
+
+@dataclass(frozen=True)
+class Program:
+    """What is compiled in, and the key of the program cache.
+
+    footprint: what it is read from, table, radial or polynomial. kernel: whose polynomials are compiled in. motion:
+    form of streaks. flow: whether splats move by themselves. exp_doublings: see optics.glsl.
+    """
+
+    technique: str
+    look: Look
+    seen: Seen
+    align: str
+    footprint: str
+    kernel: str = ""
+    motion: str = "off"
+    flow: bool = False
+    exp_doublings: int = MOST_DOUBLINGS
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is drawn. order: back-to-front or front-to-back. notes: what was left out, and why, a line each.
+
+    z_s: depth where `hybrid` switches, world units. window: the pixels, or samples, that splats reach. exposure: of a
+    blurred picture.
+    """
+
+    program: Program
+    resolved: Resolved
+    lookup: Lookup
+    order: str
+    target: str
+    z_s: float
+    window: Window
+    hiding: Hiding
+    notes: tuple[str, ...]
+    exposure: Exposure | None = None
+
+    @property
+    def kernel(self) -> Kernel:
+        return self.resolved.kernel
+
+    @property
+    def samples(self) -> int:
+        return self.resolved.samples
+
+    @property
+    def view(self) -> View:
+        """The grid as the camera of all samples sees it."""
+        return self.resolved.view
+
+    @property
+    def key(self) -> Hashable:
+        """Plans of the same splats and camera draw the same picture if their keys are equal."""
+        r = self.resolved
+        drawn = (r.samples, r.background, self.lookup, self.order, self.target, self.z_s, self.window, self.hiding)
+        return self.program, drawn, self.exposure
+
+    @property
+    def table(self) -> str:
+        """The footprint table in words."""
+        kind, size = self.lookup.kind, self.lookup.size
+        if kind == "polynomial":
+            return "polynomials"
+        name, sides = ("table", f"{size}×{size}") if kind == "table" else ("radial table", str(size))
+        return f"{name} {sides} at {self.lookup.bits} bits"
+
+    def forced(self, **choices: Any) -> Plan:
+        """This plan with choices of `program`, its look and what is seen made otherwise."""
+        mine, look, seen = ({f.name for f in fields(part)} for part in (Program, Look, Seen))
+        assert choices.keys() <= mine | look | seen
+        program = replace(
+            self.program,
+            look=replace(self.program.look, **{name: choices[name] for name in look & choices.keys()}),
+            seen=replace(self.program.seen, **{name: choices[name] for name in seen & choices.keys()}),
+            **{name: choices[name] for name in mine & choices.keys()},
+        )
+        tiles = program.technique == "tiles"
+        kind = "radial" if program.footprint == "polynomial" and not tiles else program.footprint
+        lookup = replace(self.lookup, kind=kind, size=TABLE_SIZES[kind]) if kind != program.footprint else self.lookup
+        if program.technique == "quads" and program.motion != "off":
+            program = replace(program, technique="streaks")
+        program = replace(program, footprint=kind)
+        return replace(self, program=program, lookup=lookup, hiding=self.hiding if tiles else Hiding())
+
+    def explain(self) -> str:
+        """The plan in words, a line a decision."""
+        p, blend, found = self.program, self.program.look.blend, self.resolved
+        lines = [
+            f"blend {blend.name}, {'perspective' if p.seen.perspective else 'orthographic'}, target {self.target}",
+            f"footprint {self.kernel.name}, {self.table}",
+            f"align {p.align}" + (f", switch to grid-aligned at z_s = {self.z_s:.6g}" if p.align == "hybrid" else ""),
+            f"antialias {'on' if p.seen.antialias else 'off'}, z_k = {found.z_k:.6g}, "
+            f"splats from depth {found.depths[0]:.6g} to {found.depths[1]:.6g}",
+        ]
+        if blend.ordered:
+            lines.append(f"attenuation {p.look.attenuation}, {self.order}")
+        rows = f"rows {self.window.y} to {self.window.y + self.window.height}"
+        lines.append(f"{p.technique}, read back from {rows}: nothing reaches the others")
+        if self.hiding.cutoff:
+            light = f"less than {self.hiding.cutoff:.2g} of the light"
+            lines.append(f"tiles behind {light} end, which changes no pixel by more")
+        if self.samples > 1:
+            lines.append(f"supersampled {self.samples}×{self.samples}")
+        return "\n".join([*lines, *self.notes])
+
+
+def plan(
+    splats: Splats,
+    camera: Camera,
+    settings: Settings | None = None,
+    motion: Motion | None = None,
+    tiles: bool | None = False,
+) -> Plan:
+    """The plan for one picture; everything that stands on `auto` is decided here.
+
+    motion: of the scene since the previous frame. tiles: whether the renderer prefers them; None if it has none.
+    """
+    settings = settings or Settings()
+    notes: list[str] = []
+    settings, exposure = _exposed(splats, camera, settings, motion, notes)
+    if exposure is None:
+        splats = ahead(splats, camera)
+    resolved = Resolved.of(splats, exposure.middle if exposure else camera, settings, moving=exposure is not None)
+    notes += resolved.notes
+    shape, view, blend = resolved.kernel, resolved.view, resolved.look.blend
+    align, z_s = alignment(splats, view, settings, notes)
+    half_line = _half_line(splats, view, align, exposure, notes)
+    # of no splats there is nothing to refuse
+    kind = technique(Asked(settings, align, exposure is not None, tiles), notes) if len(splats) else "quads"
+    read = footprint((align, kind), shape, settings)
+    bounds = screen_bounds(splats, view)
+    hiding = Hiding()
+    if kind == "tiles" and blend.ordered and settings.occlusion != "off":
+        cutoff = SHARE * settings.tolerance / max(splats.brightest, 1.0)
+        hiding = Hiding(depth_batches(splats, view, bounds), cutoff)
+    tiled = kind == "tiles"
+    program = Program(
+        technique=kind,
+        look=resolved.look,
+        seen=Seen(view.perspective, view.antialias, splats.grid.cubic, half_line),
+        align=align,
+        footprint=read,
+        kernel=shape.name if read == "polynomial" else "",
+        motion=settings.motion if exposure else "off",
+        flow=exposure is not None and exposure.flow is not None,
+        exp_doublings=exp_doublings(splats, shape, resolved.look.attenuation) if tiled else MOST_DOUBLINGS,
+    )
+    return Plan(
+        program,
+        resolved,
+        Lookup(shape.name, read, settings.table_size or TABLE_SIZES[read], settings.table_bits),
+        _order(settings, kind, notes),
+        "rgba32f" if settings.target == "auto" else settings.target,
+        z_s,
+        # a streak may reach any pixel
+        Window(0, 0, *view.size) if exposure else bounds.window,
+        hiding,
+        tuple(notes),
+        exposure,
+    )
+
+
+def _exposed(
+    splats: Splats, camera: Camera, settings: Settings, motion: Motion | None, notes: list[str]
+) -> tuple[Settings, Exposure | None]:
+    """The exposure, None for a still, and the settings that it leaves: streaks are exact."""
+    found = Exposure.of(camera, settings, motion)
+    if settings.motion == "off":
+        if motion is not None and not motion.still:
+            notes.append("motion blur left out: the setting motion is off; the picture would be another")
+        return settings, None
+    if found is None:
+        notes.append("motion blur left out: nothing moves; the picture is the same")
+        return settings, None
+    if BLENDS[settings.blend].join == "max":
+        notes.append("motion blur left out: the mean of maxima is no maximum of streaks; the picture would be another")
+        return settings, None
+    if settings.align not in ("auto", "exact"):
+        notes.append(f"align {settings.align} left out: streaks are exact")
+    drawn = f"motion blur {settings.motion}, shutter {settings.shutter:g}°, on quads"
+    notes.append(f"{drawn}; its error bound is to straight streaks")
+    notes.append(f"streaks are straight: where paths bend most they are off by {found.bend(splats):.2g} pixels")
+    return settings.but(align="exact"), found
+
+
+def _half_line(splats: Splats, view: View, align: str, exposure: Exposure | None, notes: list[str]) -> bool:
+    """Only if the eye may be in a kernel, or a kernel in the eye's plane."""
+    if align != "exact":
+        return False
+    near = eye_is_near(splats, view, exposure)
+    if not near:
+        notes.append("half lines left out: the eye is in no kernel; the picture is the same")
+    return near
+
+
+def _order(settings: Settings, kind: str, notes: list[str]) -> str:
+    if not BLENDS[settings.blend].ordered:
+        notes.append(f"ordering left out: {settings.blend} is the same in any order, but for float32's rounding")
+    if settings.order != "auto":
+        return settings.order
+    return "front-to-back" if kind == "tiles" else "back-to-front"

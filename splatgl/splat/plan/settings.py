@@ -1,0 +1,134 @@
+"""`Settings`: what a user asks of a picture. Every value that is named is obeyed; `auto` is the plan's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from numbers import Real
+from typing import Any, Literal, get_args
+
+from splatgl.data.errors import expected
+from splatgl.splat.kernel.kernels import KERNELS
+from splatgl.splat.plan.blend_mode import BLENDS
+
+Antialias = Literal["paper", "off", "supersample"]
+Align = Literal["auto", "exact", "ray", "grid", "hybrid"]
+Attenuation = Literal["auto", "opacity", "optical-depth", "fill"]
+Footprint = Literal["auto", "table"]
+Target = Literal["rgba32f", "rgba16f", "rgba8", "auto"]
+Technique = Literal["auto", "quads", "tiles"]
+Shading = Literal["auto", "on", "off"]
+Motions = Literal["exact", "energy", "paper", "off"]
+Occlusion = Literal["auto", "off"]
+Order = Literal["auto", "back-to-front", "front-to-back"]
+
+
+def choices() -> dict[str, tuple[str, ...]]:
+    """What each setting may be that is a name; the default first, and registered kernels last."""
+    closed = {"antialias": Antialias, "align": Align, "attenuation": Attenuation, "footprint": Footprint}
+    closed |= {"target": Target, "technique": Technique, "shading": Shading, "motion": Motions}
+    closed |= {"occlusion": Occlusion, "order": Order}
+    return {"blend": tuple(BLENDS), "kernel": tuple(KERNELS)} | {name: get_args(one) for name, one in closed.items()}
+
+
+# largest footprint table; beyond it the kernel is resolved to float32
+MAX_TABLE_SIZE = 4096
+# supersampling beyond 64 samples an axis would need a picture of 4096 pixels for one of 64
+MAX_SAMPLES = 64
+# a shutter that never closes, in degrees
+FULL_SHUTTER = 360.0
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to draw; the paper's names, the default first.
+
+    blend composite | xray | mip. kernel crawfis-max | gaussian, or one that is registered.
+    antialias paper | off | supersample (samples × samples a pixel). align auto | exact | ray | grid | hybrid
+    (ray-perpendicular up to depth z_s, grid-aligned beyond; z_s in world units, None: from `tolerance`).
+    attenuation auto | opacity | optical-depth | fill (beyond z_k, composite only).
+    footprint auto (by the squared distance: a table, or polynomials where the tolerance allows) | table (table_size²
+    texels of table_bits 32 | 16 | 8); table_size None: 256, or 1024 by the squared distance.
+    technique auto | quads (instanced quads) | tiles (gathered by tiles of pixels, in compute shaders; auto: by software
+    OpenGL; never with table footprints, another target than rgba32f, or back to front).
+    occlusion auto | off (tiles end where no more than a share of the tolerance passes).
+    target rgba32f | rgba16f | rgba8 | auto. shading auto (as the transfer function says) | on | off.
+    motion exact (the mean of the footprint along its path) | energy | paper [M98 Eq. 11] | off: the blur of what moves,
+    if anything does; shutter: for how long it is open, in degrees of a frame's 360.
+    order auto | back-to-front | front-to-back. tolerance: largest allowed error, linear light.
+    background: None (transparent) or a linear RGB triple. Raises InputError for anything else.
+    """
+
+    blend: str = "composite"
+    kernel: str = "crawfis-max"
+    antialias: Antialias = "paper"
+    samples: int = 4
+    align: Align = "auto"
+    z_s: float | None = None
+    attenuation: Attenuation = "auto"
+    footprint: Footprint = "auto"
+    table_size: int | None = None
+    table_bits: int = 32
+    target: Target = "rgba32f"
+    technique: Technique = "auto"
+    shading: Shading = "auto"
+    motion: Motions = "exact"
+    shutter: float = 180.0
+    order: Order = "auto"
+    occlusion: Occlusion = "auto"
+    tolerance: float = 1 / 255
+    background: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        for name, allowed in choices().items():
+            if getattr(self, name) not in allowed:
+                raise expected(name, " or ".join(allowed), repr(getattr(self, name)))
+        _check_number("samples", self.samples, 1, MAX_SAMPLES)
+        if self.table_size is not None:
+            _check_number("table_size", self.table_size, 2, MAX_TABLE_SIZE)
+        if self.table_bits not in (8, 16, 32):
+            raise expected("table_bits", "8, 16 or 32", self.table_bits)
+        if not (_is_number(self.tolerance) and 0 < self.tolerance <= 1):
+            raise expected("tolerance", "a number in (0, 1]", repr(self.tolerance))
+        if self.z_s is not None and not (_is_number(self.z_s) and self.z_s >= 0):
+            raise expected("z_s", "a depth of at least 0", repr(self.z_s))
+        if not (_is_number(self.shutter) and 0 <= self.shutter <= FULL_SHUTTER):
+            raise expected("shutter", "an angle from 0 to 360 degrees", repr(self.shutter))
+        if self.background is not None:
+            object.__setattr__(self, "background", _background(self.background))
+
+    def but(self, **changes: Any) -> Settings:
+        """These settings with some changed; InputError for a name that does not exist."""
+        unknown = set(changes) - {field.name for field in fields(self)}
+        if unknown:
+            raise expected("settings", "names of Settings' fields", ", ".join(sorted(unknown)))
+        return replace(self, **changes)
+
+    @classmethod
+    def paper(cls, **changes: Any) -> Settings:
+        """The 1998 hardware path: hybrid, an 8-bit 256×256 table, opacity attenuation, quads, 8-bit target."""
+        return cls(
+            align="hybrid",
+            footprint="table",
+            table_size=256,
+            table_bits=8,
+            attenuation="opacity",
+            technique="quads",
+            target="rgba8",
+        ).but(**changes)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def _check_number(name: str, value: int, low: int, high: int) -> None:
+    if not (_is_number(value) and low <= value <= high and value == int(value)):
+        raise expected(name, f"a whole number from {low} to {high}", repr(value))
+
+
+def _background(color: Any) -> tuple[float, float, float]:
+    rgb = list(color) if isinstance(color, Iterable) else []
+    if len(rgb) != 3 or not all(_is_number(c) and 0 <= c <= 1 for c in rgb):
+        raise expected("background", "three linear numbers from 0 to 1", repr(color)[:80])
+    return float(rgb[0]), float(rgb[1]), float(rgb[2])

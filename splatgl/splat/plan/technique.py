@@ -1,0 +1,121 @@
+"""The techniques, what each can't draw, and which one draws a picture from what footprints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from splatgl.data.errors import expected
+from splatgl.splat.kernel.kernels import Kernel, polynomials
+from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.settings import Settings, choices
+
+# polynomials are off by 4e−5 of the footprint: exact enough from this tolerance on
+POLYNOMIAL_TOLERANCE = 1e-3
+# bits of a radial table's texels: the only ones it has
+RADIAL_BITS = 32
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A picture: how its splats are aligned, and whether they move. tiles: whether the renderer prefers them; None: it
+    has no compute shaders.
+    """
+
+    settings: Settings
+    align: str
+    moving: bool
+    tiles: bool | None
+
+
+@dataclass(frozen=True)
+class Technique:
+    """refuses: why it can't draw a picture, None if it can."""
+
+    name: str
+    refuses: Callable[[Asked], str | None]
+
+
+def _refuses_quads(asked: Asked) -> str | None:
+    return "motion" if asked.moving else None
+
+
+def _refuses_streaks(asked: Asked) -> str | None:
+    if not asked.moving:
+        return "a still"
+    if BLENDS[asked.settings.blend].join == "max":
+        return f"blend {asked.settings.blend}"
+    return None
+
+
+def _refuses_tiles(asked: Asked) -> str | None:
+    settings = asked.settings
+    if asked.moving:
+        return "motion"
+    if asked.tiles is None:
+        return "an OpenGL without compute shaders"
+    if settings.target not in ("auto", "rgba32f"):
+        return f"target {settings.target}"
+    if BLENDS[settings.blend].ordered and settings.order == "back-to-front":
+        return "order back-to-front"
+    if not by_distance(asked.align, settings):
+        return "footprints from a table"
+    return None
+
+
+TECHNIQUES = {
+    technique.name: technique
+    for technique in (
+        Technique("tiles", _refuses_tiles),
+        Technique("streaks", _refuses_streaks),
+        Technique("quads", _refuses_quads),
+    )
+}
+
+
+def technique(asked: Asked, notes: list[str]) -> str:
+    """The one that is asked for, or else the first that can draw the picture. Raises InputError if that one can't."""
+    wanted = "streaks" if asked.moving else asked.settings.technique
+    if wanted != "auto":
+        why = TECHNIQUES[wanted].refuses(asked)
+        if why:
+            raise expected(f"technique {wanted}", f"what {wanted} can draw", why, "use auto")
+        return wanted
+    why = TECHNIQUES["tiles"].refuses(asked)
+    if asked.tiles and why:
+        notes.append(f"tiles left out: {why}; quads are drawn")
+    return "tiles" if asked.tiles and not why else "quads"
+
+
+def by_distance(align: str, settings: Settings) -> bool:
+    """Whether footprints depend on the distance alone; a parallel view's grid is exact, if it was not asked for."""
+    exact = align == "exact" or (align == "grid" and settings.align in ("auto", "exact"))
+    return exact and settings.footprint != "table" and settings.table_bits == RADIAL_BITS
+
+
+def footprint(drawn: tuple[str, str], shape: Kernel, settings: Settings) -> str:
+    """What a footprint is read from. drawn: alignment and technique.
+
+    `auto`: the paper's table for its quads, the finer radial one where a table's 0.04 level would show, and polynomials
+    for tiles, whose time a look-up is much of, where that is exact enough.
+    """
+    if not by_distance(drawn[0], settings):
+        return "table"
+    quick = drawn[1] == "tiles" and settings.table_size is None and settings.tolerance >= POLYNOMIAL_TOLERANCE
+    return "polynomial" if quick and polynomials(shape.name) is not None else "radial"
+
+
+def combinations() -> list[tuple[str, ...]]:
+    """What techniques refuse, a row for each value of a setting that any does."""
+    found = []
+    for name, values in choices().items():
+        for value in values:
+            if name in ("technique", "motion"):
+                continue
+            settings = Settings().but(**{name: value})
+            align = settings.align if settings.align != "auto" else "exact"
+            asked = [Asked(settings, align, each == "streaks", True) for each in TECHNIQUES]
+            reasons = [each.refuses(one) or "" for each, one in zip(TECHNIQUES.values(), asked, strict=True)]
+            if any(reasons):
+                found.append((f"{name} {value}", *(f"no: {why}" if why else "yes" for why in reasons)))
+    return found

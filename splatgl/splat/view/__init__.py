@@ -1,0 +1,1 @@
+"""A grid as a camera sees it, and which splats that shows."""

@@ -1,0 +1,46 @@
+"""Which splats a parallel view shows: those not behind the plane through its eye. Decided once, in float64."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from splatgl.splat.extraction.splats import Splats, index_rows
+from splatgl.splat.view.camera import Camera
+
+# a splat that is behind the plane by less than this share of its distance from the eye is on it: rounding
+ON_PLANE = 1e-9
+# the latest cut of each volume's splats, and the plane it was made by
+_latest: WeakKeyDictionary[Splats, tuple[tuple[float, ...], Splats]] = WeakKeyDictionary()
+
+
+def ahead(splats: Splats, camera: Camera) -> Splats:
+    """The splats that are not behind a parallel view's eye; all of a perspective view's. The latest are kept."""
+    if camera.perspective or not len(splats):
+        return splats
+    depth = camera.eye_from_points(splats.corners)
+    if depth[:, 2].min() >= 0.0:
+        return splats
+    plane = (*camera.eye.tolist(), *camera.forward.tolist())
+    latest = _latest.get(splats)
+    if latest is None or latest[0] != plane:
+        latest = plane, _cut(splats, camera, ON_PLANE * float(np.linalg.norm(depth, axis=1).max()))
+        _latest[splats] = latest
+    return latest[1]
+
+
+def _cut(splats: Splats, camera: Camera, slack: float) -> Splats:
+    """Without those that are behind the eye by more than `slack`, world units."""
+    normal = camera.forward @ splats.grid.world_from_index
+    offset = camera.forward @ (splats.grid.origin - camera.eye)
+    kept = splats.records["position"].astype(np.float64) @ normal + offset >= -slack
+    if kept.all():
+        return splats
+    count = np.diff(splats.row_start)
+    y, z = (np.repeat(cells, count)[kept] for cells in (splats.row_y, splats.row_z))
+    row_z, row_y, row_start = index_rows(y, z)
+    return replace(
+        splats, records=splats.records[kept], cell_x=splats.cell_x[kept], row_z=row_z, row_y=row_y, row_start=row_start
+    )

@@ -1,0 +1,250 @@
+"""`Camera`: perspective and orthographic, float64. Eye axes are right, down, forward.
+
+Matrices are named destination first: `eye_from_world @ (x − eye)`. Pixel (i, j) is column i, row j,
+row 0 on top, its centre at (i + ½, j + ½).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import pyrr
+
+from splatgl.data.errors import expected
+
+# |sin| of the smallest angle between `up` and the view that still fixes a horizon
+UP_TOLERANCE = 1e-9
+# how much larger than the object's bounding sphere the default picture is
+FIT_MARGIN = 1.05
+# degrees: in larger angles whole turns leave no digits for the rest; a narrower field needs an eye further than FAR
+MOST_TURN, LEAST_FOV = 1e12, 1e-9
+# shares of the distance that shows all: beyond, the eye is in the middle, or further than FAR
+ZOOMS = (1e-15, 1e15)
+# along a side, whatever draws them
+MOST_PIXELS = 2**24
+# world units: float64 holds the fourth powers of lengths within these
+LEAST_LENGTH, MOST_LENGTH = 1e-60, 1e60
+# spacings: float32 holds the squares of what is within so many, and of its inverse
+FAR = 1e15
+
+
+Vector = Sequence[float] | np.ndarray
+
+
+class Bounded(Protocol):
+    """Anything that takes up room: volumes and splats.
+
+    corners [8, 3]: its box; outline [N, 3]: points whose hull holds all of it; world units.
+    """
+
+    @property
+    def corners(self) -> np.ndarray: ...
+
+    @property
+    def outline(self) -> np.ndarray: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One view. Build it by `look_at`, `orbit` or `orthographic`.
+
+    eye [3] world; eye_from_world [3, 3]: rows right, down, forward; size (width, height) in pixels.
+    extent: height of the image at depth 1 (perspective, 2·tan(fov/2)) or in world units (orthographic).
+    """
+
+    eye: np.ndarray
+    eye_from_world: np.ndarray
+    size: tuple[int, int]
+    extent: float
+    perspective: bool = True
+
+    @classmethod
+    def look_at(
+        cls,
+        eye: Vector,
+        target: Vector,
+        up: Vector,
+        fov: float = 60.0,
+        size: tuple[int, int] = (512, 512),
+    ) -> Camera:
+        """A perspective view from `eye` to `target`; fov is the full vertical angle in degrees.
+
+        Raises InputError if eye = target, `up` is along the view, or fov is not within [1e−9, 180).
+        """
+        return cls(_point("eye", eye), _axes(eye, target, up), _size(size), 2.0 * _half_width(fov))
+
+    @classmethod
+    def orthographic(
+        cls,
+        eye: Vector,
+        target: Vector,
+        up: Vector,
+        height: float = 300.0,
+        size: tuple[int, int] = (512, 512),
+    ) -> Camera:
+        """A parallel view along target − eye; `height` is the image's height in world units.
+
+        Nothing behind the plane through `eye` is seen. Raises InputError as `look_at`, and for height ≤ 0.
+        """
+        return cls(_point("eye", eye), _axes(eye, target, up), _size(size), _height(height), perspective=False)
+
+    @classmethod
+    def orbit(
+        cls,
+        subject: Bounded,
+        azimuth: float = 0.0,
+        elevation: float = 0.0,
+        fov: float = 40.0,
+        size: tuple[int, int] = (512, 512),
+        zoom: float = 1.0,
+        up: Vector = (0.0, 0.0, 1.0),
+    ) -> Camera:
+        """A perspective view that shows all of `subject`. At (0, 0) it looks along +y with +z up;
+        azimuth turns the eye counter-clockwise seen from +z, elevation lifts it (degrees). Another
+        `up` turns all of this by the shortest way from +z. Raises InputError as `look_at`, for a zoom outside
+        [1e−15, 1e15], and for angles beyond 1e12 degrees.
+        """
+        half = _half_width(fov)
+        if not ZOOMS[0] <= zoom <= ZOOMS[1]:
+            raise expected("zoom", f"a positive number from {ZOOMS[0]:g} to {ZOOMS[1]:g}", zoom)
+        for what, angle in (("azimuth", azimuth), ("elevation", elevation)):
+            if not abs(angle) <= MOST_TURN:
+                raise expected(what, f"an angle of at most {MOST_TURN:g} degrees", angle)
+        back, top = _orbit_axes(azimuth, elevation, up)
+        corners = subject.corners
+        center = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        distance = _fit_distance(subject.outline - center, back, top, half, _size(size))
+        return cls.look_at(center + back * distance / zoom, center, top, fov, size)
+
+    def parallel(self, subject: Bounded, height: float | None = None) -> Camera:
+        """The orthographic view from the same eye; `height` in world units, None: the height of the
+        perspective picture at the middle of `subject`. Raises InputError for height ≤ 0, and for None where that
+        middle is not before the eye.
+        """
+        middle = float(self.eye_from_points(subject.corners)[:, 2].mean())
+        if height is None and not middle > 0:
+            raise expected("height", "a length", "none, with the middle behind the eye", "give one")
+        extent = _height(self.extent * middle if height is None else height)
+        return Camera(self.eye, self.eye_from_world, self.size, extent, perspective=False)
+
+    @property
+    def right(self) -> np.ndarray:
+        return np.asarray(self.eye_from_world[0])
+
+    @property
+    def forward(self) -> np.ndarray:
+        return np.asarray(self.eye_from_world[2])
+
+    def pixel_pitch(self, depth: float | np.ndarray) -> float | np.ndarray:
+        """World length of one pixel's side at `depth` (constant in orthographic views)."""
+        pitch = self.extent / self.size[1]
+        return np.asarray(depth) * pitch if self.perspective else np.full(np.shape(depth), pitch)[()]
+
+    def z_k(self, spacing: float) -> float:
+        """Depth at which a voxel of that spacing is one pixel wide [M98 Eq. 3].
+
+        Orthographic: 0 if voxels are smaller than pixels everywhere, else infinity.
+        """
+        pitch = self.extent / self.size[1]
+        if self.perspective:
+            return spacing / pitch
+        return np.inf if spacing >= pitch else 0.0
+
+    def eye_from_points(self, points: np.ndarray) -> np.ndarray:
+        """World points [..., 3] in eye axes, camera-relative, float64."""
+        return np.asarray((np.asarray(points, dtype=np.float64) - self.eye) @ self.eye_from_world.T)
+
+    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pixel centres along each image axis, [W] and [H]: slopes x/z (perspective) or eye x, y in world units."""
+        width, height = self.size
+        pitch = self.extent / height
+        return (np.arange(width) + 0.5 - width / 2) * pitch, (np.arange(height) + 0.5 - height / 2) * pitch
+
+    def resized(self, size: tuple[int, int]) -> Camera:
+        """The same view with another number of pixels; the vertical field of view stays."""
+        return Camera(self.eye, self.eye_from_world, _size(size), self.extent, self.perspective)
+
+
+def check_reach(corners: np.ndarray, camera: Camera, spacing: float) -> None:
+    """InputError for splats so far away, or a picture so high or low, that float32 can't hold the view.
+
+    corners [8, 3]: of the splats, world units.
+    """
+    far = float(np.abs(camera.eye_from_points(corners)).max()) / spacing
+    if not far <= FAR:
+        raise expected("eye", f"within {FAR:g} spacings of the splats", f"{far:g}", "move it nearer")
+    if not camera.perspective and not 1 / FAR <= camera.extent / spacing <= FAR:
+        height = f"{camera.extent:g}"
+        raise expected("height", f"{spacing / FAR:g} to {spacing * FAR:g}, for splats {spacing:g} apart", height)
+
+
+def _half_width(fov: float) -> float:
+    """tan(fov/2)."""
+    if not LEAST_FOV <= fov < 180.0:
+        raise expected("fov", f"an angle between 0 and 180 degrees, from {LEAST_FOV:g} on", fov)
+    return float(np.tan(np.radians(fov) / 2))
+
+
+def _height(height: float) -> float:
+    if not LEAST_LENGTH <= height <= MOST_LENGTH:
+        raise expected("height", f"a positive length from {LEAST_LENGTH:g} to {MOST_LENGTH:g}", height)
+    return float(height)
+
+
+def _point(what: str, value: Vector) -> np.ndarray:
+    point = np.array(value, dtype=np.float64)
+    if point.shape != (3,) or not (np.abs(point) <= MOST_LENGTH).all():
+        raise expected(what, f"three finite numbers (x, y, z) up to {MOST_LENGTH:g}", value)
+    return point
+
+
+def _size(size: tuple[int, int]) -> tuple[int, int]:
+    width, height = size
+    if not all(1 <= n <= MOST_PIXELS for n in size):
+        raise expected("size", f"a width and a height of at least 1 pixel, up to {MOST_PIXELS}", f"{width}×{height}")
+    return int(width), int(height)
+
+
+def _axes(eye: Vector, target: Vector, up: Vector) -> np.ndarray:
+    view = _point("target", target) - _point("eye", eye)
+    length = float(np.linalg.norm(view))
+    if not length > 0.0:
+        raise expected("target", "a point other than the eye", target, "move one of them")
+    vertical = _point("up", up)
+    vertical = vertical / (np.abs(vertical).max() or 1.0)
+    view = view / length
+    side = np.linalg.norm(np.cross(view, vertical))
+    if side <= UP_TOLERANCE * np.linalg.norm(vertical) or not side > 0.0:
+        raise expected("up", "a direction that is not along the view", up, "choose another --up")
+    # GL's axes are right, up, backward; pyrr gives them as columns
+    axes = pyrr.matrix33.create_from_matrix44(pyrr.matrix44.create_look_at(np.zeros(3), view, vertical)).T
+    return np.asarray(axes * np.array([[1.0], [-1.0], [-1.0]]))
+
+
+def _orbit_axes(azimuth: float, elevation: float, up: Vector) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors from the subject to the eye, and up in the picture."""
+    pole = _point("up", up)
+    if not np.abs(pole).max() > 0:
+        raise expected("up", "a direction", up)
+    pole = pyrr.vector.normalise(pole / np.abs(pole).max())
+    a, e = np.radians(azimuth), np.radians(elevation)
+    back = np.array([np.sin(a) * np.cos(e), -np.cos(a) * np.cos(e), np.sin(e)])
+    top = np.array([-np.sin(a) * np.sin(e), np.cos(a) * np.sin(e), np.cos(e)])
+    # the shortest turn from +z to the pole; half a turn about y where they are opposite
+    if pole[2] <= UP_TOLERANCE - 1:
+        turn = np.diag([-1.0, 1.0, -1.0])
+    else:
+        v = pyrr.vector3.cross(np.array([0.0, 0.0, 1.0]), pole)
+        skew = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+        turn = np.eye(3) + skew + skew @ skew / (1 + pole[2])
+    return turn @ back, turn @ top
+
+
+def _fit_distance(local: np.ndarray, back: np.ndarray, up: np.ndarray, half: float, size: tuple[int, int]) -> float:
+    """How far from the middle an eye sees every point (relative to it): slope = lateral / (distance − depth)."""
+    widest = np.array([half * size[0] / size[1], half])
+    lateral = np.abs(np.stack([local @ np.cross(back, up), local @ up], axis=1)) / widest
+    return float((lateral.max(axis=1) + local @ back).max()) * FIT_MARGIN

@@ -1,0 +1,35 @@
+"""Whether a kernel is so near to the eye's plane that it has no place in the picture: its rays begin within it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.motion.motion import Exposure
+from splatgl.splat.view.block_culling import Frustum
+from splatgl.splat.view.slab import between
+from splatgl.splat.view.view import View
+
+# tiles: splats nearer than this many reaches of a kernel, in depth, are around the eye
+AROUND_EYE = 2.0
+# a moving kernel's centre is near within this many radii: the root of HALF_LINE_REACH, and some
+NEAR_RADII = 1.06
+# quads: a kernel is around the eye if its centre is nearer than the root of this many radii
+HALF_LINE_REACH = 1.1
+
+
+def eye_is_near(splats: Splats, view: View, exposure: Exposure | None) -> bool:
+    """Whether a splat that the picture may show is around the eye; perspective views alone."""
+    if not len(splats):
+        return False
+    low, high = splats.index_bounds
+    if exposure is not None:
+        # within reach of the box of all centres, wherever they flow
+        near = NEAR_RADII * view.kernel.radius
+        if exposure.flow is not None:
+            near += float(np.linalg.norm(exposure.drift(splats), axis=1).max())
+        return bool(np.linalg.norm(view.eye_index - np.clip(view.eye_index, low, high)) < near)
+    box = np.where(view.eye_from_index[2] > 0, low, high) - view.eye_index
+    if view.eye_from_index[2] @ box > AROUND_EYE * view.reach:
+        return False
+    return bool(Frustum.of(view).reached(between(splats, view, -view.reach, AROUND_EYE * view.reach)).any())

@@ -1,0 +1,99 @@
+"""Where in the picture splats are: the pixels that any of them reaches, and how large most of them are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.view.block_culling import STRETCHED
+from splatgl.splat.view.view import View
+
+# nearer to the eye's plane than this many times the kernel's reach in depth, splats may be anywhere in the picture
+CLEARANCE = 2.0
+# rounds that find how far beyond the edge a centre may be: each is a tenth of the last
+ROUNDS = 5
+# pixels around, for rounding
+MARGIN = 2
+# pixels around a splat: rasterisers snap places to 1/256 of a pixel or finer, and float32 rounds them
+PIXEL_MARGIN = 2.0**-5
+
+
+@dataclass(frozen=True)
+class Window:
+    """A rectangle of pixels, (x, y) its first."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        return self.x, self.y, self.width, self.height
+
+
+@dataclass(frozen=True)
+class ScreenBounds:
+    """What a picture's splats cover.
+
+    window: every pixel that any of them reaches. mean_depth: of the middle of their box, in mean spacings.
+    """
+
+    window: Window
+    mean_depth: float
+
+
+def screen_bounds(splats: Splats, view: View) -> ScreenBounds:
+    """The whole picture where the eye is near."""
+    corners, size = view.voxels(splats.corners_in_grid()), view.size
+    steps = view.eye_from_index * view.kernel.radius
+    if not view.perspective:
+        half = max(float(np.linalg.norm(steps[:2], axis=1).max()) / view.pitch, STRETCHED * view.kernel.radius)
+        return ScreenBounds(_window(corners[:2].T / view.pitch, half, size), float(corners[2].mean()))
+    # the deepest reach, and the nearest centre
+    deep, nearest = float(np.linalg.norm(steps[2])), float(corners[2].min())
+    middle = max(float(corners[2].mean()), deep, 1e-9)
+    if nearest <= CLEARANCE * deep:
+        return ScreenBounds(Window(0, 0, *size), middle)
+    # those centred beyond the edge that still reach in are the largest
+    across = steps[:2]
+    furthest = np.array([_furthest(nearest, edge, s, steps[2]) for edge, s in zip(view.edge, across, strict=True)])
+    sides = [_sides(nearest, slope, step, steps[2]) for slope, step in zip(furthest, across, strict=True)]
+    stretched = STRETCHED * view.kernel.radius * (1 + float(np.hypot(*furthest)))
+    half = max(max(max(side) for side in sides) / view.pitch, stretched)
+    return ScreenBounds(_window((corners[:2] / corners[2]).T / view.pitch, half, size), middle)
+
+
+def _sides(z: float, slope: float, step: np.ndarray, deep: np.ndarray) -> tuple[float, float]:
+    """How far, in slopes, an ellipsoid at (slope z, z) reaches inwards and outwards, on either side of the view.
+
+    step, deep: its half axes' components along the picture and along depth. (x − s z)² = |step − s deep|².
+    """
+    a = z * z - deep @ deep
+    inwards, outwards = [], []
+    for turn in (1, -1):
+        x, mixed = slope * z, turn * (step @ deep)
+        shift = (x * z - mixed) / a - slope
+        root = np.sqrt(max(float((x * z - mixed) ** 2 - a * (x * x - step @ step)), 0.0)) / a
+        inwards.append(root - shift)
+        outwards.append(root + shift)
+    return max(inwards), max(outwards)
+
+
+def _furthest(z: float, edge: float, step: np.ndarray, deep: np.ndarray) -> float:
+    """The slope of the furthest centre beyond the edge of one that still reaches it."""
+    beyond = 0.0
+    for _ in range(ROUNDS):
+        beyond = _sides(z, edge + beyond, step, deep)[0]
+    return edge + beyond * (1 + 1e-3)
+
+
+def _window(places: np.ndarray, half: float, size: tuple[int, int]) -> Window:
+    """The pixels within `half` of places [N, 2], given in pixels off the middle of the picture."""
+    middle = np.array(size) / 2
+    low = np.clip(np.floor(places.min(axis=0) + middle - half) - MARGIN, 0, size)
+    high = np.clip(np.ceil(places.max(axis=0) + middle + half) + MARGIN, 0, size)
+    (x, y), (right, bottom) = low.astype(int), high.astype(int)
+    return Window(int(x), int(y), int(right - x), int(bottom - y))

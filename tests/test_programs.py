@@ -1,0 +1,97 @@
+"""What techniques refuse is told; and every program that is left compiles."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from noise import noise
+
+import splatgl as sg
+from splatgl.gl.program import build, build_compute, splat_switches
+from splatgl.gl.shader import declared_switches
+from splatgl.splat.motion.blur import MOTIONS
+from splatgl.splat.plan.plan import Program
+from splatgl.splat.plan.settings import choices
+from splatgl.splat.plan.technique import TECHNIQUES, combinations
+from splatgl.truth.table_io import as_markdown
+
+# what a program depends on
+COMPILED = ("blend", "align", "attenuation", "footprint", "shading")
+GRIDS = ("cubes", "sheared")
+
+
+def test_the_readme_tells_what_techniques_refuse() -> None:
+    readme = (Path(__file__).parents[1] / "splatgl" / "gl" / "README.md").read_text(encoding="utf-8")
+    assert as_markdown(("setting", *TECHNIQUES), combinations()).strip() in readme, "run scripts/pictures.py tables"
+
+
+def programs(pairs: bool) -> set[Program]:
+    """All that plans compile; pairs: of the values of every two settings, the others as they are by default."""
+    names = (*COMPILED, "tolerance", "table_bits")
+    values = {**{name: choices()[name] for name in COMPILED}, "tolerance": (1 / 255, 1e-6), "table_bits": (32, 8)}
+    some = itertools.combinations(names, 2) if pairs else [names]
+    wanted = {
+        tuple(zip(chosen, each, strict=True))
+        for chosen in some
+        for each in itertools.product(*(values[name] for name in chosen))
+    }
+    moves = sg.Motion(spin=(0, 0, 5))
+    found = set()
+    for grid in GRIDS:
+        splats = noise(grid, size=4, opacity=0.5)
+        fitted = sg.Camera.orbit(splats, size=(32, 32))
+        middle = splats.corners.mean(axis=0)
+        inside = sg.Camera.look_at(middle, middle + np.array([1.0, 0.3, 0.2]), (0, 0, 1), 60, (32, 32))
+        far = sg.Camera.orbit(splats, size=(32, 32), zoom=1 / 16)
+        for camera, change in itertools.product(
+            (fitted, inside, far, fitted.parallel(splats), far.parallel(splats)), wanted
+        ):
+            settings = sg.Settings(**dict(change))
+            found |= {sg.plan(splats, camera, settings, tiles=tiles).program for tiles in (True, None)}
+            if settings.align == "auto":
+                for motion in MOTIONS:
+                    found.add(sg.plan(splats, camera, settings.but(motion=motion), moves).program)
+    return found
+
+
+def distinct(found: set[Program]) -> set[tuple[object, ...]]:
+    """(stages, *switches) of all that is compiled."""
+    keys = set()
+    for program in found:
+        switches = splat_switches(program)
+        if program.technique == "tiles":
+            parts = [("tile_place.frag", "ORDERED"), ("tile_place.frag", "CULLED"), ("tile_draw.comp", "CARRIED")]
+            for name, more in parts:
+                read = {**switches, more: True}
+                keys.add((name, *((s, read[s]) for s in sorted(declared_switches(name) & read.keys()))))
+        else:
+            keys.add(("splat", *sorted(switches.items())))
+    return keys
+
+
+def compiles(renderer: sg.Renderer, keys: set[tuple[object, ...]]) -> None:
+    for name, *switches in sorted(keys, key=str):
+        if name == "splat":
+            build(renderer.ctx, "splat.vert", "splat.frag", dict(switches)).release()
+        elif name == "tile_place.frag":
+            build(renderer.ctx, "whole.vert", name, dict(switches)).release()
+        else:
+            build_compute(renderer.ctx, name, dict(switches)).release()
+
+
+@pytest.mark.long
+def test_every_program_compiles(renderer: sg.Renderer) -> None:
+    keys = distinct(programs(pairs=False))
+    print(f"{len(keys)} programs")
+    assert len(keys) > 300
+    compiles(renderer, keys)
+
+
+def test_pairs_of_choices_compile(renderer: sg.Renderer) -> None:
+    keys = distinct(programs(pairs=True))
+    print(f"{len(keys)} programs")
+    assert len(keys) > 60
+    compiles(renderer, keys)
