@@ -21,6 +21,7 @@ BLACK = (0.0, 0.0, 0.0)
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `splatgl animate`."""
     add_source(parser)
     parser.add_argument("more", nargs="*", metavar="SOURCE", help="further volumes, or a pattern: a series in time")
     parser.add_argument(

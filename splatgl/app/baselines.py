@@ -44,6 +44,7 @@ class Baselines:
 
     @property
     def portable(self) -> Path:
+        """The baseline for any renderer that has none of its own."""
         return self.folder / f"{self.stem}{self.suffix}"
 
     @property

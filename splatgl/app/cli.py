@@ -62,6 +62,7 @@ class Parser(argparse.ArgumentParser):
     """One line for a usage error, as for any bad input."""
 
     def error(self, message: str) -> None:  # type: ignore[override]
+        """Exits with BAD_INPUT and one line on stderr."""
         self.exit(BAD_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 

@@ -62,6 +62,7 @@ class Outcome:
 
     @property
     def code(self) -> int:
+        """The pair's exit code: SAME, DIFFERENT or UNUSABLE."""
         if self.verdict is None:
             return UNUSABLE
         return SAME if self.verdict.same else DIFFERENT
@@ -71,6 +72,7 @@ class Outcome:
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `splatgl compare`."""
     parser.add_argument("actual", metavar="ACTUAL", help="a picture, .png (8 or 16 bits) or .npy, or a folder of them")
     parser.add_argument("expected", metavar="EXPECTED", help="the right one, or a folder with the same names")
     names = ", ".join(METRICS)

@@ -41,6 +41,7 @@ SPACE_RAYS = 41
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `splatgl explain-splat`."""
     # a position may start with a minus
     parser._negative_number_matcher = re.compile(r"^-\.?\d")
     parser.add_argument("voxel", type=_position, metavar="X,Y,Z", help="its centre: right, down, forward of the eye")
@@ -83,6 +84,7 @@ class Sight:
 
     @property
     def z(self) -> float:
+        """The voxel's depth, in voxel spacings."""
         return float(self.voxel[2])
 
     @property
@@ -97,6 +99,7 @@ class Sight:
 
     @property
     def m(self) -> float:
+        """The stretch: depth over z_k, at least 1."""
         return max(self.z / self.z_k, 1.0)
 
     @property

@@ -58,6 +58,7 @@ class Frames:
         return frames
 
     def path(self, frame: int) -> Path:
+        """The file of frame number `frame`."""
         return Path(self.template.format(frame=frame))
 
     def save(self, frame: int, image: Image, bits: int, ground: tuple[float, float, float] | None) -> None:

@@ -8,11 +8,13 @@ from splatgl.app.options import add_source, scene_from_source
 
 
 def add_info_parser(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `splatgl info`."""
     add_source(parser)
     parser.set_defaults(run=_info)
 
 
 def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `splatgl doctor`."""
     parser.add_argument("--backend", default="auto", help="auto, egl, osmesa or window")
     parser.add_argument("--device", type=int, help="index of the EGL device")
     parser.set_defaults(run=_doctor)

@@ -142,6 +142,8 @@ def _given(args: argparse.Namespace, *names: str) -> dict[str, Any]:
 
 
 def numbers(count: int) -> Any:
+    """An argparse type that parses `count` numbers separated by commas or ×, into a tuple of floats."""
+
     def parse(text: str) -> tuple[float, ...]:
         try:
             found = tuple(float(part) for part in text.replace("×", ",").split(","))
@@ -176,6 +178,7 @@ def _pairs(text: str) -> tuple[tuple[float, float], ...]:
 
 
 def size(text: str) -> tuple[int, int]:
+    """Parses WIDTHxHEIGHT, or one number for a square, into (width, height) in pixels."""
     try:
         numbers = [int(part) for part in text.lower().replace("×", "x").split("x")]
         width, height = numbers * 2 if len(numbers) == 1 else numbers

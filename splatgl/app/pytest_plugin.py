@@ -28,6 +28,7 @@ CASES: pytest.StashKey[list[dict[str, str]]] = pytest.StashKey()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
+    """Adds the plugin's options to pytest."""
     group = parser.getgroup("splatgl", "image regression (splatgl)")
     ways = group.addoption
     ways(UPDATE, action="store_true", help="write the baselines that are missing, and rewrite those that differ")
@@ -37,6 +38,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    """Checks the options, makes the report's folder and registers the collector; UsageError for wrong options."""
     asked = [option for option in (UPDATE, UPDATE_CLASS, ADD) if _option(config, option)]
     if len(asked) > 1:
         raise pytest.UsageError(f"{' and '.join(asked)}: expected one of them")
@@ -76,6 +78,7 @@ def image_regression(request: pytest.FixtureRequest) -> ImageRegression:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[Any]:
+    """Attaches what the test compared to its report, which pytest-xdist passes on between processes."""
     report = yield
     # once each: a fixture may compare as well, before the test or after it
     if cases := item.stash.get(CASES, []):
@@ -91,9 +94,11 @@ class Collector:
         self.cases: list[dict[str, str]] = []
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Collects what a test's report carries."""
         self.cases += getattr(report, CARRIED, [])
 
     def pytest_terminal_summary(self, terminalreporter: Any, config: pytest.Config) -> None:
+        """Writes the page if --splatgl-report asks for it, and lists the files written."""
         folder = _option(config, REPORT)
         written = [case["written"] for case in self.cases if case.get("written")]
         lines = [f"wrote {path}" for path in sorted(set(written))]

@@ -31,6 +31,7 @@ PATIENCE = 1.0
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `splatgl render`."""
     add_source(parser)
     parser.add_argument("-o", "--output", metavar="FILE", help="picture to write, .png or .npy (default: SOURCE.png)")
     parser.add_argument(

@@ -38,6 +38,7 @@ MAX_SIZE, MAX_ROUNDS = 16384, 10_000
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `splatgl report`."""
     parser.add_argument("sources", nargs="*", metavar="SOURCE", help="scenes, volume files, scene.toml (the paper's)")
     parser.add_argument("-o", "--output", metavar="DIR", default="report", help="folder to write into (report)")
     level = parser.add_mutually_exclusive_group()

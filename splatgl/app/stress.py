@@ -22,6 +22,7 @@ FEW = 3
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `splatgl stress`."""
     parser.add_argument("--case", nargs="+", action="extend", metavar="NAME", help="only these; all of their checks")
     parser.add_argument("--list", action="store_true", help="tell what cases there are, and draw nothing")
     parser.add_argument("--explain", metavar="NAME", help=f"a page on one case; in depth: {', '.join(PAGES)}")

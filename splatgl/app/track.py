@@ -57,9 +57,11 @@ class Turning:
     turn: Motion
 
     def camera(self, frame: float) -> Camera:
+        """The base camera as the volume sees it after it turned for `frame` frames; fractions count."""
         return self.turn.view(self.base, float(frame))
 
     def motion(self, frame: int) -> Motion:
+        """The turn of one frame, the same for every frame."""
         return self.turn
 
 
@@ -74,6 +76,7 @@ class Keyframes:
     subject: Bounded
 
     def camera(self, frame: float) -> Camera:
+        """The camera at `frame`, its numbers interpolated between keyframes; those of RATIOS by their logarithms."""
         values: dict[str, Any] = {}
         for name, (frames, points) in self.keys.items():
             logs = np.log(points) if name in RATIOS else points
@@ -83,6 +86,7 @@ class Keyframes:
         return replace(self.view, **values).camera(self.volume, self.subject)
 
     def motion(self, frame: int) -> Motion:
+        """The motion from the camera of the frame before; none in frame 0."""
         return Motion(camera=self.camera(frame - 1)) if frame > 0 else Motion()
 
     @property

@@ -22,6 +22,7 @@ from splatgl.gl.screen import GROUNDS
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `splatgl view`."""
     add_source(parser)
     group = parser.add_argument_group("window")
     group.add_argument("--list-bindings", action=ListBindings, help="print which key does what")
@@ -42,6 +43,7 @@ class ListBindings(argparse.Action):
         super().__init__(**{**options, "nargs": 0})
 
     def __call__(self, parser: Any, namespace: argparse.Namespace, *_: Any) -> None:
+        """Prints the bindings and exits."""
         changed = getattr(namespace, "bindings", None)
         print(listing(load_bindings(changed) if changed else BINDINGS))
         parser.exit()

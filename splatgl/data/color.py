@@ -18,7 +18,7 @@ def linear_from_srgb(encoded: ArrayLike) -> np.ndarray:
 
 
 def srgb_from_linear(linear: ArrayLike) -> np.ndarray:
-    """sRGB values, float64, of linear light in [0, 1], any shape; negatives follow the straight line."""
+    """Values in sRGB, float64, of linear light in [0, 1], any shape; negatives follow the straight line."""
     c = np.asarray(linear, dtype=np.float64)
     curved = (1 + OFFSET) * np.maximum(c, LINEAR_KNEE) ** (1 / EXPONENT) - OFFSET
     return np.where(c <= LINEAR_KNEE, c * SLOPE, curved)

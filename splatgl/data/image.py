@@ -76,7 +76,7 @@ class Image:
         return Image(_from_samples(self._samples(info, bits, background)), info)
 
     def straight(self) -> np.ndarray:
-        """sRGB with straight alpha, float64 [H, W, 4] in [0, 1]."""
+        """Pixels in sRGB with straight alpha, float64 [H, W, 4] in [0, 1]."""
         pixels = np.clip(np.nan_to_num(self.pixels.astype(np.float64)), 0.0, None)
         alpha = np.minimum(pixels[..., 3:], 1.0)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

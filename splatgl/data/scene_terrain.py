@@ -139,7 +139,8 @@ def _fractal(rng: np.random.Generator, longest: float, power: float = 1.1) -> np
 
 def _floor(surface: np.ndarray) -> np.ndarray:
     """The lowest plane [y, x] to fill: SKIN below the lowest of nine columns, so that no ray slips through;
-    at the four borders 0, so that the land is a block."""
+    at the four borders 0, so that the land is a block.
+    """
     padded = np.pad(surface, 1, constant_values=0.0)
     rows = np.minimum(np.minimum(padded[:-2], padded[1:-1]), padded[2:])
     lowest = np.minimum(np.minimum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
@@ -158,7 +159,7 @@ def _paint_sides(color: np.ndarray, samples: np.ndarray, surface: np.ndarray) ->
 
 
 def _photograph(ground: np.ndarray, surface: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """sRGB uint8 [y, x, 3] of the land from above."""
+    """The land from above, sRGB uint8 [y, x, 3]."""
     dy, dx = np.gradient(ground)
     steep = np.hypot(dx, dy)
     patches, mottle, grain = _fractal(rng, 120.0, 0.6), _fractal(rng, 40.0, 0.2), rng.standard_normal(ground.shape)

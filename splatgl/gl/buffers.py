@@ -46,6 +46,7 @@ class SplatBuffers:
         return found
 
     def release(self) -> None:
+        """Frees the buffers of all splats."""
         while self.kept:
             self.kept.pop().release()
 
@@ -72,6 +73,7 @@ class SplatBuffer:
         return self.textured.part(runs, order, which) if which else self.textured.texels(runs, order)
 
     def release(self) -> None:
+        """Frees the instances and the textures; they are uploaded again when they are wanted."""
         for part in (*self.sorted.values(), self.textured):
             if part is not None:
                 part.release()
@@ -108,6 +110,7 @@ class Sorted:
         return array
 
     def release(self) -> None:
+        """Frees the vertex arrays and the buffer."""
         _release(self.arrays, self.buffer)
 
     def _attributes(self) -> list[Attribute]:
@@ -155,6 +158,7 @@ class Textured:
         self.sorted: tuple[tuple[bool, DrawOrder], Texels] | None = None
 
     def texels(self, runs: bool, order: DrawOrder) -> Texels:
+        """Textures of all splats; an order asked for twice in a row has its records sorted, if they are small."""
         asked, self.asked = self.asked, (runs, order)
         if self.sorted is not None and self.sorted[0] == self.asked:
             return self.sorted[1]
@@ -187,6 +191,7 @@ class Textured:
         return Texels(self._texture(words[:, :8], 4, 2), self._texture(words[:, 8:], 1, 1), None, around)
 
     def release(self) -> None:
+        """Frees all textures; they are made again when they are wanted."""
         self.orders.release()
         self._release_rest()
         self._release_sorted()

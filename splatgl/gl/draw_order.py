@@ -69,5 +69,6 @@ class Orders:
         return self.kept[order]
 
     def release(self) -> None:
+        """Frees the textures of all orders."""
         while self.kept:
             self.kept.popitem()[1].release()

@@ -25,21 +25,26 @@ class EglLoader(Loader):
         self.make_current()
 
     def address(self, name: str) -> int:
+        """Address of an OpenGL function as glcontext finds it, 0 if there is none."""
         return int(self._context.load_opengl_function(name))
 
     def bind(self) -> None:
+        """Makes the EGL context current, and remembers its handle; raises BackendError if EGL refuses."""
         self._context.__enter__()
         if not self._egl.eglGetCurrentContext():
             raise BackendError("EGL refused to make its context current; is another window system's current here?")
         self._handle = self._egl.eglGetCurrentContext()
 
     def holds(self) -> bool:
+        """Whether EGL's current context is this one."""
         return bool(self._egl.eglGetCurrentContext() == self._handle)
 
     def unbind(self) -> None:
+        """Leaves no EGL context current."""
         self._context.__exit__(None, None, None)
 
     def destroy(self) -> None:
+        """Frees the EGL context."""
         self._context.release()
 
 
@@ -57,7 +62,7 @@ def device_count() -> int:
 
 
 def _create(device: int) -> tuple[Any, ctypes.CDLL]:
-    """glcontext's EGL context and the library, for asking what is current. glcontext raises bare Exceptions."""
+    """The EGL context by glcontext, and the library for asking what is current. glcontext raises bare Exceptions."""
     try:
         from glcontext import egl
     except ImportError as error:  # not built on this system

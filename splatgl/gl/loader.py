@@ -115,6 +115,7 @@ class Loader(ABC):
         """Whether the system says that this context is current: other libraries switch without asking."""
 
     def load_opengl_function(self, name: str) -> int:
+        """Address of an OpenGL function, by the name that moderngl calls."""
         return self.address(name)
 
     def make_current(self) -> Loader | None:

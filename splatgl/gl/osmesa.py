@@ -34,25 +34,30 @@ class OsmesaLoader(Loader):
         self.make_current()
 
     def address(self, name: str) -> int:
+        """Address of an OpenGL function by OSMesaGetProcAddress, 0 if there is none."""
         return self._library.OSMesaGetProcAddress(name.encode()) or 0
 
     def bind(self) -> None:
+        """Makes the context current on its own small buffer; raises BackendError if OSMesa refuses."""
         side = BUFFER_SIDE
         if not self._library.OSMesaMakeCurrent(self._context, self._buffer, GL_UNSIGNED_BYTE, side, side):
             raise BackendError("OSMesa refused to make its context current")
 
     def holds(self) -> bool:
+        """Whether OSMesa's current context is this one."""
         return bool(self._library.OSMesaGetCurrentContext() == self._context)
 
     def unbind(self) -> None:
+        """Leaves no OSMesa context current."""
         self._library.OSMesaMakeCurrent(None, None, GL_UNSIGNED_BYTE, 0, 0)
 
     def destroy(self) -> None:
+        """Frees the OSMesa context."""
         self._library.OSMesaDestroyContext(self._context)
 
 
 def _library() -> ctypes.CDLL:
-    """libOSMesa with its functions' types; pointers would be cut to 32 bits without them."""
+    """Loads libOSMesa with its functions' types; pointers would be cut to 32 bits without them."""
     for name in LIBRARIES:
         try:
             library = ctypes.CDLL(name)

@@ -121,6 +121,7 @@ class Programs:
         self.read: dict[tuple[object, ...], Chosen] = {}
 
     def for_splats(self, program: Program) -> moderngl.Program:
+        """The program that draws splats as quads with a plan's choices."""
         switches = splat_switches(program)
         key = tuple(switches.items())
         if key not in self.splat:

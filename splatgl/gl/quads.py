@@ -23,6 +23,7 @@ class Quads:
         self.ctx, self.programs, self.splats = ctx, programs, splats
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
+        """Blends the splats into `target` in drawing order, chunk by chunk; Interrupted if `portions` is."""
         program = self.programs.for_splats(plan.program)
         for name, unit in (("half_table", HALF_LINE_UNIT), ("blur_table", BLUR_UNIT)):
             if name in program:

@@ -61,6 +61,7 @@ class Check:
 
     @property
     def passed(self) -> bool:
+        """Whether the drawing is within the tolerance of its answer."""
         return abs(self.got - self.answer) <= self.tolerance
 
 

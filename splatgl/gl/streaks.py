@@ -20,6 +20,7 @@ class Streaks(Quads):
     flowing: Flowing | None = None
 
     def release(self) -> None:
+        """Frees the buffers of the splats that flow."""
         if self.flowing is not None:
             self.flowing.release()
         self.flowing = None
@@ -49,10 +50,12 @@ class Flowing(Sorted):
         self.drift_buffer = ctx.buffer(reserve=self.drift.nbytes)
 
     def holds(self, splats: Splats, exposure: Exposure) -> bool:
+        """Whether its numbers are those of these splats, by the same flow over as many frames."""
         mine = self.exposure
         return splats is self.splats and exposure.flow is mine.flow and exposure.frames == mine.frames
 
     def release(self) -> None:
+        """Frees the records' buffers and the one of the flow."""
         super().release()
         self.drift_buffer.release()
 

@@ -54,6 +54,7 @@ class Targets:
         owned.callback(self.release)
 
     def get(self, role: str, size: tuple[int, int], form: str) -> Target:
+        """The role's target of `size` (width, height) in that texture format; its old content may still be there."""
         target = self.kept.get(role)
         if target is None or target.texture.size != size or target.format != form:
             # moderngl binds the framebuffer in use again whenever it makes one, so the old one goes last
@@ -65,6 +66,7 @@ class Targets:
         return target
 
     def release(self) -> None:
+        """Frees all targets."""
         while self.kept:
             _release(self.kept.popitem()[1])
 

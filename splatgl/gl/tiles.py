@@ -80,12 +80,14 @@ class Tiles:
         self.shown: np.ndarray | None = None
 
     def release(self) -> None:
+        """Frees all buffers and textures; they are made again when they are wanted."""
         for part in (self.framebuffer, *self.placed, *self.buffers.values(), self.list):
             if part is not None:
                 part.release()
         self.placed, self.framebuffer, self.buffers, self.list = [], None, {}, None
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
+        """Composites the splats into `target`, nearest first, chunk by chunk; Interrupted if `portions` is."""
         frustum, kept = Frustum.of(plan.view), len(splats) <= MOST_KEPT
         batches = pairwise(cuts(len(splats), plan.hiding.depth_batches))
         bands = [self.begin(window) for window in bands_of(plan.window)]

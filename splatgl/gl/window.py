@@ -26,30 +26,35 @@ class WindowLoader(Loader):
         self.make_current()
 
     def address(self, name: str) -> int:
+        """Address of an OpenGL function as GLFW finds it, 0 if there is none."""
         import glfw
 
         address = glfw.get_proc_address(name)
         return ctypes.cast(address, ctypes.c_void_p).value or 0 if address else 0
 
     def bind(self) -> None:
+        """Makes the window's context current; raises BackendError if GLFW refuses."""
         import glfw
 
         with _glfw_errors():
             glfw.make_context_current(self.window)
 
     def holds(self) -> bool:
+        """Whether GLFW's current context is this window's."""
         import glfw
 
         current = glfw.get_current_context()
         return bool(current) and ctypes.addressof(current.contents) == ctypes.addressof(self.window.contents)
 
     def unbind(self) -> None:
+        """Leaves no GLFW context current."""
         import glfw
 
         with _glfw_errors():
             glfw.make_context_current(None)  # type: ignore[arg-type]
 
     def destroy(self) -> None:
+        """Destroys the window and its context."""
         import glfw
 
         with _glfw_errors():

@@ -92,16 +92,16 @@ class Reach:
 
     @property
     def beyond(self) -> np.ndarray:
-        """bool [H, W]: pixels that show what lies beyond z_k."""
+        """Pixels that show what lies beyond z_k, bool [H, W]."""
         return np.asarray((self.depth >= self.z_k) & (self.depth < np.inf))
 
     @property
     def before(self) -> np.ndarray:
-        """bool [H, W]: pixels that show what lies before z_k."""
+        """Pixels that show what lies before z_k, bool [H, W]."""
         return np.asarray(self.depth < self.z_k)
 
     def line(self, times: int = 1) -> np.ndarray:
-        """bool [times·H, times·W]: where what is seen passes z_k, one sample wide, without the voxels' own steps."""
+        """Where what is seen passes z_k, bool [times·H, times·W]: one sample wide, without the voxels' own steps."""
         large = [np.kron(part, np.ones((times, times))) for part in (self.before, self.beyond)]
         before, beyond = (soft(part.astype(np.float64), LINE * times) for part in large)
         nearer = before > beyond

@@ -25,6 +25,7 @@ class Sum:
 
     @classmethod
     def zeros(cls, shape: tuple[int, ...]) -> Sum:
+        """A sum of nothing yet, of that shape."""
         return cls(np.zeros(shape), np.zeros(shape))
 
     def add(self, where: np.ndarray, term: np.ndarray) -> None:
@@ -36,6 +37,7 @@ class Sum:
 
     @property
     def value(self) -> np.ndarray:
+        """The total with the rounding errors that were kept."""
         return np.asarray(self.total + self.lost)
 
 
@@ -60,6 +62,7 @@ class Band:
 
     @classmethod
     def empty(cls, pixels: int) -> Band:
+        """A band of that many pixels to which nothing is added yet."""
         return cls(Sum.zeros((pixels,)), Sum.zeros((pixels, 3)))
 
 

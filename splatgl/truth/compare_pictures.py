@@ -35,6 +35,7 @@ class Box:
     bottom: int
 
     def of(self, pixels: np.ndarray) -> np.ndarray:
+        """This part of pixels [H, W, ...], as a view."""
         return pixels[self.top : self.bottom, self.left : self.right]
 
 

@@ -38,7 +38,7 @@ class Program(Protocol):
 
     @property
     def technique(self) -> str:
-        """quads or tiles."""
+        """Either quads or tiles."""
 
 
 class Plan(Protocol):

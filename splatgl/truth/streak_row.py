@@ -89,6 +89,7 @@ class Local:
         return cls(passed + further, across, length, gain)
 
     def streak(self, view: View, motion: str) -> np.ndarray:
+        """Values [P] of the streaks; motion: exact by the blur table, energy or paper by a weakened peak."""
         kernel = view.kernel
         if motion == "exact":
             table = blur_table(kernel.name, dtype="<f8")

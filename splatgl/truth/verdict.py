@@ -94,6 +94,7 @@ class Verdict:
 
     @property
     def same(self) -> bool:
+        """Whether every check keeps its limit."""
         return all(check.ok for check in self.checks)
 
     def __str__(self) -> str:

@@ -23,6 +23,7 @@ KNOWN = sorted([*FIGURES, *PICTURES])
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `splatgl figure`."""
     names = " ".join(map(str, KNOWN))
     parser.add_argument("number", metavar="N", help=f"{names}, or claims: all of the paper's claims, tried")
     add_pictures(parser)

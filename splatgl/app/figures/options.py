@@ -31,6 +31,7 @@ ONLY = ("source", "color", "size", "spin", "frames", "motion", "moments")
 
 
 def add_pictures(parser: argparse.ArgumentParser) -> None:
+    """Adds the source and the options of the rendered figures."""
     names = " ".join(map(str, PICTURES))
     parser.add_argument("source", nargs="?", metavar="SOURCE", help=f"{names}: a volume or scene.toml for the paper's")
     group = parser.add_argument_group(f"rendered figures ({names})")

@@ -111,10 +111,12 @@ class Shown:
 
     @cached_property
     def volume(self) -> Volume:
+        """The scene's volume, read once."""
         return self.scene.open()
 
     @cached_property
     def splats(self) -> Splats:
+        """The volume's splats, extracted once by the scene's transfer function and threshold."""
         return extract(self.volume, self.scene.transfer_for(self.volume), self.scene.threshold)
 
     @cached_property
@@ -123,6 +125,7 @@ class Shown:
         return self.turned(self.figure.spin)
 
     def turned(self, spin: float) -> Turning:
+        """The scene turning by `spin` degrees a frame; a flat one without a view of its own is seen from low down."""
         view = self.scene.view
         if view == View(size=view.size) and _flat(self.volume):
             view = _low_view(self.volume, view.size)
@@ -132,6 +135,7 @@ class Shown:
 
     @property
     def camera(self) -> Camera:
+        """The camera of frame 0."""
         return self.track.camera(0)
 
     def settings(self, variant: int, blend: str = "composite") -> Settings:
@@ -145,6 +149,7 @@ class Shown:
 
     @property
     def variants(self) -> range:
+        """Numbers of the ways to draw: 0 and 1, and with blur of a turning scene 2 and 3."""
         return range(4 if self.blur is not None and self.figure.spin else 2)
 
     def strips(self, spin: float, frames: int) -> list[np.ndarray]:

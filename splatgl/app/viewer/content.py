@@ -54,6 +54,7 @@ class Content:
 
     @property
     def volume(self) -> Volume:
+        """The finest of the volumes."""
         return self.volumes[0]
 
     @property

@@ -31,6 +31,7 @@ class Difference:
 
     @classmethod
     def of(cls, picture: np.ndarray, right: np.ndarray) -> Difference:
+        """Measures `picture` against `right`, arrays of one shape."""
         apart = picture.astype(np.float64) - right
         return cls(float(np.abs(apart).max()), float(np.sqrt((apart * apart).mean())))
 

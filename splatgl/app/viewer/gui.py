@@ -94,6 +94,7 @@ class Gui:
         return state
 
     def close(self) -> None:
+        """Frees what Dear ImGui holds on the GPU, and its context."""
         with current(self.window.screen.ctx):
             imgui.backends.opengl3_shutdown()
         imgui.destroy_context(self.context)

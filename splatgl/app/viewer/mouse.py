@@ -55,6 +55,7 @@ class Mouse:
         return button == "left" and now - when < DOUBLE and near
 
     def release(self) -> Mouse:
+        """After a button goes up: no drag, the last press kept for double clicks."""
         return Mouse(None, self.pressed)
 
 

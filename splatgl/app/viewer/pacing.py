@@ -44,6 +44,7 @@ class Level:
     tolerance: float | None = None
 
     def size(self, full: tuple[int, int]) -> tuple[int, int]:
+        """(width, height) in pixels to draw for a window of `full` pixels, at least 1 × 1."""
         return max(1, round(full[0] * self.scale)), max(1, round(full[1] * self.scale))
 
     def settings(self, asked: Settings) -> Settings:

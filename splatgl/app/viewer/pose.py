@@ -54,6 +54,7 @@ class Pose:
         return placed if camera.perspective else replace(placed, orthographic=True, height=camera.extent)
 
     def resized(self, size: tuple[int, int]) -> Pose:
+        """The same pose for a picture of `size` (width, height) in pixels."""
         return replace(self, camera=self.camera.resized(size))
 
     def about(self, point: np.ndarray) -> Pose:

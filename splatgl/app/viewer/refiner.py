@@ -26,6 +26,7 @@ class Moment:
 
     @property
     def moving(self) -> bool:
+        """Whether the view turns on its own, or the last input is less than REST seconds ago."""
         return self.turning or self.idle < REST
 
 

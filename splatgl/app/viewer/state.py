@@ -70,6 +70,7 @@ class State:
 
     @classmethod
     def of(cls, content: Content, size: tuple[int, int]) -> State:
+        """The first state of a content: its home view at `size` pixels, its settings and transfer function."""
         return cls(content.home(size), content.scene.settings, content.transfer, content.threshold)
 
     @property

@@ -82,9 +82,8 @@ class Viewer:
         self.closed = False
         self.dirty = 1
 
-    # --- the window's events ------------------------------------------------------------------------------------
-
     def key(self, chord: str) -> None:
+        """Does the action that `chord` is bound to, if any."""
         action = self.keys.get(chord)
         if action:
             self.state = acted(self.state, action, self.content)
@@ -93,24 +92,29 @@ class Viewer:
             self._touch()
 
     def press(self, button: str, held: tuple[str, ...], place: Place) -> None:
+        """Begins a drag; a double click sets the point that the view turns about."""
         if self.mouse.doubles(button, place, self.now()):
             self._pivot(place)
         self.mouse = self.mouse.press(button, held, place, self.state.pose, self.now())
 
     def release(self, button: str) -> None:
+        """Ends the drag."""
         self.mouse = self.mouse.release()
 
     def move(self, place: Place) -> None:
+        """Drags the view to `place`, if a drag is under way, and stops its turning."""
         if self.mouse.drag is not None:
             pose = self.mouse.drag.to(place)
             self.state = replace(self.state, pose=pose.resized(self._size()), turning=False)
             self._touch()
 
     def wheel(self, notches: float, place: Place) -> None:
+        """Zooms at `place`; notches upwards bring it nearer."""
         self.state = replace(self.state, pose=wheeled(self.state.pose, place, notches))
         self._touch()
 
     def resize(self, size: tuple[int, int]) -> None:
+        """Fits the view to `size` in pixels; a minimised window keeps its last."""
         if min(size) > 0:
             self.state = replace(self.state, pose=self.state.pose.resized(size))
             self._touch()
@@ -122,20 +126,20 @@ class Viewer:
             self._touch()
 
     def refresh(self) -> None:
+        """Shows the window's content again at the next step."""
         self.dirty = max(self.dirty, 1)
 
     def raw(self, kind: str, *values: Any) -> bool:
+        """Gives an event to the panel; True if taken. A cursor that drags nothing leaves a picture under way alone."""
         if self.panel is None or not self.state.panel:
             return False
-        # the cursor alone means nothing to a picture, unless it drags
         self.asked += kind != "cursor" or self.window.held
         # a panel takes one event a frame, and shows what came of it in the next
         self.dirty = min(max(self.dirty, 1) + 1, MOST_FRAMES)
         return bool(self.panel.event(kind, *values))
 
-    # --- the moments of its life --------------------------------------------------------------------------------
-
     def run(self) -> None:
+        """Steps until the window is closed."""
         while not self.closed:
             self.step()
 
@@ -158,6 +162,7 @@ class Viewer:
         self._show()
 
     def now(self) -> float:
+        """Seconds of a monotonic clock."""
         return time.monotonic()
 
     def shot(self) -> np.ndarray:
@@ -174,7 +179,7 @@ class Viewer:
         self.screen.close()
 
     def _patience(self) -> float:
-        """How long there is nothing to do unless something happens."""
+        """Seconds without anything to do unless something happens; a held button puts the full picture off."""
         if self.dirty:
             return 0.0
         if self.state.turning:
@@ -183,7 +188,6 @@ class Viewer:
         due = self.refiner.patience(self._wanted(), moment)
         if due is None and self._unfinished():
             due = max(0.0, REST - moment.idle)
-        # a held button puts the full picture off for as long as it is down
         return IDLE if due is None or (due == 0.0 and moment.held) else min(due, IDLE)
 
     def _moment(self) -> Moment:
@@ -197,7 +201,7 @@ class Viewer:
         return self.state.pose, self.state.settings, self.content, self.state.beyond and self.state.compare == "off"
 
     def _draw(self) -> None:
-        """A picture in motion where something changed, the full one where all is at rest."""
+        """A picture in motion where something changed; at rest the full one, shown again with what is said of it."""
         self._extract()
         wanted, moment, asked = self._wanted(), self._moment(), self.asked
         level = self.refiner.level(wanted, moment)
@@ -215,7 +219,6 @@ class Viewer:
             self.state = replace(self.state, message=str(error))
             return
         self.refiner.done(wanted, level, frame.seconds, moment, frame.full)
-        # a full picture is shown, and then again with what is to be said of it
         self.dirty = max(self.dirty, 1 + frame.full)
 
     def _given_up(self, asked: int) -> bool:
@@ -266,8 +269,6 @@ class Viewer:
         if self.panel is not None and self.state.panel and not self.state.help:
             self.state = self.panel.frame(self.state, self.content, self.painter.frame)
 
-    # --- what they do -------------------------------------------------------------------------------------------
-
     def _turn(self) -> None:
         now = self.now()
         if self.state.turning:
@@ -288,7 +289,7 @@ class Viewer:
             self.state = replace(self.state, message=said)
 
     def _finished(self, done: Done) -> None:
-        """Takes what a thread has made; bad input is said and what was there stays."""
+        """Takes what a thread has made: splats are in the content already. Bad input is said, and the content stays."""
         self.refresh()
         if isinstance(done.error, InputError | MemoryError):
             self.state = replace(self.state, message=str(done.error) or "not enough memory")
@@ -297,7 +298,6 @@ class Viewer:
         elif isinstance(done.result, News):
             self._opened(done.result)
         else:
-            # the thread put the splats where the content looks for them
             self._take(self.content)
 
     def _opened(self, news: News) -> None:

@@ -22,6 +22,7 @@ class Watch:
 
     @classmethod
     def of(cls, paths: Iterable[str | Path], now: float) -> Watch:
+        """Watches `paths` as they are now, the first look due after PERIOD seconds."""
         found = tuple(Path(path) for path in paths)
         return cls(found, tuple(map(_stamp, found)), now + PERIOD)
 

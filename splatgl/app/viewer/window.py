@@ -25,14 +25,38 @@ SMALLEST = 64
 class Listener(Protocol):
     """What a window tells of. Places are in pixels, (0, 0) the upper left corner."""
 
-    def key(self, chord: str) -> None: ...
-    def press(self, button: str, held: tuple[str, ...], place: Place) -> None: ...
-    def release(self, button: str) -> None: ...
-    def move(self, place: Place) -> None: ...
-    def wheel(self, notches: float, place: Place) -> None: ...
-    def resize(self, size: tuple[int, int]) -> None: ...
-    def drop(self, paths: list[str]) -> None: ...
-    def refresh(self) -> None: ...
+    def key(self, chord: str) -> None:
+        """A key goes down, or repeats; chord: its name with its modifiers."""
+        ...
+
+    def press(self, button: str, held: tuple[str, ...], place: Place) -> None:
+        """A mouse button goes down at `place`; held: the modifiers that are down."""
+        ...
+
+    def release(self, button: str) -> None:
+        """A mouse button goes up."""
+        ...
+
+    def move(self, place: Place) -> None:
+        """The cursor moves to `place`."""
+        ...
+
+    def wheel(self, notches: float, place: Place) -> None:
+        """The wheel turns by `notches`, upwards positive, with the cursor at `place`."""
+        ...
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """The window has a new size in pixels, (0, 0) while minimised."""
+        ...
+
+    def drop(self, paths: list[str]) -> None:
+        """Files are dropped on the window."""
+        ...
+
+    def refresh(self) -> None:
+        """The window's content is lost and has to be shown again."""
+        ...
+
     def raw(self, kind: str, *values: Any) -> bool:
         """Every event first comes here, as GLFW has it; True keeps it from the rest (a panel took it)."""
         ...
@@ -80,6 +104,7 @@ class Window:
 
     @property
     def closing(self) -> bool:
+        """Whether the user asked to close the window."""
         return bool(self.glfw.window_should_close(self.handle))
 
     def wait(self, seconds: float) -> None:
@@ -94,6 +119,7 @@ class Window:
         self.glfw.post_empty_event()
 
     def title(self, text: str) -> None:
+        """Sets the text of the title bar."""
         self.glfw.set_window_title(self.handle, text)
 
     def show(self) -> None:

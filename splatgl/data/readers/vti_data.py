@@ -91,7 +91,7 @@ def decode(source: Source, coding: Coding, dtype: np.dtype, shape: Shape4) -> np
 
 
 def _inflate_blocks(source: Source, coding: Coding, needed: int) -> np.ndarray:
-    """zlib blocks behind their header: number of blocks, bytes of each, of the last, compressed bytes of each."""
+    """Inflates zlib blocks; header: number of blocks, bytes of each, of the last, compressed bytes of each."""
     # 1. the header, whose length is in its first number
     width = coding.header.itemsize
     blocks = int(np.frombuffer(source.take(width), coding.header)[0])

@@ -75,6 +75,7 @@ class Bound:
 
     @property
     def total(self) -> float:
+        """The sum of the parts, at most `largest`."""
         return float(min(self.footprint + self.hidden + self.rounding, self.largest))
 
     def __str__(self) -> str:

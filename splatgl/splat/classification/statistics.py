@@ -57,13 +57,16 @@ class Statistics:
 
     @property
     def sparse(self) -> bool:
+        """Whether the background is at least SPARSE of all samples."""
         return self.background >= SPARSE
 
     @property
     def constant(self) -> bool:
+        """Whether there is only one value, or none."""
         return len(self.values) == 0 or bool(self.values[0] == self.values[-1])
 
     def percentile(self, percent: float) -> float:
+        """The value that `percent` of the samples, 0 to 100, do not exceed; interpolated linearly."""
         return float(np.percentile(self.values, percent))
 
     def share_above(self, value: float) -> float:

@@ -39,6 +39,7 @@ class Lookup:
 
     @classmethod
     def of(cls, transfer: Transfer, dtype: np.dtype, threshold: float) -> Lookup:
+        """Tabulates all values of bool and of integers up to TABLE_BYTES; other types get no table."""
         if dtype.kind == "b":
             values = np.array([0, 1])
         elif dtype.kind in "ui" and dtype.itemsize <= TABLE_BYTES:
@@ -49,17 +50,19 @@ class Lookup:
         return cls(transfer, threshold, int(values[0]), opacity, np.asarray(transfer.color(values), np.float32))
 
     def keeps(self, samples: np.ndarray) -> np.ndarray:
-        """bool [...]: where the value alone reaches over the threshold; the gradient only takes away."""
+        """Where the value alone reaches over the threshold, bool [...]; the gradient only takes away."""
         if self.first is None:
             return self.opacity(samples) > self.threshold
         return np.take(self.opacities > self.threshold, self._entry(samples))
 
     def opacity(self, values: np.ndarray) -> np.ndarray:
+        """The transfer function's opacity of values [...], float64, before gradients."""
         if self.first is None:
             return np.asarray(self.transfer.opacity(values))
         return np.take(self.opacities, self._entry(values))
 
     def color(self, values: np.ndarray) -> np.ndarray:
+        """Linear RGB of values [...], float32 [..., 3]."""
         if self.first is None:
             return np.asarray(self.transfer.color(values), np.float32)
         return np.take(self.colors, self._entry(values), axis=0)
@@ -207,4 +210,5 @@ class Dropped:
         self.sums[2][start:stop] += depth.sum(axis=2)
 
     def largest(self) -> float:
+        """The largest of the sums."""
         return float(max(total.max() for total in self.sums))

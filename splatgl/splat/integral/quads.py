@@ -103,4 +103,5 @@ def perpendicular_axes(unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sum_of(offset: tuple[np.ndarray, np.ndarray, np.ndarray], axis: np.ndarray) -> np.ndarray:
+    """Dot products [...] of vectors, given by their three components [...], with `axis` [3, ...]."""
     return np.asarray(offset[0] * axis[0] + offset[1] * axis[1] + offset[2] * axis[2])

@@ -31,6 +31,7 @@ class Splat:
 
     @property
     def z(self) -> np.ndarray:
+        """Depth of the voxel [...], z_v."""
         return np.asarray(self.voxel[..., 2])
 
     @property
@@ -50,7 +51,7 @@ class Splat:
 
     @property
     def offset(self) -> np.ndarray:
-        """e = w z_v − c [..., 2]: ray minus voxel on the plane at the voxel's depth."""
+        """Ray minus voxel on the plane at the voxel's depth: e = w z_v − c [..., 2]."""
         return np.asarray(self.slope * self.z[..., None] - self.voxel[..., :2])
 
     @property

@@ -20,10 +20,14 @@ class Kernel(Protocol):
     """A radial kernel of unit volume; lengths are in voxels, g = 0 for r ≥ radius."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Identifier of the kernel, as settings have it."""
+        ...
 
     @property
-    def radius(self) -> float: ...
+    def radius(self) -> float:
+        """R, from which on g is 0; voxels."""
+        ...
 
     @property
     def knots(self) -> tuple[float, ...]:
@@ -53,6 +57,7 @@ class Gaussian:
 
     @property
     def knots(self) -> tuple[float, ...]:
+        """The radius alone: g is smooth up to the cut."""
         return (self.radius,)
 
     @cached_property
@@ -63,15 +68,18 @@ class Gaussian:
         return 1.0 / float(volume)
 
     def value(self, r: np.ndarray) -> np.ndarray:
+        """g(r), any shape; 0 for r ≥ R."""
         r = np.asarray(r, dtype=np.float64)
         return np.where(r < self.radius, self.scale * np.exp(-self.k * r * r), 0.0)
 
     def partial(self, d: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """P_d(t) by the error function; t within the chord, 0 for d ≥ R."""
         d = np.asarray(d, dtype=np.float64)
         line = np.sqrt(np.pi / self.k) / 2 * np.exp(-self.k * d * d)
         return np.where(d < self.radius, self.scale * line * _erf(np.sqrt(self.k) * np.asarray(t)), 0.0)
 
     def footprint(self, d: np.ndarray) -> np.ndarray:
+        """F(d), d ≥ 0, any shape; 0 for d ≥ R."""
         d = np.minimum(d, self.radius)
         return 2 * self.partial(d, _half_chord(self.radius, d))
 
@@ -86,6 +94,7 @@ class PiecewiseCubic:
 
     @property
     def radius(self) -> float:
+        """R, the last knot."""
         return self.knots[-1]
 
     @cached_property
@@ -98,11 +107,13 @@ class PiecewiseCubic:
         return 1.0 / (4 * np.pi * volume)
 
     def value(self, r: np.ndarray) -> np.ndarray:
+        """g(r), any shape; 0 for r ≥ R."""
         r = np.asarray(r, dtype=np.float64)
         inside = [r < knot for knot in self.knots]
         return self.scale * np.select(inside, [np.polyval(piece[::-1], r) for piece in self.pieces], 0.0)
 
     def partial(self, d: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """P_d(t) as the sum of the pieces' closed forms; odd in t, d and t broadcast."""
         d, t = np.broadcast_arrays(np.asarray(d, dtype=np.float64), np.asarray(t, dtype=np.float64))
         far = np.abs(t)
         total, low = np.zeros(d.shape), np.zeros(d.shape)
@@ -114,6 +125,7 @@ class PiecewiseCubic:
         return self.scale * np.copysign(total, t)
 
     def footprint(self, d: np.ndarray) -> np.ndarray:
+        """F(d), d ≥ 0, any shape; 0 for d ≥ R, infinity included."""
         # a ray that never comes near (d = ∞) has no footprint either
         d = np.minimum(d, self.radius)
         return 2 * self.partial(d, _half_chord(self.radius, d))
@@ -195,6 +207,7 @@ class Polynomials:
     outer: tuple[float, ...]
 
     def __call__(self, s: np.ndarray) -> np.ndarray:
+        """F/F(0) at s, any shape; 0 for s ≥ 1."""
         u = 1 - np.asarray(s)
         rim = np.maximum(u, 0.0) ** 2.5 * np.polyval(self.outer[::-1], u)
         return np.asarray(np.where(s < self.split, np.polyval(self.inner[::-1], s), rim))

@@ -26,23 +26,29 @@ class Tabulated:
 
     @property
     def name(self) -> str:
+        """Identifier of the exact kernel."""
         return self.exact.name
 
     @property
     def radius(self) -> float:
+        """R of the exact kernel."""
         return self.exact.radius
 
     @property
     def knots(self) -> tuple[float, ...]:
+        """Radii between which the tables lie, those of the exact kernel."""
         return self.exact.knots
 
     def value(self, r: np.ndarray) -> np.ndarray:
+        """g(r) of the exact kernel, any shape."""
         return self.exact.value(r)
 
     def partial(self, d: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """P_d(t) of the exact kernel."""
         return self.exact.partial(d, t)
 
     def footprint(self, d: np.ndarray) -> np.ndarray:
+        """F(d) from the tables, d ≥ 0, any shape; 0 for d ≥ R."""
         d = np.asarray(d, dtype=np.float64)
         found, low = np.zeros(d.shape), 0.0
         for knot, table in zip(self.knots, self.tables, strict=True):

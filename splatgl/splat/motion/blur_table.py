@@ -35,6 +35,7 @@ class BlurTable:
 
     @property
     def bytes(self) -> int:
+        """Bytes of all texels."""
         return self.texels.nbytes
 
     @property

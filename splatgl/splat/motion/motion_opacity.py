@@ -25,7 +25,7 @@ LEAST = 1e-6
 
 
 def isolation(length: np.ndarray, through: np.ndarray) -> np.ndarray:
-    """e [N]: 1 for a splat by itself, 0 for one in matter that goes on along its path.
+    """The exponent e [N]: 1 for a splat by itself, 0 for one in matter that goes on along its path.
 
     length: the path's, in units of the footprint; through: that of the run of matter along it, in voxels.
     """

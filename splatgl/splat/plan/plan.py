@@ -84,10 +84,12 @@ class Plan:
 
     @property
     def kernel(self) -> Kernel:
+        """The kernel that is drawn."""
         return self.resolved.kernel
 
     @property
     def samples(self) -> int:
+        """Samples along each side of a pixel."""
         return self.resolved.samples
 
     @property

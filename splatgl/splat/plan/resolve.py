@@ -48,6 +48,7 @@ class Resolved:
 
     @property
     def kernel(self) -> Kernel:
+        """The view's kernel."""
         return self.view.kernel
 
     @classmethod

@@ -31,6 +31,7 @@ class Frustum:
 
     @classmethod
     def of(cls, view: View) -> Frustum:
+        """The planes of a view's picture, MARGIN pixels beyond its edges."""
         edge = view.edge + MARGIN * view.pitch
         normals = np.zeros((2, 2, 3))
         for axis in (0, 1):
@@ -43,7 +44,7 @@ class Frustum:
         return cls(view, edge, support, np.full(2, widest * (1 + float(np.hypot(*edge)))))
 
     def reached(self, center: np.ndarray, half: np.ndarray | None = None) -> np.ndarray:
-        """bool [N]: whether splats at `center` [3, N], eye axes, anywhere within `half` [3, N] of it, may be seen."""
+        """Whether splats at `center` [3, N], eye axes, anywhere within `half` [3, N] of it, may be seen; bool [N]."""
         half = np.zeros_like(center) if half is None else half
         furthest = center[2] + half[2] if self.view.perspective else np.ones(center.shape[1:])
         beyond = np.abs(center[:2]) - half[:2] - self.edge[:, None] * furthest

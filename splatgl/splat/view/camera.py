@@ -41,10 +41,14 @@ class Bounded(Protocol):
     """
 
     @property
-    def corners(self) -> np.ndarray: ...
+    def corners(self) -> np.ndarray:
+        """Corners of the box [8, 3], world units."""
+        ...
 
     @property
-    def outline(self) -> np.ndarray: ...
+    def outline(self) -> np.ndarray:
+        """Points [N, 3] whose convex hull holds all of it, world units."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,10 +136,12 @@ class Camera:
 
     @property
     def right(self) -> np.ndarray:
+        """Unit vector [3] along the picture's rows, world axes."""
         return np.asarray(self.eye_from_world[0])
 
     @property
     def forward(self) -> np.ndarray:
+        """Unit vector [3] of the view direction, world axes."""
         return np.asarray(self.eye_from_world[2])
 
     def pixel_pitch(self, depth: float | np.ndarray) -> float | np.ndarray:

@@ -32,6 +32,7 @@ class Rigid:
         return Rigid(self.rotation @ first.rotation, self.rotation @ first.shift + self.shift)
 
     def inverse(self) -> Rigid:
+        """The motion that undoes this one."""
         return Rigid(self.rotation.T, -self.rotation.T @ self.shift)
 
     def part(self, share: float) -> Rigid:
@@ -73,7 +74,7 @@ def _swept(turn: np.ndarray) -> np.ndarray:
 
 
 def _weights(turn: np.ndarray) -> tuple[float, float, float]:
-    """sin θ/θ, (1 − cos θ)/θ² and (θ − sin θ)/θ³."""
+    """Returns sin θ/θ, (1 − cos θ)/θ² and (θ − sin θ)/θ³, θ = |turn|."""
     angle = float(np.linalg.norm(turn))
     if angle < SMALL:
         return 1 - angle**2 / 6, 0.5 - angle**2 / 24, 1 / 6 - angle**2 / 120

@@ -31,6 +31,7 @@ class Window:
 
     @property
     def box(self) -> tuple[int, int, int, int]:
+        """(x, y, width, height) in pixels."""
         return self.x, self.y, self.width, self.height
 
 

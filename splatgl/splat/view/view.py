@@ -69,6 +69,7 @@ class View:
 
     @cached_property
     def index_from_eye(self) -> np.ndarray:
+        """A⁻¹ [3, 3]: grid steps of an offset in eye axes, mean spacings."""
         return np.linalg.inv(self.eye_from_index)
 
     @cached_property
@@ -112,11 +113,11 @@ class View:
         return self.beyond or (first, second)
 
     def widened(self, z: np.ndarray) -> np.ndarray:
-        """bool [2, ...]: whether antialiasing widens σ_1 and σ_2 at depth z [...]."""
+        """Whether antialiasing widens σ_1 and σ_2 at depth z [...]; bool [2, ...]."""
         return np.stack([np.asarray(z) > depth for depth in self.widened_beyond])
 
     def pixel(self, z: np.ndarray) -> np.ndarray:
-        """p at depth z [...]: a pixel's side."""
+        """A pixel's side p at depth z [...]."""
         return self.pitch * np.asarray(z) if self.perspective else np.full(np.shape(z), self.pitch)
 
     def shrink(self, z: np.ndarray) -> np.ndarray:

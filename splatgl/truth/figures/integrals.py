@@ -38,10 +38,12 @@ class Voxel:
 
     @property
     def plane(self) -> Plane:
+        """The voxel as a plane's only one, N = 1."""
         return Plane(self.setting.kernel, self.setting.z_k, np.array([self.y]), np.array([self.z]))
 
     @property
     def shape(self) -> Stretched:
+        """The voxel's kernel as the antialiasing leaves it."""
         return Stretched(self.setting.kernel, self.y, self.z, self.setting.z_k)
 
     def angles(self, place: np.ndarray) -> np.ndarray:

@@ -28,6 +28,7 @@ class Sight:
 
     @property
     def splat(self) -> Splat:
+        """The voxel and the ray in Table 1's terms, without antialiasing."""
         return Splat(self.kernel, np.array([0.0, self.y, self.z]), np.array([0.0, self.slope]), np.inf)
 
     @property

@@ -27,6 +27,7 @@ class Resampling:
 
     @property
     def z_k(self) -> float:
+        """Depth at which a voxel is one pixel wide."""
         return float(self.camera.z_k(1.0))
 
     @property

@@ -31,6 +31,7 @@ class Setting:
 
     @cached_property
     def camera(self) -> Camera:
+        """Perspective from the origin along +z, n² pixels."""
         return straight_ahead(self.n)
 
     @property
@@ -45,6 +46,7 @@ class Setting:
 
     @property
     def back(self) -> float:
+        """Depth of the volume's back."""
         return self.front + self.n
 
     @property

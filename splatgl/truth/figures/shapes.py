@@ -29,7 +29,7 @@ class Stretched:
         return np.full(np.shape(depth), self.m) if fixed else np.asarray(depth) / self.z_k
 
     def value(self, y: np.ndarray, depth: np.ndarray, box: bool = False) -> np.ndarray:
-        """g at points (y, depth), unweakened, as a share of g(0)."""
+        """Values of g at points (y, depth), unweakened, as a share of g(0)."""
         across = (y - self.y) / self.width(depth, box)
         radius = np.hypot(across, depth - self.z)
         return np.asarray(self.kernel.value(radius) / self.kernel.value(np.zeros(())))

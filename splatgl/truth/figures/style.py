@@ -55,7 +55,7 @@ SETTINGS: Any = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """matplotlib's settings while a figure is made and written. Raises InputError without matplotlib."""
+    """Matplotlib's settings while a figure is made and written. Raises InputError without matplotlib."""
     try:
         import matplotlib
     except ImportError as error:

@@ -61,12 +61,16 @@ NAMES = {"reference": "drawing", "sampled": "antialiasing", "integral": "splatti
 
 @dataclass(frozen=True)
 class Heading:
+    """A heading; level: 1 for the report's title, from 2 on for its parts."""
+
     text: str
     level: int = 2
 
 
 @dataclass(frozen=True)
 class Text:
+    """Paragraphs, a line each, or the items of a list."""
+
     lines: tuple[str, ...]
     bullets: bool = False
 
@@ -84,11 +88,15 @@ class Table:
 
 @dataclass(frozen=True)
 class Diagram:
+    """The error of each method over its time, for the scene of that name, or CONVERGENCE."""
+
     scene: str
 
 
 @dataclass(frozen=True)
 class Pictures:
+    """Thumbnails of the scene of that name."""
+
     scene: str
 
 

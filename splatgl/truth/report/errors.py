@@ -28,6 +28,7 @@ class Errors:
     flip: float | None = None
 
     def as_dict(self) -> dict[str, float | None]:
+        """All errors by name, for JSON."""
         return asdict(self)
 
 

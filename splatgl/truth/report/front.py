@@ -122,4 +122,5 @@ def cheapest(points: Sequence[Point], limits: Sequence[float] = ERRORS) -> list[
 
 
 def finite(points: Iterable[Point]) -> list[Point]:
+    """The points whose error is a finite number."""
     return [point for point in points if math.isfinite(point.error)]

@@ -37,11 +37,13 @@ class Box:
         return not bool(apart.all())
 
     def within(self, frame: Box) -> bool:
+        """Whether all of it is inside `frame`."""
         inside = self.left >= frame.left and self.right <= frame.right
         return inside and self.bottom >= frame.bottom and self.top <= frame.top
 
     @property
     def row(self) -> tuple[float, float, float, float]:
+        """(left, bottom, right, top), as `touches` takes rows."""
         return self.left, self.bottom, self.right, self.top
 
 

@@ -65,6 +65,7 @@ class Peer:
         return Image(samples.astype(np.float32) / np.float32(255), {"blend": "composite"}), seconds
 
     def close(self) -> None:
+        """Ends the process."""
         self.process.terminate()
         self.process.join()
         self.pipe.close()

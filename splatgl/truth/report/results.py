@@ -27,6 +27,7 @@ class Row:
     drawn: dict[str, Any] = field(default_factory=dict)
 
     def error(self, truth: str, name: str = "rmse") -> float | None:
+        """The error of that name against that truth, None where it was not measured."""
         return self.errors.get(truth, {}).get(name)
 
 
@@ -39,6 +40,7 @@ class Scene:
     rows: tuple[Row, ...]
 
     def row(self, method: str) -> Row | None:
+        """The row of that method, None where there is none."""
         return next((row for row in self.rows if row.method == method), None)
 
     @property
@@ -72,6 +74,7 @@ class Results:
 
     @classmethod
     def of(cls, store: Store) -> Results:
+        """Reads everything from a store that has its head line."""
         scenes = tuple(_scene(store, line) for line in store.of("scene"))
         return cls(store.of("head")[0], scenes, tuple(store.of("convergence")))
 

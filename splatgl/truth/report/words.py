@@ -73,6 +73,7 @@ class Gist:
 
     @classmethod
     def of(cls, scene: Scene) -> Gist:
+        """Compares a scene's rows of the paper's settings and of the default ones."""
         paper, exact = scene.row(PAPER), scene.row(DEFAULT)
         before, now = (row.timing if row else None for row in (paper, exact))
         cost = now.over(before).median if now and before else None

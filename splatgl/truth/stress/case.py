@@ -71,6 +71,7 @@ class Result:
 
     @property
     def ok(self) -> bool:
+        """Whether every check keeps its bound and every pixel is finite."""
         return self.bad_pixels == 0 and all(check.ok for check in self.checks)
 
     @property

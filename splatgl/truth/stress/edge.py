@@ -93,6 +93,7 @@ def _places() -> np.ndarray:
 
 
 def thick_edge(bench: Bench) -> list[Check]:
+    """Checks α outside the edge and where it falls below a half, for every form of attenuation."""
     checks = []
     paper = [summed(m, "paper") for m in ZOOMS]
     for form in FORMS:

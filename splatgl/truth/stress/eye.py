@@ -25,6 +25,7 @@ PICTURE_BOUND = 1e-4
 
 
 def in_kernel(bench: Bench) -> list[Check]:
+    """Checks X-rays of one splat around the eye against half-line integrals, on the axis and in every pixel."""
     camera = ahead(fov=80.0)
     volume = 1 / Gaussian().scale
     found, paper = [], []
@@ -48,6 +49,7 @@ def in_kernel(bench: Bench) -> list[Check]:
 
 
 def places(bench: Bench) -> list[Check]:
+    """Checks pictures from eyes on, between and beside voxels against the float64 reference."""
     size = (20, 18, 16)
     splats = extract(Volume(noise(size, 0.3)), transfer())
     eyes = {
@@ -79,6 +81,7 @@ def _layers(axis: int) -> tuple[Splats, np.ndarray]:
 
 
 def axes(bench: Bench) -> list[Check]:
+    """Checks that views along ±x, ±y and ±z show the nearest of nine opaque layers."""
     checks = []
     for perspective in (True, False):
         found, right, paper = [], [], []
@@ -106,6 +109,7 @@ def _along(axis: int, side: float, perspective: bool) -> Camera:
 
 
 def on_faces(bench: Bench) -> list[Check]:
+    """Checks views along each axis from the corner of eight cells against the float64 reference."""
     splats = block((12, 12, 12), 0.2)
     drawn, right, paper = [], [], []
     for axis in range(3):

@@ -37,6 +37,7 @@ class View:
     inside: bool
 
     def splats(self) -> Splats:
+        """Extracts the box, every voxel of this opacity."""
         volume = Volume(np.ones(SHAPE[::-1], np.uint8), tuple(self.spacing))
         return extract(volume, transfer(((0.0, 0.0), (1.0, self.opacity))))
 
@@ -123,6 +124,7 @@ def _apart(eye: np.ndarray, rays: np.ndarray, start: np.ndarray, along: np.ndarr
 
 
 def fog(bench: Bench) -> list[Check]:
+    """Checks 1 − exp(−σL) of the rays clear of the box's edges; of the rest the error is only told."""
     found: dict[bool, list[np.ndarray]] = {True: [], False: []}
     right: dict[bool, list[np.ndarray]] = {True: [], False: []}
     paper: dict[bool, list[np.ndarray]] = {True: [], False: []}

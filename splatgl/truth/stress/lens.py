@@ -39,6 +39,7 @@ def narrow(bench: Bench) -> list[Check]:
 
 
 def far_voxel(bench: Bench) -> list[Check]:
+    """Checks a footprint 1e2, 1e4 and 1e6 voxels away against F(d)."""
     shape = kernel("crawfis-max")
     found, right, formula = [], [], []
     for depth in (1e2, 1e4, 1e6):
@@ -57,6 +58,7 @@ def far_voxel(bench: Bench) -> list[Check]:
 
 
 def wide_85(bench: Bench) -> list[Check]:
+    """Checks views of half-angle 85° against the float64 reference, from before and from inside."""
     splats = extract(Volume(noise((8, 8, 8), 0.3)), transfer())
     checks = []
     for name, eye in (("from before", (3.5, 3.5, -3.0)), ("from inside", (3.6, 3.3, 3.2))):
@@ -88,6 +90,7 @@ def wide_89(bench: Bench) -> list[Check]:
 
 
 def parallel_zoom(bench: Bench) -> list[Check]:
+    """Checks parallel X-rays of 0.01 and 1000 voxels a pixel against sums of footprints."""
     shape = kernel("crawfis-max")
     # 0.01 voxels a pixel: a splat of 311 pixels
     camera = parallel(0.01, (353, 353))
@@ -112,6 +115,7 @@ def parallel_zoom(bench: Bench) -> list[Check]:
 
 
 def lattice_sums(bench: Bench) -> list[Check]:
+    """Checks that X-rays of a sheet show its optical depth within the kernel's ripple."""
     checks = []
     for m, ripple in LATTICES:
         half = int(np.ceil(2 * m)) + int(2 * m) + 2

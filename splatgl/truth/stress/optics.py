@@ -28,6 +28,7 @@ DEPTHS = tuple(10.0**n for n in range(-12, 5))
 
 
 def opacities(bench: Bench) -> list[Check]:
+    """Checks OPACITIES of one voxel against 1 − (1 − a)^F(0), and the light that is left."""
     found, right, paper = [], [], []
     camera = parallel(1.0, (1, 1))
     for opacity in OPACITIES:
@@ -42,6 +43,7 @@ def opacities(bench: Bench) -> list[Check]:
 
 
 def corrections(bench: Bench) -> list[Check]:
+    """Checks opacities stated for another length against CORRECTIONS, beside float32's pow and the paper's picture."""
     found, right, formula, pixels = [], [], [], []
     for opacity, thickness, known in CORRECTIONS:
         # a voxel that is `thickness` wide, and what its middle holds: 1 − (1 − a)^s with s = thickness · F(0)
@@ -62,6 +64,7 @@ def corrections(bench: Bench) -> list[Check]:
 
 
 def depth_range(bench: Bench) -> list[Check]:
+    """Checks 'over' of optical depths from 1e−12 to 1e4, side by side and behind one another."""
     tau = np.array(DEPTHS)
     count = len(tau)
     # side by side, five voxels apart: each alone

@@ -25,6 +25,7 @@ COUNTS = (10**3, 10**4, 10**5, 10**6)
 
 
 def skin_over_fog(bench: Bench) -> str:
+    """Explains fog before an opaque skin: errors by voxel size and frame buffer."""
     steps = Table(
         ("voxel", "right", "splats' error", "field's error", "σ R h"),
         tuple(_skin_row(bench, step) for step in (1.0, 0.5, 0.25, 0.125)),
@@ -59,6 +60,7 @@ def _skin_row(bench: Bench, step: float) -> tuple[float, ...]:
 
 
 def thin_shell(bench: Bench) -> str:
+    """Explains a shell thinner than a voxel: its optical depth by sampling and frame buffer."""
     rows = []
     for thickness in THICKNESSES:
         averaged, sampled = (
@@ -97,6 +99,7 @@ def _sheet(width: tuple[int, int]) -> np.ndarray:
 
 
 def sheet_across_z_k(bench: Bench) -> str:
+    """Explains a floor that passes z_k: its optical depth by form of attenuation and number of rows."""
     splats, camera, right = stiff.tilted_sheet(129)
     chosen, depth = stiff.sheet_rows(camera)
     ways: dict[str, dict[str, str]] = {form: {"attenuation": form} for form in edge.FORMS}
@@ -130,6 +133,7 @@ def sheet_across_z_k(bench: Bench) -> str:
 
 
 def million_faint(bench: Bench) -> str:
+    """Explains very many faint splats on one pixel: the error of α by their number and frame buffer."""
     rows = []
     camera = parallel(1.0, (1, 1))
     for count in COUNTS:
@@ -153,6 +157,7 @@ def million_faint(bench: Bench) -> str:
 
 
 def thick_edge(bench: Bench) -> str:
+    """Explains the edge of a dense block: how far each form and supersampling widen it."""
     columns = (*edge.FORMS, "a F/m²", "supersampled")
     alphas, halves = [], []
     for m in edge.ZOOMS:
@@ -174,6 +179,7 @@ def thick_edge(bench: Bench) -> str:
 
 
 def wall(bench: Bench) -> str:
+    """Explains a closed wall of opacity 0.99: α by form and voxels a pixel."""
     rows = []
     for m in walls.ZOOMS:
         own = walls.Wall(m, False, 0.0)

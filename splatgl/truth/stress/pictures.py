@@ -73,6 +73,7 @@ def rim(bench: Bench) -> list[Check]:
 
 
 def sizes(bench: Bench) -> list[Check]:
+    """Checks pictures of SIZES pixels against the float64 reference."""
     volume = Volume(noise((10, 10, 10), 0.3))
     splats = extract(volume, transfer(shading=True))
     checks = []

@@ -23,6 +23,7 @@ PILE_BOUND = 1e-4
 
 
 def million_faint(bench: Bench) -> list[Check]:
+    """Checks α of a million splats of opacity 1e−7 in either order, and their X-ray sum."""
     points = np.zeros((MILLION, 3))
     splats = dots(points, -np.log1p(-FAINT) / peak())
     camera = parallel(1.0, (1, 1))
@@ -38,6 +39,7 @@ def million_faint(bench: Bench) -> list[Check]:
 
 
 def pile(bench: Bench) -> list[Check]:
+    """Checks 100 000 random splats on one pixel against the float64 reference, and their X-ray sum."""
     rng = np.random.default_rng(5)
     tau = rng.exponential(3.0 / PILE, PILE)
     # some are dense
@@ -60,6 +62,7 @@ def pile(bench: Bench) -> list[Check]:
 
 
 def hidden(bench: Bench) -> list[Check]:
+    """Checks that an opaque red splat hides a million splats behind it, in either order."""
     rng = np.random.default_rng(6)
     places = np.zeros((MILLION + 1, 3))
     places[1:, 2] = rng.uniform(4.0, 500.0, MILLION)

@@ -31,6 +31,7 @@ def _drawn(bench: Bench, volume: Volume, look: Transfer) -> tuple[np.ndarray, np
 
 
 def types(bench: Bench) -> list[Check]:
+    """Checks that whole numbers give the picture of float64 in all of TYPES, bit for bit."""
     whole = np.rint(noise((10, 11, 12), 100.0))
     look = transfer(((0.0, 0.0), (100.0, 0.3)), shading=True)
     right, _ = _drawn(bench, Volume(whole.astype(np.float64)), look)
@@ -40,6 +41,7 @@ def types(bench: Bench) -> list[Check]:
 
 
 def dynamic_range(bench: Bench) -> list[Check]:
+    """Checks the opacity of a step among values of very different size, shaded and not, bit for bit."""
     rng = np.random.default_rng(38)
     exponent = rng.uniform(-38.0, 38.0, (8, 8, 8))
     cases = (
@@ -75,6 +77,7 @@ def _steep(bench: Bench, dtype: str, scale: float) -> list[Check]:
 
 
 def denormals(bench: Bench) -> list[Check]:
+    """Checks shaded ramps of the smallest numbers against the ramp 0, 1, 2, …."""
     _, _, x = np.mgrid[0:8, 0:8, 0:8]
     checks = []
     right, _ = _drawn(bench, Volume(x.astype(np.float64)), transfer(((0.0, 0.0), (8.0, 0.4)), shading=True))
@@ -86,6 +89,7 @@ def denormals(bench: Bench) -> list[Check]:
 
 
 def broken(bench: Bench) -> list[Check]:
+    """Checks that voxels of NaN and ±Inf leave gaps, and take no part in their neighbours' gradients."""
     look = transfer(((0.0, 0.0), (1.0, 0.4)))
     clean = noise((9, 10, 11), 0.9).astype(np.float32) + np.float32(0.1)
     holes = np.random.default_rng(3).uniform(size=clean.shape) < 0.1
@@ -116,6 +120,7 @@ def broken(bench: Bench) -> list[Check]:
 
 
 def tiny(bench: Bench) -> list[Check]:
+    """Checks volumes of hardly any voxels, empty ones and constant ones."""
     shape = kernel("crawfis-max")
     tau = -np.log1p(-0.4)
     look = transfer(((0.0, 0.0), (1.0, 0.4)), unit=1.0)

@@ -50,6 +50,7 @@ def _volume(spacing: Triple = (1.0, 1.0, 1.0), origin: Triple = (0.0, 0.0, 0.0))
 
 
 def scale(bench: Bench) -> list[Check]:
+    """Checks that voxels of 1e−9 and 1e9 world units give the picture of spacing 1."""
     checks = []
     for size in (1e-9, 1e9):
         checks.append(_same(bench, f"spacing {size:.0e}", _volume((size,) * 3), _volume()))
@@ -95,6 +96,7 @@ def flat_voxels(bench: Bench) -> list[Check]:
 
 
 def offsets(bench: Bench) -> list[Check]:
+    """Checks that origins of 1e7 and 1e9 give the picture at the origin."""
     checks = []
     for far in (1e7, 1e9):
         for name, origin in (("x, y, z", (far, -far, far)), ("x", (far, 0.0, 0.0))):
@@ -103,6 +105,7 @@ def offsets(bench: Bench) -> list[Check]:
 
 
 def directions(bench: Bench) -> list[Check]:
+    """Checks mirrored, turned and renamed axes against the picture of the plain volume."""
     samples = noise(SHAPE, 0.4)
     right, _ = _picture(bench, Volume(samples))
     checks, last = [], np.array(samples.shape[::-1]) - 1.0

@@ -54,6 +54,7 @@ def skin_cameras(pitch: float = 0.5) -> tuple[Camera, Camera]:
 
 
 def skin_over_fog(bench: Bench) -> list[Check]:
+    """Checks the skin seen from its own side, through the fog, with wide pixels and at a slant."""
     splats = skin_and_fog()
     front, back = skin_cameras()
     skin = np.array([*RED, 1.0])
@@ -102,6 +103,7 @@ def shell_view(m: float, slant: float) -> tuple[Camera, tuple[int, int]]:
 
 
 def thin_shell(bench: Bench) -> list[Check]:
+    """Checks that a shell keeps its optical depth wherever it lies in its voxel, straight and slanted."""
     checks = []
     for slant in (0.0, 50.0):
         ratios, paper = [], []
@@ -148,6 +150,7 @@ def sheet_rows(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sheet_across_z_k(bench: Bench) -> list[Check]:
+    """Checks a floor's optical depth row by row across z_k, and its steps from row to row."""
     checks = []
     for rows in (65, 257):
         splats, camera, right = tilted_sheet(rows)

@@ -44,10 +44,12 @@ class Wall:
 
     @property
     def target(self) -> np.ndarray:
+        """The point [3] that the view's axis meets, world units."""
         # not on a voxel
         return np.array([self.size[0] // 2 + 0.31, self.size[1] // 2 + 0.17, 0.0])
 
     def camera(self) -> Camera:
+        """The view, `slant` from the wall's normal, `zoom` voxels a pixel at the wall."""
         angle = np.radians(self.slant)
         back = -np.array([np.sin(angle), 0.0, np.cos(angle)])
         if not self.perspective:
@@ -70,6 +72,7 @@ class Wall:
 
 
 def wall(bench: Bench, opacity: float) -> list[Check]:
+    """Checks a closed wall's optical depth at each of ZOOMS, straight and slanted; what `auto` draws is only told."""
     checks = []
     for perspective in (True, False):
         for slant in (0.0, SLANT):
