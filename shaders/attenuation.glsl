@@ -19,12 +19,6 @@ float run_along(vec3 direction, int runs) {
     return min(through.x, min(through.y, through.z));
 }
 
-// 1 for a splat that moves by itself, 0 for one in matter that goes on along its path of that length; see dwell.py.
-float isolation(float size, float through) {
-    float follows = max(through - 1.0, 0.0) / (size + 1.0);
-    return 1.0 / (1.0 + follows * follows);
-}
-
 // depth: optical depth per mean spacing; i: the voxel relative to the eye, index axes; coverage: 1/m²;
 // runs: coded lengths along the grid's axes. The depth that attenuation by m² leaves right on average.
 float filled_depth(float depth, vec3 i, float coverage, float pixel, int runs) {

@@ -3,6 +3,7 @@
 // switch SHADING 0
 #include "approximations.glsl"
 #include "attenuation.glsl"
+#include "motion_opacity.glsl"
 #include "varyings.glsl"
 
 ATTRIBUTE vec3 in_position;        // grid indices

@@ -1,12 +1,8 @@
 // A moving splat along one pixel's ray. Twin of splatgl/truth/streak_row.py, splatgl/splat/motion/blur_table.py and dwell.py.
 #include "motion.glsl"
-#include "optics.glsl"
+#include "motion_opacity.glsl"
 
 #constant SHORT  // a path shorter than this many voxels is summed by Simpson's rule
-// what hides is more of the time than what is seen at half depth: 1 − (1 − p)^κ, κ = 1 + DENSE x/(1 + DENSEST x)
-#constant DENSE
-#constant DENSEST
-#constant LEAST
 
 // share of a line before its end, and its slope, over |u|/chord and v²/R²; last column: the line's area; this row and the next
 uniform sampler2D blur_table;
@@ -102,14 +98,4 @@ float blurred(Passing p) {
 float streak_shape(Passing p) {
     if (MOTION == MOTION_EXACT) return p.gain * blurred(p);
     return p.gain * closest(p) / (1.0 + p.length * frame.weaken);
-}
-
-// Opacity of what is before the pixel for a part of the time: mean and most of its depth; isolation is 1 for what moves
-// by itself, 0 in matter that follows it.
-float dwelt_opacity(float mean, float most, float isolation) {
-    float part = most > 0.0 ? max(mean / most, LEAST) : 1.0;
-    if (part >= 1.0) return one_minus_exp(mean);
-    float dense = 1.0 + DENSE * most / (1.0 + DENSEST * most);
-    float rare = part < 0.01 ? part * (1.0 + part * (0.5 + part / 3.0)) : -log(1.0 - part);
-    return pow(one_minus_exp(dense * rare), isolation) * one_minus_exp(mean * pow(part, -isolation));
 }

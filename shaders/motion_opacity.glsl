@@ -1,0 +1,21 @@
+// Opacity of what is before a pixel for a part of the time. Twin of splatgl/splat/motion/motion_opacity.py.
+#include "optics.glsl"
+// what hides is more of the time than what is seen at half depth: 1 − (1 − p)^κ, κ = 1 + DENSE x/(1 + DENSEST x)
+#constant DENSE
+#constant DENSEST
+#constant LEAST
+
+// 1 for a splat that moves by itself, 0 for one in matter that goes on along its path of that length.
+float isolation(float size, float through) {
+    float follows = max(through - 1.0, 0.0) / (size + 1.0);
+    return 1.0 / (1.0 + follows * follows);
+}
+
+// From mean and most of its depth before the pixel; isolation: of the splat.
+float dwelt_opacity(float mean, float most, float isolation) {
+    float part = most > 0.0 ? max(mean / most, LEAST) : 1.0;
+    if (part >= 1.0) return one_minus_exp(mean);
+    float dense = 1.0 + DENSE * most / (1.0 + DENSEST * most);
+    float rare = part < 0.01 ? part * (1.0 + part * (0.5 + part / 3.0)) : -log(1.0 - part);
+    return pow(one_minus_exp(dense * rare), isolation) * one_minus_exp(mean * pow(part, -isolation));
+}
