@@ -12,6 +12,7 @@ from splatgl.splat.motion.motion import Exposure
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.view.block_culling import Frustum
 from splatgl.splat.view.camera import FAR
+from splatgl.splat.view.view import eye_from_index
 
 # binding points of the blocks
 FRAME_BINDING, STYLE_BINDING = 0, 1
@@ -101,7 +102,7 @@ def _add_path(block: np.ndarray, splats: Splats, plan: Plan, exposure: Exposure)
     base = _base(splats, grid.index_from_world(middle.eye))
     for name, camera in (("first", exposure.first), ("last", exposure.last)):
         # the same steps as for the middle, so that what stands still has no path
-        moved = camera.eye_from_world @ grid.world_from_index / grid.mean_spacing
+        moved = eye_from_index(grid, camera)
         moved[:2] *= middle.extent / camera.extent
         block[f"{name}_from_index"][:, :3] = moved.T
         block[f"{name}_from_base"][:3] = moved @ (grid.index_from_world(camera.eye) - base)

@@ -67,7 +67,7 @@ def render(
 @dataclass(frozen=True, eq=False)
 class _Drawn:
     """What every band needs: the streaks' row and boxes, and of all splats order, colour, depth, coverage (opacity's
-    share that is left) and isolated (see dwell.py).
+    share that is left) and isolated (see motion_opacity.py).
     """
 
     row: StreakRow

@@ -6,6 +6,7 @@ import numpy as np
 
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.view import eye_from_index
 
 # a splat is met within this many voxels of the ray; the ray ends where it has gone through this optical depth
 WITHIN = 1.0
@@ -23,7 +24,7 @@ def picked(splats: Splats, camera: Camera, place: tuple[float, float]) -> np.nda
     direction = np.array([*across, 1.0]) if camera.perspective else np.array([0.0, 0.0, 1.0])
     start = np.zeros(3) if camera.perspective else np.array([*across, 0.0])
     scale = splats.grid.mean_spacing
-    axes = (camera.eye_from_world @ splats.grid.world_from_index / scale).astype(np.float32)
+    axes = eye_from_index(splats.grid, camera).astype(np.float32)
     origin = (camera.eye_from_points(splats.grid.origin) - start) / scale
     unit = direction / np.linalg.norm(direction)
     points = splats.records["position"] @ axes.T + origin.astype(np.float32)

@@ -9,7 +9,8 @@ gives and T the light that passes up to its end, ∂C/∂τF = T (c − what is 
     ρ Σ T τF |c − behind| ≤ ρ/2,
 
 since with q for what is seen, c = q − dq/dτ in [0, 1], and no q makes ∫ e^(−τ) |dq/dτ| dτ more than a half. Where F is
-small a relative error is large and an absolute one is not, so that (ρ, σ) is chosen for each picture (missed.py).
+small a relative error is large and an absolute one is not, so that (ρ, σ) is chosen for each picture
+(footprint_error.py).
 Two numbers are measured, with a margin: ROUNDINGS, and how much the second order beyond z_k is (BENT, MOVED).
 
 A moving picture is bound to the float64 streaks of the same splats, not to what many moments show. A streak is the mean
@@ -57,7 +58,8 @@ GATHERED = 10 * ULP
 PLACES, AREAS, BETWEEN = 3.0, 5e-6, 1.5
 # nearer to the eye's plane, in reaches of a kernel, streaks are drawn otherwise: motion.glsl's AHEAD, and some
 AHEAD = 1.15
-# dwell.py's opacity changes by no more than this, relative to its two depths' relative changes, and to absolute ones
+# the opacity of what moves changes by no more than this, relative to its two depths' relative changes and to absolute
+# ones
 DWELT = (1.7, 2.0)
 
 
@@ -98,19 +100,19 @@ def bound(splats: Splats, plan: Plan, brightest: float) -> Bound | None:
     program, blend = plan.program, plan.program.look.blend
     most = max(splats.brightest, 1.0)
     if plan.exposure is None:
-        slip, met = _slip(splats, plan.view, plan), ray_overlap(splats, plan.view)
+        placement, met = _placement(splats, plan.view, plan), ray_overlap(splats, plan.view)
     else:
         blurred = _blurred(splats, plan, plan.exposure)
         if blurred is None:
             return None
-        slip, met = blurred
+        placement, met = blurred
     whole = _largest(splats, plan, met, most)
     # 8 bits cut off what is over 1
     cut = plan.target == "rgba8" and (blend.unbounded or whole > 1.0)
     # and a form that is not the right one may not show at all what is bright
     other = plan.view.perspective and program.align != "exact"
     brightest = whole if cut or other else brightest
-    footprint = _footprints(splats, plan, slip, met, brightest / most) * most
+    footprint = _footprints(splats, plan, placement, met, brightest / most) * most
     # blends
     scale = {"over": most, "sum": brightest, "max": whole}[blend.join]
     share, least = TARGET[plan.target]
@@ -136,10 +138,10 @@ def _blurred(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[PlacementE
     nearest = min(float(box[2].min()) for box in boxes) - astray * longest
     if nearest <= AHEAD * shape.radius * longest or (seen.antialias and not seen.cubic):
         return None
-    slips = [_slip(splats, view, plan) for view in views]
-    slip = PlacementError(
-        PLACES * max(each.place for each in slips),
-        max(each.gain for each in slips),
+    placements = [_placement(splats, view, plan) for view in views]
+    placement = PlacementError(
+        PLACES * max(each.place for each in placements),
+        max(each.gain for each in placements),
         AREAS if plan.program.motion == "exact" else 0.0,
     )
     # a path's length, in voxels, and the stadium that it makes of a disc
@@ -152,7 +154,7 @@ def _blurred(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[PlacementE
     area = BETWEEN * (1 + 2 * path / (np.pi * shape.radius))
     met = [ray_overlap(splats, view, astray) for view in views]
     count = min(float(len(splats)), area * max(each.count for each in met))
-    return slip, RayOverlap(count, min(splats.total_depth * longest, BETWEEN * max(each.depth for each in met)))
+    return placement, RayOverlap(count, min(splats.total_depth * longest, BETWEEN * max(each.depth for each in met)))
 
 
 def _largest(splats: Splats, plan: Plan, met: RayOverlap, most: float) -> float:
@@ -181,18 +183,18 @@ def _last_digit(largest: float) -> float:
     return float(2.0 ** np.ceil(np.log2(max(largest, 1e-30))))
 
 
-def _footprints(splats: Splats, plan: Plan, slip: PlacementError, met: RayOverlap, brightest: float) -> float:
+def _footprints(splats: Splats, plan: Plan, placement: PlacementError, met: RayOverlap, brightest: float) -> float:
     """What all fragments of a ray are off by together, for colours up to 1."""
     program, blend, half_line = plan.program, plan.program.look.blend, plan.program.seen.half_line
     arithmetic = ARITHMETIC + GATHERED * (program.technique == "tiles")
     if blend.peak:
-        share = (largest(plan.lookup, slip) + HALF_LINE * half_line + arithmetic) * _opacity(splats)
+        share = (largest(plan.lookup, placement) + HALF_LINE * half_line + arithmetic) * _opacity(splats)
         return min(share, 1.0)
     # an X-ray is the sum itself
     weight, deep = (0.5 if blend.ordered else brightest), met.depth
     if program.motion != "off" and program.look.attenuation == "fill":
         weight, deep = DWELT[0], DWELT[1] * met.depth
-    share = summed(plan.lookup, slip, weight, deep)
+    share = summed(plan.lookup, placement, weight, deep)
     if half_line:
         share += _around(splats) * float(plan.kernel.footprint(np.zeros(())))
     return share + arithmetic * max(weight, 1.0)
@@ -205,7 +207,7 @@ def _around(splats: Splats) -> float:
     return min(each, AROUND * cells.depth) if cells.aligned else each
 
 
-def _slip(splats: Splats, view: View, plan: Plan) -> PlacementError:
+def _placement(splats: Splats, view: View, plan: Plan) -> PlacementError:
     """How far a fragment's distance D may be off, in voxels, and its value."""
     radius, corners = view.kernel.radius, view.box(splats)
     widths = np.linalg.svd(view.eye_from_index, compute_uv=False)

@@ -42,21 +42,21 @@ class PlacementError:
     level: float = 0.0
 
 
-def largest(lookup: Lookup, slip: PlacementError) -> float:
+def largest(lookup: Lookup, placement: PlacementError) -> float:
     """The largest error of any fragment, over F(0)."""
-    return float(_missed(lookup, slip).max())
+    return float(_missed(lookup, placement).max())
 
 
-def summed(lookup: Lookup, slip: PlacementError, weight: float, crowd: float) -> float:
-    """The most that errors add up to along a ray: min over σ of weight · ρ(σ) + crowd · F(0) · σ.
+def summed(lookup: Lookup, placement: PlacementError, weight: float, overlap: float) -> float:
+    """The most that errors add up to along a ray: min over σ of weight · ρ(σ) + overlap · F(0) · σ.
 
     missed ≤ ρ F + σ F(0): where F is small a relative error is large, and an absolute one is not.
     """
-    missed = _missed(lookup, slip)
+    missed = _missed(lookup, placement)
     value, peak = _profile(lookup.kernel)
     over = np.maximum(missed[None, :] - ABSOLUTE[:, None], 0.0)
     relative = np.where(over > 0, over / np.maximum(value, 1e-30), 0.0).max(axis=1)
-    return float((weight * relative + crowd * peak * ABSOLUTE).min())
+    return float((weight * relative + overlap * peak * ABSOLUTE).min())
 
 
 @lru_cache(maxsize=4)
@@ -71,10 +71,10 @@ def _distances(shape: Kernel) -> np.ndarray:
     return shape.radius * (1 - np.linspace(1, 0, SAMPLES) ** 3)
 
 
-def _missed(lookup: Lookup, slip: PlacementError) -> np.ndarray:
+def _missed(lookup: Lookup, placement: PlacementError) -> np.ndarray:
     """|drawn − right| / F(0) at _distances."""
     # steps of a tenth in the logarithm, so that moving cameras find what is there
-    return _missed_at(lookup, _step(slip.place), _step(slip.gain)) + slip.level
+    return _missed_at(lookup, _step(placement.place), _step(placement.gain)) + placement.level
 
 
 def _step(number: float) -> float:

@@ -17,7 +17,7 @@ from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
 
 # 36 bytes a splat. position: (x, y, z) in grid indices. optical_depth: extinction × mean spacing.
 # color: linear RGB. normal: unit world gradient as signed 16-bit fractions, zero where there is none.
-# runs: see runs.py; filled in on upload where a plan wants them.
+# runs: see run_lengths.py; filled in on upload where a plan wants them.
 RECORD = np.dtype(
     [
         ("position", "<f4", 3),
@@ -189,7 +189,7 @@ class Splats:
 
     @cached_property
     def runs(self) -> np.ndarray:
-        """int16 [N]: how far matter goes on around each splat, coded; see runs.py."""
+        """int16 [N]: how far matter goes on around each splat, coded; see run_lengths.py."""
         from splatgl.splat.extraction.run_lengths import packed_runs
 
         return packed_runs(self)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.kernel.kernels import Kernel
+from splatgl.splat.kernel.kernels import Kernel, unit_rule
 
 # quadrature points in each smooth stretch of the line: 1e−13 of the integral
 QUADRATURE_ORDER = 24
@@ -147,12 +147,7 @@ class CurvedRay:
         return np.where(meets, t, closest)
 
 
-def _unit_rule() -> tuple[np.ndarray, np.ndarray]:
-    nodes, weights = np.polynomial.legendre.leggauss(QUADRATURE_ORDER)
-    return (nodes + 1) / 2, weights / 2
-
-
-_RULE = _unit_rule()
+_RULE = unit_rule(QUADRATURE_ORDER)
 
 
 def _dot(a: Vector, b: Vector) -> np.ndarray:

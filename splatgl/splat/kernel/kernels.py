@@ -6,6 +6,7 @@ partial integral P_d(t) = ∫₀ᵗ g(√(d²+u²)) du all have closed forms.  [
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -138,6 +139,8 @@ def _crawfis_max() -> PiecewiseCubic:
     return PiecewiseCubic("crawfis-max", (0.889392, r), ((0.557526, 0.0, -1.157743, 0.671033), outer))
 
 
+_erf = np.vectorize(math.erf, otypes=[np.float64])
+
 # voxels; and the step that a Gaussian has that is cut where it is 3e−4
 WIDEST, RIM_STEP = 4.0, 1e-3
 KERNELS: dict[str, Kernel] = {"crawfis-max": _crawfis_max(), "gaussian": Gaussian()}
@@ -160,17 +163,24 @@ def register_kernel(shape: Kernel) -> None:
         raise expected("kernel", "a new name of small letters, digits and hyphens", repr(shape.name))
     if not 0 < shape.radius <= WIDEST or shape.radius != shape.knots[-1]:
         raise expected(f"kernel {shape.name}", f"a radius of at most {WIDEST:g}, its last knot", shape.radius)
+    nodes, weights = unit_rule(40)
     total, low, least = 0.0, 0.0, 0.0
     for knot in shape.knots:
-        r = low + (knot - low) * _ERF_RULE[0]
+        r = low + (knot - low) * nodes
         value = shape.value(r)
-        total += float(4 * np.pi * (knot - low) * (_ERF_RULE[1] * r * r * value).sum())
+        total += float(4 * np.pi * (knot - low) * (weights * r * r * value).sum())
         low, least = knot, min(least, float(value.min()))
     if least < 0 or not abs(total - 1) < 1e-6:
         raise expected(f"kernel {shape.name}", "nowhere negative, and a volume of 1", f"{least:.3g} and {total:.6g}")
     if rim_step(shape) > RIM_STEP:
         raise expected(f"kernel {shape.name}", f"a step of at most {RIM_STEP:g} at its rim", f"{rim_step(shape):.3g}")
     KERNELS[shape.name] = shape
+
+
+def unit_rule(order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places in [0, 1] and weights with which `order` values of a function add up to its integral (Gauss–Legendre)."""
+    nodes, weights = np.polynomial.legendre.leggauss(order)
+    return (nodes + 1) / 2, weights / 2
 
 
 def rim_step(shape: Kernel) -> float:
@@ -264,26 +274,9 @@ def _cubic_integral(piece: tuple[float, float, float, float], d: np.ndarray, t: 
     return c0 * t + c1 * r1 + c2 * (d * d * t + t**3 / 3) + c3 * r3
 
 
-def _erf(x: np.ndarray) -> np.ndarray:
-    """The error function to 1e−14, without SciPy: ∫₀ˣ by 40-point Gauss–Legendre."""
-    x = np.clip(np.asarray(x, dtype=np.float64), -6.0, 6.0)
-    total = np.zeros(x.shape)
-    for node, weight in zip(*_ERF_RULE, strict=True):
-        total += weight * np.exp(-((x * node) ** 2))
-    return 2 / np.sqrt(np.pi) * x * total
-
-
-def _unit_rule(order: int) -> tuple[np.ndarray, np.ndarray]:
-    nodes, weights = np.polynomial.legendre.leggauss(order)
-    return (nodes + 1) / 2, weights / 2
-
-
 # terms of the two polynomials, s at which the second begins, and to which it is fitted
 INNER_TERMS, OUTER_TERMS, SPLIT, END = 8, 7, 0.3, 0.998
 # fits by least squares, each weighted by the errors of those before
 REWEIGHTED = 30
 # places in [0, 1] at which a polynomial fitted by least squares is nearly the best
 _CHEBYSHEV = (1 + np.cos(np.pi * (np.arange(200) + 0.5) / 200)) / 2
-
-# 40 points integrate exp(−u²) over [0, 6] to 1e−14
-_ERF_RULE = _unit_rule(40)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.kernel.kernels import Kernel
+from splatgl.splat.kernel.kernels import Kernel, unit_rule
 
 # a path shorter than this, l√k = 1e−4 at k = 2, is a point: its mean is the middle's value to 5e−10,
 # while the difference of two areas would begin to lose digits
@@ -94,9 +94,4 @@ def streak(kernel: Kernel, motion: str, place: tuple[np.ndarray, np.ndarray], le
     return gain(kernel, length) * stretched(kernel, *place, length)
 
 
-def _unit_rule() -> tuple[np.ndarray, np.ndarray]:
-    nodes, weights = np.polynomial.legendre.leggauss(QUADRATURE_ORDER)
-    return (nodes + 1) / 2, weights / 2
-
-
-_RULE = _unit_rule()
+_RULE = unit_rule(QUADRATURE_ORDER)

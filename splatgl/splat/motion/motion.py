@@ -17,6 +17,7 @@ from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.settings import FULL_SHUTTER, Settings
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.rigid import Rigid
+from splatgl.splat.view.view import eye_from_index
 
 # a splat nearer to the eye's plane than this, in mean spacings, has no place in the picture to move from or to
 NEAREST = 1e-2
@@ -210,7 +211,7 @@ def _eye_points(splats: Splats, view: Camera, flow: np.ndarray | None, at: float
     offset = splats.records["position"].astype(np.float64) - grid.index_from_world(view.eye)
     if flow is not None:
         offset += at * _in_cells(splats, flow)
-    points = view.eye_from_world @ grid.world_from_index @ offset.T / grid.mean_spacing
+    points = eye_from_index(grid, view) @ offset.T
     points[:2] *= extent / view.extent
     return np.asarray(points)
 

@@ -21,6 +21,11 @@ from splatgl.splat.view.camera import Camera
 WIDEN_BEYOND = 3.0
 
 
+def eye_from_index(grid: Grid, camera: Camera) -> np.ndarray:
+    """[3, 3]: A, the grid's steps in eye axes and mean spacings."""
+    return np.asarray(camera.eye_from_world @ grid.world_from_index / grid.mean_spacing)
+
+
 @dataclass(frozen=True, eq=False)
 class View:
     """A grid seen by a camera. eye_from_index [3, 3]: A. pitch: a pixel's side at depth 1, or everywhere.
@@ -50,7 +55,7 @@ class View:
         """The view of `grid` by `camera`; lengths in the grid's mean spacing."""
         spacing = grid.mean_spacing
         pitch = camera.extent / camera.size[1] / (1.0 if camera.perspective else spacing)
-        a = camera.eye_from_world @ grid.world_from_index / spacing
+        a = eye_from_index(grid, camera)
         eye = grid.index_from_world(camera.eye)
         return cls(kernel, a, eye, pitch, camera.size, camera.perspective, antialias, beyond)
 
