@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import splatgl as sg
+from splatgl.splat.kernel.kernels import Gaussian, Kernel, PiecewiseCubic
 
 GRIDS = {
     "cubes": {},
@@ -44,3 +45,9 @@ def inside(splats: sg.Splats, look: tuple[float, ...], fov: float = 40) -> sg.Ca
     eye = splats.corners.mean(axis=0) + 0.13
     scale = np.ptp(splats.corners, axis=0)
     return sg.Camera.look_at(eye, eye + np.array(look) * scale, (0.1, 0.3, 0.9), fov, (60, 40))
+
+
+def scale(shape: Kernel) -> float:
+    """1 / volume of a built-in kernel as the paper states it: pinned numbers are not normalised."""
+    assert isinstance(shape, Gaussian | PiecewiseCubic)
+    return shape.scale

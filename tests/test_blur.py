@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from splatgl.splat.kernel.kernels import KERNELS, kernel
+from splatgl.splat.kernel.kernels import KERNELS, Kernel, kernel
 from splatgl.splat.motion.blur import (
     MOTIONS,
     POINT,
@@ -70,7 +70,7 @@ def test_energy(name: str, motion: str) -> None:
             assert found == pytest.approx(float(paper_gain(shape, length) / energy_gain(shape, length)), abs=1e-4)
 
 
-def energy(shape: object, motion: str, length: float) -> float:
+def energy(shape: Kernel, motion: str, length: float) -> float:
     """∫∫ over the plane: across by 60 Gauss points, along from the middle outwards, denser at the ends."""
     nodes, weights = np.polynomial.legendre.leggauss(60)
     v, across = nodes * shape.radius, weights * shape.radius

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.bound.bound import MOVED, bound
+from splatgl.splat.bound.bound import MOVED, Bound, bound
 from splatgl.splat.bound.footprint_error import ULP
 from splatgl.splat.bound.ray_overlap import cells_of, ray_overlap
 from splatgl.splat.kernel.kernels import kernel
@@ -272,8 +273,10 @@ def test_the_bound_follows_what_makes_the_error(renderer: sg.Renderer) -> None:
     splats = sg.extract(volume, sg.default_transfer(volume))
     camera = sg.Camera.orbit(splats, size=SIZE)
 
-    def parts(**changes: object) -> object:
-        return bound(splats, sg.plan(splats, camera, sg.Settings(**changes)), 1.0)
+    def parts(**changes: Any) -> Bound:
+        found = bound(splats, sg.plan(splats, camera, sg.Settings(**changes)), 1.0)
+        assert found is not None
+        return found
 
     exact, grid, half, coarse = parts(), parts(align="grid"), parts(target="rgba16f"), parts(table_size=32)
     assert grid.footprint > 20 * exact.footprint

@@ -257,5 +257,5 @@ def test_provenance_is_json_in_the_png(here: Path) -> None:
     from PIL import Image as Pillow
 
     assert main(["render", "noise.npy", "--size", "8", "--paper"]) == 0
-    text = json.loads(Pillow.open("noise.png").text["splatgl"])
+    text = json.loads(Pillow.open("noise.png").info["splatgl"])
     assert text["footprint"] == "table 256×256 at 8 bits"

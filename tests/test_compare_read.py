@@ -23,8 +23,8 @@ def linear(samples: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
 @pytest.mark.parametrize("opaque", [False, True])
-def test_samples_are_straight_srgb(kind: type, opaque: bool) -> None:
-    samples = RNG.integers(0, np.iinfo(kind).max + 1, (37, 5, 4)).astype(kind)
+def test_samples_are_straight_srgb(kind: type[np.integer], opaque: bool) -> None:
+    samples: np.ndarray = RNG.integers(0, np.iinfo(kind).max + 1, (37, 5, 4)).astype(kind)
     if opaque:
         samples[..., 3] = np.iinfo(kind).max
     assert np.allclose(sg.Image.from_samples(samples).pixels, linear(samples), rtol=3e-7, atol=1e-9)
@@ -36,9 +36,9 @@ def test_samples_are_straight_srgb(kind: type, opaque: bool) -> None:
 
 @pytest.mark.parametrize("channels", [1, 2, 3, 4])
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
-def test_every_form_of_png(channels: int, kind: type, tmp_path: Path) -> None:
+def test_every_form_of_png(channels: int, kind: type[np.integer], tmp_path: Path) -> None:
     codecs = pytest.importorskip("imagecodecs", reason="imagecodecs is in the extra readers")
-    samples = RNG.integers(0, np.iinfo(kind).max + 1, (6, 5, channels)).astype(kind)
+    samples: np.ndarray = RNG.integers(0, np.iinfo(kind).max + 1, (6, 5, channels)).astype(kind)
     (tmp_path / "a.png").write_bytes(codecs.png_encode(samples[..., 0] if channels == 1 else samples))
     found = read(tmp_path / "a.png")
     color = samples[..., :3] if channels > 2 else np.repeat(samples[..., :1], 3, axis=-1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from noise import noise, views
@@ -10,6 +12,12 @@ import splatgl as sg
 from splatgl.gl import draw_order, portions, streaks, tiles
 
 TECHNIQUES = ("quads", "tiles")
+
+
+def record(asked: list[bool]) -> bool:
+    """Counts a call that cancels nothing."""
+    asked.append(False)
+    return False
 
 
 @pytest.fixture
@@ -29,14 +37,14 @@ def test_a_picture_can_be_cancelled_between_portions(renderer: sg.Renderer, kind
     for change in ({}, {"occlusion": "off"}, {"blend": "xray"}):
         settings = sg.Settings(technique=kind, **change)
         right = renderer.render(splats, camera, settings).pixels
-        asked: list[None] = []
-        counted = renderer.render(splats, camera, settings, interrupted=lambda asked=asked: asked.append(None)).pixels
+        asked: list[bool] = []
+        counted = renderer.render(splats, camera, settings, interrupted=partial(record, asked)).pixels
         assert (counted == right).all()
         assert len(asked) > 5
         for allowed in (0, 1, len(asked) - 1):
             answers = iter([False] * allowed + [True])
             with pytest.raises(sg.Interrupted):
-                renderer.render(splats, camera, settings, interrupted=lambda answers=answers: next(answers))
+                renderer.render(splats, camera, settings, interrupted=partial(next, answers))
         assert (renderer.render(splats, camera, settings).pixels == right).all()
 
 
@@ -54,7 +62,7 @@ def test_portions_grow_and_shrink_with_the_time_they_take(
     renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [0.0]
-    monkeypatch.setattr(portions.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr("splatgl.gl.portions.time.perf_counter", lambda: now[0])
     found = portions.Portions(renderer.ctx, None, 2**22)
     ends, each = [], 1e-4
     for begin, end in found.over(0, 400_000):

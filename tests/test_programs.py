@@ -59,7 +59,7 @@ def programs(pairs: bool) -> set[Program]:
 
 def distinct(found: set[Program]) -> set[tuple[object, ...]]:
     """(stages, *switches) of all that is compiled."""
-    keys = set()
+    keys: set[tuple[object, ...]] = set()
     for program in found:
         switches = splat_switches(program)
         if program.technique == "tiles":

@@ -156,7 +156,8 @@ def test_zarr_metadata_of_the_wrong_kinds(store: Path) -> None:
     (store / ".zarray").write_text("[" * 100_000)
     refused(store, "cannot be read as Zarr")
     (store / ".zarray").unlink()
-    for images in ({"a": 1}, [7], [{"axes": 5, "datasets": [{"path": "../b"}]}], [{"datasets": []}]):
+    wrong: list[object] = [{"a": 1}, [7], [{"axes": 5, "datasets": [{"path": "../b"}]}], [{"datasets": []}]]
+    for images in wrong:
         (store / ".zgroup").write_text('{"zarr_format": 2}')
         (store / ".zattrs").write_text(json.dumps({"multiscales": images}))
         refused(store, "a.zarr: ")

@@ -12,6 +12,7 @@ from importlib import import_module
 from itertools import pairwise
 from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -52,11 +53,12 @@ class Block:
 @cache
 def blocks(path: Path) -> tuple[Block, ...]:
     """All fenced blocks of a README, labelled or not."""
-    found, inside = [], None
+    found: list[Block] = []
+    inside: tuple[str, list[str]] | None = None
     for line in path.read_text(encoding="utf-8").splitlines():
         if line.startswith("```") and inside is None:
             inside = (line[3:].strip(), [])
-        elif line.startswith("```"):
+        elif line.startswith("```") and inside is not None:
             found.append(Block(path, inside[0], "\n".join(inside[1]) + "\n"))
             inside = None
         elif inside is not None:
@@ -223,7 +225,7 @@ def test_snippets(block: Block, here: Path, monkeypatch: pytest.MonkeyPatch) -> 
     # what they register is gone with them
     monkeypatch.setattr(kernels, "KERNELS", dict(kernels.KERNELS))
     monkeypatch.setattr("splatgl.splat.plan.settings.KERNELS", kernels.KERNELS)
-    names: dict[str, object] = {}
+    names: dict[str, Any] = {}
     exec(compile(block.text, str(block.path), "exec"), names)
     # one that defines a test is run by test_plugin.py
     if block.path == TOP:
@@ -357,7 +359,8 @@ def test_settings_table_is_the_code() -> None:
         assert sorted(values) == sorted(allowed), name
         assert values[0] == getattr(Settings(), name), name
     for name in ("samples", "table_bits", "shutter"):
-        assert float(re.match(r"[\d.]+", rows[f"--{name.replace('_', '-')}"][1])[0]) == getattr(Settings(), name)
+        (first,) = re.findall(r"^[\d.]+", rows[f"--{name.replace('_', '-')}"][1])
+        assert float(first) == getattr(Settings(), name)
     assert Settings().tolerance == 1 / 255 and rows["--tolerance"][1] == "1/255"
 
 

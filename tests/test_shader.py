@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from splatgl.gl.uniforms import FRAME, STYLE
 
 
 @pytest.fixture
-def shaders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def shaders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setattr(shader, "folder", lambda: tmp_path)
     shader._read.cache_clear()
     yield tmp_path

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from noise import scale
 
 import splatgl as sg
 from splatgl.gl.program import build, splat_switches
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.splat.extraction.splats import GL_FORMAT
 from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.plan.plan import Plan
 
 NAMES = {"D": "gaussian", "CM": "crawfis-max"}
 LEVEL = 255.0
@@ -32,7 +36,7 @@ def test_pinned_vectors(
         i, j = vector["pixel"]
         m = max(1.0, vector["voxel"][2] / pinned_camera.z_k(1.0))
         peak = float(h.footprint(np.zeros(()))) / m**2
-        assert LEVEL * abs(image.pixels[j, i, 3] - vector[row] * h.scale) / peak < 0.15
+        assert LEVEL * abs(image.pixels[j, i, 3] - vector[row] * scale(h)) / peak < 0.15
 
 
 def test_hybrid_switches_at_z_s(renderer: sg.Renderer, pinned: list[dict], pinned_camera: sg.Camera) -> None:
@@ -78,11 +82,12 @@ def test_corners_by_transform_feedback(align: str, direction: np.ndarray, render
     scale = np.linalg.norm(corners, axis=-1, keepdims=True)
     assert np.abs((found[..., :3] - corners) / scale).max() < 1e-6
     assert np.abs(found[..., 3] / gains - 1).max() < 2e-6
-    for thing in (array, program, records, out, *buffers):
+    things: list[Any] = [array, program, records, out, *buffers]
+    for thing in things:
         thing.release()
 
 
-def corners_in_float64(splats: sg.Splats, camera: sg.Camera, plan: object, align: str) -> tuple[np.ndarray, np.ndarray]:
+def corners_in_float64(splats: sg.Splats, camera: sg.Camera, plan: Plan, align: str) -> tuple[np.ndarray, np.ndarray]:
     """Corners [N, 4, 3] in eye axes and mean spacings, and gains [N, 1], by an eigen decomposition in numpy.
 
     The order and signs of an ellipse's axes are free; they are matched by the caller's choice below.

@@ -55,7 +55,7 @@ def twin(renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         known = shader.declared_switches("twin.vert")
         switches = {k: v for k, v in splat_switches(plan.program).items() if k in known} if plan else {}
         program = build(ctx, "twin.vert", None, switches, varyings=("result",))
-        made = [program]
+        made: list[Any] = [program]
         if plan and splats:
             blocks = (FRAME_BINDING, frame_block(splats, plan)), (STYLE_BINDING, style_block(splats, plan))
             for binding, block in blocks:
@@ -73,7 +73,8 @@ def twin(renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         array = ctx.vertex_array(program, content)
         array.transform(out, vertices=count)
         found = np.frombuffer(out.read(), np.float32).reshape(count, 4).astype(np.float64)
-        for thing in (array, out, *(buffer for buffer, *_ in content), *reversed(made)):
+        things: list[Any] = [array, out, *(buffer for buffer, *_ in content), *reversed(made)]
+        for thing in things:
             thing.release()
         return found
 
