@@ -1,5 +1,5 @@
-// Attenuation by how much of its pixel a splat's matter fills: what a pixel wider than a voxel shows of a
-// wall, an edge, a thread or a dot before it is filtered. Twin of splatgl/splat/integral/attenuation.py, which explains it.
+// Attenuation by the share of its pixel that a splat's matter fills, for pixels wider than a voxel: distinguishes
+// walls, edges, threads and dots. Twin of splatgl/splat/integral/attenuation.py, which explains it.
 #include "ellipse.glsl"
 #include "optics.glsl"
 #constant RUN_OCTAVES    // runs are coded as 2^(code · RUN_OCTAVES)
@@ -13,26 +13,26 @@ vec3 run_lengths(int runs) {
     return exp2(vec3(runs & 31, (runs >> 5) & 31, (runs >> 10) & 31) * RUN_OCTAVES);
 }
 
-// How far matter goes on along a direction in index axes, in voxels.
+// Run length of matter along a direction in index axes, in voxels.
 float run_along(vec3 direction, int runs) {
     vec3 through = run_lengths(runs) / max(abs(direction) / max(length(direction), 1e-30), vec3(GRAZING));
     return min(through.x, min(through.y, through.z));
 }
 
-// depth: optical depth per mean spacing; i: the voxel relative to the eye, index axes; coverage: 1/m²;
-// runs: coded lengths along the grid's axes. The depth that attenuation by m² leaves right on average.
+// The optical depth that is correct on average after attenuation by m². depth: optical depth per mean spacing;
+// i: the voxel relative to the eye, index axes; coverage: 1/m²; runs: coded lengths along the grid's axes.
 float filled_depth(float depth, vec3 i, float coverage, float pixel, int runs) {
     mat3 a = eye_from_index();
     vec3 run = run_lengths(runs);
     vec3 m = max(pixel / vec3(length(a[0]), length(a[1]), length(a[2])), vec3(1.0));
 
-    // how far the ray goes on in this matter, in mean spacings
+    // length of the ray in this matter, in mean spacings
     vec3 along = PERSPECTIVE == 1 ? i / length(a * i) : index_from_eye()[2];
     vec3 through = run / max(abs(along), vec3(GRAZING));
     float layers = min(through.x, min(through.y, through.z));
     float column = depth * layers;
 
-    // the share of the pixel that is filled, across the two axes along which it is most
+    // the filled share of the pixel, over the two most filled axes
     vec3 beyond = (run - 1.0) / (m + 1.0);
     beyond *= beyond;
     vec3 m4 = m * m * m * m;
@@ -40,12 +40,12 @@ float filled_depth(float depth, vec3 i, float coverage, float pixel, int runs) {
     vec3 share = 1.0 - (1.0 - alone) / (1.0 + beyond * beyond);
     float filled = share.x * share.y * share.z / min(share.x, min(share.y, share.z));
 
-    // what the column hides on average, rim included, against its depth
+    // mean opacity of the column, rim included, against its depth
     vec3 wider = 1.0 + column * inversesqrt(RIM_START + RIM_GROWTH * column * column) / run;
     float hidden = one_minus_exp(column) * wider.x * wider.y * wider.z / max(wider.x, max(wider.y, wider.z));
     float left = column > 0.0 ? column * pow(min(hidden / column, 1.0), 1.0 - filled) : 0.0;
 
-    // matter behind opaque matter must not widen what is before it
+    // matter behind opaque matter must not widen the matter in front
     float stretch = inversesqrt(coverage);
     left = min(left, LARGEST_DEPTH * stretch / max(stretch - 1.0, 1e-6));
     return left / layers;

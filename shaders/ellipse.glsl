@@ -1,4 +1,4 @@
-// A voxel seen on a plane, and the smallest width that antialiasing leaves it.
+// A voxel's projection on a plane, and antialiasing's smallest width.
 // switch ALIGN ALIGN_RAY
 // switch PERSPECTIVE 1
 // switch ANTIALIAS 1
@@ -17,7 +17,7 @@ mat3 index_from_eye() {
     return mat3(frame.index_from_eye[0].xyz, frame.index_from_eye[1].xyz, frame.index_from_eye[2].xyz);
 }
 
-// An offset in the kernel's own axes: a cube's kernel looks the same in eye axes.
+// An offset in the kernel's own axes: a cube's kernel is the same in eye axes.
 vec3 to_index(vec3 offset) {
     return CUBIC == 1 ? offset : index_from_eye() * offset;
 }
@@ -57,7 +57,7 @@ Ellipse voxel_ellipse(vec3 e1, vec3 e2) {
     float root = length(vec2(diff, mixed));
     vec2 major = diff >= 0.0 ? vec2(diff + root, mixed) : vec2(mixed, root - diff);
     major = root > 0.0 ? normalize(major) : vec2(1.0, 0.0);
-    // the widths' product from the cross product, so that a flat voxel loses no digits
+    // the widths' product from the cross product, without cancellation for flat voxels
     float area = length(cross(row_1, row_2));
     float width_1 = sqrt((dot(row_1, row_1) + dot(row_2, row_2)) * 0.5 + root);
     return Ellipse(e1 * major.x + e2 * major.y, e2 * major.x - e1 * major.y, vec2(width_1, area / width_1));

@@ -1,4 +1,4 @@
-// What a splat that stands still gives to one pixel: its footprint by a look-up or a polynomial, then the blend mode's value.
+// A still splat's contribution to one pixel: its footprint from a table or polynomial, then the blend mode's value.
 // switch FOOTPRINT FOOTPRINT_TABLE
 // switch TILED 0
 // switch POLYNOMIALS_0 0
@@ -20,10 +20,10 @@ uniform sampler2D half_table;  // share of a chord's integral from the eye on: o
 // F/F(0) by the squared distance, in voxels
 float radial(float d2) {
     if (FOOTPRINT == FOOTPRINT_POLYNOMIAL) {
-        // literal coefficients: a software renderer reads a uniform anew for every use
+        // literal coefficients: a software renderer reloads a uniform on every use
         const vec4 a = vec4(POLYNOMIALS_0), b = vec4(POLYNOMIALS_1), c = vec4(POLYNOMIALS_2), e = vec4(POLYNOMIALS_3);
         const vec4 scale = vec4(POLYNOMIALS_4);
-        // a widened footprint's terms may take the square below 0
+        // a widened footprint's terms may make the square negative
         float s = clamp(d2 * scale.x, 0.0, 1.0);
         float u = 1.0 - s;
         float near = a.x + s * (a.y + s * (a.z + s * (a.w + s * (b.x + s * (b.y + s * (b.z + s * b.w))))));
@@ -31,7 +31,7 @@ float radial(float d2) {
         return s < e.w ? near : far * (u * u) * sqrt(u);
     }
     if (FOOTPRINT == FOOTPRINT_RADIAL) {
-        // two numbers in one look-up without a filter: faster than any filtered one
+        // one unfiltered fetch of value and step: faster than any filtered lookup
         float place = clamp(d2 * style.radial_scale, 0.0, style.radial_last);
         int texel = int(place);
         vec2 line = texelFetch(footprint_table, ivec2(texel, 0), 0).rg;
@@ -42,7 +42,7 @@ float radial(float d2) {
     return share < 1.0 ? texture(footprint_table, vec2(share * 0.5 + 0.5, 0.5)).r : 0.0;
 }
 
-// A pixel's ray, and what all splats have of it.
+// A pixel's ray: the terms shared by all splats.
 struct Ray {
     float length_;  // of a ray of depth 1
     float shrink;   // 1/|across|², across the ray in index axes
@@ -60,7 +60,7 @@ Ray ray_of(vec2 pixel_center) {
     return Ray(length_, 1.0 / across2, CUBIC == 0 && PEAK == 0 ? length_ * inversesqrt(across2) : 1.0);
 }
 
-// The integral along a ray over F(0)·gain. at: its place in the footprint; shrink: D² over |at|², if it is not widened.
+// The integral along a ray over F(0)·gain. at: its position in the footprint; shrink: D² over |at|², if not widened.
 float exact_share(vec2 at, float shrink, Ray ray) {
     float d2 = dot(at, at), value = 1.0;
     bool stretched = ANTIALIAS == 1 && bend.x < 0.0;
@@ -76,7 +76,7 @@ float exact_share(vec2 at, float shrink, Ray ray) {
     return value * radial(stretched ? d2 : d2 * shrink);
 }
 
-// Of a kernel around the eye, i from there in index axes: the integral along this pixel's ray, from the eye on, over F(0).
+// For a kernel around the eye, at i from it in index axes: the integral along the pixel's ray from the eye, over F(0).
 float half_share(vec3 i, vec3 ray) {
     vec3 along = to_index(ray);
     float speed = length(along);
@@ -92,7 +92,7 @@ float half_share(vec3 i, vec3 ray) {
     return radial(d2) * share * (PEAK == 1 ? 1.0 : length(ray) / speed);
 }
 
-// From what a footprint is worth here to opacity, or whatever adds up; of tiles, of a depth times QUICK_SCALE.
+// From a footprint's optical depth here to opacity, or to the sum's term; for tiles, depth is scaled by QUICK_SCALE.
 float hidden_by(float value) {
     return TILED == 1 ? quick_one_minus_exp(value) : one_minus_exp(value);
 }

@@ -5,18 +5,18 @@ layout(std140) uniform Frame {
     vec4 eye_from_index[3];  // columns of A in eye axes: x, y, z steps of the grid
     vec4 index_from_eye[3];  // and of its inverse
     vec4 eye_from_world[3];  // columns of the rotation, for normals
-    vec4 base;               // the voxel nearest to the eye, grid indices: subtracts exactly from a position
+    vec4 base;               // the voxel nearest to the eye, grid indices: exact when subtracted from a position
     vec4 eye_from_base;      // from there to the eye, eye axes
     vec2 clip_scale;         // clip units per slope (perspective) or per length (orthographic)
     float pixel_pitch;       // a pixel's side at depth 1 (perspective) or everywhere (orthographic)
     float switch_depth;      // z_s: grid-aligned from here on
-    float near;              // nothing nearer is drawn
-    float depth_reach;       // how far in depth a kernel reaches
+    float near;              // near clipping depth
+    float depth_reach;       // half extent of a kernel in depth
     vec2 image_center;       // in pixels: a pixel's slope is (gl_FragCoord − image_center) pixel_pitch
-    vec2 beyond;             // depths from which on antialiasing widens a voxel's wider and narrower side
+    vec2 beyond;             // depths from which antialiasing widens a voxel's wider and narrower side
     vec2 edge;               // slopes, or lengths, from the middle of the picture to its edges
-    vec2 support;            // how far beyond the planes through them a kernel reaches,
-    vec2 stretch;            // and one that antialiasing widens, at depth 1
+    vec2 support;            // reach of a kernel beyond the planes through them,
+    vec2 stretch;            // and of a widened one at depth 1
     vec4 first_from_index[3];  // motion: as eye_from_index and eye_from_base, when the shutter opens …
     vec4 last_from_index[3];
     vec4 first_from_base;      // … and closes

@@ -13,15 +13,15 @@
 #constant FAR      // within 7 % all rays that meet a kernel are parallel from this many of its reaches on
 
 struct Streak {
-    vec2 shift;  // from the path's middle in time to the mean of its places
-    vec2 step;   // from its beginning to its end; both across the view at the middle's depth
+    vec2 shift;  // from the path's middle in time to its mean position
+    vec2 step;   // from its start to its end; both across the view at the middle's depth
 };
 
 vec3 place(vec4 columns[3], vec4 eye, vec3 local) {
     return mat3(columns[0].xyz, columns[1].xyz, columns[2].xyz) * local - eye.xyz;
 }
 
-// v: the middle in time. By Simpson's rule; nothing for a kernel beside the eye.
+// v: the middle in time. By Simpson's rule; zero for a kernel beside the eye.
 Streak streak_of(vec3 v, vec3 first, vec3 last) {
     Streak still = Streak(vec2(0.0), vec2(0.0));
     if (PERSPECTIVE == 0) {
@@ -34,7 +34,7 @@ Streak streak_of(vec3 v, vec3 first, vec3 last) {
     return Streak((before + after) * (v.z / 6.0), (after - before) * v.z);
 }
 
-// What offsets across the view become in the kernel's own axes, where antialiasing widens it.
+// Maps offsets across the view to the kernel's own axes, antialiasing included.
 struct Inner {
     mat2x3 axes;   // of an offset's x and y, index axes (eye axes for cubes)
     vec2 shrink;   // min(1, σ/p) along the voxel's two axes across the view
@@ -61,13 +61,13 @@ float length_of(Inner inner, vec3 v, vec2 step_) {
     return length(move - line * (dot(move, line) / dot(line, line)));
 }
 
-// How far a footprint reaches along the unit vector h of the picture; `half_` before and after its own place.
+// Reach of a footprint along the unit vector h of the picture, swept by `half_` either way.
 float reach_along(vec2 h, vec3 v, Quad quad, bool widened, float half_) {
     if (PERSPECTIVE == 1 && !widened) {
         mat3 rows = transpose(eye_from_index());
         vec3 e = rows[0] * h.x + rows[1] * h.y;
         float x = dot(v.xy, h);
-        // far away the kernel's ball is seen by parallel rays, and the tangents' root would lose its digits
+        // far away rays through the kernel are parallel, and the tangents' root would lose its digits
         if (v.z > FAR * frame.depth_reach)
             return style.radius * 1.15 * length(abs(e) + (abs(x) + half_) / v.z * abs(rows[2]));
         return v.z * max(furthest(x - half_, v.z, e, rows[2]), furthest(x + half_, v.z, e, rows[2]));

@@ -1,17 +1,17 @@
-// Opacity of what is before a pixel for a part of the time. Twin of splatgl/splat/motion/motion_opacity.py.
+// Opacity of a splat that covers a pixel for part of the exposure. Twin of splatgl/splat/motion/motion_opacity.py.
 #include "optics.glsl"
-// what hides is more of the time than what is seen at half depth: 1 − (1 − p)^κ, κ = 1 + DENSE x/(1 + DENSEST x)
+// dense splats hide for longer than the share p of the exposure: 1 − (1 − p)^κ, κ = 1 + DENSE x/(1 + DENSEST x)
 #constant DENSE
 #constant DENSEST
 #constant LEAST
 
-// 1 for a splat that moves by itself, 0 for one in matter that goes on along its path of that length.
+// 1 for a lone splat, 0 for one whose matter continues along its path of that length.
 float isolation(float size, float through) {
     float follows = max(through - 1.0, 0.0) / (size + 1.0);
     return 1.0 / (1.0 + follows * follows);
 }
 
-// From mean and most of its depth before the pixel; isolation: of the splat.
+// mean, most: mean and maximum of its depth at the pixel; isolation: of the splat.
 float dwelt_opacity(float mean, float most, float isolation) {
     float part = most > 0.0 ? max(mean / most, LEAST) : 1.0;
     if (part >= 1.0) return one_minus_exp(mean);

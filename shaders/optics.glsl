@@ -1,4 +1,4 @@
-// What splats add up to, and from optical depth to opacity without cancellation.
+// Blend modes, and opacity from optical depth without cancellation.
 // switch JOIN JOIN_OVER
 // switch PEAK 0
 // switch ATTENUATION ATTENUATION_OPTICAL_DEPTH
@@ -11,14 +11,14 @@
 #define ATTENUATION_FILL 2
 #constant MOST_DOUBLINGS
 
-// 1 − exp(−x) for x ≥ 0; the series below 1/16 is good to float32's last digit
+// 1 − exp(−x) for x ≥ 0; the series below 1/16 is accurate to float32's last digit
 float one_minus_exp(float x) {
     if (x < 0.0625) return x * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x / 120.0))));
     return 1.0 - exp(-x);
 }
 
-// The same to 1e−6 of itself and quicker, for y = x · QUICK_SCALE: a polynomial for 1 − 2⁻ʸ, y ≤ 1, and DOUBLINGS times
-// what two halves hide together, which cancels nothing. A scene's y is no larger, or so large that all is hidden.
+// The same, faster, to a relative 1e−6, for y = x · QUICK_SCALE: a polynomial for 1 − 2⁻ʸ, y ≤ 1, then DOUBLINGS times
+// the opacity of two equal layers, without cancellation. A scene's y is at most 1, or so large that opacity is 1.
 #define QUICK_SCALE (1.44269504 / float(1 << DOUBLINGS))
 float quick_one_minus_exp(float y) {
     if (DOUBLINGS == MOST_DOUBLINGS) y = min(y, 1.0);

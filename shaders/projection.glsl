@@ -1,10 +1,10 @@
-// A splat in the picture: its centre, how far it reaches around it, and how its pixels lie in the footprint, so that a
-// pixel gets from its place to that in the footprint by itself, and nothing is interpolated.
+// A splat's projection: its centre, its reach and the map from pixels to footprint coordinates, so that each pixel
+// computes its own footprint coordinates without interpolation.
 #include "approximations.glsl"
 #constant PIXEL_MARGIN  // pixels around a splat: rasterisers snap places to 1/256 of a pixel or finer, and float32 rounds
 
 struct Projected {
-    vec4 to_local;   // rows of the matrix from pixels off the centre to the place in the footprint, in voxels
+    vec4 to_local;   // rows of the matrix from pixel offsets to footprint coordinates, in voxels
     vec2 center;     // in pixels
     float half_side; // of the square around it, in pixels
 };
@@ -35,7 +35,7 @@ Projected near_projection(vec3 v) {
     } else {
         vec3 i = to_index(v);
         vec3 right = cross(i, index_from_eye()[0]), down = cross(i, index_from_eye()[1]);
-        // the triangular root of the form right·right x² + 2 right·down x y + down·down y²
+        // the triangular root of the quadratic form right·right x² + 2 right·down x y + down·down y²
         float across = length(right);
         to_local = vec4(across, dot(right, down) / across, 0.0, length(cross(right, down)) / across) * pitch;
         rows = transpose(eye_from_index());
@@ -44,13 +44,13 @@ Projected near_projection(vec3 v) {
     return Projected(to_local, pixel_of(v), extent + PIXEL_MARGIN);
 }
 
-// How the pixels of a splat before the eye lie in its footprint.
+// Projection of a splat in front of the eye.
 Projected projected(vec3 v, Quad quad) {
     if (ALIGN == ALIGN_EXACT && !is_stretched(v)) return near_projection(v);
     return planar_projection(v, quad.axis_1, quad.axis_2, quad.reach);
 }
 
-// Whether a splat may reach into the picture, widened or not; twin of splatgl/splat/view/block_culling.py.
+// Whether a splat, widened or not, may be visible; twin of splatgl/splat/view/block_culling.py.
 bool reaches(vec3 v) {
     float z = PERSPECTIVE == 1 ? v.z : 1.0;
     return all(lessThanEqual(abs(v.xy) - frame.edge * z, max(frame.support, frame.stretch * z)));

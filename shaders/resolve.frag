@@ -1,4 +1,4 @@
-// Averages samples × samples of the drawn picture, in linear premultiplied light, and lays it over the background.
+// Averages samples × samples of the target, in linear premultiplied light, and composites over the background.
 
 uniform sampler2D drawn;
 uniform int samples;      // along each axis
@@ -9,7 +9,7 @@ out vec4 fragment;
 void main() {
     ivec2 first = ivec2(gl_FragCoord.xy) * samples;
     vec4 sum = vec4(0.0);
-    // row by row, so that float32 sums stay short
+    // row by row, to keep float32 sums short
     for (int y = 0; y < samples; ++y) {
         vec4 row = vec4(0.0);
         for (int x = 0; x < samples; ++x) row += texelFetch(drawn, first + ivec2(x, y), 0);

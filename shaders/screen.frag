@@ -1,28 +1,28 @@
-// Lays a linear premultiplied picture over the window's ground, encodes it as sRGB, and lays the overlay on top.
+// Composites a linear premultiplied picture over the window's ground, encodes sRGB, and composites the overlay.
 
-// what is shown beside the picture
+// comparison mode
 // switch COMPARE COMPARE_NONE
 #define COMPARE_NONE 0
 #define COMPARE_SPLIT 1       // `other` right of the middle
 #define COMPARE_DIFFERENCE 2  // |picture − other| × gain
-// whether there is an overlay: software renderers pay for every texture that is read
+// overlay on or off: in software renderers every texture read costs time
 // switch OVERLAY 1
 
 uniform sampler2D picture;   // linear premultiplied, row 0 on top
-uniform sampler2D other;     // what the picture is compared with, likewise
+uniform sampler2D other;     // the picture to compare with, likewise
 uniform sampler2D overlay;   // sRGB, straight alpha, row 0 on top
 uniform vec2 size;           // the window's, pixels
 uniform float scale;         // 1 / brightest of an X-ray, else 1
 uniform float gain;
 uniform int ground;          // 0 black, 1 white, 2 checks
-uniform vec4 background;     // linear RGB; alpha 1 if the picture has a background, and needs no ground
+uniform vec4 background;     // linear RGB; alpha 1 if the picture has a background, which replaces the ground
 
 out vec4 fragment;
 
 const float CHECK = 16.0;            // pixels
 const vec2 GREYS = vec2(0.05, 0.1);  // of the checks, linear light
 
-// IEC 61966-2-1, its power by three roots: within 0.01 of a level of 255
+// IEC 61966-2-1, its power by three roots: error within 0.01 of a level of 255
 vec3 srgb(vec3 linear) {
     vec3 c = clamp(linear, 0.0, 1.0);
     vec3 second = sqrt(c), fourth = sqrt(second), eighth = sqrt(fourth);

@@ -6,7 +6,7 @@
 
 out vec4 fragment;  // linear premultiplied: 'over', sum or maximum, as JOIN says
 
-// What stands still, over F(0)·gain.
+// Footprint of a still splat, over F(0)·gain.
 float footprint() {
     if (HALF_LINE == 1 && center.w > 0.0) return half_share(center.xyz, ray_at(gl_FragCoord.xy));
     float r2 = dot(at, at);
@@ -17,7 +17,7 @@ float footprint() {
     return max(abs(place.x), abs(place.y)) <= 1.0 ? texture(footprint_table, place * 0.5 + 0.5).r : 0.0;
 }
 
-// What moves, as opacity or whatever adds up.
+// Contribution of a moving splat: opacity, or the sum's term.
 float streaked() {
     Passing p = passing(path_center, at, path_step, Inner(mat2x3(inner_x, inner_y), path_isolation.yz));
     float value = splat.a * streak_shape(p);

@@ -18,17 +18,17 @@ vec4 clip_from_eye(vec3 point) {
     return vec4(point.xy * frame.clip_scale, 0.0, 1.0);
 }
 
-// A rasteriser snaps corners to 1/256 of a pixel: a quad is larger by a little, so that none is lost in between.
+// Rasterisers snap corners to 1/256 of a pixel: quads are enlarged slightly so that no pixel is lost.
 vec2 widened_corner(vec2 corner, vec3 v, Quad quad) {
     vec2 sides = vec2(length(quad.axis_1), length(quad.axis_2)) * quad.reach;
     return corner * (1.0 + PIXEL_MARGIN * pixel_side(v.z) / max(sides, vec2(1e-30)));
 }
 
 void main() {
-    // relative to the eye before anything is rounded
+    // relative to the eye before any rounding
     vec3 local = in_position - frame.base.xyz, before = local, after = local;
     if (FLOW == 1) {
-        // it is in its own place when the shutter closes
+        // the record's position is that at shutter close
         local -= in_flow;
         before = local - in_flow;
     }
@@ -39,7 +39,7 @@ void main() {
                            place(frame.last_from_index, frame.last_from_base, after));
     v.xy += streak.shift;
 
-    // the corner, and where it lies in the footprint
+    // the corner, and its footprint coordinates
     Quad quad = splat_quad(v);
     vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
     corner = widened_corner(corner, v, quad);
@@ -70,7 +70,7 @@ void main() {
     gl_Position = seen ? clip_from_eye(point) : vec4(0.0, 0.0, 2.0, 1.0);
     center = vec4(to_index(v), 0.0);
     if (HALF_LINE == 1 && !is_stretched(v) && dot(center.xyz, center.xyz) < HALF_LINE_REACH * style.radius * style.radius) {
-        // a kernel around the eye may be seen by any pixel
+        // a kernel around the eye may cover any pixel
         center.w = 1.0;
         gl_Position = vec4(corner, 0.0, 1.0);
     }

@@ -1,4 +1,4 @@
-// One splat placed relative to the eye, with its matter: for a quad's vertex, or for the lists of tiles.
+// Setup of one splat relative to the eye: its colour and optical depth, for a quad's vertex or the tile lists.
 // ATTRIBUTE and VARYING are defined as `in` and `out` in the vertex shader, FLAT as `flat`; elsewhere as nothing.
 // switch SHADING 0
 #include "approximations.glsl"
@@ -10,7 +10,7 @@ ATTRIBUTE vec3 in_position;        // grid indices
 ATTRIBUTE float in_optical_depth;  // extinction × mean spacing
 ATTRIBUTE vec3 in_color;           // linear RGB
 ATTRIBUTE ivec3 in_normal;         // gradient direction, world axes; zero: unshaded
-ATTRIBUTE int in_runs;             // how far matter goes on along the grid's axes, coded
+ATTRIBUTE int in_runs;             // coded run lengths of matter along the grid's axes
 
 // C = c (0.3 + 0.7 |n·l|), l towards the eye; a zero gradient is unshaded
 float head_light(vec3 v) {
@@ -23,14 +23,14 @@ float head_light(vec3 v) {
     return style.ambient + style.diffuse * min(abs(dot(n / size, towards_eye)), 1.0);
 }
 
-// Optical depth, per mean spacing, that attenuation by m² leaves right on average.
+// Optical depth, per mean spacing, that is correct on average after attenuation by m².
 float attenuated_depth(vec3 v, float coverage) {
     if (ATTENUATION == ATTENUATION_FILL && ANTIALIAS == 1 && coverage < 1.0)
         return filled_depth(in_optical_depth, index_from_eye() * v, coverage, smallest_axis(v.z), in_runs);
     return in_optical_depth;
 }
 
-// What a still splat hands to its fragments.
+// Writes a still splat's varyings.
 void give_matter(vec3 v, Quad quad) {
     splat.rgb = in_color * head_light(v);
     if (PEAK == 1) splat.a = one_minus_exp(in_optical_depth * style.opacity_length);

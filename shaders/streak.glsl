@@ -7,7 +7,7 @@
 // share of a line before its end, and its slope, over |u|/chord and v²/R²; last column: the line's area; this row and the next
 uniform sampler2D blur_table;
 
-// Where a ray passes a kernel, in the kernel's own units.
+// A ray's closest pass of a moving kernel, in the kernel's own units.
 struct Passing {
     float along;     // offset along the path, from its middle
     float across2;   // and across it, squared
@@ -15,7 +15,7 @@ struct Passing {
     float gain;      // the integral over F
 };
 
-// at: the pixel's place at the voxel's depth, from the path's middle.
+// at: the pixel's position at the voxel's depth, relative to the path's middle.
 Passing passing(vec3 v, vec2 at, vec2 step_, Inner inner) {
     vec3 ahead = to_index(vec3(0.0, 0.0, 1.0));
     vec3 line = ahead;
@@ -37,13 +37,13 @@ Passing passing(vec3 v, vec2 at, vec2 step_, Inner inner) {
     vec3 heading = across * one;
     float gain = seconds * inner.shrink.x * inner.shrink.y * inversesqrt(square);
 
-    // the place on the path that is nearest to the ray, and from there to the ray
+    // the path's point nearest to the ray, and the offset from it to the ray
     r += t * line;
     float passed = clamp(dot(r, heading), -0.5 * size, 0.5 * size);
     r -= passed * heading;
     t += passed * one * forward;
     if (widened && ANTIALIAS == 1) {
-        // a widened kernel's ray bends: the trapezoid's term moves it, and changes its length
+        // a widened kernel's ray bends: the trapezoid's term changes its position and length
         float toward = dot(r, ahead), distance2 = dot(r, r);
         gain *= 1.0 - (2.0 * t * dot(line, ahead) + toward) / (v.z * square);
         r *= sqrt(max(distance2 + 2.0 * t * t * toward / v.z, 0.0) / max(distance2, 1e-30));
@@ -52,13 +52,13 @@ Passing passing(vec3 v, vec2 at, vec2 step_, Inner inner) {
     return Passing(passed + further, max(dot(r, r) - further * further, 0.0), size, gain);
 }
 
-// F/F(0) where the path is nearest to the ray, the most that the pixel sees.
+// F/F(0) at the path's point nearest to the ray: the pixel's maximum.
 float closest(Passing p) {
     float beyond = max(abs(p.along) - 0.5 * p.length, 0.0);
     return radial(beyond * beyond + p.across2);
 }
 
-// Hermite's cubic through two values and their slopes a step.
+// Cubic Hermite interpolation of two values and their slopes per step.
 float hermite(vec2 first, vec2 last, float part) {
     float rise = last.x - first.x;
     return first.x + part * (first.y + part * (3.0 * rise - 2.0 * first.y - last.y

@@ -1,21 +1,21 @@
-// The quad of one splat: its plane, its two axes and what antialiasing does to them.
+// The quad of one splat: its plane and its two axes, with antialiasing.
 // Twin of splatgl/splat/integral/table1.py, rows 4 and 5.  [M98 Table 1 row 4] [M98 Table 1 row 5]
 #include "ellipse.glsl"
 
-// All lengths in mean voxel spacings, in eye axes. A place on the quad is r.x axis_1 + r.y axis_2, r in voxels.
+// All lengths in mean voxel spacings, in eye axes. A point on the quad is r.x axis_1 + r.y axis_2, r in voxels.
 struct Quad {
     vec3 axis_1;
     vec3 axis_2;
     float reach;     // |r.x|, |r.y| at the corners: covers the support
     float gain;      // line integral of the splat at its centre over F(0): 1/m² for cubic voxels [M98 Eq. 6]
-    float coverage;  // share of the stretched footprint that the unstretched one would fill: 1/m²
-    // what approximations.glsl adds to |r| as the distance; 0 elsewhere
+    float coverage;  // the unstretched footprint's share of the stretched one's area: 1/m²
+    // distance terms of approximations.glsl beyond |r|; 0 elsewhere
     vec4 bend;
     vec4 cubic;
     vec4 mixed;
 };
 
-// One whose distance is |r|.
+// A quad whose distance is |r|.
 Quad plain_quad(vec3 axis_1, vec3 axis_2, float gain, float coverage) {
     return Quad(axis_1, axis_2, style.radius, gain, coverage, vec4(0.0), vec4(0.0), vec4(0.0));
 }
@@ -30,7 +30,7 @@ void quad_plane(vec3 v, out vec3 e1, out vec3 e2) {
     if (rotate) perpendicular_axes(v / far, e1, e2);
 }
 
-// v: the voxel's centre.  Stretch m = max(1, p/s) [M98 Eq. 4], along each axis of a non-cubic voxel by itself.
+// v: the voxel's centre.  Stretch m = max(1, p/s) [M98 Eq. 4], separately along each axis of a non-cubic voxel.
 Quad table_quad(vec3 v) {
     vec3 e1, e2;
     quad_plane(v, e1, e2);

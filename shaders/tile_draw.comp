@@ -1,4 +1,4 @@
-// Draws tiles: an invocation adds up all splats of its tile's list for one column of pixels, nearest first.
+// Composites tiles: each invocation blends its tile's list into one column of pixels, front to back.
 // switch CARRIED 0
 #constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;
@@ -8,7 +8,7 @@ layout(local_size_x = LANES) in;
 #include "tiles.glsl"
 
 layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };      // tile, begin, end
-layout(std430, binding = 3) buffer Open { uint open[]; };                  // tiles that light still passes
+layout(std430, binding = 3) buffer Open { uint open[]; };                  // tiles that have not terminated
 layout(rgba32f, binding = 0) uniform image2D target;
 uniform usampler2D list;
 uniform usampler2D heads;
@@ -17,14 +17,14 @@ uniform usampler2D matters;
 uniform usampler2D bends;
 uniform usampler2D cubics;
 uniform usampler2D mixeds;
-uniform float opaque;    // a tile of pixels that hide more gets no more
+uniform float opaque;    // opacity at which a tile terminates
 
-// A splat that is joined to the pixels: what a quad's fragments have of it.
+// A splat to blend: the counterpart of a quad's varyings.
 struct Joined {
     vec2 offset;         // of the column's first pixel
     vec4 shape;
     vec4 splat;
-    bool around;         // the eye: then its place from there, index axes
+    bool around;         // whether around the eye; then its position relative to it, index axes
     vec3 place;
     float coverage;
     float half_side;
@@ -41,10 +41,10 @@ void join(inout vec4 light, Ray ray, Joined it, float row) {
     float value;
     if (BENT) {
         value = exact_share(vec2(dot(it.shape.xy, offset), dot(it.shape.zw, offset)), ray.shrink, ray);
-        // far beyond its rim a stretched footprint has no meaning
+        // a stretched footprint is undefined far beyond its rim
         if (max(abs(offset.x), abs(offset.y)) > it.half_side) value = 0.0;
     } else {
-        // t.x x is the column's
+        // t.x x is constant along the column
         float along = it.shape.x + offset.y * it.shape.y, across = offset.y * it.shape.z;
         value = radial((along * along + across * across) * ray.shrink) * ray.gain;
     }
@@ -85,7 +85,7 @@ Joined read_splat(uint n) {
     return it;
 }
 
-// What footprint_eval.glsl reads of it.
+// Sets the variables that footprint_eval.glsl reads.
 void choose(Joined it) {
     splat = it.splat;
     bend = it.bend;
@@ -111,14 +111,14 @@ void main() {
     vec4 light[ROWS];
     Ray ray[ROWS];
     EACH(BEGIN)
-    // all splats' alike, if they are not bent: only parallel views come here with antialiasing
+    // equal for all splats unless bent: only parallel views use this path with antialiasing
     coverage = table_quad(vec3(0.0)).coverage;
     vec2 scale = 1.0 / vec2(textureSize(list, 0));
     float least = 0.0;
     for (; at < end; at += 4u) {
         uvec4 four = textureGather(list, (vec2(listed_at(at)) + 1.0) * scale);
-        // all are read before the first is joined, so that none waits; beyond the list's end it is the first again,
-        // without its matter
+        // all four are read before the first is blended, to hide latency; beyond the list's end the first repeats with
+        // zero depth
         Joined next[4];
         next[0] = read_splat(four.w);
         next[1] = read_splat(at + 1u < end ? four.z : four.w);

@@ -1,5 +1,5 @@
-// Counts how many splats of each run touch each tile, or lists them by tile, in drawing order: a run of splats for each
-// invocation, and each run goes on where those before it end.
+// Counts the splats of each run that touch each tile, or lists them by tile in drawing order. Each invocation processes
+// one run of splats; within a tile's list, runs follow each other.
 // switch COUNTING 0
 #constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;
@@ -8,15 +8,15 @@ layout(local_size_x = LANES) in;
 #constant NOWHERE  // the cursor of a tile that light passes no more
 #include "tiles.glsl"
 
-layout(std430, binding = 0) buffer Cursors { uint cursors[]; };  // run after run: how many, or where the next one goes
-layout(std430, binding = 1) buffer Done { uint done[]; };        // of each run
+layout(std430, binding = 0) buffer Cursors { uint cursors[]; };  // per run and tile: the count, or the next position
+layout(std430, binding = 1) buffer Done { uint done[]; };        // splats done per run
 layout(r32ui, binding = 0) writeonly uniform uimage2D list;
 uniform usampler2D bounds;
 
 uniform uint count;
 uniform uint length_;  // of a run
-uniform uint unread;   // an entry of the list beyond all tiles' own
-uniform uint budget;   // rounds of the loop after which the rest is left to the next time
+uniform uint unread;   // an entry of the list beyond all tiles' entries
+uniform uint budget;   // loop iterations per dispatch; the next dispatch continues
 
 void main() {
     uint run = gl_GlobalInvocationID.x;
@@ -27,11 +27,11 @@ void main() {
     vec4 it = uintBitsToFloat(texelFetch(bounds, texel_of(n), 0));
     ivec4 around = tiles_around(it.xy, it.z);
     ivec2 tile = around.xy;
-    // one loop over splats and their tiles: where invocations run abreast, none waits for another's large splat
+    // one loop over splats and their tiles: SIMD lanes do not wait for another lane's large splat
     for (uint round = 0u; n < end && (round < budget || tile != around.xy); round++) {
         bool within = all(lessThanEqual(tile, around.zw));
         bool touched = within && touches(tile, it.xy, it.w);
-        // what touches nothing writes to nobody's place: quicker than to leave out some of those that run abreast
+        // non-touching splats write to a dummy slot, which avoids divergence
         uint slot = column + (touched ? uint(tile.y * tiles.x + tile.x) : nobody);
         uint place = cursors[slot];
         if (COUNTING == 0) {

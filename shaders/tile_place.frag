@@ -1,4 +1,4 @@
-// Places splats in drawing order, one for each pixel of some textures: what vertices hand to their fragments.
+// Places splats in drawing order, one per texel of the output textures: the counterpart of a vertex shader's varyings.
 // switch ORDERED 1
 // switch CULLED 0
 #define ATTRIBUTE
@@ -14,9 +14,9 @@
 uniform usampler2D records;   // words 0 to 3 and 4 to 7
 uniform usampler2D rest;      // the last
 uniform usampler2D order;     // indices of records
-uniform uint first;           // of the drawing order, and the one that ends it
+uniform uint first;           // range of the drawing order, end exclusive
 uniform uint end;
-layout(std430, binding = 4) readonly buffer Blocks { uint blocks[]; };  // those of the drawing order that are shown
+layout(std430, binding = 4) readonly buffer Blocks { uint blocks[]; };  // visible blocks of the drawing order
 
 layout(location = 0) out uvec4 bounds;
 layout(location = 1) out uvec4 head;
@@ -53,7 +53,7 @@ void main() {
     Quad quad = splat_quad(v);
     Projected it = projected(v, quad);
     give_matter(v, quad);
-    // whether or not its block is left out, one too far beyond the edge is in no tile's list
+    // culls each splat too far beyond the edge, besides whole blocks
     drawn = drawn && reaches(v);
     bool around = ALIGN == ALIGN_EXACT && v.z <= AROUND_EYE * frame.depth_reach;
     float half_side = drawn && !around ? it.half_side : UNSEEN;
@@ -71,7 +71,7 @@ void main() {
         shape = uvec4(floatBitsToUint(triangle), color.y);
     }
     if (HALF_LINE == 1 && around && drawn && v.z > -frame.depth_reach) {
-        // in every tile; its place instead of the pixel's, and no half side, or no triangle
+        // in every tile; stores its position instead of the centre, and AROUND instead of a half side or triangle
         vec3 i = to_index(v);
         bounds = floatBitsToUint(vec4(frame.image_center, EVERYWHERE, EVERYWHERE));
         head.xy = floatBitsToUint(i.xy);

@@ -1,18 +1,18 @@
-// Tiles of pixels, and the splats placed for them: what the passes share that list splats by tile and draw the tiles.
-// A splat is a texel in each of some textures of words: bounds, its centre, half its square's side and the radius of a
-// circle around it, if it is seen; heads, its centre, matter, and a half of its colour or half its side; shapes, the
-// triangle of its form and the rest of its colour, or how pixels lie in its footprint. If this is bent: matters, its colour and coverage, and
-// what its footprint needs besides.
+// Tiles of pixels and placed splats, shared by the passes that list splats by tile and draw the tiles.
+// A splat is one texel in each of several textures: bounds: its centre, half its square's side and the radius of its
+// bounding circle, if visible; heads: its centre, optical depth, and half of its colour or half its side; shapes: the
+// triangular root of its quadratic form and the rest of its colour, or to_local. If bent also matters, its colour and
+// coverage, and further textures of footprint terms.
 // version 430
 #include "varyings.glsl"
 #constant COLUMNS  // pixels of a tile
 #constant ROWS
 #constant ABREAST  // splats along a row of the textures
 #constant LISTED   // and along one of the list
-// half a side: touches nothing
+// half side of a splat that touches no tile
 #define UNSEEN -1e9
 #define EVERYWHERE 1e9
-// in place of a half side, or of a triangle's first number, which are positive: a kernel around the eye
+// marks a kernel around the eye, instead of a half side or a triangle's first number, which are positive
 #define AROUND -1.0
 // whether a footprint is more than a quadratic form
 const bool BENT = ANTIALIAS == 1 && ALIGN == ALIGN_EXACT;
@@ -36,13 +36,13 @@ vec3 unpacked_color(uvec2 words) {
     return vec3(low.x, (words.x >> 21) | ((words.y >> 21) << 11), low.y) / COLOR_STEPS;
 }
 
-// Four entries of the list are a square of texels, so that one look-up gathers them.
+// Four entries of the list form a square of texels, for one textureGather.
 ivec2 listed_at(uint n) {
     uint four = n / 4u;
     return ivec2(int(four % LISTED) * 2 + int(n & 1u), int(four / LISTED) * 2 + int((n >> 1) & 1u));
 }
 
-// D² = (t.x x + t.y y)² + (t.z y)² at pixels (x, y) off the centre: two squares, so that long ellipses lose no digits.
+// D² = (t.x x + t.y y)² + (t.z y)² at pixel offsets (x, y): two squares, so that long ellipses lose no digits.
 vec3 triangle_of(vec4 local) {
     float across = max(length(local.xz), 1e-30);
     return vec3(across, dot(local.xz, local.yw) / across, (local.x * local.w - local.y * local.z) / across);
@@ -53,12 +53,12 @@ ivec4 tiles_around(vec2 center, float half_side) {
     vec2 side = vec2(COLUMNS, ROWS);
     vec2 low = floor((center - half_side - vec2(origin)) / side);
     vec2 high = floor((center + half_side - vec2(origin)) / side);
-    // cut before the conversion, since what is far off is no integer
+    // clamped before the conversion, which overflows far away
     vec2 last = vec2(tiles) - 1.0;
     return ivec4(clamp(low, vec2(0.0), last + 1.0), clamp(high, vec2(-1.0), last));
 }
 
-// Radius of the circle around that ellipse in the square: its long half axis over the larger of its extents.
+// Radius of the circle around that ellipse in the square: half_side · its long half axis / the larger of its extents.
 float circle_around(vec3 t, float half_side) {
     float width = t.x * t.x, height = t.y * t.y + t.z * t.z;
     float mean = 0.5 * (width + height), off = 0.5 * (width - height);

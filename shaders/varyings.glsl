@@ -1,6 +1,6 @@
-// What a quad's corners hand to its fragments: few and packed, since a software rasteriser sets up each of them for each
-// triangle. VARYING is defined as `out` in the vertex shader and `in` in the fragment shader, FLAT as `flat`; both as
-// nothing where a shader keeps them to itself. What a program does not need is a variable that is never read.
+// Varyings of a quad: few and packed, since a software rasteriser sets up each for each triangle. VARYING is defined as
+// `out` in the vertex shader and `in` in the fragment shader, FLAT as `flat`; both are empty in shaders without
+// varyings. Varyings that a program does not need become plain variables that are never read.
 // switch HALF_LINE 0
 #include "motion.glsl"
 
@@ -30,7 +30,7 @@
 #define MOTION_VARYING
 #endif
 
-VARYING vec2 at;                       // place in the footprint, voxels; for streaks, see passing
+VARYING vec2 at;                       // footprint coordinates, voxels; for streaks, see passing
 FLAT VARYING vec4 splat;               // linear RGB, shaded; optical depth at the centre, or opacity
 OPACITY_VARYING float coverage;        // 1/m² [M98 Eq. 6]
 EXACT_VARYING vec4 bend;               // see Quad
@@ -38,7 +38,7 @@ WIDENED_VARYING vec4 cubic;
 WIDENED_VARYING vec4 mixed;
 HALF_LINE_VARYING vec4 center;         // the voxel relative to the eye, see to_index; w is 1 if around the eye
 MOTION_VARYING vec3 path_center;       // the middle of a streak's path, eye axes
-MOTION_VARYING vec2 path_step;         // Streak's step; 0 for what stands still
+MOTION_VARYING vec2 path_step;         // Streak's step; 0 for still splats
 MOTION_VARYING vec3 path_isolation;    // isolation, see dwelt_opacity, and Inner's shrink
 MOTION_VARYING vec3 inner_x;           // Inner's axes
 MOTION_VARYING vec3 inner_y;

@@ -1,1 +1,1 @@
-"""Room 3, gl: the only room that talks to OpenGL; draws what a plan says."""
+"""Room 3, gl: the only package that calls OpenGL; draws a plan."""

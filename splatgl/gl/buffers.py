@@ -1,4 +1,4 @@
-"""The last few splats on the GPU: records in drawing order for quads, textures of records and orders for tiles."""
+"""Splats on the GPU: sorted instance buffers for quads, textures of records and drawing orders for tiles."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from splatgl.gl.draw_order import DrawOrder, Orders, Range, indices
 from splatgl.splat.extraction.splats import GL_ATTRIBUTES, GL_FORMAT, RECORD, Splats
 from splatgl.splat.view.block_culling import boxes
 
-# splats of which buffers are kept, and bytes of records of all but the last of them
+# cache limits: entries, and bytes of records of all but the latest
 KEPT, KEPT_BYTES = 3, 2**28
-# records are sorted for tiles where an order is asked for again, up to so many bytes: read in turn they come sooner
+# largest records, in bytes, that are sorted for tiles when an order repeats: sequential reads are faster
 SORTED_BYTES = 2**25
 
-# name, buffer, int or float, moderngl's format, and bytes to the first and from one to the next
+# name, buffer, int or float, moderngl's format, offset and stride in bytes
 Attribute = tuple[str, moderngl.Buffer, str, str, int, int]
-# of a record's attributes: int or float, moderngl's format, and bytes to the first
+# a record's attributes: int or float, moderngl's format, offset in bytes
 LAYOUTS: dict[str, tuple[str, str, int]] = {
     name: ("i" if "i" in layout else "f", layout, offset)
     for name, layout, (_, offset, *_) in zip(
@@ -30,7 +30,7 @@ LAYOUTS: dict[str, tuple[str, str, int]] = {
 
 
 class SplatBuffers:
-    """What hangs on splats themselves, of the last few: whoever goes to and fro between some uploads each once."""
+    """LRU cache of GPU splat buffers."""
 
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
         self.ctx = ctx
@@ -38,7 +38,7 @@ class SplatBuffers:
         owned.callback(self.release)
 
     def of(self, splats: Splats) -> SplatBuffer:
-        """The latest last; the oldest go first, until few are left and the rest are small."""
+        """The buffers of `splats`, created on a miss; evicts the least recently used beyond KEPT or KEPT_BYTES."""
         found = next((buffer for buffer in self.kept if buffer.splats is splats), None) or SplatBuffer(self.ctx, splats)
         self.kept = [*(buffer for buffer in self.kept if buffer is not found), found]
         while len(self.kept) > KEPT or sum(buffer.splats.records.nbytes for buffer in self.kept[:-1]) > KEPT_BYTES:
@@ -52,11 +52,11 @@ class SplatBuffers:
 
 
 class SplatBuffer:
-    """The splats on the GPU, in either form."""
+    """One set of splats on the GPU, as instances or textures."""
 
     def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
         self.ctx, self.splats = ctx, splats
-        # by whether the order begins with them, and ends
+        # keyed by whether the range starts the drawing order, and whether it ends it
         self.sorted: dict[tuple[bool, bool], Sorted] = {}
         self.textured: Textured | None = None
 
@@ -68,12 +68,12 @@ class SplatBuffer:
         return found
 
     def texels(self, runs: bool, order: DrawOrder, which: Range | None = None) -> Texels:
-        """The splats as textures, with runs if they are wanted, and their drawing order; which: those of it alone."""
+        """The splats as textures, with runs if `runs`, and their drawing order; which: only that range of it."""
         self.textured = self.textured or Textured(self.ctx, self.splats)
         return self.textured.part(runs, order, which) if which else self.textured.texels(runs, order)
 
     def release(self) -> None:
-        """Frees the instances and the textures; they are uploaded again when they are wanted."""
+        """Frees the instances and the textures; they are uploaded again on demand."""
         for part in (*self.sorted.values(), self.textured):
             if part is not None:
                 part.release()
@@ -81,7 +81,7 @@ class SplatBuffer:
 
 
 class Sorted:
-    """Records in drawing order, written again for every new one: what instances of a quad need."""
+    """Instance buffer of records in drawing order, rewritten for each new order."""
 
     def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
         self.ctx, self.splats = ctx, splats
@@ -90,16 +90,16 @@ class Sorted:
         self.arrays: dict[int, moderngl.VertexArray] = {}
 
     def write(self, order: DrawOrder, runs: bool, which: Range) -> None:
-        """Splats `which` of the drawing order, with their runs if they are wanted, unless that is what is there."""
+        """Uploads splats `which` of the drawing order, with runs if `runs`, unless the buffer already holds them."""
         wanted = (order, runs, which)
-        # where any order will do, the one that is there does; and more than is read does no harm
+        # if any order will do, the current one is reused; unread runs do no harm
         there = self.written is not None and self.written[2] == which and (self.written[1] or not runs)
         if not there or (order.boxes is not None and self.written != wanted):
             self._upload(*wanted)
             self.written = wanted
 
     def vertices(self, program: moderngl.Program, first: int) -> moderngl.VertexArray:
-        """A vertex array whose instances are what was written, from the `first` on."""
+        """A vertex array of the written instances, from `first` on."""
         array = self.arrays.get(program.glo)
         if array is None:
             array = self.arrays[program.glo] = self.ctx.vertex_array(program, [])
@@ -134,8 +134,8 @@ WORDS = 9
 
 @dataclass(frozen=True)
 class Texels:
-    """Records' words 0 to 7, two texels a splat, and 8; indices in drawing order, None where they stand in it or any
-    will do; and boxes around blocks of those that stand in it.
+    """Words 0 to 7 of the records, two texels a splat, and word 8; indices in drawing order, None if the records are
+    sorted or any order will do; boxes around blocks of sorted records.
     """
 
     records: moderngl.Texture
@@ -145,7 +145,7 @@ class Texels:
 
 
 class Textured:
-    """Records and drawing orders as textures: what shaders gather that draw no vertices."""
+    """Records and drawing orders as textures, for shaders without vertex input."""
 
     def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
         self.ctx, self.splats = ctx, splats
@@ -153,12 +153,12 @@ class Textured:
         self.records: moderngl.Texture | None = None
         self.rest: moderngl.Texture | None = None
         self.runs = False
-        # what was asked for last, and records in an order that was asked for again
+        # the last request, and records sorted by a repeated order
         self.asked: tuple[bool, DrawOrder] | None = None
         self.sorted: tuple[tuple[bool, DrawOrder], Texels] | None = None
 
     def texels(self, runs: bool, order: DrawOrder) -> Texels:
-        """Textures of all splats; an order asked for twice in a row has its records sorted, if they are small."""
+        """Textures of all splats; an order requested twice in a row gets sorted records, if they are small."""
         asked, self.asked = self.asked, (runs, order)
         if self.sorted is not None and self.sorted[0] == self.asked:
             return self.sorted[1]
@@ -176,7 +176,7 @@ class Textured:
         return Texels(self.records, self.rest, self.orders.of(order))
 
     def part(self, runs: bool, order: DrawOrder, which: Range) -> Texels:
-        """Splats `which` alone, of more than are kept; nothing of the others stays."""
+        """Uploads splats `which` alone, of a set too large to keep; frees all others."""
         self.release()
         found = self._in_order(runs, order, which)
         self.sorted = (runs, order), found
@@ -191,7 +191,7 @@ class Textured:
         return Texels(self._texture(words[:, :8], 4, 2), self._texture(words[:, 8:], 1, 1), None, around)
 
     def release(self) -> None:
-        """Frees all textures; they are made again when they are wanted."""
+        """Frees all textures; they are recreated on demand."""
         self.orders.release()
         self._release_rest()
         self._release_sorted()
@@ -217,7 +217,7 @@ class Textured:
         return self._texture(indices[:, None], 1, 1)
 
     def _texture(self, words: np.ndarray, channels: int, each: int) -> moderngl.Texture:
-        """Of words [N, channels · each]: `each` texels a splat."""
+        """A texture of words [N, channels · each], `each` texels a splat."""
         height = -(-max(len(words), 1) // ABREAST)
         padded = np.zeros((height * ABREAST, words.shape[1]), np.uint32)
         padded[: len(words)] = words

@@ -1,4 +1,4 @@
-"""Numbers that shaders share with Python: what `#constant NAME` in a shader stands for."""
+"""Numbers shared by shaders and Python: the values of `#constant NAME`."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from splatgl.splat.view import block_culling as blocks
 from splatgl.splat.view import eye_near as near
 from splatgl.splat.view import screen_bounds
 
-# splats along a row of the textures that hold them, and along one of the list of tiles
+# splats per row of the placed textures, and groups of four entries per row of the tile list
 ABREAST, LISTED = 1024, 2048
-# invocations of a compute shader's group
+# invocations per work group
 LANES = 8
-# the cursor of a tile that light passes no more
+# cursor of a terminated tile
 NOWHERE = 0xFFFFFFFF
 
 CONSTANTS: dict[str, float | np.uint32] = {
@@ -51,6 +51,6 @@ CONSTANTS: dict[str, float | np.uint32] = {
 
 
 def glsl(name: str) -> str:
-    """The constant as GLSL writes it; KeyError if there is none of that name."""
+    """The constant as a GLSL literal; KeyError for an unknown name."""
     value = CONSTANTS[name]
     return f"{value}u" if isinstance(value, np.uint32) else repr(value)

@@ -1,4 +1,4 @@
-"""Opening an OpenGL 3.3 core context: EGL, OSMesa, or a hidden window, and saying which one answered."""
+"""Opens an OpenGL 3.3 core context by EGL, OSMesa or a hidden window, and describes it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from splatgl.gl.osmesa import OsmesaLoader
 from splatgl.gl.window import WindowLoader
 
 BACKENDS = ("egl", "osmesa", "window")  # the order in which "auto" tries them
-# What brings a backend that is not there; "auto" needs only the first
+# How to install a missing backend; "auto" needs only the first
 INSTALL = {
     "egl": "install software OpenGL with: sudo apt-get install libegl1 libgl1 libgl1-mesa-dri",
     "osmesa": "install it with: sudo apt-get install libosmesa6",
@@ -27,13 +27,13 @@ INSTALL = {
 }
 REQUIRE_GPU = "SPLATGL_REQUIRE_GPU"  # environment: 1 refuses software renderers
 GL_SHADING_LANGUAGE_VERSION = 0x8B8C  # gl.h
-# Parts of GL_RENDERER, lower case, that name renderers which draw on the CPU
+# Substrings of GL_RENDERER, lower case, of renderers on the CPU
 SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software", "gdi generic", "basic render")
 
 
 @dataclass(frozen=True)
 class ContextInfo:
-    """Who draws: the backend that was opened and what OpenGL says of itself."""
+    """The opened backend and OpenGL's own strings and limits."""
 
     backend: str  # egl, osmesa or window
     vendor: str
@@ -56,10 +56,10 @@ def open_context(
     """An OpenGL 3.3 core context, current in this thread; free it with its `release()`.
 
     backend: egl, osmesa, window, or auto, which takes the first of these that opens. device: the EGL device, counted
-    from 0, which leaves only egl to try; None takes the first that is a graphics card, else the first that opens.
-    require_gpu refuses software renderers; None asks the environment variable SPLATGL_REQUIRE_GPU. Draw inside
+    from 0, which restricts the backend to egl; None takes the first that is a graphics card, else the first that opens.
+    require_gpu refuses software renderers; None reads the environment variable SPLATGL_REQUIRE_GPU. Draw inside
     `with current(ctx):` where several contexts are open. A forked process can't use its parent's contexts, nor open one
-    of a library that its parent had opened. Raises InputError that says what each backend answered and what to install.
+    of a library that its parent had opened. Raises InputError with each backend's failure and what to install.
     """
     if backend != "auto" and backend not in BACKENDS:
         raise expected("backend", " | ".join(("auto", *BACKENDS)), backend)
@@ -70,7 +70,7 @@ def open_context(
     if require_gpu is None:
         require_gpu = os.environ.get(REQUIRE_GPU, "") not in ("", "0")
 
-    # Try in order; every refusal is kept, since the reader of the message needs all of them
+    # Try in order; the error message lists every refusal
     before = current_loader()
     refusals: list[str] = []
     asked = "egl" if device is not None else backend
@@ -92,11 +92,11 @@ def open_context(
 
 
 def adopt(loader: Loader) -> moderngl.Context:
-    """The moderngl context of an opened loader, say a visible `WindowLoader`; its `release()` frees both.
+    """The moderngl context of an opened loader, such as a visible `WindowLoader`; its `release()` frees both.
 
     Raises BackendError, and frees the loader, where OpenGL is older than 3.3.
     """
-    # A window has a framebuffer of its own, which becomes `ctx.screen`; the others draw to targets only
+    # Only a window has a default framebuffer, `ctx.screen`
     try:
         settings: dict[str, Any] = {"context": loader}
         context = moderngl.create_context(standalone=loader.backend != "window", **settings)
@@ -108,7 +108,7 @@ def adopt(loader: Loader) -> moderngl.Context:
 
 
 def inherited(ctx: moderngl.Context) -> bool:
-    """Whether `ctx` was opened before this process was forked, so that it can't be used here."""
+    """Whether `ctx` was opened before this process was forked, and is thus unusable here."""
     return _loader(ctx).inherited
 
 
@@ -119,13 +119,13 @@ def check_process(ctx: moderngl.Context) -> None:
 
 @contextmanager
 def current(ctx: moderngl.Context) -> Iterator[moderngl.Context]:
-    """Make `ctx` the thread's current context, and afterwards the one that was current before."""
+    """Makes `ctx` the thread's current context, and restores the previous one on exit."""
     with _loader(ctx):
         yield ctx
 
 
 def context_info(ctx: moderngl.Context) -> ContextInfo:
-    """What is behind a context from `open_context`."""
+    """The properties of a context from `open_context`."""
     loader = _loader(ctx)
     with loader:
         info = ctx.info
@@ -144,7 +144,7 @@ def context_info(ctx: moderngl.Context) -> ContextInfo:
 
 
 def egl_devices() -> range:
-    """The device numbers that EGL offers; empty where there is no EGL or it cannot say."""
+    """The EGL device numbers; empty without EGL or if it cannot count them."""
     try:
         return range(device_count())
     except BackendError:
@@ -152,7 +152,7 @@ def egl_devices() -> range:
 
 
 def is_software(renderer: str) -> bool:
-    """Whether a GL_RENDERER string names a renderer that draws on the CPU."""
+    """Whether a GL_RENDERER string names a software renderer."""
     return any(name in renderer.lower() for name in SOFTWARE_RENDERERS)
 
 
@@ -164,7 +164,7 @@ def _loader(ctx: moderngl.Context) -> Loader:
 
 
 def _open(name: str, device: int | None, require_gpu: bool) -> moderngl.Context:
-    """A context of one backend, of several EGL devices a graphics card before a software renderer."""
+    """A context of one backend; among EGL devices, graphics cards come before software renderers."""
     software: moderngl.Context | None = None
     refusals: list[str] = []
     for opener in _openers(name, device):
@@ -190,7 +190,7 @@ def _open(name: str, device: int | None, require_gpu: bool) -> moderngl.Context:
 
 
 def _openers(name: str, device: int | None) -> list[Callable[[], Loader]]:
-    """What to call, in order, for a context of this backend."""
+    """Functions that open a context of this backend, in the order to try."""
     if name == "osmesa":
         return [OsmesaLoader]
     if name == "window":

@@ -1,4 +1,4 @@
-"""Drawing orders: as indices on the GPU, of the latest views, and in chunks where splats are too many to be kept."""
+"""Drawing orders: cached as GPU index textures, and split into chunks for sets too large to keep on the GPU."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ import numpy as np
 from splatgl.splat.extraction.order import Order, back_to_front
 from splatgl.splat.extraction.splats import MOST_KEPT, Splats
 
-# bytes of drawing orders kept, 4 a splat: what a hand that turns to and fro comes back to, not what a movie passes once
+# cached drawing orders in bytes, 4 a splat: enough for interactive turning back and forth, not for a movie
 ORDER_BYTES = 2**25
-# splats that are uploaded at a time where they are too many to be kept
+# splats per upload of sets too large to keep
 CHUNK = 2**22
 
 # [begin, end) of the drawing order
 Range = tuple[int, int]
-# the latest drawing order of splats that are uploaded in chunks
+# latest drawing order of each set uploaded in chunks
 _latest: WeakKeyDictionary[Splats, tuple[Order, np.ndarray]] = WeakKeyDictionary()
 
 
 class DrawOrder(NamedTuple):
-    """boxes: in which the rows are read; None: any order will do."""
+    """boxes: the order of the rows; None: any order will do."""
 
     boxes: Order | None
     nearest_first: bool
 
 
 def chunks(which: Range) -> list[Range]:
-    """The range, or ranges that make it up, of splats that are on the GPU at a time."""
+    """The range split into the parts that are on the GPU at a time."""
     begin, end = which
     if end - begin <= MOST_KEPT:
         return [which]
@@ -50,14 +50,14 @@ def indices(splats: Splats, order: DrawOrder) -> np.ndarray:
 
 
 class Orders:
-    """The latest drawing orders on the GPU. make: a texture of indices, uint32 [N]."""
+    """LRU cache of drawing orders on the GPU. make: creates a texture from indices, uint32 [N]."""
 
     def __init__(self, splats: Splats, make: Callable[[np.ndarray], moderngl.Texture]) -> None:
         self.splats, self.make = splats, make
         self.kept: OrderedDict[DrawOrder, moderngl.Texture] = OrderedDict()
 
     def of(self, order: DrawOrder) -> moderngl.Texture | None:
-        """The list of indices; None for any order."""
+        """The index texture; None if any order will do."""
         if order.boxes is None:
             return None
         if order in self.kept:

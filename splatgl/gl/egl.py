@@ -1,4 +1,4 @@
-"""EGL without a display: a graphics card's driver or Mesa's llvmpipe, on a chosen device."""
+"""EGL without a display, on a chosen device: a graphics card's driver or Mesa's llvmpipe."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from splatgl.gl.loader import BackendError, Loader, switch_to
 
 OPENGL_VERSION = 330  # 3.3 core: the least that has instanced attributes and float targets
 EGL_LIBRARIES = ("libEGL.so.1", "libEGL.so")
-# Any of these finds the functions; EGL itself does where libGL, which X needs, is not installed
+# Any of these finds the functions; EGL itself serves if libGL, which X needs, is not installed
 GL_LIBRARIES = ("libGL.so.1", "libOpenGL.so.0", *EGL_LIBRARIES)
 
 
@@ -29,7 +29,7 @@ class EglLoader(Loader):
         return int(self._context.load_opengl_function(name))
 
     def bind(self) -> None:
-        """Makes the EGL context current, and remembers its handle; raises BackendError if EGL refuses."""
+        """Makes the EGL context current and stores its handle; raises BackendError if EGL refuses."""
         self._context.__enter__()
         if not self._egl.eglGetCurrentContext():
             raise BackendError("EGL refused to make its context current; is another window system's current here?")
@@ -49,7 +49,7 @@ class EglLoader(Loader):
 
 
 def device_count() -> int:
-    """How many devices EGL offers; 0 where it cannot say."""
+    """Number of EGL devices; 0 if EGL cannot count them."""
     egl = ctypes.CDLL(_first_library("GLCONTEXT_LINUX_LIBEGL", EGL_LIBRARIES))
     egl.eglGetProcAddress.restype = ctypes.c_void_p
     egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
@@ -62,7 +62,7 @@ def device_count() -> int:
 
 
 def _create(device: int) -> tuple[Any, ctypes.CDLL]:
-    """The EGL context by glcontext, and the library for asking what is current. glcontext raises bare Exceptions."""
+    """The EGL context by glcontext, and the library that queries the current one. glcontext raises bare Exceptions."""
     try:
         from glcontext import egl
     except ImportError as error:  # not built on this system
@@ -71,7 +71,7 @@ def _create(device: int) -> tuple[Any, ctypes.CDLL]:
     libgl = _first_library("GLCONTEXT_LINUX_LIBGL", GL_LIBRARIES)
     library = ctypes.CDLL(libegl)
     library.eglGetCurrentContext.restype = ctypes.c_void_p
-    # glcontext makes the new context current: whatever is current now has to go first
+    # glcontext makes the new context current: unbind the current one first
     switch_to(None)
     try:
         context = egl.create_context(

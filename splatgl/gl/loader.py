@@ -1,11 +1,11 @@
-"""What every way to an OpenGL context has in common: find functions, make current, let go.
+"""Common base of the OpenGL backends: find functions, make a context current, release it.
 
-OpenGL keeps one current context per thread, and the window systems do not know of each other: making an EGL context
-current while an OSMesa one is leaves the calls going to the wrong one. Each thread therefore remembers which loader is
-current here, and unbinds it before another is bound.
+OpenGL keeps one current context per thread, and the window systems are independent: if an EGL context is made current
+while an OSMesa one is, calls go to the wrong one. Each thread therefore stores its current loader and unbinds it before
+it binds another.
 
-A forked process has the memory behind its parent's contexts, but none of the threads and connections: with llvmpipe,
-whatever draws there waits for ever, also in a new context of a library that the parent had used. Both are refused.
+A forked process has its parent's context memory, but not its threads and connections: with llvmpipe, draw calls hang,
+even in a new context of a library that the parent had used. Both are refused.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ SPAWN = 'start worker processes with multiprocessing.get_context("spawn"), and o
 
 
 class BackendError(Exception):
-    """A backend cannot serve here; the message is one line that says why."""
+    """A backend is unavailable; the message gives the reason in one line."""
 
 
 class _Thread(threading.local):
-    """The loader whose context is current in this thread, and the one that was when it began to fork."""
+    """The loader that is current in this thread, and the one that was current when a fork began."""
 
     current: Loader | None = None
     forking: Loader | None = None
 
 
 class _Process:
-    """The libraries that this process has opened, those that its parent had at the fork, and the forks up to here."""
+    """Libraries opened by this process, libraries opened by its parent before the fork, and the number of forks."""
 
     opened: ClassVar[set[str]] = set()
     inherited: ClassVar[set[str]] = set()
@@ -43,7 +43,7 @@ _thread = _Thread()
 
 
 def _before_fork() -> None:
-    """Nothing is current: the child could not let it go, and other window systems would refuse theirs there."""
+    """Unbinds the current context: the child could not, and other window systems would refuse theirs there."""
     loader = _thread.current
     _thread.forking = loader if loader is not None and loader.holds() else None
     if _thread.forking is not None:
@@ -56,7 +56,7 @@ def _in_parent() -> None:
 
 
 def _in_child() -> None:
-    """What was opened until now is out of use."""
+    """Marks all opened libraries as inherited."""
     _thread.current = _thread.forking = None
     _Process.inherited |= _Process.opened
     _Process.forks += 1
@@ -68,10 +68,10 @@ if hasattr(os, "register_at_fork"):
 
 
 class Loader(ABC):
-    """An OpenGL 3.3 core context as moderngl wants it: `create_context(context=loader)`.
+    """An OpenGL 3.3 core context for moderngl's `create_context(context=loader)`.
 
-    As a context manager it makes its context current and afterwards brings back whichever was current before.
-    library: what implements OpenGL here; BackendError if the process that this one was forked from had opened it.
+    As a context manager it makes its context current and restores the previous one on exit.
+    library: the OpenGL implementation; BackendError if a parent process had opened it before the fork.
     """
 
     backend: str
@@ -86,11 +86,11 @@ class Loader(ABC):
 
     @property
     def inherited(self) -> bool:
-        """Whether it was opened before this process was forked."""
+        """Whether the context was opened before this process was forked."""
         return self._forks != _Process.forks
 
     def check_process(self) -> None:
-        """InputError in a forked process, for a context of its parent."""
+        """Raises InputError in a forked process for a context of its parent."""
         if self.inherited:
             raise expected("context", "one opened in this process", "one from before it was forked", SPAWN)
 
@@ -112,10 +112,10 @@ class Loader(ABC):
 
     @abstractmethod
     def holds(self) -> bool:
-        """Whether the system says that this context is current: other libraries switch without asking."""
+        """Whether the system reports this context as current; other libraries may have switched it."""
 
     def load_opengl_function(self, name: str) -> int:
-        """Address of an OpenGL function, by the name that moderngl calls."""
+        """Address of an OpenGL function; the method that moderngl calls."""
         return self.address(name)
 
     def make_current(self) -> Loader | None:
@@ -137,7 +137,7 @@ class Loader(ABC):
         switch_to(self._before.pop())
 
     def release(self) -> None:
-        """Free the context; a second call does nothing, nor does any in a forked process that inherited it."""
+        """Free the context; no effect on a second call or in a forked process that inherited it."""
         if self._released or self.inherited:
             return
         if _thread.current is self:
@@ -157,7 +157,7 @@ def forked() -> bool:
 
 
 def switch_to(loader: Loader | None) -> None:
-    """Make `loader` the thread's current one, or none. One released meanwhile, or inherited, counts as none."""
+    """Make `loader` the thread's current one; None, a released or an inherited one leaves none current."""
     target = None if loader is None or loader._released or loader.inherited else loader
     if _thread.current is target:
         return

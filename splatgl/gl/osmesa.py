@@ -1,4 +1,4 @@
-"""OSMesa: Mesa's software renderer through a library that needs neither display nor device. Left out of Mesa ≥ 25.1."""
+"""OSMesa: Mesa's software renderer as a library that needs neither display nor device. Removed in Mesa 25.1."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
 OSMESA_FORMAT, OSMESA_DEPTH_BITS, OSMESA_PROFILE, OSMESA_CORE_PROFILE = 0x22, 0x30, 0x33, 0x34
 OSMESA_MAJOR, OSMESA_MINOR = 0x36, 0x37
 GL_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
-# OSMesa insists on a colour buffer of its own in memory; nothing is drawn there, so the smallest serves
+# OSMesa requires its own colour buffer in memory; nothing is drawn to it, so the smallest will do
 BUFFER_SIDE = 1  # pixels
 BUFFER_BYTES = 4 * BUFFER_SIDE * BUFFER_SIDE
 
@@ -57,7 +57,7 @@ class OsmesaLoader(Loader):
 
 
 def _library() -> ctypes.CDLL:
-    """Loads libOSMesa with its functions' types; pointers would be cut to 32 bits without them."""
+    """Loads libOSMesa with its functions' types; without them pointers are truncated to 32 bits."""
     for name in LIBRARIES:
         try:
             library = ctypes.CDLL(name)

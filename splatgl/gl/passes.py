@@ -26,17 +26,17 @@ from splatgl.splat.view.ahead import ahead
 
 
 class Technique(Protocol):
-    """One way to draw splats into a float target."""
+    """A method of drawing splats into a float target."""
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
-        """All of a picture's splats; between two portions the caller may cancel."""
+        """Draws all of a picture's splats; the caller may cancel between portions."""
 
     def release(self) -> None:
-        """Frees what is kept between pictures; the next one makes it again."""
+        """Frees the objects cached between pictures; they are recreated on demand."""
 
 
 class Passes:
-    """What is kept in the context between pictures: programs, targets, tables, and the last splats."""
+    """GL objects cached between pictures: programs, targets, tables and splat buffers."""
 
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
         self.ctx = ctx
@@ -59,7 +59,7 @@ class Passes:
         owned.callback(self.release)
 
     def release(self) -> None:
-        """Frees splats and what techniques keep."""
+        """Frees the buffers of splats and techniques."""
         self.splats.release()
         for technique in self.techniques.values():
             technique.release()
@@ -67,8 +67,8 @@ class Passes:
     def draw(
         self, splats: Splats, plan: Plan, role: str = "draw", interrupted: Callable[[], bool] | None = None
     ) -> np.ndarray:
-        """float32 [H, W, 4]. role: the name of the target, which is kept for it. interrupted: asked between two
-        portions; Interrupted is raised where it says so.
+        """float32 [H, W, 4]. role: name under which the target is cached. interrupted: called between portions; raises
+        Interrupted if it returns True.
         """
         if plan.exposure is None:
             splats = ahead(splats, plan.resolved.camera)
@@ -77,7 +77,7 @@ class Passes:
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         if len(splats):
             self._draw_splats(target, splats, plan, portions)
-        # a sum has nothing to lie over
+        # a sum has no background
         background = plan.resolved.background if not plan.program.look.blend.unbounded else None
         if plan.samples > 1 or background is not None:
             return self._resolve(target, plan, background).read()
@@ -106,7 +106,7 @@ class Passes:
         return target
 
     def _whole(self, program: moderngl.Program) -> None:
-        """One triangle over the whole target."""
+        """Draws one triangle over the whole target."""
         if program.glo not in self.whole:
             self.whole[program.glo] = self.ctx.vertex_array(program, [])
             self.owned.callback(self.whole[program.glo].release)

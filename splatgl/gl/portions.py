@@ -1,4 +1,4 @@
-"""Draws in portions that end within a part of a second, so that Ctrl-C, or another picture, is heard in between."""
+"""Draws in portions of a fraction of a second, so that Ctrl-C or the caller can cancel in between."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 
 import moderngl
 
-# how long a portion should take, seconds, and where somebody asks to interrupt it
+# target time of a portion in seconds, without and with a cancellation callback
 SECONDS, ASKED_SECONDS = 0.3, 0.1
-# splats of a picture's first portion, and of any at most, for so many pixels or fewer: the nearest may each cover all
+# splats of the first portion and of the largest, at up to PIXELS pixels; a near splat may cover them all
 FIRST, MOST, PIXELS = 2**8, 2**17, 2**20
-# by how much a portion may be larger or smaller than the one before
+# largest ratio between the sizes of successive portions
 GROWTH = 8.0
 
 
@@ -20,7 +20,7 @@ class Interrupted(Exception):
 
 
 class Portions:
-    """Of one picture: each is as large as the last one's time says. pixels: of the picture's samples."""
+    """Portions of one picture, each sized by the time of the last. pixels: number of the picture's samples."""
 
     def __init__(self, ctx: moderngl.Context, interrupted: Callable[[], bool] | None, pixels: int) -> None:
         self.ctx, self.interrupted = ctx, interrupted
@@ -29,12 +29,12 @@ class Portions:
         self.size, self.most = FIRST * share, MOST * share
 
     def ask(self) -> None:
-        """Raises Interrupted if the caller wants the picture no longer."""
+        """Raises Interrupted if the caller cancels."""
         if self.interrupted and self.interrupted():
             raise Interrupted
 
     def over(self, begin: int, end: int) -> Iterator[tuple[int, int]]:
-        """[begin, end) of splats in turn; what is drawn between two of them is waited for."""
+        """Yields ranges [begin, end) of splats; waits for the GPU after each."""
         while begin < end:
             self.ask()
             last = min(begin + max(int(self.size), 1), end)

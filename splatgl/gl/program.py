@@ -1,4 +1,4 @@
-"""Compiled programs, kept by the choices that made them; and the table of blend states."""
+"""Cache of compiled programs, keyed by the plan's choices, and the table of blend states."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ Chosen = tuple[tuple[str, str | int | bool], ...]
 
 @dataclass(frozen=True)
 class Blend:
-    """How a fragment joins what is drawn already; both premultiplied."""
+    """GL blend state of premultiplied fragments."""
 
     equation: int
     source: int
     destination: int
 
 
-# how splats join, and whether nearest first where it matters
+# keyed by blend mode and, where order matters, front to back
 BLEND_STATES = {
     ("over", False): Blend(moderngl.FUNC_ADD, moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA),
     ("over", True): Blend(moderngl.FUNC_ADD, moderngl.ONE_MINUS_DST_ALPHA, moderngl.ONE),
@@ -59,7 +59,7 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
 
 
 def _polynomials(program: Program) -> dict[str, str]:
-    """The coefficients as footprint_eval.glsl wants them: in five vectors."""
+    """The coefficients in the five vectors of footprint_eval.glsl."""
     if program.footprint != "polynomial":
         return {}
     fitted = polynomials(program.kernel)
@@ -72,7 +72,7 @@ def _polynomials(program: Program) -> dict[str, str]:
 def build(
     ctx: moderngl.Context, vertex: str, fragment: str | None, switches: Switches, varyings: tuple[str, ...] = ()
 ) -> moderngl.Program:
-    """Composes and compiles one program; a compiler's message is told with files and lines."""
+    """Composes and compiles one program; compiler messages are mapped to files and lines."""
     stages = [name for name in (vertex, fragment) if name]
     known = frozenset().union(*map(declared_switches, stages))
     texts = [compose(name, switches, known) for name in stages]
@@ -108,7 +108,7 @@ def _bind_blocks(program: moderngl.Program | moderngl.ComputeShader) -> None:
 
 
 class Programs:
-    """The program cache: compiles on the first use of a plan's choices only."""
+    """The program cache; compiles on the first use of a plan's choices."""
 
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
         self.ctx = ctx
@@ -117,7 +117,7 @@ class Programs:
         self.screen: dict[str, moderngl.Program] = {}
         self.placing: dict[Chosen, moderngl.Program] = {}
         self.tiles: dict[tuple[str, Chosen], moderngl.ComputeShader] = {}
-        # what a shader reads of what was asked for: its text is looked through once
+        # the switches that a shader reads, found once per request
         self.read: dict[tuple[object, ...], Chosen] = {}
 
     def for_splats(self, program: Program) -> moderngl.Program:
@@ -135,14 +135,14 @@ class Programs:
         return self.screen[fragment]
 
     def for_placing(self, program: Program, more: Switches) -> moderngl.Program:
-        """What places splats that are gathered by tiles; more: its own switches."""
+        """The program that places splats for tiles; more: its own switches."""
         switches = self._read("tile_place.frag", program, more)
         if switches not in self.placing:
             self.placing[switches] = self._keep(build(self.ctx, "whole.vert", "tile_place.frag", dict(switches)))
         return self.placing[switches]
 
     def for_tiles(self, name: str, program: Program, more: Switches) -> moderngl.ComputeShader:
-        """One of the compute shaders that gather splats by tiles; more: its own switches."""
+        """One of the tile compute shaders; more: its own switches."""
         key = (name, self._read(name, program, more))
         if key not in self.tiles:
             self.tiles[key] = build_compute(self.ctx, name, dict(key[1]))
@@ -150,7 +150,7 @@ class Programs:
         return self.tiles[key]
 
     def _read(self, name: str, program: Program, more: Switches) -> Chosen:
-        """Those of a plan's switches that a shader reads, so that a choice that it does not know compiles nothing."""
+        """The plan's switches that the shader reads; a change of any other recompiles nothing."""
         asked = (name, program, *more.items())
         if asked not in self.read:
             read = declared_switches(name)

@@ -17,13 +17,13 @@ CORNERS = 4
 
 
 class Quads:
-    """Draws in OpenGL 3.3; whatever is asked for."""
+    """The instanced-quad technique: needs only OpenGL 3.3 and supports every plan."""
 
     def __init__(self, ctx: moderngl.Context, programs: Programs, splats: SplatBuffers) -> None:
         self.ctx, self.programs, self.splats = ctx, programs, splats
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
-        """Blends the splats into `target` in drawing order, chunk by chunk; Interrupted if `portions` is."""
+        """Blends the splats into `target` in drawing order, chunk by chunk; raises Interrupted if cancelled."""
         program = self.programs.for_splats(plan.program)
         for name, unit in (("half_table", HALF_LINE_UNIT), ("blur_table", BLUR_UNIT)):
             if name in program:
@@ -40,7 +40,7 @@ class Quads:
                 vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=end - begin)
 
     def release(self) -> None:
-        """Nothing is kept but what others own."""
+        """No effect: it owns no GL objects."""
 
     def _instances(
         self, splats: Splats, plan: Plan, program: moderngl.Program, order: DrawOrder, which: Range

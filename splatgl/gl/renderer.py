@@ -1,4 +1,4 @@
-"""`Renderer`: owns a context and everything made in it; draws splats through a camera into an `Image`."""
+"""`Renderer`: owns a context and all its GL objects; renders splats through a camera into an `Image`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from splatgl.splat.plan.plan import Plan, plan
 from splatgl.splat.plan.settings import FULL_SHUTTER, Settings
 from splatgl.splat.view.camera import Camera
 
-# what a coarser form, table or target is compared with
+# the finest form, table and target, against which coarser ones are measured
 FINER: dict[str, Any] = {
     "align": "exact",
     "footprint": "auto",
@@ -32,15 +32,15 @@ FINER: dict[str, Any] = {
     "target": "rgba32f",
     "technique": "auto",
 }
-# the OpenGL that has compute shaders
+# OpenGL version with compute shaders
 COMPUTE = 430
 
 
 class Renderer:
-    """Draws headless. Use it in a `with` block, or call `close()`.
+    """Headless renderer. Use it in a `with` block, or call `close()`.
 
     backend: egl | osmesa | window | auto. device: index of the EGL device. require_gpu: fail if a
-    software renderer answers. Raises InputError if no context can be had.
+    software renderer answers. Raises InputError if no context can be opened.
     """
 
     def __init__(self, backend: str = "auto", device: int | None = None, require_gpu: bool = False) -> None:
@@ -50,7 +50,7 @@ class Renderer:
         try:
             self.info = context_info(self.ctx)
             self.passes = Passes(self.ctx, self.owned)
-            # tiles pay where pixels are blended by the CPU
+            # tiles are faster if the CPU blends
             self.tiles = self.info.software if self.ctx.version_code >= COMPUTE else None
         except BaseException:
             self.owned.close()
@@ -74,7 +74,7 @@ class Renderer:
     def plan(
         self, splats: Splats, camera: Camera, settings: Settings | None = None, motion: Motion | None = None
     ) -> Plan:
-        """What `render` would do; the driver decides whether there are tiles."""
+        """The plan that `render` would draw; tiles depend on the driver."""
         return plan(splats, camera, settings, motion, self.tiles)
 
     def render(
@@ -93,10 +93,10 @@ class Renderer:
         motion: of the scene since the previous frame; blurred as `settings.motion` says, or, without settings, exactly,
         while the shutter is open, up to now. Its error bound is to straight streaks, and None near the eye and for long
         voxels beyond z_k. verify_bound: if the bound exceeds the tolerance, render again with the finest form and
-        measure. `info["tolerance_met"]` says whether the error bound is known and within the tolerance, which for
-        X-rays is relative to the brightest component. interrupted: asked between two portions of the drawing; once it
-        says so, Interrupted is raised, and the next picture is as right as any. Raises InputError for a size beyond
-        OpenGL's, for the flow of other splats, and in a process that was forked after the renderer was opened.
+        measure. `info["tolerance_met"]`: whether the error bound is known and within the tolerance, which for X-rays is
+        relative to the brightest component. interrupted: called between portions of the drawing; if it returns True,
+        Interrupted is raised, and later pictures are unaffected. Raises InputError for a size beyond OpenGL's, for the
+        flow of other splats, and in a process that was forked after the renderer was opened.
         """
         check_process(self.ctx)
         started = time.perf_counter()
@@ -118,9 +118,7 @@ class Renderer:
         return Image(pixels, {**provenance, "error_bound": error, "tolerance_met": met})
 
     def _verified(self, splats: Splats, camera: Camera, settings: Settings, chosen: Plan, pixels: np.ndarray) -> float:
-        """How far the picture is from one by the finest form, table and target, and what that may be off by; inf if it
-        is that one.
-        """
+        """Difference to the picture of the finest form, table and target, plus its bound; inf if it is the same."""
         finer = self.plan(splats, camera, settings.but(motion="off", **FINER))
         if _kind(finer) == _kind(chosen):
             return float("inf")
@@ -132,7 +130,7 @@ class Renderer:
     def _draw(
         self, splats: Splats, chosen: Plan, role: str = "draw", interrupted: Callable[[], bool] | None = None
     ) -> np.ndarray:
-        """The pixels; InputError if OpenGL ran out of memory or lost its context on the way."""
+        """The pixels; InputError if OpenGL ran out of memory or lost its context."""
         try:
             pixels = self.passes.draw(splats, chosen, role, interrupted)
         except moderngl.Error as error:
@@ -143,7 +141,7 @@ class Renderer:
         return pixels
 
     def _failure(self, splats: Splats, chosen: Plan, problem: str) -> InputError:
-        # what is kept may be half made: the next picture starts afresh
+        # cached objects may be incomplete: the next picture recreates them
         self.passes.release()
         width, height = (side // chosen.samples for side in chosen.view.size)
         return InputError(
@@ -152,7 +150,7 @@ class Renderer:
         )
 
     def _provenance(self, splats: Splats, camera: Camera, chosen: Plan, seconds: float) -> dict[str, object]:
-        """What was drawn, how, and by what; plain values that fit into a PNG's text."""
+        """Scene, plan and driver as plain values that fit into a PNG's text."""
         program = chosen.program
         return {
             "scene": splats.name,
@@ -184,13 +182,13 @@ class Renderer:
 
 
 def _kind(chosen: Plan) -> tuple[object, ...]:
-    """What makes one picture coarser than another."""
+    """The choices that decide how coarse a picture is."""
     program = chosen.program
     return program.align, program.footprint, chosen.target, chosen.lookup.size, chosen.lookup.bits
 
 
 def _brightest(pixels: np.ndarray, chosen: Plan) -> float:
-    """The largest component of an X-ray, which its errors are in proportion to; other pictures end at 1."""
+    """The largest component of an X-ray, to which its errors are relative; 1 for other pictures."""
     return float(pixels.max()) if chosen.program.look.blend.unbounded else 1.0
 
 

@@ -1,6 +1,6 @@
-"""`Screen`: a window that shows a picture, on a ground, with an overlay; on a context of its own.
+"""`Screen`: a window with its own context that shows a picture over a ground and under an overlay.
 
-Whatever renderer drew the picture, and in whatever context, it comes here as numbers.
+Pictures arrive as arrays, independent of the renderer and its context.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from splatgl.gl.loader import BackendError, switch_to
 from splatgl.gl.program import build
 from splatgl.gl.window import WindowLoader
 
-# what lies below a picture without a background
+# drawn below a picture without a background
 GROUNDS = ("black", "white", "checks")
-# a window's side: no display has more, and GLFW ends the process at a negative one
+# largest window side: beyond any display; GLFW aborts the process on a negative one
 MOST_PIXELS = 16384
 # texture units, by the sampler's name
 UNITS = {"picture": 0, "other": 1, "overlay": 2}
@@ -32,7 +32,7 @@ class Look:
     """How the picture is shown; see shaders/screen.frag.
 
     scale: factor on the light (an X-ray's 1/brightest). compare: with `other` right of the middle ("split"), or
-    |picture − other| × gain ("difference"). background: linear RGB that the picture lies on already.
+    |picture − other| × gain ("difference"). background: linear RGB already under the picture.
     """
 
     ground: str = "black"
@@ -44,7 +44,7 @@ class Look:
 
 
 class Screen:
-    """A visible window. Raises InputError where there is no display. Everything runs in the main thread."""
+    """A visible window; main thread only. Raises InputError without a display."""
 
     def __init__(self, size: tuple[int, int], title: str) -> None:
         if not all(1 <= side <= MOST_PIXELS for side in size):
@@ -86,7 +86,7 @@ class Screen:
                 kept.release()
 
     def draw(self, size: tuple[int, int], look: Look) -> None:
-        """Draws what was put into the window's back buffer of `size` pixels; the context stays as it was."""
+        """Draws the textures into the window's back buffer of `size` pixels; restores the current context."""
         with self._working():
             program, whole = self._program(look.compare, look.overlay)
             self.ctx.screen.use()
@@ -94,7 +94,7 @@ class Screen:
             self.ctx.enable_only(moderngl.NOTHING)
             for name, unit in UNITS.items():
                 if name in program:
-                    # pixel for pixel where the sizes agree, smooth where a smaller picture stands in
+                    # nearest at equal sizes, linear for a smaller preview
                     kind = moderngl.NEAREST if self.textures[name].size == size else moderngl.LINEAR
                     self.textures[name].filter = (kind, kind)
                     self.textures[name].use(location=unit)
@@ -108,16 +108,16 @@ class Screen:
             whole.render(moderngl.TRIANGLES, vertices=3)
 
     def read(self, size: tuple[int, int]) -> np.ndarray:
-        """What the back buffer holds: uint8 [H, W, 3], row 0 on top."""
+        """The back buffer: uint8 [H, W, 3], row 0 on top."""
         with current(self.ctx):
             data = self.ctx.screen.read(viewport=(0, 0, *size), components=3, alignment=1)
-            # moderngl names a colour attachment, which a window has none of; the back buffer is read all the same
+            # moderngl names a colour attachment, which a window lacks: GL sets an error but reads the back buffer
             _ = self.ctx.error
         return np.frombuffer(data, np.uint8).reshape(size[1], size[0], 3)[::-1]
 
     @contextmanager
     def _working(self) -> Iterator[None]:
-        """With the window's context; InputError if it failed or was lost."""
+        """Makes the window's context current; InputError if it failed or was lost."""
         with current(self.ctx):
             try:
                 yield
@@ -150,7 +150,7 @@ class Screen:
 
 
 def _check_shown(loader: WindowLoader) -> None:
-    """BackendError for GLFW's null platform, whose windows nobody sees."""
+    """BackendError for GLFW's null platform, whose windows are invisible."""
     import glfw
 
     if glfw.get_platform() == glfw.PLATFORM_NULL:

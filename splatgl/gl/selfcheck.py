@@ -1,4 +1,4 @@
-"""Does this OpenGL blend and filter as the renderer relies on? Small drawings with answers known in closed form."""
+"""Checks that OpenGL blends and filters as the renderer requires, by small drawings with closed-form answers."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from splatgl.gl.context import current
 
-LAYERS = 2000  # as deep as a fine volume: 8 bits lose every layer of this opacity, half floats lose a third of the sum
+LAYERS = 2000  # depth of a fine volume: 8 bits lose every layer of this opacity, half floats a third of the sum
 OPACITY = 0.001  # of one layer
 SIDE = 8  # pixels of the target
 # 2000 roundings to the nearest float32 at a sum of at most 2, each by half a unit in the last place of [1, 2)
 FLOAT32_ERROR = LAYERS * 2.0**-24
 TABLE_SIZE = 256  # texels of the footprint table
-# Graphics cards keep 8 fractional bits of the position between two texels; more is better, less is a fault
+# Graphics cards keep 8 fractional bits of the position between two texels; fewer are a fault
 FILTER_ERROR = 2.0**-8  # of the step between neighbouring texels
 
 QUAD = """
@@ -51,7 +51,7 @@ void main() { color = vec4(texture(table, vec2(across, 0.5)).r); }
 
 @dataclass(frozen=True)
 class Check:
-    """One drawing compared with its answer. `required`: float32 pictures are wrong where this is."""
+    """One drawing compared with its answer. `required`: float32 pictures are wrong if it fails."""
 
     name: str
     got: float
@@ -66,7 +66,7 @@ class Check:
 
 
 def run_checks(ctx: moderngl.Context) -> tuple[Check, ...]:
-    """Blending into float32, half and 8-bit targets, and filtering of float32 tables; frees all it makes."""
+    """Blending into float32, half and 8-bit targets, and filtering of float32 tables; frees all its GL objects."""
     checks: list[Check] = []
     with current(ctx):
         for target, dtype in (("rgba32f", "f4"), ("rgba16f", "f2"), ("rgba8", "f1")):
@@ -87,7 +87,7 @@ def _blending(ctx: moderngl.Context, target: str, dtype: str) -> list[Check]:
     checks = []
     for name, equation, function, ramp, answer, tolerance in cases:
         pixels = _draw_layers(ctx, dtype, equation, function, ramp)
-        # The pixel that is farthest off speaks for all, in every channel
+        # The largest error over all pixels and channels
         got = float(pixels.flat[np.abs(pixels - answer).argmax()])
         checks.append(Check(f"{name} {target}", got, answer, tolerance, required=dtype == "f4"))
     return checks
@@ -116,7 +116,7 @@ def _filtering(ctx: moderngl.Context) -> Check:
     texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
     texture.repeat_x = texture.repeat_y = False
 
-    # 16 and a bit pixels a texel, so that the positions between two texels are all different
+    # Slightly over 16 pixels a texel, so that all positions between two texels differ
     width = TABLE_SIZE * 16 + 1
     program = ctx.program(vertex_shader=QUAD, fragment_shader=SAMPLE)
     ctx.enable_only(moderngl.NOTHING)
@@ -141,7 +141,7 @@ def _draw(
     target.clear()
     vertices.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=layers)
     raw = np.frombuffer(target.read(components=4, dtype="f4"), "f4")
-    # moderngl binds the last target again when it makes the next one, so it must not be a deleted one
+    # moderngl rebinds the last target when it creates the next, so it must not be a deleted one
     ctx.detect_framebuffer(0).use()
     for owned in (vertices, target, texture, program):
         owned.release()

@@ -1,9 +1,9 @@
-"""Shader text from the folder `shaders/`: includes and switches, strictly.
+"""Composes shaders from the folder `shaders/`, with strict includes and switches.
 
-A file declares each switch it reads as `// switch NAME DEFAULT`, a later GLSL than 3.3 as `// version 430`, and a
-number that it shares with Python as `#constant NAME`.
-Composing with a switch that no file declares, a file that is not there, or a cycle is an error that names file and
-line. The composed text knows where each of its lines came from, so that a compiler's message can say it too.
+A file declares each switch it reads as `// switch NAME DEFAULT`, a GLSL later than 3.3 as `// version 430`, and a
+number shared with Python as `#constant NAME`.
+An undeclared switch, a missing file or an include cycle is an error that names file and line. The composed text records
+the origin of each line, to map compiler messages.
 """
 
 from __future__ import annotations
@@ -19,40 +19,40 @@ from splatgl.gl.constants import CONSTANTS, glsl
 INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 CONSTANT = re.compile(r"^#constant (\w+)")
 SWITCH = re.compile(r"^// switch (\w+) (\w+)\s*$")
-# how llvmpipe/Mesa ("0:12(3): error"), NVIDIA ("0(12) : error") and AMD/Intel ("ERROR: 0:12:") name a line
+# line numbers of llvmpipe/Mesa ("0:12(3): error"), NVIDIA ("0(12) : error") and AMD/Intel ("ERROR: 0:12:")
 ERROR_LINE = re.compile(r"\b0[:(](\d+)")
 VERSION_LINE = re.compile(r"^// version (\d+)\s*$")
 VERSION = 330
 
 
 class ShaderError(RuntimeError):
-    """A mistake in shader text or in how it is composed: a defect of the program, not of its input."""
+    """An error in shader text or its composition: a bug, not bad input."""
 
 
 @dataclass(frozen=True)
 class ShaderText:
-    """Composed source, and the file and line that each of its lines came from."""
+    """Composed source, and the file and line of origin of each line."""
 
     source: str
     lines: tuple[str, ...]
 
     def explain(self, message: str) -> str:
-        """A compiler's message with the places it names."""
+        """A compiler message with the origins of its lines."""
         places = {int(n) for n in ERROR_LINE.findall(message)}
         known = [f"line {n} is {self.lines[n - 1]}" for n in sorted(places) if 0 < n <= len(self.lines)]
         return "\n".join([message.strip(), *known])
 
 
 def folder() -> Path:
-    """Where the shaders are: inside the installed package, or beside it in a checkout."""
+    """The shader folder: inside the installed package, or beside it in a checkout."""
     inside = Path(__file__).parents[1] / "shaders"
     return inside if inside.is_dir() else Path(__file__).parents[2] / "shaders"
 
 
 def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozenset[str] = frozenset()) -> ShaderText:
-    """The text of shader `name` with its includes, switches set, ready to compile.
+    """The text of shader `name` with includes and switches, ready to compile.
 
-    allowed: switches that another stage of the same program declares and that may be given here too.
+    allowed: switches that only another stage of the program declares.
     """
     lines = list(_expand(name, (), set()))
     declared = {match[1]: match[2] for _, text in lines if (match := SWITCH.match(text))}
@@ -72,7 +72,7 @@ def declared_switches(name: str) -> frozenset[str]:
 
 
 def _expand(name: str, outer: tuple[str, ...], seen: set[str]) -> Iterator[tuple[str, str]]:
-    """(place, text) of every line, includes in their place, each file once."""
+    """(place, text) of every line; each file is included once."""
     seen.add(name)
     for number, text in enumerate(_read(name), 1):
         place = f"{name}:{number}"

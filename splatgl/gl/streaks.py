@@ -1,4 +1,4 @@
-"""Moving splats as streaks: quads along their paths, and on the GPU how far each splat flows."""
+"""Moving splats as streaks: quads along their paths, with per-splat flow on the GPU."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from splatgl.splat.plan.plan import Plan
 
 
 class Streaks(Quads):
-    """Keeps the last splats that flow."""
+    """Quads that cover streaks; caches the last flowing splats."""
 
     flowing: Flowing | None = None
 
@@ -41,7 +41,7 @@ class Streaks(Quads):
 
 
 class Flowing(Sorted):
-    """Records in drawing order, and beside them how far each splat flows in half of the exposure, in grid steps."""
+    """Records in drawing order, with each splat's drift in half of the exposure, in grid steps."""
 
     def __init__(self, ctx: moderngl.Context, splats: Splats, exposure: Exposure) -> None:
         super().__init__(ctx, splats)
@@ -50,12 +50,12 @@ class Flowing(Sorted):
         self.drift_buffer = ctx.buffer(reserve=self.drift.nbytes)
 
     def holds(self, splats: Splats, exposure: Exposure) -> bool:
-        """Whether its numbers are those of these splats, by the same flow over as many frames."""
+        """Whether it holds these splats' drift, for the same flow and number of frames."""
         mine = self.exposure
         return splats is self.splats and exposure.flow is mine.flow and exposure.frames == mine.frames
 
     def release(self) -> None:
-        """Frees the records' buffers and the one of the flow."""
+        """Frees the buffers of records and drift."""
         super().release()
         self.drift_buffer.release()
 

@@ -1,4 +1,4 @@
-"""Tables that shaders look up, as textures: footprints, half lines and blurred footprints, each made once."""
+"""Lookup tables as textures: footprints, half lines and blurred footprints, each created once."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from splatgl.splat.plan.plan import Plan
 
 # texture units
 FOOTPRINT_UNIT, HALF_LINE_UNIT, BLUR_UNIT = 0, 1, 3
-# bits of a texel → moderngl's dtype, numpy's, and what 1.0 is stored as
+# bits of a texel → moderngl's dtype, numpy's, and the stored value of 1.0
 FORMATS: dict[int, tuple[str, np.dtype, int]] = {
     32: ("f4", np.dtype("<f4"), 1),
     16: ("nu2", np.dtype("<u2"), 65535),
@@ -25,14 +25,14 @@ HALF_LINE_SIZE = 256
 
 
 class Tables:
-    """Kept by what they are of."""
+    """Cache of table textures."""
 
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
         self.ctx, self.owned = ctx, owned
         self.kept: dict[tuple[str, str, int, int], moderngl.Texture] = {}
 
     def use(self, plan: Plan) -> None:
-        """Binds what a plan's program looks up."""
+        """Binds the tables of a plan's program."""
         kernel, program = plan.kernel, plan.program
         size, bits = plan.lookup.size, plan.lookup.bits
         if program.footprint != "polynomial":

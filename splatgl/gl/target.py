@@ -1,4 +1,4 @@
-"""Float targets to draw into, and reading them back."""
+"""Render targets and their readback."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from splatgl.data.errors import InputError, expected
 from splatgl.splat.view.screen_bounds import Window
 
-# target → moderngl's dtype, numpy's, and what 1.0 is stored as
+# target → moderngl's dtype, numpy's, and the stored value of 1.0
 FORMATS: dict[str, tuple[str, np.dtype, float]] = {
     "rgba32f": ("f4", np.dtype("<f4"), 1.0),
     "rgba16f": ("f2", np.dtype("<f2"), 1.0),
@@ -21,18 +21,18 @@ FORMATS: dict[str, tuple[str, np.dtype, float]] = {
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A texture to draw into, [H, W] of RGBA, row 0 on top."""
+    """A render target, [H, W] of RGBA, row 0 on top."""
 
     texture: moderngl.Texture
     framebuffer: moderngl.Framebuffer
     format: str
 
     def read(self, window: Window | None = None) -> np.ndarray:
-        """float32 [H, W, 4]; outside of the window's rows it is zero, and never touched."""
+        """float32 [H, W, 4]; rows outside the window are zero and never touched."""
         name, dtype, one = FORMATS[self.format]
         width, height = self.texture.size
         first, rows = (window.y, window.height) if window else (0, height)
-        # zeros come from the system untouched: rows that nothing reaches cost nothing
+        # the system maps zero pages lazily: rows outside the window cost nothing
         pixels = np.zeros((height, width, 4), dtype)
         if rows:
             box = (0, first, width, rows)
@@ -46,7 +46,7 @@ class Target:
 
 
 class Targets:
-    """One target a role ("draw", "resolve"), made anew only when its size or format changes."""
+    """One target per role ("draw", "resolve"), recreated only when its size or format changes."""
 
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
         self.ctx = ctx
@@ -54,10 +54,10 @@ class Targets:
         owned.callback(self.release)
 
     def get(self, role: str, size: tuple[int, int], form: str) -> Target:
-        """The role's target of `size` (width, height) in that texture format; its old content may still be there."""
+        """The role's target of `size` (width, height) in that texture format; not cleared."""
         target = self.kept.get(role)
         if target is None or target.texture.size != size or target.format != form:
-            # moderngl binds the framebuffer in use again whenever it makes one, so the old one goes last
+            # moderngl rebinds the current framebuffer when it creates one, so the old one is freed last
             old, target = target, self._make(size, form)
             target.framebuffer.use()
             self.kept[role] = target
@@ -88,7 +88,7 @@ def _release(target: Target) -> None:
 
 
 def check_size(ctx: moderngl.Context, size: tuple[int, int]) -> None:
-    """InputError if a picture of that size is beyond what this OpenGL draws."""
+    """Raises InputError for a picture beyond this OpenGL's size limits."""
     limits = [ctx.info["GL_MAX_TEXTURE_SIZE"], *ctx.info["GL_MAX_VIEWPORT_DIMS"]]
     limit = int(min(limits))
     if max(size) > limit:

@@ -1,8 +1,8 @@
-"""Splats gathered by tiles of pixels: they are placed, listed by tile, and each tile's list is added up.
+"""Splats binned into tiles of pixels: placed, listed by tile, and composited tile by tile.
 
-A tile's pixels stay in registers while its splats are composited, nearest first, and end with the one after which next
-to nothing passes any more. Nothing is sorted, and software OpenGL, which spends most of a quad's time on setting it up
-and on blending, does neither.
+A tile's pixels stay in registers while its splats are composited front to back, with early termination once almost no
+light passes. There is no sort, no quad setup and no blending; the last two take most of a quad's time in software
+OpenGL.
 """
 
 from __future__ import annotations
@@ -30,26 +30,24 @@ from splatgl.splat.plan.tiling import COLUMNS, MOST, MOST_PIXELS, ROWS
 from splatgl.splat.view.block_culling import BLOCK, Frustum, shown
 from splatgl.splat.view.screen_bounds import Window
 
-# entries of a list at most
+# most entries of all lists together
 MOST_LISTED = 2**25
-# how many groups list splats, each a run of them for each invocation
+# work groups of the listing pass; each invocation lists one run of splats
 GROUPS = min(os.cpu_count() or 1, 8)
-# llvmpipe ends a loop after 65535 rounds: what needs more is done in portions
+# llvmpipe ends a loop after 65535 iterations: longer loops take several dispatches
 ROUNDS = 60_000
-# tiles drawn at a time: the groups along x that every OpenGL has; and entries of lists, a tenth of a second's work
+# most tiles per dispatch, the groups along x that every OpenGL allows; and list entries per dispatch, 0.1 s of work
 MOST_TILES, ENTRIES = 65_535, 2**20
-# where placed splats, the list, records and the order are looked up; the storage buffer; the image written to
+# texture units of placed splats, the list, and records with their order; storage buffer bindings; the image unit
 PLACED_UNIT, LIST_UNIT, RECORDS_UNIT = 8, 5, 5
 CURSORS, DONE, LISTS, OPEN, BLOCKS, IMAGE = 0, 1, 2, 3, 4, 0
-# what a placed splat is, a texture each; the last four for footprints beyond a quadratic form
+# textures of a placed splat; the last four serve footprints beyond a quadratic form
 PLACED = ("bounds", "heads", "shapes", "matters", "bends", "cubics", "mixeds")
 
 
 @dataclass(eq=False)
 class Band:
-    """Rows of a picture that is being drawn. closed: tiles that next to nothing passes any more; begun: whether the
-    target holds what is nearer.
-    """
+    """Rows of the picture being drawn. closed: terminated tiles; begun: whether the target holds nearer splats."""
 
     window: Window
     closed: np.ndarray
@@ -57,8 +55,8 @@ class Band:
 
 
 class Tiles:
-    """Keeps buffers and textures between pictures, which grow when they must. whole: draws one triangle over the
-    framebuffer in use.
+    """Reuses buffers and textures between pictures; they grow on demand. whole: draws one triangle over the bound
+    framebuffer.
     """
 
     def __init__(
@@ -76,18 +74,18 @@ class Tiles:
         self.list: moderngl.Texture | None = None
         self.band = Band(Window(0, 0, 0, 0), np.zeros(0, bool))
         self.ask: Callable[[], None] = lambda: None
-        # blocks of the drawing order that may be in the picture; None: all
+        # mask of the drawing order's blocks that may be visible; None: all
         self.shown: np.ndarray | None = None
 
     def release(self) -> None:
-        """Frees all buffers and textures; they are made again when they are wanted."""
+        """Frees all buffers and textures; they are recreated on demand."""
         for part in (self.framebuffer, *self.placed, *self.buffers.values(), self.list):
             if part is not None:
                 part.release()
         self.placed, self.framebuffer, self.buffers, self.list = [], None, {}, None
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
-        """Composites the splats into `target`, nearest first, chunk by chunk; Interrupted if `portions` is."""
+        """Composites the splats into `target`, nearest first, chunk by chunk; raises Interrupted if cancelled."""
         frustum, kept = Frustum.of(plan.view), len(splats) <= MOST_KEPT
         batches = pairwise(cuts(len(splats), plan.hiding.depth_batches))
         bands = [self.begin(window) for window in bands_of(plan.window)]
@@ -103,7 +101,7 @@ class Tiles:
                 self.gather(target, plan, texels, (begin - first, end - first), band, seen, portions.ask)
 
     def begin(self, window: Window) -> Band:
-        """A picture, or a band of one, begins: light passes everywhere."""
+        """A new band with all tiles open."""
         across, down = _tiles(window)
         return Band(window, np.zeros(across * down, bool))
 
@@ -117,10 +115,10 @@ class Tiles:
         shown: np.ndarray | None = None,
         ask: Callable[[], None] = lambda: None,
     ) -> None:
-        """Splats `which` of the drawing order, nearest first, behind what was drawn of the band before.
+        """Composites splats `which` of the drawing order, nearest first, behind the band's earlier ones.
 
-        shown: which blocks of the order may be in the picture; None: all. ask: called between two dispatches, and may
-        raise to end the picture.
+        shown: mask of the order's blocks that may be visible; None: all. ask: called between dispatches; may raise to
+        cancel the picture.
         """
         self.shown, self.ask, self.band = shown, ask, band
         for begin in range(which[0], which[1] if band.closed.size else which[0], MOST):
@@ -141,7 +139,7 @@ class Tiles:
             self.band.begun = True
 
     def _place(self, plan: Plan, texels: Texels, which: Range) -> int:
-        """How many are placed."""
+        """Places the splats; returns how many."""
         count = which[1] - which[0]
         if self.shown is not None:
             first = which[0] // BLOCK
@@ -179,24 +177,24 @@ class Tiles:
                 part.release()
 
     def _count(self, plan: Plan, count: int) -> np.ndarray | None:
-        """(tile, begin, end, 0) of every list that is not empty, uint32 [lists, 4]; None if they are too long in all.
+        """(tile, begin, end, 0) of each non-empty list, uint32 [lists, 4]; None if they exceed MOST_LISTED together.
 
-        The cursors are where each run's part of each list begins.
+        Sets the cursors to the start of each run's part of each list.
         """
         across, down = _tiles(self.band.window)
         runs = GROUPS * LANES
-        # one more for what touches no tile
+        # plus a dummy slot for splats that touch no tile
         size = runs * (across * down + 1) * 4
         cursors = self._buffer(CURSORS, size)
         cursors.clear(size)
         self._run(plan, count, {"COUNTING": True})
         found = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, across * down + 1)
         found = found[:, :-1]
-        # tile after tile, in each run after run
+        # tile by tile, within a tile run by run
         until = np.cumsum(found, axis=0, dtype=np.uint32)
         until[:, self.band.closed] = 0
         lengths = until[-1].astype(np.int64)
-        # each list begins with four entries that are gathered at once
+        # each list starts at a multiple of four, as four entries are gathered at once
         room = np.cumsum(-(-lengths // 4) * 4)
         if room[-1] > MOST_LISTED and count > 1:
             return None
@@ -210,7 +208,7 @@ class Tiles:
         return np.stack([filled, begins[filled], ends, np.zeros_like(ends)], axis=1).astype(np.uint32)
 
     def _list(self, plan: Plan, count: int, total: int) -> None:
-        # and an entry that is never read
+        # plus an entry that is never read
         height = ((total + 4) // (LISTED * 4) + 1) * 2
         if self.list is None or self.list.height < height:
             if self.list is not None:
@@ -221,7 +219,7 @@ class Tiles:
         self._run(plan, count, {"COUNTING": False}, total + 4)
 
     def _run(self, plan: Plan, count: int, switches: dict[str, bool], unread: int = 0) -> None:
-        """Over all splats, each time as many as ROUNDS allow. unread: an entry of the list beyond what is read."""
+        """Lists all splats, at most ROUNDS iterations a dispatch. unread: a list entry that is never read."""
         program = self._program("tile_list.comp", plan, switches)
         length = -(-count // (GROUPS * LANES))
         _set(program, count=count, length_=length, budget=ROUNDS, unread=unread)
@@ -257,7 +255,7 @@ class Tiles:
             self.band.closed[now[open_ == 0, 0]] = True
 
     def _buffer(self, binding: int, size: int) -> moderngl.Buffer:
-        """Of so many bytes at least, bound."""
+        """The storage buffer of at least `size` bytes, bound."""
         found = self.buffers.get(binding)
         if found is None or found.size < size:
             if found is not None:
@@ -274,33 +272,33 @@ class Tiles:
 
 
 def _dispatches(lists: np.ndarray) -> list[np.ndarray]:
-    """The lists in groups that are drawn at a time: no more than MOST_TILES, nor, but for single ones, ENTRIES."""
+    """The lists grouped by dispatch: at most MOST_TILES lists and, unless a single list, ENTRIES entries."""
     before = np.cumsum(lists[:, 2].astype(np.int64) - lists[:, 1])
-    # one begins where either count is full
+    # a dispatch begins where either count is full
     return np.split(lists, np.flatnonzero(np.diff(before // ENTRIES + np.arange(len(lists)) // MOST_TILES)) + 1)
 
 
 def bands_of(window: Window) -> list[Window]:
-    """The window in bands of rows of MOST_PIXELS at most."""
+    """The window in bands of rows, at most MOST_PIXELS pixels each."""
     height = max(MOST_PIXELS // max(window.width, 1) // ROWS, 1) * ROWS
     last = window.y + window.height
     return [Window(window.x, top, window.width, min(height, last - top)) for top in range(window.y, last, height)]
 
 
 def _tiles(window: Window) -> tuple[int, int]:
-    """How many there are along x and y."""
+    """Numbers of tiles along x and y."""
     return -(-window.width // COLUMNS), -(-window.height // ROWS)
 
 
 def _textures(program: Program) -> int:
-    """How many placed splats need: tiles.glsl's BENT."""
+    """Number of textures of placed splats; see BENT in tiles.glsl."""
     if program.seen.antialias and program.align == "exact":
         return 5 if program.seen.cubic else 7
     return 3
 
 
 def _set(program: moderngl.Program | moderngl.ComputeShader, **values: object) -> None:
-    """Those of the uniforms that the program has."""
+    """Sets those uniforms that the program has."""
     for name, value in values.items():
         if name in program:
             program[name] = value

@@ -67,17 +67,17 @@ STYLE = np.dtype(
         "itemsize": 32,
     }
 )
-# a depth that nothing is beyond, mean spacings
+# a depth beyond all splats, mean spacings
 FURTHEST = 1e30
 
 
 def frame_block(splats: Splats, plan: Plan) -> np.ndarray:
-    """The view, computed in float64 in units of the mean spacing and only then rounded; FRAME, shape ()."""
+    """The view in units of the mean spacing, computed in float64, then rounded; FRAME, shape ()."""
     view, block = plan.view, np.zeros((), FRAME)
     block["eye_from_index"][:, :3] = view.eye_from_index.T
     block["index_from_eye"][:, :3] = view.index_from_eye.T
     block["eye_from_world"][:, :3] = plan.resolved.camera.eye_from_world.T
-    # a far eye's offset is along the view, so that across it float32 loses nothing
+    # a far eye's offset is along the view: no float32 loss across it
     base = _base(splats, view.eye_index)
     block["base"][:3] = base
     block["eye_from_base"][:3] = view.eye_from_index @ (view.eye_index - base)
@@ -87,7 +87,7 @@ def frame_block(splats: Splats, plan: Plan) -> np.ndarray:
     block["near"] = NEAR
     block["depth_reach"] = view.reach
     block["image_center"] = np.array(view.size) / 2
-    # what is never widened, or always, by numbers that float32 has
+    # infinite depths (never or always widened) clipped to float32
     block["beyond"] = np.clip(view.widened_beyond, -FURTHEST, FURTHEST)
     frustum = Frustum.of(view)
     block["edge"], block["support"], block["stretch"] = frustum.edge, frustum.support, frustum.stretch
@@ -97,11 +97,11 @@ def frame_block(splats: Splats, plan: Plan) -> np.ndarray:
 
 
 def _add_path(block: np.ndarray, splats: Splats, plan: Plan, exposure: Exposure) -> None:
-    """Where the grid is when the shutter opens and closes, as the middle's lens shows it."""
+    """Grid placement when the shutter opens and closes, in the field of view of the exposure's middle."""
     middle, grid = exposure.middle, splats.grid
     base = _base(splats, grid.index_from_world(middle.eye))
     for name, camera in (("first", exposure.first), ("last", exposure.last)):
-        # the same steps as for the middle, so that what stands still has no path
+        # same operations as for the middle, so that still splats have a zero path
         moved = eye_from_index(grid, camera)
         moved[:2] *= middle.extent / camera.extent
         block[f"{name}_from_index"][:, :3] = moved.T
@@ -117,7 +117,7 @@ def _base(splats: Splats, eye: np.ndarray) -> np.ndarray:
 
 
 def style_block(splats: Splats, plan: Plan) -> np.ndarray:
-    """The scene's numbers; STYLE, shape ()."""
+    """The scene's constants; STYLE, shape ()."""
     block = np.zeros((), STYLE)
     block["radius"] = plan.kernel.radius
     block["peak"] = plan.kernel.footprint(np.zeros(()))

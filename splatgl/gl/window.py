@@ -16,7 +16,7 @@ HIDDEN_SIZE = (16, 16)  # pixels; a hidden window is never drawn to
 
 
 class WindowLoader(Loader):
-    """The OpenGL context of a GLFW window, which is destroyed with it. GLFW wants the main thread."""
+    """The OpenGL context of a GLFW window, which is destroyed with it. GLFW requires the main thread."""
 
     backend = "window"
 
@@ -69,10 +69,10 @@ def _create(size: tuple[int, int], title: str, visible: bool) -> Any:
         raise BackendError(f"GLFW could not be loaded ({error})") from error
     window = None
     with _glfw_errors():
-        # Without a display only the null platform starts, and there only OSMesa draws
+        # Without a display only the null platform starts, and only with OSMesa
         headless = not _has_display()
         glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL if headless else glfw.ANY_PLATFORM)
-        # where it cannot start, a further call would hide why
+        # if it cannot start, a further call would hide the reason
         if glfw.init():
             _hint(glfw, visible)
             window = glfw.create_window(*size, title, None, None)
@@ -82,19 +82,19 @@ def _create(size: tuple[int, int], title: str, visible: bool) -> Any:
 
 
 def _hint(glfw: Any, visible: bool) -> None:
-    """What windows to make from now on."""
+    """Sets the hints for windows created from now on."""
     glfw.default_window_hints()
     if glfw.get_platform() == glfw.PLATFORM_NULL:
         glfw.window_hint(glfw.CONTEXT_CREATION_API, glfw.OSMESA_CONTEXT_API)
     glfw.window_hint(glfw.CONTEXT_VERSION_MAJOR, 3)
     glfw.window_hint(glfw.CONTEXT_VERSION_MINOR, 3)
     glfw.window_hint(glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE)
-    glfw.window_hint(glfw.OPENGL_FORWARD_COMPAT, sys.platform == "darwin")  # macOS insists, OSMesa refuses
+    glfw.window_hint(glfw.OPENGL_FORWARD_COMPAT, sys.platform == "darwin")  # required by macOS, refused by OSMesa
     glfw.window_hint(glfw.VISIBLE, visible)
 
 
 def _has_display() -> bool:
-    """Whether a window system is announced; macOS and Windows always have one."""
+    """Whether the environment names a display; always true on macOS and Windows."""
     if sys.platform in ("darwin", "win32"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
@@ -102,10 +102,10 @@ def _has_display() -> bool:
 
 @contextmanager
 def _glfw_errors() -> Iterator[None]:
-    """Turn what GLFW reports, by default as warnings, into a BackendError."""
+    """Turns GLFW's errors, by default warnings, into a BackendError."""
     import glfw
 
-    glfw.get_error()  # forget what was reported before
+    glfw.get_error()  # clears earlier errors
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", glfw.GLFWError)
         yield

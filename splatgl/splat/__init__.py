@@ -1,1 +1,1 @@
-"""Room 2, splat: what a splat is, which there are, and how each is seen; numpy in float64, no GL."""
+"""Room 2, splat: extraction, kernels, integrals, views and plans of splats; numpy in float64, no GL."""

@@ -1,1 +1,1 @@
-"""How far a picture may be from the right one."""
+"""Error bounds of rendered pictures."""

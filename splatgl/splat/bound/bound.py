@@ -1,20 +1,19 @@
-"""How far a picture may be from the float64 reference of the same splats: a bound for each picture.
+"""Bound on a picture's error against the float64 reference of the same splats.
 
-The reference is row 1 of Table 1, whatever `align` says: a form's own error counts, as do tables and float32.
+The reference is row 1 of Table 1 for every `align`: the bound includes errors of the form, of tables and of float32.
 
-How errors add up is derived. A fragment's optical depth τF is off by δ ≤ ρ τF + σ τF(0). With c the light that it
-gives and T the light that passes up to its end, ∂C/∂τF = T (c − what is seen behind it), so that
+Error accumulation is derived. A fragment's optical depth τF has an error δ ≤ ρ τF + σ τF(0). With c its colour and T
+the transmittance behind it, ∂C/∂τF = T (c − colour behind), so that
 
-    Σ T σ τ F(0) ≤ σ S,    S the depth of all footprints that one ray meets, be it at the rim (ray_overlap.py);
+    Σ T σ τ F(0) ≤ σ S,    S the depth of all footprints that one ray meets, even at the rim (ray_overlap.py);
     ρ Σ T τF |c − behind| ≤ ρ/2,
 
-since with q for what is seen, c = q − dq/dτ in [0, 1], and no q makes ∫ e^(−τ) |dq/dτ| dτ more than a half. Where F is
-small a relative error is large and an absolute one is not, so that (ρ, σ) is chosen for each picture
-(footprint_error.py).
-Two numbers are measured, with a margin: ROUNDINGS, and how much the second order beyond z_k is (BENT, MOVED).
+since with q for the colour seen, c = q − dq/dτ in [0, 1], and ∫ e^(−τ) |dq/dτ| dτ ≤ 1/2 for every q. Where F is small a
+relative error is large and an absolute one is not, so that (ρ, σ) is chosen per picture (footprint_error.py).
+Two quantities are measured, with a margin: ROUNDINGS, and the second-order error beyond z_k (BENT, MOVED).
 
-A moving picture is bound to the float64 streaks of the same splats, not to what many moments show. A streak is the mean
-of a footprint on its way, and so are its errors; besides, it is the difference of two areas.
+For motion blur the reference is the float64 streaks of the same splats, not temporal supersampling. A streak is the
+mean of a footprint along its path, and so are its errors; it also adds the error of a difference of two areas.
 """
 
 from __future__ import annotations
@@ -35,39 +34,37 @@ from splatgl.splat.view.view import View
 if TYPE_CHECKING:
     from splatgl.splat.plan.plan import Plan
 
-# by how many of a float32's last digits of its distance from the eye a voxel may be misplaced against a pixel's ray
+# largest error of a voxel's position against a pixel's ray, in float32 ULPs of its distance from the eye
 ROUNDINGS = 0.5
-# beyond z_k `exact` is right to second order: at depth z it gains or loses BENT/z² of itself, and is off by
-# (MOVED₀ + MOVED₁ tan²θ)/z² voxels; up to 60° off the axis, and three times as much for the Gaussian, which has a rim
+# beyond z_k `exact` has second-order errors: at depth z a relative gain of BENT/z² and a shift of
+# (MOVED₀ + MOVED₁ tan²θ)/z² voxels, up to 60° off axis; three times the shift for the Gaussian, which has a rim
 BENT, MOVED = 0.8, (0.3, 0.75)
 RIMMED = 3.0
-# what one rounding may lose of a number of 0.5 to 1, and of any number however small; drivers may cut 16 bits off
-# instead of rounding them, and lay 8 bits over each other in 8 bits; 'over' in float32 rounds 1 − α, its product and
-# the sum
+# error of one rounding of a number of 0.5 to 1, and of any smaller number; drivers may truncate to 16 bits instead of
+# rounding, and blend 8-bit targets in 8 bits; 'over' in float32 rounds 1 − α, its product and the sum
 TARGET = {"rgba32f": (ULP / 4, 0.0), "rgba16f": (2.0**-11, 2.0**-24), "rgba8": (1.5 / 255, 1.5 / 255)}
 OVER = 3.0
-# a kernel around the eye: its share of a chord, times F/F(0), comes from a table within the first; all the lattice's
-# around it add up to the second
+# a kernel around the eye: error of the half-line table's share of a chord, times F/F(0); and of the sum over all
+# lattice kernels around the eye
 HALF_LINE, AROUND = 3.2e-5, 1.2e-4
 # shading, colour and one_minus_exp in float32
 ARITHMETIC = 8 * ULP
-# tiles have colours of 21 bits, and a quicker one_minus_exp
+# tiles use colours of 21 bits and a faster one_minus_exp
 GATHERED = 10 * ULP
-# a streak has three places instead of one, and float32's areas over its length are off by so much of F(0); between the
-# exposure's ends and middle a ray meets no more than so many times what it meets there
+# a streak has three positions instead of one; error of float32 areas over its length, in F(0); largest ratio of a ray's
+# overlap between the exposure's ends and middle to the overlap there
 PLACES, AREAS, BETWEEN = 3.0, 5e-6, 1.5
-# nearer to the eye's plane, in reaches of a kernel, streaks are drawn otherwise: motion.glsl's AHEAD, and some
+# nearer to the eye's plane than this many kernel reaches, streaks are degenerate: AHEAD of motion.glsl with a margin
 AHEAD = 1.15
-# the opacity of what moves changes by no more than this, relative to its two depths' relative changes and to absolute
-# ones
+# largest change of a moving splat's opacity, per relative and per absolute change of its two depths
 DWELT = (1.7, 2.0)
 
 
 @dataclass(frozen=True)
 class Bound:
-    """Parts of the bound, linear light; `total`: what a pixel may be off by, no more than `largest` can be.
+    """Parts of the bound, linear light; `total`: the largest error of a pixel, at most `largest`.
 
-    footprint: form, table and float32's places; hidden: closed pixels; rounding: of the target, blend after blend.
+    footprint: form, table and float32 positions; hidden: early termination; rounding: of the target, per blend.
     """
 
     footprint: float
@@ -88,9 +85,9 @@ class Bound:
 
 
 def bound(splats: Splats, plan: Plan, brightest: float) -> Bound | None:
-    """The bound of a picture; brightest: its largest component, which an X-ray's errors are in proportion to.
+    """The bound of a picture; brightest: its largest component, to which an X-ray's errors are relative.
 
-    None for streaks that are drawn otherwise than their model: near the eye, and of long voxels beyond z_k.
+    None for streaks that deviate from their model: near the eye, and of long voxels beyond z_k.
     """
     if plan.exposure is None:
         splats = ahead(splats, plan.resolved.camera)
@@ -107,9 +104,9 @@ def bound(splats: Splats, plan: Plan, brightest: float) -> Bound | None:
             return None
         placement, met = blurred
     whole = _largest(splats, plan, met, most)
-    # 8 bits cut off what is over 1
+    # 8 bits clamp values over 1
     cut = plan.target == "rgba8" and (blend.unbounded or whole > 1.0)
-    # and a form that is not the right one may not show at all what is bright
+    # and an approximate form may miss the brightest parts
     other = plan.view.perspective and program.align != "exact"
     brightest = whole if cut or other else brightest
     footprint = _footprints(splats, plan, placement, met, brightest / most) * most
@@ -120,14 +117,14 @@ def bound(splats: Splats, plan: Plan, brightest: float) -> Bound | None:
     if blend.ordered and plan.target == "rgba32f":
         rounding *= OVER
     lost = _resolved(plan, max(scale, 1.0 if plan.resolved.background else 0.0))
-    # rounded up, or by a form that takes a ray for longer than it is, pixels are brighter than any can be
+    # rounding up, or a form that overestimates a ray's length, makes pixels brighter than the true maximum
     longest = 2 * float(np.hypot(_edge(plan.view), 1.0)) if other and not blend.ordered else 1.0
     hidden = plan.hiding.cutoff * most
     return Bound(footprint, hidden, whole if cut else rounding + lost, whole * longest + least + lost)
 
 
 def _blurred(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[PlacementError, RayOverlap] | None:
-    """The same for streaks."""
+    """Placement error and ray overlap of streaks; None if they deviate from their model."""
     shape, seen = plan.kernel, plan.program.seen
     steps = splats.grid.world_from_index / splats.grid.mean_spacing
     astray = 0.0 if exposure.flow is None else 2 * float(np.linalg.norm(exposure.drift(splats), axis=1).max())
@@ -144,7 +141,7 @@ def _blurred(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[PlacementE
         max(each.gain for each in placements),
         AREAS if plan.program.motion == "exact" else 0.0,
     )
-    # a path's length, in voxels, and the stadium that it makes of a disc
+    # a path's length, in voxels, and the area of the stadium that a disc sweeps
     flat = [
         box[:2] / (box[2] if view.perspective else 1.0) / camera.extent
         for box, view, camera in zip(boxes, views, cameras, strict=True)
@@ -158,7 +155,7 @@ def _blurred(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[PlacementE
 
 
 def _largest(splats: Splats, plan: Plan, met: RayOverlap, most: float) -> float:
-    """More than any pixel can be."""
+    """An upper bound on pixel values."""
     if plan.program.look.blend.ordered:
         return most
     if plan.program.look.blend.peak:
@@ -167,30 +164,30 @@ def _largest(splats: Splats, plan: Plan, met: RayOverlap, most: float) -> float:
 
 
 def _opacity(splats: Splats) -> float:
-    """The largest of a splat, over the transfer function's reference length."""
+    """The largest opacity of a splat, over the transfer function's reference length."""
     return float(-np.expm1(-splats.deepest * splats.unit / splats.grid.mean_spacing))
 
 
 def _resolved(plan: Plan, scale: float) -> float:
-    """What float32 loses where samples are averaged and lie over a background; nothing where they are pixels."""
+    """Float32 error of averaging samples and blending over a background; 0 without either."""
     if plan.samples == 1 and plan.resolved.background is None:
         return 0.0
     return ULP * (plan.samples + 1) * _last_digit(scale)
 
 
 def _last_digit(largest: float) -> float:
-    """A power of two that is not less: numbers below it lose no more than it times TARGET."""
+    """The next power of two: numbers below it have a rounding error of at most it times TARGET."""
     return float(2.0 ** np.ceil(np.log2(max(largest, 1e-30))))
 
 
 def _footprints(splats: Splats, plan: Plan, placement: PlacementError, met: RayOverlap, brightest: float) -> float:
-    """What all fragments of a ray are off by together, for colours up to 1."""
+    """Total error of all fragments of a ray, for colours up to 1."""
     program, blend, half_line = plan.program, plan.program.look.blend, plan.program.seen.half_line
     arithmetic = ARITHMETIC + GATHERED * (program.technique == "tiles")
     if blend.peak:
         share = (largest(plan.lookup, placement) + HALF_LINE * half_line + arithmetic) * _opacity(splats)
         return min(share, 1.0)
-    # an X-ray is the sum itself
+    # an X-ray is a plain sum
     weight, deep = (0.5 if blend.ordered else brightest), met.depth
     if program.motion != "off" and program.look.attenuation == "fill":
         weight, deep = DWELT[0], DWELT[1] * met.depth
@@ -201,17 +198,17 @@ def _footprints(splats: Splats, plan: Plan, placement: PlacementError, met: RayO
 
 
 def _around(splats: Splats) -> float:
-    """What the half-line table makes kernels around the eye miss together, in optical depth."""
+    """Total error of the half-line table over kernels around the eye, in optical depth."""
     cells = cells_of(splats)
     each = HALF_LINE * splats.total_depth
     return min(each, AROUND * cells.depth) if cells.aligned else each
 
 
 def _placement(splats: Splats, view: View, plan: Plan) -> PlacementError:
-    """How far a fragment's distance D may be off, in voxels, and its value."""
+    """The largest error of a fragment's distance D, in voxels, and of its value."""
     radius, corners = view.kernel.radius, view.box(splats)
     widths = np.linalg.svd(view.eye_from_index, compute_uv=False)
-    # float32: a share of the way from the eye, worse where voxels are thin
+    # float32: relative to the distance from the eye, larger for thin voxels
     far = float(np.linalg.norm(corners, axis=0).max()) if view.perspective else float(np.abs(corners).max())
     place, gain = ROUNDINGS * ULP * (far + radius) / widths[-1], 0.0
     if not view.perspective:
@@ -232,7 +229,7 @@ def _edge(view: View) -> float:
 
 
 def _form(view: View, plan: Plan, nearest: float) -> float:
-    """Table 1's forms, which take one plane or one direction for all: off by the slant at the picture's edge."""
+    """Position error of Table 1's forms, which use one plane or direction for all rays: slant at the picture's edge."""
     radius = view.kernel.radius
     near = radius**2 / max(nearest, 1e-3)
     if plan.program.align == "ray" and not view.antialias:

@@ -1,6 +1,6 @@
-"""By how much a drawn footprint may miss the right one, as a curve over the distance D of the ray: in shares of F(0).
+"""Error of a drawn footprint as a function of the ray's distance D, relative to F(0).
 
-Three things add up: where float32 and the form place D, what the form gains or loses by itself, and the table.
+It is the sum of three errors: the position D in float32 and by the form, the form's gain, and the table.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ import numpy as np
 
 from splatgl.splat.kernel.kernels import Kernel, kernel, polynomials, radial_table
 
-# a float32 rounds by half of this
+# float32 rounds by at most half of this
 ULP = 2.0**-23
-# samples of the footprint, from the middle to the rim, dense there; absolute errors that are tried
+# samples of the footprint from centre to rim, dense at the rim; candidate absolute errors
 SAMPLES = 400
 ABSOLUTE = np.logspace(-12, 0, 73)
-# a polynomial's terms are of both signs: in float32 they lose so many last digits of its value
+# cancellation error of a polynomial in float32, in ULPs of its value
 POLYNOMIAL_DIGITS = 64
-# what filtering 8-bit texels in 8-bit arithmetic loses, beyond the texels' own rounding
+# error of filtering 8-bit texels in 8-bit arithmetic, besides the texels' own rounding
 EIGHT_BITS = 1.5 / 255
 
 
@@ -35,7 +35,7 @@ class Lookup:
 
 @dataclass(frozen=True)
 class PlacementError:
-    """How far a fragment's distance may be off, in voxels; its value besides, as a share of itself, and of F(0)."""
+    """Errors of a fragment: distance in voxels (place), value relative to itself (gain) and to F(0) (level)."""
 
     place: float
     gain: float = 0.0
@@ -48,7 +48,7 @@ def largest(lookup: Lookup, placement: PlacementError) -> float:
 
 
 def summed(lookup: Lookup, placement: PlacementError, weight: float, overlap: float) -> float:
-    """The most that errors add up to along a ray: min over σ of weight · ρ(σ) + overlap · F(0) · σ.
+    """The largest accumulated error along a ray: min over σ of weight · ρ(σ) + overlap · F(0) · σ.
 
     missed ≤ ρ F + σ F(0): where F is small a relative error is large, and an absolute one is not.
     """
@@ -73,7 +73,7 @@ def _distances(shape: Kernel) -> np.ndarray:
 
 def _missed(lookup: Lookup, placement: PlacementError) -> np.ndarray:
     """|drawn − right| / F(0) at _distances."""
-    # steps of a tenth in the logarithm, so that moving cameras find what is there
+    # quantised to tenths of log10, so that moving cameras hit the cache
     return _missed_at(lookup, _step(placement.place), _step(placement.gain)) + placement.level
 
 
@@ -101,7 +101,7 @@ def _table_error(lookup: Lookup, shape: Kernel, d: np.ndarray, value: np.ndarray
         place = np.clip((d / shape.radius) ** 2 * (lookup.size - 1), 0, lookup.size - 1)
         texel = place.astype(int)
         return np.asarray(np.abs(table[texel, 0] + table[texel, 1] * (place - texel) - value))
-    # bilinear between texels h apart: h²/8 of the second derivatives; and what the texels themselves round to
+    # bilinear between texels h apart: h²/8 of the second derivatives, plus the texels' rounding
     h = 2 * shape.radius / lookup.size
     first = np.gradient(value, d)
     missed = h * h / 8 * (np.abs(np.gradient(first, d)) + np.abs(first) / np.maximum(d, h))

@@ -1,7 +1,7 @@
-"""How much one ray of a picture can meet: the most splats, and the most of their optical depth, near any of them.
+"""Largest number of splats, and of their optical depth, whose footprints one ray of a picture meets.
 
-By planes: a ray that crosses n planes of the lattice at an angle meets no more than an ellipse's cells in each.
-By places: few splats, or few blocks of them, are counted in squares of the picture as large as the largest of them.
+By planes: a ray that crosses n planes of the lattice at an angle meets at most the cells of an ellipse in each.
+By positions: few splats, or few blocks of them, are counted in screen squares as large as the largest footprint.
 """
 
 from __future__ import annotations
@@ -14,27 +14,27 @@ import numpy as np
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.view import View
 
-# lattice points in an ellipse across a plane over its area, at most: measured over places, turns and lengths
+# largest ratio of lattice points in an ellipse across a plane to its area: measured over positions, angles and lengths
 DISCRETE = 1.35
-# a point that is off its cell's middle is this far from it at most
+# largest distance of a point from its cell's centre
 OFF = np.sqrt(3.0) / 2
-# tiles along each axis of the picture in which directions are bounded
+# tiles along each axis of the picture, for bounding directions
 TILES = 8
-# up to so many splats are counted one by one; more in blocks of so many cells a side, if no more are in use, of a grid
-# of no more than so many
+# up to FEW splats are counted one by one; more in blocks of BLOCK cells a side, if at most FEW are occupied in a grid
+# of at most MOST_BLOCKS
 FEW, BLOCK, MOST_BLOCKS = 8192, 8, 2**22
-# of these, one that is nearer than this share of the middle depth counts for the whole picture
+# a splat or block nearer than this share of the median depth counts for the whole picture
 NEAR = 1 / 3
-# squares of the picture along each axis, at most
+# most squares along each axis of the picture
 SQUARES = 512
-# beyond z_k a footprint reaches 2 R pixels at most: blocks.STRETCHED
+# beyond z_k a footprint reaches at most 2 R pixels: block_culling.STRETCHED
 STRETCHED = 2.0
 
 
 @dataclass(frozen=True)
 class RayOverlap:
-    """count: splats whose footprints one ray meets; depth: Σ τ g of them, g the length that it counts for (1 for cubes,
-    before z_k), in units of the kernel's line integral.
+    """count: splats whose footprints one ray meets; depth: their Σ τ g, g the effective length (1 for cubes before
+    z_k), in units of the kernel's line integral.
     """
 
     count: float
@@ -43,8 +43,8 @@ class RayOverlap:
 
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """Splats one by one, or in blocks: places [N, 3] in grid indices, radius [N] from there to its members' middles,
-    count [N] and Σ τ [N] of them.
+    """Single splats or blocks: centres [N, 3] in grid indices, radius [N] of their members' centres, their count [N]
+    and Σ τ [N].
     """
 
     place: np.ndarray
@@ -55,9 +55,9 @@ class Groups:
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """What is in the lattice: whether every splat is in its cell's middle, the most in one cell, and planes in use.
+    """Lattice occupancy: whether every splat is at its cell's centre, the most in one cell, and the occupied planes.
 
-    groups: None if even blocks are too many.
+    groups: None if there are too many blocks.
     """
 
     aligned: bool
@@ -68,7 +68,7 @@ class Cells:
 
 
 def ray_overlap(splats: Splats, view: View, astray: float = 0.0) -> RayOverlap:
-    """What a ray of the picture meets at most; at least one splat is there. astray: grid steps that each may be off."""
+    """The largest overlap of any ray, for at least one splat. astray: largest displacement of a splat, grid steps."""
     reach, cells = _Reach.of(splats, view, astray), cells_of(splats)
     by_planes = _by_planes(splats, view, reach)
     if cells.groups is None:
@@ -80,7 +80,7 @@ def ray_overlap(splats: Splats, view: View, astray: float = 0.0) -> RayOverlap:
 @dataclass(frozen=True, eq=False)
 class _Reach:
     """far: the furthest splat. longest: the longest reach of a kernel of unit radius. stretch: area of the widest
-    footprint over its own. radius: how far from its place a splat reaches, grid steps.
+    footprint over its unwidened area. radius: reach of a splat from its centre, grid steps.
     """
 
     far: float
@@ -116,11 +116,11 @@ def _by_planes(splats: Splats, view: View, reach: _Reach) -> RayOverlap:
     index = (crossed * _corners(np.sqrt((steps * steps).sum(axis=0))).max(axis=0)).min(axis=0).max()
     length = (crossed * _corners(np.sqrt((ray * ray).sum(axis=0))).max(axis=0)).min(axis=0).max()
     if view.perspective:
-        # it begins at the eye
+        # the ray begins at the eye
         shortest = float(np.linalg.norm(view.index_from_eye, ord=2))
         index = min(index, reach.far * shortest + 2 * np.sqrt(3.0))
         length = min(length, reach.far + 2 * np.sqrt(3.0) * reach.longest)
-    # of wide footprints the discrete excess is less: that of half a cell around
+    # wide footprints have a smaller discrete excess: a border of half a cell
     wide = radius * np.sqrt(reach.stretch)
     area = min(DISCRETE * np.pi * wide**2, np.pi * (wide + OFF) ** 2)
     count = min(float(len(splats)), area * index * cells.count)
@@ -132,7 +132,7 @@ def _by_places(groups: Groups, view: View, reach: _Reach) -> RayOverlap:
     radius = (reach.radius + groups.radius) * reach.longest
     wide = STRETCHED * view.kernel.radius * view.pitch if view.antialias else 0.0
     if view.perspective:
-        # a ball's outline from the eye, and a pixel's share of a stretched footprint, which its members' places widen
+        # a sphere's outline from the eye, and a stretched footprint in pixels, widened by its members' extent
         ahead = z > np.maximum(2 * radius, NEAR * max(float(np.median(z)), 0.0))
         safe = np.where(ahead, z, 1e30)
         slope, ratio = np.maximum(np.abs(x), np.abs(y)) / safe, radius / safe
@@ -144,7 +144,7 @@ def _by_places(groups: Groups, view: View, reach: _Reach) -> RayOverlap:
     everywhere = ~ahead & (z > -radius)
     many, deep = float(groups.count[everywhere].sum()), float(groups.depth[everywhere].sum())
     if ahead.any():
-        # squares that no footprint is larger than, so that each is in four of them at most
+        # squares at least as large as every footprint, so that each touches at most four
         place = _squares(x[ahead], y[ahead], half[ahead])
         many += float(np.bincount(place, np.repeat(groups.count[ahead], 4)).max())
         deep += float(np.bincount(place, np.repeat(groups.depth[ahead], 4)).max())
@@ -164,7 +164,7 @@ _cells: WeakKeyDictionary[Splats, Cells] = WeakKeyDictionary()
 
 
 def cells_of(splats: Splats) -> Cells:
-    """Made once for each splats, and kept while they are."""
+    """The occupancy of `splats`, cached for their lifetime."""
     found = _cells.get(splats)
     if found is None:
         found = _cells[splats] = _count(splats)
@@ -173,7 +173,7 @@ def cells_of(splats: Splats) -> Cells:
 
 def _count(splats: Splats) -> Cells:
     position, depth = splats.records["position"], splats.records["optical_depth"]
-    # what shares a cell stands side by side
+    # splats of a cell are adjacent
     first = np.concatenate([[True], np.diff(splats.cell_x) != 0])
     first[splats.row_start[:-1]] = True
     start = np.flatnonzero(first[: len(splats)])

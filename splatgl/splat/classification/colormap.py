@@ -27,13 +27,13 @@ EVEN = {
     "1f9f88 28ae80 3ebc74 5dc963 82d34c abdc32 d5e21a fde725",
     "cool-warm": "3b4cc0 7b9ff9 c0d4f5 dddddd f2cbb7 ee8468 b40426",
 }
-# the same with places of their own: (position, colour)
+# control colours with explicit positions: (position, colour)
 UNEVEN: dict[str, tuple[tuple[float, str], ...]] = {
     "bone": ((0.0, "000000"), (0.365, "515171"), (0.746, "a6c6c6"), (1.0, "ffffff")),
     "hot": ((0.0, "0b0000"), (0.365, "ff0000"), (0.746, "ffff00"), (1.0, "ffffff")),
 }
 CORE = tuple(sorted((*EVEN, *UNEVEN)))
-# libraries that know more names, in the order they are asked
+# libraries with more names, in lookup order
 LIBRARIES = ("cmap", "matplotlib")
 
 
@@ -41,8 +41,8 @@ LIBRARIES = ("cmap", "matplotlib")
 def colormap(name: str) -> np.ndarray:
     """A colour map as linear RGB, float64 [256, 3], read-only; entry 0 is the low end.
 
-    name: one of CORE, a solid "#rrggbb", or a name that cmap or matplotlib knows. Raises InputError
-    for a name that none of them knows.
+    name: one of CORE, a solid "#rrggbb", or a name in cmap or matplotlib. Raises InputError for an
+    unknown name.
     """
     table = linear_from_srgb(_srgb(name))
     table.setflags(write=False)

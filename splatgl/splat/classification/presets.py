@@ -1,4 +1,4 @@
-"""Transfer functions that need no thought: presets by name, and one chosen from the data."""
+"""Ready-made transfer functions: presets by name, and an automatic choice from the data."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from splatgl.data.volume import Volume
 from splatgl.splat.classification.statistics import Cut, Statistics, statistics
 from splatgl.splat.classification.transfer import Nodes, Transfer
 
-# opacities of a surface just above its cut, of the brightest matter, and of what has one value only
+# opacities of a surface just above its cut, of the brightest matter, and of single-valued objects
 SURFACE, CORE, SOLID = 0.8, 0.95, 0.99
-# where a surface's own value stands in its colour map
+# position of a surface's value in its colour map
 SURFACE_TONE = 0.6
-# how far a surface's ramp reaches from its cut towards the two classes of values
+# extent of a surface's ramp, as a share of the way from its cut to the two class means
 RAMP = 0.3
-# percentiles of a sparse volume's outstanding values: the dimmest that counts, and where it is bright
+# percentiles of a sparse volume's non-background values: the dimmest visible, and the brightest
 DIM, BRIGHT = 1.0, 70.0
 # Hounsfield units: air is −1000, water 0, bone from about 200; scanners pad down to −4096 at most
 AIR, PADDING = (-1100.0, -800.0), -4096.0
@@ -31,7 +31,7 @@ LABELS = 32
 
 @dataclass(frozen=True)
 class Look:
-    """What a preset decides for one volume: the opacity's nodes and the values that colours span."""
+    """A preset's result for one volume: opacity nodes and the colour map's window."""
 
     points: Nodes
     window: tuple[float, float] | None = None
@@ -39,7 +39,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Preset:
-    """A named look. hounsfield: the look of a CT in HU. rung: which cut the ramp sits on; None: the object's own."""
+    """A named look. hounsfield: the look of a CT in HU. rung: index of the ramp's cut; None: the object's own."""
 
     name: str
     about: str
@@ -58,14 +58,14 @@ def _surface(stats: Statistics, rung: int | None) -> Look:
 
 
 def _soft(stats: Statistics, rung: int | None) -> Look:
-    """A long ramp from the cut to the brightest: the inside shows through."""
+    """A long ramp from the cut to the brightest: semi-transparent."""
     low = _cut(stats, rung).ramp(RAMP)[0]
     top = max(low, stats.percentile(99.9))
     return Look(((low, 0.0), (top, SURFACE)))
 
 
 def _glow(stats: Statistics, rung: int | None) -> Look:
-    """A ramp from half the dimmest value that stands out from the background to where it is bright."""
+    """A ramp from half the dimmest value above the background to the BRIGHT percentile."""
     lowest = float(stats.values[0])
     low = lowest if stats.sparse else _cut(stats, rung).ramp(RAMP)[0]
     dim, high = np.percentile(stats.values[stats.values > low], [DIM, BRIGHT])
@@ -113,7 +113,7 @@ def preset(name: str, volume: Volume) -> Transfer:
 
 
 def default_transfer(volume: Volume) -> Transfer:
-    """The volume's own hints where it has any; the rest chosen from its values so that the object shows."""
+    """The volume's own hints if any; the rest chosen from its values to show the object."""
     hints = volume.hints
     if hints.points is not None:
         chosen = Transfer(hints.points)
@@ -150,7 +150,7 @@ def _built(chosen: Preset, stats: Statistics) -> Transfer:
 
 
 def _is_hounsfield(stats: Statistics) -> bool:
-    """True for values as a CT has them: air near −1000, matter above 0, nothing below the scanners' padding."""
+    """True for CT-like values: air near −1000, matter above 0, nothing below the scanners' padding."""
     air = stats.share_above(AIR[0]) - stats.share_above(AIR[1])
     return stats.values[0] >= PADDING and air >= AIR_SHARE and stats.share_above(-200.0) >= AIR_SHARE
 

@@ -7,7 +7,7 @@ import numpy as np
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.camera import Camera
 
-# shares of the colour that are always seen, and that depend on the angle
+# ambient and diffuse shares of the colour
 AMBIENT, DIFFUSE = 0.3, 0.7
 
 
@@ -21,6 +21,6 @@ def head_light(splats: Splats, camera: Camera, voxel: np.ndarray) -> np.ndarray:
     lengths = [np.sqrt((each * each).sum(axis=0)) for each in (normal, towards)]
     with np.errstate(divide="ignore", invalid="ignore"):
         cosine = np.abs((normal * towards).sum(axis=0)) / lengths[0] / lengths[1]
-        # at the eye itself any direction is towards it; the view's is taken
+        # a voxel at the eye has no direction to it: use the view direction
         cosine = np.where(lengths[1] > 0, cosine, np.abs(normal[2]) / lengths[0])
     return np.where(lengths[0] > 0, AMBIENT + DIFFUSE * np.minimum(cosine, 1.0), 1.0)

@@ -1,6 +1,6 @@
-"""What a volume's values are like, from a sample of its planes: range, background, and where to cut.
+"""Statistics of a volume's values from a sample of its planes: range, background and thresholds.
 
-Big mapped files are not read whole: at most PLANES planes, and of each only every so many samples.
+Big mapped files are not read whole: at most PLANES planes, each subsampled.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 
 from splatgl.data.volume import Volume
 
-# planes and values that a sample takes at most: a few tens of MB read, half a second
+# most planes and values of a sample: a few tens of MB, half a second
 PLANES, VALUES = 32, 1 << 21
 # share of samples at exactly the lowest value from which a volume counts as sparse
 SPARSE = 0.95
@@ -22,9 +22,9 @@ BINS = 256
 HISTOGRAM_END = 99.9
 # a face of the box is touched by an object if more than this share of it is covered
 TOUCHED = 0.015
-# an object that is whole touches at most this many of the box's six faces (a cut neck: 1; a slab: 2)
+# a complete object touches at most this many of the box's six faces (a cut neck: 1; a slab: 2)
 WHOLE = 3
-# otherwise, one that covers at most this share of the faces is taken for foreground
+# otherwise, an object that covers at most this share of the faces counts as foreground
 COVERED = 0.25
 RUNGS = 3
 
@@ -46,8 +46,8 @@ class Cut:
 class Statistics:
     """values: finite samples, sorted. background: share of them at exactly the lowest value.
 
-    cuts: thresholds, each splitting what lies above the last one (empty for a constant volume).
-    whole: which of the cuts parts the object from what surrounds it.
+    cuts: thresholds, each splitting the values above the last one (empty for a constant volume).
+    whole: index of the cut between the object and its surroundings.
     """
 
     values: np.ndarray
@@ -75,7 +75,7 @@ class Statistics:
 
 
 def statistics(volume: Volume) -> Statistics:
-    """The statistics of a volume's finite values; of a sparse one, all values that stand out count."""
+    """The statistics of a volume's finite values; of a sparse one, all non-background values count."""
     sample = _sample(volume)
     finite = np.sort(sample[np.isfinite(sample)])
     if len(finite) == 0:
@@ -89,7 +89,7 @@ def statistics(volume: Volume) -> Statistics:
 
 
 def _sample(volume: Volume) -> np.ndarray:
-    """float64 [d, h, w] of at most PLANES planes; first and last planes, rows and columns are in it."""
+    """float64 [d, h, w] of at most PLANES planes; includes first and last planes, rows and columns."""
     depth, height, width = volume.shape
     planes = np.unique(np.linspace(0, depth - 1, PLANES).round().astype(int))
     step = max(1, int(np.ceil(np.sqrt(len(planes) * height * width / VALUES))))
@@ -118,7 +118,7 @@ def _ladder(values: np.ndarray) -> tuple[Cut, ...]:
 
 
 def _otsu(values: np.ndarray) -> Cut:
-    """The cut that parts sorted values into two classes of the largest variance between them (Otsu 1979)."""
+    """The cut that splits sorted values into two classes of the largest between-class variance (Otsu 1979)."""
     end = float(np.percentile(values, HISTOGRAM_END))
     end = end if end > values[0] else float(values[-1])
     counts, edges = np.histogram(np.minimum(values, end), BINS, (float(values[0]), end))
@@ -129,14 +129,14 @@ def _otsu(values: np.ndarray) -> Cut:
     with np.errstate(divide="ignore", invalid="ignore"):
         below, above = moment[:-1] / mass, (moment[-1] - moment[:-1]) / rest
         between = np.where(parted, mass * rest * (above - below) ** 2, -1.0)
-    # an empty stretch between the classes has many best cuts: its middle is taken
+    # an empty interval between the classes has many best cuts: take its middle
     best = np.flatnonzero(between >= between.max() * (1 - 1e-12))
     at = int(best[len(best) // 2])
     return Cut(float(edges[at + 1]), float(below[at]), float(above[at]))
 
 
 def _whole(sample: np.ndarray, cuts: tuple[Cut, ...]) -> int:
-    """The first cut whose foreground touches few faces of the box; else the first that covers little of them."""
+    """The first cut whose foreground touches at most WHOLE faces; else the first that covers at most COVERED."""
     faces = [face for axis in range(3) for face in (np.take(sample, 0, axis), np.take(sample, -1, axis))]
     shares = [[float(np.mean(face > cut.value)) for face in faces] for cut in cuts]
     for rung, covered in enumerate(shares):

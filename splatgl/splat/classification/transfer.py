@@ -1,4 +1,4 @@
-"""`Transfer`: what a sample value (and gradient) means: linear colour, opacity per length, extinction.  [M98 §2]"""
+"""`Transfer`: maps sample value and gradient to linear colour, opacity per length, extinction.  [M98 §2]"""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from splatgl.data.errors import InputError, expected
 from splatgl.data.toml import load_table, parse_table
 from splatgl.splat.classification.colormap import colormap
 
-# given as any sequence of pairs, kept as tuples
+# given as any sequence of pairs, stored as tuples
 Nodes = Sequence[Sequence[float]]
 
 # opacity 1 would be an infinite extinction; one step of float32 below it is opaque in any picture
@@ -30,7 +30,7 @@ class Transfer:
     `unit` world lengths (None: the volume's mean spacing). A repeated value is a step, and a value
     exactly there takes the upper side. gradient: (|∇|, weight) nodes in values per world length,
     weights in [0, 1]; none means no influence. colormap spans `window` (None: first to last point).
-    Lists are taken too. Raises InputError for what can't be meant.
+    Lists are accepted too. Raises InputError for invalid values.
     """
 
     points: Nodes
@@ -64,10 +64,10 @@ class Transfer:
         return _piecewise(self.gradient, magnitude)
 
     def color(self, values: ArrayLike) -> np.ndarray:
-        """Linear RGB, float64 [..., 3]; the map's entries are mixed linearly, its ends go on outside."""
+        """Linear RGB, float64 [..., 3]; linear interpolation of the map's entries, clamped outside."""
         low, high = self.window or (self.points[0][0], self.points[-1][0])
         v = np.nan_to_num(np.asarray(values, dtype=np.float64), nan=low)
-        # a window of no extent is a step: low end below it, high end from it on
+        # a window of zero width is a step: low end below it, high end from it on
         k = _scale(low, high)
         span = high * k - low * k
         place = (np.clip(v, low, high) * k - low * k) / span if span > 0 else (v >= low).astype(np.float64)
@@ -133,7 +133,7 @@ class Transfer:
 
 
 def _scale(low: float, high: float) -> float:
-    """½ where high − low would overflow, else 1: halves of denormals would vanish."""
+    """½ if high − low would overflow, else 1: halves of denormals would underflow."""
     return 1.0 if np.isfinite(np.float64(high) / 2 - np.float64(low) / 2) and high / 2 - low / 2 < 8e307 else 0.5
 
 
@@ -151,7 +151,7 @@ def _piecewise(nodes: Nodes, values: ArrayLike) -> np.ndarray:
 
 
 def _nodes(what: str, second: str, pairs: Any) -> Nodes:
-    """Checked pairs of floats: finite, first numbers never falling, second ones in [0, 1]."""
+    """Checked pairs of floats: finite, first numbers ascending (ties allowed), second ones in [0, 1]."""
     try:
         array = np.array(list(pairs) or np.zeros((0, 2)), dtype=np.float64)
     except (TypeError, ValueError) as error:

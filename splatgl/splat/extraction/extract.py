@@ -1,7 +1,7 @@
 """The voxel extractor: a voxel is kept where t = F(∇, ρ) exceeds a threshold.  [M98 §5]
 
-It reads the volume slab by slab; each splat depends on its own voxel and six neighbours alone, so the
-result is the same bit for bit whatever the slabs.
+It reads the volume slab by slab; each splat depends only on its voxel and six neighbours, so the
+result is bit-identical for any slab size.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from splatgl.splat.extraction.splats import NORMAL_SCALE, RECORD, Grid, Splats, 
 
 # voxels in a slab: temporaries stay near 100 MB, numpy's overhead a thousandth
 SLAB_VOXELS = 1 << 22
-# integer types up to this many bytes are looked up in a table with an entry for each value
+# integer types up to this many bytes use a lookup table over all values
 TABLE_BYTES = 2
-# of the reference length over the spacing, or the other way round: float32 holds both
+# largest ratio between reference length and spacing, either way: both fit float32
 MOST_UNIT = 1e30
 
 Progress = Callable[[Iterator[Slab], int], Iterator[Slab]]
@@ -29,7 +29,7 @@ Progress = Callable[[Iterator[Slab], int], Iterator[Slab]]
 
 @dataclass(frozen=True, eq=False)
 class Lookup:
-    """opacity(ρ), "may be kept" and linear colour of every value of an integer type, or of any array."""
+    """opacity(ρ), "may be kept" and linear colour, tabulated for integer types, computed for others."""
 
     transfer: Transfer
     threshold: float
@@ -50,7 +50,7 @@ class Lookup:
         return cls(transfer, threshold, int(values[0]), opacity, np.asarray(transfer.color(values), np.float32))
 
     def keeps(self, samples: np.ndarray) -> np.ndarray:
-        """Where the value alone reaches over the threshold, bool [...]; the gradient only takes away."""
+        """Where the value's opacity exceeds the threshold, bool [...]; gradients can only reduce it."""
         if self.first is None:
             return self.opacity(samples) > self.threshold
         return np.take(self.opacities > self.threshold, self._entry(samples))
@@ -83,7 +83,7 @@ def extract(
     """The splats of all finite voxels with t > threshold, in row order.
 
     threshold is an opacity per reference length in [0, 1); slab the planes read at a time.
-    progress wraps the iteration over slabs (slabs, how many). Raises InputError for a threshold
+    progress wraps the iteration over slabs (slabs, their number). Raises InputError for a threshold
     outside [0, 1), and for a unit that float32 can't hold in spacings.
     """
     if not 0.0 <= threshold < 1.0:
@@ -117,14 +117,14 @@ def _slab_records(
     own = slab.samples[slab.before : slab.before + slab.stop - slab.start]
     _, height, width = own.shape
 
-    # voxels that the value alone may keep
+    # voxels whose value may exceed the threshold
     flat = np.flatnonzero(lookup.keeps(own))
     values = np.take(own, flat)
     opacity = lookup.opacity(values)
     z, rest = np.divmod(flat, height * width)
     y, x = np.divmod(rest, width)
 
-    # gradients where they are wanted; F(∇, ρ)
+    # gradients if needed; F(∇, ρ)
     gradient = np.zeros((len(flat), 3))
     if transfer.shading or transfer.gradient:
         index_gradient = _gradient(slab.samples, x, y, z + slab.before)
@@ -170,7 +170,7 @@ def _gradient(samples: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) 
 
 
 def _snorm(gradient: np.ndarray) -> np.ndarray:
-    """Unit vectors as 16-bit fractions; zero (and what is too small to have a direction) stays zero."""
+    """Unit vectors as 16-bit fractions; zero and tiny gradients give zero."""
     largest = np.abs(gradient).max(axis=1, keepdims=True)
     scaled = gradient / np.where(largest > 0, largest, 1.0)
     length = np.linalg.norm(scaled, axis=1, keepdims=True)
@@ -178,7 +178,7 @@ def _snorm(gradient: np.ndarray) -> np.ndarray:
 
 
 def _join(chunks: list[np.ndarray]) -> np.ndarray:
-    """All chunks in one array; each is let go as soon as it is copied, so little is held twice."""
+    """Concatenates the chunks; frees each after copying, to limit peak memory."""
     records = np.empty(sum(map(len, chunks)), RECORD)
     stop = len(records)
     while chunks:
@@ -189,17 +189,17 @@ def _join(chunks: list[np.ndarray]) -> np.ndarray:
 
 
 class Dropped:
-    """Optical depth per reference length left out by the threshold, summed along every axis line."""
+    """Optical depth per reference length removed by the threshold, summed along every axis line."""
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
         d, h, w = shape
         self.sums = [np.zeros((h, w)), np.zeros((d, w)), np.zeros((d, h))]
 
     def add(self, lookup: Lookup, own: np.ndarray, start: int, flat: np.ndarray, opacity: np.ndarray) -> None:
-        """Adds one slab's: all matter of `own`, less what is kept at `flat` with that opacity t."""
+        """Adds one slab: all of `own`, less the voxels kept at `flat` with opacity t."""
         left = lookup.opacity(own)
         if lookup.transfer.gradient:
-            # voxels the value alone drops count whole (an upper bound); the others with their t
+            # voxels dropped by value count in full (an upper bound); the others with their t
             np.put(left, flat, np.where(opacity > lookup.threshold, 0.0, opacity))
         else:
             np.put(left, flat, 0.0)

@@ -1,9 +1,9 @@
-"""Back to front straight from the rows, without a sort: each axis is split at the eye's cell.
+"""Back-to-front order from the rows, without a sort: each axis is split at the eye's cell.
 
-Along every axis the cells beyond the eye's are read downwards first, the rest upwards: plane after
-plane, in each plane row after row, in each row splat after splat. Of two cells that share a face, the
-one on the eye's side of the face comes last. Planes lie across the view, so that footprints which
-overlap are seldom drawn out of depth order.  [M98 §5: drawn back to front without a sort]
+Along every axis the cells beyond the eye's are read in descending order first, the rest ascending:
+plane by plane, within a plane row by row, within a row splat by splat. Of two cells that share a face,
+the one on the eye's side comes last. Planes lie across the view, so that overlapping footprints are
+seldom drawn out of depth order.  [M98 §5: drawn back to front without a sort]
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from splatgl.splat.view.camera import Camera
 
 @dataclass(frozen=True)
 class Order:
-    """What decides the drawing order: the eye's cell (x, y, z), and the axis (0 is x) that planes are across."""
+    """Key of the drawing order: the eye's cell (x, y, z), and the axis (0 is x) perpendicular to the planes."""
 
     cell: tuple[int, int, int]
     axis: int
 
 
 def order_for(splats: Splats, camera: Camera) -> Order:
-    """The order for a view; it changes only when the eye goes to another cell or turns to another axis.
+    """The order for a view; it changes only with the eye's cell or main axis.
 
     The cell is at most one beyond the splats; an orthographic eye is infinitely far back along the view.
     """
@@ -37,7 +37,7 @@ def order_for(splats: Splats, camera: Camera) -> Order:
     else:
         eye = np.where(view > 0, -np.inf, np.inf)
     x, y, z = (int(n) for n in np.clip(eye, low, high))
-    # the planes whose normal is nearest to the view; z where two are as near
+    # the planes whose normal is nearest to the view direction; z on a tie
     across = np.abs(view) / np.linalg.norm(index_from_world, axis=1)
     axis = 2 - int(np.argmax(across[::-1]))
     return Order((x, y, z), axis)
@@ -54,7 +54,7 @@ def back_to_front(splats: Splats, order: Order) -> np.ndarray:
 
 
 def _up_to(inside: np.ndarray) -> np.ndarray:
-    """How many of the first 0, 1, … n members are inside: int64 [n+1]."""
+    """Number of inside members among the first 0, 1, … n: int64 [n+1]."""
     return np.concatenate([[0], np.cumsum(inside)])
 
 
@@ -64,7 +64,7 @@ def _split_ranges(start: np.ndarray, inside: np.ndarray, chosen: np.ndarray) -> 
 
 
 def _far_first(start: np.ndarray, stop: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Members start … stop−1 of every range: those beyond the eye downwards, then those up to it upwards."""
+    """Members start … stop−1 of every range: those beyond the eye descending, then the rest ascending."""
     split = start + inside[stop] - inside[start]
     first = np.stack([stop - 1, start], axis=1).ravel()
     length = np.stack([stop - split, split - start], axis=1).ravel()

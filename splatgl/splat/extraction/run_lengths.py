@@ -1,7 +1,7 @@
-"""How far matter goes on around each splat: the runs of present cells along x, y and z.
+"""Run lengths of occupied cells around each splat, along x, y and z.
 
-A run of one is a dot's, a thread's or a sheet's width, or that of a skin over other matter; they say which
-share of a pixel wider than a voxel is filled and how many layers lie behind each other in it.
+A run of one is the width of a dot, thread, sheet or surface layer. Runs give the filled share of a pixel
+wider than a voxel and its number of layers in depth.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from splatgl.splat.extraction.splats import Lattice, Splats
 # five bits an axis: code k stands for a run of 2^(k·OCTAVES) cells, so that 31 is about 1000
 OCTAVES = 0.32
 CODES = 32
-# neighbours whose optical depths differ by more than this factor are different matter
+# neighbours whose optical depths differ by more than this factor break a run
 CONTRAST = 4.0
 
 
@@ -27,7 +27,7 @@ def packed_runs(splats: Splats) -> np.ndarray:
 
 
 def _runs_along(lattice: Lattice, octaves: np.ndarray) -> np.ndarray:
-    """int16 [N], by record: the length of the run of alike neighbours that each member is in, along its rows.
+    """int16 [N], by record: coded length of the run of similar neighbours that contains each member, along its rows.
 
     octaves [N]: log2 of the members' optical depth.
     """

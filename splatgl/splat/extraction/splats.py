@@ -1,7 +1,7 @@
-"""`Splats`: what is drawn, as rows (z, y) of splats sorted by x; and the record each splat has on the GPU.
+"""`Splats`: rows (z, y) of splats sorted by x, and the GPU record of a splat.
 
-Positions are grid indices, small and exact in float32; the affine grid places them in the world in
-float64. Only rows that hold a splat are stored (compressed sparse rows).  [M98 §5, voxel extractor]
+Positions are grid indices, small and exact in float32; the affine grid maps them to world space in
+float64. Only non-empty rows are stored (compressed sparse rows).  [M98 §5, voxel extractor]
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
 
 # 36 bytes a splat. position: (x, y, z) in grid indices. optical_depth: extinction × mean spacing.
 # color: linear RGB. normal: unit world gradient as signed 16-bit fractions, zero where there is none.
-# runs: see run_lengths.py; filled in on upload where a plan wants them.
+# runs: see run_lengths.py; filled in on upload if the plan needs them.
 RECORD = np.dtype(
     [
         ("position", "<f4", 3),
@@ -30,32 +30,32 @@ RECORD = np.dtype(
 GL_FORMAT = "3f4 1f4 3f4 3i2 1i2"
 GL_ATTRIBUTES = ("in_position", "in_optical_depth", "in_color", "in_normal", "in_runs")
 NORMAL_SCALE = 32767.0
-# more splats than this, 600 MB of records, are not kept on the GPU: a texture of theirs has no more rows
+# most splats kept on the GPU, 600 MB of records: the limit of texture rows
 MOST_KEPT = 2**24
-# of colours and optical depths: float32 holds sums of so many
+# largest colour and optical depth: their sums fit float32
 BRIGHTEST = 1e30
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The affine lattice that positions count in: world = world_from_index @ position + origin."""
+    """The affine lattice of positions: world = world_from_index @ position + origin."""
 
     world_from_index: np.ndarray
     origin: np.ndarray
 
     @property
     def mean_spacing(self) -> float:
-        """|det A|^(1/3): the side of the cube with a voxel's volume; GL counts lengths in it."""
+        """|det A|^(1/3): the side of the cube with a voxel's volume; the unit of length in GL."""
         return float(np.exp(np.linalg.slogdet(self.world_from_index)[1] / 3))
 
     @property
     def smallest_spacing(self) -> float:
-        """The smallest width of a voxel from any side, world units: the first to fall below a pixel."""
+        """The smallest width of a voxel in any direction, world units: the first below a pixel."""
         return float(np.linalg.svd(self.world_from_index, compute_uv=False)[-1])
 
     @property
     def cubic(self) -> bool:
-        """True if a voxel is a cube, however turned: the footprint is then a disc."""
+        """True if a voxel is a cube in any rotation: the footprint is then a disc."""
         scaled = self.world_from_index / self.mean_spacing
         return bool(np.abs(scaled.T @ scaled - np.eye(3)).max() < 1e-6)
 
@@ -66,9 +66,9 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """Splats as planes of rows: members are ordered by their cells along axes[0], then [1], then [2].
+    """Splats as planes of rows: members are sorted by their cells along axes[0], then [1], then [2].
 
-    index int64 [N]: the members' records; None: they are the records as they stand.
+    index int64 [N]: the members' records; None: the records in their own order.
     plane [P], row [M], cell [N]: coordinates along the three axes; plane_start [P+1] counts rows,
     row_start [M+1] members.
     """
@@ -87,8 +87,8 @@ class Splats:
     """Splats in row order: z, then y, then x ascending.
 
     records [N] of RECORD. cell_x int32 [N]: each splat's cell along x.
-    row_z, row_y int32 [M]: the rows that hold a splat; row_start int64 [M+1] into the records.
-    unit: world length that opacities are stated for. shaded: whether the transfer function shades.
+    row_z, row_y int32 [M]: the non-empty rows; row_start int64 [M+1] into the records.
+    unit: reference length of opacities, world units. shaded: whether the transfer function shades.
     dropped_depth: largest optical depth that the threshold removed from one axis line.
     """
 
@@ -114,12 +114,12 @@ class Splats:
         extinctions: np.ndarray,
         spacing: float | Sequence[float] = 1.0,
     ) -> Splats:
-        """Unshaded splats at any place.
+        """Unshaded splats at arbitrary positions.
 
         points [N, 3] world; colors [N, 3] linear RGB ≥ 0; extinctions [N] ≥ 0 per world length.
         spacing, a number or (x, y, z), is the kernel's scale and the lattice whose cells
         round(p / spacing) give the order; ties keep the input's. Non-finite and transparent points
-        are absent. Raises InputError for other shapes, and for numbers that are negative or that float32 can't hold.
+        are dropped. Raises InputError for other shapes, negative numbers and those beyond float32's range.
         """
         points, colors, extinctions = _checked_points(points, colors, extinctions)
         scale = _checked_spacing(spacing)
@@ -168,7 +168,7 @@ class Splats:
             return self.corners
         ends = self.records["position"][np.concatenate([self.row_start[:-1], self.row_start[1:] - 1])]
         middle = self.index_bounds.mean(axis=0)
-        # twice, since an end in the middle has no outwards
+        # both signs, since an end at the middle has no outward direction
         outwards = [ends + np.where(side(ends, middle), 0.5, -0.5) for side in (np.greater, np.greater_equal)]
         return np.asarray(np.concatenate(outwards) @ self.grid.world_from_index.T + self.grid.origin)
 
@@ -189,7 +189,7 @@ class Splats:
 
     @cached_property
     def runs(self) -> np.ndarray:
-        """int16 [N]: how far matter goes on around each splat, coded; see run_lengths.py."""
+        """int16 [N]: coded run lengths around each splat; see run_lengths.py."""
         from splatgl.splat.extraction.run_lengths import packed_runs
 
         return packed_runs(self)
@@ -202,7 +202,7 @@ class Splats:
         return records
 
     def lattice(self, axis: int) -> Lattice:
-        """The splats in planes across `axis` (0 is x); made on the first use and kept."""
+        """The splats in planes across `axis` (0 is x); computed once."""
         if axis not in self._lattices:
             self._lattices[axis] = self._make_lattice(axis)
         return self._lattices[axis]
@@ -212,7 +212,7 @@ class Splats:
         return {}
 
     def columns(self) -> Lattice:
-        """The splats in planes across y of rows along z, for what looks at neighbours along z."""
+        """The splats in planes across y of rows along z, for access to neighbours along z."""
         count = np.diff(self.row_start)
         index = _bucketed(self.cell_x)
         index = index[_bucketed(np.repeat(self.row_y, count)[index])]
@@ -227,13 +227,13 @@ class Splats:
             plane, plane_start = _groups(self.row_z)
             return Lattice((2, 1, 0), None, plane, plane_start, self.row_y, self.row_start, self.cell_x)
         if axis == 1:
-            # whole rows, put under their y; z still ascends
+            # whole rows, bucketed by y; z still ascends
             rows = _bucketed(self.row_y)
             row_start = np.concatenate([[0], np.cumsum(count[rows])])
             index = np.arange(len(self)) + np.repeat(self.row_start[rows] - row_start[:-1], count[rows])
             plane, plane_start = _groups(self.row_y[rows])
             return Lattice((1, 2, 0), index, plane, plane_start, self.row_z[rows], row_start, self.cell_x[index])
-        # single splats, put under their x; z, then y still ascend
+        # single splats, bucketed by x; z, then y still ascend
         index = _bucketed(self.cell_x)
         x, y, z = self.cell_x[index], np.repeat(self.row_y, count)[index], np.repeat(self.row_z, count)[index]
         row_x, row_z, row_start = index_rows(z, x)
@@ -257,7 +257,7 @@ def assemble(
 
 
 def index_rows(y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(row_z, row_y, row_start) of splats whose cells' y and z are given in row order."""
+    """(row_z, row_y, row_start) from the splats' cell y and z in row order."""
     if not len(y):
         return np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(1, np.int64)
     first = np.concatenate([[True], (np.diff(y) != 0) | (np.diff(z) != 0)])
@@ -272,9 +272,9 @@ def _groups(ascending: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bucketed(coordinate: np.ndarray) -> np.ndarray:
-    """int64 [N]: members by coordinate, ties as they stand. Made once for a volume, never for a view.
+    """int64 [N]: stable sort by coordinate. Computed once per volume, never per view.
 
-    Coordinates of 16 bits, as nearly all are, take numpy's counting (radix) pass.
+    16-bit coordinates, the usual case, use numpy's radix sort.
     """
     narrow = len(coordinate) and np.iinfo(np.int16).min <= coordinate.min() and coordinate.max() <= 32767
     return np.argsort(coordinate.astype(np.int16) if narrow else coordinate, kind="stable")

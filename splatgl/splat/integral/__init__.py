@@ -1,1 +1,1 @@
-"""What one splat contributes along one ray: exact, by Table 1 of the paper, and by forms beyond it."""
+"""A splat's line integral along a ray: exact, by Table 1 of the paper, and by further approximations."""

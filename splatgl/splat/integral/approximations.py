@@ -15,12 +15,12 @@ from splatgl.splat.kernel.kernels import Kernel
 
 
 def form_c(splat: Splat) -> np.ndarray:
-    """The footprint at the true distance of voxel and ray before z_k, where that is exact; `b` beyond it."""
+    """The footprint at the true distance of voxel and ray before z_k, exact there; `b` beyond it."""
     return np.where(splat.beyond, form_b(splat), splat.kernel.footprint(splat.distance))
 
 
 def form_b(splat: Splat) -> np.ndarray:
-    """m⁻² (sec_p/q_v) F(√(|E|² − (E·a_v)²/q_v²)): an ellipse on the image plane, made for z_v ≥ z_k."""
+    """m⁻² (sec_p/q_v) F(√(|E|² − (E·a_v)²/q_v²)): an ellipse on the image plane, valid for z_v ≥ z_k."""
     return _elliptic(splat, splat.sec_p)
 
 
@@ -53,14 +53,14 @@ def form_a(splat: Splat) -> np.ndarray:
     return np.where(splat.beyond, value, row4(splat))
 
 
-# terms beyond a long voxel's stretch are left out where they change a footprint by more than this share
+# first-order terms of long voxels are omitted if they change a footprint by more than this share
 FIRST_ORDER = 0.5
 
 FORMS = {"a": form_a, "b": form_b, "b1": form_b1, "c": form_c, "bprime": form_bprime}
 
 
 def half_line(kernel: Kernel, voxel: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """The unstretched kernel's integral along a ray that starts at the eye, wherever the eye is.
+    """The unstretched kernel's integral along a ray that starts at the eye, for any eye position.
 
     voxel [..., 3] relative to the eye, direction [..., 3] of any length: P_d(L) + P_d(clamp(v·d̂, −L, L)) with the
     half chord L = √(R² − d²); 0 for a kernel behind the eye, F(d) for one wholly before it.
@@ -87,7 +87,7 @@ def _elliptic(splat: Splat, seconds: np.ndarray) -> np.ndarray:
 
 
 def _on_ray_plane(splat: Splat) -> tuple[np.ndarray, np.ndarray]:
-    """Where the ray meets the plane through v perpendicular to v: along the voxel's radial direction, and across it."""
+    """The ray's intersection with the plane through v perpendicular to v: radial and tangential components."""
     length = np.sqrt(_dot(splat.voxel, splat.voxel))
     ray = np.concatenate([splat.slope, np.ones((*splat.slope.shape[:-1], 1))], axis=-1)
     along = _dot(splat.voxel, ray)

@@ -2,7 +2,7 @@
 
 Seen in a voxel's perspective space, t = z_v (z − z_v)/z, a stretched axis runs straight along a pixel's
 ray and an unstretched one bends: every point of the ray is p₀ + p₁ t + p₂ δ in the kernel's own space,
-with δ = z − z_v = t/(1 − t/z_v). Turned so that p₂ is one axis, its squared radius has seven numbers.
+with δ = z − z_v = t/(1 − t/z_v). In axes aligned with p₂ its squared radius has seven parameters.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ import numpy as np
 
 from splatgl.splat.kernel.kernels import Kernel, unit_rule
 
-# quadrature points in each smooth stretch of the line: 1e−13 of the integral
+# quadrature points in each smooth interval of the line: error 1e−13 of the integral
 QUADRATURE_ORDER = 24
-# Newton steps at most, each kept in its bracket; four to six are enough beyond z_k
+# most Newton steps, each clamped to its bracket; four to six suffice beyond z_k
 STEPS = 60
-# a crossing is found once no ray's r² is further from the shell's, as a share of it
+# relative tolerance of r² at a shell crossing
 CLOSE = 1e-14
-# the closest point is found once no ray's step is longer than this share of the radius; r² is flat there
+# tolerance of the closest point's step, relative to the radius; r² is flat there
 SETTLED = 1e-9
-# the nearest depth, as a share of the voxel's, to which a bracket reaches
+# nearest depth of a bracket, relative to the voxel's
 NEAREST = 1e-3
-# numbers below this are no curvature
+# curvatures below this count as 0
 TINY = 1e-300
 
 Vector = Sequence[np.ndarray]
@@ -60,7 +60,7 @@ class CurvedRay:
         return cls(_dot(across, across), slant, middle, start, straight, bent, depth, reach)
 
     def take(self, index: np.ndarray) -> CurvedRay:
-        """The chosen rays only."""
+        """The rays at those indices."""
         return CurvedRay(
             self.across[index],
             self.slant[index],
@@ -112,12 +112,12 @@ class CurvedRay:
         return first, self.slant + rise * rise + along * curve
 
     def limit(self, side: float, radius: float) -> np.ndarray:
-        """A t beyond the shell of that radius: no point of it is deeper, or nearer, than radius · reach."""
+        """A t beyond the shell of that radius, all of whose points are within radius · reach in depth."""
         delta = side * radius * self.reach
         return np.asarray(delta / np.maximum(1 + delta / self.depth, NEAREST))
 
     def closest(self, radius: float) -> np.ndarray:
-        """The t of the smallest r, by Newton from the straight ray's; kept where r may be less than radius."""
+        """The t of the smallest r, by Newton's method from the straight ray's; only where r may be below radius."""
         low, high = self.limit(-1.0, radius), self.limit(1.0, radius)
         t = np.zeros(self.depth.shape)
         for _ in range(STEPS):
@@ -128,11 +128,11 @@ class CurvedRay:
         return t
 
     def crossing(self, closest: np.ndarray, side: float, knot: float) -> np.ndarray:
-        """Where the radius grows past `knot` on that side of the closest point (there, if it never is less)."""
+        """The t at which r grows past `knot` on that side of the closest point (that point, if r is never less)."""
         inside, outside = closest, self.limit(side, knot)
         room = knot * knot - self.square(closest)
         meets = room > 0
-        # the parabola's crossing, then Newton in its bracket
+        # the parabola's crossing, then Newton's method in its bracket
         t = closest + side * np.sqrt(np.maximum(room, 0.0) / np.maximum(self.derivatives(closest)[1], TINY))
         t = np.where(side * (outside - t) > 0, t, (inside + outside) / 2)
         for _ in range(STEPS):

@@ -16,7 +16,7 @@ from splatgl.splat.view.view import View
 class Integral:
     """value: the line integral along each ray, for unit extinction · s̄.
 
-    peak: what a ray of the same slant through the splat's middle has, so that value/peak is its shape.
+    peak: that of a ray of the same slant through the splat's centre; value/peak is the footprint's shape.
     """
 
     value: np.ndarray
@@ -47,10 +47,10 @@ Pair = tuple[np.ndarray, np.ndarray]
 
 
 def _straight(view: View, voxel: Triple, slope: Pair) -> Integral:
-    """Kernels as they are: F(D)/|A⁻¹d̂|, and from the eye on only where one reaches to the eye's plane."""
+    """Unwidened kernels: F(D)/|A⁻¹d̂|; the integral starts at the eye if the kernel reaches the eye's plane."""
     x, y, z = voxel
     w_x, w_y = slope
-    # e = w z_v − c; D = |(A⁻¹e)×(A⁻¹d)|/|A⁻¹d| = |Aᵀ(e×d)|/|A⁻¹d|, with nothing large to cancel
+    # e = w z_v − c; D = |(A⁻¹e)×(A⁻¹d)|/|A⁻¹d| = |Aᵀ(e×d)|/|A⁻¹d|, without cancellation
     e_x, e_y = w_x * z - x, w_y * z - y
     normal = _apply(view.eye_from_index.T, (e_y, -e_x, e_x * w_y - e_y * w_x))
     direction = _apply(view.index_from_eye, (w_x, w_y, np.ones_like(w_x)))
@@ -68,7 +68,7 @@ def _straight(view: View, voxel: Triple, slope: Pair) -> Integral:
 
 
 def _half_line(kernel: Kernel, distance: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """∫ from the eye on, which is `along` before the ray's closest point to the kernel's centre."""
+    """∫ from the eye, which lies `along` before the ray's closest point to the kernel's centre."""
     chord = np.sqrt(np.maximum((kernel.radius - distance) * (kernel.radius + distance), 0.0))
     return kernel.partial(distance, chord) + kernel.partial(distance, np.clip(along, -chord, chord))
 

@@ -1,6 +1,6 @@
-"""What a textured quad gives along a ray: Table 1 rows 4 and 5 for any affine grid, in float64.
+"""The value of a textured quad along a ray: Table 1 rows 4 and 5 for any affine grid, in float64.
 
-The float64 twin of `shaders/table1.glsl`, by the same steps. Lengths in mean spacings, eye axes.
+The float64 twin of `shaders/table1.glsl`, in the same steps. Lengths in mean spacings, eye axes.
 [M98 Table 1 row 4] [M98 Table 1 row 5]
 """
 
@@ -23,7 +23,7 @@ class Quads:
 
     voxel: the centre. normal: across the plane (parallel to the image: 0, 0, 1). axis_1, axis_2: unit
     vectors along the ellipse's axes; size [2, N]: its half axes at the kernel's unit radius.
-    gain [N]: the line integral at the centre over F(0). coverage [N]: share that the unwidened one fills.
+    gain [N]: the line integral at the centre over F(0). coverage [N]: the unwidened area's share.
     """
 
     voxel: np.ndarray
@@ -35,7 +35,7 @@ class Quads:
     coverage: np.ndarray
 
     def take(self, index: np.ndarray) -> Quads:
-        """The chosen splats' quads."""
+        """The quads at those indices."""
         parts = (self.voxel, self.normal, self.axis_1, self.axis_2, self.size, self.gain, self.coverage)
         return Quads(*(part[..., index] for part in parts))
 
@@ -76,7 +76,7 @@ def quads(view: View, voxel: np.ndarray, align: str) -> Quads:
 def on_quads(view: View, quad: Quads, ray: np.ndarray) -> Integral:
     """The value of each quad [N] on its own ray [2, N]; 0 for rays that leave its plane behind the eye."""
     if view.perspective:
-        # from the ray's point at the voxel's depth along the ray to the plane: nothing large cancels
+        # from the ray's point at the voxel's depth along the ray to the plane, without cancellation
         x, y, z = quad.voxel
         e_x, e_y = ray[0] * z - x, ray[1] * z - y
         facing = quad.normal[0] * ray[0] + quad.normal[1] * ray[1] + quad.normal[2]

@@ -1,4 +1,4 @@
-"""What one splat contributes along one ray, in float64: Table 1 of the paper and the forms beyond it.
+"""A splat's contribution along a ray, in float64: Table 1 of the paper.
 
 The eye is at the origin, +z is depth, the voxel spacing 1. A voxel is v = (x, y, z_v); a ray passes
 through (w, 1)·z. All values are line integrals of the kernel (arc length), low-passed where
@@ -18,7 +18,7 @@ from splatgl.splat.kernel.kernels import Kernel
 
 @dataclass(frozen=True)
 class Splat:
-    """The quantities that the rows share, for broadcast voxels and rays.
+    """Quantities shared by the rows, for broadcast voxels and rays.
 
     planar: the paper's analysis in the (y, z) plane, where a stretch by m weakens by 1/m only.
     """
@@ -36,7 +36,7 @@ class Splat:
 
     @property
     def beyond(self) -> np.ndarray:
-        """bool: z_v ≥ z_k, where the antialiasing sets in."""
+        """bool: z_v ≥ z_k, where antialiasing begins."""
         return np.asarray(self.z >= self.z_k)
 
     @property
@@ -46,7 +46,7 @@ class Splat:
 
     @property
     def gain(self) -> np.ndarray:
-        """The weakening that keeps a splat's energy: 1/m² [M98 Eq. 6], 1/m in the plane."""
+        """The weakening that conserves a splat's energy: 1/m² [M98 Eq. 6], 1/m in the plane."""
         return np.asarray(self.m ** (-1.0 if self.planar else -2.0))
 
     @property
@@ -61,14 +61,14 @@ class Splat:
 
     @property
     def distance(self) -> np.ndarray:
-        """True distance of voxel and ray, from local offsets so that nothing cancels."""
+        """True distance of voxel and ray, from local offsets to avoid cancellation."""
         e, w = self.offset, self.slope
         cross = e[..., 0] * w[..., 1] - e[..., 1] * w[..., 0]
         return np.sqrt(_dot(e, e) + cross * cross) / self.sec_p
 
     @property
     def tan_length(self) -> np.ndarray:
-        """|v| tan δ: where the ray meets the plane through v perpendicular to v, measured from v."""
+        """|v| tan δ: distance from v of the ray's intersection with the plane through v perpendicular to v."""
         e, w, v = self.offset, self.slope, self.voxel
         cross = np.stack([e[..., 1], -e[..., 0], v[..., 0] * w[..., 1] - v[..., 1] * w[..., 0]], axis=-1)
         along = v[..., 0] * w[..., 0] + v[..., 1] * w[..., 1] + v[..., 2]
@@ -90,7 +90,7 @@ def row2(splat: Splat) -> np.ndarray:
 
 
 def row3(splat: Splat) -> np.ndarray:
-    """Ray-perpendicular, ideal [M98 Table 1 row 3, with its slips mended]."""
+    """Ray-perpendicular, ideal [M98 Table 1 row 3, with its errors corrected]."""
     length = np.sqrt(_dot(splat.voxel, splat.voxel))
     tan = np.minimum(splat.tan_length / length, 1e150)
     q = np.sqrt(1 + (tan / splat.m) ** 2)
@@ -135,7 +135,7 @@ def switch_depth(kernel: Kernel, half_angle: float, pixels: int, extent: float, 
 
 # beyond 100 z_k a footprint is so wide on the voxel's scale that both forms agree
 SWITCH_LIMIT = 100.0
-# rays across one footprint that look for its largest error
+# rays across one footprint, to find its largest error
 SWITCH_RAYS = 401
 
 

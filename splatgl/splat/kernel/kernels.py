@@ -27,7 +27,7 @@ class Kernel(Protocol):
 
     @property
     def radius(self) -> float:
-        """R, from which on g is 0; voxels."""
+        """R, beyond which g is 0; voxels."""
         ...
 
     @property
@@ -127,7 +127,7 @@ class PiecewiseCubic:
 
     def footprint(self, d: np.ndarray) -> np.ndarray:
         """F(d), d ≥ 0, any shape; 0 for d ≥ R, infinity included."""
-        # a ray that never comes near (d = ∞) has no footprint either
+        # F(∞) is 0, too
         d = np.minimum(d, self.radius)
         return 2 * self.partial(d, _half_chord(self.radius, d))
 
@@ -141,23 +141,23 @@ def _crawfis_max() -> PiecewiseCubic:
 
 _erf = np.vectorize(math.erf, otypes=[np.float64])
 
-# voxels; and the step that a Gaussian has that is cut where it is 3e−4
+# largest radius, voxels, and step at the rim; a Gaussian truncated at 3e−4 passes
 WIDEST, RIM_STEP = 4.0, 1e-3
 KERNELS: dict[str, Kernel] = {"crawfis-max": _crawfis_max(), "gaussian": Gaussian()}
 
 
 def kernel(name: str) -> Kernel:
-    """The kernel of that name; InputError if there is none."""
+    """The kernel of that name; InputError if unknown."""
     if name not in KERNELS:
         raise expected("kernel", " or ".join(KERNELS), repr(name))
     return KERNELS[name]
 
 
 def register_kernel(shape: Kernel) -> None:
-    """From now on `Settings(kernel=shape.name)` draws with it, as do commands of this process.
+    """Registers a kernel for `Settings(kernel=shape.name)` and the commands of this process.
 
-    Raises InputError for a name that is taken or not of small letters, digits and hyphens, and for what is no kernel of
-    splats: of another volume than 1, negative somewhere, wider than WIDEST, or with a step of over RIM_STEP at its rim.
+    Raises InputError for a name that is taken or not of lower-case letters, digits and hyphens, and for an invalid
+    kernel: of a volume other than 1, negative somewhere, wider than WIDEST, or with a step over RIM_STEP at its rim.
     """
     if shape.name in KERNELS or not re.fullmatch(r"[a-z][a-z0-9-]*", shape.name):
         raise expected("kernel", "a new name of small letters, digits and hyphens", repr(shape.name))
@@ -178,13 +178,13 @@ def register_kernel(shape: Kernel) -> None:
 
 
 def unit_rule(order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Places in [0, 1] and weights with which `order` values of a function add up to its integral (Gauss–Legendre)."""
+    """Nodes in [0, 1] and weights of Gauss–Legendre quadrature."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
     return (nodes + 1) / 2, weights / 2
 
 
 def rim_step(shape: Kernel) -> float:
-    """By how much of its largest value a kernel falls at its rim."""
+    """A kernel's step at its rim, relative to its maximum."""
     return float(shape.value(np.array(shape.radius * (1 - 1e-9))) / shape.value(np.zeros(())))
 
 
@@ -198,7 +198,7 @@ def footprint_table(shape: Kernel, size: int = 256) -> np.ndarray:
 def radial_table(shape: Kernel, size: int = 1024) -> np.ndarray:
     """F/F(0) at `size` squared distances from 0 to R², and the step to the next: float64 [1, size, 2].
 
-    F is smooth in d², so that straight lines between 1024 of them are within 1e−5; the last is 0.
+    F is smooth in d²: linear interpolation of 1024 values is within 1e−5; the last is 0.
     """
     d = np.sqrt(np.linspace(0.0, 1.0, size)) * shape.radius
     value = shape.footprint(d) / shape.footprint(np.zeros(()))
@@ -209,7 +209,7 @@ def radial_table(shape: Kernel, size: int = 1024) -> np.ndarray:
 class Polynomials:
     """F/F(0) over s = D²/R²: inner[0] + inner[1] s + … up to `split`, then u^2.5 (outer[0] + outer[1] u …), u = 1 − s.
 
-    The power 2.5 is how the integral of a kernel ends that is C¹ at its rim.
+    The power 2.5 is the end behaviour of a footprint whose kernel is C¹ at its rim.
     """
 
     split: float
@@ -225,7 +225,7 @@ class Polynomials:
 
 @lru_cache(maxsize=4)
 def polynomials(name: str) -> Polynomials | None:
-    """Within 5e−5 of that kernel's F, relative to itself, down to F/F(0) = 1e−7; None if it is not of two cubics."""
+    """Polynomials within a relative 5e−5 of the kernel's F, down to F/F(0) = 1e−7; None unless it has two cubics."""
     shape = kernel(name)
     if not isinstance(shape, PiecewiseCubic) or len(shape.knots) != 2:
         return None
@@ -237,10 +237,10 @@ def polynomials(name: str) -> Polynomials | None:
 
 
 def _evenly(basis: np.ndarray) -> np.ndarray:
-    """Coefficients with which the sum of basis [N, terms] is 1 everywhere but for the least largest error, nearly."""
+    """Coefficients of the near-minimax fit of 1 by basis [N, terms]."""
     weight = np.ones(len(basis))
     for _ in range(REWEIGHTED):
-        # Lawson's: what is far off counts for more the next time
+        # Lawson's algorithm: weights grow with the error
         root = np.sqrt(weight)
         found = np.linalg.lstsq(basis * root[:, None], root, rcond=None)[0]
         weight *= np.abs(basis @ found - 1)
@@ -253,7 +253,7 @@ def half_line_table(shape: Kernel, size: int = 256) -> np.ndarray:
 
     Columns: the chord's middle ahead of the eye, in half chords L from −1 to 1; rows: d²/R² from 0 to 1.
     """
-    # the last row's chord has no length; its limit is that of one close by
+    # the last row's chord has length 0: use the limit, from a chord close by
     d = np.sqrt(np.linspace(0.0, 1.0, size).clip(max=1 - 1e-9))[:, None] * shape.radius
     chord = _half_chord(shape.radius, d)
     whole = shape.partial(d, chord)
@@ -274,9 +274,9 @@ def _cubic_integral(piece: tuple[float, float, float, float], d: np.ndarray, t: 
     return c0 * t + c1 * r1 + c2 * (d * d * t + t**3 / 3) + c3 * r3
 
 
-# terms of the two polynomials, s at which the second begins, and to which it is fitted
+# terms of the two polynomials, s at which the second begins, and s up to which it is fitted
 INNER_TERMS, OUTER_TERMS, SPLIT, END = 8, 7, 0.3, 0.998
-# fits by least squares, each weighted by the errors of those before
+# iterations of reweighted least squares
 REWEIGHTED = 30
-# places in [0, 1] at which a polynomial fitted by least squares is nearly the best
+# Chebyshev nodes in [0, 1]: least-squares fits there are nearly minimax
 _CHEBYSHEV = (1 + np.cos(np.pi * (np.arange(200) + 0.5) / 200)) / 2

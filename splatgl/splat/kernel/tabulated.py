@@ -1,7 +1,7 @@
-"""A kernel whose footprint is looked up: the same numbers to 1e−12, several times as fast.
+"""A kernel with a tabulated footprint: equal to 1e−12, several times as fast.
 
-Just inside a knot a footprint goes like a half-integer power of the distance to it, so each stretch
-between two knots is tabled over √(knot − d), where it is smooth.
+Just inside a knot a footprint behaves as a half-integer power of the distance to it, so each interval
+between two knots is tabulated over √(knot − d), where it is smooth.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from splatgl.splat.kernel.kernels import Kernel, kernel
 
-# cubics in each stretch: 3e−14 of F(0)
+# cubics per interval: error 3e−14 of F(0)
 CUBICS = 4096
 
 
@@ -36,7 +36,7 @@ class Tabulated:
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Radii between which the tables lie, those of the exact kernel."""
+        """Knots of the exact kernel, the limits of the tables."""
         return self.exact.knots
 
     def value(self, r: np.ndarray) -> np.ndarray:
@@ -60,7 +60,7 @@ class Tabulated:
 
 @lru_cache(maxsize=16)
 def tabulated(name: str) -> Tabulated:
-    """The kernel of that name with a tabled footprint; made once. InputError if there is none."""
+    """The kernel of that name with a tabulated footprint, cached. InputError for an unknown name."""
     exact = kernel(name)
     tables, low = [], 0.0
     for knot in exact.knots:
@@ -73,7 +73,7 @@ def _table(exact: Kernel, low: float, knot: float) -> np.ndarray:
     """Cubics [CUBICS, 4] through F at the ends and at two points between, in x = √((knot − d)/(knot − low))."""
     thirds = np.arange(3 * CUBICS + 1) / (3 * CUBICS)
     f = exact.footprint(np.clip(knot - thirds * thirds * (knot - low), low, knot))
-    # the cubic through four equidistant values, in the place p ∈ [0, 1) between the outer ones
+    # the cubic through four equidistant values, in p ∈ [0, 1) between the outer ones
     values = np.stack([f[0:-1:3], f[1::3], f[2::3], f[3::3]], axis=1)
     return np.asarray(values @ np.linalg.inv(np.vander(np.arange(4) / 3, increasing=True)).T)
 

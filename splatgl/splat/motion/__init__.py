@@ -1,1 +1,1 @@
-"""What moves while the shutter is open, and its streaks."""
+"""Motion during the exposure, and motion-blurred splats (streaks)."""

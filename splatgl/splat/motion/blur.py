@@ -1,7 +1,7 @@
-"""What a footprint leaves on the picture while its splat moves by a straight line: motion blur, in float64.
+"""Motion blur of a footprint along a straight path, in float64.
 
-A splat that moves by a length l while the shutter is open is seen, at (u, v) along and across its path from
-the path's middle, by the mean of its footprint: B = (G(u + l/2, v) − G(u − l/2, v))/l with the partial area
+A splat that moves by a length l while the shutter is open contributes, at (u, v) along and across its path from
+the path's middle, the mean of its footprint: B = (G(u + l/2, v) − G(u − l/2, v))/l with the partial area
 G(u, v) = ∫₋∞ᵘ F(√(u'² + v²)) du'. The paper instead cuts the footprint in half, puts a rectangle of length l
 between the halves, and weakens it [M98 §5, Fig. 11, Eq. 11]. All lengths are in voxels, or, where
 antialiasing has stretched the footprint by m, in units of m voxels.
@@ -14,19 +14,19 @@ import numpy as np
 from splatgl.splat.kernel.kernels import Kernel, unit_rule
 
 # a path shorter than this, l√k = 1e−4 at k = 2, is a point: its mean is the middle's value to 5e−10,
-# while the difference of two areas would begin to lose digits
+# while the difference of two areas loses digits
 POINT = 1e-4 / np.sqrt(2.0)
 # points between two knots, where F is smooth in the angle: 1e−12 of the area
 QUADRATURE_ORDER = 32
-# the names of Settings.motion, but for "off"
+# the values of Settings.motion, except "off"
 MOTIONS = ("exact", "energy", "paper")
 
 
 def partial_area(kernel: Kernel, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """∫₀ᵘ F(√(u'² + v²)) du', odd in u, for u and v of any shapes that broadcast.
 
-    G is this plus half of the whole line's area. Between two knots F is smooth but for a root at the outer
-    one, which u' = c sin θ takes away.
+    G is this plus half of the whole line's area. Between two knots F is smooth except for a root at the outer
+    one, which u' = c sin θ removes.
     """
     u, v = np.broadcast_arrays(np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64))
     far = np.abs(u)
@@ -64,7 +64,7 @@ def box_blur(kernel: Kernel, u: np.ndarray, v: np.ndarray, length: np.ndarray) -
 
 
 def stretched(kernel: Kernel, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """The footprint cut in half, the halves l apart, and what it has in the cut between them; not weakened.
+    """The footprint cut in half, the halves l apart, with the cut's values between them; not weakened.
 
     [M98 Fig. 11]
     """
@@ -75,19 +75,19 @@ def stretched(kernel: Kernel, u: np.ndarray, v: np.ndarray, length: np.ndarray) 
 def paper_gain(kernel: Kernel, length: np.ndarray) -> np.ndarray:
     """The paper's weakening: the disc's area over the stretched disc's.  [M98 Eq. 11]
 
-    It keeps the energy of a disc that is the same all over; of a footprint up to 2.08 times of it remain.
+    It conserves the energy of a uniform disc; a footprint's energy grows up to 2.08 times.
     """
     disc = np.pi * kernel.radius
     return np.asarray(disc / (disc + 2 * np.asarray(length)))
 
 
 def energy_gain(kernel: Kernel, length: np.ndarray) -> np.ndarray:
-    """E₁/(E₁ + l W): the weakening that keeps the energy of `stretched`; E₁ = 1, as kernels have unit volume."""
+    """E₁/(E₁ + l W): the weakening that conserves the energy of `stretched`; E₁ = 1, as kernels have unit volume."""
     return np.asarray(1 / (1 + np.asarray(length) * line_area(kernel, np.zeros(()))))
 
 
 def streak(kernel: Kernel, motion: str, place: tuple[np.ndarray, np.ndarray], length: np.ndarray) -> np.ndarray:
-    """What a moving splat of unit extinction leaves at `place` = (u, v); motion: exact, energy or paper."""
+    """The contribution of a moving splat of unit extinction at `place` = (u, v); motion: exact, energy or paper."""
     if motion == "exact":
         return box_blur(kernel, *place, length)
     gain = energy_gain if motion == "energy" else paper_gain

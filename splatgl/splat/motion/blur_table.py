@@ -1,8 +1,8 @@
 """The moving footprint as a table for the GPU, and its float twin: two numbers a texel, ten texels a fragment.
 
-G(u, v) of `blur.py` is the whole line's area times the share of it that lies before u. Over u in half chords
-√(R² − v²) and v² the share hardly changes from line to line, so that few texels do: at 64 × 512 it is within
-5e−7 of the line's area, where G itself over u and v² takes 256 × 1024 to be within 8e−6.
+G(u, v) of `blur.py` is the whole line's area times the share of it before u. Over u in half chords
+√(R² − v²) and v² the share hardly changes from line to line, so that few texels suffice: at 64 × 512 its error
+is 5e−7 of the line's area, while G itself over u and v² needs 256 × 1024 for 8e−6.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ SHORT = 0.03
 @dataclass(frozen=True, eq=False)
 class BlurTable:
     """texels [ROWS, COLUMNS + 1, 2]: over v²/R² and |u|/chord in [0, 1], half of the share between the chord's
-    middle and u, and its slope a column; in the last column the line's area over F(0), and its slope a row.
+    middle and u, and its slope per column; in the last column the line's area over F(0), and its slope per row.
 
-    kernel gives the footprint itself. The methods compute in the texels' type, by the steps of the shader.
+    kernel: for the footprint itself. The methods repeat the shader's steps in the texels' type.
     """
 
     kernel: Kernel
@@ -40,7 +40,7 @@ class BlurTable:
 
     @property
     def packed(self) -> np.ndarray:
-        """[ROWS − 1, COLUMNS + 1, 4]: each row beside the next, so that the GPU reads both at once."""
+        """[ROWS − 1, COLUMNS + 1, 4]: each row interleaved with the next, so that one fetch reads both."""
         return np.concatenate([self.texels[:-1], self.texels[1:]], axis=-1)
 
     def blurred(self, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
@@ -57,7 +57,7 @@ class BlurTable:
         return np.where(moves, np.where(q < self.kernel.radius**2, long, 0), self._simpson(u, v, length))
 
     def _line(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The line's area over F(0), and the row before it with the part of a step to the next."""
+        """The line's area over F(0), the row before it and the fraction of the step to the next."""
         last = len(self.texels) - 1
         place = np.clip(q * self.texels.dtype.type(last / self.kernel.radius**2), 0, last)
         row = np.minimum(place.astype(np.intp), last - 1)
@@ -74,7 +74,7 @@ class BlurTable:
         return np.copysign(here + (there - here) * part, t)
 
     def _simpson(self, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
-        """F + (F₊ − 2F + F₋)/6: for a path of no length F itself, bit for bit."""
+        """F + (F₊ − 2F + F₋)/6: bit-identical to F for a path of length 0."""
         peak = float(self.kernel.footprint(np.zeros(())))
         first, middle, last = (
             (self.kernel.footprint(np.hypot(u + side * length / 2, v)) / peak).astype(self.texels.dtype)
@@ -85,9 +85,9 @@ class BlurTable:
 
 @lru_cache(maxsize=8)
 def blur_table(name: str, columns: int = COLUMNS, rows: int = ROWS, dtype: str = "<f4") -> BlurTable:
-    """The table of that kernel; made once. InputError if there is none."""
+    """The table of that kernel, cached. InputError for an unknown kernel."""
     shape = kernel(name)
-    # the last line has no length; its limit is that of one close by
+    # the last line has length 0: use the limit, from a line close by
     q = np.minimum(np.linspace(0.0, 1.0, rows), 1 - 1e-9)[:, None] * shape.radius**2
     chord = half_chord(shape.radius, np.sqrt(q))
     t = np.linspace(0.0, 1.0, columns)
@@ -104,7 +104,7 @@ def blur_table(name: str, columns: int = COLUMNS, rows: int = ROWS, dtype: str =
 
 
 def _cubic(first: np.ndarray, last: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Hermite's cubic through two values [..., 0] with slopes [..., 1] a step, at `part` of the step."""
+    """Cubic Hermite interpolation of two values [..., 0] with slopes [..., 1] per step, at `part` of the step."""
     rise = last[..., 0] - first[..., 0]
     bend = 3 * rise - 2 * first[..., 1] - last[..., 1]
     twist = first[..., 1] + last[..., 1] - 2 * rise

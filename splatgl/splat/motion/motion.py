@@ -1,7 +1,7 @@
-"""`Motion`: how a scene moves from frame to frame, and what path each splat takes while the shutter is open.
+"""`Motion`: scene motion per frame, and the path of each splat while the shutter is open.
 
-Times are in frames: 0 is the frame that is drawn, −1 the one before it. With a shutter of 180° the film is
-exposed from −½ to 0, and a moving splat is seen smeared along that part of its path.  [M98 §5]
+Times are in frames: 0 is the current frame, −1 the previous one. With a shutter of 180° the exposure lasts
+from −½ to 0, and a moving splat is blurred along that part of its path.  [M98 §5]
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.rigid import Rigid
 from splatgl.splat.view.view import eye_from_index
 
-# a splat nearer to the eye's plane than this, in mean spacings, has no place in the picture to move from or to
+# a splat nearer to the eye's plane than this, in mean spacings, has no projection
 NEAREST = 1e-2
-# shaders: a kernel nearer to the eye's plane than this many of its reaches stands still; and within 7 % all rays that
-# meet a kernel are parallel from so many on
+# shaders: kernels nearer to the eye's plane than AHEAD of their reaches are drawn still; beyond FAR reaches all rays
+# that meet a kernel are parallel within 7 %
 AHEAD, FAR = 1.1, 16.0
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What moves, by how much a frame; each may be left out, and all add up.
+    """Scene motion per frame; all parts are optional and combine.
 
     spin [3]: the volume turns by |spin| degrees a frame about the axis `spin` through `center` [3] (world),
     counter-clockwise seen from its tip. velocity [3]: it moves, in world units a frame.
-    flow [N, 3]: each splat besides moves by itself, in world units a frame, in the order of the records.
-    camera: where the camera was one frame before; between the two it goes by a screw, on the shortest way.
+    flow [N, 3]: each splat's own velocity, in world units a frame, in the order of the records.
+    camera: the previous frame's camera; interpolated by the shortest screw motion.
     Raises InputError for other shapes and numbers that are not finite.
     """
 
@@ -59,17 +59,17 @@ class Motion:
         return not moving and self.camera is None
 
     def view(self, camera: Camera, at: float) -> Camera:
-        """The camera as the volume sees it at that time, if `camera` is its place in the frame.
+        """The camera relative to the volume at time `at`, if `camera` is that of the frame.
 
-        The volume's own motion is in it: with the light at the eye, a turning volume and a camera that goes
-        around it give the same pictures.
+        It includes the volume's motion: with the light at the eye, a rotating volume and an orbiting camera
+        give the same pictures.
         """
         if at == 0 or not (self.camera or self.spin.any() or self.velocity.any()):
             return camera
         place = Rigid(camera.eye_from_world, camera.eye_from_world @ -camera.eye)
         extent = camera.extent
         if self.camera is not None:
-            # eye axes then from the world, by the screw that took the camera from there to here
+            # eye_from_world at that time, by the screw from the previous camera
             before = Rigid(self.camera.eye_from_world, self.camera.eye_from_world @ -self.camera.eye)
             place = before.after(place.inverse()).part(-at).after(place)
             extent = camera.extent * (self.camera.extent / camera.extent) ** -at
@@ -78,7 +78,7 @@ class Motion:
         return replace(camera, eye=-place.rotation.T @ place.shift, eye_from_world=place.rotation, extent=extent)
 
     def moved(self, splats: Splats, at: float) -> Splats:
-        """The splats where their flow has them at that time; they keep their cells, and so their order."""
+        """The splats moved by their flow to that time; they keep their cells, and thus their order."""
         if self.flow is None or at == 0:
             return splats
         records = splats.records.copy()
@@ -110,9 +110,9 @@ class Streaks:
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """What moves in one picture while its shutter is open: the camera when it opens, in between and when it closes.
+    """Motion during one exposure: the cameras at shutter open, in the middle and at shutter close.
 
-    frames: for how many frames it is open. flow: as in Motion, None if no splat moves by itself.
+    frames: duration of the exposure in frames. flow: as in Motion, None without flow.
     """
 
     first: Camera
@@ -123,7 +123,7 @@ class Exposure:
 
     @classmethod
     def of(cls, camera: Camera, settings: Settings, motion: Motion | None) -> Exposure | None:
-        """None for a still: nothing moves, the shutter stays closed, or blur is not asked for."""
+        """The exposure; None for a still: no motion, a closed shutter, or blur turned off."""
         frames = exposure(settings.shutter)
         if settings.motion == "off" or motion is None or motion.still or frames == 0:
             return None
@@ -131,7 +131,7 @@ class Exposure:
         return cls(motion.view(camera, -frames), motion.view(camera, -frames / 2), camera, frames, flow)
 
     def bend(self, splats: Splats) -> float:
-        """How far the path of a corner of the splats' box goes from its straight streak, at most, in pixels; ∞ if one
+        """Largest deviation of the path of a corner of the splats' box from its straight streak, in pixels; ∞ if one
         crosses the eye's plane.
         """
         places = []
@@ -141,28 +141,28 @@ class Exposure:
                 return float(np.inf)
             flat = eye[:, :2] / eye[:, 2:] if camera.perspective else eye[:, :2]
             places.append(flat * (camera.size[1] / camera.extent))
-        # two thirds of the sagitta, as a streak lies about the mean of its places
+        # two thirds of the sagitta, as a streak is centred on the mean position
         away = (places[0] - 2 * places[1] + places[2]) / 3
         return float(np.linalg.norm(away, axis=1).max())
 
     def drift(self, splats: Splats) -> np.ndarray:
-        """float64 [N, 3]: how far each splat flows in half of the exposure, in grid steps."""
+        """float64 [N, 3]: each splat's flow in half of the exposure, in grid steps."""
         assert self.flow is not None
         return _in_cells(splats, self.flow) * (self.frames / 2)
 
 
 def exposure(shutter: float) -> float:
-    """How many frames a shutter of that angle, in degrees, is open. InputError outside of 0 … 360."""
+    """Exposure in frames of a shutter angle in degrees. InputError outside of 0 … 360."""
     if not 0 <= shutter <= FULL_SHUTTER:
         raise expected("shutter", "an angle from 0 to 360 degrees", shutter)
     return float(shutter) / FULL_SHUTTER
 
 
 def streaks(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> Streaks:
-    """The splats' paths while a shutter of that angle is open, which it is up to the frame's own time.
+    """The splats' paths during an exposure of that shutter angle, which ends at the frame's time.
 
-    A path bends, and a streak is straight: it goes from where the path begins to where it ends, about the mean
-    of the places between. For a splat that crosses the eye's plane it is the tangent in the middle.
+    Streaks are straight approximations of curved paths: parallel to the chord from start to end, centred on the
+    mean position. For a splat that crosses the eye's plane it is the tangent in the middle.
     """
     length = exposure(shutter)
     times = (-length, -length / 2, 0.0)
@@ -177,7 +177,7 @@ def streaks(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> S
         return Streaks(middle, mean, step)
     ahead = np.minimum(np.minimum(first[2], mean[2]), last[2]) > NEAREST
     slope = [points[:2] / np.where(ahead, points[2], 1.0) for points in (first, mean, last)]
-    # Simpson's rule for the mean of the places; the middle itself, bit for bit, for what stands still
+    # Simpson's rule for the mean position; bit-identical to the middle for still splats
     bend = np.where(ahead, ((slope[0] - slope[1]) + (slope[2] - slope[1])) / 6 * mean[2], 0.0)
     depth = np.where(mean[2] > NEAREST, mean[2], 1.0)
     tangent = np.where(mean[2] > NEAREST, (last - first)[:2] - mean[:2] / depth * (last - first)[2], 0.0)
@@ -206,7 +206,7 @@ def flow_of(splats: Splats, volume: Volume, scale: float = 1.0) -> np.ndarray:
 
 
 def _eye_points(splats: Splats, view: Camera, flow: np.ndarray | None, at: float, extent: float) -> np.ndarray:
-    """[3, N] in the eye axes of that time, mean spacings; across the view as a lens of that extent shows it."""
+    """[3, N] in the eye axes of that time, mean spacings; x and y scaled to a camera of that extent."""
     grid = splats.grid
     offset = splats.records["position"].astype(np.float64) - grid.index_from_world(view.eye)
     if flow is not None:
@@ -217,7 +217,7 @@ def _eye_points(splats: Splats, view: Camera, flow: np.ndarray | None, at: float
 
 
 def _in_cells(splats: Splats, flow: np.ndarray) -> np.ndarray:
-    """World velocities [N, 3] of all splats in grid steps. InputError for those of other splats."""
+    """World velocities [N, 3] of all splats in grid steps. InputError for another number of splats."""
     if flow.shape != (len(splats), 3):
         raise expected("flow", f"velocities of {len(splats)} splats", flow.shape)
     return np.asarray(flow @ np.linalg.inv(splats.grid.world_from_index).T)

@@ -1,1 +1,1 @@
-"""What is asked of a picture, and what is drawn."""
+"""Settings of a picture, and the plan that draws it."""

@@ -1,4 +1,4 @@
-"""How quads are turned: `align` and the depth z_s at which `hybrid` switches.  [M98 §4]"""
+"""Orientation of quads: `align` and the depth z_s at which `hybrid` switches.  [M98 §4]"""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from splatgl.splat.view.view import View
 
 # one level of an 8-bit picture
 LEVELS = 255.0
-# the volume's reach, for z_s, is rounded up to powers of this: a moving camera seldom needs a new z_s
+# the volume's extent is rounded up to powers of this, so that a moving camera seldom changes z_s
 REACH_STEP = 1.1
 
 
 def alignment(splats: Splats, view: View, settings: Settings, notes: list[str]) -> tuple[str, float]:
-    """(align, z_s). `auto` never picks grid: it loses path length, and the sum of many splats shows it."""
+    """(align, z_s). `auto` never picks grid: it loses path length, visible in the sum of many splats."""
     if not view.perspective:
         if settings.align != "grid":
             notes.append("rotation left out: in an orthographic view every ray is perpendicular to the image")
@@ -33,7 +33,7 @@ def alignment(splats: Splats, view: View, settings: Settings, notes: list[str]) 
 
 
 def _switch(splats: Splats, view: View, settings: Settings) -> float:
-    """z_s/z_k from the tolerance; the volume's reach from the view axis, rounded up, is its edge."""
+    """z_s/z_k from the tolerance, at the volume's extent from the view axis, rounded up."""
     reach = max(float(np.hypot(*view.box(splats)[:2]).max()), 1.0)
     rounded = REACH_STEP ** np.ceil(np.log(reach) / np.log(REACH_STEP))
     half_angle = float(np.arctan(view.edge.max()))

@@ -1,4 +1,4 @@
-"""Blend modes: what a splat is along a ray, and how splats join. Everything else reads this table."""
+"""Blend modes: a splat's value along a ray, and how values combine. All other code reads this table."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class BlendMode:
-    """join: `over` (by the transmittance of what is nearer), `sum` or `max`.
+    """join: `over` (by the transmittance of nearer splats), `sum` or `max`.
 
-    peak: whether a splat shows its opacity times its share of the footprint's peak, instead of a line integral.
+    peak: whether a splat's value is its opacity times its share of the footprint's peak, instead of a line integral.
     """
 
     name: str
@@ -24,7 +24,7 @@ class BlendMode:
 
     @property
     def unbounded(self) -> bool:
-        """Whether pixels have no largest value: errors and PNGs are in proportion to the brightest."""
+        """Whether pixel values are unbounded: errors and PNGs are relative to the brightest."""
         return self.join == "sum"
 
 

@@ -1,7 +1,7 @@
-"""`Plan`: what one picture needs, decided from what was asked, the splats and the camera.
+"""`Plan`: all decisions for one picture, from the settings, the splats and the camera.
 
-`program` holds the enums and booleans that choose shader text and GL state, and is the key of the
-program cache; everything else is a number for a uniform, so that a moving camera compiles nothing.
+`program` holds the enums and booleans that select shader text and GL state, and is the key of the
+program cache; the rest is numbers for uniforms, so that a moving camera compiles nothing.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from splatgl.splat.view.eye_near import eye_is_near
 from splatgl.splat.view.screen_bounds import Window, screen_bounds
 from splatgl.splat.view.view import View
 
-# texels along an axis: the paper's, and what brings a radial table's error to 1e−5
+# texels along an axis: the paper's, and enough for a radial table's error of 1e−5
 TABLE_SIZES = {"table": 256, "radial": 1024, "polynomial": 1}
 
 
 @dataclass(frozen=True)
 class Seen:
-    """How the grid is seen. antialias: whether any voxel is widened. cubic: whether voxels are cubes.
+    """View properties. antialias: whether any voxel is widened. cubic: whether voxels are cubes.
 
-    half_line: whether the eye may be in a kernel.
+    half_line: whether the eye may be inside a kernel.
     """
 
     perspective: bool
@@ -46,10 +46,10 @@ class Seen:
 
 @dataclass(frozen=True)
 class Program:
-    """What is compiled in, and the key of the program cache.
+    """Compile-time choices, the key of the program cache.
 
-    footprint: what it is read from, table, radial or polynomial. kernel: whose polynomials are compiled in. motion:
-    form of streaks. flow: whether splats move by themselves. exp_doublings: see optics.glsl.
+    footprint: its source, table, radial or polynomial. kernel: the one whose polynomials are compiled in. motion: form
+    of streaks. flow: whether splats have velocities of their own. exp_doublings: see optics.glsl.
     """
 
     technique: str
@@ -65,10 +65,10 @@ class Program:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is drawn. order: back-to-front or front-to-back. notes: what was left out, and why, a line each.
+    """The plan of a picture. order: back-to-front or front-to-back. notes: omitted steps with reasons, a line each.
 
-    z_s: depth where `hybrid` switches, world units. window: the pixels, or samples, that splats reach. exposure: of a
-    blurred picture.
+    z_s: depth where `hybrid` switches, world units. window: the pixels, or samples, that splats reach. exposure: that
+    of a motion-blurred picture.
     """
 
     program: Program
@@ -84,7 +84,7 @@ class Plan:
 
     @property
     def kernel(self) -> Kernel:
-        """The kernel that is drawn."""
+        """The reconstruction kernel."""
         return self.resolved.kernel
 
     @property
@@ -94,19 +94,19 @@ class Plan:
 
     @property
     def view(self) -> View:
-        """The grid as the camera of all samples sees it."""
+        """The view of the grid at sample resolution."""
         return self.resolved.view
 
     @property
     def key(self) -> Hashable:
-        """Plans of the same splats and camera draw the same picture if their keys are equal."""
+        """For the same splats and camera, plans with equal keys draw the same picture."""
         r = self.resolved
         drawn = (r.samples, r.background, self.lookup, self.order, self.target, self.z_s, self.window, self.hiding)
         return self.program, drawn, self.exposure
 
     @property
     def table(self) -> str:
-        """The footprint table in words."""
+        """A description of the footprint table."""
         kind, size = self.lookup.kind, self.lookup.size
         if kind == "polynomial":
             return "polynomials"
@@ -114,7 +114,7 @@ class Plan:
         return f"{name} {sides} at {self.lookup.bits} bits"
 
     def forced(self, **choices: Any) -> Plan:
-        """This plan with choices of `program`, its look and what is seen made otherwise."""
+        """This plan with other choices in `program`, its look or its seen."""
         mine, look, seen = ({f.name for f in fields(part)} for part in (Program, Look, Seen))
         assert choices.keys() <= mine | look | seen
         program = replace(
@@ -132,7 +132,7 @@ class Plan:
         return replace(self, program=program, lookup=lookup, hiding=self.hiding if tiles else Hiding())
 
     def explain(self) -> str:
-        """The plan in words, a line a decision."""
+        """A description of the plan, one line per decision."""
         p, blend, found = self.program, self.program.look.blend, self.resolved
         lines = [
             f"blend {blend.name}, {'perspective' if p.seen.perspective else 'orthographic'}, target {self.target}",
@@ -160,9 +160,9 @@ def plan(
     motion: Motion | None = None,
     tiles: bool | None = False,
 ) -> Plan:
-    """The plan for one picture; everything that stands on `auto` is decided here.
+    """The plan for one picture; resolves every `auto`.
 
-    motion: of the scene since the previous frame. tiles: whether the renderer prefers them; None if it has none.
+    motion: of the scene since the previous frame. tiles: whether the renderer prefers them; None if unsupported.
     """
     settings = settings or Settings()
     notes: list[str] = []
@@ -174,7 +174,7 @@ def plan(
     shape, view, blend = resolved.kernel, resolved.view, resolved.look.blend
     align, z_s = alignment(splats, view, settings, notes)
     half_line = _half_line(splats, view, align, exposure, notes)
-    # of no splats there is nothing to refuse
+    # without splats no technique can refuse
     kind = technique(Asked(settings, align, exposure is not None, tiles), notes) if len(splats) else "quads"
     read = footprint((align, kind), shape, settings)
     bounds = screen_bounds(splats, view)
@@ -212,7 +212,7 @@ def plan(
 def _exposed(
     splats: Splats, camera: Camera, settings: Settings, motion: Motion | None, notes: list[str]
 ) -> tuple[Settings, Exposure | None]:
-    """The exposure, None for a still, and the settings that it leaves: streaks are exact."""
+    """The settings adapted to streaks, whose align is exact, and the exposure, None for a still."""
     found = Exposure.of(camera, settings, motion)
     if settings.motion == "off":
         if motion is not None and not motion.still:
@@ -233,7 +233,7 @@ def _exposed(
 
 
 def _half_line(splats: Splats, view: View, align: str, exposure: Exposure | None, notes: list[str]) -> bool:
-    """Only if the eye may be in a kernel, or a kernel in the eye's plane."""
+    """Whether the eye may be inside a kernel, or a kernel may cross the eye's plane."""
     if align != "exact":
         return False
     near = eye_is_near(splats, view, exposure)

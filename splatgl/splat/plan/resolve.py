@@ -1,6 +1,6 @@
-"""`Resolved`: what the settings mean for one picture, however it is drawn.
+"""`Resolved`: the settings resolved for one picture, independent of the technique.
 
-`plan` adds what a technique of OpenGL needs; the float64 truths draw from this alone.
+`plan` adds the choices for OpenGL; the float64 references use this alone.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from splatgl.splat.view.widening import widening
 
 @dataclass(frozen=True)
 class Look:
-    """What splats show. attenuation: opacity, optical-depth or fill. shading: whether by a light at the eye."""
+    """Appearance of splats. attenuation: opacity, optical-depth or fill. shading: whether lit from the eye."""
 
     blend: BlendMode
     attenuation: str
@@ -27,11 +27,11 @@ class Look:
 
 @dataclass(frozen=True)
 class Resolved:
-    """The settings' meaning for one picture; nothing stands on `auto`. Depths are in world units.
+    """The settings resolved for one picture, without `auto`. Depths are in world units.
 
-    view: of samples × samples a pixel; whether any splat is widened, and beyond which depths. camera: the same.
+    view: at samples × samples a pixel; whether any splat is widened, and beyond which depths. camera: likewise.
     z_k: depth at which the smallest voxel is one sample wide [M98 Eq. 3]. depths: of the box of all splats, nearest and
-    farthest. unsure: see widening.py. background: linear RGB, None: transparent. notes: what was left out, and why, a
+    farthest. unsure: see widening.py. background: linear RGB, None: transparent. notes: omitted steps with reasons, a
     line each.
     """
 
@@ -53,9 +53,9 @@ class Resolved:
 
     @classmethod
     def of(cls, splats: Splats, camera: Camera, settings: Settings, moving: bool = False) -> Resolved:
-        """For those splats, seen by that camera. moving: whether motion blurs the picture.
+        """Resolves the settings for splats and camera. moving: whether the picture is motion-blurred.
 
-        In a parallel view, still splats must be those that `ahead` leaves.
+        In a parallel view, still splats must be the result of `ahead`.
         """
         samples = settings.samples if settings.antialias == "supersample" else 1
         fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
@@ -88,14 +88,14 @@ def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
 
 
 def _antialias(settings: Settings, z_k: float, farthest: float) -> tuple[bool, tuple[str, ...]]:
-    """Only if a splat lies beyond z_k; with notes."""
+    """Whether antialiasing is on and a splat lies beyond z_k; with notes."""
     if settings.antialias == "off" or farthest >= z_k:
         return settings.antialias != "off", ()
     return False, (f"antialiasing left out: every splat is nearer than z_k = {z_k:.6g}; the picture is the same",)
 
 
 def _shading(splats: Splats, settings: Settings) -> tuple[bool, tuple[str, ...]]:
-    """As the transfer function says where the settings don't; with notes."""
+    """Whether splats are shaded, by the settings, else by the transfer function; with notes."""
     if settings.shading != "auto":
         return settings.shading == "on", ()
     if not splats.shaded or BLENDS[settings.blend].ordered:
@@ -104,8 +104,8 @@ def _shading(splats: Splats, settings: Settings) -> tuple[bool, tuple[str, ...]]
 
 
 def _attenuation(settings: Settings, weakened: bool) -> str:
-    """The forms differ in composite alone, and are alike before z_k where nothing moves. Measured over walls, edges,
-    threads, dots, fog and real volumes, fill is the nearest to supersampling.
+    """The attenuation form. Forms differ only in composite, and before z_k only under motion. Measured over walls,
+    edges, threads, dots, fog and real volumes, fill is the nearest to supersampling.
     """
     if not BLENDS[settings.blend].ordered or not weakened:
         return "optical-depth"

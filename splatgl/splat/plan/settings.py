@@ -1,4 +1,4 @@
-"""`Settings`: what a user asks of a picture. Every value that is named is obeyed; `auto` is the plan's."""
+"""`Settings`: the user's choices for a picture. Explicit values are obeyed; the plan resolves `auto`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Order = Literal["auto", "back-to-front", "front-to-back"]
 
 
 def choices() -> dict[str, tuple[str, ...]]:
-    """What each setting may be that is a name; the default first, and registered kernels last."""
+    """Values of each enumerated setting, the default first, registered kernels last."""
     closed = {"antialias": Antialias, "align": Align, "attenuation": Attenuation, "footprint": Footprint}
     closed |= {"target": Target, "technique": Technique, "shading": Shading, "motion": Motions}
     closed |= {"occlusion": Occlusion, "order": Order}
@@ -33,7 +33,7 @@ def choices() -> dict[str, tuple[str, ...]]:
 
 # largest footprint table; beyond it the kernel is resolved to float32
 MAX_TABLE_SIZE = 4096
-# supersampling beyond 64 samples an axis would need a picture of 4096 pixels for one of 64
+# at more than 64 samples an axis, a picture of 64 pixels would need a target of over 4096
 MAX_SAMPLES = 64
 # a shutter that never closes, in degrees
 FULL_SHUTTER = 360.0
@@ -41,7 +41,7 @@ FULL_SHUTTER = 360.0
 
 @dataclass(frozen=True)
 class Settings:
-    """How to draw; the paper's names, the default first.
+    """Render settings by the paper's names, the default first.
 
     blend composite | xray | mip. kernel crawfis-max | gaussian, or one that is registered.
     antialias paper | off | supersample (samples × samples a pixel). align auto | exact | ray | grid | hybrid
@@ -49,12 +49,12 @@ class Settings:
     attenuation auto | opacity | optical-depth | fill (beyond z_k, composite only).
     footprint auto (by the squared distance: a table, or polynomials where the tolerance allows) | table (table_size²
     texels of table_bits 32 | 16 | 8); table_size None: 256, or 1024 by the squared distance.
-    technique auto | quads (instanced quads) | tiles (gathered by tiles of pixels, in compute shaders; auto: by software
+    technique auto | quads (instanced quads) | tiles (binned into tiles of pixels, in compute shaders; auto: on software
     OpenGL; never with table footprints, another target than rgba32f, or back to front).
-    occlusion auto | off (tiles end where no more than a share of the tolerance passes).
+    occlusion auto | off (tiles terminate once the transmittance is below a share of the tolerance).
     target rgba32f | rgba16f | rgba8 | auto. shading auto (as the transfer function says) | on | off.
-    motion exact (the mean of the footprint along its path) | energy | paper [M98 Eq. 11] | off: the blur of what moves,
-    if anything does; shutter: for how long it is open, in degrees of a frame's 360.
+    motion exact (the mean of the footprint along its path) | energy | paper [M98 Eq. 11] | off: motion blur;
+    shutter: its opening time, in degrees of a frame's 360.
     order auto | back-to-front | front-to-back. tolerance: largest allowed error, linear light.
     background: None (transparent) or a linear RGB triple. Raises InputError for anything else.
     """
@@ -98,7 +98,7 @@ class Settings:
             object.__setattr__(self, "background", _background(self.background))
 
     def but(self, **changes: Any) -> Settings:
-        """These settings with some changed; InputError for a name that does not exist."""
+        """These settings with some changed; InputError for an unknown name."""
         unknown = set(changes) - {field.name for field in fields(self)}
         if unknown:
             raise expected("settings", "names of Settings' fields", ", ".join(sorted(unknown)))

@@ -1,4 +1,4 @@
-"""The techniques, what each can't draw, and which one draws a picture from what footprints."""
+"""Techniques, their limits, and the choice of technique and footprint source."""
 
 from __future__ import annotations
 
@@ -10,17 +10,15 @@ from splatgl.splat.kernel.kernels import Kernel, polynomials
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings, choices
 
-# polynomials are off by 4e−5 of the footprint: exact enough from this tolerance on
+# polynomials have an error of 4e−5 of the footprint: accurate enough from this tolerance on
 POLYNOMIAL_TOLERANCE = 1e-3
-# bits of a radial table's texels: the only ones it has
+# bits of a radial table's texels
 RADIAL_BITS = 32
 
 
 @dataclass(frozen=True)
 class Asked:
-    """A picture: how its splats are aligned, and whether they move. tiles: whether the renderer prefers them; None: it
-    has no compute shaders.
-    """
+    """Settings, alignment and motion of a picture. tiles: whether the renderer prefers them; None: unsupported."""
 
     settings: Settings
     align: str
@@ -30,7 +28,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Technique:
-    """refuses: why it can't draw a picture, None if it can."""
+    """refuses: returns the reason why it can't draw a picture, or None."""
 
     name: str
     refuses: Callable[[Asked], str | None]
@@ -74,7 +72,7 @@ TECHNIQUES = {
 
 
 def technique(asked: Asked, notes: list[str]) -> str:
-    """The one that is asked for, or else the first that can draw the picture. Raises InputError if that one can't."""
+    """The requested technique, else the first that can draw the picture. InputError if the requested one can't."""
     wanted = "streaks" if asked.moving else asked.settings.technique
     if wanted != "auto":
         why = TECHNIQUES[wanted].refuses(asked)
@@ -88,16 +86,16 @@ def technique(asked: Asked, notes: list[str]) -> str:
 
 
 def by_distance(align: str, settings: Settings) -> bool:
-    """Whether footprints depend on the distance alone; a parallel view's grid is exact, if it was not asked for."""
+    """Whether footprints depend on the distance alone; `grid` in a parallel view is exact, unless requested."""
     exact = align == "exact" or (align == "grid" and settings.align in ("auto", "exact"))
     return exact and settings.footprint != "table" and settings.table_bits == RADIAL_BITS
 
 
 def footprint(drawn: tuple[str, str], shape: Kernel, settings: Settings) -> str:
-    """What a footprint is read from. drawn: alignment and technique.
+    """The source of footprints. drawn: alignment and technique.
 
-    `auto`: the paper's table for its quads, the finer radial one where a table's 0.04 level would show, and polynomials
-    for tiles, whose time a look-up is much of, where that is exact enough.
+    `auto`: the paper's table for its quads, the finer radial one where a table's error of 0.04 level matters, and
+    polynomials for tiles, where lookups are slow, if accurate enough.
     """
     if not by_distance(drawn[0], settings):
         return "table"
@@ -106,7 +104,7 @@ def footprint(drawn: tuple[str, str], shape: Kernel, settings: Settings) -> str:
 
 
 def combinations() -> list[tuple[str, ...]]:
-    """What techniques refuse, a row for each value of a setting that any does."""
+    """Table of refusals by technique, a row for each setting value that any technique refuses."""
     found = []
     for name, values in choices().items():
         for value in values:

@@ -1,1 +1,1 @@
-"""A grid as a camera sees it, and which splats that shows."""
+"""Camera views of a grid, and culling of splats."""

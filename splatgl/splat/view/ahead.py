@@ -1,4 +1,4 @@
-"""Which splats a parallel view shows: those not behind the plane through its eye. Decided once, in float64."""
+"""Clips a parallel view's splats behind the plane through its eye; decided once, in float64."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from splatgl.splat.extraction.splats import Splats, index_rows
 from splatgl.splat.view.camera import Camera
 
-# a splat that is behind the plane by less than this share of its distance from the eye is on it: rounding
+# rounding: a splat behind the plane by less than this share of its distance from the eye counts as on it
 ON_PLANE = 1e-9
-# the latest cut of each volume's splats, and the plane it was made by
+# cache: the latest clipping plane of each set of splats, and its result
 _latest: WeakKeyDictionary[Splats, tuple[tuple[float, ...], Splats]] = WeakKeyDictionary()
 
 
 def ahead(splats: Splats, camera: Camera) -> Splats:
-    """The splats that are not behind a parallel view's eye; all of a perspective view's. The latest are kept."""
+    """The splats not behind a parallel view's eye; all in a perspective view. Caches the latest result."""
     if camera.perspective or not len(splats):
         return splats
     depth = camera.eye_from_points(splats.corners)
@@ -32,7 +32,7 @@ def ahead(splats: Splats, camera: Camera) -> Splats:
 
 
 def _cut(splats: Splats, camera: Camera, slack: float) -> Splats:
-    """Without those that are behind the eye by more than `slack`, world units."""
+    """The splats without those behind the eye by more than `slack`, world units."""
     normal = camera.forward @ splats.grid.world_from_index
     offset = camera.forward @ (splats.grid.origin - camera.eye)
     kept = splats.records["position"].astype(np.float64) @ normal + offset >= -slack

@@ -1,4 +1,4 @@
-"""What may reach into the picture: the planes through its edges, and blocks of splats that stand together in order."""
+"""Frustum culling of splats and of blocks of consecutive splats."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import numpy as np
 
 from splatgl.splat.view.view import View
 
-# splats of a block: tile_place.frag's BLOCK
+# splats per block: BLOCK in tile_place.frag
 BLOCK = 256
-# pixels by which the picture is taken to be larger: a tile may begin in it and end beyond
+# pixels added to the picture: a tile may cross its edge
 MARGIN = 8
-# beyond z_k a footprint is R pixels, times √2 for slant and a little for its first-order terms
+# beyond z_k a footprint's radius is R pixels, times √2 for slant, plus a margin for its first-order terms
 STRETCHED = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Frustum:
-    """Planes through the picture's edges, in eye axes and mean spacings; all are [2], along x and y.
+    """Planes through the picture's edges, in eye axes and mean spacings; fields are [2], along x and y.
 
-    edge: slopes, or lengths, from the middle to the planes. support: how far beyond them a kernel's centre may be and
-    still reach them, times the length of (1, edge). stretch: the same at depth 1 for one that antialiasing widens.
+    edge: slopes, or lengths, from the middle to the planes. support: largest distance beyond them from which a kernel
+    still reaches them, times the length of (1, edge). stretch: the same at depth 1 for a widened kernel.
     """
 
     view: View
@@ -44,7 +44,7 @@ class Frustum:
         return cls(view, edge, support, np.full(2, widest * (1 + float(np.hypot(*edge)))))
 
     def reached(self, center: np.ndarray, half: np.ndarray | None = None) -> np.ndarray:
-        """Whether splats at `center` [3, N], eye axes, anywhere within `half` [3, N] of it, may be seen; bool [N]."""
+        """Whether splats within `half` [3, N] of `center` [3, N], eye axes, may be visible; bool [N]."""
         half = np.zeros_like(center) if half is None else half
         furthest = center[2] + half[2] if self.view.perspective else np.ones(center.shape[1:])
         beyond = np.abs(center[:2]) - half[:2] - self.edge[:, None] * furthest
@@ -54,7 +54,7 @@ class Frustum:
 
 
 def boxes(positions: np.ndarray) -> np.ndarray:
-    """Around the centres of every BLOCK of positions [N, 3], grid indices: middle and half sides [blocks, 6]."""
+    """Bounding boxes of each BLOCK of positions [N, 3], grid indices: centre and half sides [blocks, 6]."""
     if not len(positions):
         return np.zeros((0, 6))
     begins = np.arange(0, len(positions), BLOCK)
@@ -63,6 +63,6 @@ def boxes(positions: np.ndarray) -> np.ndarray:
 
 
 def shown(around: np.ndarray, frustum: Frustum) -> np.ndarray:
-    """Which of the boxes [blocks, 6] hold a centre that may reach into the picture; bool [blocks]."""
+    """Which boxes [blocks, 6] may contain a visible splat; bool [blocks]."""
     view = frustum.view
     return frustum.reached(view.voxels(around[:, :3]), np.abs(view.eye_from_index) @ around[:, 3:].T)

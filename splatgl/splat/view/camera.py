@@ -15,19 +15,19 @@ import pyrr
 
 from splatgl.data.errors import expected
 
-# |sin| of the smallest angle between `up` and the view that still fixes a horizon
+# |sin| of the smallest angle between `up` and the view that defines a horizon
 UP_TOLERANCE = 1e-9
-# how much larger than the object's bounding sphere the default picture is
+# size of the default picture over the object's bounding sphere
 FIT_MARGIN = 1.05
-# degrees: in larger angles whole turns leave no digits for the rest; a narrower field needs an eye further than FAR
+# degrees: larger angles lose all digits to whole turns; a narrower field needs an eye further than FAR
 MOST_TURN, LEAST_FOV = 1e12, 1e-9
-# shares of the distance that shows all: beyond, the eye is in the middle, or further than FAR
+# factors on the distance that shows the whole subject: beyond, the eye is at its centre, or further than FAR
 ZOOMS = (1e-15, 1e15)
-# along a side, whatever draws them
+# largest side of a picture, for any renderer
 MOST_PIXELS = 2**24
-# world units: float64 holds the fourth powers of lengths within these
+# world units: fourth powers of lengths within these fit float64
 LEAST_LENGTH, MOST_LENGTH = 1e-60, 1e60
-# spacings: float32 holds the squares of what is within so many, and of its inverse
+# spacings: squares of lengths up to this, and of their inverses, fit float32
 FAR = 1e15
 
 
@@ -35,9 +35,9 @@ Vector = Sequence[float] | np.ndarray
 
 
 class Bounded(Protocol):
-    """Anything that takes up room: volumes and splats.
+    """Anything with an extent: volumes and splats.
 
-    corners [8, 3]: its box; outline [N, 3]: points whose hull holds all of it; world units.
+    corners [8, 3]: its box; outline [N, 3]: points whose convex hull contains it; world units.
     """
 
     @property
@@ -47,7 +47,7 @@ class Bounded(Protocol):
 
     @property
     def outline(self) -> np.ndarray:
-        """Points [N, 3] whose convex hull holds all of it, world units."""
+        """Points [N, 3] whose convex hull contains it, world units."""
         ...
 
 
@@ -91,7 +91,7 @@ class Camera:
     ) -> Camera:
         """A parallel view along target − eye; `height` is the image's height in world units.
 
-        Nothing behind the plane through `eye` is seen. Raises InputError as `look_at`, and for height ≤ 0.
+        The plane through `eye` clips all behind it. Raises InputError as `look_at`, and for height ≤ 0.
         """
         return cls(_point("eye", eye), _axes(eye, target, up), _size(size), _height(height), perspective=False)
 
@@ -108,7 +108,7 @@ class Camera:
     ) -> Camera:
         """A perspective view that shows all of `subject`. At (0, 0) it looks along +y with +z up;
         azimuth turns the eye counter-clockwise seen from +z, elevation lifts it (degrees). Another
-        `up` turns all of this by the shortest way from +z. Raises InputError as `look_at`, for a zoom outside
+        `up` applies the shortest rotation from +z. Raises InputError as `look_at`, for a zoom outside
         [1e−15, 1e15], and for angles beyond 1e12 degrees.
         """
         half = _half_width(fov)
@@ -125,8 +125,8 @@ class Camera:
 
     def parallel(self, subject: Bounded, height: float | None = None) -> Camera:
         """The orthographic view from the same eye; `height` in world units, None: the height of the
-        perspective picture at the middle of `subject`. Raises InputError for height ≤ 0, and for None where that
-        middle is not before the eye.
+        perspective picture at the centre of `subject`. Raises InputError for height ≤ 0, and for None if that
+        centre is not in front of the eye.
         """
         middle = float(self.eye_from_points(subject.corners)[:, 2].mean())
         if height is None and not middle > 0:
@@ -164,18 +164,18 @@ class Camera:
         return np.asarray((np.asarray(points, dtype=np.float64) - self.eye) @ self.eye_from_world.T)
 
     def slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Pixel centres along each image axis, [W] and [H]: slopes x/z (perspective) or eye x, y in world units."""
+        """Pixel centres along each image axis, [W] and [H]: slopes x/z (perspective), or eye x, y in world units."""
         width, height = self.size
         pitch = self.extent / height
         return (np.arange(width) + 0.5 - width / 2) * pitch, (np.arange(height) + 0.5 - height / 2) * pitch
 
     def resized(self, size: tuple[int, int]) -> Camera:
-        """The same view with another number of pixels; the vertical field of view stays."""
+        """The same view with another number of pixels and the same vertical field of view."""
         return Camera(self.eye, self.eye_from_world, _size(size), self.extent, self.perspective)
 
 
 def check_reach(corners: np.ndarray, camera: Camera, spacing: float) -> None:
-    """InputError for splats so far away, or a picture so high or low, that float32 can't hold the view.
+    """Raises InputError for splat distances or picture heights beyond float32's range.
 
     corners [8, 3]: of the splats, world units.
     """
@@ -250,7 +250,7 @@ def _orbit_axes(azimuth: float, elevation: float, up: Vector) -> tuple[np.ndarra
 
 
 def _fit_distance(local: np.ndarray, back: np.ndarray, up: np.ndarray, half: float, size: tuple[int, int]) -> float:
-    """How far from the middle an eye sees every point (relative to it): slope = lateral / (distance − depth)."""
+    """Distance from eye to centre that shows all points (relative to it): slope = lateral / (distance − depth)."""
     widest = np.array([half * size[0] / size[1], half])
     lateral = np.abs(np.stack([local @ np.cross(back, up), local @ up], axis=1)) / widest
     return float((lateral.max(axis=1) + local @ back).max()) * FIT_MARGIN

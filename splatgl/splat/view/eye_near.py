@@ -1,4 +1,4 @@
-"""Whether a kernel is so near to the eye's plane that it has no place in the picture: its rays begin within it."""
+"""Whether a kernel contains the eye or crosses its plane: it then has no projection, as rays start inside it."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from splatgl.splat.view.block_culling import Frustum
 from splatgl.splat.view.slab import between
 from splatgl.splat.view.view import View
 
-# tiles: splats nearer than this many reaches of a kernel, in depth, are around the eye
+# tiles: splats nearer in depth than this many kernel reaches count as around the eye
 AROUND_EYE = 2.0
-# a moving kernel's centre is near within this many radii: the root of HALF_LINE_REACH, and some
+# a moving kernel's centre is near within this many radii: the root of HALF_LINE_REACH, with a margin
 NEAR_RADII = 1.06
-# quads: a kernel is around the eye if its centre is nearer than the root of this many radii
+# quads: a kernel is around the eye if its centre is nearer than √HALF_LINE_REACH radii
 HALF_LINE_REACH = 1.1
 
 
 def eye_is_near(splats: Splats, view: View, exposure: Exposure | None) -> bool:
-    """Whether a splat that the picture may show is around the eye; perspective views alone."""
+    """Whether a potentially visible splat is around the eye; perspective views only."""
     if not len(splats):
         return False
     low, high = splats.index_bounds
     if exposure is not None:
-        # within reach of the box of all centres, wherever they flow
+        # within reach of the box of all centres, flow included
         near = NEAR_RADII * view.kernel.radius
         if exposure.flow is not None:
             near += float(np.linalg.norm(exposure.drift(splats), axis=1).max())

@@ -1,4 +1,4 @@
-"""Rigid motions x → Q x + t, whole and in parts: turning about an axis, and the screw between two of them."""
+"""Rigid motions x → Q x + t and fractions of them: rotation about an axis, and screw interpolation."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# angles below this, in radians, have their sine's and cosine's series
+# angles below this, in radians, use Taylor series
 SMALL = 1e-4
 
 
@@ -36,9 +36,9 @@ class Rigid:
         return Rigid(self.rotation.T, -self.rotation.T @ self.shift)
 
     def part(self, share: float) -> Rigid:
-        """That share of the motion: the screw about one axis and along it, which goes through at a steady pace.
+        """A fraction of the motion, as a screw about and along one axis at constant speed.
 
-        0 is no motion, 1 this one. A half turn or more goes the shorter way.
+        0 is the identity, 1 this motion. Half a turn or more goes the shorter way.
         """
         turn = rotation_vector(self.rotation)
         pace = np.linalg.solve(_swept(turn), self.shift)
@@ -59,7 +59,7 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
     angle = float(np.arctan2(sine, cosine))
     if cosine > -0.5:
         return np.asarray(skew * (angle / sine if sine > 0 else 1.0))
-    # near half a turn the axis stands in the symmetric part: Q + Qᵀ = 2 cos·1 + 2 (1 − cos) n nᵀ
+    # near half a turn the axis follows from the symmetric part: Q + Qᵀ = 2 cos·1 + 2 (1 − cos) n nᵀ
     squares = (matrix + matrix.T) / 2 - cosine * np.eye(3)
     axis = squares[:, int(np.argmax(np.diag(squares)))]
     axis = axis / np.linalg.norm(axis)
@@ -67,7 +67,7 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
 
 
 def _swept(turn: np.ndarray) -> np.ndarray:
-    """∫₀¹ rotation(s turn) ds: what a steady pace adds up to in a frame that turns."""
+    """∫₀¹ rotation(s turn) ds: the displacement at unit velocity in a rotating frame."""
     _, second, third = _weights(turn)
     k = _cross(turn)
     return np.asarray(np.eye(3) + second * k + third * k @ k)
@@ -78,7 +78,7 @@ def _weights(turn: np.ndarray) -> tuple[float, float, float]:
     angle = float(np.linalg.norm(turn))
     if angle < SMALL:
         return 1 - angle**2 / 6, 0.5 - angle**2 / 24, 1 / 6 - angle**2 / 120
-    # (1 − cos θ)/θ² from the half angle, so that nothing cancels
+    # (1 − cos θ)/θ² from the half angle, without cancellation
     return np.sin(angle) / angle, 2 * (np.sin(angle / 2) / angle) ** 2, (angle - np.sin(angle)) / angle**3
 
 

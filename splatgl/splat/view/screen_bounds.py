@@ -1,4 +1,4 @@
-"""Where in the picture splats are: the pixels that any of them reaches, and how large most of them are."""
+"""Screen bounds of all splats, and their mean depth."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.block_culling import STRETCHED
 from splatgl.splat.view.view import View
 
-# nearer to the eye's plane than this many times the kernel's reach in depth, splats may be anywhere in the picture
+# splats within this many kernel reaches of the eye's plane may cover the whole picture
 CLEARANCE = 2.0
-# rounds that find how far beyond the edge a centre may be: each is a tenth of the last
+# iterations for the furthest centre beyond the edge: each step is a tenth of the last
 ROUNDS = 5
-# pixels around, for rounding
+# pixels around the window, for rounding
 MARGIN = 2
-# pixels around a splat: rasterisers snap places to 1/256 of a pixel or finer, and float32 rounds them
+# pixels around a splat: rasterisers snap positions to 1/256 of a pixel or finer, and float32 rounds them
 PIXEL_MARGIN = 2.0**-5
 
 
@@ -37,9 +37,9 @@ class Window:
 
 @dataclass(frozen=True)
 class ScreenBounds:
-    """What a picture's splats cover.
+    """Screen extent of a picture's splats.
 
-    window: every pixel that any of them reaches. mean_depth: of the middle of their box, in mean spacings.
+    window: all pixels that they reach. mean_depth: of the centre of their box, in mean spacings.
     """
 
     window: Window
@@ -47,7 +47,7 @@ class ScreenBounds:
 
 
 def screen_bounds(splats: Splats, view: View) -> ScreenBounds:
-    """The whole picture where the eye is near."""
+    """The bounds of all splats; the whole picture if the eye is near."""
     corners, size = view.voxels(splats.corners_in_grid()), view.size
     steps = view.eye_from_index * view.kernel.radius
     if not view.perspective:
@@ -58,7 +58,7 @@ def screen_bounds(splats: Splats, view: View) -> ScreenBounds:
     middle = max(float(corners[2].mean()), deep, 1e-9)
     if nearest <= CLEARANCE * deep:
         return ScreenBounds(Window(0, 0, *size), middle)
-    # those centred beyond the edge that still reach in are the largest
+    # the largest are centred beyond the edge and still reach into the picture
     across = steps[:2]
     furthest = np.array([_furthest(nearest, edge, s, steps[2]) for edge, s in zip(view.edge, across, strict=True)])
     sides = [_sides(nearest, slope, step, steps[2]) for slope, step in zip(furthest, across, strict=True)]
@@ -68,9 +68,9 @@ def screen_bounds(splats: Splats, view: View) -> ScreenBounds:
 
 
 def _sides(z: float, slope: float, step: np.ndarray, deep: np.ndarray) -> tuple[float, float]:
-    """How far, in slopes, an ellipsoid at (slope z, z) reaches inwards and outwards, on either side of the view.
+    """Extents, in slopes, of an ellipsoid at (slope z, z), inwards and outwards, on either side of the view.
 
-    step, deep: its half axes' components along the picture and along depth. (x − s z)² = |step − s deep|².
+    step, deep: components of its half axes along the picture and along depth. (x − s z)² = |step − s deep|².
     """
     a = z * z - deep @ deep
     inwards, outwards = [], []
@@ -84,7 +84,7 @@ def _sides(z: float, slope: float, step: np.ndarray, deep: np.ndarray) -> tuple[
 
 
 def _furthest(z: float, edge: float, step: np.ndarray, deep: np.ndarray) -> float:
-    """The slope of the furthest centre beyond the edge of one that still reaches it."""
+    """The slope of the furthest centre beyond the edge whose splat still reaches it."""
     beyond = 0.0
     for _ in range(ROUNDS):
         beyond = _sides(z, edge + beyond, step, deep)[0]
@@ -92,7 +92,7 @@ def _furthest(z: float, edge: float, step: np.ndarray, deep: np.ndarray) -> floa
 
 
 def _window(places: np.ndarray, half: float, size: tuple[int, int]) -> Window:
-    """The pixels within `half` of places [N, 2], given in pixels off the middle of the picture."""
+    """The pixels within `half` of positions [N, 2], in pixels from the picture's centre."""
     middle = np.array(size) / 2
     low = np.clip(np.floor(places.min(axis=0) + middle - half) - MARGIN, 0, size)
     high = np.clip(np.ceil(places.max(axis=0) + middle + half) + MARGIN, 0, size)

@@ -1,4 +1,4 @@
-"""Splats between two depths: whole rows are passed over that lie before or beyond."""
+"""Splats between two depths; skips whole rows outside."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from splatgl.splat.view.view import View
 
 def between(splats: Splats, view: View, low: float, high: float) -> np.ndarray:
     """[3, N]: the centres, eye axes in mean spacings, of the splats whose depth is from `low` to `high`."""
-    # along a row depth goes on evenly; points may be anywhere in their cells
+    # depth is linear along a row; points may be anywhere in their cells
     start = splats.row_start
     ends = np.stack([splats.records["position"][start[:-1]], splats.records["position"][start[1:] - 1]])
     steps = view.eye_from_index[2]

@@ -1,4 +1,4 @@
-"""`View`: a grid seen by a camera, any affine grid and any camera, float64; resolved once for a picture.
+"""`View`: any affine grid seen by any camera, float64; computed once per picture.
 
 Lengths are in mean voxel spacings s̄, in eye axes (right, down, forward). A voxel's kernel is
 h(A⁻¹(x − v)), of unit volume, A = eye_from_index/s̄. Antialiasing widens it across the view: along the
@@ -17,7 +17,7 @@ from splatgl.splat.extraction.splats import Grid, Splats
 from splatgl.splat.kernel.kernels import Kernel
 from splatgl.splat.view.camera import Camera
 
-# a kernel is widened where its depth is at most this part of its distance
+# a kernel is widened only from this many of its reaches in depth on
 WIDEN_BEYOND = 3.0
 
 
@@ -30,8 +30,8 @@ def eye_from_index(grid: Grid, camera: Camera) -> np.ndarray:
 class View:
     """A grid seen by a camera. eye_from_index [3, 3]: A. pitch: a pixel's side at depth 1, or everywhere.
 
-    eye_index [3]: the eye in grid indices. size: pixels along x and y. antialias: whether p widens what is narrower.
-    beyond: depths from which on σ_1 and σ_2 are widened; None: where p is wider, see `widening.py`.
+    eye_index [3]: the eye in grid indices. size: pixels along x and y. antialias: whether widths below p are widened.
+    beyond: depths from which σ_1 and σ_2 are widened; None: from where p is wider, see `widening.py`.
     """
 
     kernel: Kernel
@@ -94,20 +94,20 @@ class View:
 
     @cached_property
     def depth_reach(self) -> float:
-        """How far in depth a kernel of unit radius reaches."""
+        """Half extent in depth of a kernel of unit radius."""
         return float(np.linalg.norm(self.eye_from_index[2]))
 
     @property
     def reach(self) -> float:
-        """How far in depth the kernel reaches: an eye further before the voxel sees all of it."""
+        """Half extent in depth of the kernel: an eye at least this far in front of the voxel is outside it."""
         return self.depth_reach * self.kernel.radius
 
     @cached_property
     def widened_beyond(self) -> tuple[float, float]:
-        """Depths from which on σ_1 and σ_2 are widened: ∞ where they never are.
+        """Depths from which σ_1 and σ_2 are widened; ∞ for never.
 
-        A kernel that reaches a third of the way to the eye's plane is left alone: along it diverging rays
-        change so much that no one width is right, and at the plane there is none.
+        A kernel that reaches a third of the way to the eye's plane is not widened: rays diverge so much
+        within it that no single width is right, and at the plane none exists.
         """
         if not self.antialias:
             return np.inf, np.inf
@@ -126,12 +126,12 @@ class View:
         return self.pitch * np.asarray(z) if self.perspective else np.full(np.shape(z), self.pitch)
 
     def shrink(self, z: np.ndarray) -> np.ndarray:
-        """[2, ...]: min(1, σ_i/p), by which offsets along the axes shrink at the voxel's depth."""
+        """[2, ...]: min(1, σ_i/p), the factors on offsets along the axes at the voxel's depth."""
         widened, p = self.widened(z), self.pixel(z)
         some = widened.any(axis=0)
         widths = [np.minimum(width / np.where(some, p, 1.0), 1.0) for width in self.widths]
         return np.where(widened, np.stack(widths), 1.0)
 
     def coverage(self, z: np.ndarray) -> np.ndarray:
-        """The share of a widened footprint that the voxel's own would fill: 1/m² [M98 Eq. 6] for cubic voxels."""
+        """The unwidened footprint's share of the widened one's area: 1/m² [M98 Eq. 6] for cubic voxels."""
         return np.asarray(self.shrink(z).prod(axis=0))

@@ -1,8 +1,8 @@
-"""From which depths on antialiasing widens voxels: chosen so that float32 and float64 agree on every splat.
+"""Depths from which antialiasing widens voxels, chosen so that float32 and float64 agree on every splat.
 
-The model jumps by O(1/z_k) where a voxel begins to be widened, so that a plane of voxels at that very depth would be
-widened in one precision and not in the other. The depth is moved on, by next to nothing, to where no splat is nearer to
-it than float32 can tell.
+The model jumps by O(1/z_k) at the depth where widening begins, so that a plane of voxels at exactly that depth would be
+widened in one precision and not in the other. The depth is increased slightly, into a gap between splats wider than
+float32's error.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.slab import between
 from splatgl.splat.view.view import View
 
-# a depth is a sum of four products of float32: that of no splat is off by more last digits of the largest of them
+# a depth is a sum of four float32 products: its error is at most this many ULPs of the largest
 DIGITS = 8.0
 ULP = 2.0**-24
-# how far the depth is moved on at most, as a share of itself
+# largest increase of the depth, relative
 FURTHEST = 0.02
 
 
 class Widening(NamedTuple):
-    """beyond: the depths, mean spacings, from which on σ_1 and σ_2 are widened; ∞ where they never are.
+    """beyond: depths, mean spacings, from which σ_1 and σ_2 are widened; ∞ for never.
 
-    unsure: what a splat may jump by, as a share of itself, where splats are everywhere; 0 where no splat is near.
+    unsure: relative jump of a splat if there is no gap; 0 if no splat is near.
     """
 
     beyond: tuple[float, float]
@@ -33,7 +33,7 @@ class Widening(NamedTuple):
 
 
 def widening(splats: Splats, view: View) -> Widening:
-    """Of a perspective view with antialiasing; `view.beyond` is None."""
+    """The widening depths of a view whose `beyond` is None; moved only in perspective views with antialiasing."""
     first, second = view.widened_beyond
     if not (view.antialias and view.perspective and len(splats)):
         return Widening((first, second))
@@ -45,13 +45,13 @@ def widening(splats: Splats, view: View) -> Widening:
 
 
 def _clear(splats: Splats, view: View, depth: float) -> tuple[float, bool]:
-    """The first depth from there on that no splat is near, and whether there is one."""
+    """The first depth ≥ `depth` with no splat near, and whether there is one; else the middle of the widest gap."""
     low, high = splats.index_bounds
     reach = np.abs(view.eye_from_index[2]) @ np.maximum(np.abs(low - view.eye_index), np.abs(high - view.eye_index))
     margin = DIGITS * ULP * float(reach + depth)
     furthest = max(FURTHEST * depth, 4 * margin)
     near = np.sort(between(splats, view, depth - margin, depth + furthest)[2])
-    # ends of the gaps: the first begins before `depth`
+    # starts of the gaps; the first is before `depth`
     begins = np.concatenate([[depth - margin], near])
     gaps = np.append(near, depth + furthest) - begins
     wide = np.flatnonzero(gaps >= 2 * margin)
@@ -62,6 +62,6 @@ def _clear(splats: Splats, view: View, depth: float) -> tuple[float, bool]:
 
 
 def _jump(view: View, depth: float) -> float:
-    """By how much of itself a splat changes where it begins to be widened: to first order, or by all of it."""
+    """Relative change of a splat where widening begins: the first-order term, else 1."""
     at_a_pixel = depth <= float(view.widths[1]) / view.pitch * (1 + FURTHEST)
     return min(view.reach * view.kernel.radius / depth, 1.0) if at_a_pixel else 1.0
