@@ -1,9 +1,9 @@
-"""How near each attenuation comes to supersampling: RMSE by scene and by voxels a pixel (m).
+"""Error of each attenuation form against supersampling: RMSE by scene and by voxels a pixel (m).
 
     .venv/bin/python scripts/attenuation.py [--data FOLDER] [--csv FILE] [--picture FILE.png]
 
-The truth is the picture supersampled until no splat lies beyond z_k, averaged in linear premultiplied
-light. Real volumes are used where FOLDER (or the environment's SPLATGL_DATA) holds them.
+The reference is the image supersampled until no splat lies beyond z_k, averaged in linear premultiplied
+light. Real volumes are used if FOLDER (or the environment's SPLATGL_DATA) contains them.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from splatgl.data.scenes import SCENES
 
 FORMS = ("opacity", "optical-depth", "fill")
 STRETCHES = (1.0, 1.1, 2.0, 4.0, 8.0, 16.0)
-# edge of the synthetic volumes across the view, voxels
+# width of the synthetic volumes across the view, voxels
 WIDTH = 192
-# pictures larger than this are drawn at this size, supersampled ones not at all beyond LARGEST
+# larger images are drawn at PICTURE pixels; supersampled ones not at all beyond LARGEST
 PICTURE, LARGEST = 400, 16000
 REAL = {"CT stent": ("stent_ct_128x128x256.nrrd", None), "CT head": ("visible_male_128x256x256_uint8.raw", "ct-bone")}
 
@@ -48,7 +48,7 @@ class Row:
 
 
 def matter(cells: np.ndarray, opacity: float) -> sg.Splats:
-    """White splats of the cells that are set, all of one opacity."""
+    """White splats of the set cells, all of one opacity."""
     transfer = sg.Transfer([(0.5, 0), (0.5, opacity)], shading=False, unit=1.0, colormap="white")
     return sg.extract(sg.Volume(cells.astype(np.uint8)), transfer)
 
@@ -58,7 +58,7 @@ def wall(opacity: float) -> sg.Splats:
 
 
 def thick_edge() -> sg.Splats:
-    """40 layers of 0.99 that end half way across."""
+    """40 layers of opacity 0.99 that end half way across."""
     cells = np.zeros((40, WIDTH, WIDTH))
     cells[:, :, : WIDTH // 2 + 1] = 1
     return matter(cells, 0.99)
@@ -94,7 +94,7 @@ def scenes(data: Path | None) -> Iterator[tuple[str, sg.Splats, sg.Camera]]:
     for name, make in SYNTHETIC.items():
         splats = make()
         middle = splats.corners.mean(axis=0)
-        # a little aslant, so that no row of voxels lines up with pixels
+        # slightly oblique, so that no row of voxels aligns with pixels
         yield name, splats, sg.Camera.look_at(middle + np.array([30.0, -60, -400]), middle, (0, -1, 0), fov=26)
     for name in ("tunnel", "terrain", "nerve"):
         yield name, *seen(SCENES[name](), None)
@@ -109,7 +109,7 @@ def seen(volume: sg.Volume, preset: str | None) -> tuple[sg.Splats, sg.Camera]:
 
 
 def at_stretch(splats: sg.Splats, camera: sg.Camera, stretch: float) -> sg.Camera:
-    """The camera with as many pixels as make a voxel at the middle 1/stretch of one wide."""
+    """The camera with a resolution at which a voxel at the middle is 1/stretch pixels wide."""
     depth = camera.eye_from_points(splats.corners)[:, 2]
     middle = float(depth.mean()) if depth.min() > 0 else 0.7 * float(depth.max())
     size = round(camera.extent * middle / (stretch * splats.grid.mean_spacing))
@@ -117,7 +117,7 @@ def at_stretch(splats: sg.Splats, camera: sg.Camera, stretch: float) -> sg.Camer
 
 
 def samples_for(splats: sg.Splats, camera: sg.Camera) -> int:
-    """Samples an axis that bring every splat before z_k."""
+    """Samples per axis that bring every splat before z_k."""
     farthest = camera.eye_from_points(splats.corners)[:, 2].max()
     narrowest = float(np.linalg.svd(splats.grid.world_from_index, compute_uv=False)[-1])
     return max(1, math.ceil(float(camera.pixel_pitch(farthest)) / narrowest))
@@ -138,7 +138,7 @@ def measure(renderer: sg.Renderer, data: Path | None) -> Iterator[Row]:
 
 
 def picture(renderer: sg.Renderer, path: Path) -> None:
-    """Rows: thick edge, threads, tunnel, nerve at m = 4; columns: each form, and the truth."""
+    """Rows: thick edge, threads, tunnel, nerve at m = 4; columns: each form, and the reference."""
     rows, side = [], 220
     for name, splats, base in scenes(None):
         if name not in ("thick edge", "threads", "tunnel", "nerve"):

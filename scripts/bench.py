@@ -2,8 +2,8 @@
 
     .venv/bin/python scripts/bench.py [--data FOLDER] [--rounds N] [--csv FILE]
 
-Real volumes are used where FOLDER (or the environment's SPLATGL_DATA) holds them; a 512³ uint16 file is
-generated. Machines are noisy: compare ratios within one run.
+Real volumes are used if FOLDER (or the environment's SPLATGL_DATA) contains them; a 512³ uint16 file is
+generated. Timings are noisy: compare ratios within one run.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LARGE = 512
 
 @dataclass(frozen=True)
 class Row:
-    """One measured stage: median, smallest and largest of the rounds, in `unit`."""
+    """A measured stage: median, minimum and maximum of the rounds, in `unit`."""
 
     scene: str
     stage: str
@@ -78,7 +78,7 @@ def stages(name: str, rounds: int, renderer: sg.Renderer, **transfer: object) ->
 
 
 def large_extraction() -> Iterator[Row]:
-    """Extraction of a memory-mapped 512³ uint16 file in a process of its own: time, and memory beyond the splats."""
+    """Extraction of a memory-mapped 512³ uint16 file in a separate process: time, and memory beyond the splats."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"large_{LARGE}x{LARGE}x{LARGE}_uint16.raw"
         samples = np.memmap(path, np.uint16, "w+", shape=(LARGE, LARGE, LARGE))

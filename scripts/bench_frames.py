@@ -1,11 +1,11 @@
-"""What a frame costs, against a floor, against everything switched on, and against VTK where it is installed.
+"""Frame times, compared with a lower bound, with all features enabled, and with VTK if installed.
 
     .venv/bin/python scripts/bench_frames.py [--data FOLDER] [--rounds N] [--csv FILE] [--curves]
 
-The floor draws as many points of the same size into the same target with shaders that compute nothing. VTK
+The lower bound draws as many points of the same size into the same target with shaders that compute nothing. VTK
 (extra `bench`) casts rays at half-voxel steps through the same volume, with the same camera, opacities and
-pixels. Ways take turns in random order; times are wall clock around a finished frame, the splats' ones with the
-pixels read back. Every picture of the planned frames is compared with the float64 reference. Compare ratios.
+pixels. Variants are interleaved in random order; times are wall clock around a finished frame, for splats including
+readback. Every image of the planned frames is compared with the float64 reference. Compare ratios.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ in vec3 place; uniform mat4 clip_from_index; uniform float size;
 void main() { gl_Position = clip_from_index * vec4(place, 1.0); gl_PointSize = size / gl_Position.w; }
 """
 FLOOR_FRAGMENT = "#version 330\nout vec4 light; void main() { light = vec4(0.01); }"
-# times are per frame, since some ways are a hundred times as slow: each gets as many rounds as fit into this, seconds
+# seconds per variant: some are a hundred times as slow, so each gets as many rounds as fit into this
 LONGEST = 8.0
 
 
@@ -59,7 +59,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Case:
-    """A scene, seen and drawn in one way; vtk: points of an opacity function in the volume's values."""
+    """A scene with camera and settings; vtk: points of an opacity function in the volume's values."""
 
     name: str
     volume: sg.Volume
@@ -77,7 +77,7 @@ def case(name: str, source: str, settings: sg.Settings | None = None, peers: boo
 
 
 def floor(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, chosen: sg.Plan) -> Callable[[], np.ndarray]:
-    """A frame of points that compute nothing."""
+    """A frame of points whose shaders compute nothing."""
     ctx = renderer.ctx
     spacing = splats.grid.mean_spacing
     program = ctx.program(vertex_shader=FLOOR_VERTEX, fragment_shader=FLOOR_FRAGMENT)
@@ -121,7 +121,7 @@ def ways(renderer: sg.Renderer, chosen: Case, size: int) -> dict[str, Callable[[
 
 
 def seconds(frame: Callable[[], Any] | Peer) -> float:
-    """Of one finished frame; a peer times itself, in its own process."""
+    """Seconds of one finished frame; a peer times itself, in its own process."""
     if isinstance(frame, Peer):
         return frame.frame()[1]
     started = time.perf_counter()
@@ -130,7 +130,7 @@ def seconds(frame: Callable[[], Any] | Peer) -> float:
 
 
 def measure(renderer: sg.Renderer, chosen: Case, size: int, rounds: int) -> Iterator[Row]:
-    """Every way of one scene, in turns of random order."""
+    """Measures all variants of a scene, interleaved in random order."""
     todo = ways(renderer, chosen, size)
     times: dict[str, list[float]] = {name: [] for name in todo}
     for frame in todo.values():
@@ -151,7 +151,7 @@ def measure(renderer: sg.Renderer, chosen: Case, size: int, rounds: int) -> Iter
 
 
 def error(renderer: sg.Renderer, chosen: Case, size: int) -> str:
-    """The planned picture's largest error and its bound."""
+    """The planned image's maximum error and its bound."""
     camera = View(size=(size, size)).camera(chosen.volume, chosen.splats)
     drawn = renderer.render(chosen.splats, camera, chosen.settings)
     right = sg.reference.render(chosen.splats, camera, chosen.settings).pixels
@@ -171,11 +171,11 @@ def ball(count: int) -> Case:
 
 
 def curves(renderer: sg.Renderer, rounds: int) -> Iterator[Row]:
-    """Time over splats, and over pixels."""
+    """Time against number of splats, and against pixels."""
     for millions in (0.1, 0.3, 1, 3, 5):
         chosen = ball(int(millions * 1e6))
         middle = chosen.splats.corners.mean(axis=0)
-        # two pixels a voxel, however large the ball
+        # two pixels a voxel for any size of the ball
         away = middle + np.array([150.0, -250, 200])
         yield from _planned(renderer, chosen, sg.Camera.look_at(away, middle, (0, 0, 1), 40, (512, 512)), rounds)
     tunnel = case("tunnel", "tunnel")

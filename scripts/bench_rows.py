@@ -1,4 +1,4 @@
-"""Tells what a benchmark finds: rows of one dataclass, as they come, and in a file with who drew them."""
+"""Reports benchmark results: prints rows of a dataclass as they arrive, and writes them with the renderer's name."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import splatgl as sg
 
 
 def tell(found: Iterable[Any], path: Path | None) -> None:
-    """Prints each row; then, if there is a path, a CSV file: a column for each field, and one for GL_RENDERER."""
+    """Prints each row; then, given a path, writes a CSV file with a column per field and one for GL_RENDERER."""
     rows = []
     for row in found:
         print(row, flush=True)

@@ -1,10 +1,10 @@
-"""Mutated files, thousands for each reader: every one must load, or be refused by one clear line, in bounds.
+"""Fuzzes each reader with thousands of mutated files: each must load or raise one clear error, within limits.
 
     .venv/bin/python scripts/fuzz.py [--count 10000] [--reader NAME] [--seed N] [--keep FOLDER]
 
-Two processes read the files, each within LIMIT bytes beyond what it has after its imports, and SECONDS of processor
-time a file (WALL seconds of any). What loads is summed up and described. Prints a table; exit code 1 if a reader
-raised anything but an InputError that names the file, printed, crashed, hung, or went over the limit.
+Two processes read the files, each limited to LIMIT bytes beyond its memory after imports, and SECONDS of processor
+time per file (WALL seconds of wall time). Loaded files are summed and described. Prints a table; exit code 1 if a
+reader raised anything but an InputError naming the file, printed, crashed, hung, or exceeded a limit.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def splice(data: bytes, chance: random.Random, other: bytes) -> bytes:
 
 
 def number(data: bytes, chance: random.Random, _other: bytes) -> bytes:
-    """Another number in the place of one that is written in digits."""
+    """Replaces a number written in digits."""
     places = [found.span() for found in re.finditer(rb"-?\d+(?:\.\d+)?", data[:6000])]
     if not places:
         return whole(data, chance, _other)
@@ -100,7 +100,7 @@ def number(data: bytes, chance: random.Random, _other: bytes) -> bytes:
 
 
 def whole(data: bytes, chance: random.Random, _other: bytes) -> bytes:
-    """Another whole number in the place of 2, 4 or 8 bytes."""
+    """Replaces 2, 4 or 8 bytes with another integer."""
     size = chance.choice((2, 4, 8))
     value = (chance.choice(WHOLES) & ((1 << 8 * size) - 1)).to_bytes(size, chance.choice(("little", "big")))
     start = _early(chance, len(data))
@@ -109,7 +109,7 @@ def whole(data: bytes, chance: random.Random, _other: bytes) -> bytes:
 
 
 def lines(data: bytes, chance: random.Random, _other: bytes) -> bytes:
-    """A line less, or twice, or in another place."""
+    """Removes, duplicates or moves a line."""
     parts = data.splitlines(keepends=True)
     if len(parts) < 2:
         return truncate(data, chance, _other)
@@ -126,7 +126,7 @@ MUTATIONS: tuple[Mutation, ...] = (
 
 
 def _early(chance: random.Random, length: int) -> int:
-    """A place in the data; every other one among the first 400 bytes, where headers are."""
+    """A position in the data; half of them in the first 400 bytes, where headers are."""
     return chance.randrange(max(1, min(length, 400) if chance.random() < 0.5 else length))
 
 
@@ -140,10 +140,10 @@ def mutated(data: bytes, chance: random.Random, other: bytes) -> bytes:
 
 
 def write(seed: Seed, other: Seed, chance: random.Random, folder: Path) -> Path:
-    """Writes a seed into a new folder with one of its files mutated; returns what is to be loaded."""
+    """Writes a seed into a new folder with one of its files mutated; returns the path to load."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    # 1. which file: mostly the header, which is the first; and whether what is packed in it is meant
+    # 1. which file: mostly the first, the header; and whether to mutate its uncompressed content
     names = list(seed.files)
     victim = names[0] if chance.random() < 0.7 else chance.choice(names)
     data, packed = seed.files[victim], other.files.get(victim) or next(iter(other.files.values()))
@@ -163,7 +163,7 @@ def write(seed: Seed, other: Seed, chance: random.Random, folder: Path) -> Path:
 
 
 def read(path: Path, kind: str) -> None:
-    """Loads a file and looks at every sample."""
+    """Loads a file and reads every sample."""
     if kind == "transfer":
         sg.Transfer.load(path)
         return
@@ -179,7 +179,7 @@ def read(path: Path, kind: str) -> None:
 
 
 def outcome(path: Path, kind: str) -> tuple[str, str]:
-    """("loaded" | "refused" | a fault, what was said)."""
+    """("loaded" | "refused" | a fault, message)."""
     started = time.process_time()
     try:
         with np.errstate(all="ignore"):
@@ -201,10 +201,10 @@ def outcome(path: Path, kind: str) -> tuple[str, str]:
 
 
 def _memory(error: BaseException | None) -> bool:
-    """Whether a lack of memory is among the causes."""
+    """Whether a MemoryError is among the causes."""
     while error is not None:
         places = list(traceback.walk_tb(error.__traceback__))
-        # Python's own parser calls it lack of memory that parentheses are nested too deep
+        # Python's parser also raises MemoryError for too deeply nested parentheses
         parsing = bool(places) and places[-1][0].f_code.co_filename == ast.__file__
         if (isinstance(error, MemoryError) and not parsing) or "allocate" in str(error):
             return True
@@ -216,21 +216,21 @@ def _memory(error: BaseException | None) -> bool:
 
 
 def case(reader: str, index: int, seed: int, folder: Path) -> Path:
-    """The file number `index` of a reader, the same for the same seed."""
+    """File number `index` of a reader, reproducible for a seed."""
     chance = random.Random(f"{seed} {reader} {index}")
     seeds = SEEDS[reader]()
     return write(chance.choice(seeds), chance.choice(seeds), chance, folder)
 
 
 def work(reader: str, indices: range, seed: int, folder: Path, pipe: Connection) -> None:
-    """Reads files one by one and sends (number, outcome, what was said)."""
-    # 1. one good file, so that imports do not count; then the bounds
+    """Reads files one by one and sends (number, outcome, message)."""
+    # 1. one valid file, so that imports do not count; then the limits
     good = case(reader, -1, seed, folder)
     outcome(good, SEEDS[reader]()[0].kind)
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + LIMIT, used + LIMIT))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    # 2. whatever is printed goes to a file
+    # 2. redirect printed output to a file
     printed = os.open(folder.with_suffix(".out"), os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
     os.dup2(printed, 1)
     os.dup2(printed, 2)
@@ -248,7 +248,7 @@ def work(reader: str, indices: range, seed: int, folder: Path, pipe: Connection)
 
 
 def _peak(reset: bool = False) -> int:
-    """Bytes resident at most since the last reset."""
+    """Peak resident bytes since the last reset."""
     if reset:
         Path("/proc/self/clear_refs").write_text("5")
     found = re.search(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())
@@ -256,7 +256,7 @@ def _peak(reset: bool = False) -> int:
 
 
 def run(reader: str, count: int, seed: int, folder: Path) -> Iterator[tuple[int, str, str]]:
-    """(number, outcome, what was said) of each file, from PROCESSES processes that are replaced when they end."""
+    """(number, outcome, message) of each file, from PROCESSES processes, which are replaced when they end."""
     spawn = multiprocessing.get_context("spawn")
     tasks: dict[Connection, tuple[int, int, multiprocessing.process.BaseProcess, float]] = {}
 

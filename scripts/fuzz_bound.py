@@ -1,9 +1,9 @@
 #!/usr/bin/env python
-"""Random structured pictures, each held against its error bound and drawn twice: `fuzz_bound.py [--count N]`.
+"""Random structured images, each checked against its error bound and drawn twice: `fuzz_bound.py [--count N]`.
 
-Every seed is one picture: planes of voxels at z_k, eyes on planes and on voxels and inside, extreme angles, faint and
-opaque matter, every target, blend, kernel and technique, 0 and 1 splats, pictures one pixel wide, long and sheared
-voxels. Prints a line for each picture that is over its bound or whose bits change, and ends with 1 if there is one.
+Each seed is one image: planes of voxels at z_k, eyes on planes, on voxels and inside, extreme angles, faint and
+opaque matter, every target, blend, kernel and technique, 0 and 1 splats, images one pixel wide, long and sheared
+voxels. Prints a line for each image that exceeds its bound or is not reproducible, and then exits with 1.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from splatgl.data.errors import InputError
 
 Random = np.random.Generator
 
-# of pictures, so that the float64 reference takes milliseconds
+# limits that keep the float64 reference within milliseconds
 MOST_SPLATS, MOST_PIXELS = 1500, 900
 
 
 @dataclass(frozen=True)
 class Case:
-    """One picture, and the names of what it is made of."""
+    """A test image, and the names of its components."""
 
     splats: sg.Splats
     camera: sg.Camera
@@ -37,7 +37,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Found:
-    """What came of a picture: its error, its bound, whether a second one has the same bits."""
+    """Result for an image: its error, its bound, and whether a second render is bitwise equal."""
 
     error: float
     bound: float
@@ -61,7 +61,7 @@ def spacing_of(rng: Random) -> tuple[str, np.ndarray, np.ndarray]:
 
 
 def shape_of(rng: Random) -> tuple[str, tuple[int, int, int]]:
-    """Name and samples (x, y, z)."""
+    """Name and number of samples (x, y, z)."""
     name = str(rng.choice(["block", "block", "wall", "line", "one", "none"], p=[0.3, 0.3, 0.2, 0.1, 0.07, 0.03]))
     n = int(rng.integers(3, 12))
     shapes = {"block": (n, n, n), "wall": (3 * n, 3 * n, 1), "line": (40, 1, 1), "one": (1, 1, 1), "none": (1, 1, 1)}
@@ -73,7 +73,7 @@ def opacity_of(rng: Random) -> float:
 
 
 def splats_of(rng: Random) -> tuple[str, sg.Splats]:
-    """Samples of a grid, or points anywhere."""
+    """Samples of a grid, or scattered points."""
     grid, spacing, direction = spacing_of(rng)
     shape, size = shape_of(rng)
     opacity = opacity_of(rng)
@@ -104,7 +104,7 @@ def size_of(rng: Random) -> tuple[int, int]:
 
 
 def direction_of(rng: Random, splats: sg.Splats) -> np.ndarray:
-    """Along a grid's axis or diagonal, or anywhere; world units."""
+    """Along a grid's axis or diagonal, or random; world units."""
     kind = rng.random()
     if kind < 0.5:
         steps = rng.permutation([1, 0, 0]) * rng.choice([-1, 1])
@@ -116,7 +116,7 @@ def direction_of(rng: Random, splats: sg.Splats) -> np.ndarray:
 
 
 def voxel_of(rng: Random, splats: sg.Splats) -> np.ndarray:
-    """The middle of one splat, world units."""
+    """The centre of one splat, world units."""
     if not len(splats):
         return np.zeros(3)
     place = splats.records["position"][rng.integers(len(splats))].astype(np.float64)
@@ -134,7 +134,7 @@ def orbiting(rng: Random, splats: sg.Splats) -> sg.Camera:
 
 
 def at_z_k(rng: Random, splats: sg.Splats) -> sg.Camera:
-    """A plane of voxels exactly where one is a pixel wide, or where widening begins."""
+    """A plane of voxels exactly at the depth where a voxel is a pixel wide, or where widening begins."""
     view = direction_of(rng, splats)
     view = view / np.linalg.norm(view)
     camera = perspective(rng, splats, np.zeros(3), view, float(rng.uniform(5, 120)))
@@ -174,7 +174,7 @@ def parallel(rng: Random, splats: sg.Splats) -> sg.Camera:
 
 
 def on_plane(rng: Random, splats: sg.Splats) -> sg.Camera:
-    """A parallel view from a voxel's middle: what lies behind it isn't drawn."""
+    """An orthographic view from a voxel's centre: matter behind it is not drawn."""
     span = float(np.linalg.norm(np.ptp(splats.corners, axis=0)))
     eye = voxel_of(rng, splats)
     height = span * float(rng.uniform(0.2, 2))
@@ -209,7 +209,7 @@ def settings_of(rng: Random) -> sg.Settings:
 
 
 def case(seed: int) -> Case:
-    """The picture of that seed."""
+    """The test image of a seed."""
     rng = np.random.default_rng(seed)
     made, splats = splats_of(rng)
     view = str(rng.choice(list(CAMERAS)))
@@ -220,7 +220,7 @@ def case(seed: int) -> Case:
 
 
 def drawable(renderer: sg.Renderer, chosen: Case) -> sg.Settings:
-    """The settings without a technique that the picture cannot have."""
+    """The settings without a technique that the image does not support."""
     for settings in (chosen.settings, chosen.settings.but(technique="auto"), chosen.settings.but(align="auto")):
         try:
             renderer.plan(chosen.splats, chosen.camera, settings)

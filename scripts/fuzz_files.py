@@ -1,4 +1,4 @@
-"""What fuzz.py's good files hold, and those of them that VTK's two formats make."""
+"""Seed files of fuzz.py: their structure, and those in VTK's two formats."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ Unpack = Callable[[bytes], bytes]
 
 @dataclass(frozen=True)
 class Seed:
-    """A good file: the name to load, and all files by name, the header first.
+    """A valid file: the name to load, and all files by name, the header first.
 
-    kind: volume, scene or transfer. name_matters: the name states sizes. unpack, pack: to and from what is
-    compressed in the first file, so that not only its checksum can be damaged.
+    kind: volume, scene or transfer. name_matters: the name states sizes. unpack, pack: decompress and compress the
+    first file's content, so that mutations reach beyond its checksum.
     """
 
     main: str

@@ -1,4 +1,4 @@
-"""Good files of every reader, small, for fuzz.py to damage."""
+"""Small valid files of every reader, as seeds of fuzz.py."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fuzz_files import CUBE, FLOW, RAW, Seed, X, Y, Z, one, vti, vti_appended, v
 
 
 def written(name: str, save: Callable[[Path], object]) -> Seed:
-    """What a library writes under `name`: a file, or a folder with all in it."""
+    """The output of a library under `name`: a file, or a folder with its contents."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
         save(path)

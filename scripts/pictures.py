@@ -1,4 +1,4 @@
-"""Draws the pictures of the README files into scripts/pictures: run it again after a change that shows.
+"""Renders the images of the README files into scripts/pictures; rerun after a visible change.
 
 .venv/bin/python scripts/pictures.py                  # the scenes
 .venv/bin/python scripts/pictures.py gallery visible_male_128x256x256_uint8.raw neuron.tif stent.nrrd  # real data
@@ -28,23 +28,23 @@ from splatgl.truth.table_io import as_markdown
 FOLDER = Path(__file__).parent / "pictures"
 TRUTH = Path(__file__).parents[1] / "splatgl" / "truth" / "README.md"
 GL = Path(__file__).parents[1] / "splatgl" / "gl" / "README.md"
-# what `tables` writes
+# patterns of the tables that `tables` writes
 REFUSED = r"(?m)^\| setting \| tiles .*\n(\|.*\n)*"
 METHODS = r"(?s)<details><summary>all \d+ methods, by what is varied</summary>.*?</details>"
 SIZE = (400, 400)
-# of the viewer's window; a palette keeps its picture small
+# size of the viewer's window; a palette keeps its image small
 WINDOW, COLORS = (860, 560), 128
 # options of the gallery: CT of the Visible Male (z runs downwards), a neuron, CT of a stent
 SKULL = "--preset ct-bone --spacing 1.57774,0.995861,1.00797 --up 0,0,-1 --azimuth 40 --elevation -5 --zoom 1.05"
 NEURON = "--zoom 1.2"
 STENT = "--points 0.2:0,0.35:0.6 --azimuth 0 --zoom 1.05"
-# linear light of the page behind the pictures
+# page background, linear light
 PAPER = (1.0, 1.0, 1.0)
 BLACK = (0.0, 0.0, 0.0)
 
 
 def draw(renderer: sg.Renderer, name: str, settings: sg.Settings, size: tuple[int, int] = SIZE) -> np.ndarray:
-    """float32 [H, W, 4] of a built-in scene from its own view."""
+    """float32 [H, W, 4] of a built-in scene with its default view."""
     scene = Scene(name, view=View(size=size), settings=settings)
     volume = scene.open()
     splats = sg.extract(volume, scene.transfer_for(volume))
@@ -52,14 +52,14 @@ def draw(renderer: sg.Renderer, name: str, settings: sg.Settings, size: tuple[in
 
 
 def beside(*pictures: np.ndarray, gap: int = 6) -> sg.Image:
-    """Pictures of one height in a row on white."""
+    """Images of one height in a row on white."""
     space = np.ones((pictures[0].shape[0], gap, 4), np.float32)
     parts = [part for picture in pictures for part in (picture, space)]
     return sg.Image(np.concatenate(parts[:-1], axis=1)).over(PAPER)
 
 
 def gallery(*sources: str) -> None:
-    """A skull, a neuron and a stent beside each other on black, as `splatgl render` draws them."""
+    """A skull, a neuron and a stent side by side on black, as `splatgl render` draws them."""
     common = "--size 400 --background black --antialias supersample --quiet"
     pictures = []
     with TemporaryDirectory() as folder:
@@ -73,7 +73,7 @@ def gallery(*sources: str) -> None:
 
 
 def window(source: str) -> None:
-    """The viewer with its panel, as its window shows a volume or a scene once the picture is refined."""
+    """The viewer with its panel, showing a volume or a scene at full quality."""
     from splatgl.app.viewer.content import Content
     from splatgl.app.viewer.viewer import Options, Viewer
 
@@ -81,7 +81,7 @@ def window(source: str) -> None:
     with sg.Renderer("window") as renderer:
         viewer = Viewer(Content.open(scene), renderer, Options(size=WINDOW))
         try:
-            # a few frames more than it needs, for the panel
+            # a few extra frames for the panel
             while viewer.painter.frame is None or not viewer.painter.frame.full:
                 viewer.step()
             for _ in range(10):
@@ -94,7 +94,7 @@ def window(source: str) -> None:
 
 
 def report(source: str) -> None:
-    """The diagram of error against run time: as `splatgl report --full` draws it, with fewer colours."""
+    """The diagram of error against run time of `splatgl report --full`, with fewer colours."""
     from splatgl.app.cli import main as splatgl
 
     with TemporaryDirectory() as folder:
@@ -105,7 +105,7 @@ def report(source: str) -> None:
 
 
 def tables() -> None:
-    """The table of methods, from their registry, and that of what techniques refuse, from themselves."""
+    """The table of methods, from their registry, and of the settings that techniques do not support."""
     refused = as_markdown(("setting", *TECHNIQUES), combinations())
     for path, pattern, table in ((TRUTH, METHODS, as_table(registry())), (GL, REFUSED, refused + "\n")):
         text = path.read_text(encoding="utf-8")
@@ -130,11 +130,11 @@ def main() -> None:
             draw(renderer, "nerve", sg.Settings(background=BLACK)),
         ]
         beside(*scenes).save(FOLDER / "scenes.png")
-        # the paper's Fig. 5 at a size at which z_k lies inside the tunnel
+        # the paper's Fig. 5 at a size for which z_k lies inside the tunnel
         small = (160, 160)
         kinds = [draw(renderer, "tunnel", sg.Settings(antialias=a, background=BLACK), small) for a in ("off", "paper")]
         beside(*(np.kron(kind, np.ones((3, 3, 1), np.float32)) for kind in kinds)).save(FOLDER / "antialiasing.png")
-    # Fig. 13: a landscape that turns
+    # Fig. 13: a rotating landscape
     command(["figure", "13", "-o", str(FOLDER / "spinning.png")])
 
 

@@ -1,4 +1,4 @@
-"""`splatgl animate`: frames or a movie of a volume that turns, of keyframes, or of a series of volumes in time."""
+"""`splatgl animate`: frames or a movie of a rotating volume, of keyframes, or of a time series of volumes."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from splatgl.gl.renderer import Renderer
 
 FPS = 30.0
 MAX_FRAMES, MAX_MOMENTS = 1_000_000, 4096
-# a GIF's frame stays for 655 s at most
+# a GIF frame lasts at most 655 s
 MIN_FPS, MAX_FPS = 0.01, 1000.0
-# degrees, and units of time a frame: beyond it sines have no digits left
+# maximum degrees or time units per frame: beyond it sines lose all precision
 MAX_PACE = 1e9
 BLACK = (0.0, 0.0, 0.0)
 
@@ -49,7 +49,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Draws the frames that are asked for and not there yet; 0."""
+    """Renders the requested frames that do not exist yet; returns 0."""
     _check(args)
     animation = Animation.of(args)
     frames = Frames.at(args.output, animation.mark)
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    """InputError for numbers that make no animation, and for two motions at once."""
+    """InputError for invalid numbers and for conflicting motions."""
     given = [f"--{name}" for name in ("turntable", "spin", "keyframes") if getattr(args, name) is not None]
     if len(given) > 1:
         raise expected("animate", "one of --turntable, --spin and --keyframes", " and ".join(given))

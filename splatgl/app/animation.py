@@ -1,4 +1,4 @@
-"""An animation: the volumes, the camera's track and the frames; and drawing them one after the other."""
+"""An animation: its volumes, camera track and frames, and rendering them in sequence."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ from splatgl.splat.plan.settings import Settings
 from splatgl.truth.temporal import Moments, Shorter, moments
 
 FULL_TURN = 360.0
-# frames of one turn if nothing else is asked for
+# default number of frames per turn
 FRAMES = 120
-# cameras from which a volume is drawn to find how bright X-ray sums get, and what is left above them
+# probe cameras for the maximum of X-ray sums, and the headroom above it
 PROBES, HEADROOM = 6, 1.05
 
-# frames that are looked at to know the axes
+# frames sampled to determine the sort axes
 LOOKS = 64
 
-# splats, and the velocities of each where they flow
+# splats, and their velocities under flow
 Matter = tuple[Splats, np.ndarray | None]
 
 
 @dataclass(frozen=True, eq=False)
 class Animation:
-    """scenes: one a volume, read with one transfer function. numbers: the frames wanted, of `count`; a volume of a
-    series is shown for `hold` of them. streaked: each picture is blurred, as the settings say, over its part of the
-    exposure. moments: how many pictures a frame is the mean of, None: as many as it takes.
-    flow: by how much splats move along the volume's vectors a frame, for blur alone.
+    """scenes: one per volume, with a common transfer function. numbers: the frames to render, of `count`; each volume
+    of a series is shown for `hold` frames. streaked: each image has motion blur, as the settings say, over its part of
+    the exposure. moments: images averaged per frame; None: as many as needed.
+    flow: displacement of splats along the volume's vectors per frame, for motion blur only.
     """
 
     scenes: list[Scene]
@@ -69,7 +69,7 @@ class Animation:
 
     @classmethod
     def of(cls, args: argparse.Namespace) -> Animation:
-        """Reads the first volume: its transfer function and its place are the whole series'."""
+        """Reads the first volume, whose transfer function and placement apply to the whole series."""
         scenes = volumes(scene_from(args), args.more)
         scene = scenes[0]
         volume = scene.open()
@@ -95,12 +95,12 @@ class Animation:
         return cls(scenes, transfer, track, count, numbers, *asked, only)
 
     def shown(self, frame: int) -> int:
-        """The number of the volume that a frame shows; a series begins anew when it is through."""
+        """Index of the volume shown in a frame; a series repeats."""
         return frame // self.hold % len(self.scenes)
 
     @property
     def mark(self) -> str:
-        """What tells these frames from another animation's: sources, how they are drawn, and from where."""
+        """Digest that identifies the animation's frames: sources, rendering options and cameras."""
         files = [(s.volume, Path(s.volume).stat().st_size if Path(s.volume).is_file() else 0) for s in self.scenes]
         cameras = [self.track.camera(n) for n in {0, self.count // 2, self.count - 1}]
         views = [(c.eye.tolist(), c.eye_from_world.tolist(), c.size, c.extent, c.perspective) for c in cameras]
@@ -109,7 +109,7 @@ class Animation:
         return mark_of(files, drawn, views, self.count, self.hold, blur, self.bits)
 
     def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool) -> None:
-        """Draws and saves frame after frame; of a series, the next volume is read meanwhile."""
+        """Renders and saves the frames; the next volume of a series is read in parallel."""
         settings = self.scenes[0].settings
         ground = settings.background if BLENDS[settings.blend].unbounded else None
         groups = [(number, list(group)) for number, group in groupby(todo, self.shown)]
@@ -127,8 +127,8 @@ class Animation:
                         bar.update()
 
     def _sort(self, todo: Sequence[int]) -> None:
-        """Sorts a single volume's splats along every axis that frames will look along, before any is drawn: what
-        memory an animation takes, it has taken with its first frame.
+        """Sorts a single volume's splats along every axis needed by any frame, before the first frame, so that memory
+        use does not grow afterwards.
         """
         if self.only is None or not BLENDS[self.scenes[0].settings.blend].ordered:
             return
@@ -149,7 +149,7 @@ class Animation:
         return splats, None if self.flow is None else flow_of(splats, volume, self.flow)
 
     def _frame(self, renderer: Renderer, splats: Splats, flow: np.ndarray | None, frame: int) -> Image:
-        """One frame's picture, blurred by streaks, by the mean of its moments, or by both."""
+        """The image of a frame, blurred by streaks, by averaging moments, or by both."""
         camera, settings = self.track.camera(frame), self.scenes[0].settings
         motion = self.track.motion(frame)
         motion = replace(motion, flow=flow) if flow is not None else motion
@@ -162,7 +162,7 @@ class Animation:
 
     @cached_property
     def _steady(self) -> int | None:
-        """The moments of every frame of a turn: those of the fastest. None where more than the angle changes."""
+        """Moments per frame of a rotation: those of the fastest frame. None where more than the angle changes."""
         if self.only is None or self.flow is not None or not isinstance(self.track, Turning):
             return None
         shutter, turn = self.scenes[0].settings.shutter, self.track.turn
@@ -170,7 +170,7 @@ class Animation:
         return max(moments(self.only, camera, turn, shutter) for camera in cameras)
 
     def _brightest(self, renderer: Renderer) -> float:
-        """What X-ray pictures are scaled by, the same for all frames whichever of them are drawn now."""
+        """Common scale of all X-ray frames, independent of which frames are rendered now."""
         cameras = [self.track.camera(n) for n in np.linspace(0, self.count - 1, PROBES)]
         top = 0.0
         for number in sorted({0, len(self.scenes) // 2, len(self.scenes) - 1}):
@@ -181,7 +181,7 @@ class Animation:
 
 
 def scaled(image: Image, top: float) -> Image:
-    """An X-ray as it is to be seen, so that saving does not scale it by its own maximum."""
+    """An X-ray scaled for display, so that saving does not normalize it by its own maximum."""
     info = {**image.info, "blend": "xray over scale", "scale": 1 / top}
     if isinstance(error := info.get("error_bound"), float):
         info["error_bound"] = error / top
@@ -196,8 +196,8 @@ def _splats(scene: Scene, volume: Volume, transfer: Transfer) -> Splats:
 
 
 def _blur(args: argparse.Namespace, settings: Settings) -> tuple[bool, int | None]:
-    """Whether frames are streaked, and the mean of how many pictures they are. Streaks are right for sums; where matter
-    hides matter the mean of stills is nearer in the same time, and a maximum has no streaks.
+    """Whether frames are streaked, and how many images each averages. Streaks are exact for sums; where matter occludes
+    matter, the mean of sharp images has less error in the same time, and maximum blending has no streaks.
     """
     chosen = args.motion is not None or settings.motion != MOTIONS[0] or BLENDS[settings.blend].unbounded
     streaked = chosen and settings.motion != "off" and BLENDS[settings.blend].join != "max"
@@ -207,7 +207,7 @@ def _blur(args: argparse.Namespace, settings: Settings) -> tuple[bool, int | Non
 
 
 def _degrees(args: argparse.Namespace, count: int, series: bool) -> float:
-    """How far the volume turns each frame; a camera that goes around is a volume that turns the other way."""
+    """Rotation of the volume per frame in degrees; an orbiting camera is a volume that rotates the other way."""
     if args.spin is not None:
         return float(args.spin)
     if args.turntable is None and series:
@@ -216,7 +216,7 @@ def _degrees(args: argparse.Namespace, count: int, series: bool) -> float:
 
 
 def _bar(total: int, quiet: bool) -> Any:
-    """A bar over frames with the time left, where tqdm is installed and someone is watching."""
+    """Progress bar over frames with remaining time, if tqdm is installed and stderr is a terminal."""
     if quiet or not sys.stderr.isatty():
         return nullcontext()
     try:

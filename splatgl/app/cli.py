@@ -10,12 +10,12 @@ from splatgl import __version__
 from splatgl.data.errors import InputError, expected
 
 BAD_INPUT = 2
-# what a shell reports for a program ended by Ctrl-C
+# exit code of a program interrupted by Ctrl-C
 INTERRUPTED = 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs one command; returns its exit code. Bad input is one line on standard error."""
+    """Runs a command and returns its exit code. Bad input prints one line on standard error."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         args = _parser(arguments).parse_args(arguments)
@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _refuse_empty(args: argparse.Namespace) -> None:
-    """InputError for an argument without a letter, such as a shell makes of a variable that is not set."""
+    """InputError for an empty argument, such as one from an unset shell variable."""
     for name, value in vars(args).items():
         if value == "" or (isinstance(value, list) and "" in value):
             raise expected(name.replace("_", "-"), "a name", "nothing", "leave it out, or say what it is")
@@ -52,14 +52,14 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     for name, (about, add) in COMMANDS.items():
         usage = f"splatgl {name} [options]" + OPERANDS.get(name, "")
         command = commands.add_parser(name, help=about, description=f"{about[0].upper()}{about[1:]}.", usage=usage)
-        # only the command that runs needs its options, and with them its imports
+        # import and add options for the selected command only
         if name in arguments[:1]:
             add()(command)
     return parser
 
 
 class Parser(argparse.ArgumentParser):
-    """One line for a usage error, as for any bad input."""
+    """Argument parser that reports a usage error in one line, as for any bad input."""
 
     def error(self, message: str) -> None:  # type: ignore[override]
         """Exits with BAD_INPUT and one line on stderr."""
@@ -138,7 +138,7 @@ COMMANDS: dict[str, tuple[str, Callable[[], Callable[[argparse.ArgumentParser], 
     "stress": ("draw scenes at the extremes, and tell whether each keeps its bound", _stress),
     "explain-splat": ("tell how right each kind of splat is for one voxel", _explain_splat),
 }
-# what a command is given besides options
+# positional arguments by command
 OPERANDS = {
     "render": " SOURCE",
     "view": " SOURCE",

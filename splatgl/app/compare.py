@@ -1,4 +1,4 @@
-"""`splatgl compare`: whether two pictures, or folders of them, are the same; if not, where, how much, what changed."""
+"""`splatgl compare`: compares two images or folders of images, and reports where and how they differ."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from splatgl.truth.verdict import Tolerance, Verdict, judge
 
 SAME, DIFFERENT, UNUSABLE = 0, 1, 2
 METRICS = ("maximum", "rmse", "psnr", "bias", "share", "unmatched", "ssim", "flip")
-# the options that set a limit, the field of Tolerance, and their help
+# options for limits, with their field of Tolerance and their help
 LIMITS = (
     ("--max-difference", "maximum", "largest difference of a channel"),
     ("--max-rmse", "rmse", "root mean square of the differences"),
@@ -35,13 +35,13 @@ LIMITS = (
     ("--min-psnr", "psnr", "PSNR in decibels"),
     ("--min-ssim", "ssim", "structural similarity, up to 1"),
 )
-# seconds of work before a progress bar shows
+# delay of the progress bar in seconds
 PATIENCE = 1.0
 
 
 @dataclass(frozen=True)
 class Asked:
-    """How each pair is compared."""
+    """Comparison options."""
 
     tolerance: Tolerance
     extra: frozenset[str] = frozenset()
@@ -51,7 +51,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One pair. verdict: None where it can't be compared; error says why. images: where they are kept."""
+    """Result for one pair. verdict: None if it cannot be compared; error: the reason. images: kept if requested."""
 
     name: str
     actual: Path
@@ -94,7 +94,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0 the same, 1 different, 2 where any pair is unusable."""
+    """0 if all are the same, 1 if any differ, 2 if any pair is unusable."""
     actual, right = Path(args.actual), Path(args.expected)
     listed = pairs(actual, right)
     if args.diff and actual.is_dir():
@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
     asked = _asked(args)
     keep = len(listed) == 1
     outcomes = [compare_files(name, a, b, asked, keep) for name, a, b in _bar(listed, args.quiet or args.json)]
-    # the verdict first: it stands even if a file can't be written
+    # print the verdict first, in case a file cannot be written
     print(_json(outcomes) if args.json else _text(outcomes, args), end="", flush=True)
     if args.diff and outcomes[0].images:
         write_whole(Path(args.diff), _diff(*outcomes[0].images, asked))
@@ -116,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def compare_files(name: str, actual: Path, right: Path, asked: Asked, keep: bool = False) -> Outcome:
-    """One pair of files; what can't be compared is an outcome, not an exception. keep: its images as well."""
+    """Compares a pair of files; errors are returned as an outcome, not raised. keep: keeps the images too."""
     try:
         images = _images(actual, right, asked)
         verdict = _judge(*images, (str(actual), str(right)), asked)
@@ -126,13 +126,13 @@ def compare_files(name: str, actual: Path, right: Path, asked: Asked, keep: bool
 
 
 def check_apart(output: Path, *inputs: Path) -> None:
-    """InputError where writing `output` would overwrite one of the pictures that are compared."""
+    """InputError if writing `output` would overwrite one of the compared images."""
     if output.exists() and any(path.exists() and output.samefile(path) for path in inputs):
         raise expected(output, "another file than those compared", "one of them", "write to another name")
 
 
 def _images(actual: Path, right: Path, asked: Asked) -> tuple[Image, Image]:
-    """Both files, read at the same time where they are large: decoding leaves the interpreter free."""
+    """Both images, read in parallel if large: decoding releases the GIL."""
     with ThreadPoolExecutor(2) as threads:
         pictures = list(threads.map(read, (actual, right)))
     return alike(pictures[0], pictures[1], asked.any_mode)
@@ -145,7 +145,7 @@ def _judge(first: Image, second: Image, names: tuple[str, str], asked: Asked) ->
 def check_against(
     image: Image, reference: Picture, output: Path, background: tuple[float, float, float] | None = None
 ) -> Verdict:
-    """The verdict on a picture just drawn, as it would come to lie at `output`, by the default limits."""
+    """The verdict on a new image, as it would be saved at `output`, by the default limits."""
     drawn = Picture(str(output), image)
     if reference.bits is not None:
         drawn = replace(drawn, image=image.rounded(reference.bits, background), bits=reference.bits)
@@ -172,7 +172,7 @@ def _diff(actual: Image, right: Image, asked: Asked) -> bytes:
 
 
 def _page(outcomes: list[Outcome], asked: Asked, title: str) -> str:
-    """What is unusable first, then the largest differences; only those shown with pictures are read again."""
+    """HTML report: unusable pairs first, then the largest differences; only pairs shown with images are read again."""
     ranked = sorted(outcomes, key=lambda o: -o.verdict.comparison.rmse if o.verdict else -math.inf)
     return page([_case(outcome, asked, i < PICTURED) for i, outcome in enumerate(ranked)], title)
 
@@ -188,7 +188,7 @@ def _case(outcome: Outcome, asked: Asked, pictured: bool) -> Case:
 
 
 def _text(outcomes: list[Outcome], args: argparse.Namespace) -> str:
-    """A line for each pair that is not the same; for a single pair its metrics as well."""
+    """A line for each differing pair; for a single pair its metrics too."""
     lines = []
     for outcome in outcomes:
         if outcome.code == UNUSABLE:
@@ -205,7 +205,7 @@ def _text(outcomes: list[Outcome], args: argparse.Namespace) -> str:
 
 
 def _json(outcomes: list[Outcome]) -> str:
-    """One record a pair; infinite decibels are null."""
+    """A record per pair; infinite decibels become null."""
     records = [_record(outcome) for outcome in outcomes]
     return json.dumps({"exit": max(o.code for o in outcomes), "pairs": records}, indent=1, ensure_ascii=False) + "\n"
 
@@ -238,7 +238,7 @@ def _metrics(text: str) -> tuple[str, ...]:
 
 
 def _limit(text: str) -> float:
-    """A number, or a fraction such as 2/255."""
+    """Parses a number or a fraction such as 2/255."""
     try:
         top, _, bottom = text.partition("/")
         value = float(top) / float(bottom or 1)
@@ -250,7 +250,7 @@ def _limit(text: str) -> float:
 
 
 def _bar(listed: list[tuple[str, Path, Path]], quiet: bool) -> Iterator[tuple[str, Path, Path]]:
-    """A progress bar over pairs, where tqdm is installed and someone is watching."""
+    """Progress bar over pairs, if tqdm is installed and stderr is a terminal."""
     shown: Iterable[tuple[str, Path, Path]] = listed
     if not quiet and len(listed) > 1 and sys.stderr.isatty():
         try:

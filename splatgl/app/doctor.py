@@ -1,4 +1,4 @@
-"""`splatgl doctor`: what is installed, which OpenGL answers, and whether it computes as the renderer relies on."""
+"""`splatgl doctor`: installed packages, available OpenGL contexts, and checks of the OpenGL features required."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ PACKAGES = ("splatgl", "moderngl", "numpy", "glfw", "pyrr", "Pillow")
 
 
 def report(backend: str = "auto", device: int | None = None) -> tuple[str, bool]:
-    """The report as text of several lines, and whether pictures drawn by `backend` can be trusted.
+    """The report as multi-line text, and whether images rendered by `backend` can be trusted.
 
-    False where no context opens, or where float32 blending or filtering is wrong. Raises InputError for a backend
-    or a device that can't exist.
+    False if no context opens, or if float32 blending or filtering is wrong. Raises InputError for an invalid backend
+    or device.
     """
     if backend not in ("auto", *BACKENDS):
         raise expected("backend", " | ".join(("auto", *BACKENDS)), backend)
@@ -28,7 +28,7 @@ def report(backend: str = "auto", device: int | None = None) -> tuple[str, bool]
 
 
 def _versions() -> list[str]:
-    """Python and the packages, one a line."""
+    """Versions of Python and the packages, one per line."""
     lines = [f"  {'Python':9} {platform.python_version()} on {platform.platform()}"]
     for name in PACKAGES:
         try:
@@ -39,7 +39,7 @@ def _versions() -> list[str]:
 
 
 def _backends() -> list[str]:
-    """What each backend, and each EGL device where there are several, answers."""
+    """Result of each backend, and of each EGL device if there are several."""
     asked: list[tuple[str, int | None]] = [(name, None) for name in BACKENDS]
     devices = egl_devices()
     if len(devices) > 1:
@@ -48,7 +48,7 @@ def _backends() -> list[str]:
 
 
 def _outcome(name: str, device: int | None) -> str:
-    """One line: the renderer, or why there is none."""
+    """The renderer, or why there is none, in one line."""
     label = name if device is None else f"{name} {device}"
     try:
         ctx = open_context(name, device, require_gpu=False)
@@ -62,7 +62,7 @@ def _outcome(name: str, device: int | None) -> str:
 
 
 def _chosen(backend: str, device: int | None) -> tuple[list[str], bool]:
-    """The backend that rendering would use: its limits and checks, and whether the required checks pass."""
+    """The selected backend: its limits and checks, and whether all required checks pass."""
     try:
         ctx = open_context(backend, device)
     except InputError as error:
@@ -85,6 +85,6 @@ def _chosen(backend: str, device: int | None) -> tuple[list[str], bool]:
 
 
 def _check_line(check: Check) -> str:
-    """One check; a failure of one that is not required is a property of the target, which is good to know."""
+    """Text of a check; a failed optional check is reported as a property of the target."""
     word = "ok" if check.passed else ("WRONG" if check.required else "coarse")
     return f"  {check.name:18} {word:6} {check.got:.6f}, exact {check.answer:.6f}"

@@ -1,4 +1,4 @@
-"""`splatgl explain-splat`: where the antialiasing puts one voxel, and how right each kind of splat is there."""
+"""`splatgl explain-splat`: effect of antialiasing on one voxel, and the error of each splat form there."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ WHAT = {
     "c": "true distance before z_k, b behind it",
     "bprime": "b with the trapezoid's bend",
 }
-# spacings, beyond which rays have no digits left
+# maximum distance in spacings: beyond it rays lose all precision
 FAR = 1e9
-# forms that need the voxel's own ray to lie before the eye
+# forms that require the voxel's own ray in front of the eye
 AHEAD = ("a", "b", "b1", "c", "bprime")
-# depth, in radii, within which all of the picture's rays are tried
+# depth in radii within which all rays of the image are tried
 NEAR = 2.0
 PICTURE_RAYS = 161
 SPACE_RAYS = 41
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """One voxel [3] before the camera at the origin; lengths in voxel spacings."""
+    """A voxel [3] in front of the camera at the origin; lengths in voxel spacings."""
 
     kernel: Kernel
     camera: Camera
@@ -89,12 +89,12 @@ class Sight:
 
     @property
     def half(self) -> bool:
-        """The kernel reaches to the eye's plane: rays start within it, and nothing is stretched."""
+        """Whether the kernel reaches the eye plane: rays start inside it, and it is not stretched."""
         return self.z <= self.kernel.radius
 
     @cached_property
     def z_k(self) -> float:
-        """Depth from which on it would be stretched."""
+        """Depth beyond which it would be stretched."""
         return np.inf if self.half else float(self.camera.z_k(1.0))
 
     @property
@@ -108,20 +108,20 @@ class Sight:
         return float(self.kernel.footprint(np.zeros(()))) / self.m**2 / 255
 
     def right(self, splat: Splat) -> np.ndarray:
-        """The right value: row 1, from the eye on only where the kernel reaches there."""
+        """The exact value: row 1, integrated from the eye if the kernel reaches it."""
         if not self.half:
             return row1(splat)
         direction = np.concatenate([splat.slope, np.ones((*splat.slope.shape[:-1], 1))], axis=-1)
         return half_line(splat.kernel, splat.voxel, direction)
 
     def worst(self, form: Form) -> tuple[float, np.ndarray]:
-        """Largest error in levels, and the slopes [2] of its ray."""
+        """Maximum error in levels, and the slopes [2] of its ray."""
         splat, points = self._rays()
 
         def error(place: np.ndarray) -> np.ndarray:
             seen = splat(place)
             value = form(seen)
-            # a quad that the ray meets behind the eye has no value there: it is not drawn
+            # a quad that the ray meets behind the eye is not drawn: value 0
             return np.asarray(np.abs(np.where(np.isnan(value), 0.0, value) - self.right(seen)))
 
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -129,7 +129,7 @@ class Sight:
         return float(found.value[0]) / self.level, splat(found.place[:, None]).slope[0, 0]
 
     def centre(self, form: Form) -> float:
-        """Error in levels on the ray through the voxel's centre; NaN where there is none."""
+        """Error in levels on the ray through the voxel's centre; NaN if there is none."""
         if self.z <= 0:
             return np.nan
         splat = Splat(self.kernel, self.voxel, self.voxel[:2] / self.z, self.z_k)
@@ -137,11 +137,11 @@ class Sight:
 
     @property
     def near(self) -> bool:
-        """Its footprint may be as wide as the picture."""
+        """Whether its footprint may be as wide as the image."""
         return self.z <= NEAR * self.kernel.radius
 
     def _rays(self) -> tuple[Callable[[np.ndarray], Splat], int]:
-        """Rays by place in [−1, 1]²: the footprint's, or near the eye the picture's; and how many to try."""
+        """Rays by position in [−1, 1]², over the footprint or, near the eye, over the image; and how many to try."""
         if not self.near:
             return Space(self.kernel, self.z_k, self.voxel[None]).splat, SPACE_RAYS
         half = np.arctan(self.camera.extent / 2)
@@ -149,7 +149,7 @@ class Sight:
 
 
 def _place(sight: Sight, args: argparse.Namespace) -> list[str]:
-    """Where the voxel is, and what the antialiasing does to it."""
+    """Position of the voxel, and the effect of antialiasing on it."""
     x, y, z = args.voxel
     s, z_k = args.spacing, float(sight.camera.z_k(args.spacing))
     lines = [
@@ -208,7 +208,7 @@ def _table(sight: Sight) -> list[str]:
 
 # levels below this are rounding
 TINY = 1e-9
-# pixels from the centre that count as none
+# distances below this many pixels count as 0
 SAME_RAY = 1e-3
 
 
@@ -219,7 +219,7 @@ def _digits(level: float) -> str:
 
 
 def _off(sight: Sight, slope: np.ndarray) -> str:
-    """Pixels from the voxel's centre to that ray."""
+    """Distance in pixels from the voxel's centre to the ray, as text."""
     if sight.z <= 0:
         return "–"
     pixels = float(np.hypot(*(slope - sight.voxel[:2] / sight.z)) * sight.camera.z_k(1.0))

@@ -1,4 +1,4 @@
-"""An animation's frames as files: named by a template, whole or not there, and known again when it goes on."""
+"""Frame files of an animation: named by a template, written atomically, and recognized when it is resumed."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from splatgl.data.image import Image
 
 MOVIES = (".mp4", ".webm", ".gif")
 PICTURES = (".png", ".npy")
-# hexadecimal digits that tell animations apart
+# hexadecimal digits of the digest that identifies an animation
 DIGITS = 16
-# how a frame's number may be written: with so many digits, or as it is
+# format of a frame number: a number of digits, or none
 DIGITED = re.compile("(0?[1-9][0-9]?)?d?")
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Where frames go. template: a path with {frame}; mark: what the animation is, in each PNG's text.
+    """Output paths. template: a path with {frame}; mark: the animation's digest, stored in each PNG's text.
 
-    movie: the file to make of them, or None.
+    movie: the movie file to write, or None.
     """
 
     template: str
@@ -35,9 +35,9 @@ class Frames:
 
     @classmethod
     def at(cls, output: str, mark: str) -> Frames:
-        """For an --output: a template, or a movie's name, whose frames wait in a folder beside it.
+        """For an --output: a template, or a movie name, whose frames are stored in a folder beside it.
 
-        Makes the folder. Raises InputError for any other name.
+        Creates the folder. Raises InputError for any other name.
         """
         path = Path(output)
         if path.suffix.lower() in MOVIES:
@@ -62,11 +62,11 @@ class Frames:
         return Path(self.template.format(frame=frame))
 
     def save(self, frame: int, image: Image, bits: int, ground: tuple[float, float, float] | None) -> None:
-        """Writes one frame, whole or not at all, with the animation's mark."""
+        """Writes a frame atomically, with the animation's mark."""
         Image(image.pixels, {**image.info, "frame": frame, "animation": self.mark}).save(self.path(frame), bits, ground)
 
     def done(self, frame: int) -> bool:
-        """Whether that frame is there. InputError if what is there belongs to another animation."""
+        """Whether the frame exists. InputError if the file belongs to another animation."""
         path = self.path(frame)
         if not path.exists():
             return False
@@ -77,15 +77,15 @@ class Frames:
         return True
 
     def sweep(self, numbers: Sequence[int]) -> None:
-        """Removes what a killed run left half-written of these frames."""
+        """Removes temporary files of these frames left by a killed run."""
         names = {f".{self.path(n).name}" for n in numbers}
-        # a temporary file's name is a frame's between dots, with some letters more
+        # a temporary file is named .<frame file>.<random letters>
         for path in self.path(0).parent.glob(".*"):
             if path.name.rpartition(".")[0] in names and path.is_file():
                 path.unlink(missing_ok=True)
 
     def clear(self, numbers: Sequence[int]) -> None:
-        """Removes these frames, and their folder if nothing else is in it: they are in the movie now."""
+        """Removes these frames after writing the movie, and their folder if it is empty."""
         for n in numbers:
             self.path(n).unlink(missing_ok=True)
         folder = self.path(0).parent
@@ -94,12 +94,12 @@ class Frames:
 
 
 def mark_of(*parts: object) -> str:
-    """A short digest of whatever makes an animation what it is."""
+    """A short digest of everything that determines an animation."""
     return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:DIGITS]
 
 
 def _check_template(text: str) -> None:
-    """InputError for a template that does not give each frame a name of its own."""
+    """InputError for a template that does not name each frame uniquely."""
     try:
         fields = [tuple(rest) for _, *rest in Formatter().parse(text) if rest[0] is not None]
     except ValueError:

@@ -1,4 +1,4 @@
-"""`splatgl info FILE`: what a volume is, in a page of text: grid, samples, and their values as a histogram."""
+"""`splatgl info FILE`: a page of text on a volume: grid, samples, and a histogram of the values."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _EIGHTHS = " ▏▎▍▌▋▊▉"
 
 @dataclass(frozen=True)
 class Statistics:
-    """Of all finite samples: lowest, highest, mean; counts of finite and other samples. NaN if none is finite."""
+    """Minimum, maximum and mean of the finite samples; counts of finite and other samples. NaN if none is finite."""
 
     low: float
     high: float
@@ -36,7 +36,7 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Histogram:
-    """Counts [bins] of the samples between edges [bins + 1]; the last bin holds its upper edge too."""
+    """Counts [bins] of the samples between edges [bins + 1]; the last bin includes its upper edge."""
 
     edges: np.ndarray
     counts: np.ndarray
@@ -64,14 +64,14 @@ def measure(volume: Volume) -> Statistics:
 
 
 def histogram(volume: Volume, statistics: Statistics) -> Histogram:
-    """Counts in at most BINS equal bins; those of whole numbers are whole, so that all hold as many values."""
+    """Counts in at most BINS equal bins; for integer samples, bin widths are integers, to span as many values each."""
     low, high = statistics.low, statistics.high
     if volume.samples.dtype.kind in "bui":
         step = max(1, -(-(int(high) - int(low) + 1) // BINS))
         bins = -(-(int(high) - int(low) + 1) // step)
         edges = low + step * np.arange(bins + 1, dtype=np.float64)
     else:
-        # halves, so that a range as wide as float64 itself does not overflow
+        # halved, so that the range of float64 itself does not overflow
         edges = 2 * np.linspace(low / 2, high / 2, (BINS if high > low else 1) + 1)
     counts = np.zeros(len(edges) - 1, np.int64)
     for values in _slabs(volume):
@@ -119,13 +119,13 @@ def _sample_lines(volume: Volume, statistics: Statistics) -> list[str]:
 
 
 def _bars(values: Histogram) -> list[str]:
-    """A bar per bin, its length the logarithm of its count."""
+    """A bar per bin, with length proportional to the logarithm of its count."""
     # 1. labels of the same width: the bins' lower edges, and the counts
     labels = [_number(edge) for edge in values.edges[:-1]]
     counts = [f"{count:,}" for count in values.counts]
     left, right = max(map(len, labels)), max(map(len, counts))
     room = WIDTH - left - right - 8
-    # 2. bars in eighths of a column; a count of one is still seen
+    # 2. bars in eighths of a column; a count of one stays visible
     lengths = np.log1p(values.counts) / np.log1p(max(values.counts.max(), 1)) * room
     lines = [_line("values", "voxels from this value up to the next; bars on a log scale")]
     for label, count, length in zip(labels, counts, lengths, strict=True):
@@ -148,7 +148,7 @@ def _times(values: tuple[float, ...] | np.ndarray) -> str:
 
 
 def _number(value: float) -> str:
-    """Six digits, whole numbers of up to fifteen in full."""
+    """Formats a number with six digits; integers of up to fifteen digits in full."""
     if float(value).is_integer() and abs(value) < 1e15:
         return str(int(value))
     return f"{value:.6g}"

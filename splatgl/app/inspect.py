@@ -1,4 +1,4 @@
-"""`splatgl info` and `splatgl doctor`: what a file holds, and what this machine draws with."""
+"""`splatgl info` and `splatgl doctor`: contents of a file, and the rendering environment."""
 
 from __future__ import annotations
 

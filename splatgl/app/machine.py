@@ -1,4 +1,4 @@
-"""The machine and the programs that a report's times belong to."""
+"""Hardware and software versions, recorded with a report's timings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PACKAGES = ("splatgl", "moderngl", "numpy", "Pillow", "matplotlib", "flip-evalua
 
 
 def machine(info: ContextInfo) -> dict[str, object]:
-    """Processor, system, GL_RENDERER and the versions of all that takes part; plain values."""
+    """Processor, system, GL_RENDERER and library versions, as plain values."""
     return {
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 0,
@@ -28,7 +28,7 @@ def machine(info: ContextInfo) -> dict[str, object]:
 
 
 def _processor() -> str:
-    """The processor's name as Linux tells it, else what Python knows."""
+    """The processor's name from Linux, else from Python."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

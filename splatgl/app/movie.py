@@ -1,4 +1,4 @@
-"""Frames into a movie: .mp4 (H.264), .webm (VP9) or .gif, one frame in memory at a time."""
+"""Encodes frames as .mp4 (H.264), .webm (VP9) or .gif, with one frame in memory at a time."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ import numpy as np
 
 from splatgl.data.errors import InputError, missing_extra
 
-# codec and its options; the smaller the number, the larger the file: these can't be told from the frames
+# codec and its options; a smaller crf gives a larger file: these values are visually lossless
 CODECS: dict[str, tuple[str, str, dict[str, str]]] = {
     ".mp4": ("mp4", "libx264", {"crf": "16", "preset": "medium"}),
     ".webm": ("webm", "libvpx-vp9", {"crf": "24", "b:v": "0", "row-mt": "1", "deadline": "good", "cpu-used": "4"}),
 }
-# colour at half resolution, as all players have it
+# chroma at half resolution, which all players support
 PIXELS = "yuv420p"
-# a GIF's time counts in hundredths of a second
+# GIF delays are in hundredths of a second; one is 10 ms
 GIF_TICK = 10
 MILLISECONDS = 1000
 
 
 def need(path: Path) -> None:
-    """InputError, before any work is done, if this kind of movie needs what is not installed."""
+    """InputError, before any work, if the libraries for this movie format are missing."""
     if path.suffix.lower() in CODECS:
         _library()
 
 
 def write_movie(path: Path, pictures: Sequence[Path], fps: float, ground: tuple[float, float, float]) -> None:
-    """A movie of PNG pictures of one size, laid over a colour (linear RGB); whole or not at all.
+    """Writes a movie of PNG images of one size over a background colour (linear RGB), atomically.
 
-    Raises InputError if it can't be written.
+    Raises InputError if it cannot be written.
     """
     part = path.with_name(f".{path.name}.part")
     try:
@@ -49,7 +49,7 @@ def write_movie(path: Path, pictures: Sequence[Path], fps: float, ground: tuple[
 
 
 def _frames(pictures: Sequence[Path], ground: tuple[float, float, float]) -> Iterator[np.ndarray]:
-    """uint8 [H, W, 3], sRGB."""
+    """Yields frames, uint8 [H, W, 3], sRGB."""
     from splatgl.data.color import srgb_from_linear
     from splatgl.data.image import Image
 
@@ -66,7 +66,7 @@ def _write_video(
     with av.open(str(part), "w", format=form) as container:
         stream: Any = None
         for shown in _frames(pictures, ground):
-            # half the colours: sides must be even
+            # chroma subsampling requires even sides
             shown = np.pad(shown, ((0, shown.shape[0] % 2), (0, shown.shape[1] % 2), (0, 0)), mode="edge")
             if stream is None:
                 stream = container.add_stream(codec, rate=Fraction(fps).limit_denominator(1001))
@@ -77,7 +77,7 @@ def _write_video(
 
 
 def _write_gif(part: Path, pictures: Sequence[Path], fps: float, ground: tuple[float, float, float]) -> None:
-    """Each frame with the 256 colours of its own that suit it best."""
+    """Writes a GIF with an optimal palette of 256 colours per frame."""
     from PIL import Image as Pillow
 
     shown = (

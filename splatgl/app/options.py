@@ -1,4 +1,4 @@
-"""Command-line options as records: how a source is read, seen and drawn."""
+"""Command-line options as records: source, camera, transfer function and rendering settings."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NAMED_COLORS = {"black": "#000000", "white": "#ffffff", "gray": "#808080"}
 
 
 def add_source(parser: argparse.ArgumentParser) -> None:
-    """What is read, and how."""
+    """Adds the source and the reader options."""
     parser.add_argument("source", help="a volume file, a built-in scene (tunnel, terrain, nerve), or a scene.toml")
     group = parser.add_argument_group("reading")
     group.add_argument("--shape", type=_integers(3), metavar="X,Y,Z", help="voxels along x, y, z of a headerless file")
@@ -38,7 +38,7 @@ def add_source(parser: argparse.ArgumentParser) -> None:
 
 
 def add_transfer(parser: argparse.ArgumentParser) -> None:
-    """What values mean."""
+    """Adds the transfer function options."""
     group = parser.add_argument_group("transfer function (default: chosen from the data)")
     group.add_argument("--preset", metavar="NAME", help=", ".join(PRESETS))
     group.add_argument("--transfer", metavar="FILE.toml", help="a transfer function saved before")
@@ -55,14 +55,14 @@ def add_transfer(parser: argparse.ArgumentParser) -> None:
 
 
 def add_backend(parser: argparse.ArgumentParser, default: str = "auto") -> None:
-    """What draws."""
+    """Adds the OpenGL backend options."""
     parser.add_argument("--backend", default=default, metavar="NAME", help=f"auto, egl, osmesa or window ({default})")
     parser.add_argument("--device", type=int, metavar="N", help="index of the EGL device")
     parser.add_argument("--gpu", action="store_true", help="fail if only a software renderer is there")
 
 
 def add_drawing(parser: argparse.ArgumentParser, default: str = "auto") -> None:
-    """All that a picture needs beside its source: what draws, the view, what values mean, how it is drawn."""
+    """Adds all rendering options but the source: backend, view, transfer function and settings."""
     add_backend(parser, default)
     add_view(parser)
     add_transfer(parser)
@@ -70,7 +70,7 @@ def add_drawing(parser: argparse.ArgumentParser, default: str = "auto") -> None:
 
 
 def add_view(parser: argparse.ArgumentParser) -> None:
-    """Where the eye is."""
+    """Adds the camera options."""
     group = parser.add_argument_group("view (default: all of it, from the front)")
     group.add_argument("--size", type=size, metavar="W×H", help="pixels, such as 800x600 or 512 (512x512)")
     group.add_argument(
@@ -87,7 +87,7 @@ def add_view(parser: argparse.ArgumentParser) -> None:
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
-    """How it is drawn: the fields of Settings."""
+    """Adds the rendering options: the fields of Settings."""
     group = parser.add_argument_group("drawing (the first is the default)")
     for name, allowed in choices().items():
         if len(allowed) > 1:
@@ -104,7 +104,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 
 
 def scene_from_source(args: argparse.Namespace) -> Scene:
-    """The scene that the source and the reading options name."""
+    """The scene from the source and reader options."""
     path = Path(args.source)
     scene = Scene.from_toml(path) if path.suffix == ".toml" else Scene(args.source)
     reading = _given(args, *(f.name for f in fields(LoadOptions)))
@@ -112,7 +112,7 @@ def scene_from_source(args: argparse.Namespace) -> Scene:
 
 
 def scene_from(args: argparse.Namespace) -> Scene:
-    """The scene that all options name; a scene.toml comes first, options are laid over it."""
+    """The scene from all options; they override a scene.toml."""
     scene = scene_from_source(args)
     settings = Settings.paper() if args.paper else scene.settings
     threshold = scene.threshold if args.threshold is None else args.threshold

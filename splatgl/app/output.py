@@ -1,4 +1,4 @@
-"""Whether a file can be written, asked before any work is done."""
+"""Checks that an output file can be written, before any work."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from splatgl.data.errors import InputError, expected
 
 
 def check_output(path: Path, suffixes: tuple[str, ...] = (".png", ".npy")) -> None:
-    """InputError, before any work is done, if `path` can't be written or has none of the suffixes."""
+    """InputError, before any work, if `path` cannot be written or has none of the suffixes."""
     if path.suffix.lower() not in suffixes:
         raise expected(path, f"a name that ends in {' or '.join(suffixes)}", repr(path.suffix))
     if path.is_dir():

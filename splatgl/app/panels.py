@@ -1,4 +1,4 @@
-"""Pictures side by side on one sheet, pixel for pixel, each with its letter and a line of words."""
+"""Images side by side on one sheet, unscaled, each with its letter and a caption."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ import numpy as np
 
 from splatgl.data.color import srgb_from_linear
 
-# in dots of the sheet: between panels, around them, the text's height, and its room below a panel
+# sizes in sheet pixels: gap between panels, outer margin, text height, and room for the caption below a panel
 GAP, MARGIN, TEXT, ROOM = 12, 10, 15, 26
 WHITE, INK = (255, 255, 255), (0, 0, 0)
-# shares of a line's neighbours and of itself on the sheet: black with a thin white edge, to be seen on anything
+# lines are black with a white edge of this many pixels, visible on any background
 EDGE = 1
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One picture: uint8 [H, W, 3] sRGB as it goes on the sheet, and what is written below it."""
+    """A panel: uint8 [H, W, 3] sRGB as placed on the sheet, and its caption."""
 
     shown: np.ndarray
     words: str
 
     @classmethod
     def of(cls, pixels: np.ndarray, words: str, times: int = 1, line: np.ndarray | None = None) -> Panel:
-        """From opaque linear pixels [H, W, 3 or 4], each as times × times dots; line: dots that are drawn black."""
+        """From opaque linear pixels [H, W, 3 or 4], enlarged by times × times; line: enlarged pixels drawn black."""
         shown = np.rint(srgb_from_linear(np.clip(pixels[..., :3], 0.0, 1.0)) * 255).astype(np.uint8)
         shown = np.repeat(np.repeat(shown, times, axis=0), times, axis=1)
         if line is not None:
@@ -66,7 +66,7 @@ def sheet(rows: Sequence[Sequence[Panel]]) -> np.ndarray:
 
 
 def encoded(page: np.ndarray, about: str, maker: str) -> bytes:
-    """A PNG that says what it shows."""
+    """A PNG with its description in the metadata."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 

@@ -1,7 +1,7 @@
-"""The pytest plugin: the fixture `image_regression`, and a page with every picture that differs.
+"""pytest plugin: the fixture `image_regression`, and an HTML report of every image that differs.
 
-Baselines are written only where an option asks for it; nothing is ever updated by itself. The report is put together
-by the process that pytest runs in, from what each test report carries, so that it is complete under pytest-xdist.
+Baselines are written only if an option requests it, never automatically. The controller process assembles the
+report from data attached to each test report, so that it is complete under pytest-xdist.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ UPDATE, UPDATE_CLASS, ADD, REPORT = (
     "--splatgl-update-add",
     "--splatgl-report",
 )
-# the attribute of a test report that carries what was compared
+# attribute of a test report with the compared cases
 CARRIED = "splatgl_cases"
 CASES: pytest.StashKey[list[dict[str, str]]] = pytest.StashKey()
 
@@ -38,7 +38,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Checks the options, makes the report's folder and registers the collector; UsageError for wrong options."""
+    """Checks the options, creates the report folder and registers the collector; UsageError for invalid options."""
     asked = [option for option in (UPDATE, UPDATE_CLASS, ADD) if _option(config, option)]
     if len(asked) > 1:
         raise pytest.UsageError(f"{' and '.join(asked)}: expected one of them")
@@ -58,12 +58,12 @@ def _option(config: pytest.Config, name: str) -> Any:
 
 @pytest.fixture
 def image_regression(request: pytest.FixtureRequest) -> ImageRegression:
-    """Call it with a picture: `image_regression(image)`, `image_regression(image, name="front", tolerance=0.02)`."""
+    """Call it with an image: `image_regression(image)`, `image_regression(image, name="front", tolerance=0.02)`."""
     from splatgl.app.regression import ImageRegression, Mode
 
     modes = {UPDATE: Mode.UPDATE, UPDATE_CLASS: Mode.UPDATE_CLASS, ADD: Mode.ADD}
     mode = next((mode for option, mode in modes.items() if _option(request.config, option)), Mode.COMPARE)
-    # as the command line names it from where pytest was called, which need not be the root that test ids start from
+    # path relative to the invocation folder, which may differ from the root of test ids
     file = os.path.relpath(request.node.path, request.config.invocation_params.dir)
     parts = [node.name for node in request.node.listchain() if isinstance(node, (pytest.Class, pytest.Item))]
     return ImageRegression(
@@ -78,9 +78,9 @@ def image_regression(request: pytest.FixtureRequest) -> ImageRegression:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[Any]:
-    """Attaches what the test compared to its report, which pytest-xdist passes on between processes."""
+    """Attaches a test's comparisons to its report, which pytest-xdist transfers between processes."""
     report = yield
-    # once each: a fixture may compare as well, before the test or after it
+    # each case once: a fixture may also compare, before or after the test
     if cases := item.stash.get(CASES, []):
         setattr(report, CARRIED, list(cases))
         cases.clear()
@@ -88,17 +88,17 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
 
 
 class Collector:
-    """What all tests compared, in the process that tells the outcome."""
+    """Comparisons of all tests, collected in the controller process."""
 
     def __init__(self) -> None:
         self.cases: list[dict[str, str]] = []
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Collects what a test's report carries."""
+        """Collects the cases attached to a test's report."""
         self.cases += getattr(report, CARRIED, [])
 
     def pytest_terminal_summary(self, terminalreporter: Any, config: pytest.Config) -> None:
-        """Writes the page if --splatgl-report asks for it, and lists the files written."""
+        """Writes the HTML report if --splatgl-report is given, and lists the files written."""
         folder = _option(config, REPORT)
         written = [case["written"] for case in self.cases if case.get("written")]
         lines = [f"wrote {path}" for path in sorted(set(written))]
@@ -110,7 +110,7 @@ class Collector:
                 terminalreporter.write_line(line)
 
     def _report(self, folder: Path) -> str:
-        """Writes the page; says where it is."""
+        """Writes the report and returns a message with its path."""
         from splatgl.data.image import write_whole
         from splatgl.truth.compare_report import Case, page
 

@@ -1,4 +1,4 @@
-"""What the fixture `image_regression` does: finds baselines, compares, writes where asked, fails with the reason."""
+"""Implementation of `image_regression`: finds baselines, compares, writes on request, and reports failures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from splatgl.truth.verdict import Tolerance, Verdict, judge
 
 
 class Mode(Enum):
-    """What the options ask for."""
+    """The mode selected by the options."""
 
     COMPARE = "compare"
     UPDATE = "update"
@@ -29,9 +29,9 @@ class Mode(Enum):
 
 @dataclass
 class ImageRegression:
-    """The fixture's value: call it with a picture.
+    """The fixture's value: call it with an image.
 
-    test: as pytest's command line names it. default_name: of baselines. cases: filled with what was compared.
+    test: its id on pytest's command line. default_name: of baselines. cases: collects the comparisons.
     """
 
     test: str
@@ -52,10 +52,10 @@ class ImageRegression:
     ) -> None:
         """Fails the test if `image` differs from all of its baselines, or has none.
 
-        image: an Image, a file of one, linear premultiplied floats [H, W, 4], or sRGB samples (uint8, [H, W, 3 or 4]).
+        image: an Image, an image file, linear premultiplied floats [H, W, 4], or sRGB samples (uint8, [H, W, 3 or 4]).
         name: of the baseline; the test's own if None. tolerance: the largest difference of a channel, or a
-        `Tolerance`; None lets rounding to 8 bits pass. bits: 8 or 16 of a PNG, None for a .npy of floats; what is
-        compared is rounded alike. mask: [H, W], the pixels that count.
+        `Tolerance`; None allows rounding to 8 bits. bits: 8 or 16 for a PNG, None for a .npy of floats; `image` is
+        rounded accordingly before the comparison. mask: [H, W], the pixels to compare.
         """
         __tracebackhide__ = True
         try:
@@ -70,7 +70,7 @@ class ImageRegression:
             pytest.fail(outcome, pytrace=False)
 
     def _baselines(self, picture: Image, name: str | None, bits: int | None) -> Baselines:
-        """A test's second picture without a name is -2, and so on."""
+        """Baselines by name; a test's second unnamed image gets the suffix -2, and so on."""
         stem = stem_of(name or self.default_name)
         if name is None and stem in self.used:
             stem = next(f"{stem}-{i}" for i in range(2, len(self.used) + 3) if f"{stem}-{i}" not in self.used)
@@ -81,7 +81,7 @@ class ImageRegression:
     def _outcome(
         self, picture: Image, baselines: Baselines, tolerance: Tolerance, bits: int | None, mask: np.ndarray | None
     ) -> str:
-        """Why the test fails, or nothing."""
+        """The failure message, or nothing."""
         title = f"{self.test}: {baselines.stem}"
         paths = baselines.valid()
         found = [self._compare(picture, path, tolerance, mask) for path in paths]
@@ -98,7 +98,7 @@ class ImageRegression:
     def _compare(
         self, picture: Image, path: Path, tolerance: Tolerance, mask: np.ndarray | None
     ) -> tuple[Verdict | None, Case]:
-        """The verdict against one baseline, and its case; no verdict where it can't be compared."""
+        """Verdict and case for one baseline; no verdict if it cannot be compared."""
         try:
             actual, right = alike(Picture(path.stem, picture), replace(read(path), mode=None))
             verdict = judge(actual, right, tolerance, names=(path.stem, shown_path(path)), mask=mask)
@@ -131,7 +131,7 @@ class ImageRegression:
         return f"{line}\n  look at the picture: {self._look()}\n  then make it with: {self._command()}"
 
     def _different(self, title: str, found: list[tuple[Verdict | None, Case]], baselines: Baselines) -> str:
-        """The nearest baseline tells what differs."""
+        """Failure message, from the nearest baseline."""
         verdict, nearest = min(found, key=lambda pair: np.inf if pair[0] is None else pair[0].comparison.rmse)
         self._keep(replace(nearest, name=title))
         which = f", the nearest of {len(found)}" if len(found) > 1 else ""
@@ -159,7 +159,7 @@ class ImageRegression:
 
 
 def as_image(value: Image | np.ndarray | str | Path) -> Image:
-    """The picture that a user gave, whatever it came as. Raises InputError for what is none."""
+    """Converts any accepted input to an Image. Raises InputError for other input."""
     if isinstance(value, Image):
         return value
     if isinstance(value, (str, Path)):
@@ -176,5 +176,5 @@ def as_image(value: Image | np.ndarray | str | Path) -> Image:
 
 
 def shown_path(path: Path) -> str:
-    """Relative to the working folder where it lies in it."""
+    """The path, relative to the working folder if inside it."""
     return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)

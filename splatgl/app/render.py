@@ -1,4 +1,4 @@
-"""`splatgl render`: one picture, from a file or a scene."""
+"""`splatgl render`: renders one image of a file or a scene."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.view.camera import Camera
 from splatgl.truth.compare_read import read
 
-# seconds of work before a progress bar shows
+# delay of the progress bar in seconds
 PATIENCE = 1.0
 
 
@@ -46,7 +46,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Draws one picture and says what it did; 0, or 1 if it is not the one of --ref."""
+    """Renders an image and prints a summary; returns 0, or 1 if it differs from --ref."""
     scene = scene_from(args)
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
     check_output(output)
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def origin(scene: Scene, transfer: Transfer) -> dict[str, object]:
-    """What is noted in a picture of where it comes from."""
+    """Provenance stored in an image."""
     return {
         "version": __version__,
         "source": Path(scene.volume).name,
@@ -104,14 +104,14 @@ def _summary(output: Path, image: Image, splats: Splats, camera: Camera) -> str:
 
 
 def _accuracy(image: Image) -> str:
-    """The error bound, and whether it keeps to the tolerance."""
+    """Text of the error bound and whether it meets the tolerance."""
     error, tolerance = image.info["error_bound"], image.info["tolerance"]
     known = f"error bound {error:.3g}" if isinstance(error, float) else "no error bound"
     return f"{known}: the tolerance {tolerance:.3g} is {'' if image.info['tolerance_met'] else 'not '}met"
 
 
 def nothing(scene: Scene, volume: Volume) -> InputError:
-    """Why there is nothing to draw."""
+    """The error for a scene without splats, with the reason."""
     if not any(np.isfinite(slab.samples).any() for slab in volume.slabs(1, halo=0)):
         return expected(scene.volume, "finite samples", "none")
     return expected(
@@ -123,7 +123,7 @@ def nothing(scene: Scene, volume: Volume) -> InputError:
 
 
 def _bar(slabs: Iterator[Slab], count: int) -> Iterator[Slab]:
-    """A progress bar over slabs, where tqdm is installed and someone is watching."""
+    """Progress bar over slabs, if tqdm is installed and stderr is a terminal."""
     if not sys.stderr.isatty():
         return slabs
     try:

@@ -1,4 +1,4 @@
-"""`splatgl report`: what accuracy costs, for scenes and volumes, on this machine."""
+"""`splatgl report`: error against run time of the methods, for scenes and volumes, on this machine."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from splatgl.truth.report.thumbnails import Strip, strip
 from splatgl.truth.report.truths import Truths
 from splatgl.truth.report.work import Task, work
 
-# what a report without a source is about
+# default sources
 DEFAULT_SCENES = ("tunnel", "terrain", "nerve")
-# a folder for the truths that were made
+# folder of computed references
 KEPT = "truths"
 INTERRUPTED = 130
-# pixels a side, which the truths take several rays of each; and times
+# maximum pixels per side, since references take several rays per pixel; and maximum rounds
 MAX_SIZE, MAX_ROUNDS = 16384, 10_000
 
 
@@ -56,7 +56,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measures, and writes the pages; 0, or 130 where Ctrl-C ended it, with pages of what is done."""
+    """Measures and writes the report; returns 0, or 130 after Ctrl-C, with a report of the completed part."""
     if args.list:
         print(listed())
         return 0
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
             "peers": args.peers,
             "machine": machine(renderer.info),
         }
-        # what can't be read or drawn must not cost what is there, nor leave a folder behind
+        # an unreadable source must neither delete existing results nor leave a folder behind
         scenes = subjects(sources, level)
         for scene in scenes:
             check_size(renderer.ctx, scene.camera.size)
@@ -117,7 +117,7 @@ def _level(args: argparse.Namespace) -> Level:
 
 
 def _folder(name: str) -> Path:
-    """The folder; InputError where it can't be one, before anything takes time."""
+    """The folder; InputError if it is invalid, before any measurement."""
     folder = Path(name)
     there = next((path for path in (folder, *folder.absolute().parents) if path.exists()), folder)
     if not name or not there.is_dir():
@@ -128,7 +128,7 @@ def _folder(name: str) -> Path:
 
 
 def _make(folder: Path) -> None:
-    """Makes the folder, with the one for truths in it."""
+    """Creates the folder and its subfolder of references."""
     try:
         (folder / KEPT).mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -136,7 +136,7 @@ def _make(folder: Path) -> None:
 
 
 def _forget(kept: Path) -> None:
-    """Removes the truths of an earlier report: programs change."""
+    """Removes the references of an earlier report, since code changes may invalidate them."""
     for path in kept.glob("*.npy"):
         path.unlink()
 
@@ -150,7 +150,7 @@ def _has_flip() -> bool:
 
 
 def listed() -> str:
-    """The registry, for a terminal."""
+    """The registry of methods as text."""
     lines = []
     for axis in AXES.values():
         lines.append(f"{axis.name}: {axis.about}")
@@ -160,7 +160,7 @@ def listed() -> str:
 
 @contextmanager
 def _progress(steps: int, quiet: bool) -> Iterator[Tick]:
-    """A progress bar where tqdm is installed and someone is watching."""
+    """Progress bar, if tqdm is installed and stderr is a terminal."""
     if not quiet and sys.stderr.isatty():
         try:
             from tqdm import tqdm

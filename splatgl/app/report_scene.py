@@ -1,4 +1,4 @@
-"""A report's scenes: from a source's name to splats and a camera, made coarser where a level wants it."""
+"""Scenes of a report: from a source's name to splats and a camera, downsampled to the level's limit."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from splatgl.truth.report.subject import Level, Subject
 
 
 def subjects(sources: Sequence[str], level: Level) -> list[Subject]:
-    """The scenes of all sources, each by a name of its own, which files can have. InputError as `subject`."""
+    """The scenes of all sources, each with a unique name valid for files. InputError as `subject`."""
     found: list[Subject] = []
     for source in sources:
         made = subject(source, level)
@@ -33,11 +33,11 @@ def subjects(sources: Sequence[str], level: Level) -> list[Subject]:
 
 
 def subject(source: str, level: Level) -> Subject:
-    """The scene of a source, made coarser until it has no more splats than the level allows."""
+    """The scene of a source, downsampled until it has at most as many splats as the level allows."""
     scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
     volume = scene.open()
     transfer = scene.transfer_for(volume)
-    # what an opacity is stated for stays, when voxels are joined
+    # keep the unit length of opacities when voxels are merged
     transfer = replace(transfer, unit=transfer.unit or float(abs(_volume_of_voxel(volume)) ** (1 / 3)))
     splats = extract(volume, transfer, scene.threshold)
     if not len(splats):
@@ -47,7 +47,7 @@ def subject(source: str, level: Level) -> Subject:
     while level.splats is not None and len(splats) > level.splats and min(volume.shape) > 1:
         joint = coarser(volume)
         fewer = extract(joint, transfer, scene.threshold)
-        # what is thin may be gone when it is joined with what is empty
+        # thin structures may vanish when averaged with empty voxels
         if not len(fewer):
             break
         volume, splats, joined = joint, fewer, joined + 1
@@ -58,7 +58,7 @@ def subject(source: str, level: Level) -> Subject:
 
 
 class _Build:
-    """Splats of a volume over a threshold, or of a coarser one; the volume's own are there already."""
+    """Splats of a volume above a threshold, or of a downsampled one; reuses those already extracted."""
 
     def __init__(self, volume: Volume, transfer: Transfer, threshold: float, splats: Splats) -> None:
         self.volume, self.transfer, self.threshold, self.splats = volume, transfer, threshold, splats
@@ -77,6 +77,6 @@ def _volume_of_voxel(volume: Volume) -> float:
 
 
 def _fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:
-    """The same shape, its longer side of `longest` pixels."""
+    """The size scaled to `longest` pixels on its longer side."""
     scale = longest / max(size)
     return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))

@@ -1,4 +1,4 @@
-"""What a plan saves by each thing that it leaves out, and what that changes: by drawing with it, here and now."""
+"""Time saved by each omission of a plan, and its effect on the image, measured by rendering with it undone."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from splatgl.splat.plan.occlusion_policy import Hiding
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.view.camera import Camera
 
-# frames of each way, in turns, after one that compiles and uploads; the fastest counts
+# frames per variant, interleaved, after a warm-up frame that compiles and uploads; the fastest counts
 ROUNDS = 3
 
 
 def savings(renderer: Renderer, splats: Splats, camera: Camera, plan: Plan) -> list[str]:
-    """A line for the frame as planned, and one for each thing left out: the time with it, and the largest change."""
+    """A line for the planned frame, and one per undone omission: its time, and the largest change of the image."""
     ways = {"as planned": plan, **with_it(plan)}
     pictures: dict[str, np.ndarray] = {}
     times: dict[str, float] = {}
@@ -39,7 +39,7 @@ def savings(renderer: Renderer, splats: Splats, camera: Camera, plan: Plan) -> l
 
 
 def with_it(plan: Plan) -> dict[str, Plan]:
-    """The plan with each thing that it leaves out, by name; and with all of them."""
+    """Plans that undo each omission, by name, and one that undoes all."""
     program = plan.program
     if program.align != "exact" or plan.exposure is not None:
         return {}

@@ -1,4 +1,4 @@
-"""What one command shows: a source, how it is read, seen and drawn; from options or a scene.toml.
+"""A scene: source, reader options, camera, transfer function and settings; from options or a scene.toml.
 
 volume = "head.nii.gz"          # beside the scene file, or the name of a built-in scene
 threshold = 0.0
@@ -29,7 +29,7 @@ from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Bounded, Camera
 
-# a volume thinner than this share of its width is looked at from above
+# a volume thinner than this fraction of its width is viewed from above
 FLAT = 0.5
 # the types of a scene file's keys
 KEYS: dict[str, tuple[type, ...]] = {
@@ -40,14 +40,14 @@ KEYS: dict[str, tuple[type, ...]] = {
     "camera": (dict,),
     "settings": (dict,),
 }
-# how many numbers a camera's key has; the others have one, `orthographic` is true or false
+# number of components of camera keys; the others have one, and `orthographic` is true or false
 VIEW_COUNTS = {"size": 2, "eye": 3, "look_at": 3, "up": 3}
 AZIMUTH, ELEVATION, ELEVATION_FLAT, FOV = 30.0, 20.0, 60.0, 40.0
 
 
 @dataclass(frozen=True)
 class View:
-    """Where the eye is; what is None comes from the volume's hints, its anatomy or its shape."""
+    """Camera parameters; those that are None come from the volume's hints, anatomy or shape."""
 
     size: tuple[int, int] = (512, 512)
     azimuth: float | None = None
@@ -61,7 +61,7 @@ class View:
     height: float | None = None
 
     def camera(self, volume: Volume, subject: Bounded) -> Camera:
-        """The camera; an orbit fits `subject`."""
+        """The camera; an orbit is fitted to `subject`."""
         hints = volume.hints
         fov = _first(self.fov, hints.fov, FOV)
         orbits = any(x is not None for x in (self.azimuth, self.elevation, self.zoom))
@@ -88,7 +88,7 @@ class View:
 
 @dataclass(frozen=True)
 class Scene:
-    """One scene, complete enough to draw."""
+    """A complete description of an image to render."""
 
     volume: str
     load: Mapping[str, Any] = field(default_factory=dict)
@@ -99,7 +99,7 @@ class Scene:
 
     @classmethod
     def from_toml(cls, path: Path) -> Scene:
-        """Raises InputError for a file that is not there, bad TOML, and unknown keys."""
+        """Reads a scene file. Raises InputError for a missing file, bad TOML, and unknown keys."""
         table = load_table(path, "a scene")
         _check_keys(str(path), table, set(KEYS))
         for key, kind in KEYS.items():
@@ -126,10 +126,9 @@ class Scene:
         return replace(scene, threshold=float(table.get("threshold", 0.0)))
 
     def to_toml(self, folder: Path) -> str:
-        """TOML text that `from_toml` reads back, from a file in `folder`, to the same scene.
+        """TOML text which `from_toml`, reading it from a file in `folder`, parses to the same scene.
 
-        Files are named from `folder` where they lie below it, else by their whole path. Raises InputError for
-        what TOML cannot hold.
+        Paths are relative if below `folder`, else absolute. Raises InputError for values that TOML cannot represent.
         """
         known = self.volume in SCENES and not self.load
         reading = dict(self.load)
@@ -153,7 +152,7 @@ class Scene:
         return load(self.volume, **self.load)
 
     def transfer_for(self, volume: Volume) -> Transfer:
-        """The transfer function: the data's own or a preset's, with what was asked laid over it."""
+        """The transfer function: the data's own or a preset's, overridden by the scene's options."""
         asked = dict(self.transfer)
         name = asked.pop("preset", None)
         if "points" in asked and name is None:
@@ -164,23 +163,23 @@ class Scene:
 
 
 def _relative(path: str, folder: Path) -> str:
-    """A file's path as a scene in `folder` names it: from there if it lies below, else whole."""
+    """A file's path in a scene in `folder`: relative if below it, else absolute."""
     place = Path(path).resolve()
     near = place.relative_to(folder.resolve()).as_posix() if place.is_relative_to(folder.resolve()) else str(place)
-    # a file may be called as a built-in scene is
+    # a file may have the name of a built-in scene
     return f"./{near}" if near in SCENES else near
 
 
 def _told(record: View | Settings) -> dict[str, Any]:
-    """The fields that are not what they are by default."""
+    """The fields that differ from their defaults."""
     values = {f.name: getattr(record, f.name) for f in fields(record)}
     return {f.name: values[f.name] for f in fields(record) if values[f.name] != f.default}
 
 
 def _toml(what: str, value: Any) -> str:
-    """A string, number, truth value, or sequence of them as TOML."""
+    """A string, number, boolean, or sequence of them as TOML."""
     if isinstance(value, str):
-        # JSON escapes all that TOML wants escaped, but for DEL
+        # JSON escapes everything that TOML requires, except DEL
         text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
         if any("\ud800" <= letter <= "\udfff" for letter in text):
             raise expected(what, "text that TOML can hold", repr(value)[:80])
@@ -197,7 +196,7 @@ def _toml(what: str, value: Any) -> str:
 
 
 def _default_orbit(volume: Volume) -> tuple[float, float]:
-    """Azimuth and elevation: anatomy from the front, flat volumes from above."""
+    """Default azimuth and elevation: anatomy from the front, flat volumes from above."""
     extent = volume.corners.max(axis=0) - volume.corners.min(axis=0)
     elevation = ELEVATION_FLAT if extent[2] < FLAT * min(extent[0], extent[1]) else ELEVATION
     # in RAS the front is +y, in LPS it is −y
@@ -206,7 +205,7 @@ def _default_orbit(volume: Volume) -> tuple[float, float]:
 
 @contextmanager
 def _named(what: str) -> Iterator[None]:
-    """Says of any value that will not do where it stands."""
+    """Adds the location of an invalid value to its error."""
     try:
         yield
     except InputError as error:
@@ -214,7 +213,7 @@ def _named(what: str) -> Iterator[None]:
 
 
 def typed(name: str, value: Any) -> Any:
-    """A camera's value, checked for its kind; lists become tuples."""
+    """Type-checked value of a camera key; lists become tuples."""
     if name == "orthographic":
         fine, this = isinstance(value, bool), "true or false"
     else:

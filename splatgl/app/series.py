@@ -1,4 +1,4 @@
-"""The volumes of an animation: one, or a series in time of which the next is read while this one is drawn."""
+"""Volumes of an animation: one, or a time series with read-ahead."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ WILDCARDS = re.compile(r"[*?\[]")
 
 
 def volumes(scene: Scene, more: Sequence[str]) -> list[Scene]:
-    """The scene of each volume: a pattern stands for all files of that name, by the numbers in their names.
+    """The scene of each volume: a pattern expands to all matching files, sorted by the numbers in their names.
 
-    Raises InputError for a pattern that nothing fits.
+    Raises InputError for a pattern without matches.
     """
     found: list[str] = []
     for source in (scene.volume, *more):
@@ -29,7 +29,7 @@ def volumes(scene: Scene, more: Sequence[str]) -> list[Scene]:
 
 
 def _matching(source: str) -> list[str]:
-    """Files that a pattern fits; the source itself if it is none."""
+    """Files that match a pattern; the source itself if it is not a pattern."""
     if not WILDCARDS.search(source):
         return [source]
     path = Path(source)
@@ -42,17 +42,17 @@ def _matching(source: str) -> list[str]:
 
 
 def _by_numbers(name: str) -> list[tuple[bool, int, str]]:
-    """t9 before t10."""
+    """Natural sort key: t9 before t10."""
     return [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", name)]
 
 
 def read_ahead(read: Callable[[int], T], wanted: Sequence[int]) -> Iterator[tuple[int, T]]:
-    """(n, read(n)) for each wanted n in turn; the next is read in a thread meanwhile, and never more than that."""
+    """(n, read(n)) for each wanted n in order; a thread reads one item ahead."""
     with ThreadPoolExecutor(max_workers=1, thread_name_prefix="read-ahead") as pool:
         coming = [pool.submit(read, n) for n in wanted[:1]]
         for place, n in enumerate(wanted):
             result = coming.pop().result()
             coming += [pool.submit(read, following) for following in wanted[place + 1 : place + 2]]
             yield n, result
-            # the caller's is the only hold on it
+            # leave the only reference to the caller
             del result

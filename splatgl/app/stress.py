@@ -1,4 +1,4 @@
-"""`splatgl stress`: scenes at the extremes whose right answer is known, and whether the pictures keep to it."""
+"""`splatgl stress`: extreme scenes with known exact results, compared with the rendered images."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from splatgl.truth.stress.case import Case, Result
 from splatgl.truth.stress.pages import PAGES
 from splatgl.truth.stress.report import about, as_csv, as_json, as_markdown, heading, line, lines, verdict
 
-# a bound is broken
+# exit code if a bound is violated
 BROKEN = 1
-# up to so many cases, all of their checks are printed
+# up to this many cases, all checks are printed
 FEW = 3
 
 
@@ -36,7 +36,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Runs the cases and prints and writes what was found; 1 if a bound is broken, else 0."""
+    """Runs the cases, prints and writes the results; returns 1 if a bound is violated, else 0."""
     if args.list:
         print("\n".join(f"{case.name:20}{case.stresses}" for case in CASES.values()))
         return 0
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _explain(case: Case, renderer: Renderer) -> int:
-    """One page: what a case is, the depth of it where there is more to tell, and its checks."""
+    """Prints a page on a case: its description, its analysis if available, and its checks."""
     print(about(case))
     if case.name in PAGES:
         print(f"\n{PAGES[case.name](Bench(renderer))}")
@@ -74,7 +74,7 @@ def _text(kind: str, results: list[Result], drawn_by: str) -> str:
 
 
 def _files(args: argparse.Namespace) -> dict[str, Path]:
-    """What is to be written where; checked before any work is done."""
+    """Output files by kind, checked before any work."""
     wanted = {kind: Path(path) for kind in ("markdown", "csv", "json") if (path := getattr(args, kind))}
     if args.output:
         folder = Path(args.output)

@@ -1,4 +1,4 @@
-"""Where the camera is in each frame of an animation: a volume that turns, or keyframes.
+"""Camera tracks of an animation: a rotating volume, or keyframes.
 
     ease = "smooth"                 # or "linear"
     [[keyframe]]
@@ -9,7 +9,7 @@
     frame = 120
     azimuth = 360
 
-Each key goes its own way between the keyframes that have it, and stays as it is before and after them.
+Each key is interpolated independently between its keyframes, and constant before and after them.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from splatgl.splat.motion.motion import Motion
 from splatgl.splat.view.camera import Bounded, Camera
 
 EASES = ("smooth", "linear")
-# of a scene's camera, what is not between its values anywhere
+# camera keys that are not interpolated
 FIXED = ("size", "orthographic")
-# what doubles rather than adds up
+# keys interpolated geometrically
 RATIOS = ("zoom", "height")
-# slices along the axis and points around it that stand for what a turning volume sweeps
+# slices along the axis, and points around it, that approximate the swept volume
 SLICES, AROUND = 32, 48
 
 
@@ -41,33 +41,33 @@ class Track(Protocol):
     """The cameras of an animation."""
 
     def camera(self, frame: float) -> Camera:
-        """The camera of a frame; the volume's own motion is in it."""
+        """The camera of a frame, including the volume's own motion."""
         ...
 
     def motion(self, frame: int) -> Motion:
-        """How that frame's camera came to its place since the frame before."""
+        """Camera motion from the previous frame to this one."""
         ...
 
 
 @dataclass(frozen=True)
 class Turning:
-    """A volume that turns by `motion.spin` a frame before a camera that is `base` in frame 0."""
+    """A volume that rotates by `motion.spin` per frame; `base` is the camera of frame 0."""
 
     base: Camera
     turn: Motion
 
     def camera(self, frame: float) -> Camera:
-        """The base camera as the volume sees it after it turned for `frame` frames; fractions count."""
+        """The base camera relative to the volume after `frame` frames of rotation; fractions count."""
         return self.turn.view(self.base, float(frame))
 
     def motion(self, frame: int) -> Motion:
-        """The turn of one frame, the same for every frame."""
+        """The rotation per frame, the same for every frame."""
         return self.turn
 
 
 @dataclass(frozen=True)
 class Keyframes:
-    """Views between keyframes. keys: name → frames [K] ascending and values [K, 1 or 3]."""
+    """Interpolated views. keys: name → frames [K] ascending and values [K, 1 or 3]."""
 
     keys: Mapping[str, tuple[np.ndarray, np.ndarray]]
     smooth: bool
@@ -76,7 +76,7 @@ class Keyframes:
     subject: Bounded
 
     def camera(self, frame: float) -> Camera:
-        """The camera at `frame`, its numbers interpolated between keyframes; those of RATIOS by their logarithms."""
+        """The camera at `frame`, interpolated between keyframes; RATIOS are interpolated logarithmically."""
         values: dict[str, Any] = {}
         for name, (frames, points) in self.keys.items():
             logs = np.log(points) if name in RATIOS else points
@@ -86,17 +86,17 @@ class Keyframes:
         return replace(self.view, **values).camera(self.volume, self.subject)
 
     def motion(self, frame: int) -> Motion:
-        """The motion from the camera of the frame before; none in frame 0."""
+        """The motion from the previous frame's camera; none in frame 0."""
         return Motion(camera=self.camera(frame - 1)) if frame > 0 else Motion()
 
     @property
     def last(self) -> int:
-        """The last keyframe."""
+        """Number of the last keyframe."""
         return int(max(frames[-1] for frames, _ in self.keys.values()))
 
 
 def turning(view: View, volume: Volume, subject: Bounded, degrees: float, axis: np.ndarray | None = None) -> Turning:
-    """The volume turns by `degrees` a frame about its centre, counter-clockwise seen from `axis`' tip (up)."""
+    """A rotation by `degrees` per frame about the volume's centre, counter-clockwise seen from `axis`' tip (up)."""
     up = axis if axis is not None else np.array(view.up or volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
     length = float(np.linalg.norm(up))
     if not 0 < length < np.inf:
@@ -107,7 +107,7 @@ def turning(view: View, volume: Volume, subject: Bounded, degrees: float, axis: 
 
 
 def keyframes(path: Path, view: View, volume: Volume, subject: Bounded) -> Keyframes:
-    """The track in a TOML file. Raises InputError for anything that is none."""
+    """The track in a TOML file. Raises InputError for an invalid file."""
     table = load_table(path, "keyframes")
     unknown = set(table) - {"ease", "keyframe"}
     if unknown:
@@ -156,7 +156,7 @@ def _row(what: str, row: Mapping[str, Any]) -> dict[str, list[float]]:
 
 
 def _check(path: Path, track: Keyframes) -> None:
-    """Every frame has a camera: said before the first is drawn."""
+    """Checks that every frame has a valid camera, before the first is rendered."""
     for frame in range(track.last + 1):
         try:
             track.camera(frame)
@@ -165,8 +165,8 @@ def _check(path: Path, track: Keyframes) -> None:
 
 
 def between(frames: np.ndarray, points: np.ndarray, at: float, smooth: bool) -> np.ndarray:
-    """Points [K, n] given at ascending frames [K], at another: straight, or by a cubic through each with the slope
-    of its neighbours' chord (Catmull and Rom). Constant beyond the ends.
+    """Interpolates points [K, n] at ascending frames [K]: linearly, or by Catmull–Rom cubics, whose slope at each point
+    is that of its neighbours' chord. Constant beyond the ends.
     """
     at = float(np.clip(at, frames[0], frames[-1]))
     k = int(np.clip(np.searchsorted(frames, at, "right") - 1, 0, max(len(frames) - 2, 0)))
@@ -187,7 +187,7 @@ def between(frames: np.ndarray, points: np.ndarray, at: float, smooth: bool) -> 
 
 @dataclass(frozen=True, eq=False)
 class Swept:
-    """What a subject sweeps as it turns about its middle: a camera that fits this keeps its distance all around."""
+    """Hull of a subject rotated about its middle: a camera fitted to it keeps its distance during the rotation."""
 
     corners: np.ndarray
     outline: np.ndarray
@@ -199,7 +199,7 @@ class Swept:
         local = subject.outline - center
         height = local @ axis
         out = np.linalg.norm(local - height[:, None] * axis, axis=1)
-        # the furthest point of each slice, at both of the slice's ends
+        # the farthest point of each slice, at both of the slice's ends
         edges = np.linspace(height.min(), height.max(), SLICES + 1)
         slice_ = np.clip(np.searchsorted(edges, height, "right") - 1, 0, SLICES - 1)
         furthest = np.zeros(SLICES)

@@ -1,4 +1,4 @@
-"""`splatgl view`: a window on a volume or a scene."""
+"""`splatgl view`: interactive window for a volume or a scene."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 
 class ListBindings(argparse.Action):
-    """Prints the table, changed by a --bindings before it, and exits."""
+    """Prints the bindings, including those of a preceding --bindings, and exits."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**{**options, "nargs": 0})
@@ -50,7 +50,7 @@ class ListBindings(argparse.Action):
 
 
 def run(args: argparse.Namespace) -> int:
-    """Opens the window; returns 0 once it is closed, by whatever way."""
+    """Opens the window; returns 0 after it closes for any reason."""
     from splatgl.app.viewer.content import Content
     from splatgl.app.viewer.files import watched
     from splatgl.app.viewer.viewer import Options, Viewer
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
 
 @contextmanager
 def _ended_by_signals(viewer: Any) -> Iterator[None]:
-    """Ctrl-C, a hang-up and a polite kill close the window."""
+    """Closes the window on SIGINT, SIGHUP and SIGTERM."""
 
     def close(number: int, frame: FrameType | None) -> None:
         viewer.closed = True

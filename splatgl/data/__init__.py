@@ -1,1 +1,1 @@
-"""Room 1, data: volumes and how they come in, images and how they go out."""
+"""Input and output: volumes, their readers, and images."""

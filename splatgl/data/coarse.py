@@ -1,4 +1,4 @@
-"""Coarser volumes for quick pictures: means over blocks of voxels, on the grid of the blocks' middles."""
+"""Downsampled volumes for previews: means over blocks of voxels, on the grid of block centres."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import numpy as np
 
 from splatgl.data.volume import Volume
 
-# a volume is not halved along an axis that has fewer samples than this
+# axes with fewer samples are not halved
 FEWEST = 4
 
 
 def coarser(volume: Volume) -> Volume:
-    """The volume of means over 2×2×2 voxels, float32; thin axes stay. A block with a voxel that isn't finite is not.
+    """The volume of means over 2×2×2 voxels, float32; short axes stay. A block with a non-finite voxel is non-finite.
 
-    Colours are weighted by the samples' height over the lowest: what is empty has none.
+    Colours are weighted by the samples' height above the minimum, so that empty voxels do not contribute.
     """
     steps = [2 if count >= FEWEST else 1 for count in volume.shape]
     depth, height, width = (-(-count // step) for count, step in zip(volume.shape, steps, strict=True))
     samples = np.empty((depth, height, width), np.float32)
     colors = None if volume.color is None else np.empty((depth, height, width, 3), np.uint8)
 
-    # a layer of blocks at a time: a mapped file is read once, and never held whole
+    # one layer of blocks at a time: a mapped file is read once and never held entirely
     lowest = _lowest(volume) if volume.color is not None else 0.0
     for z in range(depth):
         planes = np.asarray(volume.samples[z * steps[0] : (z + 1) * steps[0]])
@@ -34,7 +34,7 @@ def coarser(volume: Volume) -> Volume:
             for channel in range(3):
                 colors[z, ..., channel] = np.rint(_mean(shade[..., channel] * weight, steps) / total)
 
-    # the middle of the first block, in voxels: between the samples that it joins
+    # centre of the first block, in voxels: between its samples
     middle = (np.array(steps[::-1]) - 1) / 2
     origin = np.asarray(volume.origin) + volume.world_from_index @ middle
     spacing = np.asarray(volume.spacing) * steps[::-1]
@@ -49,7 +49,7 @@ def coarser(volume: Volume) -> Volume:
 
 
 def _mean(planes: np.ndarray, steps: list[int]) -> np.ndarray:
-    """[H', W'] means of blocks of planes [d, H, W]; the last ones of an odd count stand for two."""
+    """[H', W'] means of blocks of planes [d, H, W]; the last of an odd count has double weight."""
     total = planes.sum(axis=0, dtype=np.float32) / len(planes)
     for axis, step in ((0, steps[1]), (1, steps[2])):
         if step == 1:

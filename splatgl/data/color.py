@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-# the curve is a straight line below these encoded and linear values, a power above them
+# the curve is linear below these encoded and linear values, a power function above
 ENCODED_KNEE, LINEAR_KNEE = 0.04045, 0.0031308
 SLOPE, OFFSET, EXPONENT = 12.92, 0.055, 2.4
 

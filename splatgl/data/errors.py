@@ -1,4 +1,4 @@
-"""The one exception that users see: a line that says what, why and how to mend it."""
+"""The user-facing exception: one line on what failed, why, and how to fix it."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ class InputError(ValueError):
 
 
 def expected(what: object, this: object, got: object, fix: str = "") -> InputError:
-    """An `InputError` in the house's form: `<what>: expected <this>, got <that>; <how to fix>`."""
+    """An `InputError` in the standard form: `<what>: expected <this>, got <that>; <how to fix>`."""
     line = f"{what}: expected {this}, got {got}" + (f"; {fix}" if fix else "")
     return InputError(" ".join(line.split()))
 
 
 def missing_extra(what: str, library: str, extra: str) -> InputError:
-    """An `InputError` for a library that is not installed, naming the extra that brings it."""
+    """An `InputError` for a missing library, naming the extra that installs it."""
     return InputError(f"{what}: needs the library {library}; install it with: pip install 'splatgl[{extra}]'")

@@ -1,4 +1,4 @@
-"""`Image`: linear premultiplied float32 pixels, and PNG and NPY files that say where they came from."""
+"""`Image`: linear premultiplied float32 pixels, and PNG and NPY files with provenance."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from splatgl.data.errors import InputError, expected, missing_extra
 
 # the PNG text chunk that holds the provenance as JSON
 KEYWORD = "splatgl"
-# rows that are decoded together: numpy turns samples into 8-byte indices, which had better stay in the cache
+# rows per band: numpy converts samples to 8-byte indices, which should stay in the cache
 BAND_ROWS = 16
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """pixels: float32 [H, W, 4], linear, premultiplied, row 0 on top. info: what was drawn and how."""
+    """pixels: float32 [H, W, 4], linear, premultiplied, row 0 at the top. info: how the image was rendered."""
 
     pixels: np.ndarray
     info: Mapping[str, object] = field(default_factory=dict)
 
     def save(self, path: str | Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> None:
-        """Writes .png (sRGB, straight alpha, 8 or 16 bits) or .npy (the pixels); whole or not at all.
+        """Writes .png (sRGB, straight alpha, 8 or 16 bits) or .npy (the pixels), atomically.
 
-        background: linear RGB that a PNG is laid over; None keeps it transparent. An `xray` picture
+        background: linear RGB behind a PNG; None keeps it transparent. An `xray` image
         is scaled to its maximum in a PNG; the factor is in the file's text. Raises InputError for
         another suffix, and if the file cannot be written.
         """
@@ -53,7 +53,7 @@ class Image:
 
     @classmethod
     def load(cls, path: str | Path) -> Image:
-        """A picture from .npy ([H, W, 4]) or any file Pillow reads, back in linear premultiplied light."""
+        """Reads .npy ([H, W, 4]) or any file that Pillow supports, as linear premultiplied light."""
         source = Path(path)
         if source.suffix.lower() == ".npy":
             return cls(_load_npy(source))
@@ -62,7 +62,7 @@ class Image:
 
     @classmethod
     def from_samples(cls, samples: np.ndarray) -> Image:
-        """A picture from sRGB samples with straight alpha or none: uint8 or uint16 [H, W, 3 or 4]."""
+        """An image from sRGB samples with straight or no alpha: uint8 or uint16 [H, W, 3 or 4]."""
         if samples.ndim != 3 or samples.shape[2] not in (3, 4) or samples.dtype not in (np.uint8, np.uint16):
             raise expected("samples", "uint8 or uint16 [H, W, 3 or 4]", f"{samples.dtype} {samples.shape}")
         if samples.shape[2] == 3:
@@ -71,7 +71,7 @@ class Image:
         return cls(_from_samples(samples))
 
     def rounded(self, bits: int = 8, background: tuple[float, float, float] | None = None) -> Image:
-        """What a PNG of `bits` (8 or 16) on `background` would bring back of this picture, without writing one."""
+        """The image after a round trip through a PNG of `bits` (8 or 16) on `background`, without writing one."""
         info = dict(self.info)
         return Image(_from_samples(self._samples(info, bits, background)), info)
 
@@ -84,17 +84,17 @@ class Image:
         return np.concatenate([srgb_from_linear(np.clip(color, 0.0, 1.0)), alpha], axis=-1)
 
     def over(self, background: tuple[float, float, float]) -> Image:
-        """This picture on a colour (linear RGB)."""
+        """This image over a background colour (linear RGB)."""
         ground = np.append(np.asarray(background, np.float32), np.float32(1))
         return Image(self.pixels + (1 - self.pixels[..., 3:]) * ground, self.info)
 
     def _png(self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None) -> bytes:
-        # the samples first: they add the X-ray scale to `info`
+        # the samples first: this adds the X-ray scale to `info`
         samples = self._samples(info, bits, background)
         return _with_text(_encode(samples), KEYWORD, json.dumps(info, ensure_ascii=True))
 
     def _samples(self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None) -> np.ndarray:
-        """Straight sRGB, uint8 or uint16 [H, W, 4]; the scale of an X-ray is noted in `info`."""
+        """Straight sRGB, uint8 or uint16 [H, W, 4]; the scale of an X-ray is stored in `info`."""
         image = self
         if info.get("blend") == "xray":
             top = float(self.pixels.max()) or 1.0
@@ -109,7 +109,7 @@ class Image:
 
 
 def write_whole(target: Path, data: bytes) -> None:
-    """Writes a file beside its place and renames it there, so that it is never seen half-written."""
+    """Writes a file atomically: to a temporary name, then renamed."""
     temporary = ""
     try:
         with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{target.name}.", delete=False) as file:
@@ -145,7 +145,7 @@ def _encode(samples: np.ndarray) -> bytes:
 
 
 def _with_text(png: bytes, keyword: str, text: str) -> bytes:
-    """The PNG with a tEXt chunk behind its header chunk (PNG specification §11.3.4.3)."""
+    """The PNG with a tEXt chunk after its header chunk (PNG specification §11.3.4.3)."""
     body = b"tEXt" + keyword.encode("latin-1") + b"\0" + text.encode("latin-1")
     chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
     header = len(PNG_SIGNATURE) + 25
@@ -154,7 +154,7 @@ def _with_text(png: bytes, keyword: str, text: str) -> bytes:
 
 @lru_cache(maxsize=2)
 def _linear_table(levels: int) -> np.ndarray:
-    """Linear light, float32, of each of `levels` sRGB samples: reading a table is far faster than a power a pixel."""
+    """Linear light, float32, of each of `levels` sRGB samples: a lookup table is much faster than a power per pixel."""
     return linear_from_srgb(np.arange(levels) / (levels - 1)).astype(np.float32)
 
 
@@ -184,7 +184,7 @@ def _load_npy(source: Path) -> np.ndarray:
 
 
 def _load_png(source: Path) -> tuple[np.ndarray, dict[str, object]]:
-    """Straight sRGB, uint8 or uint16 [H, W, 4], and the provenance if there is one."""
+    """Straight sRGB, uint8 or uint16 [H, W, 4], and the provenance, if any."""
     from PIL import Image as Pillow
 
     _check_file(source)
@@ -214,7 +214,7 @@ def _png_bits(source: Path) -> int:
 
 
 def _decode_deep(source: Path) -> np.ndarray:
-    """16-bit samples of any PNG colour type, as uint16 [H, W, 4]; Pillow would drop to 8 bits."""
+    """16-bit samples of any PNG colour type, as uint16 [H, W, 4]; Pillow would reduce them to 8 bits."""
     try:
         from imagecodecs import PngError, png_decode
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""A nerve cell as a confocal microscope sees it: body, dendrites with spines, axon, blurred and grainy.  [M98]"""
+"""Synthetic confocal image of a nerve cell: body, dendrites with spines, axon, blur and noise.  [M98]"""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from splatgl.data.volume import Hints, Volume
 
 # voxels along z, y, x
 NERVE_SHAPE = (76, 512, 512)
-# where the cell's body lies, (x, y, z), and its half axes, in voxels
+# centre (x, y, z) and half axes of the cell body, in voxels
 BODY, BODY_AXES = np.array([240.0, 205.0, 38.0]), np.array([15.0, 20.0, 12.0])
-# length of a branch's steps, and the margin that turns branches back, in voxels
+# step length of a branch, and the margin at which branches turn back, in voxels
 STEP, MARGIN = 3.0, 14.0
-# how fast a direction wanders and jitters (radians a step), and how much less in depth than sideways
+# random walk of directions: drift and jitter (radians a step), and their reduction in depth
 WANDER, MEMORY, JITTER, FLATNESS = 0.035, 0.85, 0.05, 0.35
-# how much a branch turns away from the body at each step
+# outward turn of a branch at each step
 OUTWARD = 0.02
-# radii in voxels below which a dendrite ends, and the power law of their forks (Rall: r³ᐟ² adds up)
+# radius in voxels at which a dendrite ends, and the power law of forks (Rall: r³ᐟ² is conserved)
 THINNEST, RALL = 0.55, 1.5
-# steps from one fork to the next at least; radius of the thickest branches that bear spines
+# minimum steps between forks; maximum radius of branches with spines
 UNFORKED, SPINY = 6, 2.6
-# half width of a capsule's soft edge in voxels; the microscope blurs more in depth by DEPTH_BLUR
+# half width of a capsule's soft edge in voxels; blur is larger in depth by DEPTH_BLUR
 SOFT, DEPTH_BLUR = 1.3, 1.7
-# in grey levels of 255: mean and largest of the dark noise, brightest signal; shot noise per root of the signal
+# in grey levels of 255: mean and maximum of dark noise, maximum signal; shot noise per root of the signal
 DARK, DARKEST, FULL, SHOT = 4.0, 22.0, 235.0, 0.7
 
 
 @dataclass(frozen=True)
 class Sprout:
-    """A branch about to grow: where, whereto, how thick, and how it behaves from there."""
+    """A branch to grow: start, direction, radius, and growth parameters."""
 
     place: np.ndarray
     heading: np.ndarray
@@ -42,7 +42,7 @@ class Sprout:
 
 @dataclass(frozen=True)
 class Capsule:
-    """A straight piece of a branch: its ends, its radii there, and its brightness in [0, 1]."""
+    """A straight segment of a branch: its ends, their radii, and its brightness in [0, 1]."""
 
     start: np.ndarray
     stop: np.ndarray
@@ -53,7 +53,7 @@ class Capsule:
 def nerve(seed: int = 11) -> Volume:
     """A nerve cell, 512×512×76 voxels of spacing 1.
 
-    samples uint8: dark noise up to about 20, the cell from 30 to 255. The view is from above, at a slant.
+    samples uint8: dark noise up to about 20, the cell from 30 to 255. The view is from above, oblique.
     """
     rng = np.random.default_rng(seed)
     light = np.zeros(NERVE_SHAPE, np.float32)
@@ -73,7 +73,7 @@ def nerve(seed: int = 11) -> Volume:
 
 
 def _cell(rng: np.random.Generator) -> list[Capsule]:
-    """All pieces of the cell: one long apical dendrite, basal ones all around, and the axon."""
+    """All segments of the cell: one long apical dendrite, basal ones all around, and the axon."""
     capsules: list[Capsule] = []
     sprouts = [_from_body(95.0, 4.2, rng)]
     sprouts += [
@@ -97,14 +97,14 @@ def _from_body(degrees: float, radius: float, rng: np.random.Generator) -> Sprou
 
 
 def _grow(sprout: Sprout, rng: np.random.Generator, capsules: list[Capsule], least: float = THINNEST) -> None:
-    """Appends the pieces of a branch, and of all that fork off it, until they are thin or leave the picture."""
+    """Appends the segments of a branch and of all its forks, until they are thin or leave the volume."""
     waiting = [sprout]
     while waiting:
         branch = waiting.pop()
         place, heading, radius = branch.place, branch.heading, branch.radius
         drift, travelled = rng.normal(0.0, 0.02, 3), 0
         while radius > least:
-            # a step on, straight in the main
+            # a step, mostly straight
             drift = MEMORY * drift + rng.normal(0.0, WANDER, 3) * (1.0, 1.0, FLATNESS)
             jitter = rng.normal(0.0, JITTER, 3) * (1.0, 1.0, FLATNESS)
             heading = _turned(place, heading + drift + jitter + OUTWARD * _unit(place - BODY))
@@ -116,7 +116,7 @@ def _grow(sprout: Sprout, rng: np.random.Generator, capsules: list[Capsule], lea
                 capsules.extend(_spine(ahead, heading, radius, rng))
             place, radius, travelled = ahead, thinner, travelled + 1
 
-            # a fork: the thinner branch waits, the other goes on
+            # a fork: the thinner branch is queued, the other continues
             if travelled > UNFORKED and rng.random() < branch.fork * (1.0 if radius > 1.0 else 0.5):
                 side, heading = _fork(heading, rng)
                 share = rng.uniform(0.3, 0.5)
@@ -126,12 +126,12 @@ def _grow(sprout: Sprout, rng: np.random.Generator, capsules: list[Capsule], lea
 
 
 def _light(radius: float) -> float:
-    """Brightness of a branch: thick ones hold more dye."""
+    """Brightness of a branch: thicker ones contain more dye."""
     return 0.6 + 0.3 * min(radius / 3.0, 1.0)
 
 
 def _turned(place: np.ndarray, heading: np.ndarray) -> np.ndarray:
-    """A unit heading, bent back softly towards the middle plane near the top and the bottom."""
+    """A unit heading, bent smoothly towards the middle plane near the top and the bottom."""
     middle, reach = NERVE_SHAPE[0] / 2, NERVE_SHAPE[0] / 2 - MARGIN
     heading = heading - np.array([0.0, 0.0, 0.25]) * np.clip((place[2] - middle) / reach, -1, 1) ** 3
     heading[2] *= 0.97
@@ -144,7 +144,7 @@ def _inside(place: np.ndarray) -> bool:
 
 
 def _fork(heading: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Two headings, the thinner branch's turned farther away, to opposite sides."""
+    """Two headings to opposite sides; the thinner branch turns farther."""
     side = rng.choice((-1.0, 1.0))
     across = np.array([-heading[1], heading[0], rng.normal(0.0, FLATNESS)]) * side
     return _unit(heading + across * rng.uniform(0.5, 1.0)), _unit(heading - across * rng.uniform(0.1, 0.4))
@@ -162,7 +162,7 @@ def _spine(place: np.ndarray, heading: np.ndarray, radius: float, rng: np.random
 
 
 def _paint(light: np.ndarray, capsule: Capsule) -> None:
-    """Raises the light inside a capsule with a soft edge; only the voxels around it are touched."""
+    """Raises the brightness inside a capsule with a soft edge; only nearby voxels are processed."""
     reach = max(capsule.radii) + SOFT
     margin = np.array([reach, reach, reach + SOFT * DEPTH_BLUR])
     low = np.maximum(np.floor(np.minimum(capsule.start, capsule.stop) - margin), 0).astype(int)
@@ -171,7 +171,7 @@ def _paint(light: np.ndarray, capsule: Capsule) -> None:
     z = (z / DEPTH_BLUR**0.5)[:, None, None]
     y = y[:, None]
 
-    # distance from the axis, by the nearest point on it
+    # distance from the nearest point on the axis
     along = (capsule.stop - capsule.start) / (1.0, 1.0, DEPTH_BLUR**0.5)
     length = float(along @ along)
     t = np.clip((x * along[0] + y * along[1] + z * along[2]) / length, 0.0, 1.0)
@@ -182,7 +182,7 @@ def _paint(light: np.ndarray, capsule: Capsule) -> None:
 
 
 def _paint_body(light: np.ndarray) -> None:
-    """The cell's body: an egg with a darker nucleus."""
+    """The cell body: an ellipsoid with a darker nucleus."""
     low, high = (BODY - BODY_AXES - 6).astype(int), (BODY + BODY_AXES + 7).astype(int)
     x, y, z = (np.arange(low[axis], high[axis]) - BODY[axis] for axis in range(3))
     z, y = z[:, None, None], y[:, None]
@@ -194,15 +194,15 @@ def _paint_body(light: np.ndarray) -> None:
 
 
 def _edge(depth: np.ndarray) -> np.ndarray:
-    """From 0 at SOFT outside to 1 at SOFT inside, smooth between: a blurred edge."""
+    """Smooth step from 0 at SOFT outside to 1 at SOFT inside."""
     t = np.clip(0.5 + depth / (2.0 * SOFT), 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t))
 
 
 def _exposed(light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """uint8 grey levels: the signal with its shot noise where there is any, dark noise everywhere."""
+    """uint8 grey levels: signal with shot noise, and dark noise everywhere."""
     chances = rng.integers(0, 256, light.shape, dtype=np.uint8)
-    # dark noise by table: exponential, as few photons are
+    # dark noise from a table: exponential, as for few photons
     dark = np.minimum(-DARK * np.log((np.arange(256) + 0.5) / 256), DARKEST).astype(np.uint8)
     grey = dark[chances]
     lit = np.flatnonzero(light.ravel() > 0.02)

@@ -1,4 +1,4 @@
-"""Phantoms with known answers: a letter that shows handedness, a constant block, a ball, one voxel."""
+"""Phantoms with known results: a letter that shows handedness, a constant block, a ball, one voxel."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ OPAQUE_POINTS = ((0.0, 0.0), (255.0, 0.99))
 PAPER, RED, GREEN, BLUE = (240, 230, 200), (230, 40, 40), (50, 200, 60), (60, 90, 240)
 
 # boxes [x0, x1), [y0, y1), [z0, z1) in voxels, and their colours: the axes' bars are 56, 40 and 28 long
-# from one corner; the letter stands on z = 14, its arms point along +x, and a stud on its front at low y
-# tells front from back
+# from one corner; the letter stands on z = 14 with its arms along +x, and a stud at low y marks its front
 LETTER_SHAPE = (64, 40, 56)
 LETTER_PARTS = (
     ((0, 56, 0, 4, 0, 4), RED),
@@ -29,7 +28,7 @@ LETTER_PARTS = (
 
 
 def letter_f() -> Volume:
-    """A letter F with a red x, a green y and a blue z axis, each of another length: a mirrored picture shows.
+    """A letter F with a red x, a green y and a blue z axis of different lengths, which reveals mirroring.
 
     samples uint8 [64, 40, 56] (z, y, x), 255 in matter; color sRGB. Seen from the front it reads as an F.
     """
@@ -43,12 +42,12 @@ def letter_f() -> Volume:
 
 
 def constant(shape: Sequence[int] = (32, 32, 32), value: float = 1.0) -> Volume:
-    """The same value everywhere: float32 [D, H, W] of `shape`."""
+    """A constant volume: float32 [D, H, W] of `shape`."""
     return Volume(np.full(tuple(shape), value, np.float32), name="constant")
 
 
 def single_voxel(size: int = 1) -> Volume:
-    """One voxel of value 1 amid zeros: float32 [size, size, size], its centre at the world's origin."""
+    """One voxel of value 1 among zeros: float32 [size, size, size], centred at the world's origin."""
     if size < 1 or size % 2 == 0:
         raise expected("size", "an odd number of voxels", size)
     samples = np.zeros((size, size, size), np.float32)
@@ -64,14 +63,14 @@ def ball(
     direction: np.ndarray | None = None,
     smooth: bool = True,
 ) -> Volume:
-    """A ball around the world's origin, sampled on any affine grid that has a sample there.
+    """A ball around the world's origin, on any affine grid with a sample there.
 
     samples float64: ½ (1 + cos(π r / radius)) within the radius (in world units), or 1 if not smooth; 0 beyond.
     """
     if not radius > 0:
         raise expected("radius", "a positive length", radius)
     axes = np.eye(3) if direction is None else np.asarray(direction, dtype=np.float64)
-    # a volume of one voxel checks the grid; then how many steps along each axis the ball reaches
+    # a one-voxel volume validates the grid; then the number of steps along each axis within the ball
     grid = Volume(np.zeros((1, 1, 1)), spacing=spacing, direction=axes)
     matrix = grid.world_from_index
     reach = np.ceil(radius * np.linalg.norm(np.linalg.inv(matrix), axis=1)).astype(int) + 1

@@ -1,4 +1,4 @@
-"""A landscape: noise worn by running water, coloured like a satellite photograph.  [M98 Fig. 6]"""
+"""Synthetic terrain: noise shaped by hydraulic erosion, coloured like a satellite image.  [M98 Fig. 6]"""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from splatgl.data.volume import Hints, Volume
 
 # voxels along z, y, x
 TERRAIN_SHAPE = (103, 512, 512)
-# the land is worn on a grid this many voxels wide a cell, in so many rounds
+# cell size of the erosion grid in voxels, and number of iterations
 CELL, ROUNDS = 2, 40
-# noise of the raw land and of its rise: longest wavelength in voxels; share of it that stays water
+# noise of initial heights and uplift: longest wavelength in voxels; fraction of land below water
 LONGEST, LAKES = 260.0, 0.08
-# the land repeats; this shift along y, in voxels, keeps the lakes clear of the near edge
+# the terrain is periodic; this shift along y, in voxels, keeps the lakes away from the near edge
 SHIFT = 90
-# heights in rounds of mean uplift: of the raw land's deviation, and of the fill over a pit; how uneven uplift is
+# heights in iterations of mean uplift: initial standard deviation, and fill over a pit; variation of uplift
 RAW, PIT_FILL, UNEVEN = 4.0, 0.01, 0.7
-# what running water takes: strength against uplift, and the exponent of the area it drains (stream power law)
+# erosion: strength relative to uplift, and exponent of the drainage area (stream power law)
 WEAR, DRAINAGE = 0.05, 0.5
-# cells that no river is longer than
+# upper bound of river length in cells
 LONGEST_RIVER = 2048
-# height of the water's surface and of the highest peak, and the lakes' depth, in voxels
+# height of the water surface and of the highest peak, and lake depth, in voxels
 WATER, PEAK, LAKE_DEPTH = 16.0, 100.0, 8.0
-# quantile of the worn land that counts as a summit; power that lowers peaks against the plains
+# quantile of the eroded heights that counts as a summit; exponent that lowers peaks relative to plains
 SUMMITS, FLATTENED = 0.9999, 0.6
-# fine noise on slopes: voxels of height a unit of slope, and its longest wavelength in voxels
+# fine noise on slopes: voxels of height per unit slope, and longest wavelength in voxels
 ROUGHNESS, FINE = 0.35, 16.0
-# a column reaches this many voxels below its lowest neighbour, so that no ray slips through a step
+# a column extends this many voxels below its lowest neighbour, so that no ray passes through a step
 SKIN = 1
 # direction towards the sun (x, y, z): afternoon, from the left
 SUN = np.array([-0.62, -0.35, 0.70]) / np.linalg.norm([-0.62, -0.35, 0.70])
-# depth below the surface, in voxels, where a cut shows earth; its colours (sRGB)
+# depth below the surface, in voxels, from which cut sides show earth; its colours (sRGB)
 TURF, EARTH, STONE = 3.0, (104, 76, 52), (74, 64, 58)
 # sRGB of the ground
 DEEP, SHALLOW, SAND, GRASS, MEADOW = (18, 44, 74), (46, 98, 116), (190, 172, 128), (112, 128, 66), (140, 140, 82)
@@ -40,8 +40,8 @@ FOREST, SOIL, ROCK, SCREE, SNOW = (44, 70, 38), (128, 102, 72), (112, 102, 94), 
 def terrain(seed: int = 7) -> Volume:
     """Mountains, valleys and a lake, 512×512×103 voxels, z up.
 
-    samples uint8: 255 in the ground's outer shell, less in the voxels its surface cuts, 0 elsewhere;
-    color: water, sand, grass, forest, rock or snow with the sun's shading in it. The view is a low one
+    samples uint8: 255 in the ground's outer shell, less in the voxels cut by its surface, 0 elsewhere;
+    color: water, sand, grass, forest, rock or snow with baked sun shading. The view is a low one
     towards the horizon.
     """
     rng = np.random.default_rng(seed)
@@ -49,7 +49,7 @@ def terrain(seed: int = 7) -> Volume:
     surface = np.maximum(ground, WATER)
     photo = _photograph(ground, surface, rng)
 
-    # occupancy of every voxel, kept only down to where a neighbour's column could bare it
+    # occupancy of every voxel, kept down to the depth exposed by neighbouring columns
     planes = np.arange(TERRAIN_SHAPE[0], dtype=np.float32)[:, None, None]
     filled = np.clip(surface.astype(np.float32) - planes + 0.5, 0.0, 1.0)
     shell = planes >= _floor(surface)
@@ -68,20 +68,20 @@ def terrain(seed: int = 7) -> Volume:
 
 
 def _heights(rng: np.random.Generator) -> np.ndarray:
-    """Ground heights [y, x] in voxels: rising land worn by running water, with fine noise where it is steep."""
+    """Ground heights [y, x] in voxels: uplifted land after erosion, with fine noise on steep slopes."""
     worn = _worn(*(_fractal(rng, LONGEST)[::CELL, ::CELL] for _ in range(2)))
     worn = np.roll(worn, SHIFT // CELL, axis=0)
     relief = (worn / np.quantile(worn, SUMMITS)) ** FLATTENED
     land = WATER - 1.0 + (PEAK - WATER) * _enlarged(np.minimum(relief, 1.0))
 
-    # fine noise roughens slopes; the lakes' ground falls away from their shores
+    # fine noise on slopes; the lake bed deepens away from the shores
     dy, dx = np.gradient(land)
     land = land + ROUGHNESS * np.minimum(np.hypot(dx, dy), 2.0) * _fractal(rng, FINE)
     return np.asarray(land - LAKE_DEPTH * _enlarged((worn <= 0).astype(np.float64)) ** 2)
 
 
 def _worn(land: np.ndarray, rise: np.ndarray) -> np.ndarray:
-    """Land (periodic, [y, x], unit variance) after ROUNDS of uplift and of wear by the water that each cell drains."""
+    """Land (periodic, [y, x], unit variance) after ROUNDS of uplift and erosion by each cell's drainage."""
     here = np.arange(land.size)
     shifts = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)]
     around = np.stack([np.roll(here.reshape(land.shape), shift, (0, 1)).ravel() for shift in shifts])
@@ -90,7 +90,7 @@ def _worn(land: np.ndarray, rise: np.ndarray) -> np.ndarray:
     water = h <= 0
     uplift = np.where(water, 0.0, np.exp(UNEVEN * rise.ravel()))
     for _ in range(ROUNDS):
-        # the land rises; each cell drains into its steepest neighbour; a pit is filled over its lowest one
+        # uplift; each cell drains into its steepest neighbour; a pit is filled above its lowest neighbour
         h = h + uplift
         neighbours = h[around]
         fall = (h - neighbours) / distance[:, None]
@@ -107,7 +107,7 @@ def _worn(land: np.ndarray, rise: np.ndarray) -> np.ndarray:
 
 
 def _drained(target: np.ndarray) -> np.ndarray:
-    """How many cells drain through each one, itself among them; one that drains into itself is an end."""
+    """Number of cells that drain through each cell, itself included; a cell that drains into itself is a sink."""
     sink = len(target)
     jump = np.append(np.where(target == np.arange(sink), sink, target), sink)
     area = np.ones(sink + 1)
@@ -120,7 +120,7 @@ def _drained(target: np.ndarray) -> np.ndarray:
 
 
 def _enlarged(small: np.ndarray) -> np.ndarray:
-    """A periodic coarse grid [y, x] on the full one, its cells' edges smoothed away."""
+    """Upsamples a periodic coarse grid [y, x] to the full grid, smoothly."""
     spectrum = np.fft.rfft2(np.kron(small, np.ones((CELL, CELL))))
     height, width = TERRAIN_SHAPE[1:]
     fy, fx = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)
@@ -128,7 +128,7 @@ def _enlarged(small: np.ndarray) -> np.ndarray:
 
 
 def _fractal(rng: np.random.Generator, longest: float, power: float = 1.1) -> np.ndarray:
-    """Noise [y, x] of unit variance, periodic, without a scale of its own below `longest` voxels."""
+    """Periodic fractal noise [y, x] of unit variance, scale-free below `longest` voxels."""
     height, width = TERRAIN_SHAPE[1:]
     frequency = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)) * longest
     spectrum = np.fft.rfft2(rng.standard_normal((height, width))) / np.maximum(frequency, 1.0) ** (1 + power)
@@ -138,8 +138,8 @@ def _fractal(rng: np.random.Generator, longest: float, power: float = 1.1) -> np
 
 
 def _floor(surface: np.ndarray) -> np.ndarray:
-    """The lowest plane [y, x] to fill: SKIN below the lowest of nine columns, so that no ray slips through;
-    at the four borders 0, so that the land is a block.
+    """The lowest plane [y, x] to fill: SKIN below the lowest of nine columns, so that no ray passes through;
+    0 at the four borders, so that the terrain is a block.
     """
     padded = np.pad(surface, 1, constant_values=0.0)
     rows = np.minimum(np.minimum(padded[:-2], padded[1:-1]), padded[2:])
@@ -148,7 +148,7 @@ def _floor(surface: np.ndarray) -> np.ndarray:
 
 
 def _paint_sides(color: np.ndarray, samples: np.ndarray, surface: np.ndarray) -> None:
-    """Gives the block's four sides the colours of cut earth, in layers, from TURF below the surface."""
+    """Colours the block's four sides as layers of earth, from TURF below the surface."""
     planes = np.arange(TERRAIN_SHAPE[0])[:, None]
     for side in (np.s_[0, :], np.s_[-1, :], np.s_[:, 0], np.s_[:, -1]):
         depth = surface[side] - planes
@@ -159,13 +159,13 @@ def _paint_sides(color: np.ndarray, samples: np.ndarray, surface: np.ndarray) ->
 
 
 def _photograph(ground: np.ndarray, surface: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """The land from above, sRGB uint8 [y, x, 3]."""
+    """The terrain's colours from above, sRGB uint8 [y, x, 3]."""
     dy, dx = np.gradient(ground)
     steep = np.hypot(dx, dy)
     patches, mottle, grain = _fractal(rng, 120.0, 0.6), _fractal(rng, 40.0, 0.2), rng.standard_normal(ground.shape)
     height = (ground - WATER) / (PEAK - WATER) + 0.03 * patches + 0.01 * mottle
 
-    # layers from the shore upwards, each over the last
+    # layers from the shore upwards, each blended over the previous
     photo = _blend(SAND, GRASS, _ramp(height, 0.0, 0.04))
     photo = _over(photo, MEADOW, _ramp(patches, -0.5, 1.5))
     photo = _over(photo, FOREST, _ramp(height, 0.08, 0.16) * _ramp(patches + 0.5 * mottle, -0.8, 0.1))
@@ -174,7 +174,7 @@ def _photograph(ground: np.ndarray, surface: np.ndarray, rng: np.random.Generato
     photo = _over(photo, ROCK, _ramp(steep + 0.15 * mottle, 1.0, 1.5) * _ramp(height, 0.2, 0.4))
     photo = _over(photo, SNOW, _ramp(height - 0.06 * steep, 0.56, 0.64))
 
-    # sunlight on the slopes, fine grain, and the lake, which is flat
+    # sunlight on slopes, fine grain, and the flat lake
     light = (SUN[2] - dx * SUN[0] - dy * SUN[1]) / np.sqrt(1.0 + steep**2)
     photo = photo * (0.40 + 0.85 * np.clip(light, 0.0, 1.0) + 0.03 * grain + 0.03 * mottle)[..., None]
     depth = _ramp(surface - ground, 0.0, 6.0)
@@ -183,7 +183,7 @@ def _photograph(ground: np.ndarray, surface: np.ndarray, rng: np.random.Generato
 
 
 def _ramp(values: np.ndarray, low: float, high: float) -> np.ndarray:
-    """0 below low, 1 above high, smooth between."""
+    """Smooth step: 0 below low, 1 above high."""
     t = np.clip((values - low) / (high - low), 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t))
 

@@ -1,6 +1,6 @@
-"""Scenes by arithmetic alone: the paper's tunnel, terrain and nerve cell, and phantoms with known answers.
+"""Procedural scenes: the paper's tunnel, terrain and nerve cell, and phantoms with known results.
 
-The same numbers come out every time: seeds are fixed. Every scene says in its hints how it wants to be seen.
+Deterministic: seeds are fixed. Every scene provides view hints.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from splatgl.data.volume import Hints, Volume
 
 __all__ = ["SCENES", "ball", "constant", "letter_f", "nerve", "single_voxel", "terrain", "tunnel"]
 
-# the tube, in voxels: the box's sides and length, and a bore that leaves 0.69 million voxels of wall
+# the tube in voxels: the box's sides and length, and a bore that leaves 0.69 million voxels of wall
 TUNNEL_SHAPE = (300, 160, 160)
 TUNNEL_OUTER, TUNNEL_BORE = 80.0, 75.32
-# sRGB of the checks; black ones are matter too
+# sRGB of the checks; black ones also contain matter
 BLACK, WHITE = 10, 250
-# the eye stands this far before the mouth, in voxels
+# distance of the eye from the opening, in voxels
 TUNNEL_EYE = 8.0
 
 
@@ -30,7 +30,7 @@ def tunnel(check: int = 10) -> Volume:
     """A tube of black and white checks along z, 160×160×300 voxels, 0.69 million of them wall.  [M98 Fig. 5]
 
     samples uint8: 255 in the wall, 0 elsewhere; color: the checks, about `check` voxels long and wide
-    (an even number goes around). The view is down the bore. Raises InputError for checks under a voxel.
+    (an even number around). The view is down the bore. Raises InputError for checks under a voxel.
     """
     if not 1 <= check <= TUNNEL_SHAPE[0]:
         raise expected("check", f"a size from 1 to {TUNNEL_SHAPE[0]} voxels", check)
@@ -45,7 +45,7 @@ def tunnel(check: int = 10) -> Volume:
     check_along = np.arange(length) // check
     odd = (check_around + check_along[:, None, None]) % 2 == 1
 
-    # the same cross-section all along
+    # repeat the cross-section along z
     samples = np.broadcast_to(wall * np.uint8(255), TUNNEL_SHAPE).copy()
     shade = np.where(wall, np.where(odd, np.uint8(WHITE), np.uint8(BLACK)), np.uint8(0))
     color = np.repeat(shade[..., None], 3, axis=-1)
@@ -61,5 +61,5 @@ def tunnel(check: int = 10) -> Volume:
     return Volume(samples, name="tunnel", color=color, hints=hints)
 
 
-# the scenes that a command line can name
+# built-in scenes by command-line name
 SCENES: dict[str, Callable[[], Volume]] = {"tunnel": tunnel, "terrain": terrain, "nerve": nerve, "letter-f": letter_f}

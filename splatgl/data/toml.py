@@ -1,4 +1,4 @@
-"""TOML tables from files that anyone may have written: plain files, of a page's size, nested no deeper than sense."""
+"""Reads TOML tables from untrusted files: regular files only, with limited size and nesting."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ MAX_BYTES = 2**20
 
 
 def load_table(path: Path, what: str) -> dict[str, Any]:
-    """The table in a TOML file. what: "a scene", as the message says. Raises InputError naming the file."""
+    """The table in a TOML file. what: the kind of file for messages, such as "a scene". Raises InputError naming it."""
     try:
-        # a pipe would be waited for, a device read without end
+        # a pipe would block, a device could be endless
         if path.exists() and not path.is_file():
             raise expected(path, f"{what} in a TOML file", "a folder, pipe or device")
         with path.open("rb") as file:
@@ -28,9 +28,9 @@ def load_table(path: Path, what: str) -> dict[str, Any]:
 
 
 def parse_table(text: str, expectation: str) -> dict[str, Any]:
-    """The table in TOML text. Raises InputError that begins with `expectation`."""
+    """The table in TOML text. Raises InputError whose message begins with `expectation`."""
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        # ValueError: bad TOML, impossible dates, and whole numbers too long to convert
+        # ValueError: bad TOML, invalid dates, and integers too long to convert
         raise InputError(f"{expectation}, got {' '.join(str(error).split())}") from error

@@ -1,4 +1,4 @@
-"""`Volume`: samples on an affine grid, and slabs of it with a halo; never copies what it can map."""
+"""`Volume`: samples on an affine grid, and its slabs with a halo; memory-mapped data is not copied."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from splatgl.data.errors import expected
 
 Triple = tuple[float, float, float]
-# world units: float64 holds the fourth powers of these and of far larger distances
+# limits in world units: float64 holds the fourth powers of these and of far larger distances
 LEAST_LENGTH, MOST_LENGTH = 1e-40, 1e40
-# the longest side of a voxel over its shortest: float32 holds its square, and distances in either
+# maximum ratio of a voxel's sides: float32 holds its square, and distances in either
 MOST_OBLONG = 1e9
 
 
 @dataclass(frozen=True)
 class Hints:
-    """What a file or scene knows about how it wants to be seen; plain values, all optional.
+    """View and transfer function hints of a file or scene; plain values, all optional.
 
-    window: (low, high) sample values that colours span. points: (value, opacity) pairs, the
+    window: (low, high) sample values spanned by the colours. points: (value, opacity) pairs, the
     opacity per `unit` world lengths (None: the mean spacing). preset: a transfer preset's name.
     The view is either an orbit (azimuth, elevation in degrees) or an eye and a target in world
     units; fov is the full vertical angle in degrees.
@@ -42,9 +42,9 @@ class Hints:
 
 @dataclass(frozen=True, eq=False)
 class Slab:
-    """Planes start ≤ z < stop of a volume, with up to `halo` more planes on either side.
+    """Planes start ≤ z < stop of a volume, with up to `halo` extra planes on either side.
 
-    samples: [stop-start+before+after, H, W]; plane `before` of it is plane `start` of the volume.
+    samples: [stop-start+before+after, H, W]; its plane `before` is the volume's plane `start`.
     """
 
     start: int
@@ -104,20 +104,20 @@ class Volume:
 
     @property
     def center(self) -> np.ndarray:
-        """The middle of the box of samples, world (x, y, z)."""
+        """Centre of the box of samples, world (x, y, z)."""
         d, h, w = self.shape
         return np.asarray(self.world_from_index @ (np.array([w, h, d]) - 1) / 2 + self.origin)
 
     @property
     def corners(self) -> np.ndarray:
-        """The box's eight corners [8, 3] in world units; it reaches half a voxel beyond the outer samples."""
+        """The box's eight corners [8, 3] in world units, half a voxel beyond the outer samples."""
         d, h, w = self.shape
         grid = np.array([[x, y, z] for z in (-0.5, d - 0.5) for y in (-0.5, h - 0.5) for x in (-0.5, w - 0.5)])
         return np.asarray(grid @ self.world_from_index.T + self.origin)
 
     @property
     def outline(self) -> np.ndarray:
-        """Points whose hull holds the volume: its corners."""
+        """Points whose hull contains the volume: its corners."""
         return self.corners
 
     def slabs(self, depth: int, halo: int = 1) -> Iterator[Slab]:

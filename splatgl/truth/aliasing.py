@@ -1,7 +1,7 @@
-"""What antialiasing is for, in numbers: energy that a picture's pixels can't carry, and distance from the truth.
+"""Metrics of antialiasing: energy above the pixel grid's Nyquist frequency, and error against the reference.
 
-A picture's pixels carry half a cycle a pixel; what a scene shows faster than that returns as slower patterns. The
-same picture with four samples a pixel, but with splats as wide as the pixels make them, shows how much there is.
+Pixels represent at most half a cycle per pixel; faster detail of the scene aliases into slower patterns. The same
+image at four samples a pixel, with splats as wide as in the original, shows how much there is.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from splatgl.truth.temporal import Draw
 
 # samples a pixel, along each axis
 TIMES = 4
-# the part of a picture that is looked at ends this softly, in pixels: what the window itself has beyond half a
-# cycle a pixel is e^(−2π²σ²/4) = 1e−9
+# width of the analysis window's soft edge, in pixels: the window's own energy beyond half a cycle a pixel is
+# e^(−2π²σ²/4) = 1e−9
 SOFT = 2.0
-# the line at z_k is drawn between parts blurred by so many pixels, where there is so much of them
+# the line at z_k separates regions blurred by LINE pixels, where the region beyond exceeds LINE_SEEN
 LINE, LINE_SEEN = 1.0, 0.3
-# of the spectra of kernels: cycles a pixel where they end, points along each axis, and steps of depth
+# kernel spectra: maximum frequency in cycles a pixel, points along each axis, and depth bins
 FASTEST, POINTS, DEPTHS = 4.0, 401, 40
-# the least alpha of a pixel that shows matter
+# minimum alpha of a pixel that shows matter
 SEEN = 0.5
 
 
 def finer(draw: Draw, splats: Splats, camera: Camera, settings: Settings, times: int = TIMES) -> np.ndarray:
-    """float64 [times·H, times·W, 4]: the picture at more samples a pixel, with the pixels' own antialiasing.
+    """float64 [times·H, times·W, 4]: the image at more samples a pixel, with the original pixels' antialiasing.
 
-    A ray that passes beside a pixel's centre is one through the centre of a scene that is sheared the other
-    way: the picture is drawn times² times, of a scene slanted by parts of a pixel.
+    A ray offset from a pixel's centre equals a ray through the centre of an oppositely sheared scene: the image is
+    drawn times² times, with the scene sheared by fractions of a pixel.
     """
     width, height = camera.size
     fine = np.zeros((height, times, width, times, 4))
@@ -48,7 +48,7 @@ def finer(draw: Draw, splats: Splats, camera: Camera, settings: Settings, times:
 
 
 def _beside(splats: Splats, camera: Camera, across: float, down: float) -> tuple[Splats, Camera]:
-    """Splats and camera whose pixels' centres show what is `across` and `down` pixels beside them."""
+    """Splats and camera sheared so that pixel centres show points `across` and `down` pixels beside them."""
     pitch = camera.extent / camera.size[1]
     offset = np.array([across, down]) * pitch
     if not camera.perspective:
@@ -59,7 +59,7 @@ def _beside(splats: Splats, camera: Camera, across: float, down: float) -> tuple
     grid = splats.grid
     slanted = Grid(slant @ grid.world_from_index, slant @ (grid.origin - camera.eye) + camera.eye)
     moved = replace(splats, grid=slanted)
-    # cells are the same, and with them all that is known of neighbours and order
+    # cells are unchanged, so that cached neighbour and order data stay valid
     kept = {name: made for name, made in splats.__dict__.items() if name in ("runs", "_lattices")}
     moved.__dict__.update(kept)
     return moved, camera
@@ -67,8 +67,8 @@ def _beside(splats: Splats, camera: Camera, across: float, down: float) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Where a picture shows what lies beyond z_k. depth [H, W]: of what is seen, world units, infinite where nothing
-    is; z_k: the depth at which a voxel is a pixel wide.
+    """Pixels that show matter beyond z_k. depth [H, W]: of the visible matter, world units, infinite where there is
+    none; z_k: the depth at which a voxel is a pixel wide.
     """
 
     depth: np.ndarray
@@ -76,7 +76,7 @@ class Reach:
 
     @classmethod
     def of(cls, draw: Draw, splats: Splats, camera: Camera) -> Reach:
-        """From a picture whose colour is depth."""
+        """From an image with depth as its colour."""
         depth = camera.eye_from_points(world(splats))[:, 2]
         far = float(np.abs(depth).max(initial=0.0)) or 1.0
         records = splats.records.copy()
@@ -84,7 +84,7 @@ class Reach:
         records["normal"] = 0
         painted = replace(splats, records=records)
         painted.__dict__.update({k: v for k, v in splats.__dict__.items() if k in ("runs", "_lattices")})
-        # every splat as sharp as it is, so that near and far do not mix
+        # no antialiasing, so that near and far do not mix
         pixels = draw(painted, camera, Settings(antialias="off", shading="off")).pixels.astype(np.float64)
         seen = pixels[..., 3] > SEEN
         shown = np.where(seen, pixels[..., 0] / np.where(seen, pixels[..., 3], 1.0) * far, np.inf)
@@ -92,16 +92,16 @@ class Reach:
 
     @property
     def beyond(self) -> np.ndarray:
-        """Pixels that show what lies beyond z_k, bool [H, W]."""
+        """Pixels that show matter beyond z_k, bool [H, W]."""
         return np.asarray((self.depth >= self.z_k) & (self.depth < np.inf))
 
     @property
     def before(self) -> np.ndarray:
-        """Pixels that show what lies before z_k, bool [H, W]."""
+        """Pixels that show matter before z_k, bool [H, W]."""
         return np.asarray(self.depth < self.z_k)
 
     def line(self, times: int = 1) -> np.ndarray:
-        """Where what is seen passes z_k, bool [times·H, times·W]: one sample wide, without the voxels' own steps."""
+        """Where visible matter crosses z_k, bool [times·H, times·W]: one sample wide, smoothed over voxel steps."""
         large = [np.kron(part, np.ones((times, times))) for part in (self.before, self.beyond)]
         before, beyond = (soft(part.astype(np.float64), LINE * times) for part in large)
         nearer = before > beyond
@@ -110,26 +110,26 @@ class Reach:
         return np.asarray(beside & ~nearer & (beyond > LINE_SEEN))
 
     def window(self, times: int = TIMES) -> np.ndarray:
-        """float64 [times·H, times·W]: 1 well beyond z_k, 0 elsewhere, without an edge."""
+        """float64 [times·H, times·W]: 1 well beyond z_k, 0 elsewhere, with a smooth transition."""
         inner = soft(self.beyond.astype(np.float64), SOFT) > 0.98
         large = np.kron(inner.astype(np.float64), np.ones((times, times)))
         return soft(large, SOFT * times)
 
 
 def world(splats: Splats) -> np.ndarray:
-    """[N, 3]: where splats are."""
+    """World positions of splats, [N, 3]."""
     places = splats.records["position"].astype(np.float64) @ splats.grid.world_from_index.T
     return np.asarray(places + splats.grid.origin)
 
 
 def share_beyond(splats: Splats, camera: Camera) -> float:
-    """The share of the splats that lie beyond z_k."""
+    """Fraction of the splats beyond z_k."""
     depth = camera.eye_from_points(world(splats))[:, 2]
     return float((depth >= camera.z_k(splats.grid.smallest_spacing)).mean()) if len(splats) else 0.0
 
 
 def aliasing_energy(fine: np.ndarray, window: np.ndarray, times: int = TIMES) -> float:
-    """The mean square, over the window, of what the colours have beyond half a cycle a pixel along either axis.
+    """Mean square, over the window, of the colours' content above half a cycle a pixel along either axis.
 
     fine [times·H, times·W, 4]: `finer`; window: `Reach.window`. Per sample and channel, linear light.
     """
@@ -148,17 +148,17 @@ def aliasing_energy(fine: np.ndarray, window: np.ndarray, times: int = TIMES) ->
 
 
 def noise_ratio(splats: Splats, camera: Camera, name: str) -> float:
-    """How much less aliasing energy antialiasing leaves of splats of random colours, by the kernel's spectrum alone.
+    """Ratio of aliasing energy with and without antialiasing, for randomly coloured splats, from the kernel's spectrum.
 
-    Beyond z_k a footprint is m = z_v/z_k times as wide as its splat: its spectrum ends m times as early, at a pixel's.
-    Where m is next to 1 there is next to nothing to take away, and what a kernel has beyond half a cycle a pixel stays.
-    Those of one kind of voxel, at their own depths; an X-ray's.
+    Beyond z_k a footprint is m = z_v/z_k times as wide as its splat: its spectrum is m times narrower, as a pixel's.
+    For m close to 1 there is little to remove, and the kernel's energy above half a cycle a pixel remains.
+    For splats of one kind of voxel, at their own depths; X-ray blending.
     """
     shape = kernel(name)
     across = np.linspace(0.0, shape.radius, POINTS)
     line = line_area(shape, across)
     cycles = np.linspace(0.0, FASTEST, POINTS)
-    # a slice of the plane's spectrum is the line areas' own
+    # projection-slice theorem: a slice of the 2-D spectrum is the spectrum of the line areas
     spectrum = np.trapezoid(line * np.cos(2 * np.pi * cycles[:, None] * across), across, axis=1)
     place = np.linspace(-FASTEST, FASTEST, POINTS)
     radius = np.hypot(place[:, None], place)
@@ -170,19 +170,19 @@ def noise_ratio(splats: Splats, camera: Camera, name: str) -> float:
         return 1.0
     wide = (edges[1:] + edges[:-1]) / 2
     left = np.array([(np.interp(radius / m, cycles, spectrum)[fast] ** 2).sum() for m in (1.0, *wide)])
-    # a voxel covers 1/m² pixels, before and after
+    # a voxel covers 1/m² pixels, both without and with antialiasing
     weight = count / wide**4
     return float(weight @ left[1:] / weight.sum() / left[0])
 
 
 def mean_square(image: Image | np.ndarray, right: Image | np.ndarray, where: np.ndarray) -> float:
-    """Mean squared difference of the colours over some pixels, linear premultiplied."""
+    """Mean squared difference of the colours over the pixels `where`, linear premultiplied."""
     first, second = (p.pixels if isinstance(p, Image) else p for p in (image, right))
     return float(((first - second)[where][..., :3] ** 2).mean()) if where.any() else 0.0
 
 
 def soft(shape: np.ndarray, sigma: float) -> np.ndarray:
-    """A Gaussian's mean around each pixel; outside of the picture there is nothing."""
+    """Gaussian blur; pixels outside of the image count as 0."""
     margin = int(np.ceil(4 * sigma))
     wide = np.pad(shape, margin)
     down, across = np.fft.fftfreq(wide.shape[0])[:, None], np.fft.rfftfreq(wide.shape[1])
@@ -192,14 +192,14 @@ def soft(shape: np.ndarray, sigma: float) -> np.ndarray:
 
 
 def only(splats: Splats, keep: np.ndarray) -> Splats:
-    """Some of the splats, in the same cells."""
+    """Subset of the splats, in the same cells."""
     cell_y, cell_z = (np.repeat(rows, np.diff(splats.row_start)) for rows in (splats.row_y, splats.row_z))
     cells = np.stack([splats.cell_x, cell_y, cell_z], axis=1)[keep]
     return assemble(splats.records[keep], cells, splats.grid, splats.unit, splats.name, splats.shaded)
 
 
 def differing_before(draw: Draw, splats: Splats, camera: Camera, settings: Settings) -> tuple[int, int]:
-    """Of the pixels that see nothing from beyond z_k: how many antialiasing changes, and how many there are."""
+    """Of the pixels that show nothing beyond z_k: the number changed by antialiasing, and the total."""
     z_k = camera.z_k(splats.grid.smallest_spacing)
     beyond = camera.eye_from_points(world(splats))[:, 2] >= z_k
     reached = draw(only(splats, beyond), camera, settings.but(antialias="paper", blend="xray")).pixels[..., 3] > 0

@@ -1,6 +1,6 @@
-"""Blending in float64: what pairs add to the pixels they meet, in each blend mode.
+"""Blending in float64: accumulates (splat, pixel) pairs in each blend mode.
 
-A picture so far is optical depth (summed with its rounding errors kept) and premultiplied colour.
+An image in progress holds optical depth (a compensated sum) and premultiplied colour.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from splatgl.splat.plan.blend_mode import BlendMode
 
-# the opacity next below 1: paper's attenuation of an opaque splat that is not widened by a rounding
+# largest opacity below 1: bounds paper's attenuation of an opaque splat not widened except by rounding
 ALMOST_ONE = 1.0 - 2.0**-53
 
 
@@ -25,7 +25,7 @@ class Sum:
 
     @classmethod
     def zeros(cls, shape: tuple[int, ...]) -> Sum:
-        """A sum of nothing yet, of that shape."""
+        """An empty sum of that shape."""
         return cls(np.zeros(shape), np.zeros(shape))
 
     def add(self, where: np.ndarray, term: np.ndarray) -> None:
@@ -37,14 +37,14 @@ class Sum:
 
     @property
     def value(self) -> np.ndarray:
-        """The total with the rounding errors that were kept."""
+        """The total including the compensation."""
         return np.asarray(self.total + self.lost)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
     """Pairs of a chunk, front to back. pixel int [P]; depth [P]: optical depth, or opacity; color [P, 3];
-    coverage [P]: 1 where opacity is not weakened.
+    coverage [P]: 1 where opacity is not attenuated.
     """
 
     pixel: np.ndarray
@@ -55,22 +55,22 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """What pixels [n] have gathered: alpha's sum or maximum, and colour's [n, 3]."""
+    """Accumulators of pixels [n]: sum or maximum of alpha, and of colour [n, 3]."""
 
     depth: Sum
     color: Sum
 
     @classmethod
     def empty(cls, pixels: int) -> Band:
-        """A band of that many pixels to which nothing is added yet."""
+        """An empty band of that many pixels."""
         return cls(Sum.zeros((pixels,)), Sum.zeros((pixels, 3)))
 
 
 def add_over(band: Band, part: Part) -> None:
-    """'Over', front to back: colour by the transmittance of what is before it; optical depths add."""
+    """'Over', front to back: colour is weighted by the transmittance in front of it; optical depths add."""
     order, start, where = _by_pixel(part.pixel)
     depth, coverage, color = part.depth[order], part.coverage[order], part.color[order]
-    # the paper's attenuation weakens opacity, not depth  [M98 Eq. 6]
+    # the paper's attenuation scales opacity, not depth  [M98 Eq. 6]
     opacity = -np.expm1(-depth / coverage) * coverage
     depth = np.where(coverage < 1, -np.log1p(-np.minimum(opacity, ALMOST_ONE)), depth)
     before = _before(depth, start)
@@ -107,8 +107,8 @@ def pixels(band: Band, blend: BlendMode) -> np.ndarray:
 
 
 def _by_pixel(pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs by pixel, each pixel's in their order; where each pixel's begin; and which pixel that is."""
-    # numpy sorts 16-bit integers by counting
+    """Stable sort of pairs by pixel; the start of each pixel's pairs; and its pixel index."""
+    # numpy uses radix sort for 16-bit integers
     small = pixel.astype(np.uint16) if pixel.max(initial=0) < 1 << 16 else pixel
     order = np.argsort(small, kind="stable")
     ordered = pixel[order]
@@ -117,8 +117,8 @@ def _by_pixel(pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _before(depth: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """In each pixel, the sum of the depths before each pair."""
-    # every pixel's first entry takes off the last pixel's sum, so that the running sum never grows long
+    """Exclusive prefix sum of the depths within each pixel."""
+    # each pixel's first entry subtracts the previous pixel's sum, so that the running sum stays small
     totals = np.add.reduceat(depth, start)
     steps = np.zeros(len(depth) + 1)
     steps[1:] = depth

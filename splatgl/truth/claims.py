@@ -1,4 +1,4 @@
-"""Which of the paper's claims about its errors hold, each with what is found here; all computed, none assumed.
+"""Checks of the paper's claims about its errors, each with the values computed here; none are assumed.
 
 The scene is the paper's (`figures.setting`); a level is 1/255 of row 1's largest value for that voxel.
 """
@@ -22,24 +22,24 @@ from splatgl.truth.figures.surfaces import cumulative, surfaces
 from splatgl.truth.figures.tables import PAGE
 from splatgl.truth.figures.worst import ALL, Plane, Space
 
-# tolerances in levels and half-angles in degrees at which z_s is looked for
+# tolerances in levels and half-angles in degrees for z_s
 TOLERANCES = (8.0, 4.0, 2.0, 1.0, 0.5)
 HALF_ANGLES = (15, 30, 45, 60)
-# what the paper reads off its figures
+# values that the paper reads off its figures
 SHARE, SWITCH, BOX = 0.05, 70.0, 0.02
-# a z_s this close to the paper's would be called the same, as a share
+# relative difference up to which z_s counts as equal to the paper's
 NEARLY = 0.1
-# correlation from which two surfaces "behave as" each other
+# minimum correlation of two surfaces that "behave as" each other
 ALIKE = 0.98
-# depths along the edge of the picture at which a volume's worst voxel is looked for
+# number of depths along the image edge in the search for a volume's worst voxel
 EDGE_DEPTHS = 24
 
 
 @dataclass(frozen=True)
 class Claim:
-    """text: what is claimed. source: by whom, such as "M98 §4.2"; found: the numbers here, in words.
+    """text: the claim. source: its reference, such as "M98 §4.2"; found: the numbers computed here, as text.
 
-    holds: whether they bear it out. values: the numbers themselves, in the order of `found`.
+    holds: whether they support the claim. values: the numbers, in the order of `found`.
     """
 
     name: str
@@ -130,7 +130,7 @@ def share_of_row5() -> Claim:
 
 
 def switch_near() -> Claim:
-    """Where grid-aligned quads may take over, against the paper's number."""
+    """Depth at which grid-aligned quads may be used, against the paper's number."""
     half = np.radians(30)
     depths = [switch_depth(PAPER.kernel, half, PAPER.n, PAPER.edge, tau) for tau in TOLERANCES]
     behind = tuple(float((depth - 1) * PAPER.z_k) for depth in depths)
@@ -149,7 +149,7 @@ def switch_near() -> Claim:
 
 
 def switch_table() -> Claim:
-    """That there is a z_s at all, for every angle and tolerance."""
+    """Whether z_s exists for every angle and tolerance."""
     rows = [
         [switch_depth(PAPER.kernel, np.radians(a), PAPER.n, PAPER.edge, tau) for tau in TOLERANCES] for a in HALF_ANGLES
     ]
@@ -212,7 +212,7 @@ def cumulative_error() -> Claim:
 
 
 def xray_of(row: str) -> Claim:
-    """A layer of a constant volume on rays 0°, 15° and 30° off the axis, before, at and behind z_k."""
+    """A layer of a constant volume on rays 0°, 15° and 30° off the axis, before, at and beyond z_k."""
     shape = kernel("crawfis-max")
     sums = [
         layer_sums(ALL[row], shape, PAPER.z_k, depth * PAPER.z_k, angle)
@@ -233,7 +233,7 @@ def xray_of(row: str) -> Claim:
 
 
 def whole_volume() -> Claim:
-    """Worst voxels of the whole volume, the picture's corners included."""
+    """Worst voxels of the whole volume, including the image corners."""
     depth = np.append(np.linspace(PAPER.front, PAPER.back, EDGE_DEPTHS), PAPER.z_k)
     out = np.minimum(PAPER.edge, depth * PAPER.slope)
     seen = np.concatenate([np.stack([out, out, depth], axis=1), [(0.0, 0.0, PAPER.z_k)]])
@@ -259,7 +259,7 @@ def _levels(voxel: Voxel) -> tuple[float, float]:
 
 
 def _edge(dz: np.ndarray) -> Plane:
-    """Voxels at the volume's edge, dz behind z_k."""
+    """Voxels at the volume's edge, dz beyond z_k."""
     return Plane(PAPER.kernel, PAPER.z_k, np.full(len(dz), PAPER.edge), PAPER.z_k + dz)
 
 
@@ -282,7 +282,7 @@ CLAIMS: tuple[Callable[[], Claim], ...] = (
 
 @lru_cache(maxsize=1)
 def claims() -> tuple[Claim, ...]:
-    """All claims, tried; some seconds."""
+    """Checks all claims; takes a few seconds."""
     return tuple(try_it() for try_it in CLAIMS)
 
 

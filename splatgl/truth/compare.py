@@ -1,4 +1,4 @@
-"""How far one picture is from another: maximum, RMSE, PSNR, bias, SSIM, FLIP; where, and in how many pixels."""
+"""Image comparison: maximum, RMSE, PSNR, bias, SSIM and FLIP, with the location and number of differing pixels."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from splatgl.data.image import Image
 from splatgl.truth.metrics import flip, ssim, unmatched
 from splatgl.truth.quantization import differ, over_channels
 
-# one level of an 8-bit picture
+# number of 8-bit levels
 LEVELS = 255.0
-# rows that are worked on together: at 4096 columns a band of float64 differences is 2 MB and stays in the cache
+# rows per band: at 4096 columns a band of float64 differences is 2 MB and fits in the cache
 BAND_ROWS = 16
 NAMES = ("first picture", "second picture")
 
@@ -24,14 +24,14 @@ NAMES = ("first picture", "second picture")
 class Comparison:
     """Differences a − b over all four channels, linear premultiplied.
 
-    maximum and rmse: of |a − b|. peak: what counts as full scale: 1, or for X-rays b's largest Σ τ.
-    psnr: peak over rmse in decibels, infinite for equal pictures. share_over: of the pixels whose largest
-    difference is over threshold·peak; for None, over one step of 8-bit samples (`steps`). sum_error: (Σa − Σb)/Σ|b|;
+    maximum and rmse: of |a − b|. peak: full scale: 1, or for X-rays b's largest Σ τ.
+    psnr: peak over rmse in decibels, infinite for equal images. share_over: fraction of pixels whose largest
+    difference exceeds threshold·peak; for None, one step of 8-bit samples (`steps`). sum_error: (Σa − Σb)/Σ|b|;
     0 for equal sums. where: (column, row) of the maximum. box: (left, top, right, bottom) of the pixels over the
-    threshold, right and bottom beyond; or None.
-    bias: the mean a − b of the channel in which it is largest, signed. share_unmatched: of the pixels over the
+    threshold, right and bottom exclusive; or None.
+    bias: signed mean of a − b in the channel in which it is largest. share_unmatched: fraction of pixels over the
     threshold that no neighbour explains, so that edges moved by a pixel do not count (`metrics.unmatched`).
-    ssim, flip: as `metrics` defines them, None where not asked for. pixels: how many were compared.
+    ssim, flip: as defined in `metrics`, None if not requested. pixels: number of compared pixels.
     """
 
     maximum: float
@@ -58,7 +58,7 @@ class Comparison:
 
     @property
     def over(self) -> str:
-        """From what on a pixel counts, in words."""
+        """The threshold for a differing pixel, as text."""
         return "one 8-bit step" if self.threshold is None else f"{self.peak * self.threshold:.4g}"
 
 
@@ -72,7 +72,7 @@ class _Differences:
     weight: float
 
 
-# differences of finite numbers may be beyond them: then they count as infinite
+# differences of finite numbers may overflow: they count as infinite
 @np.errstate(over="ignore", invalid="ignore")
 def compare(
     a: Image,
@@ -82,12 +82,12 @@ def compare(
     names: tuple[str, str] = NAMES,
     mask: np.ndarray | None = None,
 ) -> Comparison:
-    """The picture `a` against `b`, which is taken for right.
+    """Compares the image `a` with the reference `b`.
 
-    threshold: the difference, as a share of the peak, from which a pixel counts; None: what rounding to 8 bits can't
-    explain. extra: "ssim" and "flip", which take longer. names: of both, for messages. mask: bool [H, W], the pixels
-    that count; the others are taken for empty in both. Raises InputError for other sizes, NaN and infinity, and where
-    `flip` is not installed.
+    threshold: minimum difference of a differing pixel, as a fraction of the peak; None: more than 8-bit rounding can
+    explain. extra: "ssim" and "flip", which are slower. names: of both, for messages. mask: bool [H, W], the pixels
+    to compare; the others count as empty in both. Raises InputError for different sizes, NaN and infinity, and if
+    `flip` is requested but not installed.
     """
     first, second = _pixels(names[0], a), _pixels(names[1], b)
     if first.shape != second.shape:
@@ -125,7 +125,7 @@ def compare(
 
 
 def masked(pixels: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
-    """The picture, empty where `mask` is False."""
+    """The image with zeros where `mask` is False."""
     return pixels if mask is None else np.where(mask[..., None], pixels, np.float32(0))
 
 
@@ -148,12 +148,12 @@ def _pixels(what: str, image: Image) -> np.ndarray:
 
 
 def _differences(a: np.ndarray, b: np.ndarray) -> _Differences:
-    """One pass over both, in bands; differences are rounded as the pictures are, their sums are float64."""
+    """One pass over both, in bands; differences have the images' precision, their sums are float64."""
     worst = np.empty(a.shape[:2], np.result_type(a, b, np.float32))
     columns, squares, weight = np.zeros(a.shape[1] * 4), 0.0, 0.0
     for top in range(0, len(a), BAND_ROWS):
         band = slice(top, top + BAND_ROWS)
-        # numpy adds in pairs: float32 is enough for a sum over one band
+        # numpy sums pairwise: float32 is accurate enough within one band
         weight += float(np.abs(b[band]).sum())
         d = np.subtract(a[band], b[band], dtype=worst.dtype)
         exact = d.astype(np.float64).reshape(len(d), -1)

@@ -1,4 +1,4 @@
-"""Pictures of a difference: both as shown on a screen, the difference as heat, and the part around it enlarged."""
+"""Images of a difference: both inputs as displayed, the difference as a heat map, and an enlarged detail."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from splatgl.data.image import Image
 from splatgl.truth.compare import BAND_ROWS, Comparison
 from splatgl.truth.quantization import over_channels
 
-# pixels along the longer side of a picture in a report, and of the enlarged part around the difference
+# pixels along the longer side of an image in a report, and of the enlarged detail
 LARGEST, DETAIL = 1024, 64
-# pixels around a small difference that are shown with it
+# margin in pixels around a small difference
 MARGIN = 6
-# heat, sRGB: no difference is black, the largest is a pale yellow; lightness rises evenly in between
+# heat map, sRGB: no difference is black, the largest pale yellow; lightness increases evenly
 HEAT = np.array([(0, 0, 0), (60, 15, 110), (165, 35, 105), (245, 105, 45), (253, 190, 70), (252, 255, 200)])
-# shades of heat: more than an 8-bit screen tells apart
+# heat map shades: more than an 8-bit screen can show
 SHADES = 1024
-# zlib's level: pictures of noise take long to pack, and gain nothing from more
+# zlib level: images of noise compress slowly, without gain at higher levels
 COMPRESSION = 4
 
 
 @dataclass(frozen=True)
 class Box:
-    """A part of a picture in pixels; right and bottom beyond."""
+    """A rectangle of an image in pixels; right and bottom are exclusive."""
 
     left: int
     top: int
@@ -35,52 +35,52 @@ class Box:
     bottom: int
 
     def of(self, pixels: np.ndarray) -> np.ndarray:
-        """This part of pixels [H, W, ...], as a view."""
+        """This rectangle of pixels [H, W, ...], as a view."""
         return pixels[self.top : self.bottom, self.left : self.right]
 
 
 def shown(image: Image, peak: float = 1.0) -> np.ndarray:
-    """The picture as a screen shows it: sRGB, straight alpha, uint8 [H, W, 4]; X-rays relative to their peak."""
+    """The image for display: sRGB, straight alpha, uint8 [H, W, 4]; X-rays relative to their peak."""
     pixels = shrunk(image.pixels, np.mean)
     return np.rint(Image(pixels / np.float32(peak)).straight() * 255).astype(np.uint8)
 
 
 def largest(actual: Image, right: Image, mask: np.ndarray | None = None) -> np.ndarray:
-    """The largest |difference| over the channels, float32 [H, W]; 0 where `mask` is False."""
+    """Maximum |difference| over the channels, float32 [H, W]; 0 where `mask` is False."""
     a, b = actual.pixels, right.pixels
     worst = np.empty(a.shape[:2], np.float32)
     with np.errstate(over="ignore"):
         for top in range(0, len(a), BAND_ROWS):
             band = slice(top, top + BAND_ROWS)
             over_channels(np.subtract(a[band], b[band], dtype=np.float32), worst[band])
-    # what is beyond float32 is drawn as its largest number
+    # clamp overflow to the largest float32
     np.minimum(worst, np.finfo(np.float32).max, out=worst)
     return worst if mask is None else np.where(mask, worst, np.float32(0))
 
 
 def heat(difference: np.ndarray) -> np.ndarray:
-    """The difference as colours that reach from 0 to its maximum, sRGB uint8 [H, W, 3]."""
+    """Heat map of the difference from 0 to its maximum, sRGB uint8 [H, W, 3]."""
     at = np.linspace(0, len(HEAT) - 1, SHADES)
     shades = np.stack([np.interp(at, np.arange(len(HEAT)), channel) for channel in HEAT.T], axis=-1)
-    # what differs at all is not black
+    # any difference is brighter than black
     place = np.ceil(difference / (difference.max() or np.float32(1)) * np.float32(SHADES - 1)).astype(np.uint16)
     return np.take(np.rint(shades).astype(np.uint8), place, axis=0, mode="clip")
 
 
 def shrunk(pixels: np.ndarray, choose: Callable[..., np.ndarray]) -> np.ndarray:
-    """At most LARGEST along the longer side: k×k pixels become one, by np.mean, or by np.max so that none is lost."""
+    """Downsamples to at most LARGEST along the longer side: k×k blocks by np.mean, or by np.max to keep every peak."""
     height, width = pixels.shape[:2]
     k = -(-max(height, width) // LARGEST)
     if k == 1:
         return pixels
     padded = np.pad(pixels, [(0, -height % k), (0, -width % k), *[(0, 0)] * (pixels.ndim - 2)], mode="edge")
-    # rows first: whole rows at a time are fast, and leave 1/k to do
+    # rows first: reducing whole rows is fast and leaves 1/k of the data
     rows = choose(padded.reshape(-1, k, *padded.shape[1:]), axis=1)
     return choose(rows.reshape(len(rows), -1, k, *pixels.shape[2:]), axis=2)
 
 
 def detail(found: Comparison, shape: tuple[int, ...]) -> Box:
-    """What to enlarge: the box of the difference if it is small, else a part around the worst pixel."""
+    """The region to enlarge: the box of the difference if small, else a region around the worst pixel."""
     height, width = shape[:2]
     left, top, right, bottom = found.box or (0, 0, width, height)
     if max(right - left, bottom - top) + 2 * MARGIN > DETAIL:
@@ -102,5 +102,5 @@ def png(samples: np.ndarray) -> bytes:
 
 
 def data_uri(samples: np.ndarray) -> str:
-    """A PNG that stands in a page itself."""
+    """A PNG as a data URI."""
     return "data:image/png;base64," + base64.b64encode(png(samples)).decode("ascii")

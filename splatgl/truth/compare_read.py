@@ -1,4 +1,4 @@
-"""Reading two pictures so that they can be compared: one mode, one precision, one scale; and pairs of folders."""
+"""Reads pairs of images for comparison, with a common mode, precision and scale; and pairs of folders."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from splatgl.data.errors import InputError, expected
 from splatgl.data.image import PNG_SIGNATURE, Image
 
 SUFFIXES = (".png", ".npy")
-# colour type in a PNG's header (PNG specification §11.2.2) and what it is called; a palette is RGB, or RGBA with tRNS
+# colour type in a PNG's header (PNG specification §11.2.2) and its name; a palette is RGB, or RGBA with tRNS
 COLOR_TYPES = {0: "gray", 2: "RGB", 3: "RGB", 4: "gray with alpha", 6: "RGBA"}
-# bytes of a PNG that hold the signature and the header's depth and colour type
+# size of a PNG's signature and header, and the offsets of depth and colour type
 HEADER_BYTES, DEPTH_AT, TYPE_AT = 26, 24, 25
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture and how it was stored. mode: None fits any. bits: of a sample, 8 or 16; None for floats."""
+    """An image and its storage format. mode: None matches any. bits: per sample, 8 or 16; None for floats."""
 
     name: str
     image: Image
@@ -29,7 +29,7 @@ class Picture:
 
 
 def read(path: str | Path) -> Picture:
-    """A PNG or NPY file. Raises InputError for what is missing, truncated, or no picture."""
+    """Reads a PNG or NPY file. Raises InputError for missing, truncated and invalid files."""
     source = Path(path)
     image = _loaded(source)
     if source.suffix.lower() == ".npy":
@@ -45,7 +45,7 @@ def read(path: str | Path) -> Picture:
 
 
 def _loaded(source: Path) -> Image:
-    """The picture, with the two faults that NumPy and Pillow report by exceptions of their own as InputError."""
+    """The image; the exceptions that NumPy and Pillow raise for two kinds of faults become InputError."""
     from PIL.Image import DecompressionBombError
 
     try:
@@ -55,15 +55,15 @@ def _loaded(source: Path) -> Image:
 
 
 def alike(actual: Picture, right: Picture, any_mode: bool = False) -> tuple[Image, Image]:
-    """Both images as they can be compared: the finer rounded to the coarser's bits, X-rays as sums again.
+    """Both images made comparable: the finer rounded to the coarser's bits, X-rays restored to sums.
 
-    Raises InputError for two modes, such as RGB against RGBA, unless any_mode; and for NaN before it rounds.
+    Raises InputError for different modes, such as RGB and RGBA, unless any_mode; and for NaN before rounding.
     """
     if not any_mode and actual.mode and right.mode and actual.mode != right.mode:
         fix = "save both alike, or compare what they look like with --any-mode"
         raise expected(actual.name, f"the mode of {right.name}, {right.mode}", actual.mode, fix)
     bits = min((picture.bits for picture in (actual, right) if picture.bits), default=None)
-    # a file of floats does not say that it holds sums: the other one may
+    # a float file does not record that it holds sums: the other one may
     xray = any(picture.image.info.get("blend") == "xray" for picture in (actual, right))
     first, second = (_sums(_rounded(picture, bits, xray)) for picture in (actual, right))
     return first, second
@@ -83,7 +83,7 @@ def _rounded(picture: Picture, bits: int | None, xray: bool) -> Image:
 
 
 def _sums(image: Image) -> Image:
-    """An X-ray from a PNG, which is scaled to its maximum, back at its own scale."""
+    """An X-ray from a PNG, normalized to its maximum, restored to its original scale."""
     scale = image.info.get("scale")
     if image.info.get("blend") != "xray" or not isinstance(scale, (int, float)) or not scale > 0:
         return image
@@ -91,15 +91,15 @@ def _sums(image: Image) -> Image:
 
 
 def read_mask(path: str | Path) -> np.ndarray:
-    """Which pixels count, bool [H, W]: where a picture is lighter than black, seen over black."""
+    """The mask of pixels to compare, bool [H, W]: where an image over black is lighter than black."""
     return np.asarray(read(path).image.pixels[..., :3].max(axis=-1) > 0)
 
 
 def pairs(actual: Path, right: Path) -> list[tuple[str, Path, Path]]:
     """(name, actual, right) of one pair of files, or of every PNG and NPY in two folders, by their relative path.
 
-    A file that only one folder has is in the list: reading it fails. Raises InputError for a file against a folder,
-    and for a folder without pictures.
+    A file in only one folder is listed too: reading it fails. Raises InputError for a file against a folder,
+    and for a folder without images.
     """
     for path in (actual, right):
         if not path.exists():

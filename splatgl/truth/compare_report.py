@@ -1,4 +1,4 @@
-"""A page that shows comparisons: side by side, the difference, and both in turn; one file, nothing from elsewhere."""
+"""HTML report of comparisons: side by side, difference and flicker view; one self-contained file."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from splatgl.truth import compare_pictures as pictures
 from splatgl.truth.compare_pictures import Box
 from splatgl.truth.verdict import Verdict, number
 
-# cases with pictures on one page: more make it too large to open
+# maximum number of cases with images: a larger page is too big to open
 PICTURED = 100
-# what a case can be, the worst first
+# states of a case, worst first
 STATES = ("unusable", "different", "missing", "same")
-# where the page's styles and script are, beside this file
+# the page's styles and script, beside this file
 ASSETS = ("report.css", "report.js")
 HINTS = {
     "maximum": "largest difference of a channel",
@@ -34,7 +34,7 @@ HINTS = {
 
 @dataclass(frozen=True)
 class Case:
-    """One comparison on a page. state: one of STATES. line: what is said of it. html: its pictures, or nothing."""
+    """A comparison in the report. state: one of STATES. line: its summary. html: its images, or empty."""
 
     name: str
     state: str
@@ -42,12 +42,12 @@ class Case:
     html: str = ""
 
     def as_dict(self) -> dict[str, str]:
-        """Plain strings, which processes can send each other."""
+        """As plain strings, for transfer between processes."""
         return asdict(self)
 
 
 def case(verdict: Verdict, actual: Image, right: Image, mask: np.ndarray | None = None) -> Case:
-    """A verdict with its pictures; those of one that is the same are left out."""
+    """A verdict with its images; without them if the images are the same."""
     if verdict.same:
         return Case(verdict.name, "same", verdict.line)
     difference = pictures.largest(actual, right, mask)
@@ -55,7 +55,7 @@ def case(verdict: Verdict, actual: Image, right: Image, mask: np.ndarray | None 
 
 
 def case_alone(name: str, state: str, line: str, image: Image | None = None) -> Case:
-    """A case that there is nothing to compare with: the picture alone, if there is one that can be shown."""
+    """A case without a counterpart: only the image, if there is a displayable one."""
     if image is None or not np.isfinite(image.pixels).all():
         return Case(name, state, line)
     peak = float(image.pixels.max()) or 1.0 if image.info.get("blend") == "xray" else 1.0
@@ -63,7 +63,7 @@ def case_alone(name: str, state: str, line: str, image: Image | None = None) -> 
 
 
 def page(cases: Sequence[Case], title: str) -> str:
-    """The whole page, HTML: the counts, what is not the same with pictures, then a line for each that is."""
+    """The HTML page: counts, then differing cases with images, then a line for each equal case."""
     ranked = sorted(cases, key=lambda c: STATES.index(c.state))
     counts = {state: sum(c.state == state for c in cases) for state in STATES}
     css, js = (files("splatgl.truth").joinpath(name).read_text(encoding="utf-8") for name in ASSETS)
@@ -114,7 +114,7 @@ def _sames(cases: Sequence[Case]) -> str:
 
 
 def _panels(verdict: Verdict, actual: Image, right: Image, difference: np.ndarray) -> str:
-    """Two rows: the pictures with the box of the difference, and the part of it that is worth enlarging."""
+    """Two rows: the images with the box of the difference, and the enlarged detail."""
     found = verdict.comparison
     peak = found.peak
     part = pictures.detail(found, difference.shape)
@@ -141,7 +141,7 @@ def _row(both: tuple[np.ndarray, np.ndarray], difference: np.ndarray, gain: str,
         _panel("actual", first + mark),
         _panel("expected", second + mark),
         _panel(gain, _image(difference, "picture heat") + mark),
-        # the page's script puts both pictures there, so that they are in the file only once
+        # the page's script inserts both images here, so that the file holds them only once
         _panel('<span class="now">in turn</span>', "", "flicker"),
     ]
     return f'<div class="row {kind}">{"".join(panels)}</div>'
@@ -157,7 +157,7 @@ def _image(samples: np.ndarray, kind: str = "picture") -> str:
 
 
 def _mark(verdict: Verdict) -> str:
-    """A frame around the difference, in per cent of the picture."""
+    """A frame around the difference, in per cent of the image size."""
     width, height = verdict.size
     if verdict.comparison.box is None:
         return ""

@@ -1,6 +1,6 @@
-"""What draws the pictures that are measured: truth is given it, and imports no OpenGL.
+"""Renderer protocols for the truth package, which imports no OpenGL.
 
-`gl.renderer.Renderer` fits both protocols of a renderer.
+`gl.renderer.Renderer` implements both renderer protocols.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from splatgl.splat.view.camera import Camera
 
 
 class Renderer(Protocol):
-    """Draws pictures, [H, W, 4], linear premultiplied, row 0 on top."""
+    """Renders images, [H, W, 4], linear premultiplied, row 0 at the top."""
 
     def render(
         self,
@@ -26,15 +26,15 @@ class Renderer(Protocol):
         motion: Motion | None = None,
         verify_bound: bool = True,
     ) -> Image:
-        """One picture; `info` tells what was drawn and how, `error_bound` included.
+        """Renders an image; `info` describes the rendering, including `error_bound`.
 
-        verify_bound: whether a picture whose bound exceeds the tolerance is measured against a finer one.
-        Raises InputError for what can't be drawn.
+        verify_bound: whether to measure the error against a finer image if the bound exceeds the tolerance.
+        Raises InputError for input that cannot be rendered.
         """
 
 
 class Program(Protocol):
-    """What a plan compiles."""
+    """The shader program of a plan."""
 
     @property
     def technique(self) -> str:
@@ -42,19 +42,19 @@ class Program(Protocol):
 
 
 class Plan(Protocol):
-    """What a renderer decided for a picture."""
+    """A renderer's decisions for an image."""
 
     @property
     def program(self) -> Program:
-        """What it compiles."""
+        """The program it compiles."""
 
     @property
     def key(self) -> Hashable:
-        """Plans of the same splats and camera draw the same picture if their keys are equal."""
+        """Plans with equal keys give the same image for the same splats and camera."""
 
 
 class Planner(Renderer, Protocol):
-    """A renderer that tells ahead what it will do."""
+    """A renderer that exposes its plan."""
 
     def plan(self, splats: Splats, camera: Camera, settings: Settings | None = None) -> Plan:
-        """What `render` would do with the same arguments. Raises InputError as `render`."""
+        """The plan of `render` for the same arguments. Raises InputError as `render`."""

@@ -1,4 +1,4 @@
-"""Which pixels a splat can reach: boxes that hold every ray on which its footprint is not 0.
+"""Screen extents of splats: boxes that contain every ray on which the footprint is nonzero.
 
 Lengths in mean spacings, eye axes; boxes are of slopes (perspective) or of eye x, y (orthographic).
 """
@@ -12,7 +12,7 @@ import numpy as np
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.view import View
 
-# share of a box by which it is widened against rounding
+# relative enlargement of a box against rounding
 MARGIN = 1e-9
 
 
@@ -34,8 +34,8 @@ def pixel_boxes(view: View, row: str, voxel: np.ndarray, camera: Camera) -> Boxe
 
 
 def pixel_ends(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np.ndarray, ...]:
-    """left, right, top and bottom by themselves: alike where no pixel's centre lies between, right < left where the
-    voxel is out of sight.
+    """left, right, top and bottom separately: equal if no pixel centre lies between, right < left if the voxel is not
+    visible.
     """
     low, high = _bounds(view, row, voxel, camera)
     width, height = camera.size
@@ -50,7 +50,7 @@ def pixel_ends(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple
 
 
 def _bounds(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest slope, or x and y, [2, N] each; low > high where nothing is seen."""
+    """Lowest and highest slope, or x and y, [2, N] each; low > high if not visible."""
     z = voxel[2]
     if not view.perspective:
         half = _half_axes(view, view.widths[:, None] / view.shrink(z))
@@ -63,7 +63,7 @@ def _bounds(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np
         half = _half_axes(view, np.maximum(view.widths[:, None], p))
         return (voxel[:2] - half) / depth, np.where(ahead, (voxel[:2] + half) / depth, -np.inf)
     if row == "row4":
-        # the quad's outline seen from the eye is inside that of a ball
+        # the quad's outline from the eye is inside that of a ball
         p = view.pitch * np.maximum(z, 0.0) if view.antialias else np.zeros_like(z)
         size = view.kernel.radius * np.maximum(np.linalg.norm(view.eye_from_index, 2), p)
         length = np.sqrt((voxel * voxel).sum(axis=0))
@@ -77,7 +77,7 @@ def _bounds(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np
 
 
 def _half_axes(view: View, size: np.ndarray) -> np.ndarray:
-    """[2, N]: half the box of an ellipse across the view of half axes size · R [2, N] along the view's axes."""
+    """[2, N]: half extents of an ellipse across the view with half axes size · R [2, N] along the view's axes."""
     return np.asarray(view.kernel.radius * np.sqrt((view.axes**2) @ (size * size)))
 
 
@@ -85,16 +85,16 @@ Quadric = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | float, np.ndarr
 
 
 def _ellipsoid(view: View) -> Quadric:
-    """R² A Aᵀ, which holds the kernel: its xx, yy, zz, xz and yz."""
+    """R² A Aᵀ, an ellipsoid that contains the kernel: its xx, yy, zz, xz and yz."""
     q = view.kernel.radius**2 * view.eye_from_index @ view.eye_from_index.T
     return q[0, 0], q[1, 1], q[2, 2], q[0, 2], q[1, 2]
 
 
 def _outline(voxel: np.ndarray, corner: np.ndarray, quadric: Quadric) -> tuple[np.ndarray, np.ndarray]:
-    """The slopes between which ellipsoids around voxels are seen from the eye, [2, N] each.
+    """Lowest and highest slopes of ellipsoids around voxels seen from the eye, [2, N] each.
 
-    Planes through the eye touch one where (n·v)² = nᵀQn. One that crosses the eye's plane is seen
-    everywhere, unless it is wholly outside of the picture's sides or behind the eye.
+    A plane through the eye is tangent where (n·v)² = nᵀQn. An ellipsoid that crosses the eye plane counts as visible
+    everywhere, unless it is entirely outside of the image's sides or behind the eye.
     """
     z, zz = voxel[2], quadric[2]
     reach = np.sqrt(zz)
@@ -114,12 +114,12 @@ def _outline(voxel: np.ndarray, corner: np.ndarray, quadric: Quadric) -> tuple[n
 
 
 def _widened(view: View, row: str, voxel: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same for voxels that antialiasing widens: the reach across is the kernel's or a pixel's."""
+    """The same for voxels widened by antialiasing: their lateral extent is the kernel's or a pixel's."""
     z = voxel[2]
     near = z - view.reach
     half = _half_axes(view, np.maximum(view.widths[:, None] / near, view.pixel(z) / z))
     if row in ("row2", "row3"):
-        # against the plane at the voxel's depth, or its own ray, they slant by the picture's corner at most
+        # their slant to the plane at the voxel's depth, or to its own ray, is at most the image corner's
         length, radius = np.sqrt((voxel * voxel).sum(axis=0)), view.kernel.radius
         half = half * np.sqrt(1 + corner @ corner) * length / np.sqrt((length - radius) * (length + radius))
     ends = np.stack([voxel[:2] / near, voxel[:2] / (z + view.reach)])

@@ -1,4 +1,4 @@
-"""How pictures follow each other: strips of one column over time, flicker, and popping.  [M98 Fig. 14]"""
+"""Temporal artefacts of a sequence: strips of one column over time, flicker, and popping.  [M98 Fig. 14]"""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
 from splatgl.truth.temporal import Draw
 
-# degrees between the two frames whose difference is popping
+# degrees between the two frames compared for popping
 CLOSE = 0.01
-# the step in which a turn is searched for changes of the order, degrees, and how often it is halved
+# search step for changes of the drawing order over a rotation, degrees, and number of bisections
 SEARCH, HALVINGS = 1.0, 14
 
 
 def strip(draw: Draw, splats: Splats, cameras: Iterable[Camera], settings: Settings) -> np.ndarray:
-    """float64 [H/2, frames, 4]: the column of pixels from the middle up of each frame, beside each other.
+    """float64 [H/2, frames, 4]: the upper half of each frame's middle column, side by side.
 
-    Only two columns are drawn: those of a picture that wide lie on the middle ones of any wider picture.
+    Only two columns are rendered; they match the middle ones of any wider image.
     """
     columns = []
     for camera in cameras:
@@ -32,13 +32,13 @@ def strip(draw: Draw, splats: Splats, cameras: Iterable[Camera], settings: Setti
 
 
 def flicker(shown: np.ndarray) -> float:
-    """The variance of the colours' differences between one frame and the next; [rows, frames, 4]."""
+    """Variance of the colour differences between consecutive frames; [rows, frames, 4]."""
     return float(np.diff(shown[..., :3], axis=1).var())
 
 
 @dataclass(frozen=True)
 class Pop:
-    """angle: degrees of the turn at which the drawing order changes. change: the largest of a pixel between two
+    """angle: rotation in degrees at which the drawing order changes. change: the largest pixel difference between two
     frames 0.01° apart around it; usual: the same, 0.1° before, where the order stays.
     """
 
@@ -50,7 +50,7 @@ class Pop:
 def popping(
     draw: Draw, splats: Splats, camera: Callable[[float], Camera], settings: Settings, turn: float = 360.0
 ) -> list[Pop]:
-    """Every change of the axis that planes are drawn across, as a camera goes by that many degrees."""
+    """All changes of the slicing axis as a camera rotates by that many degrees."""
     found = []
     last = order_for(splats, camera(0.0)).axis
     for step in range(round(turn / SEARCH)):

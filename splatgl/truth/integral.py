@@ -1,7 +1,7 @@
-"""A second truth, without splats: the volume rendering integral of the field that the kernels reconstruct.
+"""A reference without splats: the volume rendering integral of the field reconstructed by the kernels.
 
-Extinction σ(x) = Σ σ_i h and σ c(x) = Σ σ_i c_i h are summed at points along each ray, so that what overlaps
-is mixed before it occludes: the difference to `reference.render` is the error of splatting itself.
+Extinction σ(x) = Σ σ_i h and σ c(x) = Σ σ_i c_i h are summed at points along each ray, so that overlapping
+kernels mix before they occlude: the difference to `reference.render` is the error of splatting itself.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.view import View
 
-# cells of the box of all splats that are looked up in one table, 4 bytes each
+# maximum number of cells in the lookup table of the splats' box, 4 bytes each
 MAX_CELLS = 1 << 27
 # neighbours along each axis: both kernels reach at most 2 cells
 NEIGHBOURS = np.arange(-1, 3)
-# rays marched at once, and points summed at once: 64 neighbours of each stay in a cache
+# rays and points per batch: the 64 neighbours of each point stay in the cache
 RAYS, POINTS = 1 << 16, 1 << 11
-# how far a ray leaps at most where nothing is, cells
+# maximum leap through empty space, cells
 LEAP = 12
-# the optical depth that no light passes: exp(−40) is below float64's rounding of 1
+# opaque optical depth: exp(−40) is below float64's rounding of 1
 OPAQUE = 40.0
 
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Splats on their lattice. cell int32 [X+4, Y+4, Z+4]: the splat there, or the last, which is nothing.
+    """Splats on their lattice. cell int32 [X+4, Y+4, Z+4]: index of the splat there, or of the last, empty entry.
 
     low [3]: the cell of entry (2, 2, 2). depth [N+1]: extinction · s̄; emitted [N+1, 3]: that times colour.
-    free uint8 [X+4, Y+4, Z+4]: cells from there to one whose neighbours hold a splat, LEAP at most.
+    free uint8 [X+4, Y+4, Z+4]: distance in cells to one whose neighbours contain a splat, at most LEAP.
     """
 
     kernel: Kernel
@@ -52,7 +52,7 @@ class Field:
 
     @classmethod
     def of(cls, splats: Splats, kernel: Kernel, color: np.ndarray) -> Field:
-        """InputError if they don't lie on a lattice."""
+        """Builds the field. InputError for splats off a lattice."""
         places = splats.records["position"].astype(np.float64)
         cells = np.rint(places).astype(np.int64)
         low, high = splats.index_bounds.astype(np.int64)
@@ -69,12 +69,12 @@ class Field:
         return cls(kernel, table, low, depth, emitted, _free(table < len(places)))
 
     def cells(self, places: np.ndarray) -> np.ndarray:
-        """[3, P]: the entries of grid places [3, P], rounded down."""
+        """[3, P]: table indices of grid positions [3, P], rounded down."""
         entries = np.floor(places).astype(np.int64) - (self.low - 2)[:, None]
         return np.clip(entries, 0, np.array(self.cell.shape)[:, None] - 1)
 
     def at(self, places: np.ndarray) -> np.ndarray:
-        """[P, 4]: σ s̄ c and σ s̄ at grid places [3, P]."""
+        """[P, 4]: σ s̄ c and σ s̄ at grid positions [3, P]."""
         total = np.empty((places.shape[1], 4))
         for first in range(0, len(total), POINTS):
             some = slice(first, first + POINTS)
@@ -100,7 +100,7 @@ class Field:
 
 
 def _free(held: np.ndarray) -> np.ndarray:
-    """uint8: how many cells away, along the axis in which they are furthest, the nearest with a held neighbour is."""
+    """uint8: Chebyshev distance in cells to the nearest cell with an occupied neighbour."""
     near = _spread(held, -NEIGHBOURS)
     free = np.where(near, 0, LEAP).astype(np.uint8)
     for away in range(1, LEAP):
@@ -111,7 +111,7 @@ def _free(held: np.ndarray) -> np.ndarray:
 
 
 def _spread(held: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Each held cell, moved by each of the steps along each axis."""
+    """Dilation: each occupied cell, shifted by each of the steps along each axis."""
     for axis in range(held.ndim):
         wider = np.zeros_like(held)
         to, of = np.moveaxis(wider, axis, 0), np.moveaxis(held, axis, 0)
@@ -129,11 +129,11 @@ def ray_integral(
     steps_per_voxel: int = 8,
     samples: int = 1,
 ) -> Image:
-    """The composite picture of the reconstructed field, float64 [H, W, 4], without antialiasing.
+    """The composite image of the reconstructed field, float64 [H, W, 4], without antialiasing.
 
-    The midpoint rule in slabs of 1/steps_per_voxel of a grid step; its error goes with their square.
-    samples × samples rays a pixel. Kernel, shading and background are the settings'. A slab with splats around it
-    costs 1 to 5 µs, what is empty or hidden next to nothing. Raises InputError for other blend modes and splats off
+    Midpoint rule in slabs of 1/steps_per_voxel of a grid step; its error is proportional to their square.
+    samples × samples rays a pixel. Kernel, shading and background are the settings'. A slab near splats
+    costs 1 to 5 µs, empty or occluded ones almost nothing. Raises InputError for other blend modes and splats off
     their lattice.
     """
     started = time.perf_counter()
@@ -163,16 +163,16 @@ def ray_integral(
 
 
 def _march(field: Field, view: View, camera: Camera, pixel: np.ndarray, steps: int) -> np.ndarray:
-    """float64 [P, 4]: the integral along the rays of those pixels, in slabs of equal length for each."""
+    """float64 [P, 4]: the integral along the rays of those pixels, in slabs of equal length per ray."""
     start, direction = _rays(view, camera, pixel)
     near, far = _through_box(field, start, direction, view)
     speed = np.sqrt((direction * direction).sum(axis=0))
     slabs = np.ceil(np.maximum(far - near, 0.0) * speed * steps).astype(np.int64)
     step = np.maximum(far - near, 0.0) / np.maximum(slabs, 1)
-    # arc length of a slab in mean spacings, and the most that a slab goes along an axis in cells
+    # arc length of a slab in mean spacings, and its maximum extent along an axis in cells
     length = step * np.sqrt(((view.eye_from_index @ direction) ** 2).sum(axis=0))
     across = step * np.abs(direction).max(axis=0)
-    # optical depth last
+    # colour, then optical depth
     found = np.zeros((len(pixel), 4))
     slab = np.zeros(len(pixel), np.int64)
     on = np.flatnonzero(slabs)
@@ -181,7 +181,7 @@ def _march(field: Field, view: View, camera: Camera, pixel: np.ndarray, steps: i
         free = field.free[tuple(field.cells(places))]
         some = np.flatnonzero(free == 0)
         _add(found, on[some], field.at(places[:, some]), length)
-        # within `free` cells is nothing: one of them may be left at once
+        # all within `free` cells is empty; the first of them may be left immediately
         slab[on] += np.maximum(np.ceil((free.astype(np.int64) - 1) / across[on]), 1).astype(np.int64)
         on = on[(slab[on] < slabs[on]) & (found[on, 3] < OPAQUE)]
     found[:, 3] = -np.expm1(-found[:, 3])
@@ -189,7 +189,7 @@ def _march(field: Field, view: View, camera: Camera, pixel: np.ndarray, steps: i
 
 
 def _add(found: np.ndarray, rays: np.ndarray, sums: np.ndarray, length: np.ndarray) -> None:
-    """A slab more on those rays, of the field's sums in its middle: what it emits, dimmed by what is before it."""
+    """Adds a slab to those rays, from the field's sums at its middle: emission attenuated by matter in front."""
     full = np.flatnonzero(sums[:, 3] > 0)
     rays, sums = rays[full], sums[full]
     depth = sums[:, 3] * length[rays]
@@ -199,7 +199,7 @@ def _add(found: np.ndarray, rays: np.ndarray, sums: np.ndarray, length: np.ndarr
 
 
 def _rays(view: View, camera: Camera, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Starts and directions [3, P] in grid indices; the parameter is depth in mean spacings."""
+    """Starts and directions [3, P] in grid indices; the ray parameter is depth in mean spacings."""
     row, column = np.divmod(pixel, camera.size[0])
     across = (column + 0.5 - camera.size[0] / 2) * view.pitch
     down = (row + 0.5 - camera.size[1] / 2) * view.pitch
@@ -212,14 +212,14 @@ def _rays(view: View, camera: Camera, pixel: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _through_box(field: Field, start: np.ndarray, direction: np.ndarray, view: View) -> tuple[np.ndarray, np.ndarray]:
-    """Where each ray enters and leaves the box that the kernels reach; an orthographic one is endless."""
+    """Entry and exit of each ray for the kernels' bounding box; orthographic rays extend both ways."""
     radius = field.kernel.radius
     low = field.low[:, None] - radius
     high = field.low[:, None] + np.array(field.cell.shape)[:, None] - 5 + radius
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.stack([(low - start) / direction, (high - start) / direction])
     inside = (start >= low) & (start <= high)
-    # along an axis that a ray does not move in, it is within always or never
+    # along an axis without motion, a ray is always or never inside
     still = direction == 0
     first = np.where(still, np.where(inside, -np.inf, np.inf), ends.min(axis=0)).max(axis=0)
     last = np.where(still, np.where(inside, np.inf, -np.inf), ends.max(axis=0)).min(axis=0)

@@ -1,4 +1,4 @@
-"""Metrics that look around a pixel: SSIM, FLIP, and which differences a neighbour explains."""
+"""Neighbourhood metrics: SSIM, FLIP, and differences that a neighbour explains."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from splatgl.truth.quantization import differ, over_channels
 # Wang et al., "Image quality assessment: from error visibility to structural similarity", 2004, Eq. 13: K1 and K2;
 # the window of 7×7 with equal weights and the sample covariance are scikit-image's defaults
 SSIM_K1, SSIM_K2, SSIM_WINDOW = 0.01, 0.03, 7
-# rows that are worked on together, so that what is in between stays in the cache
+# rows per band, so that intermediates stay in the cache
 BAND_ROWS = 32
 
 
 def ssim(a: ArrayLike, b: ArrayLike, peak: float = 1.0, mask: np.ndarray | None = None) -> float:
-    """Mean structural similarity of [H, W, C] arrays, window 7×7, mean over the channels; 1 for equal pictures.
+    """Mean structural similarity of [H, W, C] arrays, window 7×7, mean over the channels; 1 for equal images.
 
-    The value of scikit-image's structural_similarity(channel_axis=-1, data_range=peak). mask: bool [H, W]; only
-    windows that hold a pixel of it count. Raises InputError for a picture smaller than the window.
+    Equals scikit-image's structural_similarity(channel_axis=-1, data_range=peak). mask: bool [H, W]; only
+    windows with a pixel of it count. Raises InputError for an image smaller than the window.
     """
     first, second = np.asarray(a), np.asarray(b)
     height, width = first.shape[:2]
     if min(height, width) < SSIM_WINDOW:
         raise expected("ssim", f"a picture of at least {SSIM_WINDOW}×{SSIM_WINDOW} pixels", f"{width}×{height}")
     total, windows = 0.0, 0
-    # a band of windows at a time: what is in between stays in the cache
+    # in bands of windows: intermediates stay in the cache
     for top in range(0, height - SSIM_WINDOW + 1, BAND_ROWS):
         rows = slice(top, top + BAND_ROWS + SSIM_WINDOW - 1)
         maps = [_ssim_map(first[rows, :, c], second[rows, :, c], peak) for c in range(first.shape[2])]
@@ -66,7 +66,7 @@ def _window_mean(x: np.ndarray) -> np.ndarray:
 def flip(a: ArrayLike, b: ArrayLike, peak: float = 1.0, mask: np.ndarray | None = None) -> float:
     """Mean FLIP error in [0, 1] of `a` against `b`, linear premultiplied [H, W, 4], at flip-evaluator's distance.
 
-    Andersson et al., "FLIP: a difference evaluator for alternating images", 2020. What is transparent is looked at
+    Andersson et al., "FLIP: a difference evaluator for alternating images", 2020. Transparent images are compared
     over black and over white; the larger counts. mask: bool [H, W], the pixels whose errors count. Raises InputError
     if flip-evaluator is not installed.
     """
@@ -92,10 +92,10 @@ def need_flip() -> None:
 
 
 def unmatched(a: np.ndarray, b: np.ndarray, over: np.ndarray, threshold: float | None = None, peak: float = 1.0) -> int:
-    """How many of the pixels that are `over` no neighbour explains.
+    """Number of `over` pixels that no neighbour explains.
 
-    A pixel is explained where each channel of `a` lies within what `b` takes in the 3×3 pixels around, and `b` within
-    what `a` takes there, or does not differ from it (`steps.differ`): an edge that moved by a pixel or less is, a
+    A pixel is explained if each channel of `a` lies within the range of `b` in the 3×3 neighbourhood, and `b` within
+    the range of `a`, or they do not differ from it (`steps.differ`): an edge moved by a pixel or less is explained, a
     wrong pixel or a missing line is not. a, b: [H, W, 4]; over: bool [H, W].
     """
     count = 0
@@ -104,7 +104,7 @@ def unmatched(a: np.ndarray, b: np.ndarray, over: np.ndarray, threshold: float |
         touched = np.flatnonzero(over[top:bottom].any(axis=0))
         if touched.size:
             left, right = int(touched[0]), int(touched[-1]) + 1
-            # the part with the pixel around it, as far as there is one
+            # the tile with a margin of one pixel, clipped to the image
             rows, columns = slice(max(top - 1, 0), bottom + 1), slice(max(left - 1, 0), right + 1)
             around = a[rows, columns], b[rows, columns]
             outside = _outside(*around, threshold, peak) | _outside(*around[::-1], threshold, peak)
@@ -114,7 +114,7 @@ def unmatched(a: np.ndarray, b: np.ndarray, over: np.ndarray, threshold: float |
 
 
 def _outside(x: np.ndarray, y: np.ndarray, threshold: float | None, peak: float) -> np.ndarray:
-    """Where x is not between the least and the largest y of the 3×3 pixels around, bool [H, W]."""
+    """Where x is outside the range of y in the 3×3 neighbourhood, bool [H, W]."""
     nearest = np.clip(x, _spread(y, np.minimum), _spread(y, np.maximum))
     worst = np.empty(x.shape[:2], x.dtype)
     over_channels(x - nearest, worst)
@@ -122,7 +122,7 @@ def _outside(x: np.ndarray, y: np.ndarray, threshold: float | None, peak: float)
 
 
 def _spread(x: np.ndarray, choose: np.ufunc) -> np.ndarray:
-    """The least or the largest of each pixel and its up to 8 neighbours."""
+    """Minimum or maximum of each pixel and its up to 8 neighbours."""
     down = x.copy()
     choose(down[1:], x[:-1], out=down[1:])
     choose(down[:-1], x[1:], out=down[:-1])

@@ -1,6 +1,6 @@
-"""What a difference looks like: shifted, flipped, gamma, premultiplication, an offset, noise, a missing object, …
+"""Classifies differences: shift, flip, gamma, premultiplication, offset, noise, missing object, …
 
-Each change is tried on the right picture: where it brings that close to the actual one, the change has a name.
+Each change is applied to the reference: if the result is close to the actual image, it names the difference.
 """
 
 from __future__ import annotations
@@ -13,34 +13,34 @@ import numpy as np
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.truth.compare import Comparison
 
-# pixels along the longer side that are looked at: more say no more about what changed
+# pixels examined along the longer side: more add no information on the kind of change
 LOOKED_AT = 512
-# a change explains the difference where it leaves at most this share of its RMS
+# a change explains the difference if at most this fraction of its RMS remains
 EXPLAINED = 0.25
-# up to here pixels are counted, not described
+# up to this many differing pixels are only counted, not classified
 FEW_PIXELS = 4
-# an offset is a few levels, and nearly all pixels have it; half a level more or less is rounding
+# an offset is a few levels in nearly all pixels, within rounding of half a level
 OFFSET_LIMIT, OFFSET_SHARE, HALF_LEVEL = 8 / 255, 0.8, 0.5 / 255
-# a region is at most half the picture, a tenth of its box is changed, and nearly all of the squares lie in it
+# a region is at most half the image, with a tenth of its box changed and nearly all squared differences inside
 REGION_SHARE, REGION_FILL, REGION_SQUARES = 0.5, 0.1, 0.95
-# an object is gone where the opacity, or else the detail, falls by these shares
+# an object is missing if the opacity, or else the detail, falls by these fractions
 LESS_OPACITY, LESS_DETAIL = 0.3, 0.4
-# noise: differences at neighbours are not alike, and they are many
+# noise: many differences, with little correlation between neighbours
 ALIKE, MANY = 0.3, 0.01
 
 
 @dataclass(frozen=True)
 class Kind:
-    """name: one of a few words to sort by. text: the same in a few more, with the numbers."""
+    """name: a short category for sorting. text: a description with the numbers."""
 
     name: str
     text: str
 
 
-# squares of the largest floats are infinite, and then explain nothing
+# squares of the largest floats overflow to infinity, and then explain nothing
 @np.errstate(over="ignore", invalid="ignore")
 def kind_of(actual: np.ndarray, right: np.ndarray, found: Comparison) -> Kind:
-    """The name of the change between two pictures, linear premultiplied [H, W, 4] of one size, that differ."""
+    """Kind of the change between two differing images, linear premultiplied [H, W, 4] of one size."""
     a, b = (np.asarray(p, np.float32) for p in (actual, right))
     if found.peak != 1:
         a, b = a / np.float32(found.peak), b / np.float32(found.peak)
@@ -79,7 +79,7 @@ def _squares(d: np.ndarray) -> float:
 
 
 def _offset(a: np.ndarray, b: np.ndarray) -> Kind | None:
-    """The same small number added everywhere, to sRGB samples or to linear light."""
+    """A constant small offset, in sRGB samples or in linear light."""
     a, b = _thinned(a), _thinned(b)
     seen = (b[..., 3] > 0) & (a[..., 3] > 0)
     if not seen.any():
@@ -101,7 +101,7 @@ def _thinned(p: np.ndarray) -> np.ndarray:
 
 
 def _transformed(a: np.ndarray, b: np.ndarray) -> Kind | None:
-    """The best of the changes that work on all of the picture, if it explains the difference."""
+    """The best of the global changes, if it explains the difference."""
     thin = _thinned(a)
     whole = _squares(thin - _thinned(b))
     left = [(_squares(thin - _thinned(changed)) / whole, kind) for kind, changed in _changes(a, b)] if whole else []
@@ -111,13 +111,13 @@ def _transformed(a: np.ndarray, b: np.ndarray) -> Kind | None:
 
 
 def _changes(a: np.ndarray, b: np.ndarray) -> Iterator[tuple[Kind, np.ndarray]]:
-    """The changes by name, and what each makes of the right picture."""
+    """Candidate changes, each with its result on the reference."""
     yield Kind("flipped", "flipped upside down"), b[::-1]
     yield Kind("flipped", "flipped left to right"), b[:, ::-1]
     yield Kind("flipped", "turned by 180°"), b[::-1, ::-1]
     if b.shape[0] == b.shape[1]:
         yield Kind("flipped", "rows and columns swapped"), b.transpose(1, 0, 2)
-    # point by point, so that thinning first changes nothing; thinned pictures are left as they are
+    # pointwise changes commute with thinning; already thinned images are unchanged
     a, b = _thinned(a), _thinned(b)
     alpha = b[..., 3:]
     color = _over(b[..., :3], alpha)
@@ -142,7 +142,7 @@ def _changes(a: np.ndarray, b: np.ndarray) -> Iterator[tuple[Kind, np.ndarray]]:
 
 
 def _over(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Colour divided by alpha, 0 where there is none, in [0, 1]."""
+    """Colour divided by alpha, 0 for zero alpha, clamped to [0, 1]."""
     return np.clip(np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0), 0, 1)
 
 
@@ -151,7 +151,7 @@ def _with_alpha(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
 
 
 def _shift(a: np.ndarray, b: np.ndarray) -> tuple[float, Kind] | None:
-    """A move by whole pixels, from the peak of the phase correlation in the middle of the picture."""
+    """A shift by whole pixels, from the peak of the phase correlation in the image centre."""
     height, width = a.shape[:2]
     top, left = max(0, (height - LOOKED_AT) // 2), max(0, (width - LOOKED_AT) // 2)
     middle = slice(top, top + LOOKED_AT), slice(left, left + LOOKED_AT)
@@ -162,7 +162,7 @@ def _shift(a: np.ndarray, b: np.ndarray) -> tuple[float, Kind] | None:
     down, across = (int(i) if i <= n // 2 else int(i) - n for i, n in zip(found, x.shape, strict=True))
     if (down, across) == (0, 0):
         return None
-    # only what lies in both after the move
+    # only the overlap after the shift
     moved, still = _overlap(a[middle], down, across), _overlap(b[middle], -down, -across)
     whole = _squares(moved - _overlap(b[middle], down, across))
     if whole == 0:
@@ -183,7 +183,7 @@ def _pixels(count: int, positive: str, negative: str) -> str:
 
 
 def _region(a: np.ndarray, b: np.ndarray, found: Comparison) -> Kind | None:
-    """One part changed and the rest did not: an object is missing, too much, or another."""
+    """A local change: an object is missing, added, or different."""
     if found.box is None:
         return None
     left, top, right, bottom = found.box
@@ -197,7 +197,7 @@ def _region(a: np.ndarray, b: np.ndarray, found: Comparison) -> Kind | None:
     less = _change(now, before, LESS_OPACITY)
     if not less:
         less = _change(_detail(a[inside]), _detail(b[inside]), LESS_DETAIL)
-        # what is painted over has less detail too, but more of an edge
+        # a painted-over area also has less detail, but a stronger edge
         if less * (_edge(a, found.box) - _edge(b, found.box)) < 0:
             less = 0
     if less < 0:
@@ -208,12 +208,12 @@ def _region(a: np.ndarray, b: np.ndarray, found: Comparison) -> Kind | None:
 
 
 def _change(now: float, before: float, share: float) -> int:
-    """−1 where less than before by the share, 1 where more, else 0."""
+    """−1 if less than before by the fraction, 1 if more, else 0."""
     return int(before < (1 - share) * now) - int(now < (1 - share) * before)
 
 
 def _edge(p: np.ndarray, box: tuple[int, int, int, int]) -> float:
-    """What changes from just outside the box to just inside, summed around it."""
+    """Change from just outside the box to just inside, summed around it."""
     left, top, right, bottom = box
     across = [p[max(row - 1, 0) : row + 1, left:right] for row in (top, bottom)]
     along = [p[top:bottom, max(column - 1, 0) : column + 1] for column in (left, right)]
@@ -226,7 +226,7 @@ def _detail(p: np.ndarray) -> float:
 
 
 def _noise(a: np.ndarray, b: np.ndarray) -> Kind | None:
-    """Many differences, none like its neighbour's."""
+    """Many differences, uncorrelated with their neighbours."""
     middle = slice(0, LOOKED_AT), slice(0, LOOKED_AT)
     d = (a[middle] - b[middle])[..., :3]
     squares = _squares(d)

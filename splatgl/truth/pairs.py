@@ -1,4 +1,4 @@
-"""(Splat, pixel) pairs: which splats meet which pixels of a band of the picture, and with what value.
+"""(Splat, pixel) pairs: the splats that overlap pixels of a band of the image, and their values.
 
 No loop over splats: boxes are unrolled into rows, rows into pixels.
 """
@@ -19,9 +19,9 @@ from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.view import View
 from splatgl.truth.extent import Boxes
 
-# pairs worked on at once: temporaries of 2 MB stay near the processor
+# pairs per chunk: temporaries of 2 MB stay in the cache
 PAIRS = 1 << 18
-# rows that are one formula for every grid; the others are for cubes
+# rows with one formula for every grid; the others are for cubic voxels
 QUAD_ROWS = {"row4": "ray", "row5": "grid"}
 
 
@@ -50,12 +50,12 @@ class Row:
             raise expected("row", " or ".join(ROWS), repr(name))
         if name in ("row2", "row3") and not grid.cubic:
             raise expected("row", "row1, row4 or row5 for voxels that are not cubes", repr(name))
-        # seen in parallel, all rows are the same
+        # in orthographic projection, all rows are equal
         own = name if view.perspective or name in QUAD_ROWS else "row1"
         return cls(view, own, voxel, quads(view, voxel, QUAD_ROWS[own]) if own in QUAD_ROWS else None)
 
     def coverage(self) -> np.ndarray:
-        """[N]: the share of each footprint that it would fill without antialiasing."""
+        """[N]: the fraction of each footprint that is filled without antialiasing."""
         return self.quads.coverage if self.quads else self.view.coverage(self.voxel[2])
 
     def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
@@ -65,7 +65,7 @@ class Row:
         voxel = self.voxel[:, splat]
         found = row1(self.view, voxel, ray)
         if self.name != "row1":
-            # rows 2 and 3 are row 1 where nothing is widened
+            # rows 2 and 3 equal row 1 where nothing is widened
             some = np.flatnonzero(self.view.widened(voxel[2])[1])
             cubes = Splat(self.view.kernel, voxel[:, some].T, ray[:, some].T, 1 / self.view.pitch)
             found.value[some] = ROWS[self.name](cubes)
@@ -73,7 +73,7 @@ class Row:
 
 
 def values(row: Row, boxes: Boxes, order: np.ndarray, band: tuple[int, int], camera: Camera) -> Iterator[Values]:
-    """The pairs of the picture's rows band[0] ≤ j < band[1], splats in that order, a chunk at a time."""
+    """Pairs in image rows band[0] ≤ j < band[1], splats in the given order, in chunks."""
     across, down = ((np.arange(count) + 0.5 - count / 2) * row.view.pitch for count in camera.size)
     top, bottom = np.maximum(boxes.top, band[0]), np.minimum(boxes.bottom, band[1])
     seen = order[((boxes.right > boxes.left) & (bottom > top))[order]]
@@ -90,13 +90,13 @@ def values(row: Row, boxes: Boxes, order: np.ndarray, band: tuple[int, int], cam
 
 
 def _cuts(count: np.ndarray) -> np.ndarray:
-    """Where to cut splats that have so many pairs each, so that a part has about PAIRS of them."""
+    """Chunk boundaries for splats with `count` pairs each, about PAIRS per chunk."""
     part = np.cumsum(count) // PAIRS
     return np.flatnonzero(np.diff(part)) + 1
 
 
 def _unroll(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All members of the ranges start ≤ n < stop in turn: which range each is of, and itself."""
+    """All members of the ranges start ≤ n < stop in order: the index of the range, and n."""
     length = stop - start
     owner = np.repeat(np.arange(len(length)), length)
     before = np.cumsum(length) - length

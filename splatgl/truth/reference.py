@@ -1,7 +1,7 @@
-"""The right picture: splats drawn in float64, by exact line integrals instead of textured quads.
+"""Reference renderer: splats in float64, with exact line integrals instead of textured quads.
 
-It honours blend, kernel, antialias, attenuation, shading, order and background, and leaves out what only
-approximates: align, footprint, target, tolerance. Slow and exact: it is what pictures are judged by.
+It uses blend, kernel, antialias, attenuation, shading, order and background, and ignores the settings of
+approximations: align, footprint, target, tolerance. Slow and exact: the ground truth for other images.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from splatgl.truth.blend import ADD, Band, Part, pixels
 from splatgl.truth.extent import Boxes, pixel_boxes
 from splatgl.truth.pairs import Row, Values, values
 
-# samples of the picture worked on at once: their numbers fit into 16 bits, which sort fast
+# samples per band: their indices fit into 16 bits, which sort fast
 BAND = 1 << 16
 
 Progress = Callable[[Iterator[tuple[int, int]], int], Iterator[tuple[int, int]]]
@@ -40,11 +40,11 @@ def render(
     row: str = "row1",
     progress: Progress | None = None,
 ) -> Image:
-    """The same picture as `Renderer.render`, float64 [H, W, 4], linear premultiplied, row 0 on top.
+    """The same image as `Renderer.render`, float64 [H, W, 4], linear premultiplied, row 0 at the top.
 
     row: "row1" (correct) or another of Table 1, "row2" … "row5", with its error; row4 is what `align="ray"`
-    draws, row5 `align="grid"`; on voxels that are not cubes there are rows 1, 4 and 5. progress wraps the
-    iteration over bands of the picture (bands, how many). Raises InputError for a row that there is not.
+    draws, row5 `align="grid"`; for non-cubic voxels there are rows 1, 4 and 5. progress wraps the
+    iteration over bands of the image (bands, count). Raises InputError for an unknown row.
     [M98 Table 1]
     """
     started = time.perf_counter()
@@ -54,7 +54,7 @@ def render(
     fine = resolved.camera
     scene = _Scene(splats, resolved, row)
 
-    # band after band; every sample of a pixel is in the same one
+    # in bands; all samples of a pixel are in the same band
     height = max(1, BAND // fine.size[0] // resolved.samples) * resolved.samples
     bands = [(top, min(top + height, fine.size[1])) for top in range(0, fine.size[1], height)]
     drawn = [scene.band(band) for band in (progress(iter(bands), len(bands)) if progress else bands)]
@@ -63,7 +63,7 @@ def render(
 
 
 class _Scene:
-    """What every band needs, made once: places, boxes, order and colours of all splats."""
+    """Data shared by all bands: positions, boxes, order and colours of all splats."""
 
     def __init__(self, splats: Splats, resolved: Resolved, row: str) -> None:
         blend, camera = resolved.look.blend, resolved.camera
@@ -103,7 +103,7 @@ class _Scene:
 
 
 def filled(splats: Splats, view: View, voxel: np.ndarray, coverage: np.ndarray) -> np.ndarray:
-    """Optical depth [N] of voxels [3, N], attenuated by how much of their pixel their matter fills."""
+    """Optical depth [N] of voxels [3, N], attenuated by the fraction of their pixel that their matter fills."""
     ray = voxel if view.perspective else np.array([[0.0], [0.0], [1.0]])
     length = np.sqrt((ray * ray).sum(axis=0))
     along = np.linalg.inv(view.eye_from_index) @ (ray / np.where(length > 0, length, 1.0))

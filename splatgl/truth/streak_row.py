@@ -1,4 +1,4 @@
-"""One moving splat along one pixel's ray, in float64: the float64 twin of what a fragment of a streak computes."""
+"""A moving splat along a pixel's ray, in float64: the counterpart of a streak's fragment shader."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class StreakRow(Row):
     motion: str
 
     def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
-        """value: the mean along the path; peak: the most."""
+        """value: the mean along the path; peak: the maximum."""
         voxel, step = self.voxel[:, splat], self.step[:, splat]
         found = row1(self.view, voxel, ray)
         found.peak[:] = found.value
-        # a kernel around the eye has no place in the picture to move from
+        # a kernel around the eye has no image position to move from
         moving = np.flatnonzero(step.any(axis=0) & (voxel[2] > self.view.reach))
         if len(moving):
             local = Local.of(self.view, voxel[:, moving], ray[:, moving], step[:, moving])
@@ -36,7 +36,7 @@ class StreakRow(Row):
 
 @dataclass(frozen=True, eq=False)
 class Local:
-    """Where rays pass kernels, across them, in the kernel's own units.
+    """Ray positions relative to kernels, across the ray, in the kernel's own units.
 
     along, across [P]: the offset along and across the path; length [P]: the path's; gain [P]: integral over F.
     """
@@ -48,7 +48,7 @@ class Local:
 
     @classmethod
     def of(cls, view: View, voxel: np.ndarray, ray: np.ndarray, step: np.ndarray) -> Local:
-        """Beyond z_k in perspective space, where the ray has the voxel's slope, with the trapezoid's first term."""
+        """Beyond z_k in perspective space, where the ray has the voxel's slope; first-order term of the trapezoid."""
         z = voxel[2]
         shrink = view.shrink(z)
         if view.perspective:
@@ -58,7 +58,7 @@ class Local:
             slope = np.zeros_like(step)
             offset, seconds, depth = ray - voxel[:2], np.ones_like(z), np.full_like(z, np.inf)
 
-        # offset, slope and step in the kernel's own axes, shrunk where antialiasing widens
+        # offset, slope and step in the kernel's own axes, scaled down where antialiasing widens
         inner = view.index_from_eye[:, :2] @ view.axes
         o, line, move = (inner @ (shrink * (view.axes.T @ vector)) for vector in (offset, slope, step))
         ahead = view.index_from_eye[:, 2:]
@@ -70,13 +70,13 @@ class Local:
         heading = across_line / np.where(length > 0, length, 1.0)
         gain = seconds * shrink[0] * shrink[1] / np.sqrt(square)
 
-        # the place on the path that is nearest to the ray, and from there to the ray
+        # the point on the path nearest to the ray, and the offset from there to the ray
         r = o + t * line
         passed = np.clip((r * heading).sum(axis=0), -length / 2, length / 2)
         r = r - passed * heading
         t = t + passed / np.where(length > 0, length, 1.0) * (move * line).sum(axis=0) / square
 
-        # a widened kernel's ray bends: the trapezoid's term moves it, and changes its length
+        # the ray bends in a widened kernel: the trapezoid's term shifts it and changes its length
         bends = np.where(shrink.min(axis=0) < 1, 1 / depth, 0.0)
         toward, deep = (r * ahead).sum(axis=0), (line * ahead).sum(axis=0)
         distance2 = (r * r).sum(axis=0)
@@ -89,7 +89,7 @@ class Local:
         return cls(passed + further, across, length, gain)
 
     def streak(self, view: View, motion: str) -> np.ndarray:
-        """Values [P] of the streaks; motion: exact by the blur table, energy or paper by a weakened peak."""
+        """Values [P] of the streaks; motion: exact by the blur table, energy or paper by a scaled peak."""
         kernel = view.kernel
         if motion == "exact":
             table = blur_table(kernel.name, dtype="<f8")
@@ -99,5 +99,5 @@ class Local:
         return np.asarray(weaken(kernel, self.length) * self.most(view))
 
     def most(self, view: View) -> np.ndarray:
-        """The largest value on the path: where it is closest."""
+        """The maximum on the path: at the closest point."""
         return np.asarray(self.gain * stretched(view.kernel, self.along, self.across, self.length))

@@ -1,7 +1,7 @@
-"""Moving splats drawn in float64, each as one streak: what motion blur in one pass gives, without a GPU's rounding.
+"""Moving splats in float64, each as a streak: single-pass motion blur without GPU rounding.
 
-Held against `temporal.Moments`, which is right, it says how wrong a streak is: a straight one for a path that
-bends, one width for a depth that changes, and optical depth smeared before it occludes.
+Compared with `temporal.Moments`, the reference, it measures the error of streaks: straight lines for curved
+paths, one width for a changing depth, and optical depth that is smeared before it occludes.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from splatgl.truth.pairs import values
 from splatgl.truth.reference import filled
 from splatgl.truth.streak_row import Local, StreakRow
 
-# samples of the picture worked on at once
+# samples per band
 BAND = 1 << 16
 
 
@@ -44,17 +44,17 @@ def render(
     shutter: float = 180.0,
     shape: str = "exact",
 ) -> Image:
-    """The picture of moving splats, float64 [H, W, 4], linear premultiplied; shape: exact, energy or paper.
+    """Image of moving splats, float64 [H, W, 4], linear premultiplied; shape: exact, energy or paper.
 
-    Blur weakens what antialiasing does, opacity or optical depth, as `attenuation` says. Raises InputError
-    for another shape, for maxima and for supersampling, which it has not.
+    Blur attenuates the same quantity as antialiasing, opacity or optical depth, as `attenuation` says. Raises
+    InputError for another shape, and for maximum blending and supersampling, which are not supported.
     """
     if shape not in MOTIONS:
         raise expected("shape", " or ".join(MOTIONS), repr(shape))
     if settings.antialias == "supersample" or BLENDS[settings.blend].join == "max":
         raise expected("settings", "antialias paper or off, blend composite or xray", "others")
     drawn = _Drawn.of(splats, settings, streaks(splats, camera, motion, shutter), shape)
-    # bands of the picture, as the reference draws it
+    # the same bands as in the reference
     width, height = camera.size
     rows = max(1, BAND // width)
     picture = np.concatenate([drawn.band((top, min(top + rows, height))) for top in range(0, height, rows)])
@@ -66,8 +66,8 @@ def render(
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """What every band needs: the streaks' row and boxes, and of all splats order, colour, depth, coverage (opacity's
-    share that is left) and isolated (see motion_opacity.py).
+    """Data shared by all bands: the streaks' row and boxes, and order, colour, depth, coverage (the remaining fraction
+    of opacity) and isolated (see motion_opacity.py) of all splats.
     """
 
     row: StreakRow
@@ -119,7 +119,7 @@ class _Drawn:
 
 
 def _lengths(view: View, paths: Streaks) -> np.ndarray:
-    """[N]: the paths' lengths in the units of their own, possibly widened, kernels."""
+    """[N]: path lengths in units of their own, possibly widened, kernels."""
     own = paths.middle[:2]
     if view.perspective:
         own = own / np.where(np.abs(paths.middle[2]) > view.reach, paths.middle[2], view.reach)
@@ -127,7 +127,7 @@ def _lengths(view: View, paths: Streaks) -> np.ndarray:
 
 
 def _through(splats: Splats, view: View, paths: Streaks) -> np.ndarray:
-    """[N]: how far matter goes on along each path, in voxels."""
+    """[N]: extent of matter along each path, in voxels."""
     step = np.abs(view.index_from_eye[:, :2] @ paths.step)
     direction = step / np.maximum(np.sqrt((step * step).sum(axis=0)), 1e-300)
     run = np.exp2(np.stack([splats.runs >> bits & 31 for bits in (0, 5, 10)]) * OCTAVES)
@@ -135,7 +135,7 @@ def _through(splats: Splats, view: View, paths: Streaks) -> np.ndarray:
 
 
 def _boxes(view: View, paths: Streaks) -> Boxes:
-    """Pixels that a streak can reach: all between those of its ends; the whole picture if one is out of sight."""
+    """Pixels that a streak can reach: the box of both ends; the whole image if one end is not visible."""
     width, height = paths.camera.size
     ends = []
     for side in (-0.5, 0.5):

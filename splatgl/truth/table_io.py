@@ -1,4 +1,4 @@
-"""Rows of a table as CSV, JSON and Markdown: one way of writing for every report."""
+"""Writes tables as CSV, JSON and Markdown, shared by all reports."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 
 def as_csv(fields: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
-    """A line of names, and a line a row; numbers to the last bit, nothing where a row has nothing."""
+    """A header line and a line per row; numbers in full precision, empty cells for missing values."""
     buffer = io.StringIO()
     writer = csv.DictWriter(buffer, fields, lineterminator="\n", restval="")
     writer.writeheader()
@@ -20,22 +20,22 @@ def as_csv(fields: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
 
 
 def as_json(value: Any) -> str:
-    """Lists and dictionaries of plain values; numbers that are none or infinite become null."""
+    """Lists and dictionaries of plain values; NaN and infinity become null."""
     return json.dumps(_plain(value), ensure_ascii=False, indent=1) + "\n"
 
 
 def as_markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table in Markdown, without a last newline."""
+    """A Markdown table without a final newline."""
     return "\n".join([_line(head), "|" + "---|" * len(head), *(_line(row) for row in rows)])
 
 
 def _line(cells: Sequence[str]) -> str:
-    # a bar in a cell would end it
+    # escape bars, which would end the cell
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
 def _plain(value: Any) -> Any:
-    """The same without numbers that JSON has not."""
+    """The value with numbers that JSON cannot represent replaced."""
     if isinstance(value, Mapping):
         return {key: _plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""The right picture of what moves: the mean of many moments while the shutter is open."""
+"""Reference for motion blur: the mean of many moments while the shutter is open."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from splatgl.splat.motion.motion import Motion, exposure, streaks
 from splatgl.splat.plan.settings import FULL_SHUTTER, Settings
 from splatgl.splat.view.camera import Camera
 
-# anything that draws: Renderer.render, or reference.render
+# a draw function: Renderer.render, or reference.render
 Draw = Callable[[Splats, Camera, Settings], Image]
 
 
-# between two moments nothing that is seen moves by more pixels than this: a footprint is three wide
+# maximum motion of visible splats between two moments, pixels: a footprint is three wide
 STEP = 1.5
-# moments at most, and splats whose paths are looked at
+# maximum number of moments, and of splats whose paths are sampled
 MOST, PROBED = 64, 4096
-# the share of them that keeps to the step
+# fraction of the paths that must stay within STEP
 KEPT = 0.99
 
-# what draws pictures that move: Renderer.render
+# a draw function with motion: Renderer.render
 DrawMoving = Callable[[Splats, Camera, Settings, Motion], Image]
 
 
 class Moments:
-    """Draws by temporal supersampling with whatever else draws; itself such a `Draw`."""
+    """Temporal supersampling of any `Draw`; itself a `Draw`."""
 
     def __init__(self, draw: Draw, motion: Motion, shutter: float = 180.0, count: int = 256) -> None:
         if count < 1:
@@ -39,8 +39,8 @@ class Moments:
         self.exposure = exposure(shutter)
 
     def __call__(self, splats: Splats, camera: Camera, settings: Settings) -> Image:
-        """The mean of the moments' pictures; info is the last one's, with how many there were. Where each carries an
-        error bound, their mean bounds this one's error, against the mean of the moments' right pictures.
+        """The mean of the moments' images; info is the last one's, with their number. If each has an
+        error bound, the mean of the bounds bounds the error against the mean of the moments' exact images.
         """
         total: np.ndarray | None = None
         bounds: list[float] = []
@@ -60,14 +60,14 @@ class Moments:
         return Image(mean, info)
 
     def _part(self, splats: Splats, camera: Camera, settings: Settings, part: int) -> Image:
-        """The picture in the middle of a part of the exposure."""
+        """The image at the middle of a part of the exposure."""
         at = -self.exposure * (part + 0.5) / self.count
         return self.draw(self.motion.moved(splats, at), self.motion.view(camera, at), settings)
 
 
 class Shorter(Moments):
-    """The mean of pictures that are each blurred over their part of the exposure: paths that bend become polygons,
-    and matter is hidden by what was before it at the time.
+    """The mean of images, each with motion blur over its part of the exposure: curved paths become polygons, and
+    occlusion follows the order at each time.
     """
 
     def __init__(self, draw: DrawMoving, motion: Motion, shutter: float = 180.0, count: int = 4) -> None:
@@ -76,22 +76,22 @@ class Shorter(Moments):
 
     def _part(self, splats: Splats, camera: Camera, settings: Settings, part: int) -> Image:
         first, last = (-self.exposure * (part + side) / self.count for side in (1, 0))
-        # a frame of its own, that the shutter is open for all of; its camera has the volume's motion
+        # treated as a separate frame with the shutter always open; its camera includes the volume's motion
         view, flow = self.motion.view(camera, last), self.motion.flow
         moved = Motion(camera=self.motion.view(camera, first), flow=None if flow is None else flow * (last - first))
         return self.draw_moving(self.motion.moved(splats, last), view, settings.but(shutter=FULL_SHUTTER), moved)
 
 
 def moments(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> int:
-    """How many moments show no more steps than footprints hide: for the fastest of what is seen, 1.5 pixels each.
+    """Number of moments such that footprints hide the steps: at most 1.5 pixels each for the fastest visible splats.
 
-    1 if nothing that is seen moves.
+    1 if nothing visible moves.
     """
     each = max(len(splats) // PROBED, 1)
     flow = None if motion.flow is None else motion.flow[::each]
     paths = streaks(replace(splats, records=splats.records[::each]), camera, replace(motion, flow=flow), shutter)
     spacing = splats.grid.mean_spacing
-    # what is within the picture at any time on its path
+    # splats within the image at any time on their paths
     depth = np.where(paths.middle[2] > 0, paths.middle[2], np.inf) if camera.perspective else 1 / spacing
     middle, half_step = np.abs(paths.middle[:2] / depth), np.abs(paths.step / depth) / 2
     edge = np.array([[camera.size[0] / camera.size[1]], [1.0]]) * paths.camera.extent / 2

@@ -1,4 +1,4 @@
-"""Same or different: the limits on each metric, and a verdict that says which is broken, where, and by what change."""
+"""Verdict on two images: limits on each metric, and which of them are exceeded, where, and by what kind of change."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from splatgl.data.image import Image
 from splatgl.truth.compare import NAMES, Comparison, compare, masked
 from splatgl.truth.metrics_kinds import Kind, kind_of
 
-# Two right renderers round some pixels to another step: one in a thousand gives an RMSE of 0.03/255 and a bias below
+# Two correct renderers round some pixels differently: one in a thousand gives an RMSE of 0.03/255 and a bias below
 # 0.01/255. One step more everywhere, even in black, gives a bias of 0.05/255 or more.
 ROUNDING_RMSE, ROUNDING_BIAS = 0.1 / 255, 0.02 / 255
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """The limits; None is not looked at. By default nothing but the rounding of 8-bit pictures may differ.
+    """Limits of the metrics; None is not checked. By default only the rounding of 8-bit images may differ.
 
-    threshold: from which a pixel counts as different, a share of the peak; None is one 8-bit step. share, unmatched: of
-    pixels that may, all and those that a move by one pixel does not explain. maximum, rmse, bias: shares of the peak.
-    flip: at most. psnr (decibels), ssim: at least. Linear premultiplied light; each as `Comparison` defines it.
+    threshold: minimum difference of a differing pixel, as a fraction of the peak; None is one 8-bit step. share,
+    unmatched: maximum fraction of differing pixels, and of those that a shift by one pixel does not explain. maximum,
+    rmse, bias: fractions of the peak. flip: a maximum. psnr (decibels), ssim: minima. Linear premultiplied light;
+    each as `Comparison` defines it.
     """
 
     threshold: float | None = None
@@ -43,25 +44,25 @@ class Tolerance:
 
     @classmethod
     def of(cls, value: Tolerance | float | None) -> Tolerance:
-        """A number: no channel of any pixel may differ by more, as a share of the peak. None: the default."""
+        """A number: the maximum difference of any channel in any pixel, as a share of the peak. None: the default."""
         if value is None or isinstance(value, Tolerance):
             return value or cls()
         return cls(share=None, rmse=None, bias=None, maximum=value)
 
     @classmethod
     def only(cls, threshold: float | None = None, **limits: float) -> Tolerance:
-        """These limits and no other."""
+        """These limits only."""
         return cls(threshold, **{"share": None, "rmse": None, "bias": None, **limits})
 
     @property
     def extra(self) -> set[str]:
-        """The metrics that take longer and are needed."""
+        """The slower metrics that are needed."""
         return {name for name in ("ssim", "flip") if getattr(self, name) is not None}
 
 
 @dataclass(frozen=True)
 class Check:
-    """One metric: what was found, and its limit, if there is one."""
+    """A metric's value, and its limit, if any."""
 
     name: str
     value: float
@@ -79,9 +80,9 @@ class Check:
 
 @dataclass(frozen=True)
 class Verdict:
-    """name, against: of the two pictures. checks: every metric that was worked out.
+    """name, against: names of the two images. checks: every computed metric.
 
-    kind: what the difference looks like, None for the same. size: (width, height).
+    kind: the kind of difference, None if the same. size: (width, height).
     """
 
     name: str
@@ -94,28 +95,28 @@ class Verdict:
 
     @property
     def same(self) -> bool:
-        """Whether every check keeps its limit."""
+        """Whether every metric is within its limit."""
         return all(check.ok for check in self.checks)
 
     def __str__(self) -> str:
-        """One line: the change by name, where, and each limit that is broken."""
+        """One line: the kind of change, its location, and each exceeded limit."""
         return f"{self.name}: {'same' if self.same else 'different'}: {self.line}"
 
     @property
     def line(self) -> str:
-        """What is said of the pair, without its name."""
+        """The summary without the pair's name."""
         if self.kind is None:
             return ", ".join(str(check) for check in self.checks)
         return f"{self.kind.text}; {self.place}; {self.broken}"
 
     @property
     def broken(self) -> str:
-        """The limits that do not hold."""
+        """The exceeded limits."""
         return ", ".join(str(check) for check in self.checks if not check.ok)
 
     @property
     def place(self) -> str:
-        """The bounding box of what differs, and the worst pixel."""
+        """The bounding box of the difference, and the worst pixel."""
         column, row = self.comparison.where
         worst = f"worst {self.comparison.maximum:.4g} at column {column}, row {row}"
         if self.comparison.box is None:
@@ -133,7 +134,7 @@ def judge(
     names: tuple[str, str] = NAMES,
     mask: np.ndarray | None = None,
 ) -> Verdict:
-    """The verdict on `actual` against `right`. extra: metrics to work out besides those that have a limit.
+    """The verdict on `actual` against `right`. extra: metrics to compute besides those with a limit.
 
     Raises InputError as `compare` does.
     """
@@ -148,7 +149,7 @@ def judge(
 
 
 def _checks(found: Comparison, limits: Tolerance) -> tuple[Check, ...]:
-    """What may be at most a share of the peak is, in X-rays, times their peak."""
+    """Checks of all metrics; for X-rays, limits relative to the peak are multiplied by it."""
     at_most = (
         ("maximum", found.maximum, limits.maximum, found.peak),
         ("rmse", found.rmse, limits.rmse, found.peak),
@@ -172,7 +173,7 @@ def _checks(found: Comparison, limits: Tolerance) -> tuple[Check, ...]:
 
 
 def number(name: str, value: float) -> str:
-    """A metric's value as people read it: shares in per cent, PSNR in decibels."""
+    """Formats a metric's value: fractions in per cent, PSNR in decibels."""
     if name in ("share", "unmatched"):
         return f"{100 * value:.3g} %"
     if name == "psnr":

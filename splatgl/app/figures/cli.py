@@ -1,4 +1,4 @@
-"""`splatgl figure`: the paper's figures as pictures and numbers, and which of its claims hold."""
+"""`splatgl figure`: the paper's figures as images and numbers, and checks of its claims."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from splatgl.truth.claims import page
 from splatgl.truth.figures import FIGURES, Figure
 from splatgl.truth.figures.tables import PAGE
 
-# figures whose text is the claims read off them
+# figures whose text output is the claims based on them
 CLAIMED = (9, 10)
-# the numbers of all figures that can be asked for
+# numbers of all available figures
 KNOWN = sorted([*FIGURES, *PICTURES])
 
 
@@ -36,7 +36,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Draws, writes or prints one figure; 0."""
+    """Draws, writes or prints one figure; returns 0."""
     if args.number == "claims":
         if args.output or args.csv:
             raise expected("figure claims", "no file to write", args.output or args.csv, "it is printed")
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def text(figure: Figure) -> str:
-    """What a figure shows, on a page."""
+    """A figure's data as a page of text."""
     head = fill(f"Figure {figure.number}. {figure.caption}", PAGE)
     body = page(figure.number) if figure.number in CLAIMED else figure.table().text()
     return f"{head}\n\n{body}"

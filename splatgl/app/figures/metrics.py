@@ -1,4 +1,4 @@
-"""What the rendered figures show by eye, as numbers: aliasing, distance from the truth, flicker and popping."""
+"""Metrics of the rendered figures: aliasing, error against the reference, flicker and popping."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from splatgl.truth.figures.tables import Table
 from splatgl.truth.flicker import flicker, popping
 from splatgl.truth.temporal import Moments
 
-# what aliasing is told for: blend mode, kernel, and ways to weaken what is beyond z_k, which X-rays have one of
+# configurations for aliasing: blend mode, kernel, and attenuations beyond z_k, of which X-rays have one
 KINDS = (
     ("xray", "crawfis-max", ("auto",)),
     ("xray", "gaussian", ("auto",)),
     ("composite", "crawfis-max", ("opacity", "optical-depth", "fill")),
 )
-# turns a frame, in degrees, that flicker is told for, and how many frames of a figure that is no strip
+# rotations per frame for flicker, degrees; and the number of frames for figures that are not strips
 PACES, FRAMES = (1.0, 5.0), 24
-# for how long the figures' shutter is open, degrees, and moments of the truth
+# shutter angle of the figures in degrees, and moments of the reference
 SHUTTER, TIMES = 180.0, 16
 
 Rows = list[tuple[str, str, str]]
 
 
 def numbers(shown: Shown) -> Table:
-    """What the figure shows by eye, as numbers."""
+    """The figure's metrics."""
     rows = [("beyond z_k", f"{100 * share_beyond(shown.splats, shown.camera):.1f} % of {len(shown.splats)} splats", "")]
     if shown.figure.number != 14:
         rows += _still(shown)
@@ -44,7 +44,7 @@ def numbers(shown: Shown) -> Table:
 
 
 def _still(shown: Shown) -> Rows:
-    """Aliasing beyond z_k, the distance from the supersampled picture, and what is left alone."""
+    """Aliasing beyond z_k, error against the supersampled image, and pixels that are unchanged."""
     draw, splats, camera = shown.draw, shown.splats, shown.camera
     reach = Reach.of(draw, splats, camera)
     window = reach.window()
@@ -73,7 +73,7 @@ def _still(shown: Shown) -> Rows:
 
 
 def _moving(shown: Shown) -> Rows:
-    """Figs. 12 to 14: energy and errors of what is blurred, flicker over the turn, popping."""
+    """Figs. 12 to 14: energy and errors of motion blur, flicker over the rotation, popping."""
     rows = _blurred(shown) if shown.blur is not None else []
     for spin in dict.fromkeys((*PACES, shown.figure.spin)):
         found = [flicker(s) for s in shown.strips(spin, shown.figure.frames if shown.figure.number == 14 else FRAMES)]
@@ -89,7 +89,7 @@ def _moving(shown: Shown) -> Rows:
 
 
 def _blurred(shown: Shown) -> Rows:
-    """Against the mean of many moments: the light of X-rays, and how far the four ways are, at 4×4 samples a pixel."""
+    """Against the mean of many moments: energy of X-rays, and errors of the four variants, at 4×4 samples a pixel."""
     splats, camera, turn = shown.splats, shown.track.camera(1), shown.track.turn
     paths = streaks(splats, camera, turn, SHUTTER)
     longest = float(paths.pixels(splats.grid.mean_spacing).max(initial=0.0))

@@ -1,4 +1,4 @@
-"""`splatgl figure` 5, 6, 12, 13 and 14: the options of the figures that are rendered, and drawing them."""
+"""`splatgl figure` 5, 6, 12, 13 and 14: options of the rendered figures, and drawing them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from splatgl.truth.figures.tables import PAGE
 from splatgl.truth.temporal import Draw, Moments, moments
 
 MAX_FRAMES, MAX_MOMENTS = 10_000, 4096
-# options that only rendered figures have
+# options of rendered figures only
 ONLY = ("source", "color", "size", "spin", "frames", "motion", "moments")
 
 
@@ -44,7 +44,7 @@ def add_pictures(parser: argparse.ArgumentParser) -> None:
 
 
 def refuse(args: argparse.Namespace) -> None:
-    """InputError for an option that the other figures have not."""
+    """InputError for an option that the other figures do not have."""
     given = [name for name in ONLY if getattr(args, name) is not None]
     if given:
         names = ", ".join(map(str, PICTURES))
@@ -52,7 +52,7 @@ def refuse(args: argparse.Namespace) -> None:
 
 
 def run_picture(args: argparse.Namespace) -> int:
-    """Draws, writes or prints one rendered figure; 0."""
+    """Draws, writes or prints one rendered figure; returns 0."""
     figure = _asked(PICTURES[int(args.number)], args)
     output = Path(args.output or f"figure{figure.number}.png")
     drawn = bool(args.output) or not (args.csv or args.text)
@@ -78,8 +78,8 @@ def run_picture(args: argparse.Namespace) -> int:
 
 
 def _blur(renderer: Renderer, args: argparse.Namespace) -> Motioned | None:
-    """Streaks where they are asked for, and for sums, which they are right for; else the mean of many pictures, as many
-    as are asked for, or as paths are long; none at all for 0.
+    """Motion blur: streaks if requested, and by default for sums, for which they are exact; else the mean of as many
+    images as requested or as the path lengths need; none for 0.
     """
     if args.moments is not None:
         return by_moments(args.moments) if args.moments else None
@@ -88,7 +88,7 @@ def _blur(renderer: Renderer, args: argparse.Namespace) -> Motioned | None:
         def one(splats: Splats, camera: Camera, settings: Settings) -> Image:
             if args.motion or settings.blend == "xray":
                 return renderer.render(splats, camera, settings.but(motion=args.motion or MOTIONS[0]), track.turn)
-            # a strip's view is narrow: as many as the whole picture needs
+            # a strip's view is narrow: use the count for the whole image
             whole = replace(camera, size=(camera.size[1], camera.size[1]))
             return Moments(draw, track.turn, SHUTTER, moments(splats, whole, track.turn, SHUTTER))(
                 splats, camera, settings
@@ -100,7 +100,7 @@ def _blur(renderer: Renderer, args: argparse.Namespace) -> Motioned | None:
 
 
 def _asked(figure: PictureFigure, args: argparse.Namespace) -> PictureFigure:
-    """The figure with what was asked for; InputError for what it can't be."""
+    """The figure with the options applied; InputError for invalid ones."""
     turns = figure.spin != 0
     for name, allowed in (("spin", turns), ("frames", figure.number == 14), ("motion", turns), ("moments", turns)):
         if getattr(args, name) is not None and not allowed:
@@ -117,7 +117,7 @@ def _asked(figure: PictureFigure, args: argparse.Namespace) -> PictureFigure:
 
 
 def _scene(figure: PictureFigure, args: argparse.Namespace) -> Scene:
-    """The scene that is asked for, or the paper's; a scene.toml says all that a scene can."""
+    """The requested scene or the paper's; a scene.toml overrides everything it can specify."""
     source = args.source or figure.source
     wanted = args.size or (figure.size, figure.size)
     scene = Scene(source, view=View(size=wanted))

@@ -1,4 +1,4 @@
-"""The paper's rendered figures, 5, 6, 12, 13 and 14: from its scenes, or from any volume."""
+"""The paper's rendered figures, 5, 6, 12, 13 and 14, of its scenes or of any volume."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from splatgl.truth.temporal import Draw, Moments
 
 VARIANTS = ("standard", "antialiased", "motion-blurred", "motion-blurred and antialiased")
 ANTIALIAS = ("off", "paper")
-# the landscape's own low view, in widths of a flat volume: eye beside and above it, and what it looks at
+# the terrain's default low view, in widths of a flat volume: eye beside and above it, and the target
 LOW_EYE, LOW_HEIGHT, LOW_TARGET = 0.69, 0.49, -0.04
 FLAT = 0.3
-# rows of background that are left above and below what is shown
+# background rows kept above and below the content
 EMPTY = 8
-# Fig. 14: dots a pixel
+# Fig. 14: enlargement of pixels
 BLOCK = 5
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 
@@ -36,8 +36,8 @@ Motioned = Callable[[Draw, Turning], Draw]
 
 @dataclass(frozen=True)
 class PictureFigure:
-    """One rendered figure. source: its scene; size: of its pictures; times: dots a pixel; spin: degrees a frame;
-    zoom: of its scene's own view; detail: how much larger a part is shown besides.
+    """A rendered figure. source: its scene; size: of its images; times: enlargement of pixels; spin: degrees per frame;
+    zoom: of its scene's own view; detail: enlargement of an additional detail.
     """
 
     number: int
@@ -102,7 +102,7 @@ PICTURES = {figure.number: figure for figure in _ALL}
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """A figure on a scene: what it draws. blur: makes of a `Draw` one that blurs, for a turning scene."""
+    """A figure of a scene. blur: wraps a `Draw` with motion blur, for a rotating scene."""
 
     figure: PictureFigure
     scene: Scene
@@ -121,11 +121,11 @@ class Shown:
 
     @cached_property
     def track(self) -> Turning:
-        """The scene turning, as the figure asks; a figure of one frame stands still."""
+        """The scene's rotation for the figure; a figure of one frame has none."""
         return self.turned(self.figure.spin)
 
     def turned(self, spin: float) -> Turning:
-        """The scene turning by `spin` degrees a frame; a flat one without a view of its own is seen from low down."""
+        """The scene rotating by `spin` degrees per frame; a flat scene without its own view gets a low one."""
         view = self.scene.view
         if view == View(size=view.size) and _flat(self.volume):
             view = _low_view(self.volume, view.size)
@@ -139,28 +139,28 @@ class Shown:
         return self.track.camera(0)
 
     def settings(self, variant: int, blend: str = "composite") -> Settings:
-        """Of the four ways, by number; the scene's own otherwise."""
+        """Settings of one of the four variants, by number; the rest are the scene's own."""
         ground = self.scene.settings.background or self.figure.background
         return self.scene.settings.but(antialias=ANTIALIAS[variant % 2], blend=blend, background=ground)
 
     def drawer(self, variant: int, track: Turning) -> Draw:
-        """What draws a variant; the last two are blurred."""
+        """The draw function of a variant; the last two have motion blur."""
         return self.draw if variant < 2 or self.blur is None else self.blur(self.draw, track)
 
     @property
     def variants(self) -> range:
-        """Numbers of the ways to draw: 0 and 1, and with blur of a turning scene 2 and 3."""
+        """Numbers of the variants: 0 and 1, and with motion blur of a rotating scene 2 and 3."""
         return range(4 if self.blur is not None and self.figure.spin else 2)
 
     def strips(self, spin: float, frames: int) -> list[np.ndarray]:
-        """Fig. 14's strips, one a variant."""
+        """Fig. 14's strips, one per variant."""
         track = self.turned(spin)
         cameras = [track.camera(n) for n in range(frames)]
         return [strip(self.drawer(v, track), self.splats, cameras, self.settings(v)) for v in self.variants]
 
 
 def picture(shown: Shown) -> np.ndarray:
-    """uint8 [H, W, 3]: the figure."""
+    """The figure, uint8 [H, W, 3]."""
     figure = shown.figure
     if figure.number == 14:
         strips = shown.strips(figure.spin, figure.frames)
@@ -185,7 +185,7 @@ def picture(shown: Shown) -> np.ndarray:
 
 
 def _matter(pictures: list[np.ndarray], ground: tuple[float, float, float]) -> slice:
-    """The rows that show more than the background, and a few around them."""
+    """Rows with content other than background, with a few rows of margin."""
     height = len(pictures[0])
     used = np.flatnonzero(sum((np.abs(p[..., :3] - ground) > 0.02).any(axis=(1, 2)) for p in pictures))
     if not len(used):
@@ -194,10 +194,10 @@ def _matter(pictures: list[np.ndarray], ground: tuple[float, float, float]) -> s
 
 
 def _most_changed(first: np.ndarray, second: np.ndarray, times: int) -> tuple[slice, slice]:
-    """The part, as large as a `times`-th of the picture's sides, in which two pictures differ most."""
+    """The region, 1/`times` of the image's sides, in which two images differ most."""
     changed = ((first - second)[..., :3] ** 2).sum(axis=-1).cumsum(axis=0).cumsum(axis=1)
     sums = np.pad(changed, ((1, 0), (1, 0)))
-    # half as tall, as landscapes are
+    # half as tall, as suits landscapes
     tall, wide = (max(n // times, 1) for n in (first.shape[0] // 2, first.shape[1]))
     within = sums[tall:, wide:] - sums[:-tall, wide:] - sums[tall:, :-wide] + sums[:-tall, :-wide]
     y, x = np.unravel_index(int(within.argmax()), within.shape)
@@ -205,19 +205,19 @@ def _most_changed(first: np.ndarray, second: np.ndarray, times: int) -> tuple[sl
 
 
 def by_moments(count: int, shutter: float = 180.0) -> Motioned:
-    """Blur by the mean of so many moments."""
+    """Motion blur by the mean of `count` moments."""
     return lambda draw, track: Moments(draw, track.turn, shutter, count)
 
 
 def _flat(volume: Volume) -> bool:
-    """Whether a volume is a coloured landscape that says nothing of how it is to be seen."""
+    """Whether a volume is a coloured terrain without view hints."""
     extent = np.ptp(volume.corners, axis=0)
     silent = volume.color is not None and volume.hints.eye is None
     return silent and bool(extent[2] < FLAT * min(extent[0], extent[1]))
 
 
 def _low_view(volume: Volume, size: tuple[int, int]) -> View:
-    """The built-in landscape's view, on another of any width."""
+    """The built-in terrain's view, scaled to a volume of any width."""
     low, high = volume.corners.min(axis=0), volume.corners.max(axis=0)
     width = float(high[0] - low[0])
     x, y = (float(m) for m in (low + high)[:2] / 2)

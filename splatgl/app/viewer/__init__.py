@@ -1,1 +1,1 @@
-"""The window: what it shows and does, in parts that need no window, and a thin layer that has one."""
+"""Interactive viewer: logic that needs no window, and a thin GLFW layer on top."""

@@ -1,4 +1,4 @@
-"""What lies beyond z_k: its share, splats tinted there, and where the plane cuts the volume's box.  [M98 §3]"""
+"""Splats beyond z_k: their share, their tint, and the section of the volume's box by the z_k plane.  [M98 §3]"""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from splatgl.app.viewer.skin import inherit
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.camera import Camera
 
-# linear light: what is beyond z_k goes this far towards TINT; what the plane cuts is PLANE
+# linear light: splats beyond z_k are blended towards TINT by SHARE; splats at the plane get the colour PLANE
 TINT, PLANE = np.array([0.9, 0.12, 0.02], np.float32), np.array([1.0, 0.85, 0.1], np.float32)
 SHARE = 0.55
-# the plane shows as a band of this many voxels
+# thickness of the plane's band in voxels
 BAND = 1.0
 
 
@@ -25,12 +25,12 @@ def depths(splats: Splats, camera: Camera) -> np.ndarray:
 
 
 def share_beyond(splats: Splats, camera: Camera, z_k: float) -> float:
-    """Share of the splats that lie beyond z_k."""
+    """Fraction of the splats beyond z_k."""
     return float((depths(splats, camera) > z_k).mean()) if len(splats) else 0.0
 
 
 def tinted(splats: Splats, camera: Camera, z_k: float) -> Splats:
-    """The same splats with those beyond z_k tinted, and those at it in the plane's colour."""
+    """Copy of the splats with those beyond z_k tinted and those at z_k in the plane's colour."""
     if not len(splats) or not np.isfinite(z_k):
         return splats
     depth = depths(splats, camera)
@@ -42,7 +42,7 @@ def tinted(splats: Splats, camera: Camera, z_k: float) -> Splats:
 
 
 def crossing(corners: np.ndarray, camera: Camera, z_k: float) -> np.ndarray:
-    """Where the plane at depth z_k cuts a box, corners [8, 3]: the polygon in pixels [N, 2]; N = 0 where it does not.
+    """Section of a box, corners [8, 3], by the plane at depth z_k: a polygon [N, 2] in pixels; N = 0 if they miss.
 
     Corners are in the order of `Volume.corners`: bit 0 is x, bit 1 y, bit 2 z.
     """
@@ -56,6 +56,6 @@ def crossing(corners: np.ndarray, camera: Camera, z_k: float) -> np.ndarray:
     if len(points) < 3:
         return np.zeros((0, 2))
     flat = np.array(points)[:, :2] / camera.pixel_pitch(z_k) + np.array(camera.size) / 2
-    # a box's section is convex: its corners in order of their angle about the middle
+    # the section is convex: sort its corners by angle about their mean
     from_middle = flat - flat.mean(axis=0)
     return np.asarray(flat[np.argsort(np.arctan2(from_middle[:, 1], from_middle[:, 0]))])

@@ -1,4 +1,4 @@
-"""Which key does what: the one table that the window obeys and the help prints; and changes to it from a TOML file.
+"""Key bindings: the table used by the window and the help, and overrides from a TOML file.
 
 [bindings]
 turn = ["space", "t"]       # action = the keys that do it, instead of the usual ones
@@ -15,7 +15,7 @@ from splatgl.data.errors import expected
 from splatgl.data.toml import load_table
 
 MODIFIERS = ("ctrl", "alt", "shift")
-# keys that have no character, by the names they have here; function keys are f1 to f12
+# names of keys without a character; function keys are f1 to f12
 NAMED = (
     *("escape", "enter", "tab", "space", "backspace", "insert", "delete", "home", "end", "page_up", "page_down"),
     *("left", "right", "up", "down"),
@@ -25,7 +25,7 @@ NAMED = (
 
 @dataclass(frozen=True)
 class Binding:
-    """One action, the keys that do it, and what the help says of it."""
+    """An action, its keys, and its help text."""
 
     action: str
     keys: tuple[str, ...]
@@ -73,7 +73,7 @@ MOUSE = (
 
 
 def keymap(bindings: Iterable[Binding]) -> dict[str, str]:
-    """Key → action. Raises InputError for a key that would do two things."""
+    """Key → action. Raises InputError for a key bound to two actions."""
     actions: dict[str, str] = {}
     for binding in bindings:
         for key in binding.keys:
@@ -83,7 +83,7 @@ def keymap(bindings: Iterable[Binding]) -> dict[str, str]:
 
 
 def remapped(changes: Mapping[str, object], bindings: Iterable[Binding] = BINDINGS) -> tuple[Binding, ...]:
-    """The table with the keys of some actions changed. Raises InputError for unknown actions and keys."""
+    """The bindings with the keys of some actions replaced. Raises InputError for unknown actions and keys."""
     known = {binding.action: binding for binding in bindings}
     for action, keys in changes.items():
         if action not in known:
@@ -97,7 +97,7 @@ def remapped(changes: Mapping[str, object], bindings: Iterable[Binding] = BINDIN
 
 
 def load_bindings(path: str | Path) -> tuple[Binding, ...]:
-    """The table with the changes of a TOML file's [bindings]. Raises InputError naming the file."""
+    """The bindings with the overrides of a TOML file's [bindings]. Raises InputError naming the file."""
     table = load_table(Path(path), "key bindings")
     changes = table.get("bindings")
     if not isinstance(changes, dict) or len(table) != 1:
@@ -106,7 +106,7 @@ def load_bindings(path: str | Path) -> tuple[Binding, ...]:
 
 
 def checked(action: str, key: str) -> str:
-    """A key's name with its modifiers in order: `Shift+Ctrl+S` → `ctrl+shift+s`."""
+    """Normalized key name, modifiers in canonical order: `Shift+Ctrl+S` → `ctrl+shift+s`."""
     *modifiers, name = key.lower().split("+") if not key.endswith("+") else [*key.lower()[:-1].split("+")[:-1], "+"]
     if set(modifiers) - set(MODIFIERS) or len(set(modifiers)) < len(modifiers) or not (len(name) == 1 or name in NAMED):
         fix = f"write a character or one of {', '.join(NAMED[:11])}, …, after {', '.join(m + '+' for m in MODIFIERS)}"
@@ -115,12 +115,12 @@ def checked(action: str, key: str) -> str:
 
 
 def chord(name: str, modifiers: Iterable[str]) -> str:
-    """A key with its modifiers in the order in which bindings name them."""
+    """Key name with its modifiers in the order of MODIFIERS."""
     return "+".join([m for m in MODIFIERS if m in set(modifiers)] + [name])
 
 
 def listing(bindings: Iterable[Binding]) -> str:
-    """The table in words, a line each: what the help shows and `--list-bindings` prints."""
+    """The bindings as text, one per line, for the help and `--list-bindings`."""
     rows = [(", ".join(binding.keys), binding.about, binding.action) for binding in bindings]
     width, about = max(len(keys) for keys, _, _ in rows), max(len(text) for _, text, _ in rows)
     lines = [f"{keys:<{width}}  {text:<{about}}  {action}" for keys, text, action in rows]

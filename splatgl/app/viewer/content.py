@@ -1,4 +1,4 @@
-"""`Content`: a scene's volume at every stride, and the splats that its transfer function makes of it."""
+"""`Content`: a scene's volume at every stride, and the splats extracted with its transfer function."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from splatgl.splat.extraction.extract import extract
 from splatgl.splat.extraction.splats import Grid, Splats
 from splatgl.splat.view.camera import Bounded, Camera
 
-# volumes of fewer voxels are drawn as they are, moving or not
+# volumes with fewer voxels are not downsampled
 SMALL = 1 << 15
-# splats that are made while a transfer function is edited, at most: 3 GB with all that is worked out for them
+# maximum number of splats extracted while a transfer function is edited: 3 GB with all derived data
 MOST = 20_000_000
-# so many splats are looked at within a millisecond
+# number of splats that can be processed within a millisecond
 FEW = 200_000
 
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """volumes: one for each of STRIDES, the finest first. Splats are made of them when they are wanted.
+    """volumes: one for each of STRIDES, finest first. Splats are extracted on demand.
 
-    counts: how many splats can be seen at each of STRIDES, or could with the last transfer function.
+    counts: number of visible splats at each of STRIDES, or the number under the previous transfer function.
     """
 
     scene: Scene
@@ -43,7 +43,7 @@ class Content:
 
     @classmethod
     def open(cls, scene: Scene) -> Content:
-        """Reads and extracts all of it. Raises InputError as the readers do."""
+        """Reads the volume and extracts the splats of all strides. Raises InputError as the readers do."""
         volume = scene.open()
         volumes = [volume]
         for _ in STRIDES[1:]:
@@ -54,42 +54,42 @@ class Content:
 
     @property
     def volume(self) -> Volume:
-        """The finest of the volumes."""
+        """The full-resolution volume."""
         return self.volumes[0]
 
     @property
     def spacing(self) -> float:
-        """The finest volume's mean spacing, world units: what opacities are per, if nothing else is said."""
+        """The finest volume's mean spacing, world units: the default unit length of opacities."""
         return Grid(self.volume.world_from_index, np.asarray(self.volume.origin)).mean_spacing
 
     @property
     def whole(self) -> bool:
-        """Whether the finest splats are made."""
+        """Whether the finest splats are extracted."""
         return 1 in self.skins
 
     @property
     def heavy(self) -> bool:
-        """Whether there would be more splats than can be held, going by the coarser ones."""
+        """Whether the finest splats would exceed MOST, estimated from stride 2."""
         return not self.whole and 8 * len(self.at(2)) > MOST
 
     @property
     def finest(self) -> Splats:
-        """The finest splats that are made; the coarsest where none are."""
+        """The finest splats extracted so far; the coarsest if there are none."""
         return self.made[min(self.made)] if self.made else self.at(STRIDES[-1])
 
     @property
     def sample(self) -> Splats:
-        """The finest splats that are made and that are few enough to look at in every frame."""
+        """The finest extracted splats with at most FEW elements, cheap enough to process every frame."""
         few = [stride for stride in sorted(self.made) if len(self.made[stride]) <= FEW]
         return self.made[few[0]] if few else self.at(STRIDES[-1])
 
     @property
     def subject(self) -> Bounded:
-        """What a view shows all of."""
+        """The object that a default view is fitted to."""
         return self.finest if len(self.finest) else self.volume
 
     def at(self, stride: int) -> Splats:
-        """The splats of every so many voxels; opacities are per the finest volume's length in all."""
+        """The splats at a stride; opacities are per the finest volume's spacing at every stride."""
         if stride > 1 and self.volumes[STRIDES.index(stride)] is self.volume:
             return self.at(1)
         if stride not in self.made:
@@ -100,7 +100,7 @@ class Content:
         return self.made[stride]
 
     def skin(self, stride: int) -> Splats:
-        """The same without those that are hidden from every side."""
+        """The splats at a stride without those hidden from every side."""
         if stride > 1 and self.volumes[STRIDES.index(stride)] is self.volume:
             return self.skin(1)
         if stride not in self.skins:
@@ -108,29 +108,29 @@ class Content:
         return self.skins[stride]
 
     def changed(self, transfer: Transfer, threshold: float) -> Content:
-        """With another transfer function; nothing is made yet."""
+        """A copy with another transfer function and no splats extracted yet."""
         counts = tuple(len(self.skins[s]) if s in self.skins else n for s, n in zip(STRIDES, self.counts, strict=True))
         return Content(self.scene, self.volumes, transfer, threshold, counts)
 
     def home(self, size: tuple[int, int]) -> Pose:
-        """The scene's own view, about its middle."""
+        """The scene's initial view, with its pivot at the scene's middle."""
         camera = replace(self.scene.view, size=size).camera(self.volume, self.subject)
         fov = self.scene.view.fov or self.volume.hints.fov or _fov(camera)
         return Pose(camera, self.middle, float(fov), self.reach)
 
     @property
     def middle(self) -> np.ndarray:
-        """Of the box of all splats, world."""
+        """Centre of the bounding box of all splats, world coordinates."""
         corners = self.subject.corners
         return np.asarray((corners.min(axis=0) + corners.max(axis=0)) / 2)
 
     @cached_property
     def reach(self) -> float:
-        """Radius of the volume's box, world units."""
+        """Radius of the volume's bounding box, world units."""
         corners = self.volume.corners
         return float(np.linalg.norm(corners - corners.mean(axis=0), axis=1).max())
 
 
 def _fov(camera: Camera) -> float:
-    """Degrees; of an orthographic camera, the default's."""
+    """Field of view in degrees; FOV for an orthographic camera."""
     return float(np.degrees(2 * np.arctan(camera.extent / 2))) if camera.perspective else FOV

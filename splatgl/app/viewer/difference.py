@@ -1,4 +1,4 @@
-"""The float64 reference of what the window shows, drawn beside it in a thread, and how far the picture is from it."""
+"""The float64 reference of the displayed frame, rendered in a worker thread, and the frame's error against it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
 from splatgl.truth import reference
 
-# beyond this many splats a reference takes minutes, and gigabytes
+# above this many splats a reference takes minutes and gigabytes
 MOST = 2_000_000
 
 
@@ -24,7 +24,7 @@ class Cancelled(Exception):
 
 @dataclass(frozen=True)
 class Difference:
-    """Largest and root mean square |difference| over channels, linear premultiplied light."""
+    """Maximum and RMS of |difference| over all channels, linear premultiplied light."""
 
     largest: float
     rmse: float
@@ -37,7 +37,7 @@ class Difference:
 
 
 def enlarged(picture: np.ndarray, size: tuple[int, int], step: int) -> np.ndarray:
-    """A picture [h, w, C] as the window shows it at `size` pixels, every `step`-th row and column: bilinear."""
+    """An image [h, w, C] resized bilinearly to `size` pixels, every `step`-th row and column."""
     for axis, (count, wanted) in enumerate(zip(picture.shape, reversed(size), strict=False)):
         place = np.clip((np.arange(0, wanted, step) + 0.5) * count / wanted - 0.5, 0, count - 1)
         low = place.astype(np.intp)
@@ -49,7 +49,7 @@ def enlarged(picture: np.ndarray, size: tuple[int, int], step: int) -> np.ndarra
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """What a reference is of; another object is another picture."""
+    """Inputs of a reference; compared by identity."""
 
     splats: Splats
     camera: Camera
@@ -57,7 +57,7 @@ class Wanted:
 
 
 class Reference:
-    """The reference of the newest picture asked for; `image` once it is there, `said` what to tell meanwhile."""
+    """The reference of the latest request. image: the result, if finished; said: the status message until then."""
 
     def __init__(self, jobs: Jobs) -> None:
         self.jobs = jobs
@@ -66,7 +66,7 @@ class Reference:
         self.said = ""
 
     def ask(self, wanted: Wanted) -> None:
-        """Starts the reference of a picture; of the same one only once."""
+        """Starts rendering a reference; the same request starts only once."""
         self.forget()
         self.wanted = wanted
         if len(wanted.splats) > MOST:
@@ -76,11 +76,11 @@ class Reference:
         self.jobs.submit("reference", lambda: (wanted, self._draw(wanted)))
 
     def forget(self) -> None:
-        """Drops the reference, and what is being drawn with the next band of it."""
+        """Drops the reference; a render in progress stops at its next band."""
         self.wanted, self.image, self.said = None, None, ""
 
     def collect(self) -> bool:
-        """Takes what is done; True if there is news."""
+        """Collects a finished reference; True if anything changed."""
         news = self.jobs.collect()
         for done in news:
             if done.error is not None and not isinstance(done.error, Cancelled):

@@ -1,4 +1,4 @@
-"""What the window shows comes from files: those that are dropped on it, and those that change while it is open."""
+"""Loading files: those dropped on the window, and reloading those that change while it is open."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Reopen = Callable[[], Scene]
 
 @dataclass(frozen=True, eq=False)
 class News:
-    """A content that a thread has read. reopen: it is another file, `path`, and is read again so."""
+    """Content loaded by the worker thread. reopen: for a newly opened file, `path`, the function that reloads it."""
 
     content: Content
     reopen: Reopen | None = None
@@ -26,14 +26,14 @@ class News:
 
 
 class Files:
-    """Reads files in the thread of some jobs, whose results are News. watched: paths looked at for changes."""
+    """Reads files in the worker thread of `jobs`, with News as results. watched: paths monitored for changes."""
 
     def __init__(self, jobs: Jobs, watched: tuple[str, ...], reopen: Reopen | None, now: float) -> None:
         self.jobs, self.reopen = jobs, reopen
         self.watch = Watch.of(watched, now) if watched else None
 
     def open(self, path: str, settings: Settings) -> None:
-        """Reads another file; a volume is drawn as the last one was, a scene as it says."""
+        """Opens another file: a volume with the current settings, a scene file with its own."""
 
         def scene() -> Scene:
             return Scene.from_toml(Path(path)) if path.endswith(".toml") else Scene(path, settings=settings)
@@ -41,7 +41,7 @@ class Files:
         self.jobs.submit(f"opening {Path(path).name}", lambda: News(Content.open(scene()), scene, path))
 
     def look(self, now: float) -> None:
-        """Reads the file again if it has changed."""
+        """Reloads the file if it has changed."""
         if self.watch is None:
             return
         self.watch, changed = self.watch.look(now)
@@ -50,12 +50,12 @@ class Files:
             self.jobs.submit("reading again", lambda: News(Content.open(reopen())))
 
     def turn_to(self, news: News, now: float) -> None:
-        """Watches another file from now on, if any is watched."""
+        """Watches the newly opened file instead, if watching is on."""
         self.reopen = news.reopen
         if self.watch is not None:
             self.watch = Watch.of(watched(news.path, news.content.scene), now)
 
 
 def watched(path: str, scene: Scene) -> tuple[str, ...]:
-    """The files that a scene is made of, of which `path` was opened; a built-in one has none."""
+    """The files of the scene opened from `path`; empty for a built-in scene."""
     return tuple(dict.fromkeys(file for file in (path, scene.volume) if file not in SCENES))

@@ -1,4 +1,4 @@
-"""Dear ImGui in the window: GLFW's events in, its drawing out. Needs the extra `gui`."""
+"""Dear ImGui backend: passes GLFW events in and draws into the window. Needs the extra `gui`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from splatgl.gl.context import current
 
 GLSL = "#version 330"
 RELEASE = 0
-# GLFW's codes of the keys that text fields need; letters are for ctrl+A, C, V, X, Z
+# GLFW codes of the keys used by text fields; letters are for ctrl+A, C, V, X, Z
 KEYS = {
     256: imgui.Key.escape,
     257: imgui.Key.enter,
@@ -35,7 +35,7 @@ MODIFIERS = ((1, imgui.Key.mod_shift), (2, imgui.Key.mod_ctrl), (4, imgui.Key.mo
 
 
 class Gui:
-    """One panel in one window."""
+    """A panel in a window."""
 
     def __init__(self, window: Window) -> None:
         self.window = window
@@ -43,7 +43,7 @@ class Gui:
         self.cursor: tuple[float, ...] = (-1.0, -1.0)
         self.context = imgui.create_context()
         self.io = imgui.get_io()
-        # nothing is kept in files
+        # no ini file
         self.io.set_ini_filename("")
         self.last = time.perf_counter()
         with current(window.screen.ctx):
@@ -52,7 +52,7 @@ class Gui:
         imgui.get_style().font_scale_main = window.scale
 
     def event(self, kind: str, *values: Any) -> bool:
-        """Takes one of GLFW's events; True if it was meant for the panel."""
+        """Handles a GLFW event; True if the panel consumed it."""
         io = self.io
         if kind == "cursor":
             io.add_mouse_pos_event(*values)
@@ -63,9 +63,9 @@ class Gui:
                 io.add_mouse_button_event(values[0], values[1] != RELEASE)
             else:
                 io.add_mouse_wheel_event(*values)
-            # ImGui's own answer is that of its last frame: the cursor may have gone on since
+            # ImGui's own flag is one frame old: the cursor may have moved since
             return self.panel.covers(*self.cursor)
-        # keys go to the panel only while something is being typed there
+        # keys go to the panel only while a text field is active
         if kind == "character":
             io.add_input_character(values[0])
         else:
@@ -77,7 +77,7 @@ class Gui:
         return bool(io.want_text_input)
 
     def frame(self, state: State, content: Content, frame: Frame | None) -> State:
-        """Draws the panel over what the window's back buffer holds; returns the state as it was changed there."""
+        """Draws the panel over the window's back buffer; returns the edited state."""
         now = time.perf_counter()
         width, height = self.window.glfw.get_window_size(self.window.handle)
         pixels = self.window.size
@@ -94,7 +94,7 @@ class Gui:
         return state
 
     def close(self) -> None:
-        """Frees what Dear ImGui holds on the GPU, and its context."""
+        """Frees Dear ImGui's GPU resources and its context."""
         with current(self.window.screen.ctx):
             imgui.backends.opengl3_shutdown()
         imgui.destroy_context(self.context)

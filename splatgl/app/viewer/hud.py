@@ -1,4 +1,4 @@
-"""What the window says in words: who draws, how many splats and why not more, how long it took, z_k, the plan."""
+"""HUD text: device, splat counts, omitted splats, frame time, z_k, and the plan."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from splatgl.splat.plan.plan import Plan
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """The picture on show: info as the renderer gave it, how long it took, its level, its plan, the share beyond z_k.
+    """The displayed frame: the renderer's info, seconds, level, plan, and the fraction of splats beyond z_k.
 
-    hidden: how many splats were left out because no view shows them. blurred: along its motion.
-    off: how far the picture before it was from this one, if it was a stand-in for it.
+    hidden: number of splats omitted because no view shows them. blurred: whether motion blur was applied.
+    off: for a full frame that replaced a preview, the preview's error against it.
     """
 
     info: Mapping[str, object]
@@ -31,17 +31,17 @@ class Frame:
 
     @property
     def full(self) -> bool:
-        """Whether it is what was asked, and not a stand-in."""
+        """Whether this is the full-quality frame, not a preview."""
         return self.level == FULL and not self.blurred
 
     @property
     def given_up(self) -> str:
-        """What a stand-in does without, in words."""
+        """Text listing the quality reductions of a preview."""
         return f"{self.level}{', blurred' if self.blurred else ''}"
 
 
 def lines(state: State, content: Content, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
-    """The HUD, a line each."""
+    """The HUD's lines."""
     title = f"{content.volume.name or content.scene.volume}  {state.pose.camera.size[0]} x {state.pose.camera.size[1]}"
     if frame is None:
         return (title, busy or "nothing drawn yet")
@@ -51,14 +51,14 @@ def lines(state: State, content: Content, frame: Frame | None, busy: str | None)
 
 
 def progress(state: State, frame: Frame | None) -> str:
-    """How far the picture is from what was asked, in a few words."""
+    """Short text on the quality of the frame relative to the settings."""
     if frame is None:
         return ""
     return "refined" if frame.full else f"moving: {frame.given_up}"
 
 
 def _splats(content: Content, frame: Frame) -> list[str]:
-    """Drawn and total, and what became of the rest."""
+    """Numbers of drawn and total splats, and why the rest are omitted."""
     kept, total = len(content.finest), content.volume.samples.size
     if frame.level.stride > 1 or not content.whole:
         return [f"of {total:,} voxels, blocks of {frame.level.stride}^3 are drawn"]

@@ -1,4 +1,4 @@
-"""Work beside the window: one thread, of waiting jobs only the newest."""
+"""Background jobs: one worker thread and a queue of length one, where a new job replaces the waiting one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Done:
-    """A job's name and what came of it: a result, or the error it raised."""
+    """A finished job's name and its result, or the error it raised."""
 
     name: str
     result: Any = None
@@ -18,7 +18,7 @@ class Done:
 
 
 class Jobs:
-    """Runs jobs in a thread; `wake` is called from there when one is done."""
+    """Runs jobs in a worker thread, which calls `wake` after each one."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self.wake = wake
@@ -29,21 +29,21 @@ class Jobs:
 
     @property
     def busy(self) -> str | None:
-        """The name of what runs or waits, None if nothing does."""
+        """Name of the waiting or else the running job; None if idle."""
         with self.lock:
             return self.waiting[0] if self.waiting else self.running
 
     def submit(self, name: str, work: Callable[[], Any]) -> None:
-        """Runs `work` when the thread is free, unless a newer job comes before that."""
+        """Runs `work` once the thread is free, unless a newer job replaces it first."""
         with self.lock:
             self.waiting = (name, work)
             if self.running is None:
                 self.running = name
-                # a daemon: closing the window does not wait for a big file
+                # daemon: closing the window does not wait for a large file
                 threading.Thread(target=self._run, name="splatgl-view", daemon=True).start()
 
     def collect(self) -> list[Done]:
-        """What was finished since the last call."""
+        """Jobs finished since the last call."""
         with self.lock:
             done, self.done = self.done, []
         return done

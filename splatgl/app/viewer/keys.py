@@ -1,10 +1,10 @@
-"""GLFW's keys as the bindings name them: letters as the keyboard is labelled, signs as they are typed."""
+"""GLFW keys to the names used in bindings: letters by keyboard label, symbols by typed character."""
 
 from __future__ import annotations
 
 from splatgl.app.viewer.bindings import NAMED, chord
 
-# GLFW's codes (glfw3.h): printable keys have those of ASCII, function keys and the number pad follow on
+# GLFW key codes (glfw3.h): ASCII for printable keys; function keys and the number pad follow
 FIRST_FUNCTION, FIRST_PAD, LAST_PAD = 290, 320, 329
 CODES = {
     256: "escape",
@@ -37,18 +37,18 @@ def modifiers(bits: int) -> tuple[str, ...]:
 
 
 def from_key(code: int, label: str | None, bits: int) -> str | None:
-    """The chord of a key event; None for signs, which come as characters. label: the key's, as GLFW tells it."""
+    """The chord of a key event; None for symbols, which arrive as characters. label: the key's name in GLFW."""
     held = modifiers(bits)
     if code in CODES:
         return chord(CODES[code], held)
     if label and len(label) == 1 and label.isalpha():
         return chord(label.lower(), held)
-    # a sign with ctrl or alt makes no character
+    # with ctrl or alt, a symbol key produces no character event
     if label and len(label) == 1 and {"ctrl", "alt"} & set(held):
         return chord(label, held)
     return None
 
 
 def from_character(character: str) -> str | None:
-    """The chord of a typed sign; None for letters, digits and blanks, which come as keys."""
+    """The chord of a typed symbol; None for letters, digits and blanks, which arrive as key events."""
     return None if character.isalnum() or character.isspace() else character

@@ -1,4 +1,4 @@
-"""What the mouse means: drags, the wheel, double clicks; from places in pixels of the picture to poses."""
+"""Mouse input to camera poses: drags, wheel and double clicks, with positions in image pixels."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from dataclasses import dataclass
 
 from splatgl.app.viewer.pose import DRAG, NOTCH, Place, Pose
 
-# two presses within so many seconds and pixels are a double click
+# maximum seconds and pixels between the presses of a double click
 DOUBLE, APART = 0.35, 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class Drag:
-    """A button held down: what it does, and where it began."""
+    """A drag: its operation and its start."""
 
     kind: str
     start: Place
     pose: Pose
 
     def to(self, place: Place) -> Pose:
-        """The pose when the cursor is at a place; it depends on that and the start alone."""
+        """The pose for a cursor position; depends only on it and the start, not on the path."""
         if self.kind == "rotate":
             return self.pose.rotated(self.start, place)
         if self.kind == "roll":
@@ -32,13 +32,13 @@ class Drag:
 
 @dataclass(frozen=True, eq=False)
 class Mouse:
-    """The drag under way, if any, and the last press: when and where."""
+    """The current drag, if any, and the time and position of the last press."""
 
     drag: Drag | None = None
     pressed: tuple[float, Place] = (-1e9, (0.0, 0.0))
 
     def press(self, button: str, modifiers: Collection[str], place: Place, pose: Pose, now: float) -> Mouse:
-        """After a button goes down; the first button of several keeps the drag."""
+        """State after a button press; with several buttons down, the first one keeps the drag."""
         kind = {"left": "rotate", "middle": "pan", "right": "zoom"}.get(button)
         if button == "left" and "shift" in modifiers:
             kind = "pan"
@@ -49,16 +49,16 @@ class Mouse:
         return Mouse(Drag(kind, place, pose), (now, place) if button == "left" else self.pressed)
 
     def doubles(self, button: str, place: Place, now: float) -> bool:
-        """Whether a press now is the second of a double click."""
+        """Whether a press now completes a double click."""
         when, where = self.pressed
         near = abs(place[0] - where[0]) < APART and abs(place[1] - where[1]) < APART
         return button == "left" and now - when < DOUBLE and near
 
     def release(self) -> Mouse:
-        """After a button goes up: no drag, the last press kept for double clicks."""
+        """State after a button release: no drag; the last press is kept for double clicks."""
         return Mouse(None, self.pressed)
 
 
 def wheeled(pose: Pose, place: Place, notches: float) -> Pose:
-    """After so many notches of the wheel, upwards is nearer."""
+    """The pose after wheel rotation by `notches`; upwards zooms in."""
     return pose.zoomed(place, NOTCH**notches)

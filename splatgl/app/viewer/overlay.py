@@ -1,4 +1,4 @@
-"""Text and lines over the picture, drawn by Pillow's own font; drawn again only where something changed."""
+"""Text and lines over the image, in Pillow's built-in font; redrawn only after changes."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-# sRGB with alpha: the text, its edge, what it stands on; messages, and lines
+# sRGB with alpha: text, its outline, its background; messages, and lines
 TEXT, EDGE, PAPER = (235, 235, 235, 255), (0, 0, 0, 255), (0, 0, 0, 190)
 NOTE, LINE = (255, 214, 90, 255), (255, 214, 90, 255)
 # heights in pixels at a content scale of 1
 FONT, PADDING = 13, 6
-# of a line, in heights of the font
+# line spacing in font heights
 LEADING = 1.3
-# Pillow's own font has ASCII and a little more
+# replacements for characters missing from Pillow's built-in font, which has little beyond ASCII
 PLAIN = str.maketrans(
     {
         **{"×": "x", "²": "^2", "³": "^3", "½": "1/2", "≥": ">=", "≤": "<=", "→": "->", "′": "'", "–": "-", "—": "-"},
@@ -26,9 +26,9 @@ PLAIN = str.maketrans(
 
 @dataclass(frozen=True)
 class Text:
-    """Lines of text in a corner: "top left", "bottom left", or in the "middle"; tabs part columns.
+    """Lines of text at "top left", "bottom left" or "middle"; tabs separate columns.
 
-    note: in the colour of messages. paper: on a ground of its own.
+    note: in the message colour. paper: on a background rectangle.
     """
 
     lines: tuple[str, ...]
@@ -39,7 +39,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Overlay:
-    """What is drawn over a picture of `size` pixels; equal ones look the same. scale: the display's."""
+    """Overlay of an image of `size` pixels; equal overlays look the same. scale: the display's content scale."""
 
     size: tuple[int, int]
     scale: float = 1.0
@@ -61,7 +61,7 @@ def drawn(overlay: Overlay) -> np.ndarray:
 
 
 def plain(text: str) -> str:
-    """Text in letters that the font has."""
+    """Text with characters missing from the font replaced."""
     return text.translate(PLAIN)
 
 
@@ -70,7 +70,7 @@ def _write(picture: Any, text: Text, overlay: Overlay) -> None:
 
     font, pad = _font(round(FONT * overlay.scale)), round(PADDING * overlay.scale)
     rows = [[plain(cell) for cell in line.split("\t")] for line in text.lines]
-    # columns of the rows that have several; a row of one cell runs through
+    # column widths come from rows with several cells; a single cell spans all columns
     tabbed = [row for row in rows if len(row) > 1]
     ends = [0.0]
     for column in range(max(map(len, tabbed), default=0)):
@@ -79,7 +79,7 @@ def _write(picture: Any, text: Text, overlay: Overlay) -> None:
     step = round(FONT * LEADING * overlay.scale)
     width, height = int(widest) + 2 * pad, step * len(rows) + 2 * pad
     left, top = _corner(text.corner, overlay.size, (width, height), pad)
-    # the letters once, and around them an edge in black
+    # the glyphs, with a black outline
     letters = Image.new("L", (width, height))
     pen = ImageDraw.Draw(letters)
     for number, row in enumerate(rows):

@@ -1,9 +1,9 @@
-"""How good a picture may be while it moves, so that frames keep to the target time; and when to draw it in full.
+"""Adaptive quality: holds the target frame time during motion, and decides when to render at full quality.
 
-LADDER is all that a moving picture may give up. A level is left for a coarser one after SLOW_FRAMES frames that took
-too long, and after QUICK_FRAMES for the finest that is expected to keep well within the target: between the two bounds
-nothing changes, and who had to come back waits twice as long before the next attempt, so that nothing flickers. What
-each level costs is measured; what was never drawn is estimated from the work it means.
+LADDER lists the quality levels of a preview. SLOW_FRAMES slow frames switch to a coarser level; QUICK_FRAMES quick
+ones to the finest level expected to stay well within the target. Between the two bounds the level is kept, and every
+switch back to a coarser level doubles the wait before the next attempt, which prevents flicker. Costs of levels are
+measured; for levels not drawn yet they are estimated from the work.
 """
 
 from __future__ import annotations
@@ -13,30 +13,28 @@ from dataclasses import dataclass, replace
 
 from splatgl.splat.plan.settings import Settings
 
-# seconds a frame may take while moving
+# target seconds per frame in motion
 TARGET = 0.033
-# seconds between two pictures of a scene that turns on its own, at least
+# minimum seconds between frames during automatic rotation
 STEP = 1 / 60
-# seconds without input before the picture is drawn in full: longer than from one move of a hand to the next
+# seconds without input before the full-quality frame; longer than the interval between mouse move events
 REST = 0.05
-# a held button means more may come: a full picture that takes longer than this, and cannot be broken off, would be in
-# the way
+# while a button is held, no full-quality frame that takes longer than this many seconds and cannot be cancelled
 HELD = 0.2
-# shares of the target: beyond the first a frame is slow, below the second a finer level would be welcome
+# fractions of the target: above SLOW a frame is slow; a finer level must be expected to take less than QUICK
 SLOW, QUICK = 1.15, 0.8
 SLOW_FRAMES, QUICK_FRAMES = 2, 4
 # weight of the newest frame in a level's cost
 NEWEST = 0.5
-# until something was measured: seconds a pixel takes with the tens of splats that cover it, and how many of them a
-# splat is worth (llvmpipe)
+# before any measurement: seconds per pixel covered by tens of splats, and the cost of a splat in pixels (llvmpipe)
 PIXEL, PIXELS_PER_SPLAT = 1.5e-7, 2.0
 
 
 @dataclass(frozen=True)
 class Level:
-    """scale: of the window's pixels, along each axis. stride: volume of every so many voxels, averaged.
+    """scale: of the window's pixels, along each axis. stride: downsampling factor of the volume, by averaging.
 
-    tolerance: a looser one than asked, or None.
+    tolerance: a looser tolerance than requested, or None.
     """
 
     scale: float = 1.0
@@ -44,11 +42,11 @@ class Level:
     tolerance: float | None = None
 
     def size(self, full: tuple[int, int]) -> tuple[int, int]:
-        """(width, height) in pixels to draw for a window of `full` pixels, at least 1 × 1."""
+        """Render size (width, height) for a window of `full` pixels, at least 1 × 1."""
         return max(1, round(full[0] * self.scale)), max(1, round(full[1] * self.scale))
 
     def settings(self, asked: Settings) -> Settings:
-        """What is asked, less what a moving picture can do without."""
+        """The requested settings with the reductions of a preview."""
         if self == FULL:
             return asked
         plain = asked.but(antialias="paper") if asked.antialias == "supersample" else asked
@@ -62,8 +60,8 @@ class Level:
 
 
 FULL = Level()
-# finest first. Measured on CT, microscopy and terrain: fewer pixels err less than larger voxels for the time they save,
-# down to as many as there are voxels to show
+# finest first. Measured on CT, microscopy and terrain: for the same time saved, fewer pixels cause less error than
+# larger voxels, down to as many pixels as there are voxels to show
 LADDER = (
     FULL,
     Level(0.7),
@@ -83,10 +81,10 @@ STRIDES = tuple(sorted({level.stride for level in LADDER}))
 
 @dataclass(frozen=True)
 class Pace:
-    """level: index into LADDER of the moving picture. costs: seconds of each level, as far as known.
+    """level: index into LADDER of the preview. costs: seconds of each level, as far as known.
 
-    work: what each level draws, in pixels' worth. met: how often each was drawn.
-    slow, quick: frames in a row beyond and below the bounds. wait: how many of the latter it takes to go finer.
+    work: cost of each level in pixel equivalents. met: number of frames drawn at each level.
+    slow, quick: consecutive frames above and below the bounds. wait: quick frames required before a finer level.
     """
 
     work: tuple[float, ...]
@@ -100,13 +98,13 @@ class Pace:
 
     @classmethod
     def of(cls, splats: Sequence[int], pixels: int, target: float = TARGET) -> Pace:
-        """splats: how many there are at each of STRIDES; pixels: the window's."""
+        """splats: their number at each of STRIDES; pixels: the window's."""
         counts = dict(zip(STRIDES, splats, strict=True))
         work = [counts[level.stride] * PIXELS_PER_SPLAT + pixels * level.scale**2 for level in LADDER]
         return cls(tuple(work), target=target)
 
     def again(self, splats: Sequence[int], pixels: int) -> Pace:
-        """For other splats, or another window: what was measured, in proportion to the work."""
+        """For other splats or another window size: measured costs, scaled in proportion to the work."""
         fresh = Pace.of(splats, pixels, self.target)
         costs = [
             None if cost is None else cost * new / old
@@ -115,8 +113,8 @@ class Pace:
         return replace(fresh, level=self.level, costs=tuple(costs), met=self.met)
 
     def expected(self, level: int) -> float:
-        """Seconds that a level is expected to take: as measured, or from its work and the nearest that was."""
-        # a level's first picture also makes what the others find made: it counts only where nothing else is known
+        """Expected seconds of a level: measured, or from its work and the nearest measured level."""
+        # a level's first frame includes one-time setup: used only if there is no other measurement
         known = {i: cost for i, cost in enumerate(self.costs) if cost is not None}
         known = {i: cost for i, cost in known.items() if self.met[i] > 1} or known
         if not known:
@@ -125,11 +123,11 @@ class Pace:
         return known[nearest] * self.work[level] / self.work[nearest]
 
     def drawn(self, level: int, seconds: float) -> Pace:
-        """After a frame of some level that took so long; only frames of the moving level move it."""
+        """After a frame of a level that took `seconds`; only frames at the preview level can change that level."""
         before = self.costs[level]
         settled = before is not None and self.met[level] > 1
         cost = before + NEWEST * (seconds - before) if before is not None and settled else seconds
-        # the scene got cheaper or dearer: so did the other levels
+        # the scene's cost changed: scale the other levels alike
         trend = cost / max(before, 1e-9) if before is not None and settled else 1.0
         costs = tuple(
             cost if i == level else None if other is None else other * trend for i, other in enumerate(self.costs)
@@ -148,18 +146,18 @@ class Pace:
         return replace(known, slow=slow, quick=quick)
 
     def started(self) -> Pace:
-        """With the finest level that is expected to keep the target; the cheapest of all where none is."""
+        """Starts at the finest level expected to meet the target, or at the cheapest if none is."""
         times = [self.expected(level) for level in range(len(LADDER))]
         fits = [level for level in range(len(LADDER)) if times[level] <= self.target]
         cheapest = min(range(len(LADDER)), key=times.__getitem__)
         return replace(self, level=fits[0] if fits else cheapest, slow=0, quick=0, wait=QUICK_FRAMES)
 
     def finer(self) -> int | None:
-        """The finest level that is expected to keep well within the target, if finer than the present one."""
+        """The finest level expected to stay well within the target, if finer than the current one."""
         better = [level for level in range(self.level) if self.expected(level) < QUICK * self.target]
         return better[0] if better else None
 
 
 def rests(pace: Pace, idle: float, held: bool) -> bool:
-    """Whether it is time to draw the full picture: `idle` seconds after the last input, `held`: a button is down."""
+    """Whether to render the full-quality frame, `idle` seconds after the last input; held: a button is down."""
     return idle >= REST and not (held and pace.expected(0) > HELD)

@@ -1,4 +1,4 @@
-"""`Painter`: from a state to what the window shows: the splats' picture, the words over it, the reference beside it."""
+"""`Painter`: draws a state into the window: the splat image, the text overlay, and the reference beside it."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.plan import Plan, plan
 from splatgl.splat.view.camera import Camera
 
-# seconds between two writings of the HUD while the picture moves
+# minimum seconds between HUD updates in motion
 CALM = 0.25
-# letters of a message in a line, by the window's pixels
+# pixels per character of a message line, at a content scale of 1
 LETTER = 7.5
-# and of the HUD
+# maximum characters per HUD line
 COLUMN = 50
-# a picture larger than this, pixels, is compared with its stand-in at every other pixel, and so on
+# images with a side of more than n × ENOUGH pixels are compared with their preview at every (n + 1)-th pixel
 ENOUGH = 1000
 
 
@@ -42,16 +42,16 @@ Ask = Callable[[], bool]
 
 
 class Painter:
-    """Keeps what is on the screen: the last frame, the overlay, and how the picture is shown."""
+    """Holds the screen's contents: the last frame, the overlay, and the display mode."""
 
     def __init__(self, screen: Screen, renderer: Renderer, bindings: tuple[Binding, ...]) -> None:
         self.screen, self.renderer, self.bindings = screen, renderer, bindings
         self.frame: Frame | None = None
         self.pixels = np.zeros((1, 1, 4), np.float32)
-        # what the last picture was of, and how it was seen
+        # inputs and pose of the last frame
         self.subject: tuple[object, ...] = ()
         self.pose: Pose | None = None
-        # the stand-in that a full picture has just replaced, until what is said of the two is written
+        # the preview just replaced by a full frame, until their difference is in the HUD
         self.stand_in: np.ndarray | None = None
         self.fresh = False
         self.brightest = 1.0
@@ -61,21 +61,21 @@ class Painter:
         self.beside: object = None
 
     def draw(self, state: State, content: Content, level: Level, gliding: bool, interrupted: Ask) -> Frame:
-        """Draws the splats at a level and keeps the picture. Raises InputError as the renderer does.
+        """Renders the splats at a level and keeps the image. Raises InputError as the renderer does.
 
-        gliding: the view goes on from where it was drawn last, and may be blurred on the way. interrupted: asked now
-        and then while a full picture is drawn; Interrupted if it says True, and all is as before.
+        gliding: the view moves continuously from the last frame, so that motion blur may apply. interrupted: polled
+        during a full frame; True raises Interrupted and leaves the painter unchanged.
         """
         started = time.perf_counter()
         camera = state.pose.camera.resized(level.size(state.pose.camera.size))
         asked = state.settings.but(motion=state.blur)
         chosen = plan(content.finest, state.pose.camera, asked)
         splats = _enough(state, content, level, chosen)
-        # the tint is not what the reference shows
+        # the reference has no tint
         if state.beyond and state.compare == "off":
             splats = tinted(splats, camera, chosen.resolved.z_k)
         motion = self._motion(state, camera) if gliding else None
-        # a picture that is gone in a moment is drawn to its end
+        # previews are short and not cancelled
         ask = interrupted if level == FULL else None
         image = self.renderer.render(splats, camera, level.settings(asked), motion, verify_bound=False, interrupted=ask)
         seconds = time.perf_counter() - started
@@ -92,9 +92,9 @@ class Painter:
         return self.frame
 
     def write(self, state: State, content: Content, scale: float, busy: str | None, said: str) -> bool:
-        """Writes the overlay if what it says changed; True if it did. said: of the reference.
+        """Redraws the overlay if its contents changed; True if so. said: text about the reference.
 
-        A picture that replaces a stand-in is shown first, and told of the next time.
+        A frame that replaces a preview is displayed first; its HUD follows in the next call.
         """
         now = time.perf_counter()
         if self.fresh:
@@ -117,7 +117,7 @@ class Painter:
         return True
 
     def look(self, state: State, reference: Reference) -> Look:
-        """How the picture is shown now; puts the reference beside it where there is one."""
+        """Current display mode; uploads the reference if there is one."""
         xray = BLENDS[state.settings.blend].unbounded
         background = None if xray else state.settings.background
         scale = 1.0 / self.brightest if xray else 1.0
@@ -135,7 +135,7 @@ class Painter:
         return replace(plain, compare="difference", scale=1.0, gain=1.0 / largest if largest > 0 else 1.0)
 
     def compared(self, state: State, reference: Reference) -> str:
-        """What to say of the reference."""
+        """Text about the reference."""
         right = reference.image
         if state.compare == "off" or right is None or right.pixels.shape != self.pixels.shape:
             return "" if state.compare == "off" else reference.said
@@ -146,7 +146,7 @@ class Painter:
         return f"difference from the float64 reference: {numbers}; white is {found.largest:.2g}"
 
     def _motion(self, state: State, camera: Camera) -> Motion | None:
-        """How the view came to where it is since the last picture."""
+        """Camera motion since the last frame."""
         before = self.pose
         if state.blur == "off" or before is None or before is state.pose:
             return None
@@ -154,7 +154,7 @@ class Painter:
         return Motion(camera=before.camera.resized(camera.size)) if same else None
 
     def _off(self, stand_in: np.ndarray) -> Difference:
-        """How far what was shown is from the picture; of an X-ray, as a share of its brightest pixel."""
+        """The preview's error against the current frame; for an X-ray, relative to its brightest pixel."""
         height, width, _ = self.pixels.shape
         step = 1 + max(width, height) // ENOUGH
         xray = self.frame is not None and self.frame.info["blend"] == "xray"
@@ -181,7 +181,7 @@ class Painter:
 
 
 def _enough(state: State, content: Content, level: Level, chosen: Plan) -> Splats:
-    """The splats that make this picture: all, or those that can be seen where that is as good."""
+    """The splats to draw: all, or only the visible ones where the result is equally good."""
     skin = content.skin(level.stride)
     fits = chosen.program.look.blend.ordered and outside(skin, state.pose.camera.eye)
     if level == FULL:

@@ -1,4 +1,4 @@
-"""The panel: the transfer function over the values' histogram, the settings, and what the picture is. Extra `gui`."""
+"""Control panel: transfer function over the values' histogram, settings, and frame info. Extra `gui`."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from splatgl.splat.plan.settings import choices
 # screen units
 WIDTH, HEIGHT, BAR, EDGE = 330.0, 150.0, 10.0, 6.0
 MARGIN = 8.0
-# what a notch of the wheel does to the range of values shown
+# factor on the displayed value range per notch of the wheel
 ZOOM = 0.8
 EXTINCTION = (0.01, 100.0)
-# the paper's name of a setting, and what it does
+# the paper's name of each setting, and its effect
 ABOUT = {
     "blend": "Compositing over each other, X-ray sums, or the maximum along each ray.",
     "kernel": "The radial kernel that every voxel is blurred with.",
@@ -47,7 +47,7 @@ ABOUT = {
 
 
 class Panel:
-    """Draws the panel, and holds what is being dragged in it."""
+    """Draws the panel and holds its drag state."""
 
     def __init__(self) -> None:
         self.dragged: int | None = None
@@ -59,7 +59,7 @@ class Panel:
         self.bars = (np.zeros(1), np.zeros(0))
 
     def draw(self, state: State, content: Content, frame: Frame | None, window: tuple[int, int]) -> State:
-        """One frame of it between ImGui's new_frame and render; returns the state as it was changed."""
+        """Draws one frame between ImGui's new_frame and render; returns the edited state."""
         wide = min(WIDTH * imgui.get_style().font_scale_main, window[0] - 2 * MARGIN)
         imgui.set_next_window_pos((window[0] - wide - MARGIN, MARGIN), imgui.Cond_.always)
         imgui.set_next_window_size_constraints((wide, 0.0), (wide, max(window[1] - 2 * MARGIN, 1.0)))
@@ -82,12 +82,12 @@ class Panel:
         return state
 
     def covers(self, x: float, y: float) -> bool:
-        """Whether a place of the window is the panel's, or all of it while a list is open."""
+        """Whether a window position belongs to the panel; always true while a list is open."""
         left, top, right, bottom = self.place
         return self.popup or (left <= x < right and top <= y < bottom)
 
     def _known(self, content: Content) -> Statistics:
-        """The values of the volume on show, looked at once."""
+        """Statistics of the displayed volume's values, computed once."""
         if self.stats is None or self.volume is not content.volume:
             self.volume, self.stats = content.volume, statistics(content.volume)
             self._show(*curve.values_of(self.stats))
@@ -98,7 +98,7 @@ class Panel:
             self.range, self.bars = (low, high), curve.histogram(self.stats, low, high)
 
     def _transfer(self, state: State, content: Content) -> State:
-        """The curve, and what goes with it."""
+        """The opacity curve and its controls."""
         stats = self._known(content)
         base = self._curve(state.transfer)
         base = _colors(base, stats)
@@ -118,7 +118,7 @@ class Panel:
         return state
 
     def _curve(self, transfer: Transfer) -> Transfer:
-        """The canvas with the histogram and the nodes; returns the transfer function as it was dragged."""
+        """Canvas with histogram and nodes; returns the edited transfer function."""
         corner, room = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail()
         wide, high = max(room.x, 4 * EDGE) - 2 * EDGE, HEIGHT - 2 * EDGE
         canvas = Canvas(corner.x + EDGE, corner.y + EDGE, wide, high, *self.range)
@@ -136,7 +136,7 @@ class Panel:
         return transfer if points == transfer.points else _with_points(transfer, points)
 
     def _dragged(self, points: Nodes, canvas: Canvas, place: tuple[float, float], hovered: bool, active: bool) -> Nodes:
-        """The nodes after what the mouse does to them."""
+        """The nodes after mouse input."""
         under = curve.nearest(points, canvas, place)
         if hovered and imgui.is_mouse_clicked(imgui.MouseButton_.right) and under is not None:
             return curve.removed(points, under)
@@ -145,7 +145,7 @@ class Panel:
                 points, under = curve.added(points, canvas.node(place))
             self.dragged = under
         held = self.dragged
-        # the frame in which the button goes up still says where
+        # the frame of the button release still has a valid position
         if not active:
             self.dragged = None
         return points if held is None or held >= len(points) else curve.moved(points, held, canvas.node(place))
@@ -168,7 +168,7 @@ class Panel:
 
 
 def _settings(state: State, content: Content) -> State:
-    """Every choice of Settings, with a sentence."""
+    """Controls of Settings, each with a description."""
     for name, about in ABOUT.items():
         allowed = BLURS if name == "motion" else choices()[name]
         chosen = state.blur if name == "motion" else getattr(state.settings, name)
@@ -201,7 +201,7 @@ def _colors(transfer: Transfer, stats: Statistics) -> Transfer:
 
 
 def _with_points(transfer: Transfer, points: Nodes) -> Transfer:
-    """Other nodes; the colours stay where they were, though they followed the first and last node."""
+    """Replaces the nodes; the colour window is kept, even if it followed the first and last node."""
     window = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
     return replace(transfer, points=points, window=window if window[0] < window[1] else None)
 

@@ -1,4 +1,4 @@
-"""What is under the cursor: the first matter that a ray meets."""
+"""Picking: the first matter along the ray through the cursor."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.view import eye_from_index
 
-# a splat is met within this many voxels of the ray; the ray ends where it has gone through this optical depth
+# splats within this many voxels of the ray count; the ray ends at this optical depth
 WITHIN = 1.0
 ENOUGH = 0.7
 
 
 def picked(splats: Splats, camera: Camera, place: tuple[float, float]) -> np.ndarray | None:
-    """World point [3] of the matter under a pixel, None where there is none.
+    """World point [3] of the matter under a pixel; None if there is none.
 
-    It is where the ray's optical depth reaches ENOUGH (half of the light is gone), or, in fainter matter, its middle.
+    The point is at optical depth ENOUGH (half of the light is absorbed), or, in fainter matter, at its middle.
     """
-    # the ray in the splats' grid, and each splat's distance from it, in mean spacings
+    # the ray in the splats' grid, and the distances of the splats from it in mean spacings
     pitch = camera.extent / camera.size[1]
     across = (np.array(place) - np.array(camera.size) / 2) * pitch
     direction = np.array([*across, 1.0]) if camera.perspective else np.array([0.0, 0.0, 1.0])
@@ -33,7 +33,7 @@ def picked(splats: Splats, camera: Camera, place: tuple[float, float]) -> np.nda
     if not len(near):
         return None
 
-    # from the eye on, through what each adds
+    # front to back, accumulating optical depth
     near = near[np.argsort(along[near])]
     total = np.cumsum(splats.records["optical_depth"][near].astype(np.float64))
     met = near[int(np.searchsorted(total, min(ENOUGH, total[-1] / 2)))]

@@ -1,6 +1,6 @@
-"""`Pose`: the window's camera and the point it turns about. Every move gives a new one; nothing here has a window.
+"""`Pose`: the viewer's camera and its pivot. Immutable: every move returns a new pose. Independent of any window.
 
-Cursor places are in pixels of the picture, (0, 0) its upper left corner.
+Cursor positions are in image pixels, (0, 0) at the upper left corner.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from splatgl.app.scene import View
 from splatgl.data.volume import Triple
 from splatgl.splat.view.camera import Camera
 
-# the pivot counts as no nearer than this share of the scene's radius, so that a zoom goes on through it
+# minimum pivot depth as a fraction of the scene's radius, so that zooming can pass through the pivot
 NEAREST = 0.05
-# radii of the scene that an orthographic eye stands off at least: nothing behind its plane is seen
+# minimum distance of an orthographic eye in scene radii: matter behind the eye plane is not drawn
 STAND_OFF = 2.0
-# radius of the ball that the left button turns, in halves of the picture's shorter side
+# trackball radius, in halves of the image's shorter side
 BALL = 0.9
-# how much nearer a notch of the wheel, and a pixel of a drag upwards, bring what is under the cursor
+# zoom factor per notch of the wheel, and per pixel of an upward drag
 NOTCH, DRAG = 0.85, 0.994
-# bounds of what one picture may show, in radii of the scene
+# bounds of the visible extent, in scene radii
 CLOSEST, FARTHEST = 1e-4, 1e3
 
 Place = tuple[float, float]
@@ -38,52 +38,52 @@ class Pose:
 
     @property
     def depth(self) -> float:
-        """Depth of the pivot, world units; never nearer than a share of the scene's radius."""
+        """Depth of the pivot, world units, at least NEAREST × the scene's radius."""
         return max(float(self.camera.eye_from_points(self.pivot)[2]), NEAREST * self.reach)
 
     @property
     def pitch(self) -> float:
-        """World length of a pixel's side at the pivot."""
+        """World size of a pixel at the pivot."""
         return float(self.camera.pixel_pitch(self.depth))
 
     def view(self) -> View:
-        """The view as a scene file states it."""
+        """The view in scene-file form."""
         camera = self.camera
         target, up = camera.eye + camera.forward * self.depth, -camera.eye_from_world[1]
         placed = View(camera.size, eye=_triple(camera.eye), look_at=_triple(target), up=_triple(up), fov=self.fov)
         return placed if camera.perspective else replace(placed, orthographic=True, height=camera.extent)
 
     def resized(self, size: tuple[int, int]) -> Pose:
-        """The same pose for a picture of `size` (width, height) in pixels."""
+        """The pose for an image of `size` (width, height) in pixels."""
         return replace(self, camera=self.camera.resized(size))
 
     def about(self, point: np.ndarray) -> Pose:
-        """The same view with another pivot."""
+        """The view with another pivot."""
         return replace(self, pivot=np.asarray(point, dtype=np.float64))
 
     def rotated(self, start: Place, stop: Place) -> Pose:
-        """Turned as a ball in the middle of the picture turns under a cursor that goes from start to stop."""
+        """Trackball rotation for a cursor move from start to stop."""
         a, b = _on_ball(self.camera.size, start), _on_ball(self.camera.size, stop)
-        # the rotation by twice the angle from a to b: reversible, and the same whatever the path [Shoemake 1992]
+        # rotation by twice the angle from a to b: reversible and independent of the path [Shoemake 1992]
         return self._turned(_turn(np.cross(a, b), 2.0 * float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))))
 
     def rolled(self, start: Place, stop: Place) -> Pose:
-        """Turned about the line of sight by the angle between two places, seen from the picture's middle."""
+        """Rotation about the line of sight by the angle between two positions, seen from the image centre."""
         middle = np.array(self.camera.size) / 2
         angles = [np.arctan2(*(np.array(place) - middle)[::-1]) for place in (start, stop)]
         return self._turned(_turn(np.array([0.0, 0.0, 1.0]), float(angles[1] - angles[0])))
 
     def spun(self, degrees: float, up: np.ndarray) -> Pose:
-        """Turned about the world's `up`, through the pivot: the object goes counter-clockwise seen from above."""
+        """Rotation about the world's `up` through the pivot: counter-clockwise seen from above."""
         return self._turned(_turn(self.camera.eye_from_world @ up, float(np.radians(degrees))))
 
     def panned(self, start: Place, stop: Place) -> Pose:
-        """Moved across, so that what is at the pivot's depth follows the cursor."""
+        """Translation in the image plane; points at the pivot's depth follow the cursor."""
         step = (np.array(start) - np.array(stop)) * self.pitch
         return self._moved(self.camera.eye + step @ self.camera.eye_from_world[:2])
 
     def zoomed(self, at: Place, factor: float) -> Pose:
-        """Nearer by a factor (below 1); what is at the pivot's depth under the cursor stays there."""
+        """Zoom by a factor, closer below 1; the point under the cursor at the pivot's depth stays fixed."""
         camera = self.camera
         shown = camera.extent * (self.depth if camera.perspective else 1.0)
         factor = float(np.clip(factor, CLOSEST * self.reach / shown, FARTHEST * self.reach / shown))
@@ -95,7 +95,7 @@ class Pose:
         return replace(self, camera=Camera(eye, camera.eye_from_world, camera.size, camera.extent * factor, False))
 
     def switched(self) -> Pose:
-        """Perspective for orthographic and back; what is at the pivot's depth keeps its size."""
+        """Toggles perspective and orthographic projection; sizes at the pivot's depth are kept."""
         camera, extent = self.camera, 2.0 * float(np.tan(np.radians(self.fov) / 2))
         height = camera.extent * (self.depth if camera.perspective else 1.0)
         depth = max(self.depth, STAND_OFF * self.reach) if camera.perspective else height / extent
@@ -104,9 +104,9 @@ class Pose:
         return replace(self, camera=Camera(eye, camera.eye_from_world, camera.size, shown, not camera.perspective))
 
     def _turned(self, rotation: np.ndarray) -> Pose:
-        """What is seen turned by a rotation in eye axes about the pivot."""
+        """Applies a rotation in eye axes to the scene about the pivot."""
         camera = self.camera
-        # the nearest rotation, so that rounding does not add up over thousands of moves
+        # project onto the nearest rotation, so that rounding errors do not accumulate over thousands of moves
         left, _, right = np.linalg.svd(rotation @ camera.eye_from_world)
         axes = left @ right
         eye = self.pivot - camera.eye_from_points(self.pivot) @ axes
@@ -117,7 +117,7 @@ class Pose:
 
 
 def _on_ball(size: tuple[int, int], place: Place) -> np.ndarray:
-    """Unit vector in eye axes (forward is away) of the ball's point under the cursor; outside, of its rim."""
+    """Unit vector in eye axes (forward is away) of the trackball point under the cursor; outside it, of its rim."""
     radius = BALL * min(size) / 2
     x, y = (np.array(place) - np.array(size) / 2) / radius
     square = x * x + y * y
@@ -126,7 +126,7 @@ def _on_ball(size: tuple[int, int], place: Place) -> np.ndarray:
 
 
 def _turn(axis: np.ndarray, angle: float) -> np.ndarray:
-    """Rotation [3, 3] by an angle in radians about an axis of any length; none about no axis.  [Rodrigues]"""
+    """Rotation [3, 3] by an angle in radians about an axis of any length; identity for a zero axis.  [Rodrigues]"""
     length = float(np.linalg.norm(axis))
     if not length > 0.0:
         return np.eye(3)

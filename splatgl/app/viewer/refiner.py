@@ -1,4 +1,4 @@
-"""`Refiner`: whether a picture is wanted now, and how good a one: loose while something moves, right once it rests."""
+"""`Refiner`: decides whether a frame is due and at which level: previews in motion, full quality at rest."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from splatgl.app.viewer.pacing import LADDER, REST, Pace, rests
 
-# the finest level whose splats are made at once when the transfer function changes
+# the finest level whose splats are extracted synchronously after a change of the transfer function
 COARSE = next(number for number, level in enumerate(LADDER) if level.stride > 1)
 
 Wanted = tuple[object, ...]
@@ -15,8 +15,8 @@ Wanted = tuple[object, ...]
 
 @dataclass(frozen=True)
 class Moment:
-    """idle: seconds since the last input. turning: on its own. held: a button is down, and a full picture could not be
-    given up once it is begun. whole: all splats are made.
+    """idle: seconds since the last input. turning: automatic rotation. held: a button is down and a full-quality frame
+    could not be cancelled. whole: all splats are extracted.
     """
 
     idle: float
@@ -26,22 +26,22 @@ class Moment:
 
     @property
     def moving(self) -> bool:
-        """Whether the view turns on its own, or the last input is less than REST seconds ago."""
+        """Whether the view rotates automatically or the last input is less than REST seconds old."""
         return self.turning or self.idle < REST
 
 
 class Refiner:
-    """Knows what was drawn last and how long which level takes. What is wanted are tuples of values."""
+    """Tracks the last frame and the cost of each level. Frames are identified by tuples of their inputs."""
 
     def __init__(self, splats: Sequence[int], pixels: int, target: float) -> None:
-        # of a moving camera, and of a transfer function being edited
+        # for camera motion, and for edits of the transfer function
         self.pace = self.edit = Pace.of(splats, pixels, target)
         self.drawn: Wanted = ()
         self.refused: Wanted = ()
         self.full = True
 
     def level(self, wanted: Wanted, now: Moment) -> int | None:
-        """The level of the ladder to draw now; None for no picture."""
+        """Index into LADDER of the frame to draw now; None for no frame."""
         if wanted == self.refused:
             return None
         if wanted != self.drawn:
@@ -54,8 +54,8 @@ class Refiner:
         return 0 if now.whole and resting and not self.full else None
 
     def done(self, wanted: Wanted, level: int, seconds: float, now: Moment, full: bool) -> None:
-        """After a picture was drawn; full: nothing is left to be refined."""
-        # the first of a movement moves what it needs to the graphics card: it says little of the next
+        """Records a drawn frame; full: no refinement remains."""
+        # the first frame of a motion includes uploads to the GPU: it does not predict the next
         first, self.full = self.full and not full, full
         self.drawn, self.refused = wanted, ()
         if first and (self.pace if now.whole else self.edit).met[level]:
@@ -66,15 +66,15 @@ class Refiner:
             self.edit = self.edit.drawn(level, seconds)
 
     def refuse(self, wanted: Wanted) -> None:
-        """This picture cannot be had: it is not tried again."""
+        """Marks a frame as impossible: it is not retried."""
         self.refused = wanted
 
     def renew(self, splats: Sequence[int], pixels: int) -> None:
-        """For other splats, or another window."""
+        """Adapts to other splats or another window size."""
         self.pace, self.edit = self.pace.again(splats, pixels), self.edit.again(splats, pixels)
 
     def patience(self, wanted: Wanted, now: Moment) -> float | None:
-        """Seconds until a picture is due; None if none is."""
+        """Seconds until a frame is due; None if none is."""
         if wanted == self.refused:
             return None
         if wanted != self.drawn:

@@ -1,4 +1,4 @@
-"""Screenshots and scenes: what is saved is what `splatgl render` makes of the saved scene, pixel for pixel."""
+"""Saves screenshots and scenes; a screenshot matches `splatgl render` of the saved scene pixel for pixel."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ Draw = Callable[[Splats, Camera, Settings], Image]
 
 
 def scene_of(state: State, content: Content) -> Scene:
-    """The scene that shows what the window shows."""
+    """The scene equivalent to the window's state."""
     transfer = state.transfer
     table = {f.name: getattr(transfer, f.name) for f in fields(Transfer) if getattr(transfer, f.name) is not None}
-    # a still is the same with any motion blur, an animation of the scene is not
+    # motion blur does not affect a still image, but it does affect an animation of the scene
     settings = state.settings if state.blur == "off" else state.settings.but(motion=state.blur)
     shown = replace(content.scene, transfer=table, view=state.pose.view(), settings=settings)
     return replace(shown, threshold=state.threshold)
 
 
 def picture_of(scene: Scene, content: Content, draw: Draw) -> Image:
-    """The picture that `splatgl render` makes of a scene, drawn by the window's own renderer."""
+    """The image that `splatgl render` makes of a scene, drawn by the window's renderer."""
     transfer = scene.transfer_for(content.volume)
     same = content.whole and transfer == content.transfer and scene.threshold == content.threshold
     splats = content.at(1) if same else extract(content.volume, transfer, scene.threshold)
@@ -41,7 +41,7 @@ def picture_of(scene: Scene, content: Content, draw: Draw) -> Image:
 
 
 def save_picture(state: State, content: Content, draw: Draw, folder: Path) -> str:
-    """Writes the next free picture-NNN.png; returns what to say."""
+    """Writes the next free picture-NNN.png; returns the message to show."""
     target = free(folder, "picture", ".png")
     scene = scene_of(state, content)
     ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
@@ -50,7 +50,7 @@ def save_picture(state: State, content: Content, draw: Draw, folder: Path) -> st
 
 
 def save_scene(state: State, content: Content, draw: Draw, folder: Path) -> str:
-    """Writes the next free scene-NNN.toml and the floats beside it; returns what to say."""
+    """Writes the next free scene-NNN.toml and the float image beside it; returns the message to show."""
     target = free(folder, "scene", ".toml")
     scene = scene_of(state, content)
     picture_of(scene, content, draw).save(target.with_suffix(".npy"))
@@ -58,12 +58,12 @@ def save_scene(state: State, content: Content, draw: Draw, folder: Path) -> str:
     return f"saved {target.with_suffix('.npy').name} and {target.name}"
 
 
-# what the window may be asked to save, and how
+# save actions by name
 SAVES = {"screenshot": save_picture, "save": save_scene}
 
 
 def free(folder: Path, stem: str, suffix: str) -> Path:
-    """folder/stem-001 and so on: the first that is not there."""
+    """First unused path of folder/stem-001 and so on."""
     number = 1
     while any((folder / f"{stem}-{number:03d}{end}").exists() for end in (suffix, ".npy")):
         number += 1

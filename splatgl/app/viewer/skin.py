@@ -1,4 +1,4 @@
-"""The splats that can be seen: those that other matter hides from every side are left out, whatever the view."""
+"""Culls splats that other matter hides from every side, for any view."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import numpy as np
 
 from splatgl.splat.extraction.splats import Splats, assemble
 
-# matter is hidden behind layers of cells, up to so many in every direction, of this optical depth together:
-# e^−6.2 = 0.002 of its light comes through, half of the tolerance below which nothing is left out
+# a splat is hidden behind layers of cells, at most LAYERS in every direction, of this total optical depth:
+# e^−6.2 = 0.002 of its light is transmitted, half of the tolerance below which nothing is culled
 LAYERS, HIDING, FAITHFUL = 4, 6.2, 1 / 256
-# what splats keep of what was worked out, and does not depend on their colours
+# cached properties of splats that do not depend on their colours
 PLACES = ("index_bounds", "outline", "runs", "_lattices")
-# the box of cells is looked at whole: this many at most
+# maximum number of cells, since the whole box is processed
 CELLS = 1 << 27
-# leaving out fewer than this share is not worth a copy
+# minimum fraction of culled splats that justifies a copy
 WORTH = 0.3
 
 
 def skinned(splats: Splats) -> Splats:
-    """The splats without those hidden from every side; the same object where hardly any are.
+    """The splats without those hidden from every side; the same object if hardly any are.
 
-    For composite pictures from outside of the splats' box, with no splat beyond z_k: there footprints are weakened,
-    and what is behind them counts.
+    Valid for composite images from outside of the splats' box with no splat beyond z_k: there footprints are
+    attenuated, and the matter behind them contributes.
     """
     cells = _cells(splats)
     shape = cells.max(axis=0) + 1 if len(splats) else np.zeros(3, np.int64)
@@ -30,7 +30,7 @@ def skinned(splats: Splats) -> Splats:
     depth = np.zeros(shape, np.float32)
     depth[tuple(cells.T)] = splats.records["optical_depth"]
 
-    # behind any number of layers of which each is dense enough
+    # hidden by any number of layers, up to LAYERS, each dense enough
     hidden = np.zeros(shape, bool)
     for layer in range(1, LAYERS + 1):
         for axis in range(3):
@@ -42,7 +42,7 @@ def skinned(splats: Splats) -> Splats:
     if keep.mean() > 1.0 - WORTH:
         return splats
 
-    # what surrounds a splat is told by those that are left out too
+    # `runs` describes each splat's neighbours, including the culled ones
     kept = assemble(
         splats.records[keep],
         _world_cells(splats)[keep],
@@ -57,32 +57,32 @@ def skinned(splats: Splats) -> Splats:
 
 
 def outside(splats: Splats, eye: np.ndarray) -> bool:
-    """Whether an eye, world, is outside of the splats' box."""
+    """Whether an eye position, world, is outside of the splats' box."""
     low, high = splats.index_bounds
     place = splats.grid.index_from_world(eye)
     return bool((place < low).any() or (place > high).any())
 
 
 def inherit(splats: Splats, source: Splats) -> Splats:
-    """Splats that differ from their source in colour alone, with what was already worked out of its places."""
+    """Copies cached position data from `source` to splats that differ from it in colour alone."""
     vars(splats).update({name: value for name, value in vars(source).items() if name in PLACES})
     return splats
 
 
 def _world_cells(splats: Splats) -> np.ndarray:
-    """int32 [N, 3]: the cells along x, y, z."""
+    """Cell indices along x, y, z, int32 [N, 3]."""
     count = np.diff(splats.row_start)
     return np.stack([splats.cell_x, np.repeat(splats.row_y, count), np.repeat(splats.row_z, count)], axis=1)
 
 
 def _cells(splats: Splats) -> np.ndarray:
-    """The same, counted from the lowest."""
+    """Cell indices relative to the lowest."""
     cells = _world_cells(splats).astype(np.int64)
     return np.asarray(cells - cells.min(axis=0)) if len(cells) else cells
 
 
 def _least(array: np.ndarray, axis: int) -> np.ndarray:
-    """The least of each value and its two neighbours along an axis; 0 at the ends."""
+    """Minimum of each value and its two neighbours along an axis; 0 at the ends."""
     across = np.moveaxis(array, axis, 0)
     least = np.zeros_like(across)
     np.minimum(np.minimum(across[:-2], across[1:-1]), across[2:], out=least[1:-1])

@@ -1,4 +1,4 @@
-"""`State`: all that the window shows, as one value; and what each action of the bindings makes of it."""
+"""`State`: the viewer's complete state as one immutable value, and the effect of each bound action on it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from splatgl.splat.plan.settings import Settings, choices
 from splatgl.splat.view.camera import Camera
 
 COMPARE = ("off", "split", "difference")
-# degrees of azimuth and elevation of the standard views; the front is where a scene's azimuth is 0
+# azimuth and elevation of the standard views in degrees; the front is a scene's azimuth 0
 VIEWS = {
     "isometric": (45.0, 35.264),
     "front": (0.0, 0.0),
@@ -30,12 +30,12 @@ VIEWS = {
     "top": (0.0, 90.0),
     "bottom": (0.0, -90.0),
 }
-# one press of a key: extinction, and the threshold, times or over this; the lowest threshold above 0, and the highest
+# factors on extinction and threshold per key press; the lowest threshold above 0, and the highest
 OPACITY_STEP, THRESHOLD_STEP = 1.25, 1.5
 LOWEST, HIGHEST = 0.001, 0.99
-# how a picture that turns may be blurred
+# motion blur modes of a rotating view
 BLURS = ("off", *MOTIONS)
-# settings that a key changes, and what is to be said of them
+# settings cycled by a key, and their messages
 CYCLES = {
     "blend": "",
     "antialias": "",
@@ -46,10 +46,10 @@ CYCLES = {
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """pose, settings: how it is seen and drawn. base: the transfer function asked; extinction: a factor on it.
+    """pose, settings: camera and rendering options. base: the transfer function; extinction: a factor on it.
 
-    blur: of what moves, while the view is turned. asks: what the window still has to do ("screenshot", "save", "quit").
-    message: said until the next key.
+    blur: motion blur while the view rotates. asks: pending window actions ("screenshot", "save", "quit").
+    message: shown until the next key.
     """
 
     pose: Pose
@@ -70,25 +70,25 @@ class State:
 
     @classmethod
     def of(cls, content: Content, size: tuple[int, int]) -> State:
-        """The first state of a content: its home view at `size` pixels, its settings and transfer function."""
+        """Initial state of a content: its home view at `size` pixels, its settings and transfer function."""
         return cls(content.home(size), content.scene.settings, content.transfer, content.threshold)
 
     @property
     def transfer(self) -> Transfer:
-        """The transfer function that is drawn: its nodes' extinctions times the factor."""
+        """The transfer function to render: node extinctions times the factor."""
         if self.extinction == 1.0:
             return self.base
         return replace(self.base, points=tuple((v, stronger(a, self.extinction)) for v, a in self.base.points))
 
     def opened(self, content: Content) -> State:
-        """Another content, as it wants to be seen; what the window shows beside it stays."""
+        """State for another content with its own view and settings; display options are kept."""
         fresh = State.of(content, self.pose.camera.size)
         kept = ("hud", "help", "panel", "ground", "turning", "blur")
         return replace(fresh, **{name: getattr(self, name) for name in kept})
 
 
 def stronger(opacity: float, factor: float) -> float:
-    """The opacity of `factor` times as much extinction; 1 stays 1."""
+    """The opacity for `factor` times the extinction; 1 stays 1."""
     return opacity if opacity >= OPAQUE else float(-np.expm1(factor * np.log1p(-opacity)))
 
 
@@ -96,7 +96,7 @@ Action = Callable[[State, Content], State]
 
 
 def acted(state: State, action: str, content: Content) -> State:
-    """What an action of the bindings makes of the state."""
+    """The state after an action."""
     return ACTIONS[action](replace(state, message=""), content)
 
 
@@ -118,7 +118,7 @@ def _view(name: str) -> Action:
 
 
 def up_of(content: Content) -> np.ndarray:
-    """The direction that the scene draws upwards."""
+    """The scene's up direction."""
     up = np.asarray(content.scene.view.up or content.volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
     return np.asarray(up / np.linalg.norm(up))
 
@@ -149,7 +149,7 @@ def _blur(state: State, content: Content) -> State:
 
 
 def drawable(settings: Settings, state: State, content: Content) -> bool:
-    """Whether these settings can be had for this volume."""
+    """Whether these settings are valid for this volume."""
     try:
         plan(content.at(STRIDES[-1]), state.pose.camera, settings)
     except InputError:
@@ -164,7 +164,7 @@ def _compare(state: State, content: Content) -> State:
 def _opacity(factor: float) -> Action:
     def change(state: State, content: Content) -> State:
         extinction = state.extinction * factor
-        # back where it began, in spite of rounding
+        # snap back to 1 despite rounding
         extinction = 1.0 if abs(extinction - 1.0) < 1e-9 else extinction
         return replace(state, extinction=extinction, message=f"extinction x{extinction:.3g}")
 

@@ -1,4 +1,4 @@
-"""`Viewer`: the window at work: events into states, states into pictures, as few as can be."""
+"""`Viewer`: the event loop: turns events into states and renders them, as few frames as possible."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from splatgl.gl.portions import Interrupted
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen
 
-# seconds that a still window sleeps at most: how soon Ctrl-C is heard
+# maximum seconds to wait for events when idle: bounds the response to Ctrl-C
 IDLE = 0.25
-# frames that a panel may take for what was done to it
+# maximum number of panel frames queued by events
 MOST_FRAMES = 20
-# degrees a second of a scene that turns on its own
+# automatic rotation in degrees per second
 SPEED = 30.0
 
 
 @dataclass(frozen=True)
 class Options:
-    """How the window begins. reopen: the scene again, where files are watched; folder: where pictures go."""
+    """Startup options. reopen: reloads the scene when watched files change; folder: for saved images."""
 
     size: tuple[int, int] = (1024, 768)
     target: float = TARGET
@@ -53,7 +53,7 @@ class Options:
 
 
 class Viewer:
-    """Shows one content at a time. `step()` lives a moment of the window; `run()` all of its life."""
+    """Shows one content at a time. `step()` runs one iteration of the event loop; `run()` loops until closed."""
 
     def __init__(self, content: Content, renderer: Renderer, options: Options | None = None) -> None:
         self.options = options or Options()
@@ -77,13 +77,13 @@ class Viewer:
         self.files = Files(self.jobs, self.options.watched, self.options.reopen, self.now())
         self.refiner = Refiner(content.counts, self._pixels(), self.options.target)
         self.touched = self.ticked = self.now()
-        # how often the hand asked for something: what is being drawn in full gives way to it
+        # input counter: a full-quality frame in progress is cancelled when it changes
         self.asked = 0
         self.closed = False
         self.dirty = 1
 
     def key(self, chord: str) -> None:
-        """Does the action that `chord` is bound to, if any."""
+        """Runs the action bound to `chord`, if any."""
         action = self.keys.get(chord)
         if action:
             self.state = acted(self.state, action, self.content)
@@ -92,7 +92,7 @@ class Viewer:
             self._touch()
 
     def press(self, button: str, held: tuple[str, ...], place: Place) -> None:
-        """Begins a drag; a double click sets the point that the view turns about."""
+        """Starts a drag; a double click sets the pivot."""
         if self.mouse.doubles(button, place, self.now()):
             self._pivot(place)
         self.mouse = self.mouse.press(button, held, place, self.state.pose, self.now())
@@ -102,49 +102,49 @@ class Viewer:
         self.mouse = self.mouse.release()
 
     def move(self, place: Place) -> None:
-        """Drags the view to `place`, if a drag is under way, and stops its turning."""
+        """Moves the view by the current drag, if any, and stops the automatic rotation."""
         if self.mouse.drag is not None:
             pose = self.mouse.drag.to(place)
             self.state = replace(self.state, pose=pose.resized(self._size()), turning=False)
             self._touch()
 
     def wheel(self, notches: float, place: Place) -> None:
-        """Zooms at `place`; notches upwards bring it nearer."""
+        """Zooms at `place`; upwards zooms in."""
         self.state = replace(self.state, pose=wheeled(self.state.pose, place, notches))
         self._touch()
 
     def resize(self, size: tuple[int, int]) -> None:
-        """Fits the view to `size` in pixels; a minimised window keeps its last."""
+        """Fits the view to `size` in pixels; a minimised window keeps its last size."""
         if min(size) > 0:
             self.state = replace(self.state, pose=self.state.pose.resized(size))
             self._touch()
 
     def drop(self, paths: list[str]) -> None:
-        """Opens the first of the files; what is shown stays until it is there."""
+        """Opens the first of the files; the current content stays until it is loaded."""
         if paths:
             self.files.open(paths[0], self.state.settings)
             self._touch()
 
     def refresh(self) -> None:
-        """Shows the window's content again at the next step."""
+        """Redisplays the window's content in the next step."""
         self.dirty = max(self.dirty, 1)
 
     def raw(self, kind: str, *values: Any) -> bool:
-        """Gives an event to the panel; True if taken. A cursor that drags nothing leaves a picture under way alone."""
+        """Passes an event to the panel; True if consumed. Cursor moves without a button cancel no frame in progress."""
         if self.panel is None or not self.state.panel:
             return False
         self.asked += kind != "cursor" or self.window.held
-        # a panel takes one event a frame, and shows what came of it in the next
+        # the panel handles one event per frame and shows its effect in the next
         self.dirty = min(max(self.dirty, 1) + 1, MOST_FRAMES)
         return bool(self.panel.event(kind, *values))
 
     def run(self) -> None:
-        """Steps until the window is closed."""
+        """Runs `step()` until the window is closed."""
         while not self.closed:
             self.step()
 
     def step(self, wait: float | None = None) -> None:
-        """Events, what threads have finished, one picture if one is wanted, and showing it. wait: at most so long."""
+        """Handles events and finished jobs, renders a frame if one is due, and displays it. wait: maximum seconds."""
         self.window.wait(self._patience() if wait is None else wait)
         for done in self.jobs.collect():
             self._finished(done)
@@ -162,16 +162,16 @@ class Viewer:
         self._show()
 
     def now(self) -> float:
-        """Seconds of a monotonic clock."""
+        """Monotonic clock in seconds."""
         return time.monotonic()
 
     def shot(self) -> np.ndarray:
-        """What the window shows now, uint8 [H, W, 3], sRGB."""
+        """The window's current image, uint8 [H, W, 3], sRGB."""
         self._compose()
         return self.screen.read(self.window.size)
 
     def close(self) -> None:
-        """Frees the window and all in it; the renderer stays its owner's."""
+        """Frees the window and its resources, but not the renderer."""
         self.closed = True
         self.reference.forget()
         if self.panel is not None:
@@ -179,7 +179,7 @@ class Viewer:
         self.screen.close()
 
     def _patience(self) -> float:
-        """Seconds without anything to do unless something happens; a held button puts the full picture off."""
+        """Seconds to wait for events; a held button defers the full-quality frame."""
         if self.dirty:
             return 0.0
         if self.state.turning:
@@ -191,17 +191,17 @@ class Viewer:
         return IDLE if due is None or (due == 0.0 and moment.held) else min(due, IDLE)
 
     def _moment(self) -> Moment:
-        # quads near the eye may take long even in portions: they wait until the mouse is released
+        # quads near the eye may be slow even in portions: deferred until the mouse button is released
         frame = self.painter.frame
         held = self.mouse.drag is not None and (frame is None or frame.plan.program.technique == "quads")
         return Moment(self.now() - self.touched, self.state.turning, held, self.content.whole)
 
     def _wanted(self) -> tuple[object, ...]:
-        """What a picture depends on; the parts are values or never change."""
+        """Key of a frame: all its inputs, as values or immutable objects."""
         return self.state.pose, self.state.settings, self.content, self.state.beyond and self.state.compare == "off"
 
     def _draw(self) -> None:
-        """A picture in motion where something changed; at rest the full one, shown again with what is said of it."""
+        """Renders a preview after changes, or the full-quality frame at rest, which is shown again with its HUD."""
         self._extract()
         wanted, moment, asked = self._wanted(), self._moment(), self.asked
         level = self.refiner.level(wanted, moment)
@@ -222,12 +222,12 @@ class Viewer:
         self.dirty = max(self.dirty, 1 + frame.full)
 
     def _given_up(self, asked: int) -> bool:
-        """Lets events in while a picture is drawn; True once the hand asks for something else."""
+        """Polls events during a frame; True after new input, which cancels it."""
         self.window.wait(0.0)
         return self.asked != asked or self.window.closing
 
     def _extract(self) -> None:
-        """The splats of the transfer function that is asked now: the finest are made by the thread, at rest."""
+        """Extracts splats after a change of the transfer function; the finest in the worker thread, at rest."""
         transfer, threshold = self.state.transfer, self.state.threshold
         if (transfer, threshold) != (self.content.transfer, self.content.threshold):
             self._take(self.content.changed(transfer, threshold))
@@ -239,11 +239,11 @@ class Viewer:
             self.jobs.submit("extracting", lambda: content.skin(1))
 
     def _unfinished(self) -> bool:
-        """Whether the finest splats are still to be made."""
+        """Whether the finest splats still have to be extracted."""
         return not self.content.whole and not self.jobs.busy and not self.content.heavy
 
     def _compare(self) -> None:
-        """Asks for the reference of a full picture once all is at rest."""
+        """Requests the reference of a full-quality frame once the view is at rest."""
         frame = self.painter.frame
         if self.state.compare == "off" or frame is None or not frame.full or self.refiner.drawn != self._wanted():
             if self.reference.wanted is not None:
@@ -252,7 +252,7 @@ class Viewer:
             self.reference.ask(Wanted(self.content.at(1), self.state.pose.camera, self.state.settings))
 
     def _show(self) -> None:
-        """The picture, the words over it and the panel, if any of it changed."""
+        """Displays the image, its overlay and the panel if any of them changed."""
         said = self.painter.compared(self.state, self.reference)
         if self.painter.write(self.state, self.content, self.window.scale, self.jobs.busy, said):
             self.refresh()
@@ -264,7 +264,7 @@ class Viewer:
         self.window.title(f"{self.content.volume.name} - splatgl - {progress(self.state, self.painter.frame)}")
 
     def _compose(self) -> None:
-        """What the window shows, into its back buffer."""
+        """Draws the window's content into its back buffer."""
         self.screen.draw(self.window.size, self.painter.look(self.state, self.reference))
         if self.panel is not None and self.state.panel and not self.state.help:
             self.state = self.panel.frame(self.state, self.content, self.painter.frame)
@@ -278,7 +278,7 @@ class Viewer:
         self.ticked = now
 
     def _answer(self) -> None:
-        """Does what the state asks of the window."""
+        """Runs the state's pending window actions."""
         asks, self.state = self.state.asks, replace(self.state, asks=())
         self.closed |= "quit" in asks
         for ask in [ask for ask in asks if ask in SAVES]:
@@ -289,7 +289,7 @@ class Viewer:
             self.state = replace(self.state, message=said)
 
     def _finished(self, done: Done) -> None:
-        """Takes what a thread has made: splats are in the content already. Bad input is said, and the content stays."""
+        """Handles a finished job, whose splats are in the content already; bad input only sets the message."""
         self.refresh()
         if isinstance(done.error, InputError | MemoryError):
             self.state = replace(self.state, message=str(done.error) or "not enough memory")
@@ -301,7 +301,7 @@ class Viewer:
             self._take(self.content)
 
     def _opened(self, news: News) -> None:
-        """Another file; or the same one, seen as before unless a scene file says otherwise."""
+        """Takes a loaded file; a reloaded one keeps its view unless its scene file changed."""
         content, old = news.content, self.content
         if news.reopen is not None:
             self.files.turn_to(news, self.now())
@@ -313,7 +313,7 @@ class Viewer:
         self._touch()
 
     def _take(self, content: Content) -> None:
-        """Shows a content from now on."""
+        """Sets the displayed content."""
         self.content = content
         self.refiner.renew(content.counts, self._pixels())
         self.refresh()
@@ -338,7 +338,7 @@ class Viewer:
         return max(width, 1), max(height, 1)
 
     def _open_panel(self) -> None:
-        """Makes the panel; says what to install where its library is missing."""
+        """Creates the panel, or sets a message on how to install its library."""
         if not find_spec("imgui_bundle"):
             said = str(missing_extra("the panel", "imgui-bundle", "gui"))
             self.state = replace(self.state, panel=False, message=said)

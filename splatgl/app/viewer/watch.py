@@ -1,4 +1,4 @@
-"""Whether files changed: their times and sizes, asked for now and then."""
+"""Detects changed files by polling their modification times and sizes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-# seconds between two looks
+# polling period in seconds
 PERIOD = 1.0
 
 Stamp = tuple[int, int] | None
@@ -14,7 +14,7 @@ Stamp = tuple[int, int] | None
 
 @dataclass(frozen=True)
 class Watch:
-    """paths and what was last seen of them: (mtime in ns, bytes), None for a file that is not there."""
+    """paths, and the last stamp seen of each: (mtime in ns, bytes), None for a missing file."""
 
     paths: tuple[Path, ...]
     seen: tuple[Stamp, ...]
@@ -22,12 +22,12 @@ class Watch:
 
     @classmethod
     def of(cls, paths: Iterable[str | Path], now: float) -> Watch:
-        """Watches `paths` as they are now, the first look due after PERIOD seconds."""
+        """Watches `paths` from their current stamps; the first check is due after PERIOD seconds."""
         found = tuple(Path(path) for path in paths)
         return cls(found, tuple(map(_stamp, found)), now + PERIOD)
 
     def look(self, now: float) -> tuple[Watch, bool]:
-        """After a look, if one is due: whether a file changed and is there (one being replaced is waited for)."""
+        """Checks the files if due; True if one changed and all exist: a file being replaced may be missing briefly."""
         if now < self.due:
             return self, False
         stamps = tuple(map(_stamp, self.paths))

@@ -1,4 +1,4 @@
-"""The window itself: GLFW's events as calls of a `Listener`, in pixels of the picture; and nothing else."""
+"""GLFW window: passes events to a `Listener`, with positions in image pixels."""
 
 from __future__ import annotations
 
@@ -14,64 +14,64 @@ from splatgl.app.viewer.pose import Place
 from splatgl.gl.screen import Screen
 
 BUTTONS = ("left", "right", "middle")
-# what a program ends with whose display is gone
+# exit code after losing the display
 GONE = 2
-# where Xlib's XErrorEvent has its code
+# offset of error_code in Xlib's XErrorEvent
 CODE = 32
 # smallest window, in screen coordinates
 SMALLEST = 64
 
 
 class Listener(Protocol):
-    """What a window tells of. Places are in pixels, (0, 0) the upper left corner."""
+    """Interface for window events. Positions are in pixels, (0, 0) at the upper left corner."""
 
     def key(self, chord: str) -> None:
-        """A key goes down, or repeats; chord: its name with its modifiers."""
+        """Key press or repeat; chord: its name with its modifiers."""
         ...
 
     def press(self, button: str, held: tuple[str, ...], place: Place) -> None:
-        """A mouse button goes down at `place`; held: the modifiers that are down."""
+        """Mouse button press at `place`; held: the modifiers that are down."""
         ...
 
     def release(self, button: str) -> None:
-        """A mouse button goes up."""
+        """Mouse button release."""
         ...
 
     def move(self, place: Place) -> None:
-        """The cursor moves to `place`."""
+        """Cursor move to `place`."""
         ...
 
     def wheel(self, notches: float, place: Place) -> None:
-        """The wheel turns by `notches`, upwards positive, with the cursor at `place`."""
+        """Wheel rotation by `notches`, upwards positive, with the cursor at `place`."""
         ...
 
     def resize(self, size: tuple[int, int]) -> None:
-        """The window has a new size in pixels, (0, 0) while minimised."""
+        """New window size in pixels, (0, 0) while minimised."""
         ...
 
     def drop(self, paths: list[str]) -> None:
-        """Files are dropped on the window."""
+        """Files dropped on the window."""
         ...
 
     def refresh(self) -> None:
-        """The window's content is lost and has to be shown again."""
+        """The window's content was lost and must be redrawn."""
         ...
 
     def raw(self, kind: str, *values: Any) -> bool:
-        """Every event first comes here, as GLFW has it; True keeps it from the rest (a panel took it)."""
+        """Called first with every event in GLFW's form; True stops further handling (the panel consumed it)."""
         ...
 
 
 class Window:
-    """A screen's window: its events, its size, its title."""
+    """A screen's window: events, size and title."""
 
     def __init__(self, screen: Screen, listener: Listener) -> None:
         import glfw
 
         self.glfw, self.screen, self.listener, self.handle = glfw, screen, listener, screen.window
-        # where the cursor was when an event was made: asked for later, it would have gone on
+        # cursor position at the time of an event: a later query may return a newer one
         self.at: Place = self._pixels(*glfw.get_cursor_pos(self.handle))
-        # GLFW's errors come as warnings: what matters is asked for where it matters
+        # GLFW reports errors as warnings: failures that matter are checked where they occur
         warnings.simplefilter("ignore", glfw.GLFWError)
         _outlive_display()
         glfw.swap_interval(1)
@@ -93,7 +93,7 @@ class Window:
 
     @property
     def scale(self) -> float:
-        """How much larger than usual text should be on this display."""
+        """Content scale of the display for text, at least 1."""
         return max(1.0, float(self.glfw.get_window_content_scale(self.handle)[1]))
 
     @property
@@ -108,14 +108,14 @@ class Window:
         return bool(self.glfw.window_should_close(self.handle))
 
     def wait(self, seconds: float) -> None:
-        """Lets events in; waits for the first of them at most so long."""
+        """Handles events; waits for the first at most `seconds`."""
         if seconds > 0:
             self.glfw.wait_events_timeout(seconds)
         else:
             self.glfw.poll_events()
 
     def wake(self) -> None:
-        """Ends a wait; from any thread."""
+        """Ends a wait; callable from any thread."""
         self.glfw.post_empty_event()
 
     def title(self, text: str) -> None:
@@ -123,7 +123,7 @@ class Window:
         self.glfw.set_window_title(self.handle, text)
 
     def show(self) -> None:
-        """Brings what was drawn to the front."""
+        """Swaps the buffers."""
         self.glfw.swap_buffers(self.handle)
 
     def _pixels(self, x: float, y: float) -> Place:
@@ -145,7 +145,7 @@ class Window:
         taken = self.listener.raw("button", button, action)
         if button >= len(BUTTONS):
             return
-        # a release is always told: the press may have been before the panel came under the cursor
+        # releases are always passed on: the press may predate the cursor's entry into the panel
         if action == self.glfw.RELEASE:
             self.listener.release(BUTTONS[button])
         elif not taken:
@@ -165,7 +165,7 @@ class Window:
 
 
 def _outlive_display() -> None:
-    """A line and an exit code where the X server, or the window, goes away: Xlib ends the program in its own way."""
+    """Prints one line and exits with GONE if the X server or the window disappears, instead of Xlib's own exit."""
     name = ctypes.util.find_library("X11") if sys.platform.startswith("linux") else None
     if name is None:
         return
@@ -177,12 +177,12 @@ def _outlive_display() -> None:
     _kept.extend([lost, failed])
 
 
-# what C calls must not be collected
+# keeps callbacks used by C from being garbage-collected
 _kept: list[Any] = []
 
 
 def _failed(_: Any, event: int) -> int:
-    """Nearly always BadWindow (3) or BadDrawable (9)."""
+    """X error handler; the error is nearly always BadWindow (3) or BadDrawable (9)."""
     return _gone(f"the window went away (X error {ctypes.string_at(event, CODE + 1)[CODE]})")
 
 

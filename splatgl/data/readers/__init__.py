@@ -1,4 +1,4 @@
-"""`load`: one face over all volume formats; a format is one row of `FORMATS` and one file of this folder."""
+"""`load`: common entry point of all volume formats; a format is one row of `FORMATS` and one file of this folder."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = ["FORMATS", "Format", "LoadOptions", "load", "terrain_from_heights"]
 
 @dataclass(frozen=True)
 class Format:
-    """A format: how it is called, what its names end in, what reads it, the options it takes and its first bytes."""
+    """A format: its name, suffixes, reader, supported options and magic bytes."""
 
     title: str
     suffixes: tuple[str, ...]
@@ -80,7 +80,7 @@ _STARTS = {
 
 
 def load(path: str | Path, options: LoadOptions | None = None, **given: object) -> Volume:
-    """The volume in a file (or Zarr folder); the name's ending says how it is read.
+    """Loads the volume in a file (or Zarr folder); the suffix selects the reader.
 
     path: see `FORMATS` for the endings; a 2-D picture or CSV becomes a terrain. Further keywords are fields of
     `LoadOptions`. Samples that can be memory-mapped are; the name is the file's stem. Raises InputError, which begins
@@ -107,7 +107,7 @@ def _load(path: Path, options: LoadOptions) -> Volume:
 
 
 def _one_line(path: Path, message: str) -> InputError:
-    """The error as one line that begins with the path; a damaged header may hold much, and control characters."""
+    """The error as one line that begins with the path; text from a damaged header is shortened and sanitized."""
     short = message if len(message) <= LINE_LIMIT else message[: LINE_LIMIT - 1] + "…"
     return InputError("".join(c if c.isprintable() else "?" for c in f"{path}: {short}"))
 
@@ -138,7 +138,7 @@ def _suffix(path: Path, form: Format) -> str:
 
 
 def _check(path: Path, form: Format, options: LoadOptions) -> None:
-    """Raises InputError for what no reader need look at: no file, no bytes, another format, options not taken."""
+    """Checks before any reader runs: InputError for no file, no bytes, another format, unsupported options."""
     folder = form.read is zarr_store.read
     if not path.exists():
         raise expected("path", "a file", "nothing of that name", "check the path")

@@ -1,4 +1,4 @@
-"""What all readers share: byte counts checked before anything is allocated, mapping, inflating, library errors."""
+"""Utilities of all readers: byte counts checked before allocation, mapping, inflating, library errors."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Shape = tuple[int, int, int]
 
 
 def grid_shape(sizes: Sequence[int], what: str = "dimensions") -> Shape:
-    """(D, H, W) from the sizes (x, y, z) that a header states. Raises InputError unless all are positive."""
+    """(D, H, W) from a header's sizes (x, y, z). Raises InputError unless all are positive."""
     if len(sizes) != 3:
         raise expected(what, "three axes", f"{len(sizes)} ({_times(sizes)})")
     if min(sizes) < 1:
@@ -48,14 +48,14 @@ def byte_count(shape: Sequence[int], dtype: np.dtype) -> int:
 
 
 def require_bytes(needed: int, there: int, what: str = "data") -> None:
-    """Raises InputError if fewer bytes are there than needed."""
+    """Raises InputError if fewer bytes are present than needed."""
     if there < needed:
         got = f"{max(there, 0)} bytes"
         raise expected(what, f"{needed} bytes", got, "the file is cut short or its header states a wrong size")
 
 
 def require_plausible(needed: int, there: int, bounded: bool = True) -> None:
-    """Raises InputError if `there` compressed bytes cannot hold `needed`; unbounded codecs are given MAX_BYTES."""
+    """Raises InputError if `there` compressed bytes cannot hold `needed`; unbounded codecs are limited to MAX_BYTES."""
     limit = there * DEFLATE_RATIO if bounded else max(there * DEFLATE_RATIO, MAX_BYTES)
     if needed > limit:
         got = f"{there} compressed bytes, which hold {limit} at most"
@@ -65,7 +65,7 @@ def require_plausible(needed: int, there: int, bounded: bool = True) -> None:
 def map_array(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> np.ndarray:
     """A read-only array [shape] (C order) mapped from `path` at `offset` bytes. Raises InputError if it is cut.
 
-    Whoever cuts the file short later takes the pages from under the array: the system ends a process that reads them.
+    If the file is truncated later, reading the array's missing pages crashes the process.
     """
     if offset < 0:
         raise expected("data", "a place in the file", f"byte {offset}", "the header is damaged")
@@ -86,7 +86,7 @@ def is_mapped(array: np.ndarray) -> bool:
 
 def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> np.ndarray:
     """An array [shape] from zlib or gzip data in `path` at `offset`; never inflates more than the array holds."""
-    # 1. the file must be able to hold what the header says
+    # 1. the file must be large enough for the header's sizes
     needed, there = byte_count(shape, dtype), path.stat().st_size - offset
     require_plausible(needed, max(there, 0))
     # 2. inflate piece by piece into the array; 47 = 32 (zlib or gzip, told by the header) + 15 (window bits)
@@ -129,7 +129,7 @@ def _require_inside(header: Path, name: str) -> None:
     try:
         inside = (header.parent / name).resolve().is_relative_to(header.parent.resolve())
     except (OSError, RuntimeError):
-        # a link that leads back to itself
+        # a symbolic link loop
         inside = False
     if not inside:
         raise expected("data file", "a file inside the header's folder", repr(name), fix)
@@ -154,10 +154,10 @@ def selection(shape: Sequence[int], extra: Mapping[int, tuple[str, int | None]])
 
 @contextmanager
 def library(title: str) -> Iterator[None]:
-    """Turns whatever a decoder raises about a bad file into one InputError.
+    """Converts any exception of a decoder into one InputError.
 
-    Decoders fail in every way (IndexError, AssertionError, struct.error, …), so that this is kept narrow by what it
-    stands around, the decoder's own calls, and not by the kind of exception.
+    Decoders raise many types (IndexError, AssertionError, struct.error, …), so the context encloses only the
+    decoder's own calls instead of filtering by type.
     """
     try:
         yield
@@ -170,7 +170,7 @@ def library(title: str) -> Iterator[None]:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keeps what libraries warn of or log about a file off the terminal: a file that is refused gets one line."""
+    """Suppresses warnings and logs of libraries: a rejected file gives one line."""
     loggers = [logging.getLogger(name) for name in LOGGERS]
     disabled = [logger.disabled for logger in loggers]
     with warnings.catch_warnings(), np.errstate(all="ignore"):

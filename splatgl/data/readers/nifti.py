@@ -68,10 +68,10 @@ def _open(path: Path) -> Any:
     except ImportError:
         raise missing_extra("NIfTI files", "nibabel", "readers") from None
     if path.name.lower().endswith(".gz"):
-        # said before nibabel speaks of headers
+        # reported before nibabel reports header errors
         with library("gzip data"), gzip.open(path) as file:
             file.read(_SNIFF_BYTES)
-    # the header's first number tells NIfTI-2; nibabel's own guess may run other parsers over the file
+    # the header's first number identifies NIfTI-2; nibabel's detection may run other parsers on the file
     with library("NIfTI"):
         form = nibabel.Nifti2Image if _second_version(path) else nibabel.Nifti1Image
         header = type("Header", (form.header_class,), {"exts_klass": _NoExtensions})
@@ -80,7 +80,7 @@ def _open(path: Path) -> Any:
 
 
 class _NoExtensions(list[object]):
-    """In the place of nibabel's extensions, which make room for whatever length a file states."""
+    """Replaces nibabel's extensions, which allocate any length stated in the file."""
 
     @classmethod
     def from_fileobj(cls, _file: object, _size: int, _byteswap: bool) -> _NoExtensions:
@@ -115,7 +115,7 @@ def _pixdim(image: Any) -> tuple[float, float, float]:
 def _scaled(stored: np.ndarray, slope: float, intercept: float) -> np.ndarray:
     if slope == 1 and intercept == 0:
         return stored
-    # plane by plane, so that no float64 copy of the whole is made
+    # plane by plane, to avoid a float64 copy of the whole
     scaled = np.empty(stored.shape, np.float32)
     for plane, source in zip(scaled, stored, strict=True):
         plane[...] = source * np.float64(slope) + intercept

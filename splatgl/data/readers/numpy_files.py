@@ -21,7 +21,7 @@ _HEADER_LIMIT = 2**16
 
 @dataclass(frozen=True)
 class _Header:
-    """What a .npy header says, and where the samples begin."""
+    """Contents of a .npy header, and the offset of the samples."""
 
     shape: tuple[int, ...]
     fortran: bool
@@ -83,7 +83,7 @@ def _member_header(archive: zipfile.ZipFile, member: str) -> _Header:
 
 
 def _header(opened: IO[bytes]) -> _Header:
-    # the length that a header states may be a lie, for which room would be made, or inflated data be read
+    # a false header length could cause large allocations or unbounded inflation
     file = io.BytesIO(opened.read(_HEADER_LIMIT))
     with library("NumPy .npy"):
         version = np.lib.format.read_magic(file)

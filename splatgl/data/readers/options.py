@@ -1,4 +1,4 @@
-"""`LoadOptions`: what a caller may say about a file, and how option texts are read."""
+"""`LoadOptions`: options for reading a file, and parsing of option texts."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _TYPES: dict[str, tuple[tuple[type, ...], str]] = {
 
 @dataclass(frozen=True)
 class LoadOptions:
-    """What may be said about a file beyond its path; each format takes some of these and refuses the others.
+    """Options for a file beyond its path; each format supports some of these and rejects the others.
 
     shape: voxels along (x, y, z), x fastest; dtype: "uint8", "uint16be", ">u2"; header_offset: bytes to skip (raw).
     spacing: (x, y, z) in world units, overrides what the file says.
@@ -39,7 +39,7 @@ class LoadOptions:
     channel: number of the channel of a file with several samples per voxel.
     color: path of the colour picture of a height map; relief: the world height that the map spans;
     levels: voxel levels of the terrain.
-    anywhere: the data of a detached header may lie outside its folder; only for headers that you trust.
+    anywhere: the data of a detached header may lie outside its folder; only for trusted headers.
     Raises InputError for values that no file could have.
     """
 
@@ -91,7 +91,7 @@ class LoadOptions:
 
 
 def _set_triple(options: LoadOptions, name: str) -> None:
-    """Turns `shape` into three positive ints, `spacing` into three positive floats; lists will do."""
+    """Converts `shape` to three positive ints, `spacing` to three positive floats; lists are accepted."""
     value = getattr(options, name)
     if value is None:
         return

@@ -47,7 +47,7 @@ def terrain_from_heights(
 ) -> Volume:
     """A volume [levels, H, W] of uint8: 255 at the ground, 0 above and deep below; z is up, voxels are 1 wide.
 
-    Columns reach below their lowest neighbour's top, so that no hole shows; those at the map's edge to the bottom.
+    Columns extend below their lowest neighbour's top, so that there are no gaps; those at the map's edge to the bottom.
 
     heights: [H, W] real numbers, row 0 at y = 0; not finite ones are holes. color: uint8 [H', W', 3] sRGB, row 0 at
     y = 0, resampled to the grid; without it heights are tinted. relief: world height between the lowest and highest
@@ -83,7 +83,7 @@ def _check_voxels(width: int, height: int, levels: int) -> None:
 
 
 def _check_columns(path: Path, width: int, height: int, levels: int) -> None:
-    """A small file may hold a large empty map; its columns are what costs. More levels than usual are asked for."""
+    """Limits the columns, since a small file may hold a large empty map; only levels up to the default count."""
     require_plausible(width * height * min(levels, DEFAULT_LEVELS), path.stat().st_size, bounded=False)
     _check_voxels(width, height, levels)
 
@@ -129,7 +129,7 @@ def _color(path: Path, options: LoadOptions) -> np.ndarray | None:
 def _open_picture(path: Path, levels: int, as_color: bool = False) -> np.ndarray:
     from PIL import Image
 
-    # from memory: Pillow makes room for whatever length a chunk of a file states
+    # from memory: Pillow allocates any chunk length stated in a file
     data = io.BytesIO(path.read_bytes())
     with library(f"a picture ({path.name})"), Image.open(data, formats=PICTURES) as picture:
         _check_columns(path, picture.width, picture.height, levels)
@@ -151,7 +151,7 @@ def _parts(heights: np.ndarray) -> np.ndarray:
     finite = heights[np.isfinite(heights)]
     if finite.size == 0:
         raise expected("heights", "at least one finite number", "none")
-    # halves, so that a range as wide as float64 itself does not overflow
+    # halved, so that the range of float64 itself does not overflow
     low, high = float(finite.min()) / 2, float(finite.max()) / 2
     return np.where(np.isfinite(heights), (heights / 2 - low) / ((high - low) or 1.0), np.nan)
 

@@ -1,4 +1,4 @@
-"""Numbers written as text, read a block at a time, so that neither long lines nor long words cost memory."""
+"""Parses numbers from text block by block, with bounded memory for long lines and words."""
 
 from __future__ import annotations
 

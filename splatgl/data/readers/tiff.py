@@ -1,7 +1,7 @@
 """TIFF stacks, ImageJ and OME-TIFF through tifffile; contiguous uncompressed samples are memory-mapped.
 
 Pages are planes along z, rows run along y, row 0 first. The resolution tags count only where ImageJ's metadata
-backs them: other programs write 72 dpi without meaning it.
+confirms them: other programs write 72 dpi by default.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ Grid = tuple[Triple, str]
 
 @dataclass(frozen=True)
 class _Series:
-    """What tifffile says of the first series; offset: where its samples lie in one uncompressed run, if they do."""
+    """The first series according to tifffile; offset: of its samples if they are one uncompressed run."""
 
     axes: str
     shape: tuple[int, ...]
@@ -86,7 +86,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     check_chain(path)
     with _complaints(), ExitStack() as stack:
         with library("TIFF"):
-            # files that OME's metadata name beside this one are left alone
+            # other files named by OME's metadata are ignored
             kinds: Any = {f"is_{kind}": False for kind in _OTHER_KINDS}
             tiff = stack.enter_context(tifffile.TiffFile(path, _multifile=False, **kinds))
             if tiff.ome_metadata:
@@ -102,7 +102,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 @contextmanager
 def _complaints() -> Iterator[None]:
-    """Raises the first error that tifffile only logs: it reads what is left of a file cut short without failing."""
+    """Raises the first error that tifffile only logs: it reads truncated files without failing."""
     handler = _FirstError()
     logger = logging.getLogger("tifffile")
     propagate, logger.propagate = logger.propagate, False
@@ -144,7 +144,7 @@ def _describe(tiff: Any) -> _Series:
 
 
 def _check_codec(series: Any) -> None:
-    """Refuses samples of no plain type, codecs that no bound can be set to, and strips larger than all samples."""
+    """Rejects non-plain sample types, codecs without a size bound, and strips larger than all samples."""
     frame = series.keyframe
     if series.dtype is None:
         raise expected("samples", "8 to 64 bits each", f"{frame.bitspersample} bits", "convert the file")
@@ -190,7 +190,7 @@ def _stack_axis(series: _Series) -> int | None:
 
 
 def _index(series: _Series, z: int, options: LoadOptions) -> tuple[int | slice, ...]:
-    """What picks [z, y, x] from the series' axes."""
+    """The index that selects [z, y, x] from the series' axes."""
     extra: dict[int, tuple[str, int | None]] = {}
     for axis, letter in enumerate(series.axes):
         if axis == z or letter in "YX":

@@ -1,4 +1,4 @@
-"""What a TIFF file says of itself, looked at before anything is built on it: its pages, and OME's numbers of planes."""
+"""Checks of a TIFF file's structure before it is decoded: its pages, and OME's numbers of planes."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _OME_COUNTS = ("IFD", "NumPlanes", "PlaneCount", "FirstC", "FirstT", "FirstZ", "
 
 
 def check_chain(path: Path) -> None:
-    """Raises InputError for pages that lead back to themselves, lie over each other, or share their tags' values.
+    """Raises InputError for pages that form a cycle, overlap, or share their tags' values.
 
-    What is merely cut short is left to the decoder, which says what is missing.
+    Truncated files are left to the decoder, which reports what is missing.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -32,7 +32,7 @@ def check_chain(path: Path) -> None:
         if layout is None:
             return
         form, offset = layout
-        # 1. page by page: none is met twice, and all together take no more bytes than there are
+        # 1. page by page: no cycles, and their total size is at most the file's
         seen: set[int] = set()
         used = 0
         while 0 < offset < size:
@@ -41,7 +41,7 @@ def check_chain(path: Path) -> None:
             seen.add(offset)
             table, values, offset = form.page(file, offset)
             used += table + values
-            # 2. few writers let tags share values, and none lets long ones
+            # 2. few writers share tag values, and none shares long ones
             if used > 2 * size:
                 raise expected("tags", f"at most {size} bytes", "more", "the file is damaged")
 

@@ -53,7 +53,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 
 def _parse(path: Path) -> tuple[Element, Source | None]:
-    """The XML part of the file, and where its appended data begin, which need not be XML."""
+    """The XML part of the file, and the start of its appended data, which need not be XML."""
     data = np.memmap(path, np.uint8, mode="r")
     text = data[: _find(data, _APPENDED)].tobytes()
     appended = None
@@ -67,7 +67,7 @@ def _parse(path: Path) -> tuple[Element, Source | None]:
 
 
 def _find(data: np.ndarray, word: bytes) -> int:
-    """Where `word` begins in the bytes, or their number if it is not there; reads up to it only."""
+    """Offset of `word` in the bytes, or their number if absent; reads only up to it."""
     step = 1 << 20
     for start in range(0, len(data), step):
         place = data[start : start + step + len(word)].tobytes().find(word)

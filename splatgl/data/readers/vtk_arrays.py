@@ -1,4 +1,4 @@
-"""The arrays of a VTK image, and which of them become a volume's samples and vectors; shared by .vtk and .vti."""
+"""Selects a volume's samples and vectors from a VTK image's arrays; shared by .vtk and .vti."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from splatgl.data.readers.options import LoadOptions
 
 @dataclass(frozen=True)
 class PointArray:
-    """One array of a VTK image. read() returns it as [D, H, W, components]; nothing is read before."""
+    """One array of a VTK image. read() loads it as [D, H, W, components]; loading is lazy."""
 
     name: str
     components: int

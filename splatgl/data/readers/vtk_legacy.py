@@ -50,7 +50,7 @@ Words = list[str]
 
 @dataclass
 class _Parser:
-    """A walk through the file: where it stands, and the grid and the arrays that it has met."""
+    """Parser state: the position in the file, and the grid and arrays found so far."""
 
     path: Path
     file: BinaryIO
@@ -73,7 +73,7 @@ class _Parser:
         if code is None:
             raise expected("type", "a VTK number type such as float", type_name)
         if count < 0:
-            # stepping back would never end
+            # a negative count would loop forever
             raise expected("entries", "zero or more", count, "the header is damaged")
         dtype, start = np.dtype(code), self.file.tell()
         if not self.binary:
@@ -123,7 +123,7 @@ def _is_binary(file: BinaryIO) -> bool:
 
 
 def _section(parser: _Parser, words: Words) -> None:
-    """One keyword and what belongs to it."""
+    """Parses one keyword and its data."""
     keyword, rest = words[0].upper(), words[1:]
     if keyword == "DATASET":
         if rest[:1] != ["STRUCTURED_POINTS"]:

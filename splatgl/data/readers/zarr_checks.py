@@ -1,4 +1,4 @@
-"""What is looked at in a Zarr store before zarr decodes anything: its files, its codecs, its chunks."""
+"""Checks of a Zarr store before zarr decodes anything: its files, codecs and chunks."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _DECLARED_ROOM = 8
 
 
 def check_files(path: Path) -> None:
-    """Raises InputError unless all in the store are plain files and folders, or links to such inside it."""
+    """Raises InputError unless the store contains only plain files and folders, or links to such inside it."""
     root = path.resolve()
     folders = [path]
     while folders:
@@ -52,7 +52,7 @@ def _check_link(link: Path, root: Path) -> None:
 
 
 def check_array(path: Path, array: Any) -> None:
-    """Raises InputError for codecs that are not known to be safe, and for chunks that no such file could hold."""
+    """Raises InputError for codecs not known to be safe, and for chunks too large for their files."""
     # 1. the codecs
     names = [_name(codec) for codec in _codecs(array)]
     refused = [name for name in names if name not in (*_COMPRESSORS, *_FILTERS)]

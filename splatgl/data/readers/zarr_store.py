@@ -31,7 +31,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
         import zarr
     except ImportError:
         raise missing_extra("Zarr stores", "zarr", "readers") from None
-    # everything in a store is text that anyone may have written: whatever goes wrong with it is the file's fault
+    # all text in a store is untrusted: any failure is attributed to the file
     with library("Zarr"):
         # 1. the array, and what OME's metadata say of it
         check_files(path)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure of the paper: its number, a sentence, the drawing, and the numbers that it shows."""
+    """A figure of the paper: its number, caption, drawing and data."""
 
     number: int
     caption: str

@@ -1,4 +1,4 @@
-"""Fig. 11: a moving splat's footprint, cut in half with a rectangle between the halves; and what it should be."""
+"""Fig. 11: a moving splat's footprint, cut in half with a rectangle between the halves; and the exact result."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# the path: voxels long, and its direction in degrees
+# length of the path in voxels, and its direction in degrees
 LENGTH, TURN = 3.0, 25.0
 # half of the shown square, voxels
 SHOWN = 3.3
 LENGTHS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 100.0, 1000.0)
-# points of the rule that finds an energy: 1e−5
+# quadrature points for an energy: error 1e−5
 ORDER = 40
 LOOKS: dict[str, dict[str, Any]] = {
     "exact": {"color": BLACK, "linestyle": "-"},
@@ -42,7 +42,7 @@ def construction() -> Figure:
 
 
 def _picture(axes: Axes, part: str) -> None:
-    """The footprint, its two halves with what is between, or its mean, from above; grey: the square root."""
+    """The footprint, its separated halves, or its mean along the path, from above; grey: the square root."""
     shape = kernel("crawfis-max")
     place = np.linspace(-SHOWN, SHOWN, 151)
     x, y = np.meshgrid(place, place)
@@ -74,7 +74,7 @@ def _picture(axes: Axes, part: str) -> None:
 
 
 def _outline(axes: Axes, radius: float, half: float, along: np.ndarray, across: np.ndarray) -> None:
-    """The edge of what is not 0: two half circles and two straight lines."""
+    """The boundary of the support: two half circles and two straight lines."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 60)
     arc = np.outer(np.cos(angle), along) * radius + np.outer(np.sin(angle), across)
     edge = np.concatenate([arc + along * half, -arc - along * half])
@@ -105,7 +105,7 @@ def _profile(axes: Axes) -> None:
 
 
 def energy(motion: str, length: float, name: str = "crawfis-max") -> float:
-    """The integral of a streak over the plane, by Gauss's rule across and between the places where it is not smooth."""
+    """The integral of a streak over the plane, by Gaussian quadrature across and between its non-smooth points."""
     shape = kernel(name)
     nodes, weights = np.polynomial.legendre.leggauss(ORDER)
     v, across = nodes * shape.radius, weights * shape.radius
@@ -118,7 +118,7 @@ def energy(motion: str, length: float, name: str = "crawfis-max") -> float:
 
 
 def gain_table() -> Table:
-    """By which the stretched footprint is weakened, and the energy of each way, for both kernels."""
+    """Weight of the stretched footprint, and energy of each method, for both kernels."""
     rows = []
     for name in ("crawfis-max", "gaussian"):
         for length in LENGTHS:

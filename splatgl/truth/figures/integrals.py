@@ -1,4 +1,4 @@
-"""Fig. 9: how far the drawn splats of three voxels are from the right line integrals, over the ray's angle."""
+"""Fig. 9: errors of the drawn splats of three voxels against exact line integrals, by the ray's angle."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# the forms whose errors are shown; b′ is made for the weight 1/m² of space, not for the plane's 1/m
+# the forms shown; b′ is derived for the weight 1/m² of space, not for the plane's 1/m
 PLANAR, SPATIAL = ("row5", "row4", "b"), ("bprime",)
 NAMES = {"row5": "row 5, grid-aligned", "row4": "row 4, ray-perpendicular", "b": "form b", "bprime": "form b′"}
 RAYS = 601
@@ -43,11 +43,11 @@ class Voxel:
 
     @property
     def shape(self) -> Stretched:
-        """The voxel's kernel as the antialiasing leaves it."""
+        """The voxel's kernel after antialiasing."""
         return Stretched(self.setting.kernel, self.y, self.z, self.setting.z_k)
 
     def angles(self, place: np.ndarray) -> np.ndarray:
-        """Degrees from the axis, of the sweep's places."""
+        """Angles of sweep positions from the axis, degrees."""
         return np.degrees(np.arctan(self.plane.slope(place[None])[0]))
 
     def levels(self, form: str, place: np.ndarray) -> np.ndarray:
@@ -91,7 +91,7 @@ def integral_errors() -> Figure:
 
 
 def _shape(axes: Axes, voxel: Voxel) -> None:
-    """Isolines over angle and depth: in perspective space every ray is upright."""
+    """Isolines over angle and depth: in perspective space every ray is vertical."""
     radius = voxel.setting.kernel.radius
     place = np.linspace(-1, 1, 241)
     slope, depth = np.meshgrid(voxel.plane.slope(place[None])[0], np.linspace(-1.15, 1.15, 241) * radius)
@@ -130,7 +130,7 @@ def _errors(axes: Axes, voxel: Voxel) -> None:
 
 
 def shown(voxel: Voxel) -> tuple[str, ...]:
-    """The forms whose errors are drawn; before z_k there is nothing for b to mend, as c is exact."""
+    """The forms drawn; before z_k, b has nothing to correct, since c is exact."""
     return (*PLANAR, *SPATIAL) if voxel.z >= voxel.setting.z_k else ("row5", "row4")
 
 
@@ -143,7 +143,7 @@ def _angles(axes: Axes, voxel: Voxel) -> None:
 
 
 def integral_table() -> Table:
-    """Errors over the ray's angle, in levels; before z_k form c stands for b and b′."""
+    """Errors by the ray's angle, in levels; before z_k form c stands for b and b′."""
     place, rows = np.linspace(-1, 1, 201), []
     for voxel in voxels():
         forms = (*shown(voxel), "c", "c")[:4]

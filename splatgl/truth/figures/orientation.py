@@ -1,4 +1,4 @@
-"""Fig. 8: where a pixel's ray samples the footprint on a grid-aligned and on a ray-perpendicular quad."""
+"""Fig. 8: position where a pixel's ray samples the footprint on grid-aligned and ray-perpendicular quads."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Sight:
 
     @property
     def distances(self) -> dict[str, float]:
-        """From the voxel to where F is read: the ray's true distance, row 4's and row 5's."""
+        """Distances from the voxel at which F is evaluated: the ray's true distance, row 4's and row 5's."""
         splat = self.splat
         return {
             "row1": float(splat.distance),
@@ -118,7 +118,7 @@ def _profile(axes: Axes, sight: Sight) -> None:
 
 
 def orientation_table() -> Table:
-    """Distance at which each orientation reads F, and what it reads."""
+    """Distance at which each orientation evaluates F, and the value."""
     sight = example()
     peak = float(sight.kernel.footprint(np.zeros(())))
     rows = [(name, d, float(sight.kernel.footprint(np.array(d))) / peak) for name, d in sight.distances.items()]

@@ -1,4 +1,4 @@
-"""Figs. 1, 2 and 3: perspective rays sample a volume ever more coarsely, and at z_k just as finely as it is."""
+"""Figs. 1, 2 and 3: perspective rays sample a volume more coarsely with depth, and at z_k at its own resolution."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Resampling:
 
     @property
     def slopes(self) -> np.ndarray:
-        """Of the pixels' rays."""
+        """Slopes of the pixels' rays."""
         return self.camera.slopes()[1]
 
     def pitch(self, depth: float) -> float:
@@ -126,7 +126,7 @@ def perspective_space() -> Figure:
 
 
 def _mark(axes: Axes, scene: Resampling, samples: np.ndarray, top: float) -> None:
-    """Samples, z_k, and what holds on either side of it."""
+    """Samples, z_k, and labels of the regions on either side."""
     axes.plot(*samples.T, ".", color=BLACK, ms=2.6)
     axes.plot([scene.z_k] * 2, [-top, top], color=BLACK, lw=0.8, dashes=(5, 2))
     axes.text(scene.z_k, top + 0.4, "$z_k$", ha="center", va="center")

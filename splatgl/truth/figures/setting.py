@@ -13,7 +13,7 @@ import numpy as np
 from splatgl.splat.kernel.kernels import Gaussian
 from splatgl.splat.view.camera import Camera
 
-# how much of the volume's length lies before z_k in the paper's plots: 102.4 of 512
+# fraction of the volume's length before z_k in the paper's plots: 102.4 of 512
 BEFORE = 0.2
 
 

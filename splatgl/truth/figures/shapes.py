@@ -1,4 +1,4 @@
-"""A kernel as the antialiasing leaves it, in a plane through the eye: what Figs. 7 and 9 draw."""
+"""A kernel after antialiasing, in a plane through the eye, for Figs. 7 and 9."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Stretched:
         return max(self.z / self.z_k, 1.0)
 
     def width(self, depth: np.ndarray, box: bool = False) -> np.ndarray:
-        """How many times as wide it is at a depth: z/z_k, as the rays diverge; m in a box [M98 Fig. 7]."""
+        """Relative width at a depth: z/z_k, as the rays diverge; m in a box [M98 Fig. 7]."""
         fixed = box or self.z < self.z_k
         return np.full(np.shape(depth), self.m) if fixed else np.asarray(depth) / self.z_k
 
@@ -35,14 +35,14 @@ class Stretched:
         return np.asarray(self.kernel.value(radius) / self.kernel.value(np.zeros(())))
 
     def outline(self, box: bool = False) -> np.ndarray:
-        """[5, 2]: corners (depth, y) of the trapezoid, or box, that holds it."""
+        """[5, 2]: corners (depth, y) of the bounding trapezoid or box."""
         near, far = self.z - self.kernel.radius, self.z + self.kernel.radius
         ends = np.array([near, near, far, far, near])
         half = self.kernel.radius * self.width(ends, box) * np.array([-1, 1, 1, -1, -1])
         return np.stack([ends, self.y + half], axis=1)
 
     def box_for_trapezoid(self) -> tuple[float, float]:
-        """How far a box is from the trapezoid [M98 §4.2], at their outlines' corners and at the kernel's own rim."""
+        """Difference of a box from the trapezoid [M98 §4.2], at their outlines' corners and at the kernel's rim."""
         corners = np.abs(self.outline()[:, 1] - self.outline(box=True)[:, 1]).max()
         turn = np.linspace(0, np.pi, 1801)
         depth, across = self.z + self.kernel.radius * np.cos(turn), self.kernel.radius * np.sin(turn)

@@ -1,4 +1,4 @@
-"""Figs. 4 and 7: beyond z_k a kernel is stretched with the rays and weakened by its area."""
+"""Figs. 4 and 7: beyond z_k a kernel is stretched along the diverging rays and attenuated by its area."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _patch(axes: Axes, depth: float, stretch: bool) -> None:
     from matplotlib.patches import Circle
 
     share = footprint_pixels(depth, stretch)
-    # darker is more; the square root lets faint footprints be seen
+    # darker is larger; the square root makes faint footprints visible
     axes.imshow(np.sqrt(share), cmap="Greys", vmin=0, vmax=1.15, extent=(-PATCH, PATCH, -PATCH, PATCH))
     for edge in range(-PATCH, PATCH + 1):
         axes.axhline(edge, color=PALE, lw=0.4)
@@ -112,7 +112,7 @@ def growing_table() -> Table:
 
 
 def far_voxel() -> Stretched:
-    """The voxel of Fig. 7: on the axis, half as far again as z_k."""
+    """The voxel of Fig. 7: on the axis, at 1.5 z_k."""
     z_k = float(straight_ahead(8).z_k(1.0))
     return Stretched(kernel("gaussian"), 0.0, FAR * z_k, z_k)
 
@@ -132,7 +132,7 @@ def trapezoid_and_box() -> Figure:
         axes.contour(z, y, voxel.value(y, z, box), ISOLINES, **drawn)
         axes.plot(*voxel.outline(box).T, lw=1.3, **look)
     axes.plot(voxel.z, 0, ".", color=BLACK, ms=4)
-    # at the far corners the two are furthest apart
+    # the two differ most at the far corners
     back = voxel.z + voxel.kernel.radius
     box_half, half = (float(abs(voxel.outline(box)[2, 1])) for box in (True, False))
     for height in (box_half, half):

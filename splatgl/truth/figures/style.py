@@ -1,4 +1,4 @@
-"""How the figures look: one column wide, lines that can be told apart without colour."""
+"""Style of the figures: one column wide, with lines distinguishable without colour."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COLUMN = 3.5
 # dots per inch of a PNG: a column of 1400 dots
 RESOLUTION = 400
 
-# Colours of Okabe and Ito, for the colour-blind too; each form has its own dashes besides.
+# Colours of Okabe and Ito, suitable for colour blindness; each form also has its own dashes.
 BLACK, BLUE, RED, GREEN, ORANGE = "#000000", "#0072B2", "#C44E00", "#00805C", "#C98500"
 PALE, GRAY = "#c4c4c4", "#7a7a7a"
 LINES: dict[str, dict[str, Any]] = {
@@ -55,13 +55,13 @@ SETTINGS: Any = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Matplotlib's settings while a figure is made and written. Raises InputError without matplotlib."""
+    """Matplotlib settings for creating and writing a figure. Raises InputError without matplotlib."""
     try:
         import matplotlib
     except ImportError as error:
         raise missing_extra("figures", "matplotlib", "plots") from error
     with matplotlib.rc_context():
-        # whatever a user's own settings are, a figure looks the same
+        # ignore the user's own settings, for reproducible figures
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(SETTINGS)
         yield
@@ -75,7 +75,7 @@ def sheet(height: float, width: float = COLUMN) -> Figure:
 
 
 def encode(figure: Figure, suffix: str, about: Mapping[str, str], maker: str) -> bytes:
-    """The bytes of a .png or .svg, the same for the same figure; about: Title and Description; maker: the program."""
+    """The bytes of a .png or .svg, deterministic; about: Title and Description; maker: the program."""
     buffer = io.BytesIO()
     if suffix == ".svg":
         figure.savefig(buffer, format="svg", metadata={**about, "Creator": maker, "Date": None})
@@ -85,18 +85,18 @@ def encode(figure: Figure, suffix: str, about: Mapping[str, str], maker: str) ->
 
 
 def bare(axes: Axes) -> None:
-    """No frame and no ticks; one unit is as long both ways."""
+    """Removes frame and ticks; equal aspect ratio."""
     axes.set_aspect("equal")
     axes.set_axis_off()
 
 
 def measure(axes: Axes, start: tuple[float, float], end: tuple[float, float], color: str = BLACK) -> None:
-    """An arrow with two heads between two points: a length."""
+    """A double-headed arrow between two points, as a dimension line."""
     arrow = {"arrowstyle": "<|-|>,head_width=0.12,head_length=0.25", "color": color, "lw": 0.7, "shrinkA": 0}
     axes.annotate("", end, start, arrowprops={**arrow, "shrinkB": 0}, annotation_clip=False)
 
 
 def plain(text: str) -> dict[str, Any]:
-    """Text centred on its point, on white, so that no line runs through it."""
+    """Text style: centred on its point, on white, to hide lines behind it."""
     box = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
     return {"s": text, "ha": "center", "va": "center", "bbox": box}

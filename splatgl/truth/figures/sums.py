@@ -1,4 +1,4 @@
-"""X-ray sums: what all splats of one layer of a constant volume add up to on a ray.  [M98 §4]"""
+"""X-ray sums: the sum of all splats of one layer of a constant volume on a ray.  [M98 §4]"""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from splatgl.truth.figures.worst import Form
 
 # positions of the ray within a voxel, along each axis
 PHASES = 8
-# how far from the ray voxels are summed, over m · radius · the slant
+# summation distance from the ray, over m · radius · the slant
 REACH = 1.1
 
 

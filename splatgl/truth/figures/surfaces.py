@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 SHOWN = ("row5", "row4", "row3", "row2")
 TITLES = {"row5": "grid-aligned", "row4": "ray-perpendicular", "row3": "ray-perp., ideal", "row2": "box"}
-# where the table has its values: voxels off the axis, and beyond z_k
+# grid of the table: voxels off the axis, and beyond z_k
 OFFSETS = (0.0, 16.0, 32.0, 64.0, 96.0, 128.0, 160.0, 192.0, 224.0, 256.0)
 BEFORE = (-102.4, -64.0, -32.0, -1.0)
 BEHIND = (0.0, 1.0, 5.0, 10.0, 20.0, 35.0, 70.0, 105.0, 140.0, 184.0, 210.0, 280.0, 325.0, 350.0, 409.6)
 DEPTHS = BEFORE + BEHIND
-# depths drawn besides, so that the step at z_k is upright and the ridge beyond it round
+# additional depths for drawing, so that the step at z_k is vertical and the ridge beyond it smooth
 STEP = (-1e-6, 2.5, 15.0, 27.0, 45.0, 57.0, 87.0, 120.0, 160.0, 240.0, 380.0)
 ISOLINES = 6
-# how far below zero the isolines lie, as a share of the largest error
+# offset of the isolines below zero, as a fraction of the largest error
 FLOOR = 1.1
 
 
@@ -106,7 +106,7 @@ def _surface(axes: Axes3D, found: Surfaces, row: str) -> str:
 
 
 def _frame(axes: Axes3D, top: float) -> None:
-    """Ticks, names and the direction it is seen from."""
+    """Ticks, labels and viewing direction."""
     axes.set_xticks([0, 200, 400])
     axes.set_yticks([0, 128, 256])
     axes.set_zticks(_ticks(top))

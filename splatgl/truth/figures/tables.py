@@ -1,4 +1,4 @@
-"""What a figure shows, as numbers."""
+"""The data of a figure, as numbers."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ PAGE = 78
 
 @dataclass(frozen=True)
 class Table:
-    """Columns by name, each row one value a column; units stand in the names."""
+    """Named columns, with units in the names; each row has a value per column."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[float | str, ...], ...]
 
     def csv(self) -> str:
-        """Comma-separated text, numbers to the last bit, with a line of names."""
+        """Comma-separated text with a header, numbers in full precision."""
         lines = [",".join(self.columns)]
         lines += [",".join(v if isinstance(v, str) else repr(float(v)) for v in row) for row in self.rows]
         return "\n".join(lines) + "\n"

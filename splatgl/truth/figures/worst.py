@@ -1,7 +1,7 @@
-"""The ray on which a form errs most: a fine sweep over each voxel's footprint, closed in on from its best.
+"""The ray with a form's largest error: a fine sweep over each voxel's footprint, refined around its maximum.
 
 An error is |form − row 1| of one splat on one ray. `Plane` is the paper's analysis in the (y, z) plane, where
-a stretch by m weakens by 1/m; `Space` is the splat as it is drawn.
+a stretch by m attenuates by 1/m; `Space` is the splat as drawn.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ PLANE_RAYS = 401
 SPACE_RAYS = 41
 # the sweep's margin around the footprint
 MARGIN = 1.05
-# points along each axis of a closer look; each looks four times as close, down to 1e−6 of a sweep's step
+# points along each axis of a refinement; each is four times finer, down to 1e−6 of a sweep's step
 CLOSER = 9
 ROUNDS = 7
 # bisections of a footprint's rim: 1e−12 of a sweep
 RIM_STEPS = 40
-# share of a footprint that is not its rim
+# fraction of a footprint inside its rim
 INSIDE = 0.999
 
 
@@ -79,13 +79,13 @@ class Plane:
         return np.asarray((self.y / self.z)[:, None] + self.reach[:, None] * place)
 
     def splat(self, place: np.ndarray, planar: bool = True) -> Splat:
-        """What the forms take, for places [N or 1, K]; planar: False for the splat as it is drawn."""
+        """Arguments of the forms, for places [N or 1, K]; planar: False for the splat as drawn."""
         slope = self.slope(place)
         voxel = np.stack([np.zeros_like(self.y), self.y, self.z], axis=-1)[:, None]
         return Splat(self.kernel, voxel, np.stack([np.zeros_like(slope), slope], axis=-1), self.z_k, planar)
 
     def error(self, form: Form) -> Peak:
-        """The largest |form − row 1| of each voxel, but for its rim (see `spike`)."""
+        """The largest |form − row 1| of each voxel, excluding its rim (see `spike`)."""
         return self._peak(lambda splat: difference(form, splat))
 
     def top(self) -> np.ndarray:
@@ -95,8 +95,8 @@ class Plane:
     def spike(self, form: Form) -> np.ndarray:
         """[N]: the largest |form − row 1| where either footprint ends.
 
-        A kernel that is cut has a footprint that falls to 0 like a root, and if the two end a few 1e−5 of
-        their radius apart the error is a spike as narrow as that, which no pixel meets but by chance.
+        The footprint of a truncated kernel falls to 0 like a square root; if the two end a few 1e−5 of
+        their radius apart, the error is a spike of that width, which hardly any pixel samples.
         """
         rims = np.concatenate([self._rims(row1), self._rims(form)], axis=1)
         return np.asarray(difference(form, self.splat(rims)).max(axis=1))
@@ -135,14 +135,14 @@ class Space:
     voxel: np.ndarray
 
     def splat(self, place: np.ndarray) -> Splat:
-        """What the forms take, for places [N or 1, K, 2]."""
+        """Arguments of the forms, for places [N or 1, K, 2]."""
         v = self.voxel
         length = np.linalg.norm(v, axis=-1)
         out = np.hypot(v[:, 0], v[:, 1])
         unit = np.where(out[:, None] > 0, v[:, :2] / np.where(out > 0, out, 1.0)[:, None], (1.0, 0.0))
         radial = np.concatenate([unit * v[:, 2:], -out[:, None]], axis=-1) / length[:, None]
         across = np.stack([-unit[:, 1], unit[:, 0], np.zeros_like(out)], axis=-1)
-        # a ball is seen larger than its radius at the voxel's distance
+        # a ball appears larger than its radius at the voxel's distance
         rim = MARGIN * self.kernel.radius * np.maximum(v[:, 2] / self.z_k, 1.0) * length / (length - self.kernel.radius)
         step = place * rim[:, None, None]
         ray = v[:, None] + step[..., :1] * radial[:, None] + step[..., 1:] * across[:, None]

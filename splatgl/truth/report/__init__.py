@@ -1,5 +1,5 @@
-"""Error against run time: what accuracy costs, for a scene and a machine.
+"""Error against run time of the methods, for a scene and a machine.
 
-`methods` is the registry, `sweep` draws and times, `errors` measures against `truths`, `front` says what is worth its
-time, and `diagram`, `markdown` and `page` show it.
+`methods` is the registry, `sweep` draws and times, `errors` measures against `truths`, `front` finds the Pareto
+front, and `diagram`, `markdown` and `page` present it.
 """

@@ -1,4 +1,4 @@
-"""What a report says, as blocks that Markdown and HTML show alike."""
+"""Content of a report, as blocks rendered alike by Markdown and HTML."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ GIST_HEAD = (
     "exact",
     "splatting itself",
 )
-# the name of the diagram that is of no scene
+# name of the diagram without a scene
 CONVERGENCE = "convergence"
 NAMES = {"reference": "drawing", "sampled": "antialiasing", "integral": "splatting"}
 
 
 @dataclass(frozen=True)
 class Heading:
-    """A heading; level: 1 for the report's title, from 2 on for its parts."""
+    """A heading; level: 1 for the report's title, 2 and more for sections."""
 
     text: str
     level: int = 2
@@ -69,7 +69,7 @@ class Heading:
 
 @dataclass(frozen=True)
 class Text:
-    """Paragraphs, a line each, or the items of a list."""
+    """Paragraphs, one per line, or the items of a list."""
 
     lines: tuple[str, ...]
     bullets: bool = False
@@ -77,7 +77,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Table:
-    """title: what it tells. folded: shown on request only, where that can be done. strong: rows that stand out."""
+    """title: its caption. folded: collapsed by default, where possible. strong: highlighted rows."""
 
     title: str
     head: tuple[str, ...]
@@ -88,7 +88,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Diagram:
-    """The error of each method over its time, for the scene of that name, or CONVERGENCE."""
+    """Error against time of each method, for the scene of that name, or CONVERGENCE."""
 
     scene: str
 
@@ -104,7 +104,7 @@ Block = Heading | Text | Table | Diagram | Pictures
 
 
 def blocks(results: Results) -> Iterator[Block]:
-    """All of the report, in the order in which it is read."""
+    """All blocks of the report, in reading order."""
     machine = results.head["machine"]
     yield Heading("Error against run time", 1)
     by = f"{machine['renderer']}, OpenGL {machine['opengl']}"
@@ -119,7 +119,7 @@ def blocks(results: Results) -> Iterator[Block]:
 
 
 def _gists(results: Results) -> Table:
-    """What each scene comes to, on a line."""
+    """A one-line summary of each scene."""
     rows = []
     for scene in results.scenes:
         gist = Gist.of(scene)
@@ -171,7 +171,7 @@ def _cells(scene: Scene, row: Row, truth: str) -> tuple[str, ...]:
 
 
 def _front(scene: Scene, truth: str) -> Table:
-    """The front, from the fastest to the most right, with what may be on it."""
+    """The Pareto front, from the fastest to the most accurate, including uncertain members."""
     points = rivals(truth, scene)
     cells = []
     for point in front(points, unsure=True):
@@ -182,7 +182,7 @@ def _front(scene: Scene, truth: str) -> Table:
 
 
 def _table(title: str, cells: list[tuple[str, ...]]) -> Table:
-    """Rows of FRONT_HEAD, without the columns in which none has anything."""
+    """Rows of FRONT_HEAD, without empty columns."""
     empty = {n for n in range(len(FRONT_HEAD)) if not any(line[n] for line in cells)}
     rows = tuple(tuple(cell for n, cell in enumerate(line) if n not in empty) for line in (FRONT_HEAD, *cells))
     return Table(title, rows[0], rows[1:])
@@ -201,7 +201,7 @@ def _cheapest(scene: Scene) -> Table:
 
 
 def _tolerances(scene: Scene) -> Table:
-    """For each tolerance asked for, the error got and the time paid."""
+    """For each requested tolerance, the measured error and time."""
     rows: list[tuple[str, ...]] = []
     strong = set()
     for method in AXES["tolerance"].methods:
@@ -219,7 +219,7 @@ def _tolerances(scene: Scene) -> Table:
 
 
 def verdict(error: float, tolerance: float, bound: float | None) -> tuple[str, bool]:
-    """Whether a tolerance is kept, in words; where it is not, what prevents it."""
+    """Whether a tolerance is met, as text, with the reason if not."""
     if error <= tolerance:
         sure = bound is not None and bound <= tolerance
         return ("kept, as promised" if sure else "kept; the picture's bound promises less"), True
@@ -229,7 +229,7 @@ def verdict(error: float, tolerance: float, bound: float | None) -> tuple[str, b
 
 
 def _all(scene: Scene) -> Table:
-    """Every method: its time, and its error and standing for each truth."""
+    """Every method: its time, and its error and standing against each truth."""
     truths = scene.truths
     points = {truth: rivals(truth, scene) for truth in truths}
     rows = []
@@ -275,7 +275,7 @@ def _convergence(results: Results) -> Iterator[Block]:
 
 
 def _orders(results: Results) -> Table:
-    """The observed order of each study beside the expected: the middle one of those between neighbours."""
+    """The observed and expected order of each study: the median of the orders between neighbours."""
     rows = []
     for line in results.convergence:
         orders = sorted(order for order in line["orders"] if order is not None)
@@ -288,7 +288,7 @@ def _orders(results: Results) -> Table:
 
 
 def registry() -> Table:
-    """Every method there is, by what is varied; splatgl/truth/README.md has it too."""
+    """Every method, by what is varied; also in splatgl/truth/README.md."""
     rows = tuple((axis.name, axis.about, " · ".join(m.name for m in axis.methods)) for axis in AXES.values())
     return Table(
         f"all {len(methods())} methods, by what is varied", ("axis", "what it is", "methods"), rows, folded=True

@@ -1,4 +1,4 @@
-"""How fast errors fall with a table's size, a voxel's size and a picture's: observed orders beside the expected."""
+"""Convergence with table size, voxel size and image size: observed and expected orders."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from splatgl.truth.drawing import Renderer
 from splatgl.truth.integral import ray_integral
 from splatgl.truth.report.subject import Level
 
-# a ball of this radius, world units, seen from that far by this angle
+# radius of a ball in world units, its distance, and the angle of view
 RADIUS, DISTANCE, FOV = 10.0, 40.0, 36.0
-# pixels, where they are not what is varied
+# pixels per side, unless varied
 SIZE = 96
-# opacity at the ball's middle, over a length of 1
+# opacity at the ball's centre, over a length of 1
 OPACITY = 0.3
-# points along a ray through the ball, for the integral in closed form
+# points along a ray through the ball, for the analytic integral
 POINTS = 401
-# rays that come closer to the middle than this share of the radius: the rim's is another order
+# rays within this fraction of the radius from the centre: the rim converges with another order
 INNER = 0.7
 
 # (what is varied, the error's root mean square relative to the truth's)
@@ -37,9 +37,9 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True)
 class Study:
-    """One variation. unit: what is varied; expected: the order, the error's power of it; floor: what ends it.
+    """A study. unit: what is varied; expected: the order, the error's power of it; floor: the limit of convergence.
 
-    pairs: of the unit's values, from coarse to fine; for True, as many as --full has.
+    pairs: of the unit's values, from coarse to fine; for True, as many as in --full.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Study:
     pairs: Callable[[Renderer, bool], Iterator[Pair]]
 
     def line(self, renderer: Renderer, level: Level) -> dict[str, Any]:
-        """What a store keeps."""
+        """The record for the store."""
         pairs = list(self.pairs(renderer, level.name == "full"))
         return {
             "study": self.name,
@@ -63,7 +63,7 @@ class Study:
 
 
 def orders(pairs: list[Pair]) -> list[float | None]:
-    """log(error ratio)/log(value ratio) between neighbours; None first, and where an error is 0."""
+    """log(error ratio)/log(value ratio) between neighbours; None for the first, and where an error is 0."""
     found: list[float | None] = [None]
     for (a, coarse), (b, fine) in pairwise(pairs):
         both = coarse > 0 and fine > 0
@@ -123,7 +123,7 @@ def voxels(renderer: Renderer, full: bool) -> Iterator[Pair]:
 
 
 def _closest(camera: Camera) -> np.ndarray:
-    """[H, W]: how near each pixel's ray comes to the ball's middle, world units."""
+    """[H, W]: distance of each pixel's ray from the ball's centre, world units."""
     width, height = camera.size
     pitch = camera.extent / height
     x = (np.arange(width) + 0.5 - width / 2) * pitch
@@ -132,7 +132,7 @@ def _closest(camera: Camera) -> np.ndarray:
 
 
 def _depths(closest: np.ndarray) -> np.ndarray:
-    """Optical depth along rays that come so close: σ ½ (1 + cos(π r/R)), by the trapezoidal rule."""
+    """Optical depth along rays at that distance: σ ½ (1 + cos(π r/R)), by the trapezoidal rule."""
     sigma = -np.log1p(-OPACITY)
     half = np.sqrt(np.maximum(RADIUS**2 - closest**2, 0.0))
     t = np.linspace(0, 1, POINTS)
@@ -151,7 +151,7 @@ def distance(renderer: Renderer, full: bool) -> Iterator[Pair]:
 
 
 def picture(renderer: Renderer, full: bool) -> Iterator[Pair]:
-    """Pixels along a side, all splats beyond z_k, against supersampling: what a stretched splat blurs."""
+    """Pixels along a side, all splats beyond z_k, against supersampling: the blur of stretched splats."""
     splats = _splats(0.25 if full else 0.4)
     for size in (8, 12, 16, 24, *((32, 48, 64) if full else ())):
         camera, settings = _camera(size), Settings(occlusion="off", attenuation="optical-depth")
@@ -170,7 +170,7 @@ def samples(renderer: Renderer, full: bool) -> Iterator[Pair]:
 
 
 def slabs(renderer: Renderer, full: bool) -> Iterator[Pair]:
-    """Slabs a voxel of the ray integral, against many more: how far the third truth is from what it stands for."""
+    """Slabs a voxel of the ray integral, against many more: the discretization error of the third truth."""
     splats, camera = _splats(1.0), _camera(12)
     right = ray_integral(splats, camera, steps_per_voxel=64).pixels
     for count in (1, 2, 4, *((8, 16) if full else ())):

@@ -1,4 +1,4 @@
-"""The work–precision diagram: error over time, both logarithmic, a line for each axis of methods, and the front."""
+"""The work–precision diagram: error against time, both logarithmic, a line per axis of methods, and the front."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-# inches of a panel, and of what is around it; the first panel is where most methods are
+# size of a panel in inches, and of its surroundings; the first panel shows most methods
 PANEL, HEIGHT = 3.1, 3.5
 FIRST = 1.35
 TITLES = {
@@ -29,24 +29,24 @@ TITLES = {
     "sampled": "with antialiasing: against supersampling",
     "integral": "with splatting itself: against the ray integral",
 }
-# the practical settings stand out, each by its own mark
+# practical settings are highlighted, each by its own marker
 PRACTICAL = {DEFAULT: ("s", BLACK), PAPER: ("o", BLACK), PAPER_FLOAT: ("o", "white")}
-# decades that an axis of errors has at least
+# minimum decades of an error axis
 DECADES = 2.0
-# dots an inch of a PNG: a screen's width for three panels
+# dots per inch of a PNG: a screen's width for three panels
 RESOLUTION = 200
-# each axis is known by its mark and dashes alone; colours come on top
+# markers and dashes identify each axis; colours are redundant
 MARKS = "4^vD<>pPXhd*H8x+12"
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)), (0, (3, 1, 1, 1, 1, 1)))
 COLORS = (BLUE, RED, GREEN, ORANGE, GRAY)
-# an error of 0 stands at this share of the least other
+# an error of 0 is plotted at this fraction of the smallest nonzero one
 NOTHING = 0.3
 LABEL = 6.5
 
 
 @dataclass(frozen=True)
 class Look:
-    """How an axis is drawn. fill: of its marks; size: of them, points."""
+    """Style of an axis. fill: of its markers; size: of them, points."""
 
     marker: str
     dashes: Any
@@ -56,7 +56,7 @@ class Look:
 
 
 def looks() -> dict[str, Look]:
-    """A look for every axis: no two have the same mark and dashes."""
+    """A style for every axis, each with a unique combination of marker and dashes."""
     return {
         name: Look(MARKS[n % len(MARKS)], DASHES[n % len(DASHES)], COLORS[n % len(COLORS)])
         for n, name in enumerate(AXES)
@@ -64,13 +64,13 @@ def looks() -> dict[str, Look]:
 
 
 def picture(scene: Scene, head: Mapping[str, Any]) -> dict[str, bytes]:
-    """The diagram as .png and .svg. Raises InputError where matplotlib is not installed."""
+    """The diagram as .png and .svg. Raises InputError if matplotlib is not installed."""
     with style():
         return _encoded(_figure(scene, head), f"Error against run time: {scene.name}", head)
 
 
 def convergence(lines: Sequence[Mapping[str, Any]], head: Mapping[str, Any]) -> dict[str, bytes]:
-    """Errors over what is refined, a line a study, as .png and .svg. Raises InputError as `picture`."""
+    """Errors against the refined unit, a line per study, as .png and .svg. Raises InputError as `picture`."""
     with style():
         figure = sheet(HEIGHT, 1.6 * PANEL)
         plot = figure.subplots()
@@ -118,7 +118,7 @@ def _figure(scene: Scene, head: Mapping[str, Any]) -> Figure:
     columns = -(-len(shown) // rows)
     where: Any = "outside lower center"
     figure.legend(list(shown.values()), list(shown), loc=where, ncols=columns, frameon=False, fontsize=6.5)
-    # labels need to know where everything stands
+    # label placement needs all positions
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     figure.set_layout_engine("none")
@@ -128,7 +128,7 @@ def _figure(scene: Scene, head: Mapping[str, Any]) -> Figure:
 
 
 def _panel(plot: Plot, scene: Scene, truth: str) -> dict[str, Any]:
-    """One truth's panel; returns what is drawn, by name, for the legend."""
+    """Draws one truth's panel; returns the artists by name, for the legend."""
     points = {point.name: point for point in scene.points(truth)}
     least = min((p.error for p in points.values() if p.error > 0), default=1.0)
     shown = {}
@@ -160,7 +160,7 @@ def _panel(plot: Plot, scene: Scene, truth: str) -> dict[str, Any]:
 
 
 def _ticks(plot: Plot) -> None:
-    """Plain milliseconds: powers of ten tell little over a decade."""
+    """Ticks in plain milliseconds: powers of ten are too sparse within a decade."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     plot.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -173,7 +173,7 @@ def _on(axis: Axis, points: Mapping[str, Point]) -> list[Point]:
 
 
 def _places(points: list[Point], least: float) -> tuple[np.ndarray, np.ndarray]:
-    """Milliseconds, and errors that a logarithm has a place for."""
+    """Milliseconds, and errors clamped for a logarithmic axis."""
     x = np.array([1e3 * point.time.median for point in points])
     y = np.array([point.error or NOTHING * least for point in points])
     return x, y
@@ -200,16 +200,16 @@ def _line(plot: Plot, points: list[Point], look: Look, least: float, connected: 
 
 
 def _text(name: str, drawn: set[str]) -> str:
-    """A method's label: by its whole name where its line begins, then by what changes along it."""
+    """A method's label: its whole name where its line begins, then only what changes along it."""
     axis = axis_of(name)
     first = next(method.name for method in axis.methods if method.name in drawn)
     return name if axis.connected and name == first else methods()[name].label or name
 
 
 def _label(plot: Plot, scene: Scene, truth: str, canvas: FigureCanvasAgg) -> None:
-    """Names beside points: the practical settings first, then the front, then the others, as far as there is room.
+    """Labels beside points: practical settings first, then the front, then the others, as space permits.
 
-    Of a line the ends are named, and what is on the front.
+    On a line, its ends and members of the front are labelled.
     """
     points = [p for p in scene.points(truth) if truth in axis_of(p.name).truths]
     least = min((p.error for p in points if p.error > 0), default=1.0)

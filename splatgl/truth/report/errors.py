@@ -1,4 +1,4 @@
-"""How far a picture is from a truth, in linear light on premultiplied floats."""
+"""Errors of an image against a truth, in linear light on premultiplied floats."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.truth.compare import compare
 
-# the share of pixels that are worse than `p999`, per cent
+# fraction of pixels worse than `p999`, per cent
 WORST = 0.1
 
 
 @dataclass(frozen=True)
 class Errors:
     """rmse: root mean square of the differences over that of the truth. maximum: the largest of any channel; p999:
-    what a pixel in a thousand exceeds. share_over: of the pixels off by more than 1/255. energy: (Σ − Σ_truth)/Σ_truth
-    over all channels. flip: mean FLIP, None where it is not asked for. maximum and p999 relative to an X-ray's peak.
+    exceeded by one pixel in a thousand. share_over: of the pixels off by more than 1/255. energy: (Σ − Σ_truth)/Σ_truth
+    over all channels. flip: mean FLIP, None if not requested. maximum and p999 relative to an X-ray's peak.
     """
 
     rmse: float

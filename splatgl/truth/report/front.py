@@ -1,4 +1,4 @@
-"""Which methods are worth their time: the Pareto front, what dominates the others, the cheapest under each error."""
+"""Pareto front of error against time, dominance, and the cheapest method under each error."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-# errors are told apart by so many decades, 26 %
+# resolution of errors in decades: 26 %
 DECADES = 0.1
-# a method is faster in a round if it takes less than 1/FASTER of the time, and surely so in that share of the rounds
+# a method is faster in a round if it takes less than 1/FASTER of the time; certain in SURE of the rounds
 FASTER, SURE = 1.1, 0.75
-# errors that the cheapest method is asked for
+# error limits for the cheapest method
 ERRORS = (1e-1, 3e-2, 1e-2, 1 / 255, 1e-3, 1e-4, 1e-5)
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds for a frame: the median of `count` rounds, the least and the most of them, and all by round."""
+    """Seconds per frame: median, minimum and maximum of `count` rounds, and all by round."""
 
     median: float
     low: float
@@ -27,25 +27,25 @@ class Timing:
 
     @classmethod
     def of(cls, rounds: Mapping[int, float]) -> Timing:
-        """Of at least one round."""
+        """Statistics of at least one round."""
         seconds = rounds.values()
         return cls(statistics.median(seconds), min(seconds), max(seconds), len(rounds), rounds)
 
     def faster(self, other: Timing) -> float:
-        """In what share of the rounds that both had this was faster: what slows a machine down slows down both."""
+        """Fraction of common rounds in which this was faster: load on the machine slows both in the same round."""
         both = self.rounds.keys() & other.rounds.keys()
         pairs = [(self.rounds[n], other.rounds[n]) for n in both] or [(self.median, other.median)]
         return sum(FASTER * mine < theirs for mine, theirs in pairs) / len(pairs)
 
     def over(self, other: Timing) -> Timing:
-        """How many times as long as the other, round by round: what two reports agree on, however busy the machine."""
+        """Ratio to the other's time, by round: comparable between reports, whatever the load."""
         both = self.rounds.keys() & other.rounds.keys()
         return Timing.of({n: self.rounds[n] / other.rounds[n] for n in both} or {0: self.median / other.median})
 
 
 @dataclass(frozen=True)
 class Point:
-    """A method's place in a work–precision diagram."""
+    """A method's position in a work–precision diagram."""
 
     name: str
     error: float
@@ -53,14 +53,14 @@ class Point:
 
     @property
     def rounded(self) -> float:
-        """The error as errors are told apart, in steps of DECADES; −∞ for none."""
+        """The logarithmic error, quantized to steps of DECADES; −∞ for 0."""
         return round(math.log10(self.error) / DECADES) if self.error > 0 else -math.inf
 
 
 @dataclass(frozen=True)
 class Standing:
-    """How a point stands among others: in what share of the rounds it is worth its time beside `rival`, beside whom
-    it is so in the fewest; 1 without any.
+    """Standing of a point: the fraction of rounds in which it is on the front against `rival`, the point with the
+    smallest such fraction; 1 without rivals.
     """
 
     share: float = 1.0
@@ -68,7 +68,7 @@ class Standing:
 
     @property
     def word(self) -> str:
-        """Either "front", "dominated", or "unsure", which is what noise may make of either."""
+        """Either "front", "dominated", or "unsure" if noise allows both."""
         return "front" if self.share >= SURE else "dominated" if self.share <= 1 - SURE else "unsure"
 
     def __str__(self) -> str:
@@ -79,10 +79,10 @@ class Standing:
 
 
 def standing(point: Point, points: Sequence[Point]) -> Standing:
-    """How `point`, one of `points`, stands.
+    """The standing of `point`, one of `points`.
 
-    It is on the front if it is surely faster than every other that is as right or more. Of two that are as right, the
-    first in `points` need only not be surely slower: of the same error and time it stands for both.
+    It is on the front if it is certainly faster than every other that is at least as accurate. Of two equally
+    accurate points, the first in `points` only needs not to be certainly slower: it represents both.
     """
     mine = points.index(point)
     found = []
@@ -91,18 +91,18 @@ def standing(point: Point, points: Sequence[Point]) -> Standing:
             first = other.rounded == point.rounded and mine < n
             share = 1 - other.time.faster(point.time) if first else point.time.faster(other.time)
             found.append(Standing(share, other))
-    # of rivals that beat it alike, the most right is told
+    # of equal rivals, report the most accurate
     return min(found, key=lambda s: (s.share, s.rival.rounded if s.rival else 0.0), default=Standing())
 
 
 def front(points: Sequence[Point], unsure: bool = False) -> list[Point]:
-    """The points on the front, the fastest first; unsure: those too of which the times don't tell."""
+    """The points on the front, fastest first; unsure: including those that the timings cannot decide."""
     words = ("front", "unsure") if unsure else ("front",)
     return sorted((p for p in points if standing(p, points).word in words), key=lambda p: p.time.median)
 
 
 def stairs(points: Sequence[Point]) -> list[Point]:
-    """The front as it is drawn, by medians: of what may be on it, each that is more right than all that are faster."""
+    """The drawn front, by medians: of its possible members, each that is more accurate than all faster ones."""
     found: list[Point] = []
     for point in front(points, unsure=True):
         if not found or point.error < found[-1].error:
@@ -111,7 +111,7 @@ def stairs(points: Sequence[Point]) -> list[Point]:
 
 
 def cheapest(points: Sequence[Point], limits: Sequence[float] = ERRORS) -> list[tuple[float, Point | None]]:
-    """For each error, the fastest that stays under it; of those that are not surely slower, the most right."""
+    """For each error, the fastest point below it; of those not certainly slower, the most accurate."""
     found: list[tuple[float, Point | None]] = []
     for limit in limits:
         under = [point for point in points if point.error <= limit]
@@ -122,5 +122,5 @@ def cheapest(points: Sequence[Point], limits: Sequence[float] = ERRORS) -> list[
 
 
 def finite(points: Iterable[Point]) -> list[Point]:
-    """The points whose error is a finite number."""
+    """The points with finite errors."""
     return [point for point in points if math.isfinite(point.error)]

@@ -1,4 +1,4 @@
-"""Places for labels beside points: where nothing is yet, the best first; a label that finds no place is left out."""
+"""Label placement beside points: the best free position; labels without one are omitted."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from itertools import pairwise
 
 import numpy as np
 
-# directions that are tried, the best first: right, above, below, left, and between
+# directions to try, best first: right, above, below, left, and between
 DIRECTIONS = ((1, 0), (1, 1), (1, -1), (0, 1), (0, -1), (-1, 0), (-1, 1), (-1, -1))
-# distances from the point that are tried, pixels; from the second on, a thin line leads to the label
+# distances from the point to try, pixels; from the second on, with a leader line
 REACHES = (7.0, 17.0, 30.0, 46.0, 64.0)
 LED = REACHES[1]
-# half the room that a point takes, and what is kept free around a label, pixels
+# half size of a point, and margin around a label, pixels
 POINT, MARGIN = 4.5, 1.5
-# half the room of a line, and how far apart it is looked at, pixels
+# half width of a line, and its sampling distance, pixels
 LINE, STEP = 1.0, 5.0
 
 
@@ -49,7 +49,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a label stands: its lower left corner, and whether a line leads to it; pixels."""
+    """Position of a label: its lower left corner, and whether it has a leader line; pixels."""
 
     left: float
     bottom: float
@@ -59,9 +59,9 @@ class Place:
 def places(
     points: np.ndarray, sizes: Sequence[tuple[float, float]], frame: Box, lines: Sequence[np.ndarray] = ()
 ) -> list[Place | None]:
-    """A place for each label of `sizes` beside points [N, 2], the first being the most important.
+    """A position for each label of `sizes` beside points [N, 2], most important first.
 
-    lines: polygons [M, 2] that labels keep off where there is room enough. None where there is no room within `frame`.
+    lines: polygons [M, 2] that labels avoid if possible. None for labels without space within `frame`.
     """
     taken = np.concatenate([points - POINT, points + POINT], axis=1)
     along = np.concatenate([np.zeros((0, 2)), *(_along(line) for line in lines)])
@@ -84,7 +84,7 @@ def _along(line: np.ndarray) -> np.ndarray:
 
 
 def _nearest(point: np.ndarray, place: Place, size: tuple[float, float]) -> np.ndarray:
-    """Where a line from the point ends at its label."""
+    """End of a leader line from the point at its label."""
     low = np.array([place.left, place.bottom])
     return np.asarray(np.clip(point, low, low + size))
 
@@ -104,7 +104,7 @@ def _place(point: np.ndarray, size: tuple[float, float], frame: Box, taken: np.n
 
 
 def _crosses(point: np.ndarray, place: Place, size: tuple[float, float], taken: np.ndarray) -> bool:
-    """Whether the line to a label runs over anything but its own point."""
+    """Whether a leader line crosses anything but its own point."""
     path = _along(np.array([point, _nearest(point, place, size)]))
     path = path[np.abs(path - point).max(axis=1) > 2 * POINT]
     return any(Box(x, y, x, y).touches(taken) for x, y in path.tolist())

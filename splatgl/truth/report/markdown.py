@@ -10,7 +10,7 @@ from splatgl.truth.report.results import Results
 
 
 def as_markdown(results: Results, diagrams: Mapping[str, str]) -> str:
-    """The whole text. diagrams: file names by scene; pictures of the methods are left to the page."""
+    """The whole text. diagrams: file names by scene; images of the methods are only in the HTML page."""
     parts = [_block(block, diagrams) for block in blocks(results)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -30,7 +30,7 @@ def _block(block: Block, diagrams: Mapping[str, str]) -> str:
 
 
 def as_table(table: Table) -> str:
-    """One table, folded behind its title where it is to be; nothing for one without rows."""
+    """One table, collapsed behind its title if folded; empty for one without rows."""
     if not table.rows:
         return ""
     strong = [

@@ -1,7 +1,7 @@
-"""The registry of methods: every way to trade accuracy for time, one entry each.
+"""The registry of methods: every trade of accuracy for time, one entry each.
 
-An axis is one thing that is varied; its methods are what it is varied to. `register` adds an axis, which then is
-drawn, timed, measured, tabled and plotted with the others.
+An axis is one varied quantity; its methods are the values. `register` adds an axis to be drawn, timed,
+measured, tabulated and plotted with the others.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 from splatgl.data.errors import expected
 from splatgl.splat.plan.settings import Settings
 
-# what a picture is measured against, and what that tells
+# references for errors, and what each reveals
 TRUTHS = {
     "reference": "the float64 reference of the same splats: the error of drawing",
     "sampled": "exact splats at many samples a pixel: drawing and antialiasing",
@@ -25,11 +25,11 @@ FILTERING = ("sampled", "integral")
 
 @dataclass(frozen=True)
 class Method:
-    """One way to draw. name: what tables and --only say; label: in a diagram.
+    """A rendering method. name: in tables and for --only; label: in a diagram.
 
-    changes: of Settings. paper: from the 1998 settings, not the scene's. z_s_share: z_s at that share of the way from
+    changes: of Settings. paper: from the 1998 settings, not the scene's. z_s_share: z_s as a fraction of the way from
     the nearest splat to the farthest. threshold: of the extractor, above the scene's own. coarse: how often voxels are
-    joined two by two. quick: whether --quick draws it. peer: of `peers.MAPPERS`, which draws it in splatgl's stead.
+    downsampled by two. quick: whether --quick draws it. peer: of `peers.MAPPERS`, which draws it instead of splatgl.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Method:
     peer: str = ""
 
     def settings(self, base: Settings, depths: tuple[float, float]) -> Settings:
-        """What to draw with; depths: of the nearest and the farthest splat, world units."""
+        """The method's settings; depths: of the nearest and the farthest splat, world units."""
         chosen = base
         if self.paper:
             kept = {name: getattr(base, name) for name in ("blend", "kernel", "shading", "background", "tolerance")}
@@ -56,9 +56,9 @@ class Method:
 
 @dataclass(frozen=True)
 class Axis:
-    """Methods along one choice. truths: against which the diagram shows it; connected: whether a line joins them.
+    """Methods along one choice. truths: of the diagrams that show it; connected: whether a line joins them.
 
-    competes: whether it draws the same picture as others, so that one can be better than another.
+    competes: whether it renders the same image as others, so that they can be ranked.
     """
 
     name: str

@@ -1,7 +1,7 @@
-"""VTK's ray casters on the same scene: same camera, opacities and colours, each in a process of its own.
+"""VTK's ray casters on the same scene: same camera, opacities and colours, each in a separate process.
 
-What is not comparable: they interpolate samples along rays between voxels and classify what comes out, where splats
-classify voxels and mix what comes out; they shade by gradients of interpolated samples; they write 8 bits.
+Differences: they interpolate samples along rays between voxels and classify the result, whereas splats
+classify voxels and blend the result; they shade by gradients of interpolated samples; they write 8 bits.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ MAPPERS = {"cpu": "vtkFixedPointVolumeRayCastMapper", "gpu": "vtkGPUVolumeRayCas
 STEPS_PER_VOXEL = 2
 # nodes of the colour function
 COLORS = 512
-# how wide a step of the opacity is made, a share of the values' range: VTK makes a texture that fine
+# width of an opacity step, as a fraction of the value range, which sets the resolution of VTK's texture
 STEP = 1e-3
-# how long a peer may take to start or to draw, seconds
+# timeout for a peer to start or to draw, seconds
 PATIENCE = 120.0
 
 
@@ -38,7 +38,7 @@ class Peer:
     """One of VTK's mappers, drawing one scene. Close it after use."""
 
     def __init__(self, mapper: str, content: tuple[Volume, Transfer], camera: Camera, settings: Settings) -> None:
-        """mapper: of MAPPERS. Raises InputError where VTK is not installed, or the scene can't be converted."""
+        """mapper: of MAPPERS. Raises InputError if VTK is not installed or the scene cannot be converted."""
         if find_spec("vtk") is None:
             raise missing_extra("peers", "vtk", "bench")
         volume, transfer = content
@@ -72,7 +72,7 @@ class Peer:
 
 
 def _check(volume: Volume, transfer: Transfer, camera: Camera, settings: Settings) -> None:
-    """InputError for what has no counterpart there."""
+    """InputError for features without a counterpart in VTK."""
     for fine, this, got in (
         (settings.blend == "composite", "blend composite", settings.blend),
         (volume.color is None, "colours by value", "colours of its own"),
@@ -98,7 +98,7 @@ def _frame(mapper_name: str, scene: tuple[Any, ...]) -> Callable[[], np.ndarray]
     """A function that draws: uint8 [H, W, 4], row 0 on top."""
     import vtk
 
-    # what it says of displays that are not there is not a user's concern
+    # suppress VTK's messages on missing displays
     vtk.vtkLogger.SetStderrVerbosity(vtk.vtkLogger.VERBOSITY_OFF)
     samples, spacing, origin, direction, transfer, shaded, camera = scene
     mapper = getattr(vtk, mapper_name)()
@@ -127,7 +127,7 @@ def _frame(mapper_name: str, scene: tuple[Any, ...]) -> Callable[[], np.ndarray]
     found = vtk.vtkUnsignedCharArray()
 
     def frame() -> np.ndarray:
-        # a still scene would not be drawn again
+        # an unmodified scene would not be redrawn
         volume.Modified()
         view.Modified()
         window.Render()
@@ -157,7 +157,7 @@ def _looks(vtk: Any, samples: np.ndarray, transfer: Transfer, shaded: bool, spac
     opacity, color = vtk.vtkPiecewiseFunction(), vtk.vtkColorTransferFunction()
     nodes = [value for value, _ in transfer.points]
     low, high = float(np.nanmin(samples)), float(np.nanmax(samples))
-    # a node that is there twice is a step: the first of the two moves down by a little
+    # a duplicate node is a step: move the first of the two down slightly
     steps = [value - STEP * (high - low) for value in nodes if nodes.count(value) > 1]
     for value in sorted({low, high, *nodes, *steps}):
         opacity.AddPoint(value, float(transfer.opacity(value)))

@@ -1,4 +1,4 @@
-"""Writes a report's files: CSV, JSON, diagrams, Markdown, and one page that needs no other file."""
+"""Writes a report's files: CSV, JSON, diagrams, Markdown, and a self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PAGE = "report.html"
 
 
 def publish(results: Results, store: Store, folder: Path, strips: Mapping[str, Strip]) -> list[str]:
-    """Writes everything that can be; returns a line about it, and one about what could not be."""
+    """Writes all possible files; returns a line about them, and one about files that could not be written."""
     written = {"report.csv": as_csv(results).encode(), "report.json": as_json(results, store).encode()}
     left_out = []
     try:

@@ -1,4 +1,4 @@
-"""What was found, read back from a store's lines: one `Scene` with its `Row`s for each scene."""
+"""Results read back from a store's lines: a `Scene` with its `Row`s for each scene."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Scene:
-    """One scene's rows, in the registry's order. about: what the store's line says of it."""
+    """One scene's rows, in the registry's order. about: the store's record of it."""
 
     name: str
     about: dict[str, Any]
@@ -45,12 +45,12 @@ class Scene:
 
     @property
     def usual(self) -> Timing | None:
-        """The time of the default settings, which others are told beside."""
+        """The time of the default settings, the baseline for the others."""
         row = self.row(DEFAULT)
         return row.timing if row else None
 
     def points(self, truth: str, name: str = "rmse", same: bool = False) -> list[Point]:
-        """The methods that were timed and measured; same: also those that draw the same picture as another."""
+        """The methods with time and error; same: including those with the same image as another."""
         found = []
         for row in self.rows:
             error = row.error(truth, name)
@@ -93,7 +93,7 @@ def _scene(store: Store, about: dict[str, Any]) -> Scene:
 
 
 def _row(line: dict[str, Any], times: dict[str, dict[int, float]]) -> Row:
-    # the same picture takes the same time
+    # identical images share their timing
     seconds = times.get(line["same_as"] or line["method"], {})
     return Row(
         method=line["method"],

@@ -1,4 +1,4 @@
-"""What is done, a line of JSON each: written as soon as it is known, so that nothing is lost and work can go on."""
+"""Store of results as JSON lines, written immediately, so that an interrupted report can be resumed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from splatgl.data.errors import InputError, expected
 
 NAME = "runs.jsonl"
-# what a line can be, and what it then has
+# kinds of lines, and their keys
 KINDS: dict[str, set[str]] = {
     "head": set(),
     "scene": {"scene", "mark", "splats", "size", "note"},
@@ -21,10 +21,10 @@ KINDS: dict[str, set[str]] = {
 
 
 class Store:
-    """The lines of one report. lines: all of them, in the order in which they were found."""
+    """The lines of a report. lines: all of them, in the order written."""
 
     def __init__(self, path: Path, head: Mapping[str, Any], resume: bool = False) -> None:
-        """Begins anew, or goes on. Raises InputError where what is there is of another report."""
+        """Starts or resumes a store. Raises InputError if the existing one belongs to another report."""
         self.path = path
         self.lines: list[dict[str, Any]] = list(_read(path)) if resume and path.exists() else []
         begun = {"kind": "head", **head}
@@ -36,7 +36,7 @@ class Store:
                 got = repr(old.get(other[0]))
                 raise expected(f"{path} --resume", what, got, "leave out --resume to begin anew")
         try:
-            # a line that was cut short is dropped
+            # drop a truncated line
             path.write_text("".join(f"{_text(line)}\n" for line in self.lines), encoding="utf-8")
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
@@ -68,12 +68,12 @@ def _text(line: Mapping[str, Any]) -> str:
 
 
 def _read(path: Path) -> Iterator[dict[str, Any]]:
-    """The lines that are whole. InputError for a file that is no report."""
+    """The complete lines. InputError for a file that is not a report."""
     for number, text in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
         try:
             line = json.loads(text)
         except ValueError:
-            # only the last can have been cut short
+            # only the last line can be truncated
             return
         kind = line.get("kind") if isinstance(line, dict) else None
         if kind not in KINDS or not line.keys() >= KINDS[kind] or (number == 1) != (kind == "head"):

@@ -1,4 +1,4 @@
-"""What a report is made of: a scene as it is seen, whose splats can be thinned out; and how thoroughly to measure."""
+"""Input of a report: a scene with its camera, whose splats can be reduced; and the level of effort."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
 from splatgl.truth.report.methods import Method
 
-# (threshold, how often joined two by two) → splats
+# (threshold, number of 2× downsamplings) → splats
 Build = Callable[[float, int], Splats]
 
 
 @dataclass(frozen=True)
 class Level:
-    """How thoroughly to measure.
+    """Level of effort.
 
-    size: pixels of a picture's longer side. rounds: how often each method is timed. splats: about so many at most, or
-    the volume is made coarser; None: as it is. samples: of the sampled truth, along an axis of a pixel. rays, steps: of
+    size: pixels of an image's longer side. rounds: timings per method. splats: approximate maximum, beyond which
+    the volume is downsampled; None: never. samples: of the sampled truth, along an axis of a pixel. rays, steps: of
     the ray integral, along an axis of a pixel and for each voxel. all_methods: those that are not quick, too.
     """
 
@@ -48,7 +48,7 @@ LEVELS = {
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A scene, seen. note: what was done to it, for the reader. content: what peers draw, where there is a volume."""
+    """A scene with its camera. note: its modifications, for the reader. content: input of peers, for volumes."""
 
     name: str
     camera: Camera
@@ -59,22 +59,22 @@ class Subject:
     kept: dict[tuple[float, int], Splats] = field(default_factory=dict)
 
     def splats(self, threshold: float = 0.0, coarse: int = 0) -> Splats:
-        """The splats over that threshold, of voxels joined so often; made once."""
+        """The splats above that threshold, of voxels downsampled that often; cached."""
         key = (threshold, coarse)
         if key not in self.kept:
             made = self.build(threshold, coarse)
-            # a threshold that takes nothing away changes nothing
+            # a threshold that removes nothing changes nothing
             same = threshold > 0 and len(made) == len(self.splats(0.0, coarse))
             self.kept[key] = self.splats(0.0, coarse) if same else made
         return self.kept[key]
 
     def drawn(self, method: Method) -> tuple[Splats, Settings]:
-        """What `method` draws, and how. Raises InputError for what the scene does not allow."""
+        """Splats and settings of `method`. Raises InputError for what the scene does not allow."""
         settings = method.settings(self.settings, depth_range(self.splats(), self.camera))
         return self.splats(method.threshold, method.coarse), settings
 
     def mark(self) -> str:
-        """What tells this scene from any other: 16 hexadecimal digits of its splats and its camera."""
+        """Identifier of the scene: 16 hexadecimal digits of its splats and its camera."""
         splats, camera = self.splats(), self.camera
         found = hashlib.sha256(np.ascontiguousarray(splats.records).tobytes())
         for part in (splats.grid.world_from_index, splats.grid.origin, camera.eye, camera.eye_from_world):

@@ -1,4 +1,4 @@
-"""Draws every method of a scene, measures each once and times it several times, in turns of random order."""
+"""Draws every method of a scene, measures each once and times them repeatedly, interleaved in random order."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from splatgl.truth.report.store import Store
 from splatgl.truth.report.subject import Level, Subject
 from splatgl.truth.report.truths import Truths
 
-# the order of turns is the same in every run
+# seed of the random order, fixed for all runs
 SEED = 1998
-# a method that has taken so long altogether is not timed again after the least number of turns, seconds
+# after this total time in seconds a method is not timed again beyond the minimum number of rounds
 LONGEST, LEAST_ROUNDS = 20.0, 3
-# a turn has as many frames as fit into so many seconds, one at least and so many at most
+# a turn has as many frames as fit into TURN seconds, at least one and at most FRAMES
 TURN, FRAMES = 0.04, 5
 # FLIP is measured against this truth
 FLIP_TRUTH = "sampled"
-# what is told of how a picture was drawn
+# recorded properties of a rendering
 DRAWN = ("align", "antialias", "footprint", "samples", "attenuation", "target")
 
-# told what is going on, once for each step
+# progress callback, called once per step
 Tick = Callable[[str], None]
 
 
 def chosen(level: Level, only: tuple[str, ...] = (), peers: bool = False) -> list[Method]:
-    """The methods that a report of that level draws; only: names of methods or axes, all if empty; peers: VTK too."""
+    """The methods of a report at that level; only: names of methods or axes, all if empty; peers: VTK too."""
     known = [method for method in methods().values() if method.quick or level.all_methods or only]
     named = [m for m in known if not only or m.name in only or axis_of(m.name).name in only]
     return [m for m in known if (m.peer and peers) or (m in named and (not m.peer or only))]
 
 
 class Sweep:
-    """One scene's pictures and times, into a store. flip: whether FLIP is measured."""
+    """Records one scene's images and times in a store. flip: whether FLIP is measured."""
 
     def __init__(self, renderer: Planner, subject: Subject, truths: Truths, store: Store, flip: bool) -> None:
         self.renderer, self.subject, self.truths, self.store, self.flip = renderer, subject, truths, store, flip
@@ -54,7 +54,7 @@ class Sweep:
             tick(f"{self.subject.name}: {method.name}")
             done = self.store.of("picture", scene=self.subject.name, method=method.name)
             if done and not (done[0]["same_as"] or done[0]["omitted"] or method.peer):
-                # drawn before: others may turn out to be the same
+                # already drawn: other methods may turn out to be identical
                 splats, settings = self.subject.drawn(method)
                 plan = self.renderer.plan(splats, self.subject.camera, settings)
                 self.plans.setdefault((plan.key, id(splats)), method.name)
@@ -63,7 +63,7 @@ class Sweep:
                 self.store.add("picture", scene=self.subject.name, **line)
 
     def _picture(self, method: Method) -> dict[str, object]:
-        """A line about one method."""
+        """The record of a method."""
         axis = axis_of(method.name).name
         line: dict[str, object] = {"axis": axis, "method": method.name, "same_as": "", "omitted": ""}
         try:
@@ -74,7 +74,7 @@ class Sweep:
         if not len(splats):
             return {**line, "omitted": "no splat is left"}
 
-        # one plan, one picture
+        # equal plans give equal images
         key = (plan.key, id(splats))
         if key in self.plans:
             line["same_as"] = self.plans[key]
@@ -91,7 +91,7 @@ class Sweep:
         }
 
     def _peer_picture(self, method: Method) -> dict[str, object]:
-        """A line about a method that is not splatgl's."""
+        """The record of a method of a peer."""
         line: dict[str, object] = {
             "axis": axis_of(method.name).name,
             "method": method.name,
@@ -119,7 +119,7 @@ class Sweep:
         self.peers.clear()
 
     def _measured(self, image: Image, settings: Settings, truths: tuple[str, ...]) -> dict[str, object]:
-        """The errors against each truth, and why there are none against the others."""
+        """The errors against each truth, or the reason why there are none."""
         found: dict[str, object] = {}
         missing: dict[str, str] = {}
         for truth in truths:
@@ -131,9 +131,9 @@ class Sweep:
         return {"errors": found, "missing": missing}
 
     def times(self, wanted: list[Method], rounds: int, tick: Tick) -> None:
-        """Times every method that has a picture of its own once a round, each round in another random order.
+        """Times every method with a distinct image once per round, each round in another random order.
 
-        What slows a machine down for a while so falls on all alike, and methods can be compared round by round.
+        Temporary load on the machine thus affects all methods alike, and they can be compared round by round.
         """
         named = {method.name: method for method in wanted}
         own = [
@@ -155,11 +155,11 @@ class Sweep:
                 self.store.add("time", scene=self.subject.name, method=name, round=turn, seconds=round(seconds, 6))
 
     def turn(self, method: Method) -> float:
-        """Seconds for a frame after one that is not counted: the median of up to FRAMES that fit into TURN."""
+        """Seconds per frame after a warm-up frame: the median of up to FRAMES that fit into TURN."""
         self.frame(method)
         first = self.frame(method)
         count = min(FRAMES, int(TURN / first))
-        # an odd number, whose median one of them has
+        # an odd number, so that the median is a measured time
         return statistics.median([first, *(self.frame(method) for _ in range(2 * ((count - 1) // 2)))])
 
     def frame(self, method: Method) -> float:

@@ -34,7 +34,7 @@ FIELDS = (
 
 
 def as_csv(results: Results) -> str:
-    """A line a method and scene, with a line of names."""
+    """A header, and a line per method and scene."""
     return rows.as_csv(FIELDS, (_cells(scene, row) for scene in results.scenes for row in scene.rows))
 
 

@@ -1,4 +1,4 @@
-"""Thumbnails of what a few methods draw, and of how it differs, magnified on one scale for all of them."""
+"""Thumbnails of a few methods' images, and of their differences, magnified on a common scale."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from splatgl.truth.report.results import Scene
 from splatgl.truth.report.subject import Subject
 from splatgl.truth.report.truths import Truths
 
-# whose pictures are shown, as far as they were drawn
+# methods shown, if drawn
 PREVIEW = "preview 1/2"
 SHOWN = (PAPER, "grid", "ray", DEFAULT, "no antialiasing", "2×2", "4×4", PREVIEW)
-# differences are shown up to what this share of the worst method's pixels exceeds
+# percentile of the worst method's differences shown as the brightest
 BRIGHTEST = 99.5
 COMPARED = ("reference", "sampled")
-# up to so many pixels a side, pictures are enlarged on the page
+# images up to this many pixels a side are enlarged on the page
 SQUARES = 128
 
 
@@ -38,7 +38,7 @@ class Thumbnail:
 
 @dataclass(frozen=True)
 class Strip:
-    """A scene's thumbnails, the truth first. scales: the difference that is drawn brightest, by truth.
+    """A scene's thumbnails, the truth first. scales: the brightest difference, by truth.
 
     small: whether pixels are shown as squares.
     """
@@ -49,7 +49,7 @@ class Strip:
 
 
 def strip(renderer: Renderer, subject: Subject, scene: Scene, truths: Truths) -> Strip:
-    """Draws the methods again: the same pictures, bit for bit."""
+    """Redraws the methods: the images are bitwise identical."""
     names = [name for name in SHOWN if (row := scene.row(name)) is not None and not row.omitted]
     drawn: dict[str, Image] = {}
     found: dict[tuple[str, str], np.ndarray] = {}
@@ -60,7 +60,7 @@ def strip(renderer: Renderer, subject: Subject, scene: Scene, truths: Truths) ->
             try:
                 found[name, truth] = largest(drawn[name], truths.get(truth, settings))
             except InputError:
-                # that method has no such truth; the page says so where it tells what was left out
+                # no such truth for this method; the page lists it as omitted
                 continue
     scales = {t: _scale([d for (name, of), d in found.items() if of == t and name != PREVIEW]) for t in COMPARED}
     peak = max((float(image.pixels.max()) for image in drawn.values()), default=1.0) or 1.0
@@ -73,7 +73,7 @@ def strip(renderer: Renderer, subject: Subject, scene: Scene, truths: Truths) ->
 
 
 def _truth(truths: Truths, settings: Settings) -> Iterator[tuple[str, Image]]:
-    """The sampled truth by its name, where there is one."""
+    """The sampled truth by its name, if any."""
     try:
         yield "sampled truth", truths.get("sampled", settings)
     except InputError:
@@ -85,7 +85,7 @@ def _scale(differences: list[np.ndarray]) -> float:
 
 
 def _heat(difference: np.ndarray, scale: float) -> str:
-    """Heat from 0 to `scale`: a pixel beyond the picture, which is cut off, holds the scale."""
+    """Heat map from 0 to `scale`, which is set by an extra pixel that is cropped afterwards."""
     clipped = np.minimum(difference, np.float32(scale))
     with_scale = np.pad(clipped, ((0, 1), (0, 0)))
     with_scale[-1, 0] = scale

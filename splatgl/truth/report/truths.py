@@ -1,4 +1,4 @@
-"""The three truths that pictures are measured against, each made once and kept in a folder."""
+"""The three truths for measuring errors, each computed once and cached in a folder."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from splatgl.truth.integral import ray_integral
 from splatgl.truth.report.methods import TRUTHS
 from splatgl.truth.report.subject import Level, Subject
 
-# settings that the truths honour: the reference all, the others those before the gap
+# settings used by the truths: the reference uses all, the others those before the gap
 OPTICS = ("blend", "kernel", "shading", "background")
 FILTERS = ("antialias", "samples", "attenuation")
-# the sampled truth is drawn without leaving anything out
+# tolerance of the sampled truth: nothing is omitted
 TIGHT = 1e-9
 # a reference of more samples than this takes minutes
 MOST_SAMPLES = {"quick": 1 << 17, "normal": 1 << 19, "full": 1 << 21}
 
 
 class Truths:
-    """Truths of one scene. folder: where they are kept, or None."""
+    """Truths of one scene. folder: cache, or None."""
 
     def __init__(self, renderer: Renderer, subject: Subject, level: Level, folder: Path | None = None) -> None:
         self.renderer, self.subject, self.level, self.folder = renderer, subject, level, folder
@@ -36,9 +36,9 @@ class Truths:
         self.mark = subject.mark()
 
     def get(self, truth: str, settings: Settings) -> Image:
-        """The truth for a picture of those settings, float64 [H, W, 4].
+        """The truth for an image with those settings, float64 [H, W, 4].
 
-        Raises InputError where there is none, or none in bearable time.
+        Raises InputError if there is none, or if it would take too long.
         """
         if truth not in TRUTHS:
             raise expected("truth", " or ".join(TRUTHS), repr(truth))
@@ -87,7 +87,7 @@ class Truths:
             return reference.render(splats, camera, settings).pixels
         if truth == "sampled":
             return self._sampled(settings, self.level.samples)
-        # splatting's own error varies less than the picture: it is measured at fewer samples and added
+        # splatting's own error varies less than the image: measured at fewer samples and added
         rays = self.level.rays
         integral = ray_integral(splats, camera, settings, self.level.steps, rays).pixels
         sampled = self.get("sampled", settings).pixels
@@ -105,7 +105,7 @@ class Truths:
 
 
 def _read(path: Path, shape: tuple[int, ...]) -> np.ndarray | None:
-    """A truth that was kept, float64; None where there is none, or a file that is something else."""
+    """A cached truth, float64; None if missing or invalid."""
     try:
         found = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError):

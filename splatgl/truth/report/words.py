@@ -1,4 +1,4 @@
-"""Numbers as a reader wants them, and what a scene's numbers say in sentences."""
+"""Formatting of numbers, and sentences that summarize a scene's results."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def times(factor: float) -> str:
 
 
 def milliseconds(timing: Timing | None) -> str:
-    """The median, and the least and the most around it."""
+    """The median with minimum and maximum."""
     if timing is None:
         return ""
     median, low, high = map(as_milliseconds, (timing.median, timing.low, timing.high))
@@ -38,7 +38,7 @@ def milliseconds(timing: Timing | None) -> str:
 
 
 def relative(timing: Timing | None, other: Timing | None) -> str:
-    """How many times as long as the other: the median, and the least and the most around it."""
+    """Ratio to the other's time: median with minimum and maximum."""
     if timing is None or other is None:
         return ""
     found = timing.over(other)
@@ -46,7 +46,7 @@ def relative(timing: Timing | None, other: Timing | None) -> str:
 
 
 def as_milliseconds(seconds: float) -> str:
-    """Three digits, and all before the point."""
+    """Three digits, with all digits before the decimal point."""
     value = 1e3 * seconds
     return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
@@ -58,10 +58,10 @@ def rivals(truth: str, scene: Scene) -> list[Point]:
 
 @dataclass(frozen=True)
 class Gist:
-    """What a scene comes to; None where it is not known.
+    """Key results of a scene; None if unknown.
 
-    old, new: errors of drawing, of the paper's settings and of the default ones; cost: the new ones' time over the old
-    ones'. filtered: errors against supersampling, of both. least: what is left against the ray integral, by `best`.
+    old, new: drawing errors of the paper's settings and of the default ones; cost: the ratio of their times, new over
+    old. filtered: errors against supersampling, of both. least: the smallest error against the ray integral, by `best`.
     """
 
     old: float | None
@@ -85,18 +85,18 @@ class Gist:
 
     @property
     def gain(self) -> float | None:
-        """How many times less the default settings err when drawing."""
+        """Factor by which the default settings reduce the drawing error."""
         return self.old / self.new if self.old and self.new else None
 
 
 def story(scene: Scene) -> list[str]:
-    """What the numbers say, a sentence each."""
+    """Summary of the results, a sentence each."""
     gist = Gist.of(scene)
     return [text for text in (_drawing(gist), _filtering(scene, gist), _splatting(gist), _worth(scene)) if text]
 
 
 def caption(scene: Scene, truth: str) -> str:
-    """What they say of one truth, on the line over its diagram."""
+    """Summary for one truth, as the caption of its diagram."""
     gist = Gist.of(scene)
     if truth == "reference" and gist.gain and gist.cost:
         return f"exact against 1998: error ÷ {times(gist.gain)}, time × {gist.cost:.2g}"
@@ -143,7 +143,7 @@ def _splatting(gist: Gist) -> str:
 
 
 def _worth(scene: Scene) -> str:
-    """What is worth its time when drawing, and what these times don't tell apart from it."""
+    """Members of the front for drawing errors, and methods that the timings cannot distinguish from them."""
     points = rivals("reference", scene)
     if not points:
         return ""

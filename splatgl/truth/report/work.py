@@ -1,4 +1,4 @@
-"""All of a report's work, in order: pictures and errors of a scene, its times, the next scene; convergence last."""
+"""Runs a report in order: for each scene, images and errors, then times; convergence last."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from splatgl.truth.report.truths import Truths
 
 @dataclass(frozen=True)
 class Task:
-    """What is asked for. only: names of methods or axes, all if empty. peers: VTK too. flip: FLIP too."""
+    """A report request. only: names of methods or axes, all if empty. peers: VTK too. flip: FLIP too."""
 
     level: Level
     only: tuple[str, ...] = ()
@@ -27,13 +27,13 @@ class Task:
     folder: Path | None = None
 
     def steps(self, scenes: int) -> int:
-        """How often `work` ticks."""
+        """Number of progress steps of `work`."""
         count = len(chosen(self.level, self.only, self.peers))
         return scenes * count * (1 + self.level.rounds) + len(STUDIES)
 
 
 def work(renderer: Planner, subjects: Sequence[Subject], task: Task, store: Store, tick: Tick) -> None:
-    """Measures everything that the store does not hold yet."""
+    """Measures everything not in the store yet."""
     wanted = chosen(task.level, task.only, task.peers)
     for subject in subjects:
         known = store.of("scene", scene=subject.name)

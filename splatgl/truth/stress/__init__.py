@@ -1,6 +1,6 @@
-"""The stress suite: named cases at the extremes, each with an answer known in advance and a bound.
+"""The stress suite: named extreme cases, each with a known exact result and an error bound.
 
-A registry: one entry a case. Run one by `run_case`, all by the command `splatgl stress`.
+A registry with one entry per case. `run_case` runs one, the command `splatgl stress` all.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ CASES: dict[str, Case] = {case.name: case for module in MODULES for case in modu
 
 
 def run_case(case: Case, renderer: Renderer) -> Result:
-    """Draws one case and measures it; a case that raises is one whose bound is broken, and the rest can go on."""
+    """Runs a case; an exception counts as a violated bound, and the other cases continue."""
     bench = Bench(renderer)
     started = time.perf_counter()
     try:
-        # overflow is what many cases are about: what counts is the picture
+        # many cases overflow on purpose: only the image counts
         with np.errstate(all="ignore"):
             checks = tuple(case.run(bench))
     except Exception as error:

@@ -1,4 +1,4 @@
-"""A stress case: a scene at an extreme, the answer it must give, and how far a picture is from it."""
+"""A stress case: an extreme scene, its exact result, and the image's error."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from numpy.typing import ArrayLike
 
 from splatgl.truth.stress.bench import Bench
 
-# a value of 0 has no relative error; below this share of the largest one it is measured by that share
+# relative errors of values below this fraction of the largest are relative to that fraction
 SMALLEST = 1e-300
 
 
 @dataclass(frozen=True)
 class Check:
-    """One answer: what was right and found where the error is largest, that error, and what it may be.
+    """A comparison: exact and measured value where the error is largest, that error, and its bound.
 
-    relative: whether errors are shares of the right answer, or absolute (linear light; in X-rays Σ τ).
-    bound: infinite for what is only told.
-    paper: what the paper's own form gives there, where its error is the largest; None: it has none.
+    relative: whether errors are relative to the exact value, or absolute (linear light; in X-rays Σ τ).
+    bound: infinite if the error is only reported.
+    paper: result of the paper's own form, at its largest error; None: not available.
     """
 
     what: str
@@ -34,12 +34,12 @@ class Check:
 
     @property
     def ok(self) -> bool:
-        """Whether the bound is kept; an error that is not a number keeps none."""
+        """Whether the error is within the bound; NaN never is."""
         return bool(self.error <= self.bound)
 
     @property
     def share(self) -> float:
-        """Error over bound; infinite where a bound of 0 is broken."""
+        """Error over bound; infinite if a bound of 0 is violated."""
         if self.ok:
             return self.error / self.bound if self.bound > 0 else 0.0
         return self.error / self.bound if self.bound > 0 and np.isfinite(self.error) else float("inf")
@@ -47,9 +47,9 @@ class Check:
 
 @dataclass(frozen=True)
 class Case:
-    """name: its identifier. stresses: what is extreme. how: scene, view and settings. right: where the answer is from.
+    """name: its identifier. stresses: the extreme property. how: scene, view and settings. right: source of the result.
 
-    run draws it and returns its checks.
+    run renders it and returns its checks.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Result:
-    """A case that was run. bad_pixels: values that are no numbers or infinite, over all its pictures."""
+    """Result of a case. bad_pixels: NaN or infinite values over all its images."""
 
     case: Case
     checks: tuple[Check, ...]
@@ -71,12 +71,12 @@ class Result:
 
     @property
     def ok(self) -> bool:
-        """Whether every check keeps its bound and every pixel is finite."""
+        """Whether every check is within its bound and every pixel is finite."""
         return self.bad_pixels == 0 and all(check.ok for check in self.checks)
 
     @property
     def worst(self) -> Check:
-        """The check nearest to its bound, or furthest over it."""
+        """The check nearest to its bound, or farthest over it."""
         return max(self.checks, key=lambda check: check.share)
 
 
@@ -88,7 +88,7 @@ def check(
     paper: ArrayLike | None = None,
     relative: bool = False,
 ) -> Check:
-    """The largest error of numbers of any shape against the right ones, whose shape they broadcast to."""
+    """The largest error of values of any shape against the exact values, which broadcast to that shape."""
     answer = np.asarray(right, dtype=np.float64)
     worst = _worst(found, answer, relative)
     papers = _worst(paper, answer, relative) if paper is not None else (None, None, None)
@@ -96,19 +96,19 @@ def check(
 
 
 def raised(error: Exception) -> Check:
-    """What a case that ended in an error has to show: a bound broken."""
+    """A failed check for a case that raised an error."""
     text = f"{type(error).__name__}: {error}".splitlines()[0]
     return Check(text, float("nan"), float("nan"), float("inf"), 0.0, False, None, None)
 
 
 def _worst(found: ArrayLike, right: np.ndarray, relative: bool) -> tuple[float, float, float]:
-    """(right, found, error) where the error is largest; one that is not a number is infinite."""
+    """(right, found, error) where the error is largest; NaN counts as infinite."""
     values, answer = np.broadcast_arrays(np.asarray(found, dtype=np.float64), right)
     with np.errstate(invalid="ignore", over="ignore"):
         error = np.abs(values - answer)
         if relative:
             error = error / np.maximum(np.abs(answer), SMALLEST)
     error = np.where(np.isnan(error), np.inf, error)
-    # of several, the one whose right answer is the largest: a picture's background tells nothing
+    # of equal errors, take the largest exact value: the background is uninformative
     place = np.unravel_index(int(np.where(error == error.max(), np.abs(answer), -1.0).argmax()), error.shape)
     return float(answer[place]), float(values[place]), float(error[place])

@@ -1,4 +1,4 @@
-"""The edge of a thick dense block beyond z_k: how far each way of attenuating opacity widens it."""
+"""The edge of a thick dense block beyond z_k: how far each attenuation form widens it."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ LAYERS, DENSE = 40, 0.99
 ZOOMS = (1.0, 2.0, 4.0, 8.0, 16.0)
 # every named form; auto is one of them
 FORMS = tuple(form for form in choices()["attenuation"] if form != "auto")
-# pixels on either side of the one whose centre is on the edge
+# pixels on either side of that centred on the edge
 REACH = 3
-# pictures, each moved by that part of a pixel
+# number of images, each shifted by that fraction of a pixel
 SHIFTS = 4
 SHAPE_BOUND = 1e-4
 CROSSING_BOUND = 1e-3
@@ -31,7 +31,7 @@ CROSSING_BOUND = 1e-3
 
 @dataclass(frozen=True)
 class Edge:
-    """place [N]: pixels beyond the edge, half a voxel outside of the last layer; opacity [N] there."""
+    """place [N]: pixels beyond the edge, which is half a voxel outside of the last layer; opacity [N] there."""
 
     place: np.ndarray
     opacity: np.ndarray
@@ -64,7 +64,7 @@ def drawn(m: float, draw: Draw) -> Edge:
 
 
 def summed(m: float, form: str) -> Edge:
-    """The same by the definition of `opacity`, `optical-depth` or the paper's `a F`, in float64, without drawing."""
+    """The same by the definition of `opacity`, `optical-depth` or the paper's `a F`, in float64, without rendering."""
     _, width, half = scene(m)
     shape = kernel("crawfis-max")
     tau = -np.log1p(-DENSE)

@@ -1,4 +1,4 @@
-"""Where the eye is: in a kernel, on voxels, at corners, at the near plane, along every axis."""
+"""Eye positions: in a kernel, on voxels, at corners, at the near plane, along every axis."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import ahead, alpha, block, dots, middle, noise, transfer
 
-# depth of a kernel exp(−2r²) cut at 2 and what a ray through its centre sees of it from the eye on; the last two
-# are partly and wholly behind. Closed form: √(π/8) [erf(√2·2) + erf(√2·z)]
+# depth of a kernel exp(−2r²) cut at 2, and its integral from the eye along a ray through its centre; the last two
+# are partly and entirely behind. Closed form: √(π/8) [erf(√2·2) + erf(√2·z)]
 BEHIND = ((0.0, 0.626617374643), (0.5, 1.054429570589), (1.0, 1.224761381304), (-0.5, 0.198805178697), (-3.0, 0.0))
 # the half-line table is bilinear, 256²
 HALF_LINE_BOUND = 5e-5
@@ -73,7 +73,7 @@ UP_Z, UP_Y = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
 
 
 def _layers(axis: int) -> tuple[Splats, np.ndarray]:
-    """A cube of 9³ whose layers across `axis` are all but opaque, each of its own colour; and the colours."""
+    """A cube of 9³ voxels with nearly opaque layers across `axis`, each with its own colour; and the colours."""
     count = 9
     colors = np.random.default_rng(axis).uniform(0.1, 1.0, (count, 3))
     grid = np.stack(np.meshgrid(*[np.arange(count)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Constant fog: every ray must see 1 − exp(−σL), from wherever and however large the voxels are."""
+"""Constant fog: the exact opacity of every ray is 1 − exp(−σL), for any eye and voxel size."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ SEED = 50
 FOG_BOUND = 0.011
 SHAPE = (30, 28, 32)
 SIZE = (96, 6)
-# voxels that a ray stays away from the box's edges, times max(1, m): a kernel reaches 1.56 m
+# minimum distance of a ray from the box's edges in voxels, times max(1, m): a kernel reaches 1.56 m
 CLEAR = 2.0
-# and the shortest path, voxels
+# minimum path length, voxels
 SHORTEST = 4.0
 
 
@@ -37,7 +37,7 @@ class View:
     inside: bool
 
     def splats(self) -> Splats:
-        """Extracts the box, every voxel of this opacity."""
+        """Splats of the box, all voxels with this opacity."""
         volume = Volume(np.ones(SHAPE[::-1], np.uint8), tuple(self.spacing))
         return extract(volume, transfer(((0.0, 0.0), (1.0, self.opacity))))
 
@@ -48,27 +48,27 @@ def views(seed: int = SEED) -> list[View]:
     found: list[View] = []
     while len(found) < VIEWS:
         view = _view(rng, len(found) % 5 == 0)
-        # at least one ray must meet the conditions
+        # at least one ray must satisfy the conditions
         if paths(view)[1].any():
             found.append(view)
     return found
 
 
 def _view(rng: np.random.Generator, inside: bool) -> View:
-    # up to 1:3, and any scale at all
+    # aspect ratios up to 1:3, at any scale
     spacing = np.exp(rng.uniform(-0.55, 0.55, 3)) * 10.0 ** rng.uniform(-3, 3)
     box = spacing * SHAPE
     middle = spacing * (np.array(SHAPE) - 1) / 2
     direction = rng.normal(size=3)
     direction /= np.linalg.norm(direction)
     target = middle + rng.uniform(-0.2, 0.2, 3) * box
-    # a strip of a picture of 200 to 800 rows: the depth of a voxel as wide as a pixel
+    # a strip of an image of 200 to 800 rows: the depth at which a voxel is a pixel wide
     z_k = rng.uniform(150.0, 600.0)
     fov = float(np.degrees(2 * np.arctan(SIZE[1] / 2 / z_k)))
     if inside:
         eye = spacing * rng.uniform(2.0, np.array(SHAPE) - 3.0)
     else:
-        # up to some voxels a pixel
+        # up to several voxels a pixel
         far = z_k * spacing.max() * rng.uniform(0.3, 2.0)
         eye = middle - direction * (np.linalg.norm(box) / 2 + far)
     up = rng.normal(size=3)
@@ -102,7 +102,7 @@ def paths(view: View) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _edges(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The box's twelve edges: where each starts, and the way to its end."""
+    """The box's twelve edges: start and vector to the end."""
     for axis in range(3):
         for corner in product((False, True), repeat=2):
             start = low.copy()
@@ -124,7 +124,7 @@ def _apart(eye: np.ndarray, rays: np.ndarray, start: np.ndarray, along: np.ndarr
 
 
 def fog(bench: Bench) -> list[Check]:
-    """Checks 1 − exp(−σL) of the rays clear of the box's edges; of the rest the error is only told."""
+    """Checks 1 − exp(−σL) on rays clear of the box's edges; for other rays the error is only reported."""
     found: dict[bool, list[np.ndarray]] = {True: [], False: []}
     right: dict[bool, list[np.ndarray]] = {True: [], False: []}
     paper: dict[bool, list[np.ndarray]] = {True: [], False: []}
@@ -144,7 +144,7 @@ def fog(bench: Bench) -> list[Check]:
         own, known, eight = (np.concatenate(kept[inside]) for kept in (found, right, paper))
         name = f"{len(own)} rays from {'inside' if inside else 'outside'}"
         checks.append(check(name, own, known, FOG_BOUND, eight, relative=True))
-    # a kernel reaches R voxels beyond the box and takes as much from within: that is told, and has no bound
+    # a kernel reaches R voxels beyond the box and loses as much inside: reported without a bound
     own, known, eight = (np.concatenate(kept) for kept in (edge_found, edge_right, edge_paper))
     return [*checks, check(f"{len(own)} rays nearer edges", own, known, np.inf, eight)]
 

@@ -1,4 +1,4 @@
-"""Views at the extremes: half-angles from 0.001° to 89.9°, parallel rays near together and far apart."""
+"""Extreme views: half-angles from 0.001° to 89.9°, orthographic views at small and large scales."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ SHAPE_BOUND = 2e-5
 PICTURE_BOUND = 1e-4
 # the half-line table is bilinear, 256²
 HALF_LINE_BOUND = 5e-5
-# exact splats are so to second order in 1/z_k; where z_k is less than a voxel there is no such order, and 5 levels
-# of 255 are what is asked
+# exact splats are accurate to second order in 1/z_k; if z_k is less than a voxel that does not apply, and the
+# bound is 5 levels of 255
 NO_Z_K_BOUND = 5 / 255
 # X-ray sums of a lattice of exp(−2r²) stretched by m in a parallel view: (m, ripple in closed form)
 LATTICES = ((1.5, 1.6e-4), (16.0, 2.6e-6), (64.0, 2.6e-6))
@@ -43,7 +43,7 @@ def far_voxel(bench: Bench) -> list[Check]:
     shape = kernel("crawfis-max")
     found, right, formula = [], [], []
     for depth in (1e2, 1e4, 1e6):
-        # 3 voxels wide, so that the outer pixels' rays pass 1.45 voxels from the voxel
+        # 3 voxels wide, so that the outermost rays pass 1.45 voxels from the voxel
         camera = ahead(fov=float(np.degrees(2 * np.arctan(1.5 / depth))), size=(31, 31))
         drawn = alpha(bench.draw(dots([(0.0, 0.0, depth)]), camera, blend="xray", antialias="off"))
         across, down = np.meshgrid(*camera.slopes())
@@ -69,7 +69,7 @@ def wide_85(bench: Bench) -> list[Check]:
 
 
 def wide_89(bench: Bench) -> list[Check]:
-    """512 pixels high: z_k = 0.4468 voxels; a kernel that reaches to the eye's plane is left as it is."""
+    """512 pixels high: z_k = 0.4468 voxels; a kernel that reaches the eye plane is left unchanged."""
     shape = kernel("crawfis-max")
     camera = ahead(fov=179.8, size=(65, 512))
     slopes = np.stack(np.meshgrid(*camera.slopes()), axis=-1)
@@ -124,7 +124,7 @@ def lattice_sums(bench: Bench) -> list[Check]:
         camera = parallel(m, (3, 3), (half + 0.31, half + 0.17))
         drawn = alpha(bench.draw(splats, camera, blend="xray", kernel="gaussian")) / np.log(2)
         old = alpha(bench.paper(splats, camera, blend="xray", kernel="gaussian")) / np.log(2)
-        # a parallel view draws by the same radial table as any
+        # an orthographic view uses the same radial table
         checks.append(check(f"m = {m:g}", drawn, 1.0, ripple + SHAPE_BOUND, old))
     return checks
 

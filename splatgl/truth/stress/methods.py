@@ -1,4 +1,4 @@
-"""Every method of the report's registry at an extreme: the eye in the volume, and pixels far wider than voxels."""
+"""Every method of the report's registry in extreme views: eye in the volume, and pixels far wider than voxels."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from splatgl.truth.stress.case import Case, Check, check
 
 # voxels a radius, and pixels a side
 RADIUS, PIXELS = 5.0, 12
-# eyes: in the middle, and so far away that a pixel is as wide as six voxels; with angles of view, degrees
+# eyes: at the centre, and at a distance where a pixel is six voxels wide; with angles of view, degrees
 VIEWS = ((0.3, 90.0), (100.0, 40.0))
 
 
 def every(bench: Bench) -> list[Check]:
-    """Each method's largest error over what its pictures promise."""
+    """Each method's largest error relative to its error bound."""
     splats = extract(ball(RADIUS), Transfer(points=[(0.0, 0.0), (1.0, 0.6)], unit=1.0))
     worst = {name: 0.0 for name, method in methods().items() if not method.peer}
     for distance, fov in VIEWS:

@@ -1,4 +1,4 @@
-"""Opacity and optical depth at the ends of their range, alone and together in one ray."""
+"""Opacity and optical depth at the ends of their range, alone and combined on a ray."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from splatgl.truth.stress.scenes import alpha, dots, middle, parallel, peak, tra
 
 # float32 sums and products: some roundings of 6e−8
 ROUNDING = 1e-6
-# what is left of light: two of the smallest steps below 1 that float32 has
+# transmitted light: two of float32's smallest steps below 1
 LIGHT = 2.0**-23
-# opacities, 1 among them; what a voxel of 1 is read as is the opacity next below it
+# opacities, including 1; a voxel of 1 is read as the next smaller opacity
 OPACITIES = (1e-8, 1e-7, 1e-4, 0.5, 1 - 1e-4, 1 - 1e-7, 1.0)
 # (opacity per length 1, thickness): 1 − (1 − a)^s, to 16 digits
 CORRECTIONS = (
@@ -28,7 +28,7 @@ DEPTHS = tuple(10.0**n for n in range(-12, 5))
 
 
 def opacities(bench: Bench) -> list[Check]:
-    """Checks OPACITIES of one voxel against 1 − (1 − a)^F(0), and the light that is left."""
+    """Checks OPACITIES of one voxel against 1 − (1 − a)^F(0), and the transmitted light."""
     found, right, paper = [], [], []
     camera = parallel(1.0, (1, 1))
     for opacity in OPACITIES:
@@ -43,7 +43,7 @@ def opacities(bench: Bench) -> list[Check]:
 
 
 def corrections(bench: Bench) -> list[Check]:
-    """Checks opacities stated for another length against CORRECTIONS, beside float32's pow and the paper's picture."""
+    """Checks opacities per another length against CORRECTIONS, along with float32's pow and the paper's image."""
     found, right, formula, pixels = [], [], [], []
     for opacity, thickness, known in CORRECTIONS:
         # a voxel that is `thickness` wide, and what its middle holds: 1 − (1 − a)^s with s = thickness · F(0)
@@ -74,7 +74,7 @@ def depth_range(bench: Bench) -> list[Check]:
     paper = alpha(bench.paper(row, camera))[0, 2::5]
     right = -np.expm1(-tau)
 
-    # one after the other in one ray, the faintest nearest, and the other way round
+    # one behind the other on a ray, the faintest nearest, and reversed
     checks = [check("side by side", alone, right, 2 * ROUNDING, paper, relative=True)]
     colors = np.random.default_rng(7).uniform(0.2, 1.0, (count, 3))
     for name, order in (("faintest first", np.arange(count)), ("densest first", np.arange(count)[::-1])):
@@ -90,7 +90,7 @@ def depth_range(bench: Bench) -> list[Check]:
 
 
 def xray_range(bench: Bench) -> list[Check]:
-    """Sums whose terms span sixteen decades: each term must count where it is not below the sum's last digit."""
+    """Sums with terms over sixteen decades: each term above the sum's last digit must contribute."""
     tau = np.array(DEPTHS)
     splats = dots(np.stack([np.zeros(len(tau)), np.zeros(len(tau)), 4.0 * np.arange(len(tau))], axis=1), tau / peak())
     camera = parallel(1.0, (1, 1))

@@ -1,4 +1,4 @@
-"""The stiff cases explained, a page each: where a ray meets a scale jump, and how the error goes with resolution
+"""Explanations of the stiff cases, a page each: a ray meets a jump of scale, and the error depends on resolution
 and precision. Every number is computed when the page is printed.
 """
 
@@ -17,9 +17,9 @@ from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.scenes import alpha, block, dots, middle, optical_depth, parallel, peak
 
 TARGETS = ("rgba8", "rgba16f", "rgba32f")
-# thicknesses of a shell in voxels: the same shell, ever coarser sampled
+# thicknesses of a shell in voxels: the same shell at decreasing resolution
 THICKNESSES = (4.3, 2.3, 1.3, 0.7, 0.4, 0.1, 0.01)
-# places of a shell in its voxel that are tried
+# number of positions of a shell within its voxel
 PLACES = 16
 COUNTS = (10**3, 10**4, 10**5, 10**6)
 
@@ -99,7 +99,7 @@ def _sheet(width: tuple[int, int]) -> np.ndarray:
 
 
 def sheet_across_z_k(bench: Bench) -> str:
-    """Explains a floor that passes z_k: its optical depth by form of attenuation and number of rows."""
+    """Explains a floor that crosses z_k: its optical depth by attenuation form and number of rows."""
     splats, camera, right = stiff.tilted_sheet(129)
     chosen, depth = stiff.sheet_rows(camera)
     ways: dict[str, dict[str, str]] = {form: {"attenuation": form} for form in edge.FORMS}
@@ -200,7 +200,7 @@ def wall(bench: Bench) -> str:
 
 
 def _page(*parts: str | tuple[str, Table]) -> str:
-    """Paragraphs and tables with their headings, as wide as a page."""
+    """Paragraphs and tables with their headings, wrapped to the page width."""
     blocks = [
         fill(part, PAGE) if isinstance(part, str) else f"{fill(part[0], PAGE)}\n{part[1].text()}" for part in parts
     ]

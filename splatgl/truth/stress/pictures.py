@@ -1,4 +1,4 @@
-"""Splats against pixels: far smaller, far larger, on the rim, and pictures of one row or one column."""
+"""Splat and image sizes: far smaller or larger than pixels, on the rim, and images of one row or column."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SIZES = ((1, 1), (1, 4096), (4096, 1))
 
 
 def zoom_range(bench: Bench) -> list[Check]:
-    """A splat on the axis from z_k/1000, where it is wider than the picture, to 10⁶ z_k."""
+    """A splat on the axis from z_k/1000, where it is wider than the image, to 10⁶ z_k."""
     shape = kernel("crawfis-max")
     found, paper, right = [], [], []
     for ratio in RATIOS:
@@ -32,7 +32,7 @@ def zoom_range(bench: Bench) -> list[Check]:
         dot = dots([(0.0, 0.0, depth)])
         m2 = max(1.0, ratio) ** 2
         drawn, old = (middle(draw(dot, camera, blend="xray"))[3] for draw in (bench.draw, bench.paper))
-        # eye inside the kernel: what is ahead of it
+        # eye inside the kernel: the part in front of it
         whole = float(shape.partial(np.zeros(()), np.array(min(depth, shape.radius)))) + peak() / 2
         found.append(drawn)
         paper.append(old)
@@ -55,11 +55,11 @@ def wider_than_picture(bench: Bench) -> list[Check]:
 
 
 def rim(bench: Bench) -> list[Check]:
-    """Rays at R and about it: F(R) is 0, and nothing there is below 0 or no number."""
+    """Rays at and near R: F(R) is 0, and no value is negative or NaN."""
     checks = []
     for name in ("crawfis-max", "gaussian"):
         shape = kernel(name)
-        # pixel centres at multiples of R/16, the axis among them
+        # pixel centres at multiples of R/16, including the axis
         camera = parallel(shape.radius / 16, (49, 49))
         across, down = np.meshgrid(*camera.slopes())
         distance = np.hypot(across, down)

@@ -1,4 +1,4 @@
-"""Very many splats on one pixel: what float32 accumulation loses, and what an opaque splat hides."""
+"""Very many splats on one pixel: float32 accumulation error, and occlusion by an opaque splat."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ MILLION = 10**6
 FAINT = 1e-7
 # 1 − (1 − 1e−7)^1e6 to 16 digits
 MILLION_FAINT = 0.0951625864882278
-# Each 'over' rounds the sum by at most half a unit in its last place. Below 0.125 that is 2⁻²⁸; the sums that
-# come before are smaller, and on average half of that.
+# Each 'over' rounds the sum by at most half a unit in its last place. Below 0.125 that is 2⁻²⁸; earlier
+# sums are smaller, with half of that on average.
 FAINT_BOUND = MILLION * 2.0**-28
 # a sum of 0.1 in an X-ray: the same unit
 FAINT_SUM_BOUND = MILLION * 2.0**-28
 PILE = 10**5
-# a fortieth of a level of 8 bits; the roundings of so many steps could sum up to 3e−3 if all had one sign
+# a fortieth of an 8-bit level; the rounding errors could sum up to 3e−3 if all had the same sign
 PILE_BOUND = 1e-4
 
 
@@ -67,7 +67,7 @@ def hidden(bench: Bench) -> list[Check]:
     places = np.zeros((MILLION + 1, 3))
     places[1:, 2] = rng.uniform(4.0, 500.0, MILLION)
     colors = np.concatenate([[(1.0, 0.0, 0.0)], rng.uniform(0.0, 1.0, (MILLION, 3))])
-    # τ = 60: e⁻⁶⁰ is nothing
+    # τ = 60: e⁻⁶⁰ is negligible
     splats = dots(places, np.concatenate([[60.0], rng.uniform(0.0, 1e-3, MILLION)]) / peak(), colors)
     camera = parallel(1.0, (1, 1))
     paper = bench.paper(splats, camera)[0, 0]

@@ -10,10 +10,10 @@ import numpy as np
 from splatgl.truth import table_io as rows
 from splatgl.truth.stress.case import Case, Check, Result
 
-# widths of the table's columns, characters: with the spaces between them 97
+# widths of the table's columns in characters: 97 with the spaces between them
 WIDTHS = (18, 24, 9, 9, 8, 8, 8, 6)
 HEAD = ("case", "what", "right", "found", "error", "bound", "paper's", "")
-# a page of text
+# page width in characters
 PAGE = 96
 FIELDS = ("case", "what", "right", "found", "error", "bound", "relative", "paper", "paper_error", "kept")
 
@@ -24,7 +24,7 @@ def heading() -> str:
 
 
 def line(result: Result) -> str:
-    """One case on one line: the check that is nearest to its bound, or furthest over it."""
+    """One line per case, with the check nearest to its bound, or farthest over it."""
     return _check_line(result.case.name, result.worst, result.ok)
 
 
@@ -34,7 +34,7 @@ def lines(result: Result) -> str:
 
 
 def verdict(results: Sequence[Result]) -> str:
-    """How many cases keep their bounds, and which do not."""
+    """Number of cases within their bounds, and the names of the others."""
     broken = [result for result in results if not result.ok]
     pictures, bad = (sum(getattr(result, name) for result in results) for name in ("pictures", "bad_pixels"))
     seconds = sum(result.seconds for result in results)
@@ -50,13 +50,13 @@ def verdict(results: Sequence[Result]) -> str:
 
 
 def about(case: Case) -> str:
-    """What a case is, in words."""
+    """Description of a case."""
     parts = ((case.name, case.stresses), ("how", case.how), ("right", case.right))
     return "\n".join(fill(f"{name}: {text}", PAGE, subsequent_indent="  ") for name, text in parts)
 
 
 def as_csv(results: Iterable[Result]) -> str:
-    """A line a check, with a line of names."""
+    """A header, and a line per check."""
     return rows.as_csv(FIELDS, (_row(result, each) for result in results for each in result.checks))
 
 
@@ -80,7 +80,7 @@ def as_json(results: Sequence[Result], renderer: str) -> str:
 
 
 def as_markdown(results: Sequence[Result], renderer: str) -> str:
-    """A table of all cases, each by the check nearest to its bound, and a line about all of it."""
+    """A table of all cases, each with the check nearest to its bound, and a summary line."""
     lines = []
     for result in results:
         worst = result.worst

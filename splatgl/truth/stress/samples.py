@@ -1,4 +1,4 @@
-"""What a volume's samples may be: any type, any range, no numbers at all, and volumes of hardly any voxels."""
+"""Sample values of volumes: any type, any range, NaN and infinity, and volumes of very few voxels."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def types(bench: Bench) -> list[Check]:
     look = transfer(((0.0, 0.0), (100.0, 0.3)), shading=True)
     right, _ = _drawn(bench, Volume(whole.astype(np.float64)), look)
     found = [_drawn(bench, Volume(whole.astype(name)), look) for name in TYPES]
-    # the same numbers: the same picture, bit for bit
+    # equal numbers must give the same image, bit for bit
     return [check(f"{len(TYPES)} types", [own for own, _ in found], right, 0.0, [old for _, old in found])]
 
 
@@ -52,7 +52,7 @@ def dynamic_range(bench: Bench) -> list[Check]:
     )
     checks = []
     for name, samples, edge in cases:
-        # a step at `edge`: what is over it has opacity 0.2; the right picture is that of 0 and 1
+        # a step at `edge`: values above it have opacity 0.2; the exact image is that of 0 and 1
         look = Transfer(points=((edge, 0.0), (edge, 0.2)), window=(-1.0, 1.0) if edge == 0 else (0.0, 1.0))
         plain = Transfer(points=((0.5, 0.0), (0.5, 0.2)), window=(-1.0, 1.0), shading=False)
         over = Volume((samples >= edge).astype(np.uint8))
@@ -60,14 +60,14 @@ def dynamic_range(bench: Bench) -> list[Check]:
         right, _ = _drawn(bench, over, plain)
         found, old = _drawn(bench, Volume(samples), flat)
         checks.append(check(name, alpha(found), alpha(right), 0.0, alpha(old)))
-        # shaded: no direction of a gradient may be lost to an overflow; light is at least its ambient part
+        # shaded: no gradient direction may be lost to overflow; light is at least its ambient part
         shaded, _ = _drawn(bench, Volume(samples), look)
         checks.append(check(f"{name}, shaded", alpha(shaded), alpha(right), 0.0))
     return checks
 
 
 def _steep(bench: Bench, dtype: str, scale: float) -> list[Check]:
-    """A ramp as steep as its type can hold, shaded: the light must be that of a gentle one."""
+    """A shaded ramp as steep as its type allows: lighting must equal that of a gentle ramp."""
     _, _, x = np.mgrid[0:6, 0:6, 0:6]
     ramp = (x - 2.5) / 2.5
     right, _ = _drawn(bench, Volume(ramp), Transfer(points=((-1.0, 0.2), (1.0, 0.2))))
@@ -89,7 +89,7 @@ def denormals(bench: Bench) -> list[Check]:
 
 
 def broken(bench: Bench) -> list[Check]:
-    """Checks that voxels of NaN and ±Inf leave gaps, and take no part in their neighbours' gradients."""
+    """Checks that voxels of NaN and ±Inf leave gaps and do not affect their neighbours' gradients."""
     look = transfer(((0.0, 0.0), (1.0, 0.4)))
     clean = noise((9, 10, 11), 0.9).astype(np.float32) + np.float32(0.1)
     holes = np.random.default_rng(3).uniform(size=clean.shape) < 0.1
@@ -100,7 +100,7 @@ def broken(bench: Bench) -> list[Check]:
         found, old = _drawn(bench, Volume(np.where(holes, np.float32(value), clean)), look)
         checks.append(check(name, found, right, 0.0, old))
 
-    # a slice of nothing but NaN is a gap; shading takes its neighbours' gradients from what is there
+    # a slice of NaN is a gap; gradients of its neighbours use only finite samples
     ramp = np.broadcast_to(np.arange(9, dtype=np.float32)[None, None, :] / 8, (8, 8, 9)).copy()
     gap = ramp.copy()
     gap[4] = np.nan
@@ -120,7 +120,7 @@ def broken(bench: Bench) -> list[Check]:
 
 
 def tiny(bench: Bench) -> list[Check]:
-    """Checks volumes of hardly any voxels, empty ones and constant ones."""
+    """Checks volumes of very few voxels, empty ones and constant ones."""
     shape = kernel("crawfis-max")
     tau = -np.log1p(-0.4)
     look = transfer(((0.0, 0.0), (1.0, 0.4)), unit=1.0)

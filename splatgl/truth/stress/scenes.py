@@ -1,4 +1,4 @@
-"""Scenes of the stress cases: dots, sheets and blocks whose sums are known, and cameras along an axis."""
+"""Scenes of the stress cases: dots, sheets and blocks with known sums, and cameras along an axis."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def dots(
     colors: ArrayLike = (1.0, 1.0, 1.0),
     spacing: float | Sequence[float] = 1.0,
 ) -> Splats:
-    """Single splats [N, 3], white and of extinction 1 unless told."""
+    """Single splats [N, 3], by default white and of extinction 1."""
     places = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     count = len(places)
     return Splats.from_points(
@@ -68,13 +68,13 @@ def ahead(eye: Vector = (0.0, 0.0, 0.0), fov: float = 60.0, size: tuple[int, int
 def parallel(
     pitch: float, size: tuple[int, int] = (33, 33), center: tuple[float, float] = (0.0, 0.0), before: float = -10.0
 ) -> Camera:
-    """Parallel rays along +z through pixels of that side, round the axis through `center`, from z = `before`."""
+    """Orthographic rays along +z, pixels of that size, centred on the axis through `center`, from z = `before`."""
     eye = np.array([*center, before])
     return Camera.orthographic(eye, eye + np.array([0.0, 0.0, 1.0]), UP, pitch * size[1], size)
 
 
 def middle(pixels: np.ndarray) -> np.ndarray:
-    """[4]: the middle pixel of a picture of odd sides."""
+    """[4]: the middle pixel of an image with odd sides."""
     return np.asarray(pixels[pixels.shape[0] // 2, pixels.shape[1] // 2])
 
 

@@ -1,4 +1,4 @@
-"""Where a volume lies and how large its voxels are: spacings, origins, mirrored and turned grids."""
+"""Grids: extreme spacings and origins, mirrored and rotated axes."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from splatgl.truth.stress.scenes import alpha, dots, noise, transfer
 SIZE = (48, 48)
 SHAPE = (14, 12, 10)
 PICTURE_BOUND = 1e-4
-# the same scene in other units is the same numbers but for roundings of float64 and a few of float32
+# a scene in other units has the same values except for roundings of float64 and a few of float32
 SAME = 1e-5
 SHAPE_BOUND = 2e-5
-# exact splats are so to second order in (kernel's depth)/(its distance): here 1/30
+# exact splats are accurate to second order in (kernel's depth)/(its distance): here 1/30
 FEW_PIXELS_BOUND = 1e-3
-# and here 1/2, where only 5 levels of 255 are asked
+# here 1/2: the bound is 5 levels of 255
 NEAR_BOUND = 5 / 255
 # of samples.transpose(1, 2, 0): index x runs along z, y along x, z along y
 RENAMED = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -72,7 +72,7 @@ def flat_voxels(bench: Bench) -> list[Check]:
             target = side / np.linalg.norm(side / spacing) * off
             camera = Camera.look_at(target - 5e3 * direction, target, (0.1, 1.0, 0.3), 1e-3, (1, 1))
             dot = dots([(0.0, 0.0, 0.0)], 1 / mean, spacing=(1.0, 1.0, 1000.0))
-            # in index space the ray passes at D, and goes |S⁻¹ d̂| voxels a unit of length
+            # in index space the ray passes at distance D and covers |S⁻¹ d̂| voxels per unit length
             along = direction / spacing
             distance = np.linalg.norm(np.cross(target / spacing, along)) / np.linalg.norm(along)
             right.append(float(shape.footprint(np.asarray(distance))) / np.linalg.norm(along) / mean)
@@ -105,11 +105,11 @@ def offsets(bench: Bench) -> list[Check]:
 
 
 def directions(bench: Bench) -> list[Check]:
-    """Checks mirrored, turned and renamed axes against the picture of the plain volume."""
+    """Checks mirrored, rotated and permuted axes against the image of the plain volume."""
     samples = noise(SHAPE, 0.4)
     right, _ = _picture(bench, Volume(samples))
     checks, last = [], np.array(samples.shape[::-1]) - 1.0
-    # an axis read backwards, told by a negative direction
+    # a reversed axis, with a negative direction
     for axis, name in enumerate("xyz"):
         flip = np.eye(3)
         flip[axis, axis] = -1.0
@@ -118,15 +118,15 @@ def directions(bench: Bench) -> list[Check]:
         turned = Volume(np.flip(samples, 2 - axis), origin=_triple(origin), direction=flip)
         drawn, paper = _picture(bench, turned)
         checks.append(check(f"−{name}", drawn, right, SAME, paper))
-    # all of it turned, and the eye with it
+    # rotation of volume and eye
     rotation = _rotation()
     volume = Volume(samples, origin=(3.0, -2.0, 1.0), direction=rotation)
     drawn, paper = _picture(bench, volume, rotation)
     checks.append(check("turned", drawn, right, SAME, paper))
-    # axes renamed: z, y, x read as x, z, y
+    # axes permuted: z, y, x read as x, z, y
     volume = Volume(np.ascontiguousarray(samples.transpose(1, 2, 0)), direction=RENAMED)
     drawn, paper = _picture(bench, volume)
-    # overlapping splats of a plane are drawn in another order, which colours show and opacity doesn't
+    # overlapping splats of a plane are drawn in another order, which affects colours but not opacity
     checks.append(check("axes renamed, opacity", alpha(drawn), alpha(right), SAME, alpha(paper)))
     return checks
 

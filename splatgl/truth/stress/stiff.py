@@ -1,4 +1,4 @@
-"""Stiff scenes: a ray meets matter of another scale at once. What they look like, and what is right."""
+"""Stiff scenes: a ray meets matter of very different scales. Scenes, views and exact results."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ GRAY, RED = (0.6, 0.6, 0.6), (0.9, 0.2, 0.1)
 FOG_LAYERS, WIDTH = 16, 21
 # the kernel's ripple, 0.53 % on the lattice, of 1 − exp(−0.32)
 SKIN_BOUND = 0.002
-# an opaque skin beyond z_k: a level of 8 bits, about what e^−5.5 leaves through
+# an opaque skin beyond z_k: an 8-bit level, about the transmittance e^−5.5
 SKIN_ZOOM_BOUND = 1.1 / 255
-# Crawfis–Max on its lattice when stretched, and 0.1 % for the depth at which it is seen
+# Crawfis–Max ripple on its lattice when stretched, and 0.1 % for the depth of view
 SHELL_BOUND = 0.012
 SHELL = 0.5
 SHELL_THICKNESS = 0.1
-# where a shell's middle lies in its voxel
+# positions of a shell's middle within its voxel
 SHELL_PLACES = (0.0, 0.2, 0.45, 0.5)
 ZOOMS = (0.5, 1.0, 1.1, 2.0, 8.0)
 # the floor's rise over its run
@@ -40,13 +40,13 @@ def skin_and_fog(step: float = 1.0) -> Splats:
 
 
 def from_behind() -> np.ndarray:
-    """[4]: what is seen through the fog: (1 − e^−τ) gray + e^−τ red."""
+    """[4]: colour through the fog: (1 − e^−τ) gray + e^−τ red."""
     through = np.exp(-FOG * FOG_LAYERS)
     return np.append((1 - through) * np.array(GRAY) + through * np.array(RED), 1.0)
 
 
 def skin_cameras(pitch: float = 0.5) -> tuple[Camera, Camera]:
-    """Parallel views from the skin's side and from the fog's, one pixel, not on a voxel."""
+    """Orthographic views from the skin's side and from the fog's, one pixel, off voxel centres."""
     aside = (0.42 * pitch, 0.26 * pitch)
     front = parallel(pitch, (1, 1), aside)
     eye = np.array([*aside, FOG_LAYERS + 10.0])
@@ -54,7 +54,7 @@ def skin_cameras(pitch: float = 0.5) -> tuple[Camera, Camera]:
 
 
 def skin_over_fog(bench: Bench) -> list[Check]:
-    """Checks the skin seen from its own side, through the fog, with wide pixels and at a slant."""
+    """Checks the skin from its own side, through the fog, with wide pixels, and at an oblique angle."""
     splats = skin_and_fog()
     front, back = skin_cameras()
     skin = np.array([*RED, 1.0])
@@ -67,7 +67,7 @@ def skin_over_fog(bench: Bench) -> list[Check]:
         front, _ = skin_cameras(m)
         found, paper = middle(bench.draw(splats, front)), middle(bench.paper(splats, front))
         checks.append(check(f"{m:g} voxels a pixel", found, skin, SKIN_ZOOM_BOUND, paper))
-    # slanted by 20°, in perspective: the fog is longer by its secant
+    # at 20°, in perspective: the path through the fog is longer by the secant
     angle = np.radians(20.0)
     ray = np.array([np.sin(angle), 0.0, -np.cos(angle)])
     target = np.array([0.21, 0.13, 1.0])
@@ -80,7 +80,7 @@ def skin_over_fog(bench: Bench) -> list[Check]:
 
 def shell(place: float, width: tuple[int, int], thickness: float = SHELL_THICKNESS, averaged: bool = True) -> Splats:
     """A flat shell across z at `place`, of optical depth SHELL; the voxels' extinction is its average over each,
-    or what their centres meet.
+    or the value at their centres.
     """
     low, high = place - thickness / 2, place + thickness / 2
     z = np.arange(-3, 4)
@@ -103,7 +103,7 @@ def shell_view(m: float, slant: float) -> tuple[Camera, tuple[int, int]]:
 
 
 def thin_shell(bench: Bench) -> list[Check]:
-    """Checks that a shell keeps its optical depth wherever it lies in its voxel, straight and slanted."""
+    """Checks that a shell keeps its optical depth at any position in its voxel, straight and oblique."""
     checks = []
     for slant in (0.0, 50.0):
         ratios, paper = [], []

@@ -1,4 +1,4 @@
-"""Closed walls beyond z_k: what each way of attenuating makes of opacity that fills its pixels."""
+"""Closed walls beyond z_k: effect of each attenuation form on opacity that fills its pixels."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from splatgl.truth.stress.scenes import alpha, block, optical_depth
 OPACITIES = (0.1, 0.5, 0.99)
 # voxels a pixel at the wall
 ZOOMS = (1.0, 1.1, 2.0, 4.0, 16.0, 64.0)
-# the kernel's ripple on its lattice, stretched by 1.1: 1.08 %; and 0.1 % for the depth at which it is seen
+# the kernel's ripple on its lattice, stretched by 1.1: 1.08 %; and 0.1 % for the depth of view
 WALL_BOUND = 0.012
 # angle between the view and the wall's normal, degrees
 SLANT = 50.0
 # pixels across a picture: z_k = 56 voxels at 60°
 PIXELS = 65
-# pixels about the middle one that are looked at on either side
+# pixels evaluated on either side of the middle one
 AROUND = 1
 
 
 @dataclass(frozen=True)
 class Wall:
-    """A sheet one voxel thick, and a view whose middle pixels see nothing but it."""
+    """A sheet one voxel thick, and a view whose middle pixels show only the sheet."""
 
     zoom: float
     perspective: bool
@@ -35,17 +35,17 @@ class Wall:
 
     @property
     def size(self) -> tuple[int, int, int]:
-        """Voxels along x, y, z: as many as splats of R·m reach from the middle pixels, and some."""
+        """Voxels along x, y, z: all splats of R·m that reach the middle pixels, with a margin."""
         reach = self.zoom * (AROUND + 0.5 + 1.7)
         sec = 1 / np.cos(np.radians(self.slant))
-        # the far side of a slanted wall is further away, and its pixels wider
+        # the far side of an oblique wall is farther away, with wider pixels
         grow = 1.15 if self.slant else 1.05
         return 2 * int(reach * sec * grow**2 + 4) + 1, 2 * int(reach * grow + 4) + 1, 1
 
     @property
     def target(self) -> np.ndarray:
         """The point [3] that the view's axis meets, world units."""
-        # not on a voxel
+        # off voxel centres
         return np.array([self.size[0] // 2 + 0.31, self.size[1] // 2 + 0.17, 0.0])
 
     def camera(self) -> Camera:
@@ -72,7 +72,7 @@ class Wall:
 
 
 def wall(bench: Bench, opacity: float) -> list[Check]:
-    """Checks a closed wall's optical depth at each of ZOOMS, straight and slanted; what `auto` draws is only told."""
+    """Checks a closed wall's optical depth at each of ZOOMS, straight and oblique; `auto` is only reported."""
     checks = []
     for perspective in (True, False):
         for slant in (0.0, SLANT):
