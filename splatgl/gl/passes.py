@@ -22,6 +22,7 @@ from splatgl.gl.uniforms import FRAME, FRAME_BINDING, STYLE, STYLE_BINDING, fram
 from splatgl.splat.extraction.order import order_for
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.plan import Plan
+from splatgl.splat.plan.resolve import END_CORRECTION
 from splatgl.splat.view.ahead import ahead
 
 
@@ -79,7 +80,7 @@ class Passes:
             self._draw_splats(target, splats, plan, portions)
         # a sum has no background
         background = plan.resolved.background if not plan.program.look.blend.unbounded else None
-        if plan.samples > 1 or background is not None:
+        if plan.resolved.averaged or background is not None:
             return self._resolve(target, plan, background).read()
         return target.read(plan.window)
 
@@ -101,6 +102,7 @@ class Passes:
         self.ctx.enable_only(moderngl.NOTHING)
         drawn.texture.use(location=0)
         program["samples"] = plan.samples
+        program["ends"] = END_CORRECTION if plan.resolved.averaged else 0.0
         program["background"] = (*background, 1.0) if background else (0.0, 0.0, 0.0, 0.0)
         self._whole(program)
         return target

@@ -26,6 +26,7 @@ from splatgl.splat.view.view import View
 from splatgl.truth.blend import ADD, Band, Part, pixels
 from splatgl.truth.extent import Boxes, pixel_boxes
 from splatgl.truth.pairs import Row, Values, values
+from splatgl.truth.pixel_means import pixel_means
 
 # samples per band: their indices fit into 16 bits, which sort fast
 BAND = 1 << 16
@@ -58,7 +59,7 @@ def render(
     height = max(1, BAND // fine.size[0] // resolved.samples) * resolved.samples
     bands = [(top, min(top + height, fine.size[1])) for top in range(0, fine.size[1], height)]
     drawn = [scene.band(band) for band in (progress(iter(bands), len(bands)) if progress else bands)]
-    picture = _mean(np.concatenate(drawn), camera.size, resolved)
+    picture = _mean(np.concatenate(drawn), resolved)
     return Image(picture, _provenance(splats, camera, resolved, row, time.perf_counter() - started))
 
 
@@ -113,10 +114,9 @@ def filled(splats: Splats, view: View, voxel: np.ndarray, coverage: np.ndarray) 
     return filled_depth(depth, along, widths, pixel, coverage, splats.runs)
 
 
-def _mean(samples: np.ndarray, size: tuple[int, int], resolved: Resolved) -> np.ndarray:
+def _mean(samples: np.ndarray, resolved: Resolved) -> np.ndarray:
     """The mean of each pixel's samples, over the background."""
-    n = resolved.samples
-    mean = samples.reshape(size[1], n, size[0], n, 4).mean(axis=(1, 3))
+    mean = pixel_means(samples, resolved.samples) if resolved.averaged else samples
     if resolved.background is None or resolved.look.blend.unbounded:
         return np.asarray(mean)
     return np.asarray(mean + (1 - mean[..., 3:]) * np.array([*resolved.background, 1.0]))

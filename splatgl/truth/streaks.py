@@ -22,7 +22,7 @@ from splatgl.splat.motion.blur import MOTIONS, energy_gain
 from splatgl.splat.motion.motion import Motion, Streaks, streaks
 from splatgl.splat.motion.motion_opacity import dwelt_depth, isolation
 from splatgl.splat.plan.blend_mode import BLENDS, BlendMode
-from splatgl.splat.plan.resolve import Resolved
+from splatgl.splat.plan.resolve import AVERAGED, Resolved
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.view import View
@@ -51,7 +51,7 @@ def render(
     """
     if shape not in MOTIONS:
         raise expected("shape", " or ".join(MOTIONS), repr(shape))
-    if settings.antialias == "supersample" or BLENDS[settings.blend].join == "max":
+    if settings.antialias in AVERAGED or BLENDS[settings.blend].join == "max":
         raise expected("settings", "antialias paper or off, blend composite or xray", "others")
     drawn = _Drawn.of(splats, settings, streaks(splats, camera, motion, shutter), shape)
     # the same bands as in the reference

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from splatgl.splat.plan.resolve import AVERAGED
 from splatgl.splat.plan.settings import Settings
 
 # target seconds per frame in motion
@@ -49,7 +50,7 @@ class Level:
         """The requested settings with the reductions of a preview."""
         if self == FULL:
             return asked
-        plain = asked.but(antialias="paper") if asked.antialias == "supersample" else asked
+        plain = asked.but(antialias="paper") if asked.antialias in AVERAGED else asked
         return plain if self.tolerance is None else plain.but(tolerance=max(self.tolerance, asked.tolerance))
 
     def __str__(self) -> str:

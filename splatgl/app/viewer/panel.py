@@ -31,7 +31,7 @@ EXTINCTION = (0.01, 100.0)
 ABOUT = {
     "blend": "Compositing over each other, X-ray sums, or the maximum along each ray.",
     "kernel": "The radial kernel that every voxel is blurred with.",
-    "antialias": "Beyond z_k splats are stretched to a pixel [Eq. 4] and weakened by (z_k/z_v)^2 [Eq. 6].",
+    "antialias": "paper: stretched to a pixel beyond z_k [Eq. 4], weakened by (z_k/z_v)^2 [Eq. 6]; auto: samples.",
     "align": "exact: the true line integral [row 1]; ray: perpendicular quads [row 4]; grid: aligned with the grid "
     "[row 5]; hybrid: ray up to z_s, then grid [4.2].",
     "attenuation": "What (z_k/z_v)^2 weakens beyond z_k: the opacity (the paper's), the optical depth, or by fill.",

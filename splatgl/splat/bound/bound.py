@@ -170,9 +170,9 @@ def _opacity(splats: Splats) -> float:
 
 def _resolved(plan: Plan, scale: float) -> float:
     """Float32 error of averaging samples and blending over a background; 0 without either."""
-    if plan.samples == 1 and plan.resolved.background is None:
+    if not plan.resolved.averaged and plan.resolved.background is None:
         return 0.0
-    return ULP * (plan.samples + 1) * _last_digit(scale)
+    return ULP * (plan.samples + 3) * _last_digit(scale)
 
 
 def _last_digit(largest: float) -> float:

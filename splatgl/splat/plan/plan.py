@@ -101,7 +101,17 @@ class Plan:
     def key(self) -> Hashable:
         """For the same splats and camera, plans with equal keys draw the same picture."""
         r = self.resolved
-        drawn = (r.samples, r.background, self.lookup, self.order, self.target, self.z_s, self.window, self.hiding)
+        drawn = (
+            r.samples,
+            r.averaged,
+            r.background,
+            self.lookup,
+            self.order,
+            self.target,
+            self.z_s,
+            self.window,
+            self.hiding,
+        )
         return self.program, drawn, self.exposure
 
     @property
@@ -148,8 +158,8 @@ class Plan:
         if self.hiding.cutoff:
             light = f"less than {self.hiding.cutoff:.2g} of the light"
             lines.append(f"tiles behind {light} end, which changes no pixel by more")
-        if self.samples > 1:
-            lines.append(f"supersampled {self.samples}×{self.samples}")
+        if found.averaged:
+            lines.append(f"{self.samples}×{self.samples} samples a pixel, with the end correction")
         return "\n".join([*lines, *self.notes])
 
 

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.kernels import Kernel, kernel
 from splatgl.splat.plan.blend_mode import BLENDS, BlendMode
@@ -14,6 +16,14 @@ from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera, check_reach
 from splatgl.splat.view.view import View
 from splatgl.splat.view.widening import widening
+
+# kinds of antialiasing whose pixels are means of samples
+AVERAGED = ("auto", "supersample")
+# samples along each axis from these tolerances on; and at most, from where on voxels are widened besides
+SAMPLES = ((0.05, 1), (1e-3, 2), (0.0, 3))
+MOST_SAMPLES = 4
+# weight of the differences across a pixel's edges in its mean (Euler–Maclaurin)
+END_CORRECTION = 1 / 24
 
 
 @dataclass(frozen=True)
@@ -29,6 +39,7 @@ class Look:
 class Resolved:
     """The settings resolved for one picture, without `auto`. Depths are in world units.
 
+    averaged: whether pixels are means of samples with the end correction of resolve.frag.
     view: at samples × samples a pixel; whether any splat is widened, and beyond which depths. camera: likewise.
     z_k: depth at which the smallest voxel is one sample wide [M98 Eq. 3]. depths: of the box of all splats, nearest and
     farthest. unsure: see widening.py. background: linear RGB, None: transparent. notes: omitted steps with reasons, a
@@ -37,6 +48,7 @@ class Resolved:
 
     look: Look
     samples: int
+    averaged: bool
     camera: Camera
     view: View
     z_k: float
@@ -57,19 +69,20 @@ class Resolved:
 
         In a parallel view, still splats must be the result of `ahead`.
         """
-        samples = settings.samples if settings.antialias == "supersample" else 1
+        depths = depth_range(splats, camera)
+        samples = _samples(settings, float(camera.pixel_pitch(depths[1])) / splats.grid.smallest_spacing)
         fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
         if len(splats):
             check_reach(splats.corners, camera, splats.grid.mean_spacing)
-        depths = depth_range(splats, camera)
         z_k = fine.z_k(splats.grid.smallest_spacing)
-        antialias, antialias_notes = _antialias(settings, z_k, depths[1])
+        antialias, antialias_notes = _antialias(settings, samples, z_k, depths[1])
         shading, shading_notes = _shading(splats, settings)
         view = View.of(splats.grid, fine, kernel(settings.kernel), antialias)
         widened = widening(splats, view)
         return cls(
             look=Look(BLENDS[settings.blend], _attenuation(settings, antialias or moving), shading),
             samples=samples,
+            averaged=settings.antialias in AVERAGED,
             camera=fine,
             view=replace(view, beyond=widened.beyond),
             z_k=z_k,
@@ -87,10 +100,21 @@ def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
     return float(depth.min()), float(depth.max())
 
 
-def _antialias(settings: Settings, z_k: float, farthest: float) -> tuple[bool, tuple[str, ...]]:
-    """Whether antialiasing is on and a splat lies beyond z_k; with notes."""
-    if settings.antialias == "off" or farthest >= z_k:
-        return settings.antialias != "off", ()
+def _samples(settings: Settings, wide: float) -> int:
+    """Samples along each axis of a pixel. wide: a pixel's width in the smallest voxels, at the farthest splat."""
+    if settings.antialias == "supersample":
+        return settings.samples
+    if settings.antialias != "auto":
+        return 1
+    least = next(k for tolerance, k in SAMPLES if settings.tolerance >= tolerance)
+    return int(np.clip(np.ceil(wide), least, MOST_SAMPLES))
+
+
+def _antialias(settings: Settings, samples: int, z_k: float, farthest: float) -> tuple[bool, tuple[str, ...]]:
+    """Whether voxels are widened beyond z_k, and one lies there; with notes."""
+    wanted = settings.antialias != "off" and (settings.antialias != "auto" or samples == MOST_SAMPLES)
+    if not wanted or farthest >= z_k:
+        return wanted, ()
     return False, (f"antialiasing left out: every splat is nearer than z_k = {z_k:.6g}; the picture is the same",)
 
 

@@ -11,7 +11,7 @@ from splatgl.data.errors import expected
 from splatgl.splat.kernel.kernels import KERNELS
 from splatgl.splat.plan.blend_mode import BLENDS
 
-Antialias = Literal["paper", "off", "supersample"]
+Antialias = Literal["paper", "auto", "off", "supersample"]
 Align = Literal["auto", "exact", "ray", "grid", "hybrid"]
 Attenuation = Literal["auto", "opacity", "optical-depth", "fill"]
 Footprint = Literal["auto", "table"]
@@ -44,7 +44,8 @@ class Settings:
     """Render settings by the paper's names, the default first.
 
     blend composite | xray | mip. kernel crawfis-max | gaussian, or one that is registered.
-    antialias paper | off | supersample (samples × samples a pixel). align auto | exact | ray | grid | hybrid
+    antialias paper (stretched beyond z_k) | auto (as many samples a pixel as voxels and tolerance ask for) | off |
+    supersample (samples × samples a pixel). align auto | exact | ray | grid | hybrid
     (ray-perpendicular up to depth z_s, grid-aligned beyond; z_s in world units, None: from `tolerance`).
     attenuation auto | opacity | optical-depth | fill (beyond z_k, composite only).
     footprint auto (by the squared distance: a table, or polynomials where the tolerance allows) | table (table_size²

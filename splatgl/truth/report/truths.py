@@ -47,6 +47,8 @@ class Truths:
         if truth == "reference":
             if settings.antialias != "supersample":
                 asked["samples"] = 1
+            if settings.antialias == "auto":
+                asked["tolerance"] = settings.tolerance
             self._check(asked)
             key = f"reference {asked}"
         else:
