@@ -205,6 +205,8 @@ def settings_of(rng: Random) -> sg.Settings:
         "occlusion": one_of("auto", "off"),
         "order": one_of("auto", "auto", "back-to-front", "front-to-back"),
     }
+    if rng.random() > 0.8:
+        changes["antialias"] = "auto"
     return sg.Settings(**changes)  # type: ignore[arg-type]
 
 

@@ -58,11 +58,7 @@ def _beside(splats: Splats, camera: Camera, across: float, down: float) -> tuple
     slant = camera.eye_from_world.T @ shear @ camera.eye_from_world
     grid = splats.grid
     slanted = Grid(slant @ grid.world_from_index, slant @ (grid.origin - camera.eye) + camera.eye)
-    moved = replace(splats, grid=slanted)
-    # cells are unchanged, so that cached neighbour and order data stay valid
-    kept = {name: made for name, made in splats.__dict__.items() if name in ("runs", "_lattices")}
-    moved.__dict__.update(kept)
-    return moved, camera
+    return splats.in_cells(grid=slanted), camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +78,7 @@ class Reach:
         records = splats.records.copy()
         records["color"] = (depth / far)[:, None]
         records["normal"] = 0
-        painted = replace(splats, records=records)
-        painted.__dict__.update({k: v for k, v in splats.__dict__.items() if k in ("runs", "_lattices")})
+        painted = splats.in_cells(records=records)
         # no antialiasing, so that near and far do not mix
         pixels = draw(painted, camera, Settings(antialias="off", shading="off")).pixels.astype(np.float64)
         seen = pixels[..., 3] > SEEN

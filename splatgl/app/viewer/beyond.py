@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from splatgl.app.viewer.skin import inherit
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.camera import Camera
 
@@ -38,7 +35,7 @@ def tinted(splats: Splats, camera: Camera, z_k: float) -> Splats:
     beyond = depth > z_k
     records["color"][beyond] += SHARE * (TINT - records["color"][beyond])
     records["color"][np.abs(depth - z_k) < BAND / 2 * splats.grid.mean_spacing] = PLANE
-    return inherit(replace(splats, records=records), splats)
+    return splats.in_cells(records=records)
 
 
 def crossing(corners: np.ndarray, camera: Camera, z_k: float) -> np.ndarray:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.extraction.splats import Splats, assemble
+from splatgl.splat.extraction.splats import Splats
 
 # a splat is hidden behind layers of cells, at most LAYERS in every direction, of this total optical depth:
 # e^−6.2 = 0.002 of its light is transmitted, half of the tolerance below which nothing is culled
 LAYERS, HIDING, FAITHFUL = 4, 6.2, 1 / 256
-# cached properties of splats that do not depend on their colours
-PLACES = ("index_bounds", "outline", "runs", "_lattices")
 # maximum number of cells, since the whole box is processed
 CELLS = 1 << 27
 # minimum fraction of culled splats that justifies a copy
@@ -42,18 +40,7 @@ def skinned(splats: Splats) -> Splats:
     if keep.mean() > 1.0 - WORTH:
         return splats
 
-    # `runs` describes each splat's neighbours, including the culled ones
-    kept = assemble(
-        splats.records[keep],
-        _world_cells(splats)[keep],
-        splats.grid,
-        splats.unit,
-        splats.name,
-        splats.shaded,
-        splats.dropped_depth,
-    )
-    vars(kept)["runs"] = splats.runs[keep]
-    return kept
+    return splats.part(keep, among_all=True)
 
 
 def outside(splats: Splats, eye: np.ndarray) -> bool:
@@ -63,21 +50,9 @@ def outside(splats: Splats, eye: np.ndarray) -> bool:
     return bool((place < low).any() or (place > high).any())
 
 
-def inherit(splats: Splats, source: Splats) -> Splats:
-    """Copies cached position data from `source` to splats that differ from it in colour alone."""
-    vars(splats).update({name: value for name, value in vars(source).items() if name in PLACES})
-    return splats
-
-
-def _world_cells(splats: Splats) -> np.ndarray:
-    """Cell indices along x, y, z, int32 [N, 3]."""
-    count = np.diff(splats.row_start)
-    return np.stack([splats.cell_x, np.repeat(splats.row_y, count), np.repeat(splats.row_z, count)], axis=1)
-
-
 def _cells(splats: Splats) -> np.ndarray:
     """Cell indices relative to the lowest."""
-    cells = _world_cells(splats).astype(np.int64)
+    cells = splats.cells.astype(np.int64)
     return np.asarray(cells - cells.min(axis=0)) if len(cells) else cells
 
 

@@ -7,7 +7,7 @@ float64. Only non-empty rows are stored (compressed sparse rows).  [M98 §5, vox
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -200,6 +200,35 @@ class Splats:
         records = self.records.copy()
         records["runs"] = self.runs
         return records
+
+    @property
+    def cells(self) -> np.ndarray:
+        """Cell indices x, y, z of the splats, int32 [N, 3]."""
+        count = np.diff(self.row_start)
+        return np.stack([self.cell_x, np.repeat(self.row_y, count), np.repeat(self.row_z, count)], axis=1)
+
+    def part(self, keep: np.ndarray, among_all: bool = False) -> Splats:
+        """The splats where `keep` [N] is True. among_all: `runs` still counts the others as neighbours."""
+        cells = self.cells[keep]
+        row_z, row_y, row_start = index_rows(cells[:, 1], cells[:, 2])
+        made = replace(
+            self,
+            records=self.records[keep],
+            cell_x=np.ascontiguousarray(cells[:, 0]),
+            row_z=row_z,
+            row_y=row_y,
+            row_start=row_start,
+        )
+        if among_all:
+            vars(made)["runs"] = self.runs[keep]
+        return made
+
+    def in_cells(self, records: np.ndarray | None = None, grid: Grid | None = None) -> Splats:
+        """Other records or another grid in the same cells: what was computed from these is shared."""
+        made = replace(self, records=self.records if records is None else records, grid=grid or self.grid)
+        for name in {"runs", "_lattices"} & vars(self).keys():
+            vars(made)[name] = vars(self)[name]
+        return made
 
     def lattice(self, axis: int) -> Lattice:
         """The splats in planes across `axis` (0 is x); computed once."""

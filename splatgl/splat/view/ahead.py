@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from splatgl.splat.extraction.splats import Splats, index_rows
+from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.camera import Camera
 
 # rounding: a splat behind the plane by less than this share of its distance from the eye counts as on it
@@ -36,11 +35,4 @@ def _cut(splats: Splats, camera: Camera, slack: float) -> Splats:
     normal = camera.forward @ splats.grid.world_from_index
     offset = camera.forward @ (splats.grid.origin - camera.eye)
     kept = splats.records["position"].astype(np.float64) @ normal + offset >= -slack
-    if kept.all():
-        return splats
-    count = np.diff(splats.row_start)
-    y, z = (np.repeat(cells, count)[kept] for cells in (splats.row_y, splats.row_z))
-    row_z, row_y, row_start = index_rows(y, z)
-    return replace(
-        splats, records=splats.records[kept], cell_x=splats.cell_x[kept], row_z=row_z, row_y=row_y, row_start=row_start
-    )
+    return splats if kept.all() else splats.part(kept)
