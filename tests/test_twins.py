@@ -14,7 +14,7 @@ from noise import GRIDS, inside, noise, views
 import splatgl as sg
 from splatgl.gl import shader
 from splatgl.gl.program import build, splat_switches
-from splatgl.gl.tables import FOOTPRINT_UNIT, HALF_LINE_UNIT
+from splatgl.gl.tables import BLUR_UNIT, FOOTPRINT_UNIT, HALF_LINE_UNIT
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.splat.classification.shading import head_light
 from splatgl.splat.extraction.run_lengths import OCTAVES
@@ -25,8 +25,10 @@ from splatgl.splat.motion.motion import NEAREST, streaks
 from splatgl.splat.motion.motion_opacity import dwelt_depth, isolation
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.view.block_culling import Frustum
+from splatgl.truth.streak_row import Local
 
 COUNT = 2000
+UNITS = {"footprint_table": FOOTPRINT_UNIT, "half_table": HALF_LINE_UNIT, "blur_table": BLUR_UNIT}
 Twin = Callable[..., np.ndarray]
 
 
@@ -62,7 +64,7 @@ def twin(renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
                 made.append(ctx.buffer(block.tobytes()))
                 made[-1].bind_to_uniform_block(binding)
             renderer.passes.tables.use(plan)
-            for name, unit in (("footprint_table", FOOTPRINT_UNIT), ("half_table", HALF_LINE_UNIT)):
+            for name, unit in UNITS.items():
                 if name in program:
                     program[name] = unit
         content = [
@@ -227,6 +229,36 @@ def test_streaks(twin: Twin, rng: np.random.Generator) -> None:
         assert ahead.mean() > 0.5
         assert np.abs(found[ahead, :2] - right.middle[:2, ahead].T).max() < 1e-5 * scale
         assert np.abs(found[ahead, 2:] - right.step[:, ahead].T).max() < 1e-5 * scale
+
+
+@pytest.mark.parametrize("motion", ["exact", "energy", "paper"])
+@pytest.mark.parametrize("grid", ["cubes", "sheared"])
+@pytest.mark.parametrize("name", ["far", "fitted", "parallel"])
+def test_streaks_in_a_pixel(motion: str, grid: str, name: str, twin: Twin, rng: np.random.Generator) -> None:
+    """A streak's value at a pixel in shares of the largest, and that its quad holds all that is not 0."""
+    splats, move = noise(grid), sg.Motion(spin=(0, 0, 10))
+    plan = sg.plan(splats, views(splats)[name], sg.Settings(blend="xray", motion=motion, tolerance=1e-6), move)
+    view = plan.view
+    low, high = splats.index_bounds
+    voxel = view.voxels(rng.uniform(low, high, (COUNT, 3)))
+    wide = np.maximum(view.pixel(voxel[2]), view.widths[0])
+    step, at = rng.uniform(-4, 4, (2, COUNT)) * wide, rng.uniform(-5, 5, (2, COUNT)) * wide
+    ray = (voxel[:2] + at) / (voxel[2] if view.perspective else 1.0)
+    expression = """
+        bool widened = PERSPECTIVE == 0 || is_stretched(v);
+        Quad quad = splat_quad(v);
+        vec2 corner = streak_corner(vec2(1.0), v, s, quad, widened), h = normalize(s);
+        result.x = streak_shape(passing(v, p, s, inner_of(v, widened))) * style.peak;
+        mat2 along = mat2(h.x, -h.y, h.y, h.x);
+        vec2 beyond = abs(along * p) - abs(along * corner);
+        result.y = max(beyond.x, beyond.y)
+    """
+    found = twin("footprint_eval.glsl streak.glsl", expression, plan, splats, v=voxel.T, p=at.T, s=step.T)
+    right = Local.of(view, voxel, ray, step).streak(view, motion)
+    assert right.max() > 1e-3
+    assert np.abs(found[:, 0] - right).max() < 2e-4 * right.max()
+    outside = found[:, 1] > 0
+    assert 0.05 < outside.mean() < 0.95 and right[outside].max() < 1e-5 * right.max()
 
 
 def test_light(twin: Twin, rng: np.random.Generator) -> None:
