@@ -63,6 +63,15 @@ def test_samples_are_as_many_as_are_needed() -> None:
     assert "2×2 samples a pixel" in sg.plan(splats, near, AUTO).explain()
 
 
+def test_samples_are_only_as_many_as_opengl_draws() -> None:
+    splats = noise()
+    large = views(splats)["close"].resized((9000, 8))
+    assert sg.plan(splats, large, AUTO).samples == 1
+    assert "2×2 samples a pixel left out" in sg.plan(splats, large, AUTO).explain()
+    assert sg.plan(splats, large.resized((8192, 8)), AUTO).samples == 2
+    assert sg.plan(splats, large.resized((8192, 4096)), AUTO).samples == 1
+
+
 def test_auto_is_nearer_to_many_samples(renderer: sg.Renderer) -> None:
     """Than one sample, and than splats that are stretched, by far."""
     volume = sg.scenes.ball(14)

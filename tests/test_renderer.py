@@ -49,7 +49,7 @@ def test_plan_leaves_out_what_is_not_needed(letter: sg.Splats) -> None:
     assert plan(letter, far).program.look.shading
     assert not plan(letter, far, sg.Settings(blend="mip")).program.look.shading
     assert plan(letter, near.parallel(letter)).program.align == "grid"
-    assert "antialiasing left out" in plan(letter, near).explain()
+    assert "widening of voxels left out" in plan(letter, near).explain()
     # supersampling moves z_k to the finer pixel
     assert not plan(letter, far, sg.Settings(antialias="supersample", samples=10)).program.seen.antialias
 

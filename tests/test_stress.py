@@ -14,7 +14,7 @@ import pytest
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.truth.report import methods as registry
-from splatgl.truth.stress import CASES, fog, run_case
+from splatgl.truth.stress import CASES, bench, fog, run_case
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Check, Result, check
 from splatgl.truth.stress.pages import PAGES
@@ -48,6 +48,17 @@ def told(result: Result) -> str:
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.long if n in LONG else ()) for n in CASES])
 def test_every_case_keeps_its_bound(renderer: sg.Renderer, name: str) -> None:
     kept(run_case(CASES[name], renderer))
+
+
+@pytest.mark.parametrize("name", [n for n in CASES if n not in LONG])
+def test_cases_at_the_default_tolerance(renderer: sg.Renderer, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bounds are stated at a tolerance of 1e-6; what it leaves out at its default is at most the tolerance."""
+    monkeypatch.setattr(bench, "FINEST", sg.Settings().tolerance)
+    result = run_case(CASES[name], renderer)
+    assert result.bad_pixels == 0
+    for each in result.checks:
+        allowed = sg.Settings().tolerance * (1.0 if each.relative else max(1.0, abs(each.right)))
+        assert each.error <= each.bound + allowed, told(result)
 
 
 def test_fog_seen_from_a_few_places(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:

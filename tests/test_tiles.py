@@ -10,9 +10,8 @@ from noise import GRIDS, LOOKS, inside, noise, views
 import splatgl as sg
 from splatgl.gl import tiles
 from splatgl.splat.kernel.kernels import kernel, polynomials
-from splatgl.splat.plan import occlusion_policy as occlusion
-from splatgl.splat.plan import tiling
-from splatgl.splat.view import block_culling as blocks
+from splatgl.splat.plan import occlusion_policy, tiling
+from splatgl.splat.view import block_culling
 from splatgl.splat.view.block_culling import BLOCK, Frustum, boxes, shown
 
 TILED = sg.Settings(technique="tiles")
@@ -101,7 +100,7 @@ def test_tiles_that_end_hide_no_more_than_they_may(
     for view in ("fitted", "close", "parallel"):
         camera = views(splats)[view]
         whole = renderer.render(splats, camera, TILED.but(occlusion="off")).pixels
-        monkeypatch.setattr(occlusion, "SOLID", 0.0)
+        monkeypatch.setattr(occlusion_policy, "SOLID", 0.0)
         for many in (10**9, 1000):
             monkeypatch.setattr(tiling, "MANY", many)
             chosen = renderer.plan(splats, camera, TILED)
@@ -214,7 +213,7 @@ def test_a_block_is_left_out_only_if_all_of_it_is_beyond_the_edges(monkeypatch: 
     assert len(boxes(positions)) == -(-len(splats) // BLOCK)
     # as small as they are beside a large volume
     few = 8
-    monkeypatch.setattr(blocks, "BLOCK", few)
+    monkeypatch.setattr(block_culling, "BLOCK", few)
     around = boxes(positions)
     outside = list(views(splats).values())
     left_out = 0

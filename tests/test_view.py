@@ -25,6 +25,7 @@ from splatgl.app.viewer.keys import from_character, from_key
 from splatgl.app.viewer.mouse import Mouse, wheeled
 from splatgl.app.viewer.overlay import Overlay, Text, drawn, plain
 from splatgl.app.viewer.pacing import FULL, LADDER, STRIDES, Pace
+from splatgl.app.viewer.painter import Painter
 from splatgl.app.viewer.pick import picked
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.refiner import COARSE, Moment, Refiner
@@ -643,3 +644,22 @@ def test_jobs_do_the_newest() -> None:
     first, last = jobs.collect()
     assert first.result == 1 and isinstance(last.error, ZeroDivisionError) and woken.is_set()
     assert jobs.collect() == []
+
+
+class Kept:
+    """A screen that keeps what it is given."""
+
+    def __init__(self) -> None:
+        self.pictures: dict[str, np.ndarray] = {}
+
+    def put(self, name: str, pixels: np.ndarray) -> None:
+        self.pictures[name] = pixels
+
+
+def test_a_frame_tells_the_plan_it_was_drawn_by(scene: Scene, renderer: sg.Renderer) -> None:
+    content = Content.open(scene)
+    painter, state = Painter(Kept(), renderer, ()), State.of(content, SIZE)
+    frame = painter.draw(state, content, FULL, False, lambda: False)
+    assert painter.screen.pictures["picture"] is painter.pixels
+    drawn_by = renderer.plan(content.finest, state.pose.camera, state.settings)
+    assert frame.info["technique"] == frame.plan.program.technique == drawn_by.program.technique

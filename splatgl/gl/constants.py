@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.extraction import run_lengths as runs
-from splatgl.splat.integral import approximations as forms
-from splatgl.splat.integral import attenuation as fill
-from splatgl.splat.motion import blur_table, motion
-from splatgl.splat.motion import motion_opacity as dwell
+from splatgl.splat.extraction import run_lengths
+from splatgl.splat.integral import approximations, attenuation
+from splatgl.splat.motion import blur_table, motion, motion_opacity
 from splatgl.splat.plan import tiling
-from splatgl.splat.view import block_culling as blocks
-from splatgl.splat.view import eye_near as near
-from splatgl.splat.view import screen_bounds
+from splatgl.splat.view import block_culling, eye_near, screen_bounds
 
 # splats per row of the placed textures, and groups of four entries per row of the tile list
 ABREAST, LISTED = 1024, 2048
@@ -24,28 +20,28 @@ NOWHERE = 0xFFFFFFFF
 CONSTANTS: dict[str, float | np.uint32] = {
     "ABREAST": np.uint32(ABREAST),
     "AHEAD": motion.AHEAD,
-    "AROUND_EYE": near.AROUND_EYE,
-    "BLOCK": np.uint32(blocks.BLOCK),
+    "AROUND_EYE": eye_near.AROUND_EYE,
+    "BLOCK": np.uint32(block_culling.BLOCK),
     "COLUMNS": tiling.COLUMNS,
-    "DENSE": dwell.DENSE,
-    "DENSEST": dwell.DENSEST,
+    "DENSE": motion_opacity.DENSE,
+    "DENSEST": motion_opacity.DENSEST,
     "FAR": motion.FAR,
-    "FIRST_ORDER": forms.FIRST_ORDER,
-    "GRAZING": fill.GRAZING,
-    "HALF_LINE_REACH": near.HALF_LINE_REACH,
+    "FIRST_ORDER": approximations.FIRST_ORDER,
+    "GRAZING": attenuation.GRAZING,
+    "HALF_LINE_REACH": eye_near.HALF_LINE_REACH,
     "LANES": LANES,
-    "LARGEST_DEPTH": fill.LARGEST_DEPTH,
-    "LEAST": dwell.LEAST,
+    "LARGEST_DEPTH": attenuation.LARGEST_DEPTH,
+    "LEAST": motion_opacity.LEAST,
     "LISTED": np.uint32(LISTED),
     "MOST_DOUBLINGS": tiling.MOST_DOUBLINGS,
     "NEAREST": motion.NEAREST,
     "NOWHERE": np.uint32(NOWHERE),
-    "ONSET": fill.ONSET,
+    "ONSET": attenuation.ONSET,
     "PIXEL_MARGIN": screen_bounds.PIXEL_MARGIN,
-    "RIM_GROWTH": fill.RIM_GROWTH,
-    "RIM_START": fill.RIM_START,
+    "RIM_GROWTH": attenuation.RIM_GROWTH,
+    "RIM_START": attenuation.RIM_START,
     "ROWS": tiling.ROWS,
-    "RUN_OCTAVES": runs.OCTAVES,
+    "RUN_OCTAVES": run_lengths.OCTAVES,
     "SHORT": blur_table.SHORT,
 }
 

@@ -1,9 +1,8 @@
 """Composes shaders from the folder `shaders/`, with strict includes and switches.
 
 A file declares each switch it reads as `// switch NAME DEFAULT`, a GLSL later than 3.3 as `// version 430`, and a
-number shared with Python as `#constant NAME`.
-An undeclared switch, a missing file or an include cycle is an error that names file and line. The composed text records
-the origin of each line, to map compiler messages.
+number shared with Python as `#constant NAME`. An undeclared switch or constant, a missing file or an include cycle is
+an error that names file and line. The composed text records the origin of each line, to map compiler messages.
 """
 
 from __future__ import annotations

@@ -135,6 +135,7 @@ def _provenance(splats: Splats, camera: Camera, resolved: Resolved, row: str, se
         "row": row,
         "antialias": resolved.view.antialias,
         "samples": resolved.samples,
+        "averaged": resolved.averaged,
         "attenuation": resolved.look.attenuation,
         "shading": resolved.look.shading,
         "background": None if resolved.background is None else list(resolved.background),

@@ -25,7 +25,7 @@ from splatgl.gl.screen import Look, Screen
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.motion.motion import Motion
 from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.plan import Plan, plan
+from splatgl.splat.plan.plan import Plan
 from splatgl.splat.view.camera import Camera
 
 # minimum seconds between HUD updates in motion
@@ -69,7 +69,7 @@ class Painter:
         started = time.perf_counter()
         camera = state.pose.camera.resized(level.size(state.pose.camera.size))
         asked = state.settings.but(motion=state.blur)
-        chosen = plan(content.finest, state.pose.camera, asked)
+        chosen = self.renderer.plan(content.finest, state.pose.camera, asked)
         splats = _enough(state, content, level, chosen)
         # the reference has no tint
         if state.beyond and state.compare == "off":

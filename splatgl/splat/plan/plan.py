@@ -19,7 +19,7 @@ from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.occlusion_policy import SHARE, Hiding
 from splatgl.splat.plan.resolve import Look, Resolved
 from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.technique import Asked, footprint, technique
+from splatgl.splat.plan.technique import TECHNIQUES, Asked, footprint, technique
 from splatgl.splat.plan.tiling import MOST_DOUBLINGS, depth_batches, exp_doublings
 from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.camera import Camera
@@ -98,6 +98,13 @@ class Plan:
         return self.resolved.view
 
     @property
+    def antialias(self) -> str:
+        """A description of the antialiasing."""
+        ways = [f"{self.samples}×{self.samples} samples a pixel"] if self.resolved.averaged else []
+        ways += ["voxels widened beyond z_k"] if self.view.antialias else []
+        return " and ".join(ways) or "off"
+
+    @property
     def key(self) -> Hashable:
         """For the same splats and camera, plans with equal keys draw the same picture."""
         r = self.resolved
@@ -148,7 +155,7 @@ class Plan:
             f"blend {blend.name}, {'perspective' if p.seen.perspective else 'orthographic'}, target {self.target}",
             f"footprint {self.kernel.name}, {self.table}",
             f"align {p.align}" + (f", switch to grid-aligned at z_s = {self.z_s:.6g}" if p.align == "hybrid" else ""),
-            f"antialias {'on' if p.seen.antialias else 'off'}, z_k = {found.z_k:.6g}, "
+            f"antialias {self.antialias}, z_k = {found.z_k:.6g}, "
             f"splats from depth {found.depths[0]:.6g} to {found.depths[1]:.6g}",
         ]
         if blend.ordered:
@@ -158,8 +165,6 @@ class Plan:
         if self.hiding.cutoff:
             light = f"less than {self.hiding.cutoff:.2g} of the light"
             lines.append(f"tiles behind {light} end, which changes no pixel by more")
-        if found.averaged:
-            lines.append(f"{self.samples}×{self.samples} samples a pixel, with the end correction")
         return "\n".join([*lines, *self.notes])
 
 
@@ -192,7 +197,6 @@ def plan(
     if kind == "tiles" and blend.ordered and settings.occlusion != "off":
         cutoff = SHARE * settings.tolerance / max(splats.brightest, 1.0)
         hiding = Hiding(depth_batches(splats, view, bounds), cutoff)
-    tiled = kind == "tiles"
     program = Program(
         technique=kind,
         look=resolved.look,
@@ -202,7 +206,7 @@ def plan(
         kernel=shape.name if read == "polynomial" else "",
         motion=settings.motion if exposure else "off",
         flow=exposure is not None and exposure.flow is not None,
-        exp_doublings=exp_doublings(splats, shape, resolved.look.attenuation) if tiled else MOST_DOUBLINGS,
+        exp_doublings=exp_doublings(splats, shape, resolved.look.attenuation) if kind == "tiles" else MOST_DOUBLINGS,
     )
     return Plan(
         program,
@@ -231,8 +235,9 @@ def _exposed(
     if found is None:
         notes.append("motion blur left out: nothing moves; the picture is the same")
         return settings, None
-    if BLENDS[settings.blend].join == "max":
-        notes.append("motion blur left out: the mean of maxima is no maximum of streaks; the picture would be another")
+    why = TECHNIQUES["streaks"](Asked(settings, "exact", True, None))
+    if why:
+        notes.append(f"motion blur left out: {why}; the picture would be another")
         return settings, None
     if settings.align not in ("auto", "exact"):
         notes.append(f"align {settings.align} left out: streaks are exact")

@@ -19,9 +19,11 @@ from splatgl.splat.view.widening import widening
 
 # kinds of antialiasing whose pixels are means of samples
 AVERAGED = ("auto", "supersample")
-# samples along each axis from these tolerances on; and at most, from where on voxels are widened besides
+# samples along each axis from these tolerances on; and at most: beyond, voxels are widened besides
 SAMPLES = ((0.05, 1), (1e-3, 2), (0.0, 3))
 MOST_SAMPLES = 4
+# most samples along a side of the picture, which OpenGL can draw into, and in all of it, 1 GiB
+MOST_SIDE, MOST_AREA = 16384, 2**26
 # weight of the differences across a pixel's edges in its mean (Euler–Maclaurin)
 END_CORRECTION = 1 / 24
 
@@ -70,12 +72,13 @@ class Resolved:
         In a parallel view, still splats must be the result of `ahead`.
         """
         depths = depth_range(splats, camera)
-        samples = _samples(settings, float(camera.pixel_pitch(depths[1])) / splats.grid.smallest_spacing)
+        pixel = float(camera.pixel_pitch(depths[1])) / splats.grid.smallest_spacing
+        samples, samples_notes = _samples(settings, pixel, camera.size)
         fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
         if len(splats):
             check_reach(splats.corners, camera, splats.grid.mean_spacing)
         z_k = fine.z_k(splats.grid.smallest_spacing)
-        antialias, antialias_notes = _antialias(settings, samples, z_k, depths[1])
+        antialias, antialias_notes = _antialias(settings, z_k, depths[1])
         shading, shading_notes = _shading(splats, settings)
         view = View.of(splats.grid, fine, kernel(settings.kernel), antialias)
         widened = widening(splats, view)
@@ -90,7 +93,7 @@ class Resolved:
             unsure=widened.unsure,
             background=settings.background,
             tolerance=settings.tolerance,
-            notes=antialias_notes + shading_notes,
+            notes=samples_notes + antialias_notes + shading_notes,
         )
 
 
@@ -100,22 +103,24 @@ def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
     return float(depth.min()), float(depth.max())
 
 
-def _samples(settings: Settings, wide: float) -> int:
-    """Samples along each axis of a pixel. wide: a pixel's width in the smallest voxels, at the farthest splat."""
-    if settings.antialias == "supersample":
-        return settings.samples
+def _samples(settings: Settings, pixel: float, size: tuple[int, int]) -> tuple[int, tuple[str, ...]]:
+    """Samples along each axis of a pixel, and notes. pixel: its width in smallest voxels at the farthest splat."""
     if settings.antialias != "auto":
-        return 1
+        return (settings.samples if settings.antialias == "supersample" else 1), ()
     least = next(k for tolerance, k in SAMPLES if settings.tolerance >= tolerance)
-    return int(np.clip(np.ceil(wide), least, MOST_SAMPLES))
-
-
-def _antialias(settings: Settings, samples: int, z_k: float, farthest: float) -> tuple[bool, tuple[str, ...]]:
-    """Whether voxels are widened beyond z_k, and one lies there; with notes."""
-    wanted = settings.antialias != "off" and (settings.antialias != "auto" or samples == MOST_SAMPLES)
-    if not wanted or farthest >= z_k:
+    wanted = int(np.clip(np.ceil(pixel), least, MOST_SAMPLES))
+    fits = max(1, min(MOST_SIDE // max(size), int(np.sqrt(MOST_AREA / (size[0] * size[1])))))
+    if wanted <= fits:
         return wanted, ()
-    return False, (f"antialiasing left out: every splat is nearer than z_k = {z_k:.6g}; the picture is the same",)
+    return fits, (f"{wanted}×{wanted} samples a pixel left out: the picture is too large; its edges alias more",)
+
+
+def _antialias(settings: Settings, z_k: float, farthest: float) -> tuple[bool, tuple[str, ...]]:
+    """Whether voxels are widened beyond z_k, and one lies there; with notes."""
+    if settings.antialias == "off" or farthest >= z_k:
+        return settings.antialias != "off", ()
+    why = f"every splat is nearer than z_k = {z_k:.6g}; the picture is the same"
+    return False, (f"widening of voxels left out: {why}",)
 
 
 def _shading(splats: Splats, settings: Settings) -> tuple[bool, tuple[str, ...]]:

@@ -26,14 +26,6 @@ class Asked:
     tiles: bool | None
 
 
-@dataclass(frozen=True)
-class Technique:
-    """refuses: returns the reason why it can't draw a picture, or None."""
-
-    name: str
-    refuses: Callable[[Asked], str | None]
-
-
 def _refuses_quads(asked: Asked) -> str | None:
     return "motion" if asked.moving else None
 
@@ -42,7 +34,7 @@ def _refuses_streaks(asked: Asked) -> str | None:
     if not asked.moving:
         return "a still"
     if BLENDS[asked.settings.blend].join == "max":
-        return f"blend {asked.settings.blend}"
+        return "the mean of maxima is no maximum of streaks"
     return None
 
 
@@ -61,25 +53,23 @@ def _refuses_tiles(asked: Asked) -> str | None:
     return None
 
 
-TECHNIQUES = {
-    technique.name: technique
-    for technique in (
-        Technique("tiles", _refuses_tiles),
-        Technique("streaks", _refuses_streaks),
-        Technique("quads", _refuses_quads),
-    )
+# why each can't draw a picture, None if it can
+TECHNIQUES: dict[str, Callable[[Asked], str | None]] = {
+    "tiles": _refuses_tiles,
+    "streaks": _refuses_streaks,
+    "quads": _refuses_quads,
 }
 
 
 def technique(asked: Asked, notes: list[str]) -> str:
-    """The requested technique, else the first that can draw the picture. InputError if the requested one can't."""
+    """The requested technique; else tiles, if preferred and able, or quads. InputError if the requested one can't."""
     wanted = "streaks" if asked.moving else asked.settings.technique
     if wanted != "auto":
-        why = TECHNIQUES[wanted].refuses(asked)
+        why = TECHNIQUES[wanted](asked)
         if why:
             raise expected(f"technique {wanted}", f"what {wanted} can draw", why, "use auto")
         return wanted
-    why = TECHNIQUES["tiles"].refuses(asked)
+    why = _refuses_tiles(asked)
     if asked.tiles and why:
         notes.append(f"tiles left out: {why}; quads are drawn")
     return "tiles" if asked.tiles and not why else "quads"
@@ -112,8 +102,7 @@ def combinations() -> list[tuple[str, ...]]:
                 continue
             settings = Settings().but(**{name: value})
             align = settings.align if settings.align != "auto" else "exact"
-            asked = [Asked(settings, align, each == "streaks", True) for each in TECHNIQUES]
-            reasons = [each.refuses(one) or "" for each, one in zip(TECHNIQUES.values(), asked, strict=True)]
+            reasons = [why(Asked(settings, align, each == "streaks", True)) for each, why in TECHNIQUES.items()]
             if any(reasons):
                 found.append((f"{name} {value}", *(f"no: {why}" if why else "yes" for why in reasons)))
     return found

@@ -218,7 +218,7 @@ def _axes(eye: Vector, target: Vector, up: Vector) -> np.ndarray:
     view = _point("target", target) - _point("eye", eye)
     length = float(np.linalg.norm(view))
     if not length > 0.0:
-        raise expected("target", "a point other than the eye", target, "move one of them")
+        raise expected("target", "a point other than the eye", [float(x) for x in target], "move one of them")
     vertical = _point("up", up)
     vertical = vertical / (np.abs(vertical).max() or 1.0)
     view = view / length

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from splatgl.truth import table_io as rows
+from splatgl.truth import table_io
 from splatgl.truth.report.content import Block, Diagram, Heading, Pictures, Table, Text, blocks
 from splatgl.truth.report.results import Results
 
@@ -36,7 +36,7 @@ def as_table(table: Table) -> str:
     strong = [
         [f"**{cell}**" if cell and n in table.strong else cell for cell in row] for n, row in enumerate(table.rows)
     ]
-    text = rows.as_markdown(table.head, strong)
+    text = table_io.as_markdown(table.head, strong)
     if table.folded:
         return f"<details><summary>{table.title}</summary>\n\n{text}\n\n</details>"
     return f"{table.title}\n\n{text}" if table.title else text

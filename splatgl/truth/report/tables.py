@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from splatgl.truth import table_io as rows
+from splatgl.truth import table_io
 from splatgl.truth.report.front import standing
 from splatgl.truth.report.methods import TRUTHS
 from splatgl.truth.report.results import Results, Row, Scene
@@ -35,7 +35,7 @@ FIELDS = (
 
 def as_csv(results: Results) -> str:
     """A header, and a line per method and scene."""
-    return rows.as_csv(FIELDS, (_cells(scene, row) for scene in results.scenes for row in scene.rows))
+    return table_io.as_csv(FIELDS, (_cells(scene, row) for scene in results.scenes for row in scene.rows))
 
 
 def as_json(results: Results, store: Store) -> str:
@@ -47,7 +47,7 @@ def as_json(results: Results, store: Store) -> str:
         "convergence": results.convergence,
         "runs": store.lines,
     }
-    return rows.as_json(found)
+    return table_io.as_json(found)
 
 
 def _cells(scene: Scene, row: Row) -> dict[str, Any]:

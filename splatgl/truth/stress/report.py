@@ -7,7 +7,7 @@ from textwrap import fill
 
 import numpy as np
 
-from splatgl.truth import table_io as rows
+from splatgl.truth import table_io
 from splatgl.truth.stress.case import Case, Check, Result
 
 # widths of the table's columns in characters: 97 with the spaces between them
@@ -57,7 +57,7 @@ def about(case: Case) -> str:
 
 def as_csv(results: Iterable[Result]) -> str:
     """A header, and a line per check."""
-    return rows.as_csv(FIELDS, (_row(result, each) for result in results for each in result.checks))
+    return table_io.as_csv(FIELDS, (_row(result, each) for result in results for each in result.checks))
 
 
 def as_json(results: Sequence[Result], renderer: str) -> str:
@@ -76,7 +76,7 @@ def as_json(results: Sequence[Result], renderer: str) -> str:
         }
         for result in results
     ]
-    return rows.as_json({"renderer": renderer, "cases": cases})
+    return table_io.as_json({"renderer": renderer, "cases": cases})
 
 
 def as_markdown(results: Sequence[Result], renderer: str) -> str:
@@ -88,7 +88,7 @@ def as_markdown(results: Sequence[Result], renderer: str) -> str:
         paper = "" if worst.paper_error is None else _error(worst.paper_error, worst.relative)
         shown = error if result.ok else f"**{error}**"
         lines.append((f"`{result.case.name}`", result.case.stresses, shown, bound, paper))
-    table = rows.as_markdown(("case", "what is extreme", "error", "bound", "paper's"), lines)
+    table = table_io.as_markdown(("case", "what is extreme", "error", "bound", "paper's"), lines)
     return f"{table}\n\n{verdict(results)}. Drawn by {renderer}.\n"
 
 
