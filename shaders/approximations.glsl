@@ -1,7 +1,7 @@
 // Quads beyond Table 1: the footprint at the true distance before z_k (form c), and beyond it the ellipse of
 // perspective space with the trapezoid's first-order term (b′).
 // Twin of splatgl/splat/integral/approximations.py. All lengths in mean voxel spacings, in eye axes; g and τ in index axes.
-#include "table1.glsl"
+#include "quads.glsl"
 #include "optics.glsl"
 #constant FIRST_ORDER  // terms beyond the box's stretch are left out where they change a footprint by more than this share
 
@@ -23,12 +23,12 @@ Quad near_quad(vec3 axis_1, vec3 axis_2, float far2) {
 
 // Beyond z_k, on the plane at the voxel's depth: in stretched space the pixel's ray is a straight line with the voxel's
 // slope; along it the depth is t + t²/z to first order.
-Quad cubic_quad(vec3 v, bool stretched) {
+Quad cubic_quad(vec3 v, bool widened) {
     float out_ = length(v.xy);
     vec3 radial = out_ > 0.0 ? vec3(v.xy / out_, 0.0) : vec3(1.0, 0.0, 0.0);
     vec3 across = vec3(-radial.y, radial.x, 0.0);
     float far2 = dot(v, v);
-    if (!stretched) return near_quad((radial * v.z - vec3(0.0, 0.0, out_)) * inversesqrt(far2), across, far2);
+    if (!widened) return near_quad((radial * v.z - vec3(0.0, 0.0, out_)) * inversesqrt(far2), across, far2);
     // a_v = c/(z m) and q_v = √(1 + a²); the ellipse is q times as long along c
     float m = max(1.0, smallest_axis(v.z));
     float a = out_ / (v.z * m);
@@ -102,13 +102,13 @@ Quad far_quad(vec3 v) {
 }
 
 // Whether antialiasing widens the voxel; the depth is chosen so that float32 decides correctly for every splat.
-bool is_stretched(vec3 v) {
+bool is_widened(vec3 v) {
     return ANTIALIAS == 1 && v.z > frame.beyond.y;
 }
 
 Quad exact_quad(vec3 v) {
-    if (CUBIC == 1) return cubic_quad(v, is_stretched(v));
-    if (is_stretched(v)) return far_quad(v);
+    if (CUBIC == 1) return cubic_quad(v, is_widened(v));
+    if (is_widened(v)) return far_quad(v);
     vec3 f1, f2, i = index_from_eye() * v;
     float far2 = dot(i, i);
     perpendicular_axes(i * inversesqrt(far2), f1, f2);

@@ -1,4 +1,4 @@
-// A voxel's projection on a plane, and antialiasing's smallest width.
+// A voxel's projection on a plane, and antialiasing's smallest width. Twin of splatgl/splat/view/ellipse.py.
 // switch ALIGN ALIGN_RAY
 // switch PERSPECTIVE 1
 // switch ANTIALIAS 1
@@ -63,12 +63,13 @@ Ellipse voxel_ellipse(vec3 e1, vec3 e2) {
     return Ellipse(e1 * major.x + e2 * major.y, e2 * major.x - e1 * major.y, vec2(width_1, area / width_1));
 }
 
-// Furthest slope from x/z at which a plane through the eye touches the kernel's ellipsoid: (x − s z)² = R² |e − s f|²,
-// e and f the rows of eye_from_index along x and depth. Perspective views.
-float furthest(float x, float z, vec3 e, vec3 f) {
+// How far below and above x/z the slopes s are at which planes through the eye touch the kernel's ellipsoid:
+// (x − s z)² = R² |e − s f|², e and f the rows of eye_from_index along x and depth. Perspective views.
+vec2 tangents(float x, float z, vec3 e, vec3 f) {
     float r2 = style.radius * style.radius;
     float a = z * z - r2 * dot(f, f);
     float b = x * z - r2 * dot(e, f);
     float c = x * x - r2 * dot(e, e);
-    return (abs(b - a * x / z) + sqrt(max(b * b - a * c, 0.0))) / a;
+    float middle = b - a * x / z, root = sqrt(max(b * b - a * c, 0.0));
+    return vec2(root - middle, root + middle) / a;
 }

@@ -63,21 +63,21 @@ Ray ray_of(vec2 pixel_center) {
 // The integral along a ray over F(0)·gain. at: its position in the footprint; shrink: D² over |at|², if not widened.
 float exact_share(vec2 at, float shrink, Ray ray) {
     float d2 = dot(at, at), value = 1.0;
-    bool stretched = ANTIALIAS == 1 && bend.x < 0.0;
+    bool widened = ANTIALIAS == 1 && bend.x < 0.0;
     if (ANTIALIAS == 1 && CUBIC == 1) {
         value += at.x * (bend.z + bend.w * at.x) + max(-bend.x, 0.0) * at.y * at.y;
         d2 += bend.y * at.x * at.x * at.x;
     } else if (ANTIALIAS == 1) {
         float t = dot(cubic.zw, at);
         d2 += dot(cubic.xy, at) * t * t + dot(mixed.xy, at) * dot(mixed.zw, at) * t;
-        if (stretched) value += dot(bend.zw, at);
+        if (widened) value += dot(bend.zw, at);
     }
-    if (CUBIC == 0 && PEAK == 0) value *= stretched ? ray.length_ : ray.gain;
-    return value * radial(stretched ? d2 : d2 * shrink);
+    if (CUBIC == 0 && PEAK == 0) value *= widened ? ray.length_ : ray.gain;
+    return value * radial(widened ? d2 : d2 * shrink);
 }
 
 // For a kernel around the eye, at i from it in index axes: the integral along the pixel's ray from the eye, over F(0).
-float half_share(vec3 i, vec3 ray) {
+float half_line(vec3 i, vec3 ray) {
     vec3 along = to_index(ray);
     float speed = length(along);
     along /= speed;

@@ -17,7 +17,7 @@ struct Streak {
     vec2 step;   // from its start to its end; both across the view at the middle's depth
 };
 
-vec3 place(vec4 columns[3], vec4 eye, vec3 local) {
+vec3 eye_point(vec4 columns[3], vec4 eye, vec3 local) {
     return mat3(columns[0].xyz, columns[1].xyz, columns[2].xyz) * local - eye.xyz;
 }
 
@@ -70,7 +70,8 @@ float reach_along(vec2 h, vec3 v, Quad quad, bool widened, float half_) {
         // far away rays through the kernel are parallel, and the tangents' root would lose its digits
         if (v.z > FAR * frame.depth_reach)
             return style.radius * 1.15 * length(abs(e) + (abs(x) + half_) / v.z * abs(rows[2]));
-        return v.z * max(furthest(x - half_, v.z, e, rows[2]), furthest(x + half_, v.z, e, rows[2]));
+        vec2 ends = max(tangents(x - half_, v.z, e, rows[2]), tangents(x + half_, v.z, e, rows[2]));
+        return v.z * max(ends.x, ends.y);
     }
     return quad.reach * length(vec2(dot(quad.axis_1.xy, h), dot(quad.axis_2.xy, h)));
 }

@@ -40,18 +40,18 @@ Projected near_projection(vec3 v) {
         to_local = vec4(across, dot(right, down) / across, 0.0, length(cross(right, down)) / across) * pitch;
         rows = transpose(eye_from_index());
     }
-    float extent = max(furthest(v.x, v.z, rows[0], rows[2]), furthest(v.y, v.z, rows[1], rows[2])) / pitch;
-    return Projected(to_local, pixel_of(v), extent + PIXEL_MARGIN);
+    vec2 ends = max(tangents(v.x, v.z, rows[0], rows[2]), tangents(v.y, v.z, rows[1], rows[2])) / pitch;
+    return Projected(to_local, pixel_of(v), max(ends.x, ends.y) + PIXEL_MARGIN);
 }
 
 // Projection of a splat in front of the eye.
 Projected projected(vec3 v, Quad quad) {
-    if (ALIGN == ALIGN_EXACT && !is_stretched(v)) return near_projection(v);
+    if (ALIGN == ALIGN_EXACT && !is_widened(v)) return near_projection(v);
     return planar_projection(v, quad.axis_1, quad.axis_2, quad.reach);
 }
 
 // Whether a splat, widened or not, may be visible; twin of splatgl/splat/view/block_culling.py.
-bool reaches(vec3 v) {
+bool reached(vec3 v) {
     float z = PERSPECTIVE == 1 ? v.z : 1.0;
     return all(lessThanEqual(abs(v.xy) - frame.edge * z, max(frame.support, frame.stretch * z)));
 }

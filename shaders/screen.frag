@@ -23,7 +23,7 @@ const float CHECK = 16.0;            // pixels
 const vec2 GREYS = vec2(0.05, 0.1);  // of the checks, linear light
 
 // IEC 61966-2-1, its power by three roots: error within 0.01 of a level of 255
-vec3 srgb(vec3 linear) {
+vec3 srgb_from_linear(vec3 linear) {
     vec3 c = clamp(linear, 0.0, 1.0);
     vec3 second = sqrt(c), fourth = sqrt(second), eighth = sqrt(fourth);
     vec3 curved = 0.653986 * second + 0.688713 * fourth - 0.318475 * eighth - 0.020188 * c - 0.004067;
@@ -50,7 +50,7 @@ void main() {
 #elif COMPARE == COMPARE_DIFFERENCE
     light = abs(drawn.rgb - texture(other, place).rgb * scale) * gain;
 #endif
-    fragment = vec4(srgb(light), 1.0);
+    fragment = vec4(srgb_from_linear(light), 1.0);
 #if OVERLAY
     vec4 text = texture(overlay, place);
     fragment.rgb = mix(fragment.rgb, text.rgb, text.a);

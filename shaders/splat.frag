@@ -8,7 +8,7 @@ out vec4 fragment;  // linear premultiplied: 'over', sum or maximum, as JOIN say
 
 // Footprint of a still splat, over F(0)·gain.
 float footprint() {
-    if (HALF_LINE == 1 && center.w > 0.0) return half_share(center.xyz, ray_at(gl_FragCoord.xy));
+    if (HALF_LINE == 1 && center.w > 0.0) return half_line(center.xyz, ray_at(gl_FragCoord.xy));
     float r2 = dot(at, at);
     if (ALIGN == ALIGN_EXACT) return exact_share(at, 1.0 / (1.0 + r2 * max(bend.x, 0.0)), ray_of(gl_FragCoord.xy));
     if (FOOTPRINT != FOOTPRINT_TABLE) return radial(r2);
@@ -22,7 +22,7 @@ float streaked() {
     Passing p = passing(path_center, at, path_step, Inner(mat2x3(inner_x, inner_y), path_isolation.yz));
     float value = splat.a * streak_shape(p);
     if (JOIN == JOIN_OVER && ATTENUATION == ATTENUATION_FILL)
-        return dwelt_opacity(value, splat.a * p.gain * closest(p), path_isolation.x);
+        return dwelt_opacity(value, splat.a * p.gain * stretched(p), path_isolation.x);
     return blended(value);
 }
 

@@ -35,8 +35,8 @@ void main() {
     vec3 v = eye_from_index() * local - frame.eye_from_base.xyz;
     Streak streak = Streak(vec2(0.0), vec2(0.0));
     if (MOTION != MOTION_OFF)
-        streak = streak_of(v, place(frame.first_from_index, frame.first_from_base, before),
-                           place(frame.last_from_index, frame.last_from_base, after));
+        streak = streak_of(v, eye_point(frame.first_from_index, frame.first_from_base, before),
+                           eye_point(frame.last_from_index, frame.last_from_base, after));
     v.xy += streak.shift;
 
     // the corner, and its footprint coordinates
@@ -51,7 +51,7 @@ void main() {
     path_step = streak.step;
     path_isolation = inner_x = inner_y = vec3(0.0);
     if (path_step != vec2(0.0)) {
-        bool widened = PERSPECTIVE == 0 || is_stretched(v);
+        bool widened = PERSPECTIVE == 0 || is_widened(v);
         Inner inner = inner_of(v, widened);
         inner_x = inner.axes[0];
         inner_y = inner.axes[1];
@@ -69,7 +69,7 @@ void main() {
     bool seen = PERSPECTIVE == 1 || MOTION == MOTION_OFF || v.z >= 0.0;
     gl_Position = seen ? clip_from_eye(point) : vec4(0.0, 0.0, 2.0, 1.0);
     center = vec4(to_index(v), 0.0);
-    if (HALF_LINE == 1 && !is_stretched(v) && dot(center.xyz, center.xyz) < HALF_LINE_REACH * style.radius * style.radius) {
+    if (HALF_LINE == 1 && !is_widened(v) && dot(center.xyz, center.xyz) < HALF_LINE_REACH * style.radius * style.radius) {
         // a kernel around the eye may cover any pixel
         center.w = 1.0;
         gl_Position = vec4(corner, 0.0, 1.0);

@@ -53,7 +53,7 @@ Passing passing(vec3 v, vec2 at, vec2 step_, Inner inner) {
 }
 
 // F/F(0) at the path's point nearest to the ray: the pixel's maximum.
-float closest(Passing p) {
+float stretched(Passing p) {
     float beyond = max(abs(p.along) - 0.5 * p.length, 0.0);
     return radial(beyond * beyond + p.across2);
 }
@@ -97,5 +97,5 @@ float blurred(Passing p) {
 
 float streak_shape(Passing p) {
     if (MOTION == MOTION_EXACT) return p.gain * blurred(p);
-    return p.gain * closest(p) / (1.0 + p.length * frame.weaken);
+    return p.gain * stretched(p) / (1.0 + p.length * frame.weaken);
 }

@@ -48,7 +48,7 @@ void join(inout vec4 light, Ray ray, Joined it, float row) {
         float along = it.shape.x + offset.y * it.shape.y, across = offset.y * it.shape.z;
         value = radial((along * along + across * across) * ray.shrink) * ray.gain;
     }
-    if (HALF_LINE == 1 && it.around) value = half_share(it.place, ray_at(first + vec2(0.0, row)));
+    if (HALF_LINE == 1 && it.around) value = half_line(it.place, ray_at(first + vec2(0.0, row)));
     value = blended(splat.a * value);
     if (JOIN == JOIN_MAX) {
         light = max(light, vec4(splat.rgb, 1.0) * value);

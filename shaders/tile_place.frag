@@ -54,7 +54,7 @@ void main() {
     Projected it = projected(v, quad);
     give_matter(v, quad);
     // culls each splat too far beyond the edge, besides whole blocks
-    drawn = drawn && reaches(v);
+    drawn = drawn && reached(v);
     bool around = ALIGN == ALIGN_EXACT && v.z <= AROUND_EYE * frame.depth_reach;
     float half_side = drawn && !around ? it.half_side : UNSEEN;
     vec3 triangle = triangle_of(it.to_local);

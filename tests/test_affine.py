@@ -8,7 +8,7 @@ import pytest
 import splatgl as sg
 from splatgl.splat.extraction.splats import Grid
 from splatgl.splat.integral.line_integral import row1
-from splatgl.splat.integral.quads import on_quads, quads
+from splatgl.splat.integral.quads import on_quads, table_quad
 from splatgl.splat.integral.table1 import ROWS, Splat
 from splatgl.splat.kernel.kernels import Gaussian, kernel
 from splatgl.splat.kernel.tabulated import tabulated
@@ -54,7 +54,7 @@ def test_cubes_are_table_1(matrix: np.ndarray, name: str, rng: np.random.Generat
     assert np.abs(row1(view, voxel, ray).value - ROWS["row1"](splat)).max() < 1e-11
     assert view.coverage(voxel[2]) == pytest.approx(splat.m**-2, rel=1e-12)
     for align, row in (("ray", "row4"), ("grid", "row5")):
-        found = quads(view, voxel, align)
+        found = table_quad(view, voxel, align)
         assert np.abs(on_quads(view, found, ray).value - ROWS[row](splat)).max() < 1e-11
         assert found.coverage == pytest.approx(splat.m**-2, rel=1e-12)
 

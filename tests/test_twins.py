@@ -25,7 +25,7 @@ from splatgl.splat.motion.motion import NEAREST, streaks
 from splatgl.splat.motion.motion_opacity import dwelt_depth, isolation
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.view.block_culling import Frustum
-from splatgl.truth.streak_row import Local
+from splatgl.truth.streak_row import passing
 
 COUNT = 2000
 UNITS = {"footprint_table": FOOTPRINT_UNIT, "half_table": HALF_LINE_UNIT, "blur_table": BLUR_UNIT}
@@ -124,7 +124,7 @@ def test_line_integrals(grid: str, view: str, technique: str, twin: Twin, rng: n
     beside = 2.0 if plan.view.perspective else -1e9
     voxel = voxel[:, voxel[2] > beside * plan.view.reach]
     # a pixel that the splat covers
-    side = plan.view.pixel(voxel[2]) if plan.view.perspective else plan.view.pitch
+    side = plan.view.pixel_side(voxel[2]) if plan.view.perspective else plan.view.pitch
     near = rng.uniform(-1, 1, (2, voxel.shape[1])) * np.maximum(side, plan.view.widths[1])
     place = (voxel[:2] + near) / (voxel[2] if plan.view.perspective else 1.0)
     pixel = place / plan.view.pitch + np.array(plan.view.size)[:, None] / 2
@@ -155,7 +155,7 @@ def test_half_lines(twin: Twin, rng: np.random.Generator) -> None:
         voxel = plan.view.voxels(plan.view.eye_index + rng.uniform(-1.2, 1.2, (COUNT, 3)))
         place = rng.uniform(-1, 1, (2, COUNT)) * plan.view.edge[:, None]
         pixel = place / plan.view.pitch + np.array(plan.view.size)[:, None] / 2
-        expression = "result.x = half_share(to_index(v), ray_at(p)) * style.peak"
+        expression = "result.x = half_line(to_index(v), ray_at(p)) * style.peak"
         found = twin("footprint_eval.glsl", expression, plan, splats, v=voxel.T, p=pixel.T)[:, 0]
         right = row1(plan.view, voxel, place).value
         assert np.abs(found - right).max() < 1e-4 * right.max()
@@ -170,7 +170,7 @@ def test_what_reaches_into_the_picture(twin: Twin, rng: np.random.Generator) -> 
             frustum = Frustum.of(plan.view)
             voxel = plan.view.voxels(rng.uniform(-30, 40, (COUNT, 3)))
             voxel = voxel[:, voxel[2] > -plan.view.reach]
-            found = twin("projection.glsl", "result.x = float(reaches(v))", plan, splats, v=voxel.T)[:, 0] > 0
+            found = twin("projection.glsl", "result.x = float(reached(v))", plan, splats, v=voxel.T)[:, 0] > 0
             right = frustum.reached(voxel)
             assert not (found & ~right).any()
             assert (found != right).mean() < 0.02
@@ -219,8 +219,8 @@ def test_streaks(twin: Twin, rng: np.random.Generator) -> None:
         local = splats.records["position"] - frame_block(splats, plan)["base"][:3]
         expression = """
             vec3 v = eye_from_index() * l - frame.eye_from_base.xyz;
-            Streak found = streak_of(v, place(frame.first_from_index, frame.first_from_base, l),
-                                     place(frame.last_from_index, frame.last_from_base, l));
+            Streak found = streak_of(v, eye_point(frame.first_from_index, frame.first_from_base, l),
+                                     eye_point(frame.last_from_index, frame.last_from_base, l));
             result = vec4(v.xy + found.shift, found.step)
         """
         found = twin("motion.glsl", expression, plan, splats, l=local)
@@ -241,11 +241,11 @@ def test_streaks_in_a_pixel(motion: str, grid: str, name: str, twin: Twin, rng: 
     view = plan.view
     low, high = splats.index_bounds
     voxel = view.voxels(rng.uniform(low, high, (COUNT, 3)))
-    wide = np.maximum(view.pixel(voxel[2]), view.widths[0])
+    wide = np.maximum(view.pixel_side(voxel[2]), view.widths[0])
     step, at = rng.uniform(-4, 4, (2, COUNT)) * wide, rng.uniform(-5, 5, (2, COUNT)) * wide
     ray = (voxel[:2] + at) / (voxel[2] if view.perspective else 1.0)
     expression = """
-        bool widened = PERSPECTIVE == 0 || is_stretched(v);
+        bool widened = PERSPECTIVE == 0 || is_widened(v);
         Quad quad = splat_quad(v);
         vec2 corner = streak_corner(vec2(1.0), v, s, quad, widened), h = normalize(s);
         result.x = streak_shape(passing(v, p, s, inner_of(v, widened))) * style.peak;
@@ -254,7 +254,7 @@ def test_streaks_in_a_pixel(motion: str, grid: str, name: str, twin: Twin, rng: 
         result.y = max(beyond.x, beyond.y)
     """
     found = twin("footprint_eval.glsl streak.glsl", expression, plan, splats, v=voxel.T, p=at.T, s=step.T)
-    right = Local.of(view, voxel, ray, step).streak(view, motion)
+    right = passing(view, voxel, ray, step).streak_shape(view, motion)
     assert right.max() > 1e-3
     assert np.abs(found[:, 0] - right).max() < 2e-4 * right.max()
     outside = found[:, 1] > 0

@@ -66,12 +66,16 @@ class Band:
         return cls(Sum.zeros((pixels,)), Sum.zeros((pixels, 3)))
 
 
+def blended(depth: np.ndarray, coverage: np.ndarray) -> np.ndarray:
+    """Opacity of optical depths: the paper's attenuation scales opacity, not depth.  [M98 Eq. 6]"""
+    return np.asarray(-np.expm1(-depth / coverage) * coverage)
+
+
 def add_over(band: Band, part: Part) -> None:
     """'Over', front to back: colour is weighted by the transmittance in front of it; optical depths add."""
     order, start, where = _by_pixel(part.pixel)
     depth, coverage, color = part.depth[order], part.coverage[order], part.color[order]
-    # the paper's attenuation scales opacity, not depth  [M98 Eq. 6]
-    opacity = -np.expm1(-depth / coverage) * coverage
+    opacity = blended(depth, coverage)
     depth = np.where(coverage < 1, -np.log1p(-np.minimum(opacity, ALMOST_ONE)), depth)
     before = _before(depth, start)
     length = np.diff(np.append(start, len(depth)))

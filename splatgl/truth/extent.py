@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.ellipse import smallest_axis
 from splatgl.splat.view.view import View
 
 # relative enlargement of a box against rounding
@@ -59,18 +60,18 @@ def _bounds(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np
     if row == "row5":
         ahead = z > 0
         depth = np.where(ahead, z, 1.0)
-        p = view.pitch * depth if view.antialias else np.zeros_like(z)
+        p = smallest_axis(view, depth)
         half = _half_axes(view, np.maximum(view.widths[:, None], p))
         return (voxel[:2] - half) / depth, np.where(ahead, (voxel[:2] + half) / depth, -np.inf)
     if row == "row4":
         # the quad's outline from the eye is inside that of a ball
-        p = view.pitch * np.maximum(z, 0.0) if view.antialias else np.zeros_like(z)
+        p = smallest_axis(view, z)
         size = view.kernel.radius * np.maximum(np.linalg.norm(view.eye_from_index, 2), p)
         length = np.sqrt((voxel * voxel).sum(axis=0))
         square = (size / np.maximum(np.hypot(length, size), 1e-300) * length) ** 2
         return _outline(voxel, corner, (square, square, square, 0.0, 0.0))
     low, high = _outline(voxel, corner, _ellipsoid(view))
-    widened = view.widened(z)[1]
+    widened = view.is_widened(z)
     some = _widened(view, row, voxel[:, widened], corner)
     low[:, widened], high[:, widened] = some
     return low, high
@@ -117,7 +118,7 @@ def _widened(view: View, row: str, voxel: np.ndarray, corner: np.ndarray) -> tup
     """The same for voxels widened by antialiasing: their lateral extent is the kernel's or a pixel's."""
     z = voxel[2]
     near = z - view.reach
-    half = _half_axes(view, np.maximum(view.widths[:, None] / near, view.pixel(z) / z))
+    half = _half_axes(view, np.maximum(view.widths[:, None] / near, view.pixel_side(z) / z))
     if row in ("row2", "row3"):
         # their slant to the plane at the voxel's depth, or to its own ray, is at most the image corner's
         length, radius = np.sqrt((voxel * voxel).sum(axis=0)), view.kernel.radius

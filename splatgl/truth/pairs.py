@@ -13,7 +13,7 @@ import numpy as np
 from splatgl.data.errors import expected
 from splatgl.splat.extraction.splats import Grid
 from splatgl.splat.integral.line_integral import Integral, row1
-from splatgl.splat.integral.quads import Quads, on_quads, quads
+from splatgl.splat.integral.quads import Quads, on_quads, table_quad
 from splatgl.splat.integral.table1 import ROWS, Splat
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.view import View
@@ -52,7 +52,7 @@ class Row:
             raise expected("row", "row1, row4 or row5 for voxels that are not cubes", repr(name))
         # in orthographic projection, all rows are equal
         own = name if view.perspective or name in QUAD_ROWS else "row1"
-        return cls(view, own, voxel, quads(view, voxel, QUAD_ROWS[own]) if own in QUAD_ROWS else None)
+        return cls(view, own, voxel, table_quad(view, voxel, QUAD_ROWS[own]) if own in QUAD_ROWS else None)
 
     def coverage(self) -> np.ndarray:
         """[N]: the fraction of each footprint that is filled without antialiasing."""
@@ -66,7 +66,7 @@ class Row:
         found = row1(self.view, voxel, ray)
         if self.name != "row1":
             # rows 2 and 3 equal row 1 where nothing is widened
-            some = np.flatnonzero(self.view.widened(voxel[2])[1])
+            some = np.flatnonzero(self.view.is_widened(voxel[2]))
             cubes = Splat(self.view.kernel, voxel[:, some].T, ray[:, some].T, 1 / self.view.pitch)
             found.value[some] = ROWS[self.name](cubes)
         return found

@@ -84,7 +84,7 @@ class _Scene:
         self.depth = -np.expm1(-depth * splats.unit / splats.grid.mean_spacing) if blend.peak else depth
         self.coverage = self.row.coverage() if resolved.look.attenuation == "opacity" else np.ones(len(splats))
         if resolved.look.attenuation == "fill":
-            self.depth = filled(splats, view, voxel, self.row.coverage())
+            self.depth = attenuated_depth(splats, view, voxel, self.row.coverage())
 
     def band(self, band: tuple[int, int]) -> np.ndarray:
         """float64 [rows, width, 4]."""
@@ -103,14 +103,14 @@ class _Scene:
         return Part(found.pixel, self.depth[splat] * value, self.color[splat], self.coverage[splat])
 
 
-def filled(splats: Splats, view: View, voxel: np.ndarray, coverage: np.ndarray) -> np.ndarray:
+def attenuated_depth(splats: Splats, view: View, voxel: np.ndarray, coverage: np.ndarray) -> np.ndarray:
     """Optical depth [N] of voxels [3, N], attenuated by the fraction of their pixel that their matter fills."""
     ray = voxel if view.perspective else np.array([[0.0], [0.0], [1.0]])
     length = np.sqrt((ray * ray).sum(axis=0))
     along = np.linalg.inv(view.eye_from_index) @ (ray / np.where(length > 0, length, 1.0))
     widths = np.linalg.norm(view.eye_from_index, axis=0)
     depth = splats.records["optical_depth"].astype(np.float64)
-    pixel = np.where(view.widened(voxel[2])[1], view.pixel(voxel[2]), 0.0)
+    pixel = np.where(view.is_widened(voxel[2]), view.pixel_side(voxel[2]), 0.0)
     return filled_depth(depth, along, widths, pixel, coverage, splats.runs)
 
 

@@ -14,9 +14,8 @@ from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.splat.classification.shading import head_light
 from splatgl.splat.extraction.order import back_to_front, order_for
-from splatgl.splat.extraction.run_lengths import OCTAVES
 from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.integral.attenuation import GRAZING
+from splatgl.splat.integral.attenuation import run_along
 from splatgl.splat.kernel.tabulated import tabulated
 from splatgl.splat.motion.blur import MOTIONS, energy_gain
 from splatgl.splat.motion.motion import Motion, Streaks, streaks
@@ -29,8 +28,8 @@ from splatgl.splat.view.view import View
 from splatgl.truth.blend import ADD, Band, Part, pixels
 from splatgl.truth.extent import Boxes, pixel_ends
 from splatgl.truth.pairs import values
-from splatgl.truth.reference import filled
-from splatgl.truth.streak_row import Local, StreakRow
+from splatgl.truth.reference import attenuated_depth
+from splatgl.truth.streak_row import StreakRow, passing
 
 # samples per band
 BAND = 1 << 16
@@ -96,10 +95,11 @@ class _Drawn:
         coverage, isolated = np.ones(len(splats)), np.zeros(len(splats))
         if attenuation != "optical-depth":
             coverage = view.coverage(paths.middle[2])
-            lengths = _lengths(view, paths)
+            lengths = length_of(view, paths)
             if attenuation == "fill":
-                depth = filled(splats, view, paths.middle, coverage) if resolved.view.antialias else depth
-                coverage, isolated = np.ones(len(splats)), isolation(lengths, _through(splats, view, paths))
+                through = run_along(view.index_from_eye[:, :2] @ paths.step, splats.runs)
+                depth = attenuated_depth(splats, view, paths.middle, coverage) if resolved.view.antialias else depth
+                coverage, isolated = np.ones(len(splats)), isolation(lengths, through)
             else:
                 coverage = coverage * energy_gain(view.kernel, lengths)
         return cls(row, _boxes(view, paths), paths.camera, blend, order, color, depth, coverage, isolated)
@@ -118,20 +118,12 @@ class _Drawn:
         return pixels(gathered, self.blend).reshape(-1, width, 4)
 
 
-def _lengths(view: View, paths: Streaks) -> np.ndarray:
+def length_of(view: View, paths: Streaks) -> np.ndarray:
     """[N]: path lengths in units of their own, possibly widened, kernels."""
     own = paths.middle[:2]
     if view.perspective:
         own = own / np.where(np.abs(paths.middle[2]) > view.reach, paths.middle[2], view.reach)
-    return Local.of(view, paths.middle, own, paths.step).length
-
-
-def _through(splats: Splats, view: View, paths: Streaks) -> np.ndarray:
-    """[N]: extent of matter along each path, in voxels."""
-    step = np.abs(view.index_from_eye[:, :2] @ paths.step)
-    direction = step / np.maximum(np.sqrt((step * step).sum(axis=0)), 1e-300)
-    run = np.exp2(np.stack([splats.runs >> bits & 31 for bits in (0, 5, 10)]) * OCTAVES)
-    return np.asarray((run / np.maximum(direction, GRAZING)).min(axis=0))
+    return passing(view, paths.middle, own, paths.step).length
 
 
 def _boxes(view: View, paths: Streaks) -> Boxes:

@@ -41,7 +41,7 @@ def filled_depth(
     along [3, N]: the ray's unit vector in index steps per mean spacing; widths [3]: lengths of the grid's
     steps; pixel [N]: a pixel's side at the voxel, both in mean spacings; coverage [N]: 1/m²; runs: coded.
     """
-    run = np.exp2(np.stack([runs & 31, (runs >> 5) & 31, (runs >> 10) & 31]) * OCTAVES)
+    run = run_lengths(runs)
     m = np.maximum(pixel / widths[:, None], 1.0)
     layers = (run / np.maximum(np.abs(along), GRAZING)).min(axis=0)
     column = depth * layers
@@ -57,3 +57,14 @@ def filled_depth(
     stretch = 1 / np.sqrt(coverage)
     left = np.minimum(left, LARGEST_DEPTH * stretch / np.maximum(stretch - 1, 1e-6))
     return np.where(coverage < 1, left / layers, depth)
+
+
+def run_lengths(runs: np.ndarray) -> np.ndarray:
+    """Run lengths of matter [3, N] along the grid's axes, in voxels, from their codes [N]."""
+    return np.asarray(np.exp2(np.stack([runs >> bits & 31 for bits in (0, 5, 10)]) * OCTAVES))
+
+
+def run_along(direction: np.ndarray, runs: np.ndarray) -> np.ndarray:
+    """Run length [N] of matter along directions [3, N] in index axes, of any length, in voxels."""
+    along = np.abs(direction) / np.maximum(np.sqrt((direction * direction).sum(axis=0)), 1e-300)
+    return np.asarray((run_lengths(runs) / np.maximum(along, GRAZING)).min(axis=0))

@@ -35,7 +35,7 @@ def row1(view: View, voxel: np.ndarray, ray: np.ndarray) -> Integral:
         found = _parallel(view, (x, y, z), (u, v))
     else:
         found = _straight(view, (x, y, z), (u, v))
-        widened = np.flatnonzero(view.widened(z)[1])
+        widened = np.flatnonzero(view.is_widened(z))
         if len(widened):
             some = _bent(view, (x[widened], y[widened], z[widened]), (u[widened], v[widened]))
             found.value[widened], found.peak[widened] = some.value, some.peak

@@ -1,6 +1,6 @@
 """The value of a textured quad along a ray: Table 1 rows 4 and 5 for any affine grid, in float64.
 
-The float64 twin of `shaders/table1.glsl`, in the same steps. Lengths in mean spacings, eye axes.
+The float64 twin of `shaders/quads.glsl`, in the same steps. Lengths in mean spacings, eye axes.
 [M98 Table 1 row 4] [M98 Table 1 row 5]
 """
 
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.splat.integral.line_integral import Integral
+from splatgl.splat.view.ellipse import perpendicular_axes, smallest_axis, voxel_ellipse
 from splatgl.splat.view.view import View
 
 # nearest depth drawn, in voxels: a perspective quad nearer than that would overflow its clip coordinates
@@ -40,37 +41,30 @@ class Quads:
         return Quads(*(part[..., index] for part in parts))
 
 
-def quads(view: View, voxel: np.ndarray, align: str) -> Quads:
-    """The quads of voxels [3, N]; align "ray": perpendicular to the eye–voxel ray, "grid": parallel to the image."""
-    normal = np.zeros_like(voxel)
-    normal[2] = 1.0
-    e1, e2 = np.zeros_like(voxel), np.zeros_like(voxel)
-    e1[0], e2[1] = 1.0, 1.0
+def table_quad(view: View, voxel: np.ndarray, align: str) -> Quads:
+    """The quads of voxels [3, N]; align: see `quad_plane`."""
+    normal, e1, e2 = quad_plane(view, voxel, align)
+    ellipse = voxel_ellipse(view.eye_from_index, e1, e2)
+    # antialiasing: no half axis is shorter than a pixel's side
+    size = np.maximum(ellipse.width, smallest_axis(view, voxel[2]))
+    shared = 1 / (size[0] * size[1])
+    area = ellipse.width[0] * ellipse.width[1]
+    return Quads(voxel, normal, ellipse.axis_1, ellipse.axis_2, size, shared, area * shared)
+
+
+def quad_plane(view: View, voxel: np.ndarray, align: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The normals of the quads' planes and two unit vectors on them, [3, N] each.
+
+    align "ray": perpendicular to the eye–voxel ray, "grid": parallel to the image.
+    """
+    normal, e1, e2 = (np.zeros_like(voxel) for _ in range(3))
+    normal[2], e1[0], e2[1] = 1.0, 1.0, 1.0
     if align == "ray" and view.perspective:
         length = np.sqrt((voxel * voxel).sum(axis=0))
         turned = length > 0
         normal[:, turned] = voxel[:, turned] / length[turned]
         e1[:, turned], e2[:, turned] = perpendicular_axes(normal[:, turned])
-
-    # the voxel's ellipse on the plane: eigenvectors of the 2×2 matrix of the rows' products
-    row_1, row_2 = view.eye_from_index.T @ e1, view.eye_from_index.T @ e2
-    square_1, square_2, mixed = ((a * b).sum(axis=0) for a, b in ((row_1, row_1), (row_2, row_2), (row_1, row_2)))
-    angle = 0.5 * np.arctan2(2 * mixed, square_1 - square_2)
-    root = np.hypot((square_1 - square_2) / 2, mixed)
-    cross = np.cross(row_1, row_2, axis=0)
-    area = np.sqrt((cross * cross).sum(axis=0))
-    width_1 = np.sqrt((square_1 + square_2) / 2 + root)
-    widths = np.stack([width_1, area / width_1])
-
-    # antialiasing: no half axis is shorter than a pixel's side
-    smallest = np.zeros(voxel.shape[1])
-    if view.antialias:
-        smallest += view.pitch * np.maximum(voxel[2], 0.0) if view.perspective else view.pitch
-    size = np.maximum(widths, smallest)
-    shared = 1 / (size[0] * size[1])
-    axis_1 = e1 * np.cos(angle) + e2 * np.sin(angle)
-    axis_2 = e2 * np.cos(angle) - e1 * np.sin(angle)
-    return Quads(voxel, normal, axis_1, axis_2, size, shared, area * shared)
+    return normal, e1, e2
 
 
 def on_quads(view: View, quad: Quads, ray: np.ndarray) -> Integral:
@@ -91,15 +85,6 @@ def on_quads(view: View, quad: Quads, ray: np.ndarray) -> Integral:
     across = [sum_of(offset, axis) / size for axis, size in zip((quad.axis_1, quad.axis_2), quad.size, strict=True)]
     peak = quad.gain * view.kernel.footprint(np.zeros(()))
     return Integral(np.where(seen, quad.gain * view.kernel.footprint(np.hypot(*across)), 0.0), peak)
-
-
-def perpendicular_axes(unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors perpendicular to the unit vectors [3, N] and to each other."""
-    x, y, z = unit
-    s = np.where(z < 0, -1.0, 1.0)
-    a = -1 / (s + z)
-    b = x * y * a
-    return np.stack([1 + s * x * x * a, s * b, -s * x]), np.stack([b, s + y * y * a, -y])
 
 
 def sum_of(offset: tuple[np.ndarray, np.ndarray, np.ndarray], axis: np.ndarray) -> np.ndarray:

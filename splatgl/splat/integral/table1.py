@@ -3,7 +3,7 @@
 The eye is at the origin, +z is depth, the voxel spacing 1. A voxel is v = (x, y, z_v); a ray passes
 through (w, 1)·z. All values are line integrals of the kernel (arc length), low-passed where
 z_v ≥ z_k: stretched by m = z_v/z_k, weakened by 1/m² [M98 Eq. 4, 6]. Arrays broadcast: voxel [..., 3],
-slope [..., 2] → [...]. These are the twins of `shaders/table1.glsl`.
+slope [..., 2] → [...]. OpenGL draws rows 4 and 5 by `quads.py`.
 """
 
 from __future__ import annotations

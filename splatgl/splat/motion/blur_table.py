@@ -62,7 +62,7 @@ class BlurTable:
         place = np.clip(q * self.texels.dtype.type(last / self.kernel.radius**2), 0, last)
         row = np.minimum(place.astype(np.intp), last - 1)
         part = place - row.astype(self.texels.dtype)
-        return _cubic(self.texels[row, -1], self.texels[row + 1, -1], part), row, part
+        return hermite(self.texels[row, -1], self.texels[row + 1, -1], part), row, part
 
     def _share(self, t: np.ndarray, row: np.ndarray, part: np.ndarray) -> np.ndarray:
         """Share of the line from its middle to t half chords, odd in t, ±½ at most."""
@@ -70,7 +70,7 @@ class BlurTable:
         place = np.minimum(np.abs(t), 1) * self.texels.dtype.type(last)
         column = np.minimum(place.astype(np.intp), last - 1)
         along = place - column.astype(self.texels.dtype)
-        here, there = (_cubic(self.texels[r, column], self.texels[r, column + 1], along) for r in (row, row + 1))
+        here, there = (hermite(self.texels[r, column], self.texels[r, column + 1], along) for r in (row, row + 1))
         return np.copysign(here + (there - here) * part, t)
 
     def _simpson(self, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
@@ -103,7 +103,7 @@ def blur_table(name: str, columns: int = COLUMNS, rows: int = ROWS, dtype: str =
     return BlurTable(shape, texels.astype(dtype))
 
 
-def _cubic(first: np.ndarray, last: np.ndarray, part: np.ndarray) -> np.ndarray:
+def hermite(first: np.ndarray, last: np.ndarray, part: np.ndarray) -> np.ndarray:
     """Cubic Hermite interpolation of two values [..., 0] with slopes [..., 1] per step, at `part` of the step."""
     rise = last[..., 0] - first[..., 0]
     bend = 3 * rise - 2 * first[..., 1] - last[..., 1]

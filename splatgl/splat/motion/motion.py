@@ -169,21 +169,29 @@ def streaks(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> S
     views = [motion.view(camera, at) for at in times]
     middle = views[1]
     first, mean, last = (
-        _eye_points(splats, view, motion.flow, at, middle.extent) for view, at in zip(views, times, strict=True)
+        eye_point(splats, view, motion.flow, at, middle.extent) for view, at in zip(views, times, strict=True)
     )
-    if not camera.perspective:
-        step = last[:2] - first[:2]
-        mean[:2] += ((first[:2] - mean[:2]) + (last[:2] - mean[:2])) / 6
-        return Streaks(middle, mean, step)
+    shift, step = streak_of(mean, first, last, camera.perspective)
+    mean[:2] += shift
+    return Streaks(middle, mean, step)
+
+
+def streak_of(
+    mean: np.ndarray, first: np.ndarray, last: np.ndarray, perspective: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """From the paths' middles in time to their mean positions, and from their starts to their ends; [2, N] each.
+
+    mean, first, last [3, N]: the splats in the middle of the exposure and at its ends. Simpson's rule for the mean.
+    """
+    if not perspective:
+        return ((first[:2] - mean[:2]) + (last[:2] - mean[:2])) / 6, last[:2] - first[:2]
     ahead = np.minimum(np.minimum(first[2], mean[2]), last[2]) > NEAREST
     slope = [points[:2] / np.where(ahead, points[2], 1.0) for points in (first, mean, last)]
-    # Simpson's rule for the mean position; bit-identical to the middle for still splats
-    bend = np.where(ahead, ((slope[0] - slope[1]) + (slope[2] - slope[1])) / 6 * mean[2], 0.0)
+    # 0 to the last bit for still splats
+    shift = np.where(ahead, ((slope[0] - slope[1]) + (slope[2] - slope[1])) / 6 * mean[2], 0.0)
     depth = np.where(mean[2] > NEAREST, mean[2], 1.0)
     tangent = np.where(mean[2] > NEAREST, (last - first)[:2] - mean[:2] / depth * (last - first)[2], 0.0)
-    step = np.where(ahead, (slope[2] - slope[0]) * mean[2], tangent)
-    mean[:2] += bend
-    return Streaks(middle, mean, step)
+    return shift, np.where(ahead, (slope[2] - slope[0]) * mean[2], tangent)
 
 
 def flow_of(splats: Splats, volume: Volume, scale: float = 1.0) -> np.ndarray:
@@ -205,7 +213,7 @@ def flow_of(splats: Splats, volume: Volume, scale: float = 1.0) -> np.ndarray:
     return np.asarray(np.where(np.isfinite(vectors).all(axis=1, keepdims=True), vectors, 0.0) * scale)
 
 
-def _eye_points(splats: Splats, view: Camera, flow: np.ndarray | None, at: float, extent: float) -> np.ndarray:
+def eye_point(splats: Splats, view: Camera, flow: np.ndarray | None, at: float, extent: float) -> np.ndarray:
     """[3, N] in the eye axes of that time, mean spacings; x and y scaled to a camera of that extent."""
     grid = splats.grid
     offset = splats.records["position"].astype(np.float64) - grid.index_from_world(view.eye)

@@ -33,13 +33,23 @@ def isolation(length: np.ndarray, through: np.ndarray) -> np.ndarray:
 
 
 def dwelt_depth(mean: np.ndarray, most: np.ndarray, isolated: np.ndarray) -> np.ndarray:
-    """Optical depth [P] with the mean opacity of the moving splat.
+    """Optical depth [P] with the opacity `dwelt_opacity`."""
+    opacity = dwelt_opacity(mean, most, isolated)
+    # covered all the time: the depth itself
+    return np.where(_part(mean, most) < 1, -np.log1p(-np.minimum(opacity, 1 - 2.0**-53)), mean)
+
+
+def dwelt_opacity(mean: np.ndarray, most: np.ndarray, isolated: np.ndarray) -> np.ndarray:
+    """The mean opacity [P] of a moving splat.
 
     mean, most: mean and maximum of its depth at the pixel during the exposure; isolated: `isolation`.
     """
-    part = np.clip(mean / np.where(most > 0, most, 1.0), LEAST, 1.0)
+    part = _part(mean, most)
     dense = 1 + DENSE * most / (1 + DENSEST * most)
     hides = (1 - (1 - part) ** dense) ** isolated
-    opacity = -hides * np.expm1(-mean / part**isolated)
-    # part = 1: the depth itself
-    return np.where(part < 1, -np.log1p(-np.minimum(opacity, 1 - 2.0**-53)), mean)
+    return np.asarray(-hides * np.expm1(-mean / part**isolated))
+
+
+def _part(mean: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """[P]: the part of the exposure, at least LEAST, that a thin splat covers the pixel."""
+    return np.clip(mean / np.where(most > 0, most, 1.0), LEAST, 1.0)

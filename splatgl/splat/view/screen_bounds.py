@@ -8,6 +8,7 @@ import numpy as np
 
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.block_culling import STRETCHED
+from splatgl.splat.view.ellipse import tangents
 from splatgl.splat.view.view import View
 
 # splats within this many kernel reaches of the eye's plane may cover the whole picture
@@ -70,17 +71,10 @@ def screen_bounds(splats: Splats, view: View) -> ScreenBounds:
 def _sides(z: float, slope: float, step: np.ndarray, deep: np.ndarray) -> tuple[float, float]:
     """Extents, in slopes, of an ellipsoid at (slope z, z), inwards and outwards, on either side of the view.
 
-    step, deep: components of its half axes along the picture and along depth. (x − s z)² = |step − s deep|².
+    step, deep: components of its half axes along the picture and along depth.
     """
-    a = z * z - deep @ deep
-    inwards, outwards = [], []
-    for turn in (1, -1):
-        x, mixed = slope * z, turn * (step @ deep)
-        shift = (x * z - mixed) / a - slope
-        root = np.sqrt(max(float((x * z - mixed) ** 2 - a * (x * x - step @ step)), 0.0)) / a
-        inwards.append(root - shift)
-        outwards.append(root + shift)
-    return max(inwards), max(outwards)
+    below, above = zip(*(tangents(slope * z, z, step, turn * deep) for turn in (1, -1)), strict=True)
+    return float(max(below)), float(max(above))
 
 
 def _furthest(z: float, edge: float, step: np.ndarray, deep: np.ndarray) -> float:

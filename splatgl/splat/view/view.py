@@ -121,13 +121,17 @@ class View:
         """Whether antialiasing widens σ_1 and σ_2 at depth z [...]; bool [2, ...]."""
         return np.stack([np.asarray(z) > depth for depth in self.widened_beyond])
 
-    def pixel(self, z: np.ndarray) -> np.ndarray:
+    def is_widened(self, z: np.ndarray) -> np.ndarray:
+        """Whether antialiasing widens the voxel at depth z [...] at all; bool [...]."""
+        return np.asarray(np.asarray(z) > self.widened_beyond[1])
+
+    def pixel_side(self, z: np.ndarray) -> np.ndarray:
         """A pixel's side p at depth z [...]."""
         return self.pitch * np.asarray(z) if self.perspective else np.full(np.shape(z), self.pitch)
 
     def shrink(self, z: np.ndarray) -> np.ndarray:
         """[2, ...]: min(1, σ_i/p), the factors on offsets along the axes at the voxel's depth."""
-        widened, p = self.widened(z), self.pixel(z)
+        widened, p = self.widened(z), self.pixel_side(z)
         some = widened.any(axis=0)
         widths = [np.minimum(width / np.where(some, p, 1.0), 1.0) for width in self.widths]
         return np.where(widened, np.stack(widths), 1.0)
