@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from twins import twin as twin
 
 import splatgl as sg
 from splatgl.gl.context import current

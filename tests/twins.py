@@ -1,0 +1,126 @@
+"""Runs GLSL functions on arrays of numbers, to compare them with their float64 twins."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import moderngl
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.gl import shader
+from splatgl.gl.program import build, splat_switches
+from splatgl.gl.tables import BLUR_UNIT, FOOTPRINT_UNIT, HALF_LINE_UNIT
+from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
+from splatgl.splat.plan.plan import Plan
+from splatgl.splat.view.view import View
+
+COUNT = 2000
+UNITS = {"footprint_table": FOOTPRINT_UNIT, "half_table": HALF_LINE_UNIT, "blur_table": BLUR_UNIT}
+# what a stage declares of its own: storage qualifiers, layouts
+OWN = re.compile(r"^(#define (ATTRIBUTE|VARYING|FLAT)\b|layout\()")
+FUNCTION = re.compile(r"^\w+ (\w+)\([^;{]*\) \{", re.MULTILINE)
+KINDS = {1: "float", 2: "vec2", 3: "vec3", 4: "vec4"}
+Twin = Callable[..., np.ndarray]
+
+
+@pytest.fixture
+def twin(renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Twin]:
+    """twin(files, expression, plan, splats, state, **inputs): float64 [N, 4], what GLSL computes for each of N inputs.
+
+    files: those with the functions; of a stage all but `main`. state: uniforms, and switches in capitals.
+    """
+    folder = tmp_path / "shaders"
+    shutil.copytree(shader.folder(), folder)
+    monkeypatch.setattr(shader, "folder", lambda: folder)
+    shader._read.cache_clear()
+
+    def computed(
+        files: str,
+        expression: str,
+        plan: Plan | None = None,
+        splats: sg.Splats | None = None,
+        state: Mapping[str, Any] | None = None,
+        **inputs: Any,
+    ) -> np.ndarray:
+        arrays = {
+            name: np.ascontiguousarray(value, np.float32).reshape(len(value), -1) for name, value in inputs.items()
+        }
+        (folder / "twin.vert").write_text(_source(folder, files.split(), expression, arrays))
+        shader._read.cache_clear()
+        known = shader.declared_switches("twin.vert")
+        chosen = splat_switches(plan.program) if plan else {}
+        chosen.update({name: value for name, value in (state or {}).items() if name.isupper()})
+        switches = {name: value for name, value in chosen.items() if name in known}
+        program = build(renderer.ctx, "twin.vert", None, switches, varyings=("result",))
+        uniforms = {name: value for name, value in {**UNITS, **(state or {})}.items() if name in program}
+        for name, value in uniforms.items():
+            program[name] = value
+        made = _bind(renderer, plan, splats) if plan and splats else []
+        return _run(renderer.ctx, program, arrays, made)
+
+    yield computed
+    shader._read.cache_clear()
+
+
+def _source(folder: Path, files: list[str], expression: str, arrays: Mapping[str, np.ndarray]) -> str:
+    """A vertex shader with the files' functions, whose result is what the expression writes."""
+    parts = ["#define ATTRIBUTE\n#define VARYING\n#define FLAT\nvec4 coordinate;"]
+    for name in files:
+        if not name.endswith(".glsl"):
+            text = (folder / name).read_text().partition("void main()")[0].replace("gl_FragCoord", "coordinate")
+            name += ".glsl"
+            (folder / name).write_text("\n".join(line for line in text.splitlines() if not OWN.match(line)))
+        parts.append(f'#include "{name}"')
+    parts += [f"in {KINDS[value.shape[1]]} {name};" for name, value in arrays.items()]
+    parts.append(f"out vec4 result;\nvoid main() {{ gl_Position = vec4(0.0); result = vec4(0.0); {expression}; }}")
+    return "\n".join(parts) + "\n"
+
+
+def _bind(renderer: sg.Renderer, plan: Plan, splats: sg.Splats) -> list[Any]:
+    """Binds the plan's blocks and tables; returns the blocks' buffers."""
+    made = []
+    for binding, block in ((FRAME_BINDING, frame_block(splats, plan)), (STYLE_BINDING, style_block(splats, plan))):
+        made.append(renderer.ctx.buffer(block.tobytes()))
+        made[-1].bind_to_uniform_block(binding)
+    renderer.passes.tables.use(plan)
+    return made
+
+
+def _run(ctx: moderngl.Context, program: Any, arrays: Mapping[str, np.ndarray], made: list[Any]) -> np.ndarray:
+    content = [(ctx.buffer(value), f"{value.shape[1]}f4", name) for name, value in arrays.items() if name in program]
+    count = len(next(iter(arrays.values())))
+    out = ctx.buffer(reserve=count * 16)
+    array = ctx.vertex_array(program, content)
+    array.transform(out, vertices=count)
+    found = np.frombuffer(out.read(), np.float32).reshape(count, 4).astype(np.float64)
+    for thing in (array, out, *(buffer for buffer, *_ in content), program, *made):
+        thing.release()
+    return found
+
+
+def functions() -> dict[str, str]:
+    """Names of all GLSL functions but `main`, and their files."""
+    found = {}
+    for path in sorted(shader.folder().iterdir()):
+        found.update({name: path.name for name in FUNCTION.findall(path.read_text(encoding="utf-8"))})
+    found.pop("main")
+    return found
+
+
+def some_voxels(rng: np.random.Generator, view: View, splats: sg.Splats, beside: float = 2.0) -> np.ndarray:
+    """Random voxels [3, N] among the splats; in perspective deeper than `beside` kernel reaches."""
+    low, high = splats.index_bounds
+    voxel = view.voxels(rng.uniform(low, high, (COUNT, 3)))
+    return voxel[:, voxel[2] > (beside * view.reach if view.perspective else -np.inf)]
+
+
+def pixel_of(view: View, voxel: np.ndarray) -> np.ndarray:
+    """[2, N]: where voxels [3, N] are in the picture, pixels."""
+    place = voxel[:2] / (voxel[2] if view.perspective else 1.0)
+    return np.asarray(place / view.pitch + np.array(view.size)[:, None] / 2)
