@@ -144,7 +144,7 @@ NEAR = """
 @pytest.mark.parametrize(
     ("quad", "right", "grids", "name", "allowed"),
     [
-        (NEAR, near_quad, ("cubes", "1:2:5", "sheared"), "fitted", 2e-5),
+        (NEAR, near_quad, ("cubes", "1:2:5", "sheared"), "close", 2e-5),
         ("Quad quad = cubic_quad(v, true)", cubic_quad, ("cubes", "turned"), "far", 1e-3),
         ("Quad quad = far_quad(v)", far_quad, ("1:2:5", "sheared"), "far", 5e-3),
     ],
@@ -156,7 +156,7 @@ def test_quads_beyond_table_1(
     """At random places of each quad, in shares of the largest value; before z_k exact, beyond it to first order."""
     for grid in grids:
         splats = noise(grid)
-        change = {"antialias": "off"} if name == "fitted" else {}
+        change = {"antialias": "off"} if name == "close" else {}
         plan = sg.plan(splats, views(splats)[name], sg.Settings(blend="xray", tolerance=1e-6, align="exact", **change))
         voxel = some_voxels(rng, plan.view, splats)
         place = rng.uniform(-1, 1, (2, voxel.shape[1]))

@@ -107,7 +107,7 @@ def test_paths(name: str, twin: Twin, rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("grid", ["cubes", "sheared"])
 @pytest.mark.parametrize("name", ["far", "fitted", "parallel"])
 def test_kernels_on_their_paths(grid: str, name: str, twin: Twin, rng: np.random.Generator) -> None:
-    """What offsets across the view are long in the kernel's own axes, and what shrinks them: by 1e−5."""
+    """Offsets and paths in the kernel's own axes by 1e−5, and how rays pass them by 2e−6 of the largest."""
     splats, view, plan = moving(grid, name)
     v = some_voxels(rng, view, splats)
     step = some_steps(rng, view, v)
@@ -119,6 +119,12 @@ def test_kernels_on_their_paths(grid: str, name: str, twin: Twin, rng: np.random
     assert np.abs(found[1:3] - inner.shrink).max() < 1e-5
     right = length_of(view, Streaks(plan.exposure.middle, v, step))
     assert np.abs(found[3] - right).max() < 1e-5 * right.max()
+    at = some_steps(rng, view, v) / 2
+    expression = f"{BOTH} Passing it = passing(v, p, s, inner); result = vec4(it.along, it.across2, it.length, it.gain)"
+    found = twin("footprint_eval.glsl streak.glsl", expression, plan, splats, v=v.T, s=step.T, p=at.T).T
+    passed = passing(view, v, (v[:2] + at) / (v[2] if view.perspective else 1.0), step)
+    rights = np.stack([passed.along, passed.across**2, passed.length, passed.gain])
+    assert (np.abs(found - rights).max(axis=1) < 2e-6 * rights.max(axis=1)).all()
 
 
 @pytest.mark.parametrize("grid", ["cubes", "sheared"])

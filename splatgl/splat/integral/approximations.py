@@ -3,7 +3,7 @@
 Substituting t = z_v (z − z_v)/z turns row 1's integral into a straight line in perspective space, with
 the slope of the voxel's own ray, a_v = c/(z_v m). From it follow `b`, `b1`, `a` and `bprime`; before z_k
 the footprint at the true distance, `c`, is exact. Forms take and return what `footprint.ROWS` do, and
-are the twins of `shaders/approximations.glsl`.
+are the twins of `shaders/approximations.glsl`: `c` of `near_quad`, `bprime` of `cubic_quad`.
 """
 
 from __future__ import annotations
