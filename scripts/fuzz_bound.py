@@ -207,6 +207,13 @@ def settings_of(rng: Random) -> sg.Settings:
     }
     if rng.random() > 0.8:
         changes["antialias"] = "auto"
+    if rng.random() < 0.3:
+        changes["kernel"] = "b-spline"
+    if rng.random() < 0.3:
+        # what sheets can draw
+        changes |= {"compositing": "sheets", "sheets": int(rng.integers(2, 5)), "target": "rgba32f", "order": "auto"}
+        changes |= {"technique": "auto", "align": "auto", "blend": "composite"}
+        changes["attenuation"] = one_of("fill", "optical-depth")
     return sg.Settings(**changes)  # type: ignore[arg-type]
 
 
@@ -217,7 +224,8 @@ def case(seed: int) -> Case:
     view = str(rng.choice(list(CAMERAS)))
     camera = CAMERAS[view](rng, splats)
     settings = settings_of(rng)
-    changed = {f: getattr(settings, f) for f in ("blend", "kernel", "antialias", "target", "align", "technique")}
+    names = ("blend", "kernel", "antialias", "target", "align", "technique", "compositing")
+    changed = {f: getattr(settings, f) for f in names}
     return Case(splats, camera, settings, f"{made}, {view} {camera.size}, " + " ".join(map(str, changed.values())))
 
 

@@ -11,6 +11,7 @@
 #define FOOTPRINT_TABLE 0
 #define FOOTPRINT_RADIAL 1
 #define FOOTPRINT_POLYNOMIAL 2
+#define FOOTPRINT_SINGLE 3
 // see splatgl/splat/kernel/kernels.py: eight terms over s = D²/R², seven over 1 − s, where these begin, and 1/R²
 
 // F/F(0) over [−R, R]²; or radial: one texel high, F/F(0) at a squared distance, and the step to the next
@@ -19,6 +20,11 @@ uniform sampler2D half_table;  // share of a chord's integral from the eye on: o
 
 // F/F(0) by the squared distance, in voxels
 float radial(float d2) {
+    if (FOOTPRINT == FOOTPRINT_SINGLE) {
+        const vec4 a = vec4(POLYNOMIALS_0), scale = vec4(POLYNOMIALS_1);
+        float s = clamp(d2 * scale.x, 0.0, 1.0), u = 1.0 - s;
+        return max(u * u * u * (a.x + s * (a.y + s * (a.z + s * a.w))), 0.0);
+    }
     if (FOOTPRINT == FOOTPRINT_POLYNOMIAL) {
         // literal coefficients: a software renderer reloads a uniform on every use
         const vec4 a = vec4(POLYNOMIALS_0), b = vec4(POLYNOMIALS_1), c = vec4(POLYNOMIALS_2), e = vec4(POLYNOMIALS_3);

@@ -1,14 +1,15 @@
 // Setup of one splat relative to the eye: its colour and optical depth, for a quad's vertex or the tile lists.
 // ATTRIBUTE and VARYING are defined as `in` and `out` in the vertex shader, FLAT as `flat`; elsewhere as nothing.
 // switch SHADING 0
+// switch STEPS 0
 #include "approximations.glsl"
 #include "attenuation.glsl"
 #include "motion_opacity.glsl"
 #include "varyings.glsl"
 
 ATTRIBUTE vec3 in_position;        // grid indices
-ATTRIBUTE float in_optical_depth;  // extinction × mean spacing
-ATTRIBUTE vec3 in_color;           // linear RGB
+ATTRIBUTE float in_optical_depth;  // extinction × mean spacing; classified after: the value
+ATTRIBUTE vec3 in_color;           // linear RGB; classified after: the gradient, world axes
 ATTRIBUTE ivec3 in_normal;         // gradient direction, world axes; zero: unshaded
 ATTRIBUTE int in_runs;             // coded run lengths of matter along the grid's axes
 
@@ -33,7 +34,8 @@ float attenuated_depth(vec3 v, float coverage) {
 // Writes a still splat's varyings.
 void give_matter(vec3 v, Quad quad) {
     splat.rgb = in_color * head_light(v);
-    if (PEAK == 1) splat.a = one_minus_exp(in_optical_depth * style.opacity_length);
+    if (STEPS > 0) splat = vec4(in_color, in_optical_depth);
+    else if (PEAK == 1) splat.a = one_minus_exp(in_optical_depth * style.opacity_length);
     else splat.a = attenuated_depth(v, quad.coverage) * quad.gain * style.peak;
     coverage = quad.coverage;
     bend = quad.bend;

@@ -2,54 +2,15 @@
 // switch CARRIED 0
 #constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;
-#define VARYING
-#define FLAT
-#include "footprint_eval.glsl"
-#include "tiles.glsl"
+#include "tile_splat.glsl"
 
 layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };      // tile, begin, end
 layout(std430, binding = 3) buffer Open { uint open[]; };                  // tiles that have not terminated
 layout(rgba32f, binding = 0) uniform image2D target;
-uniform usampler2D list;
-uniform usampler2D heads;
-uniform usampler2D shapes;
-uniform usampler2D matters;
-uniform usampler2D bends;
-uniform usampler2D cubics;
-uniform usampler2D mixeds;
 uniform float opaque;    // opacity at which a tile terminates
 
-// A splat to blend: the counterpart of a quad's varyings.
-struct Joined {
-    vec2 offset;         // of the column's first pixel
-    vec4 shape;
-    vec4 splat;
-    bool around;         // whether around the eye; then its position relative to it, index axes
-    vec3 place;
-    float coverage;
-    float half_side;
-    vec4 bend;
-    vec4 cubic;
-    vec4 mixed;
-};
-
-// the column's first pixel
-vec2 first;
-
 void join(inout vec4 light, Ray ray, Joined it, float row) {
-    vec2 offset = it.offset + vec2(0.0, row);
-    float value;
-    if (BENT) {
-        value = exact_share(vec2(dot(it.shape.xy, offset), dot(it.shape.zw, offset)), ray.shrink, ray);
-        // a stretched footprint is undefined far beyond its rim
-        if (max(abs(offset.x), abs(offset.y)) > it.half_side) value = 0.0;
-    } else {
-        // t.x x is constant along the column
-        float along = it.shape.x + offset.y * it.shape.y, across = offset.y * it.shape.z;
-        value = radial((along * along + across * across) * ray.shrink) * ray.gain;
-    }
-    if (HALF_LINE == 1 && it.around) value = half_line(it.place, ray_at(first + vec2(0.0, row)));
-    value = blended(splat.a * value);
+    float value = blended(splat.a * share_at(it, ray, row));
     if (JOIN == JOIN_MAX) {
         light = max(light, vec4(splat.rgb, 1.0) * value);
         return;
@@ -58,40 +19,11 @@ void join(inout vec4 light, Ray ray, Joined it, float row) {
     light += vec4(splat.rgb, 1.0) * value;
 }
 
-Joined read_splat(uint n) {
-    ivec2 texel = texel_of(n);
-    uvec4 head = texelFetch(heads, texel, 0);
-    uvec4 shape = texelFetch(shapes, texel, 0);
-    Joined it;
-    it.offset = first - uintBitsToFloat(head.xy);
-    it.shape = uintBitsToFloat(shape);
-    it.place = vec3(uintBitsToFloat(head.xy), BENT ? it.shape.x : it.shape.y);
-    if (BENT) {
-        it.splat = uintBitsToFloat(texelFetch(matters, texel, 0));
-        it.coverage = it.splat.a;
-        it.half_side = uintBitsToFloat(head.w);
-        it.around = it.half_side < 0.0;
-        it.bend = uintBitsToFloat(texelFetch(bends, texel, 0));
-        if (CUBIC == 0) {
-            it.cubic = uintBitsToFloat(texelFetch(cubics, texel, 0));
-            it.mixed = uintBitsToFloat(texelFetch(mixeds, texel, 0));
-        }
-    } else {
-        it.splat = vec4(unpacked_color(uvec2(head.w, shape.w)) * style.brightest, 0.0);
-        it.around = it.shape.x < 0.0;
-        it.shape.x *= it.offset.x;
-    }
-    it.splat.a = uintBitsToFloat(head.z) * (JOIN == JOIN_OVER ? QUICK_SCALE : 1.0);
+// With the depth scaled for quick_one_minus_exp.
+Joined read_scaled(uint n) {
+    Joined it = read_splat(n);
+    if (JOIN == JOIN_OVER) it.splat.a *= QUICK_SCALE;
     return it;
-}
-
-// Sets the variables that footprint_eval.glsl reads.
-void choose(Joined it) {
-    splat = it.splat;
-    bend = it.bend;
-    cubic = it.cubic;
-    mixed = it.mixed;
-    if (BENT) coverage = it.coverage;
 }
 
 #define AT(row) (corner + ivec2(0, row))
@@ -120,10 +52,10 @@ void main() {
         // all four are read before the first is blended, to hide latency; beyond the list's end the first repeats with
         // zero depth
         Joined next[4];
-        next[0] = read_splat(four.w);
-        next[1] = read_splat(at + 1u < end ? four.z : four.w);
-        next[2] = read_splat(at + 2u < end ? four.x : four.w);
-        next[3] = read_splat(at + 3u < end ? four.y : four.w);
+        next[0] = read_scaled(four.w);
+        next[1] = read_scaled(at + 1u < end ? four.z : four.w);
+        next[2] = read_scaled(at + 2u < end ? four.x : four.w);
+        next[3] = read_scaled(at + 3u < end ? four.y : four.w);
         if (at + 1u >= end) next[1].splat.a = 0.0;
         if (at + 2u >= end) next[2].splat.a = 0.0;
         if (at + 3u >= end) next[3].splat.a = 0.0;

@@ -6,6 +6,7 @@
 #define FLAT
 #include "splat_setup.glsl"
 #include "projection.glsl"
+#include "sheets.glsl"
 #include "tiles.glsl"
 #constant BLOCK       // splats that are left out together
 #constant AROUND_EYE  // a kernel that reaches this part of the way to the eye's plane has no place in the picture
@@ -65,17 +66,19 @@ void main() {
     out_bend = floatBitsToUint(bend);
     out_cubic = floatBitsToUint(cubic);
     out_mixed = floatBitsToUint(mixed);
-    if (!BENT) {
+    if (SHEETS > 0) matter.w = floatBitsToUint(sheet_place(in_position));
+    if (!BENT) shape = uvec4(floatBitsToUint(triangle), 0u);
+    if (!FULL) {
         uvec2 color = packed_color(splat.rgb / style.brightest);
         head.w = color.x;
-        shape = uvec4(floatBitsToUint(triangle), color.y);
+        shape.w = color.y;
     }
     if (HALF_LINE == 1 && around && drawn && v.z > -frame.depth_reach) {
         // in every tile; stores its position instead of the centre, and AROUND instead of a half side or triangle
         vec3 i = to_index(v);
         bounds = floatBitsToUint(vec4(frame.image_center, EVERYWHERE, EVERYWHERE));
         head.xy = floatBitsToUint(i.xy);
-        if (BENT) {
+        if (FULL) {
             head.w = floatBitsToUint(AROUND);
             shape.x = floatBitsToUint(i.z);
         } else shape.xy = floatBitsToUint(vec2(AROUND, i.z));

@@ -1,8 +1,9 @@
 // Tiles of pixels and placed splats, shared by the passes that list splats by tile and draw the tiles.
 // A splat is one texel in each of several textures: bounds: its centre, half its square's side and the radius of its
 // bounding circle, if visible; heads: its centre, optical depth, and half of its colour or half its side; shapes: the
-// triangular root of its quadratic form and the rest of its colour, or to_local. If bent also matters, its colour and
-// coverage, and further textures of footprint terms.
+// triangular root of its quadratic form and the rest of its colour, or to_local. If full also matters: its colour, or
+// gradient, and coverage, or place in sheets; if bent, further textures of footprint terms.
+// switch SHEETS 0
 // version 430
 #include "varyings.glsl"
 #constant COLUMNS  // pixels of a tile
@@ -16,6 +17,8 @@
 #define AROUND -1.0
 // whether a footprint is more than a quadratic form
 const bool BENT = ANTIALIAS == 1 && ALIGN == ALIGN_EXACT;
+// whether colour and shape take whole texels
+const bool FULL = BENT || SHEETS > 0;
 
 uniform ivec2 origin;   // the first tile's first pixel
 uniform ivec2 tiles;    // along x and y

@@ -25,7 +25,6 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.gl.renderer import Renderer
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import extract
 from splatgl.splat.extraction.order import order_for
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.motion.blur import MOTIONS
@@ -145,7 +144,7 @@ class Animation:
             return self.only, None
         scene = self.scenes[number]
         volume = scene.open()
-        splats = extract(volume, self.transfer, scene.threshold)
+        splats = scene.splats(volume, self.transfer)
         return splats, None if self.flow is None else flow_of(splats, volume, self.flow)
 
     def _frame(self, renderer: Renderer, splats: Splats, flow: np.ndarray | None, frame: int) -> Image:
@@ -189,7 +188,7 @@ def scaled(image: Image, top: float) -> Image:
 
 
 def _splats(scene: Scene, volume: Volume, transfer: Transfer) -> Splats:
-    splats = extract(volume, transfer, scene.threshold)
+    splats = scene.splats(volume, transfer)
     if not len(splats):
         raise nothing(scene, volume)
     return splats

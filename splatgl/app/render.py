@@ -20,7 +20,6 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Slab, Volume
 from splatgl.gl.renderer import Renderer
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import extract
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.view.camera import Camera
@@ -55,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
         check_apart(output, Path(args.ref))
     volume = scene.open()
     transfer = scene.transfer_for(volume)
-    splats = extract(volume, transfer, scene.threshold, progress=None if args.quiet else _bar)
+    splats = scene.splats(volume, transfer, None if args.quiet else _bar)
     if not len(splats):
         raise nothing(scene, volume)
     camera = scene.view.camera(volume, splats)

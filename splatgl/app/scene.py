@@ -26,6 +26,8 @@ from splatgl.data.toml import load_table
 from splatgl.data.volume import Triple, Volume
 from splatgl.splat.classification.presets import default_transfer, preset
 from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.extract import POST_KERNEL, Progress, extract
+from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Bounded, Camera
 
@@ -150,6 +152,12 @@ class Scene:
         if self.volume in SCENES and not self.load:
             return SCENES[self.volume]()
         return load(self.volume, **self.load)
+
+    def splats(self, volume: Volume, transfer: Transfer, progress: Progress | None = None) -> Splats:
+        """The splats of the scene, classified as its settings say."""
+        how = "post" if self.settings.classification == "post" else "pre"
+        kernel = self.settings.kernel if self.settings.kernel != "auto" else POST_KERNEL
+        return extract(volume, transfer, self.threshold, progress=progress, classification=how, kernel=kernel)
 
     def transfer_for(self, volume: Volume) -> Transfer:
         """The transfer function: the data's own or a preset's, overridden by the scene's options."""

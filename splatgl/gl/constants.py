@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from splatgl.splat.classification import post
 from splatgl.splat.extraction import run_lengths
 from splatgl.splat.integral import approximations, attenuation
 from splatgl.splat.motion import blur_table, motion, motion_opacity
 from splatgl.splat.plan import tiling
+from splatgl.splat.sheets import sheets
 from splatgl.splat.view import block_culling, eye_near, screen_bounds
 
 # splats per row of the placed textures, and groups of four entries per row of the tile list
 ABREAST, LISTED = 1024, 2048
+# classification table entries along its rows
+TABLE_ROW = 128
 # invocations per work group
 LANES = 8
 # cursor of a terminated tile
@@ -25,6 +29,7 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "COLUMNS": tiling.COLUMNS,
     "DENSE": motion_opacity.DENSE,
     "DENSEST": motion_opacity.DENSEST,
+    "ENTRIES": post.ENTRIES,
     "FAR": motion.FAR,
     "FIRST_ORDER": approximations.FIRST_ORDER,
     "GRAZING": attenuation.GRAZING,
@@ -32,6 +37,7 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "LANES": LANES,
     "LARGEST_DEPTH": attenuation.LARGEST_DEPTH,
     "LEAST": motion_opacity.LEAST,
+    "LEAST_MASS": sheets.LEAST_MASS,
     "LISTED": np.uint32(LISTED),
     "MOST_DOUBLINGS": tiling.MOST_DOUBLINGS,
     "NEAREST": motion.NEAREST,
@@ -43,6 +49,7 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "ROWS": tiling.ROWS,
     "RUN_OCTAVES": run_lengths.OCTAVES,
     "SHORT": blur_table.SHORT,
+    "TABLE_ROW": TABLE_ROW,
 }
 
 

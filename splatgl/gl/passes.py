@@ -14,6 +14,7 @@ from splatgl.gl.draw_order import DrawOrder
 from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
 from splatgl.gl.quads import Quads
+from splatgl.gl.sheet_tiles import SheetTiles
 from splatgl.gl.streaks import Streaks
 from splatgl.gl.tables import Tables
 from splatgl.gl.target import Target, Targets
@@ -47,10 +48,11 @@ class Passes:
         self.tables = Tables(ctx, owned)
         self.splats = SplatBuffers(ctx, owned)
         self.whole: dict[int, moderngl.VertexArray] = {}
-        self.tiles = Tiles(ctx, self.programs, self.splats, self._whole, owned)
+        self.tiles = Tiles(ctx, self.programs, self.splats, self._whole)
         self.techniques: dict[str, Technique] = {
             "quads": Quads(ctx, self.programs, self.splats),
             "tiles": self.tiles,
+            "sheets": SheetTiles(ctx, self.programs, self.splats, self._whole, self.tables),
             "streaks": Streaks(ctx, self.programs, self.splats),
         }
         self.frame = ctx.buffer(reserve=FRAME.itemsize)
@@ -90,9 +92,11 @@ class Passes:
         self.frame.bind_to_uniform_block(FRAME_BINDING)
         self.style.bind_to_uniform_block(STYLE_BINDING)
         self.tables.use(plan)
-        boxes = order_for(splats, plan.resolved.camera) if plan.program.look.blend.ordered else None
+        look = plan.program.look
+        boxes = order_for(splats, plan.resolved.camera) if look.blend.ordered and not look.sheets else None
         order = DrawOrder(boxes, boxes is not None and plan.order == "front-to-back")
-        self.techniques[plan.program.technique].draw(target, splats, plan, order, portions)
+        technique = "sheets" if plan.resolved.sheets else plan.program.technique
+        self.techniques[technique].draw(target, splats, plan, order, portions)
 
     def _resolve(self, drawn: Target, plan: Plan, background: tuple[float, float, float] | None) -> Target:
         program = self.programs.for_screen("resolve.frag")

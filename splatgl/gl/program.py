@@ -11,7 +11,7 @@ import numpy as np
 
 from splatgl.gl.shader import ShaderError, compose, declared_switches
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING
-from splatgl.splat.kernel.kernels import kernel, polynomials
+from splatgl.splat.kernel.kernels import kernel, polynomials, single_polynomial
 from splatgl.splat.plan.plan import Program
 
 Switches = Mapping[str, str | int | bool]
@@ -47,7 +47,9 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "HALF_LINE": seen.half_line,
         "SHADING": look.shading,
         "JOIN": f"JOIN_{look.blend.join.upper()}",
-        "PEAK": look.blend.peak,
+        # values are means by shares of the peak
+        "PEAK": look.blend.peak or look.steps > 0,
+        **({"SHEETS": look.sheets, "STEPS": look.steps} if look.sheets else {}),
         "ATTENUATION": f"ATTENUATION_{look.attenuation.upper().replace('-', '_')}",
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",
         "MOTION": f"MOTION_{program.motion.upper()}",
@@ -60,6 +62,9 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
 
 def _polynomials(program: Program) -> dict[str, str]:
     """The coefficients in the five vectors of footprint_eval.glsl."""
+    if program.footprint == "single":
+        numbers = [*single_polynomial(program.kernel), kernel(program.kernel).radius ** -2]
+        return {"POLYNOMIALS_0": f"vec4({', '.join(map(repr, numbers[:4]))})", "POLYNOMIALS_1": f"vec4({numbers[4]!r})"}
     if program.footprint != "polynomial":
         return {}
     fitted = polynomials(program.kernel)

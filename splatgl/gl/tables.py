@@ -8,6 +8,9 @@ from contextlib import ExitStack
 import moderngl
 import numpy as np
 
+from splatgl.gl.constants import TABLE_ROW
+from splatgl.splat.classification.post import PostClassified
+from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.kernels import Kernel, footprint_table, half_line_table, radial_table
 from splatgl.splat.motion.blur_table import blur_table
 from splatgl.splat.plan.plan import Plan
@@ -30,12 +33,14 @@ class Tables:
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
         self.ctx, self.owned = ctx, owned
         self.kept: dict[tuple[str, str, int, int], moderngl.Texture] = {}
+        # of the last splats classified after reconstruction
+        self.classes: tuple[PostClassified, float, moderngl.Texture] | None = None
 
     def use(self, plan: Plan) -> None:
         """Binds the tables of a plan's program."""
         kernel, program = plan.kernel, plan.program
         size, bits = plan.lookup.size, plan.lookup.bits
-        if program.footprint != "polynomial":
+        if size > 1:
             make = footprint_table if program.footprint == "table" else radial_table
             self._of(kernel, program.footprint, size, bits, lambda: make(kernel, size)).use(FOOTPRINT_UNIT)
         if program.seen.half_line:
@@ -43,6 +48,20 @@ class Tables:
             table.use(HALF_LINE_UNIT)
         if program.motion == "exact":
             self._of(kernel, "blur", 0, 32, lambda: blur_table(kernel.name).packed).use(BLUR_UNIT)
+
+    def classification(self, splats: Splats) -> moderngl.Texture:
+        """The table of the splats' transfer function, linear RGB and extinction per mean spacing; kept for the next."""
+        assert splats.post is not None
+        kept = self.classes
+        if kept is None or kept[0] is not splats.post or kept[1] != splats.unit:
+            table = splats.post.table(splats.unit)
+            table[:, 3] *= splats.grid.mean_spacing
+            texture = self._texture(table.reshape(-1, TABLE_ROW, 4), 32)
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            if kept is not None:
+                kept[2].release()
+            self.classes = kept = splats.post, splats.unit, texture
+        return kept[2]
 
     def _of(self, kernel: Kernel, kind: str, size: int, bits: int, make: Callable[[], np.ndarray]) -> moderngl.Texture:
         key = (kernel.name, kind, size, bits)

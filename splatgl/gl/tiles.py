@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -65,7 +64,6 @@ class Tiles:
         programs: Programs,
         splats: SplatBuffers,
         whole: Callable[[moderngl.Program], None],
-        owned: ExitStack,
     ) -> None:
         self.ctx, self.programs, self.splats, self.whole = ctx, programs, splats, whole
         self.placed: list[moderngl.Texture] = []
@@ -147,7 +145,7 @@ class Tiles:
             self._buffer(BLOCKS, max(blocks.size, 1) * 4).write(blocks.astype(np.uint32))
             count = blocks.size * BLOCK
         switches = {"ORDERED": texels.order is not None, "CULLED": self.shown is not None}
-        program = self.programs.for_placing(plan.program, switches)
+        program = self._placing(plan, switches)
         number = _textures(plan.program)
         height = max(-(-count // ABREAST), 1)
         if len(self.placed) < number or self.placed[0].height < height:
@@ -155,8 +153,8 @@ class Tiles:
         for unit, texture in enumerate((texels.records, texels.rest, texels.order)):
             if texture is not None:
                 texture.use(RECORDS_UNIT + unit)
-        _set(program, records=RECORDS_UNIT, rest=RECORDS_UNIT + 1, order=RECORDS_UNIT + 2)
-        _set(program, first=which[0], end=which[1])
+        set_uniforms(program, records=RECORDS_UNIT, rest=RECORDS_UNIT + 1, order=RECORDS_UNIT + 2)
+        set_uniforms(program, first=which[0], end=which[1])
         assert self.framebuffer is not None
         self.framebuffer.use()
         self.framebuffer.viewport = (0, 0, ABREAST, height)
@@ -165,6 +163,9 @@ class Tiles:
         for unit, texture in enumerate(self.placed):
             texture.use(PLACED_UNIT + unit)
         return count
+
+    def _placing(self, plan: Plan, switches: dict[str, bool]) -> moderngl.Program:
+        return self.programs.for_placing(plan.program, switches)
 
     def _make_placed(self, number: int, height: int) -> None:
         old = self.framebuffer, *self.placed
@@ -222,7 +223,7 @@ class Tiles:
         """Lists all splats, at most ROUNDS iterations a dispatch. unread: a list entry that is never read."""
         program = self._program("tile_list.comp", plan, switches)
         length = -(-count // (GROUPS * LANES))
-        _set(program, count=count, length_=length, budget=ROUNDS, unread=unread)
+        set_uniforms(program, count=count, length_=length, budget=ROUNDS, unread=unread)
         whole = np.clip(count - length * np.arange(GROUPS * LANES), 0, length)
         done = self._buffer(DONE, whole.size * 4)
         done.clear()
@@ -237,10 +238,10 @@ class Tiles:
     def _add_up(self, target: Target, plan: Plan, lists: np.ndarray, carried: bool) -> None:
         assert self.list is not None
         self.list.use(LIST_UNIT)
-        target.texture.bind_to_image(IMAGE, read=True, write=True)
+        self.bind_target(target)
         while len(lists):
             program = self._program("tile_draw.comp", plan, {"CARRIED": carried})
-            _set(program, half_table=HALF_LINE_UNIT, list=LIST_UNIT, opaque=1.0 - plan.hiding.cutoff)
+            set_uniforms(program, half_table=HALF_LINE_UNIT, list=LIST_UNIT, opaque=1.0 - plan.hiding.cutoff)
             now = lists.copy()
             now[:, 2] = np.minimum(lists[:, 2], lists[:, 1] + 4 * ROUNDS)
             self._buffer(LISTS, now.nbytes).write(now)
@@ -254,6 +255,10 @@ class Tiles:
             open_ = np.frombuffer(still.read(self.band.closed.size * 4), np.uint32)[now[:, 0]]
             self.band.closed[now[open_ == 0, 0]] = True
 
+    def bind_target(self, target: Target) -> None:
+        """The target as the image that tiles are read from and written to."""
+        target.texture.bind_to_image(IMAGE, read=True, write=True)
+
     def _buffer(self, binding: int, size: int) -> moderngl.Buffer:
         """The storage buffer of at least `size` bytes, bound."""
         found = self.buffers.get(binding)
@@ -266,8 +271,8 @@ class Tiles:
 
     def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
         program = self.programs.for_tiles(name, plan.program, switches)
-        _set(program, origin=self.band.window.box[:2], tiles=_tiles(self.band.window))
-        _set(program, **{placed: PLACED_UNIT + unit for unit, placed in enumerate(PLACED)})
+        set_uniforms(program, origin=self.band.window.box[:2], tiles=_tiles(self.band.window))
+        set_uniforms(program, **{placed: PLACED_UNIT + unit for unit, placed in enumerate(PLACED)})
         return program
 
 
@@ -278,9 +283,9 @@ def _dispatches(lists: np.ndarray) -> list[np.ndarray]:
     return np.split(lists, np.flatnonzero(np.diff(before // ENTRIES + np.arange(len(lists)) // MOST_TILES)) + 1)
 
 
-def bands_of(window: Window) -> list[Window]:
-    """The window in bands of rows, at most MOST_PIXELS pixels each."""
-    height = max(MOST_PIXELS // max(window.width, 1) // ROWS, 1) * ROWS
+def bands_of(window: Window, most: int = MOST_PIXELS) -> list[Window]:
+    """The window in bands of rows, at most `most` pixels each."""
+    height = max(most // max(window.width, 1) // ROWS, 1) * ROWS
     last = window.y + window.height
     return [Window(window.x, top, window.width, min(height, last - top)) for top in range(window.y, last, height)]
 
@@ -294,10 +299,10 @@ def _textures(program: Program) -> int:
     """Number of textures of placed splats; see BENT in tiles.glsl."""
     if program.seen.antialias and program.align == "exact":
         return 5 if program.seen.cubic else 7
-    return 3
+    return 4 if program.look.sheets else 3
 
 
-def _set(program: moderngl.Program | moderngl.ComputeShader, **values: object) -> None:
+def set_uniforms(program: moderngl.Program | moderngl.ComputeShader, **values: object) -> None:
     """Sets those uniforms that the program has."""
     for name, value in values.items():
         if name in program:

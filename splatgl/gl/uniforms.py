@@ -78,7 +78,7 @@ def frame_block(splats: Splats, plan: Plan) -> np.ndarray:
     block["index_from_eye"][:, :3] = view.index_from_eye.T
     block["eye_from_world"][:, :3] = plan.resolved.camera.eye_from_world.T
     # a far eye's offset is along the view: no float32 loss across it
-    base = _base(splats, view.eye_index)
+    base = base_of(splats, view.eye_index)
     block["base"][:3] = base
     block["eye_from_base"][:3] = view.eye_from_index @ (view.eye_index - base)
     block["clip_scale"] = 1 / view.edge
@@ -99,7 +99,7 @@ def frame_block(splats: Splats, plan: Plan) -> np.ndarray:
 def _add_path(block: np.ndarray, splats: Splats, plan: Plan, exposure: Exposure) -> None:
     """Grid placement when the shutter opens and closes, in the field of view of the exposure's middle."""
     middle, grid = exposure.middle, splats.grid
-    base = _base(splats, grid.index_from_world(middle.eye))
+    base = base_of(splats, grid.index_from_world(middle.eye))
     for name, camera in (("first", exposure.first), ("last", exposure.last)):
         # same operations as for the middle, so that still splats have a zero path
         moved = eye_from_index(grid, camera)
@@ -112,7 +112,8 @@ def _add_path(block: np.ndarray, splats: Splats, plan: Plan, exposure: Exposure)
     block["weaken"] = 2 / (np.pi * plan.kernel.radius) if plan.program.motion == "paper" else line
 
 
-def _base(splats: Splats, eye: np.ndarray) -> np.ndarray:
+def base_of(splats: Splats, eye: np.ndarray) -> np.ndarray:
+    """[3]: frame.base, the voxel nearest to the eye, grid indices."""
     return np.asarray(np.clip(np.rint(eye), *np.rint(splats.index_bounds)))
 
 

@@ -17,7 +17,7 @@ from splatgl.splat.classification.shading import head_light
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.kernels import Kernel
 from splatgl.splat.kernel.kernels import kernel as kernel_named
-from splatgl.splat.plan.resolve import Resolved
+from splatgl.splat.plan.resolve import Resolved, kernel_name
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.camera import Camera
@@ -101,16 +101,16 @@ class Field:
 
 def _free(held: np.ndarray) -> np.ndarray:
     """uint8: Chebyshev distance in cells to the nearest cell with an occupied neighbour."""
-    near = _spread(held, -NEIGHBOURS)
+    near = spread(held, -NEIGHBOURS)
     free = np.where(near, 0, LEAP).astype(np.uint8)
     for away in range(1, LEAP):
-        wider = _spread(near, np.arange(-1, 2))
+        wider = spread(near, np.arange(-1, 2))
         free[wider & ~near] = away
         near = wider
     return free
 
 
-def _spread(held: np.ndarray, steps: np.ndarray) -> np.ndarray:
+def spread(held: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Dilation: each occupied cell, shifted by each of the steps along each axis."""
     for axis in range(held.ndim):
         wider = np.zeros_like(held)
@@ -145,7 +145,7 @@ def ray_integral(
             raise expected(name, "a number of at least 1", count)
     fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
     splats = ahead(splats, camera)
-    view = View.of(splats.grid, fine, kernel_named(settings.kernel), antialias=False)
+    view = View.of(splats.grid, fine, kernel_named(kernel_name(splats, settings)), antialias=False)
     voxel = view.voxels(splats.records["position"])
     color = splats.records["color"].astype(np.float64)
     if Resolved.of(splats, camera, settings).look.shading:
@@ -158,7 +158,7 @@ def ray_integral(
     if settings.background is not None:
         picture = picture + (1 - picture[..., 3:]) * np.array([*settings.background, 1.0])
     seconds = round(time.perf_counter() - started, 6)
-    info = {"scene": splats.name, "kernel": settings.kernel, "steps_per_voxel": steps_per_voxel, "samples": samples}
+    info = {"scene": splats.name, "kernel": view.kernel.name, "steps_per_voxel": steps_per_voxel, "samples": samples}
     return Image(picture, {**info, "blend": "composite", "renderer": "float64 ray integral", "seconds": seconds})
 
 

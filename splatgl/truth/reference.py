@@ -27,6 +27,7 @@ from splatgl.truth.blend import ADD, Band, Part, pixels
 from splatgl.truth.extent import Boxes, pixel_boxes
 from splatgl.truth.pairs import Row, Values, values
 from splatgl.truth.pixel_means import pixel_means
+from splatgl.truth.sheets import SheetScene
 
 # samples per band: their indices fit into 16 bits, which sort fast
 BAND = 1 << 16
@@ -53,10 +54,11 @@ def render(
     splats = ahead(splats, camera)
     resolved = Resolved.of(splats, camera, settings)
     fine = resolved.camera
-    scene = _Scene(splats, resolved, row)
+    scene: _Scene | SheetScene
+    scene = _Scene(splats, resolved, row) if resolved.sheets is None else sheet_scene(splats, resolved)
 
     # in bands; all samples of a pixel are in the same band
-    height = max(1, BAND // fine.size[0] // resolved.samples) * resolved.samples
+    height = max(1, scene.band_height() // resolved.samples) * resolved.samples
     bands = [(top, min(top + height, fine.size[1])) for top in range(0, fine.size[1], height)]
     drawn = [scene.band(band) for band in (progress(iter(bands), len(bands)) if progress else bands)]
     picture = _mean(np.concatenate(drawn), resolved)
@@ -86,6 +88,10 @@ class _Scene:
         if resolved.look.attenuation == "fill":
             self.depth = attenuated_depth(splats, view, voxel, self.row.coverage())
 
+    def band_height(self) -> int:
+        """Rows of pixels drawn together."""
+        return max(1, BAND // self.camera.size[0])
+
     def band(self, band: tuple[int, int]) -> np.ndarray:
         """float64 [rows, width, 4]."""
         width = self.camera.size[0]
@@ -101,6 +107,18 @@ class _Scene:
             value = value / found.integral.peak
         splat = found.splat
         return Part(found.pixel, self.depth[splat] * value, self.color[splat], self.coverage[splat])
+
+
+def sheet_scene(splats: Splats, resolved: Resolved) -> SheetScene:
+    """The scene of splats that add up within sheets."""
+    if splats.post is not None:
+        return SheetScene(splats, resolved, None)
+    depth = splats.records["optical_depth"].astype(np.float64)
+    if resolved.look.attenuation == "fill":
+        view = resolved.view
+        voxel = view.voxels(splats.records["position"])
+        depth = attenuated_depth(splats, view, voxel, view.coverage(voxel[2]))
+    return SheetScene(splats, resolved, depth)
 
 
 def attenuated_depth(splats: Splats, view: View, voxel: np.ndarray, coverage: np.ndarray) -> np.ndarray:

@@ -12,10 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.color import linear_from_srgb
-from splatgl.data.errors import expected
+from splatgl.data.errors import InputError, expected
 from splatgl.data.volume import Slab, Volume
+from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.post import extract_post
 from splatgl.splat.extraction.splats import NORMAL_SCALE, RECORD, Grid, Splats, assemble
+from splatgl.splat.kernel.kernels import kernel as kernel_named
 
 # voxels in a slab: temporaries stay near 100 MB, numpy's overhead a thousandth
 SLAB_VOXELS = 1 << 22
@@ -23,6 +26,9 @@ SLAB_VOXELS = 1 << 22
 TABLE_BYTES = 2
 # largest ratio between reference length and spacing, either way: both fit float32
 MOST_UNIT = 1e30
+
+# kernel of values that are classified after reconstruction: its means are nearest to known fields
+POST_KERNEL = "b-spline"
 
 Progress = Callable[[Iterator[Slab], int], Iterator[Slab]]
 
@@ -79,8 +85,13 @@ def extract(
     threshold: float = 0.0,
     slab: int | None = None,
     progress: Progress | None = None,
+    classification: str = "pre",
+    kernel: str = POST_KERNEL,
 ) -> Splats:
     """The splats of all finite voxels with t > threshold, in row order.
+
+    classification "post": values and gradients for `kernel`, which are classified after reconstruction, of all voxels
+    that opaque points need; for volumes without colours, and without a threshold.
 
     threshold is an opacity per reference length in [0, 1); slab the planes read at a time.
     progress wraps the iteration over slabs (slabs, their number). Raises InputError for a threshold
@@ -94,10 +105,18 @@ def extract(
     unit = transfer.unit or grid.mean_spacing
     if not 1 / MOST_UNIT <= unit / grid.mean_spacing <= MOST_UNIT:
         raise expected("unit", f"a length within {MOST_UNIT:g} of the spacing, {grid.mean_spacing:g}", f"{unit:g}")
+    planes = slab or max(1, SLAB_VOXELS // (height * width))
+    if classification not in ("pre", "post"):
+        raise expected("classification", "pre or post", repr(classification))
+    if classification == "post":
+        for what, there in (("threshold", threshold > 0), ("colours of its own", volume.color is not None)):
+            if there:
+                raise InputError(f"{volume.name or 'volume'}: {what} take classification pre")
+        post = PostClassified.of(transfer, kernel, (width, height, depth))
+        return extract_post(volume, post, kernel_named(kernel), planes, progress)
     dropped = Dropped(volume.shape) if threshold > 0 else None
 
     # one slab at a time
-    planes = slab or max(1, SLAB_VOXELS // (height * width))
     slabs = volume.slabs(planes, halo=1)
     chunks: list[np.ndarray] = []
     for part in progress(slabs, -(-depth // planes)) if progress else slabs:

@@ -14,6 +14,7 @@ import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
+from splatgl.splat.classification.post import PostClassified
 
 # 36 bytes a splat. position: (x, y, z) in grid indices. optical_depth: extinction × mean spacing.
 # color: linear RGB. normal: unit world gradient as signed 16-bit fractions, zero where there is none.
@@ -27,6 +28,9 @@ RECORD = np.dtype(
         ("runs", "<i2"),
     ]
 )
+# of the same size, classified after reconstruction. value: see PostClassified. gradient: of it per mean spacing, world
+# axes
+SAMPLE = np.dtype([("position", "<f4", 3), ("value", "<f4"), ("gradient", "<f4", 3), ("unused", "<i2", 4)])
 GL_FORMAT = "3f4 1f4 3f4 3i2 1i2"
 GL_ATTRIBUTES = ("in_position", "in_optical_depth", "in_color", "in_normal", "in_runs")
 NORMAL_SCALE = 32767.0
@@ -86,7 +90,8 @@ class Lattice:
 class Splats:
     """Splats in row order: z, then y, then x ascending.
 
-    records [N] of RECORD. cell_x int32 [N]: each splat's cell along x.
+    records [N] of RECORD, or of SAMPLE if `post` classifies them after reconstruction.
+    cell_x int32 [N]: each splat's cell along x.
     row_z, row_y int32 [M]: the non-empty rows; row_start int64 [M+1] into the records.
     unit: reference length of opacities, world units. shaded: whether the transfer function shades.
     dropped_depth: largest optical depth that the threshold removed from one axis line.
@@ -102,6 +107,7 @@ class Splats:
     shaded: bool = False
     dropped_depth: float = 0.0
     name: str = ""
+    post: PostClassified | None = None
 
     def __len__(self) -> int:
         return len(self.records)
@@ -172,19 +178,33 @@ class Splats:
         outwards = [ends + np.where(side(ends, middle), 0.5, -0.5) for side in (np.greater, np.greater_equal)]
         return np.asarray(np.concatenate(outwards) @ self.grid.world_from_index.T + self.grid.origin)
 
+    def classified_after(self, post: PostClassified) -> Splats:
+        """The same samples under `post`, which must have their low and span."""
+        return replace(self, post=post)
+
+    @cached_property
+    def _depths(self) -> np.ndarray:
+        """Optical depths [N]; of each sample as it is, if classified after reconstruction."""
+        if self.post is None:
+            return np.asarray(self.records["optical_depth"])
+        table = self.post.table(self.unit)[:, 3] * self.grid.mean_spacing
+        return np.asarray(table[self.post.entries(self.records["value"])])
+
     @cached_property
     def total_depth(self) -> float:
         """Σ optical depths."""
-        return float(self.records["optical_depth"].sum(dtype=np.float64))
+        return float(self._depths.sum(dtype=np.float64))
 
     @cached_property
     def deepest(self) -> float:
         """The largest optical depth of one splat."""
-        return float(self.records["optical_depth"].max(initial=0.0))
+        return float(self._depths.max(initial=0.0))
 
     @cached_property
     def brightest(self) -> float:
         """The largest colour component, linear light."""
+        if self.post is not None:
+            return float(self.post.table(self.unit)[:, :3].max())
         return float(self.records["color"].max(initial=0.0))
 
     @cached_property

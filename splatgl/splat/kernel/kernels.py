@@ -139,11 +139,16 @@ def _crawfis_max() -> PiecewiseCubic:
     return PiecewiseCubic("crawfis-max", (0.889392, r), ((0.557526, 0.0, -1.157743, 0.671033), outer))
 
 
+def _b_spline() -> PiecewiseCubic:
+    """The cubic B-spline as a function of the radius: C² everywhere."""
+    return PiecewiseCubic("b-spline", (1.0, 2.0), ((2 / 3, 0.0, -1.0, 1 / 2), (4 / 3, -2.0, 1.0, -1 / 6)))
+
+
 _erf = np.vectorize(math.erf, otypes=[np.float64])
 
 # largest radius, voxels, and step at the rim; a Gaussian truncated at 3e−4 passes
 WIDEST, RIM_STEP = 4.0, 1e-3
-KERNELS: dict[str, Kernel] = {"crawfis-max": _crawfis_max(), "gaussian": Gaussian()}
+KERNELS: dict[str, Kernel] = {"crawfis-max": _crawfis_max(), "gaussian": Gaussian(), "b-spline": _b_spline()}
 
 
 def kernel(name: str) -> Kernel:
@@ -188,6 +193,17 @@ def rim_step(shape: Kernel) -> float:
     return float(shape.value(np.array(shape.radius * (1 - 1e-9))) / shape.value(np.zeros(())))
 
 
+def depth_deviation(shape: Kernel) -> float:
+    """Standard deviation of the kernel along any axis, voxels: of its mass in depth, over all rays."""
+    nodes, weights = unit_rule(40)
+    total, low = 0.0, 0.0
+    for knot in shape.knots:
+        r = low + (knot - low) * nodes
+        total += float(4 * np.pi / 3 * (knot - low) * (weights * r**4 * shape.value(r)).sum())
+        low = knot
+    return float(np.sqrt(total))
+
+
 def footprint_table(shape: Kernel, size: int = 256) -> np.ndarray:
     """F/F(0) at the texel centres of a size × size texture over [−R, R]², float64 in [0, 1]."""
     across = ((np.arange(size) + 0.5) / size * 2 - 1) * shape.radius
@@ -225,25 +241,41 @@ class Polynomials:
 
 @lru_cache(maxsize=4)
 def polynomials(name: str) -> Polynomials | None:
-    """Polynomials within a relative 5e−5 of the kernel's F, down to F/F(0) = 1e−7; None unless it has two cubics."""
+    """Polynomials within a relative 1.1e−4 of the kernel's F, down to F/F(0) = 1e−7; None unless it has two cubics."""
     shape = kernel(name)
     if not isinstance(shape, PiecewiseCubic) or len(shape.knots) != 2:
         return None
     near, far = SPLIT * _CHEBYSHEV, SPLIT + (END - SPLIT) * _CHEBYSHEV
     value = [shape.footprint(np.sqrt(s) * shape.radius) / shape.footprint(np.zeros(())) for s in (near, far)]
-    bases = near[:, None] ** range(INNER_TERMS), ((1 - far) ** 2.5)[:, None] * (1 - far)[:, None] ** range(OUTER_TERMS)
+    # a kernel that is C² at its rim has a footprint one power smoother
+    _, _, c2, c3 = shape.pieces[-1]
+    first = int(abs(2 * c2 + 6 * c3 * shape.radius) < 1e-9 * abs(c3))
+    powers = 2.5 + np.arange(first, OUTER_TERMS)
+    bases = near[:, None] ** range(INNER_TERMS), (1 - far)[:, None] ** powers
     inner, outer = (_evenly(basis / right[:, None]) for basis, right in zip(bases, value, strict=True))
-    return Polynomials(SPLIT, tuple(map(float, inner)), tuple(map(float, outer)))
+    return Polynomials(SPLIT, tuple(map(float, inner)), (0.0,) * first + tuple(map(float, outer)))
 
 
-def _evenly(basis: np.ndarray) -> np.ndarray:
-    """Coefficients of the near-minimax fit of 1 by basis [N, terms]."""
-    weight = np.ones(len(basis))
+@lru_cache(maxsize=8)
+def single_polynomial(name: str) -> tuple[float, ...]:
+    """c of (1 − s)³ (c[0] + c[1] s + c[2] s² + c[3] s³), s = D²/R², within 8e−4 of F/F(0) for the cubic kernels.
+
+    Weights of means need no more: an error moves a mean by that share of its values' differences.
+    """
+    shape, s = kernel(name), _CHEBYSHEV
+    value = shape.footprint(np.sqrt(s) * shape.radius) / shape.footprint(np.zeros(()))
+    basis = ((1 - s) ** 3)[:, None] * s[:, None] ** np.arange(SINGLE_TERMS)
+    return tuple(map(float, _evenly(basis, value)))
+
+
+def _evenly(basis: np.ndarray, value: np.ndarray | float = 1.0) -> np.ndarray:
+    """Coefficients of the near-minimax fit of `value` by basis [N, terms]."""
+    value, weight = np.broadcast_to(value, len(basis)), np.ones(len(basis))
     for _ in range(REWEIGHTED):
         # Lawson's algorithm: weights grow with the error
         root = np.sqrt(weight)
-        found = np.linalg.lstsq(basis * root[:, None], root, rcond=None)[0]
-        weight *= np.abs(basis @ found - 1)
+        found = np.linalg.lstsq(basis * root[:, None], value * root, rcond=None)[0]
+        weight *= np.abs(basis @ found - value)
         weight /= weight.max()
     return np.asarray(found)
 
@@ -276,6 +308,7 @@ def _cubic_integral(piece: tuple[float, float, float, float], d: np.ndarray, t: 
 
 # terms of the two polynomials, s at which the second begins, and s up to which it is fitted
 INNER_TERMS, OUTER_TERMS, SPLIT, END = 8, 7, 0.3, 0.998
+SINGLE_TERMS = 4
 # iterations of reweighted least squares
 REWEIGHTED = 30
 # Chebyshev nodes in [0, 1]: least-squares fits there are nearly minimax

@@ -37,7 +37,7 @@ def _switch(splats: Splats, view: View, settings: Settings) -> float:
     reach = max(float(np.hypot(*view.box(splats)[:2]).max()), 1.0)
     rounded = REACH_STEP ** np.ceil(np.log(reach) / np.log(REACH_STEP))
     half_angle = float(np.arctan(view.edge.max()))
-    return _cached_switch(settings.kernel, half_angle, max(view.size), float(rounded), settings.tolerance * LEVELS)
+    return _cached_switch(view.kernel.name, half_angle, max(view.size), float(rounded), settings.tolerance * LEVELS)
 
 
 @lru_cache(maxsize=256)

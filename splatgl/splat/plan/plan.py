@@ -28,7 +28,7 @@ from splatgl.splat.view.screen_bounds import Window, screen_bounds
 from splatgl.splat.view.view import View
 
 # texels along an axis: the paper's, and enough for a radial table's error of 1e−5
-TABLE_SIZES = {"table": 256, "radial": 1024, "polynomial": 1}
+TABLE_SIZES = {"table": 256, "radial": 1024, "polynomial": 1, "single": 1}
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,9 @@ class Seen:
 class Program:
     """Compile-time choices, the key of the program cache.
 
-    footprint: its source, table, radial or polynomial. kernel: the one whose polynomials are compiled in. motion: form
-    of streaks. flow: whether splats have velocities of their own. exp_doublings: see optics.glsl.
+    footprint: its source, table, radial, polynomial or single (polynomial). kernel: the one whose polynomials
+    are compiled in. motion: form of streaks. flow: whether splats have velocities of their own. exp_doublings: see
+    optics.glsl.
     """
 
     technique: str
@@ -125,8 +126,8 @@ class Plan:
     def table(self) -> str:
         """A description of the footprint table."""
         kind, size = self.lookup.kind, self.lookup.size
-        if kind == "polynomial":
-            return "polynomials"
+        if size == 1:
+            return {"polynomial": "polynomials", "single": "a single polynomial"}[kind]
         name, sides = ("table", f"{size}×{size}") if kind == "table" else ("radial table", str(size))
         return f"{name} {sides} at {self.lookup.bits} bits"
 
@@ -158,6 +159,8 @@ class Plan:
             f"antialias {self.antialias}, z_k = {found.z_k:.6g}, "
             f"splats from depth {found.depths[0]:.6g} to {found.depths[1]:.6g}",
         ]
+        if found.sheets is not None:
+            lines.append(found.sheets.explain())
         if blend.ordered:
             lines.append(f"attenuation {p.look.attenuation}, {self.order}")
         rows = f"rows {self.window.y} to {self.window.y + self.window.height}"
@@ -190,8 +193,9 @@ def plan(
     align, z_s = alignment(splats, view, settings, notes)
     half_line = _half_line(splats, view, align, exposure, notes)
     # without splats no technique can refuse
-    kind = technique(Asked(settings, align, exposure is not None, tiles), notes) if len(splats) else "quads"
-    read = footprint((align, kind), shape, settings)
+    asked = Asked(settings, align, exposure is not None, tiles, resolved.sheets is not None)
+    kind = technique(asked, notes) if len(splats) else "quads"
+    read = footprint((align, kind), shape, settings, resolved.look.steps > 0)
     bounds = screen_bounds(splats, view)
     hiding = Hiding()
     if kind == "tiles" and blend.ordered and settings.occlusion != "off":
@@ -203,7 +207,7 @@ def plan(
         seen=Seen(view.perspective, view.antialias, splats.grid.cubic, half_line),
         align=align,
         footprint=read,
-        kernel=shape.name if read == "polynomial" else "",
+        kernel=shape.name if TABLE_SIZES[read] == 1 else "",
         motion=settings.motion if exposure else "off",
         flow=exposure is not None and exposure.flow is not None,
         exp_doublings=exp_doublings(splats, shape, resolved.look.attenuation) if kind == "tiles" else MOST_DOUBLINGS,

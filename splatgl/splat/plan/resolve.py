@@ -9,10 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from splatgl.data.errors import InputError, expected
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.kernels import Kernel, kernel
 from splatgl.splat.plan.blend_mode import BLENDS, BlendMode
 from splatgl.splat.plan.settings import Settings
+from splatgl.splat.sheets.sheets import Sheets
 from splatgl.splat.view.camera import Camera, check_reach
 from splatgl.splat.view.view import View
 from splatgl.splat.view.widening import widening
@@ -24,17 +26,27 @@ SAMPLES = ((0.05, 1), (1e-3, 2), (0.0, 3))
 MOST_SAMPLES = 4
 # most samples along a side of the picture, which OpenGL can draw into, and in all of it, 1 GiB
 MOST_SIDE, MOST_AREA = 16384, 2**26
+# kernel of splats that are classified before
+PRE_KERNEL = "crawfis-max"
+# sheets that share a splat, and points between two, from these tolerances on
+SHEETS = ((0.005, 2, 2), (3e-3, 3, 2), (0.0, 3, 3))
 # weight of the differences across a pixel's edges in its mean (Euler–Maclaurin)
 END_CORRECTION = 1 / 24
 
 
 @dataclass(frozen=True)
 class Look:
-    """Appearance of splats. attenuation: opacity, optical-depth or fill. shading: whether lit from the eye."""
+    """Appearance of splats. attenuation: opacity, optical-depth or fill. shading: whether lit from the eye.
+
+    sheets: sheets that share a splat; 0: splats composite one by one. steps: points between two where values are
+    classified; 0: splats are classified before.
+    """
 
     blend: BlendMode
     attenuation: str
     shading: bool
+    sheets: int = 0
+    steps: int = 0
 
 
 @dataclass(frozen=True)
@@ -45,7 +57,7 @@ class Resolved:
     view: at samples × samples a pixel; whether any splat is widened, and beyond which depths. camera: likewise.
     z_k: depth at which the smallest voxel is one sample wide [M98 Eq. 3]. depths: of the box of all splats, nearest and
     farthest. unsure: see widening.py. background: linear RGB, None: transparent. notes: omitted steps with reasons, a
-    line each.
+    line each. sheets: None: splats composite one by one.
     """
 
     look: Look
@@ -59,6 +71,7 @@ class Resolved:
     background: tuple[float, float, float] | None
     tolerance: float
     notes: tuple[str, ...] = ()
+    sheets: Sheets | None = None
 
     @property
     def kernel(self) -> Kernel:
@@ -80,10 +93,13 @@ class Resolved:
         z_k = fine.z_k(splats.grid.smallest_spacing)
         antialias, antialias_notes = _antialias(settings, z_k, depths[1])
         shading, shading_notes = _shading(splats, settings)
-        view = View.of(splats.grid, fine, kernel(settings.kernel), antialias)
+        view = View.of(splats.grid, fine, kernel(kernel_name(splats, settings)), antialias)
         widened = widening(splats, view)
+        sheets = _sheets(splats, settings, view.kernel, moving)
+        attenuation = _attenuation(settings, antialias or moving)
+        look = Look(BLENDS[settings.blend], attenuation, shading)
         return cls(
-            look=Look(BLENDS[settings.blend], _attenuation(settings, antialias or moving), shading),
+            look=replace(look, sheets=sheets.count, steps=sheets.steps) if sheets else look,
             samples=samples,
             averaged=settings.antialias in AVERAGED,
             camera=fine,
@@ -94,7 +110,36 @@ class Resolved:
             background=settings.background,
             tolerance=settings.tolerance,
             notes=samples_notes + antialias_notes + shading_notes,
+            sheets=sheets,
         )
+
+
+def kernel_name(splats: Splats, settings: Settings) -> str:
+    """The kernel that reconstructs; InputError if values were extracted for another."""
+    if splats.post is None:
+        return settings.kernel if settings.kernel != "auto" else PRE_KERNEL
+    if settings.kernel not in ("auto", splats.post.kernel):
+        raise expected("kernel", f"auto or {splats.post.kernel}", settings.kernel, "extract the volume for that kernel")
+    return splats.post.kernel
+
+
+def _sheets(splats: Splats, settings: Settings, shape: Kernel, moving: bool) -> Sheets | None:
+    """The sheets of a picture, None if splats composite one by one; InputError for what can't be classified so."""
+    post = splats.post is not None
+    if settings.classification not in ("auto", "post" if post else "pre"):
+        raise InputError(
+            f"classification {settings.classification}: the splats were extracted to be classified "
+            f"{'after' if post else 'before'} reconstruction; extract them with that classification"
+        )
+    if post and (moving or not BLENDS[settings.blend].ordered):
+        other = "motion blur" if moving else f"blend {settings.blend}"
+        raise InputError(f"{other} takes splats that are classified before reconstruction; extract them so")
+    if not post and (settings.compositing == "splats" or not BLENDS[settings.blend].ordered or moving):
+        return None
+    if settings.attenuation == "opacity":
+        raise expected("attenuation", "optical-depth or fill, which add up within sheets", "opacity")
+    count, steps = next((count, steps) for tolerance, count, steps in SHEETS if settings.tolerance >= tolerance)
+    return Sheets.of(shape, settings.sheets or count, (settings.steps or steps) if post else 0)
 
 
 def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:

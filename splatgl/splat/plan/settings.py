@@ -21,14 +21,18 @@ Shading = Literal["auto", "on", "off"]
 Motions = Literal["exact", "energy", "paper", "off"]
 Occlusion = Literal["auto", "off"]
 Order = Literal["auto", "back-to-front", "front-to-back"]
+Compositing = Literal["splats", "sheets"]
+Classification = Literal["auto", "pre", "post"]
 
 
 def choices() -> dict[str, tuple[str, ...]]:
     """Values of each enumerated setting, the default first, registered kernels last."""
     closed = {"antialias": Antialias, "align": Align, "attenuation": Attenuation, "footprint": Footprint}
     closed |= {"target": Target, "technique": Technique, "shading": Shading, "motion": Motions}
-    closed |= {"occlusion": Occlusion, "order": Order}
-    return {"blend": tuple(BLENDS), "kernel": tuple(KERNELS)} | {name: get_args(one) for name, one in closed.items()}
+    closed |= {"occlusion": Occlusion, "order": Order, "compositing": Compositing, "classification": Classification}
+    return {"blend": tuple(BLENDS), "kernel": ("auto", *KERNELS)} | {
+        name: get_args(one) for name, one in closed.items()
+    }
 
 
 # largest footprint table; beyond it the kernel is resolved to float32
@@ -37,13 +41,20 @@ MAX_TABLE_SIZE = 4096
 MAX_SAMPLES = 64
 # a shutter that never closes, in degrees
 FULL_SHUTTER = 360.0
+# sheets that share a splat, and most points between two
+LEAST_SHEETS, MOST_SHEETS, MOST_STEPS = 2, 4, 8
 
 
 @dataclass(frozen=True)
 class Settings:
     """Render settings by the paper's names, the default first.
 
-    blend composite | xray | mip. kernel crawfis-max | gaussian, or one that is registered.
+    blend composite | xray | mip. kernel auto (crawfis-max, or the one that values were extracted for) | crawfis-max |
+    gaussian | b-spline, or one that is registered.
+    classification auto (as splats were extracted) | pre (voxels are classified) | post (the reconstructed values are).
+    compositing splats (every splat in order) | sheets (splats add up within sheets of equal distance from the eye,
+    which composite; always if classified after). sheets: 2 to 4 that share a splat; steps: 1 to 8 points between two
+    sheets where values are classified; None: by the tolerance.
     antialias paper (stretched beyond z_k) | auto (as many samples a pixel as voxels and tolerance ask for) | off |
     supersample (samples × samples a pixel). align auto | exact | ray | grid | hybrid
     (ray-perpendicular up to depth z_s, grid-aligned beyond; z_s in world units, None: from `tolerance`).
@@ -61,7 +72,11 @@ class Settings:
     """
 
     blend: str = "composite"
-    kernel: str = "crawfis-max"
+    kernel: str = "auto"
+    classification: Classification = "auto"
+    compositing: Compositing = "splats"
+    sheets: int | None = None
+    steps: int | None = None
     antialias: Antialias = "paper"
     samples: int = 4
     align: Align = "auto"
@@ -85,6 +100,10 @@ class Settings:
             if getattr(self, name) not in allowed:
                 raise expected(name, " or ".join(allowed), repr(getattr(self, name)))
         _check_number("samples", self.samples, 1, MAX_SAMPLES)
+        if self.sheets is not None:
+            _check_number("sheets", self.sheets, LEAST_SHEETS, MOST_SHEETS)
+        if self.steps is not None:
+            _check_number("steps", self.steps, 1, MOST_STEPS)
         if self.table_size is not None:
             _check_number("table_size", self.table_size, 2, MAX_TABLE_SIZE)
         if self.table_bits not in (8, 16, 32):

@@ -18,15 +18,21 @@ RADIAL_BITS = 32
 
 @dataclass(frozen=True)
 class Asked:
-    """Settings, alignment and motion of a picture. tiles: whether the renderer prefers them; None: unsupported."""
+    """Settings, alignment and motion of a picture. tiles: whether the renderer prefers them; None: unsupported.
+
+    sheets: whether splats add up within sheets.
+    """
 
     settings: Settings
     align: str
     moving: bool
     tiles: bool | None
+    sheets: bool = False
 
 
 def _refuses_quads(asked: Asked) -> str | None:
+    if asked.sheets:
+        return "sheets"
     return "motion" if asked.moving else None
 
 
@@ -70,6 +76,10 @@ def technique(asked: Asked, notes: list[str]) -> str:
             raise expected(f"technique {wanted}", f"what {wanted} can draw", why, "use auto")
         return wanted
     why = _refuses_tiles(asked)
+    if asked.sheets:
+        if why:
+            raise expected("sheets", "what tiles can draw", why, "composite splats, classified before reconstruction")
+        return "tiles"
     if asked.tiles and why:
         notes.append(f"tiles left out: {why}; quads are drawn")
     return "tiles" if asked.tiles and not why else "quads"
@@ -81,8 +91,8 @@ def by_distance(align: str, settings: Settings) -> bool:
     return exact and settings.footprint != "table" and settings.table_bits == RADIAL_BITS
 
 
-def footprint(drawn: tuple[str, str], shape: Kernel, settings: Settings) -> str:
-    """The source of footprints. drawn: alignment and technique.
+def footprint(drawn: tuple[str, str], shape: Kernel, settings: Settings, means: bool = False) -> str:
+    """The source of footprints. drawn: alignment and technique. means: whether they weigh values.
 
     `auto`: the paper's table for its quads, the finer radial one where a table's error of 0.04 level matters, and
     polynomials for tiles, where lookups are slow, if accurate enough.
@@ -90,6 +100,8 @@ def footprint(drawn: tuple[str, str], shape: Kernel, settings: Settings) -> str:
     if not by_distance(drawn[0], settings):
         return "table"
     quick = drawn[1] == "tiles" and settings.table_size is None and settings.tolerance >= POLYNOMIAL_TOLERANCE
+    if quick and means:
+        return "single"
     return "polynomial" if quick and polynomials(shape.name) is not None else "radial"
 
 

@@ -1,0 +1,234 @@
+// Composites sheets tile by tile: each invocation adds its tile's list, which is in the order of first sheets, to the
+// open sheets of one column of pixels, and composites each sheet once the list has passed it.
+// Classified before (STEPS 0), a sheet holds extinction · colour and extinction; after, gradient and value by mass.
+// Twin of splatgl/truth/sheets.py.
+// switch CARRIED 0
+// switch SHADING 0
+#constant LANES       // invocations of a group
+#constant LEAST_MASS  // below which a sheet holds no value
+#constant ENTRIES     // of the classification table
+#constant TABLE_ROW   // entries along its rows
+layout(local_size_x = LANES) in;
+#include "tile_splat.glsl"
+#include "sheets.glsl"
+
+layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };  // tile, begin, end, whether it is complete then
+layout(std430, binding = 3) buffer Open { uint open[]; };              // tiles that have not terminated
+layout(std430, binding = 5) buffer Rings { float rings[]; };           // open sheets of tiles that continue
+layout(rgba32f, binding = 0) uniform image2D target;
+uniform sampler2D class_table;  // linear RGB, extinction per mean spacing
+uniform vec2 class_scale;       // a value's place between entries is x value + y
+uniform vec3 box_low;           // the volume's box from the eye, index axes
+uniform vec3 box_high;
+uniform float opaque;           // opacity at which a tile terminates
+
+// the open sheets of a pixel, nearest first, and their masses
+vec4 sum0[ROWS], sum1[ROWS], sum2[ROWS], sum3[ROWS];
+vec4 masses[ROWS];
+// of a pixel: the value and gradient on the sheet before, or 0; whether there is one
+vec4 before[ROWS];
+float known[ROWS];
+vec4 light[ROWS];
+// of a pixel's ray: its ends in the box, in sheets from the first; mean spacings per sheet; unit world direction
+vec2 ends[ROWS];
+float lengths[ROWS];
+vec3 toward[ROWS];
+
+void set_ray(int row) {
+    vec2 pixel = first + vec2(0.0, float(row));
+    vec3 ray = ray_at(pixel);
+    vec3 along = PERSPECTIVE == 1 ? ray : vec3(0.0, 0.0, 1.0);
+    vec3 start = PERSPECTIVE == 1 ? vec3(0.0) : index_from_eye() * vec3(ray.xy, 0.0);
+    vec3 direction = index_from_eye() * along;
+    float speed = length(direction);
+    direction /= speed;
+    // away from 0, where a ray is always or never inside
+    direction = mix(direction, vec3(1e-20), lessThan(abs(direction), vec3(1e-20)));
+    vec3 a = (box_low - start) / direction, b = (box_high - start) / direction;
+    vec3 low = min(a, b), high = max(a, b);
+    float near = max(low.x, max(low.y, low.z)), far = min(high.x, min(high.y, high.z));
+    // a parallel view begins at its eye's plane, too
+    near = max(near, 0.0);
+    float offset = PERSPECTIVE == 1 ? 0.0 : dot(start, sheet_direction);
+    ends[row] = (vec2(near, max(far, near)) + offset) / thickness - first_sheet;
+    lengths[row] = length(along) / speed * thickness;
+    mat3 eye_from_world = mat3(frame.eye_from_world[0].xyz, frame.eye_from_world[1].xyz, frame.eye_from_world[2].xyz);
+    toward[row] = normalize(along) * eye_from_world;
+}
+
+vec4 class_at(int entry) {
+    return texelFetch(class_table, ivec2(entry % TABLE_ROW, entry / TABLE_ROW), 0);
+}
+
+// Light that reaches the eye from `length_` mean spacings of matter of that gradient and value behind `light`.
+vec4 over(vec4 light, vec4 field, float length_, vec3 toward) {
+    float place = clamp(field.a * class_scale.x + class_scale.y, 0.0, float(ENTRIES - 1));
+    int entry = min(int(place), ENTRIES - 2);
+    vec4 matter = mix(class_at(entry), class_at(entry + 1), place - float(entry));
+    if (SHADING == 1) {
+        float size2 = dot(field.rgb, field.rgb);
+        float cosine = min(abs(dot(field.rgb, toward)) * inversesqrt(max(size2, 1e-37)), 1.0);
+        matter.rgb *= size2 > 0.0 ? style.ambient + style.diffuse * cosine : 1.0;
+    }
+    return light + (1.0 - light.a) * one_minus_exp(matter.a * length_) * vec4(matter.rgb, 1.0);
+}
+
+// Composites the nearest open sheet of a pixel, number `current`, and opens another.
+void close_sheet(int row, int current) {
+    if (STEPS == 0) {
+        vec4 sum = sum0[row];
+        float share = sum.a > 1e-30 ? one_minus_exp(sum.a) / sum.a : 1.0;
+        light[row] += (1.0 - light[row].a) * share * sum;
+    } else {
+        bool valid = masses[row].x >= LEAST_MASS;
+        vec4 mean = valid ? sum0[row] / masses[row].x : before[row];
+        vec4 start = known[row] > 0.0 ? before[row] : mean;
+        bool some = valid || known[row] > 0.0;
+        for (int i = 0; i < STEPS; i++) {
+            float low = float(current - 1) + float(i) / float(STEPS);
+            float length_ = min(ends[row].y, low + 1.0 / float(STEPS)) - max(ends[row].x, low);
+            length_ = some ? max(length_, 0.0) * lengths[row] : 0.0;
+            light[row] = over(light[row], mix(start, mean, (float(i) + 0.5) / float(STEPS)), length_, toward[row]);
+        }
+        before[row] = mean;
+        known[row] = valid ? 1.0 : 0.0;
+    }
+    sum0[row] = sum1[row];
+    sum1[row] = SHEETS > 2 ? sum2[row] : vec4(0.0);
+    sum2[row] = SHEETS > 3 ? sum3[row] : vec4(0.0);
+    sum3[row] = vec4(0.0);
+    masses[row] = vec4(masses[row].yzw, 0.0);
+}
+
+// A splat's share of a pixel, and what it adds to sheets times their weights.
+float valued(Joined it, Ray ray, int row) {
+    choose(it);
+    return share_at(it, ray, float(row)) * (STEPS == 0 ? it.splat.a : 1.0);
+}
+
+vec4 term_of(Joined it) {
+    return STEPS == 0 ? vec4(it.splat.rgb, 1.0) : it.splat;
+}
+
+// Four splats at once, as sums are stored under a mask, which takes longer than to add them up.
+void add_four(int row, Joined four[4], Ray ray, vec4 weights[4]) {
+    vec4 v = vec4(valued(four[0], ray, row), valued(four[1], ray, row), valued(four[2], ray, row),
+                  valued(four[3], ray, row));
+    mat4 shares = mat4(weights[0] * v.x, weights[1] * v.y, weights[2] * v.z, weights[3] * v.w);
+    mat4 terms = mat4(term_of(four[0]), term_of(four[1]), term_of(four[2]), term_of(four[3]));
+    mat4 by_sheet = transpose(shares);
+    sum0[row] += terms * by_sheet[0];
+    sum1[row] += terms * by_sheet[1];
+    if (SHEETS > 2) sum2[row] += terms * by_sheet[2];
+    if (SHEETS > 3) sum3[row] += terms * by_sheet[3];
+    if (STEPS > 0) masses[row] += shares * vec4(1.0);
+}
+
+// Floats kept of a pixel; the last are of the column.
+#define KEPT 25
+#define RING(number, row) rings[((tile * uint(KEPT + 1) + uint(number)) * ROWS + uint(row)) * LANES + gl_LocalInvocationID.x]
+void open_pixel(int row) {
+    sum0[row] = sum1[row] = sum2[row] = sum3[row] = masses[row] = vec4(0.0);
+    before[row] = vec4(0.0);
+    known[row] = 0.0;
+    light[row] = vec4(0.0);
+    if (STEPS > 0) set_ray(row);
+}
+
+#define RING4(number, row) vec4(RING(number, row), RING(number + 1, row), RING(number + 2, row), RING(number + 3, row))
+#define SET_RING4(number, row, value) { vec4 v = value; RING(number, row) = v.x; RING(number + 1, row) = v.y; \
+    RING(number + 2, row) = v.z; RING(number + 3, row) = v.w; }
+
+void read_ring(uint tile, int row) {
+    sum0[row] = RING4(0, row);
+    sum1[row] = RING4(4, row);
+    if (SHEETS > 2) sum2[row] = RING4(8, row);
+    if (SHEETS > 3) sum3[row] = RING4(12, row);
+    masses[row] = RING4(16, row);
+    before[row] = RING4(20, row);
+    known[row] = RING(24, row);
+}
+
+void write_ring(uint tile, int row) {
+    SET_RING4(0, row, sum0[row])
+    SET_RING4(4, row, sum1[row])
+    if (SHEETS > 2) SET_RING4(8, row, sum2[row])
+    if (SHEETS > 3) SET_RING4(12, row, sum3[row])
+    SET_RING4(16, row, masses[row])
+    SET_RING4(20, row, before[row])
+    RING(24, row) = known[row];
+}
+
+// The first sheet of a list's entry.
+int next_base(uint at, uint end) {
+    uint n = texelFetch(list, listed_at(min(at, end - 1u)), 0).r;
+    return sheet_base(uintBitsToFloat(texelFetch(matters, texel_of(n), 0).w));
+}
+
+#define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)
+#define AT(row) (corner + ivec2(0, row))
+#define BEGIN(row) ray[row] = ray_of(first + vec2(0.0, row)); open_pixel(row);
+#define RESUME(row) light[row] = imageLoad(target, AT(row)); read_ring(tile, row);
+#define ADD(row) add_four(row, four, ray[row], weights);
+#define CLOSE(row) close_sheet(row, current);
+#define KEEP(row) write_ring(tile, row);
+#define END(row) imageStore(target, AT(row), light[row]);
+
+void main() {
+    uvec4 mine = lists[gl_WorkGroupID.x];
+    uint tile = mine.x, at = mine.y, end = mine.z;
+    ivec2 corner = ivec2(tile % uint(tiles.x), tile / uint(tiles.x)) * ivec2(COLUMNS, ROWS);
+    corner += origin + ivec2(gl_LocalInvocationID.x, 0);
+    first = vec2(corner) + 0.5;
+    Ray ray[ROWS];
+    EACH(BEGIN)
+    coverage = table_quad(vec3(0.0)).coverage;
+    // the nearest open sheet, and how many sheets from it on may hold something
+    int current = 0, holding = 0;
+    if (CARRIED == 1) {
+        EACH(RESUME)
+        current = int(RING(KEPT, 0));
+        holding = int(RING(KEPT, 1));
+    }
+    float least = 0.0;
+    vec2 scale = 1.0 / vec2(textureSize(list, 0));
+    int next = next_base(at, end);
+    while (at < end || (mine.w == 1u && holding > 0)) {
+        if (holding <= 0) current = max(next, current);
+        while (at < end && next <= current) {
+            uvec4 names = textureGather(list, (vec2(listed_at(at & ~3u)) + 1.0) * scale);
+            // the gather's corners in the list's order
+            Joined four[4] = Joined[4](read_splat(names.w), read_splat(names.z), read_splat(names.x), read_splat(names.y));
+            vec4 weights[4];
+            uint passed = at;
+            for (uint i = 0u; i < 4u; i++) {
+                uint n = (at & ~3u) + i;
+                bool now = n >= at && n < end && sheet_base(four[i].last) <= current;
+                weights[i] = now ? sheet_weights(four[i].last - float(current)) : vec4(0.0);
+                passed += uint(now);
+            }
+            at = passed;
+            EACH(ADD)
+            next = next_base(at, end);
+            // a sheet more than it reaches ends the last segment
+            holding = SHEETS + 1;
+        }
+        // a list that continues may hold more of this sheet
+        if (at >= end && mine.w == 0u) break;
+        EACH(CLOSE)
+        current++;
+        holding--;
+        least = min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
+                    min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
+        if (least > opaque) break;
+    }
+    EACH(END)
+    if (least <= opaque) {
+        open[tile] = 1u;
+        if (mine.w == 0u) {
+            EACH(KEEP)
+            RING(KEPT, 0) = float(current);
+            RING(KEPT, 1) = float(holding);
+        }
+    }
+}

@@ -1,0 +1,35 @@
+// Sorts splats by their first sheet: counts those of each run by sheet, or writes their numbers in order. Splats beyond
+// the picture's edges come last. Each invocation processes one run of splats.
+// switch COUNTING 0
+#constant LANES  // invocations of a group
+layout(local_size_x = LANES) in;
+#define VARYING
+#define FLAT
+#include "projection.glsl"
+#include "sheets.glsl"
+#include "tiles.glsl"
+
+layout(std430, binding = 0) buffer Cursors { uint cursors[]; };  // per run and sheet: the count, or the next position
+layout(r32ui, binding = 0) writeonly uniform uimage2D order;
+uniform usampler2D records;
+
+uniform uint count;
+uniform uint length_;  // of a run
+uniform uint number;   // of sheets; the next slot is of splats beyond the edges
+
+void main() {
+    uint run = gl_GlobalInvocationID.x;
+    uint column = run * (number + 1u);
+    uint n = run * length_;
+    uint end = min(n + length_, count);
+    for (; n < end; n++) {
+        vec3 position = uintBitsToFloat(texelFetch(records, texel_of(n) * ivec2(2, 1), 0).xyz);
+        vec3 v = eye_from_index() * (position - frame.base.xyz) - frame.eye_from_base.xyz;
+        bool drawn = reached(v) && v.z > -frame.depth_reach;
+        uint sheet = uint(clamp(sheet_base(sheet_place(position)), 0, int(number) - 1));
+        uint slot = column + (drawn ? sheet : number);
+        uint place = cursors[slot];
+        if (COUNTING == 0) imageStore(order, texel_of(place), uvec4(n));
+        cursors[slot] = place + 1u;
+    }
+}

@@ -1,0 +1,34 @@
+// Sheets of equal distance from the eye in index space; twin of splatgl/splat/sheets/sheets.py.
+// switch SHEETS 0
+// switch STEPS 0
+#include "ellipse.glsl"
+
+uniform vec3 sheet_eye;        // the eye from frame.base, index axes
+uniform vec3 sheet_direction;  // parallel views: unit vector along the rays, index axes
+uniform float thickness;       // of a sheet, index units
+uniform float first_sheet;     // sheets are counted from this one
+
+// Distance over thickness, in sheets from the first, of a splat at a grid position.
+float sheet_place(vec3 position) {
+    vec3 i = position - frame.base.xyz - sheet_eye;
+    return (PERSPECTIVE == 1 ? length(i) : dot(i, sheet_direction)) / thickness - first_sheet;
+}
+
+// The first of the sheets that share a splat.
+int sheet_base(float place) {
+    return int(floor(place + (SHEETS == 3 ? 0.5 : 0.0))) - (SHEETS - 1) / 2;
+}
+
+// Shares of the sheets base, base + 1, …: a B-spline; t = place − base.
+vec4 sheet_weights(float t) {
+    if (SHEETS == 2) {
+        float f = clamp(t, 0.0, 1.0);
+        return vec4(1.0 - f, f, 0.0, 0.0);
+    }
+    if (SHEETS == 3) {
+        float g = clamp(t - 1.0, -0.5, 0.5);
+        return vec4(0.5 * (0.5 - g) * (0.5 - g), 0.75 - g * g, 0.5 * (0.5 + g) * (0.5 + g), 0.0);
+    }
+    float g = clamp(t - 1.0, 0.0, 1.0), q = 1.0 - g;
+    return vec4(q * q * q / 6.0, 2.0 / 3.0 - g * g * (1.0 - g / 2.0), 2.0 / 3.0 - q * q * (1.0 - q / 2.0), g * g * g / 6.0);
+}

@@ -1,0 +1,94 @@
+"""Sorts splats by their first sheet on the GPU, anew for every picture: by counting, run by run."""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+
+from splatgl.gl.buffers import Texels
+from splatgl.gl.constants import ABREAST, LANES
+from splatgl.gl.program import Programs
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.plan.plan import Plan
+from splatgl.splat.sheets.sheets import index_direction
+
+# most splats of a run: llvmpipe ends a loop after 65535 iterations; and the least runs, for all cores and lanes
+MOST_RUN, LEAST_RUNS = 60_000, 64
+# texture unit of the records, buffer binding of the cursors, and image unit of the order
+RECORDS_UNIT, CURSORS, IMAGE = 5, 0, 0
+
+Uniforms = dict[str, object]
+
+
+def sheet_uniforms(splats: Splats, plan: Plan, base: np.ndarray) -> Uniforms:
+    """Uniforms of sheets.glsl. base [3]: frame.base."""
+    sheets, view = plan.resolved.sheets, plan.view
+    assert sheets is not None
+    return {
+        "sheet_eye": tuple(view.eye_index - base),
+        "sheet_direction": tuple(index_direction(view)),
+        "thickness": sheets.thickness,
+        "first_sheet": float(sheets.range(splats, view)[0]),
+    }
+
+
+class SheetOrder:
+    """Reuses its buffer and texture between pictures; they grow on demand."""
+
+    def __init__(self, ctx: moderngl.Context, programs: Programs) -> None:
+        self.ctx, self.programs = ctx, programs
+        self.cursors: moderngl.Buffer | None = None
+        self.order: moderngl.Texture | None = None
+
+    def release(self) -> None:
+        """Frees the buffer and the texture; they are recreated on demand."""
+        for part in (self.cursors, self.order):
+            if part is not None:
+                part.release()
+        self.cursors, self.order = None, None
+
+    def sorted(self, splats: Splats, plan: Plan, texels: Texels, uniforms: Uniforms) -> tuple[Texels, int]:
+        """The same records with their order by first sheet, and how many of them may be visible."""
+        assert plan.resolved.sheets is not None
+        first, last = plan.resolved.sheets.range(splats, plan.view)
+        number, count = last - first + 1, len(splats)
+        runs = max(LEAST_RUNS, -(-count // (MOST_RUN * LANES)) * LANES)
+        size = runs * (number + 1) * 4
+        cursors = self._cursors(size)
+        cursors.clear(size)
+        texels.records.use(RECORDS_UNIT)
+        self._run(plan, True, {**uniforms, "count": count, "number": number}, runs)
+        found = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, number + 1)
+        # sheet by sheet, within a sheet run by run
+        until = np.cumsum(found.T, dtype=np.uint32).reshape(number + 1, runs)
+        cursors.write(np.ascontiguousarray((until - found.T).T))
+        order = self._order(count)
+        order.bind_to_image(IMAGE, read=False, write=True)
+        self._run(plan, False, {**uniforms, "count": count, "number": number}, runs)
+        return Texels(texels.records, texels.rest, order), int(until[-1, 0]) - int(found[0, -1])
+
+    def _run(self, plan: Plan, counting: bool, uniforms: Uniforms, runs: int) -> None:
+        program = self.programs.for_tiles("sheet_sort.comp", plan.program, {"COUNTING": counting})
+        values = {**uniforms, "records": RECORDS_UNIT, "length_": -(-int(str(uniforms["count"])) // runs)}
+        for name, value in values.items():
+            if name in program:
+                program[name] = value
+        program.run(runs // LANES)
+        self.ctx.memory_barrier()
+
+    def _cursors(self, size: int) -> moderngl.Buffer:
+        if self.cursors is None or self.cursors.size < size:
+            if self.cursors is not None:
+                self.cursors.release()
+            self.cursors = self.ctx.buffer(reserve=size)
+        self.cursors.bind_to_storage_buffer(CURSORS)
+        return self.cursors
+
+    def _order(self, count: int) -> moderngl.Texture:
+        height = -(-max(count, 1) // ABREAST)
+        if self.order is None or self.order.height < height:
+            if self.order is not None:
+                self.order.release()
+            self.order = self.ctx.texture((ABREAST, height), 1, dtype="u4")
+            self.order.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        return self.order

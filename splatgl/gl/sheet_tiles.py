@@ -1,0 +1,124 @@
+"""Sheets drawn in tiles: splats sorted by first sheet, added up per sheet and pixel, and composited sheet by sheet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import moderngl
+import numpy as np
+
+from splatgl.gl.buffers import SplatBuffers, Texels
+from splatgl.gl.constants import LANES
+from splatgl.gl.draw_order import DrawOrder, Range
+from splatgl.gl.portions import Portions
+from splatgl.gl.program import Programs
+from splatgl.gl.sheet_order import SheetOrder, sheet_uniforms
+from splatgl.gl.tables import HALF_LINE_UNIT, Tables
+from splatgl.gl.target import Target
+from splatgl.gl.tiles import LIST_UNIT, LISTS, OPEN, Tiles, bands_of, set_uniforms
+from splatgl.gl.uniforms import base_of
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.plan.plan import Plan
+from splatgl.splat.plan.tiling import ROWS
+
+# texture unit of the classification table, and buffer binding of open sheets
+CLASS_UNIT, RINGS = 15, 5
+# floats of a pixel's open sheets: KEPT of sheet_draw.comp, and one more
+RING = 26
+# most list entries of a tile per dispatch: with the sheets that follow each other, loop iterations stay below 65535
+MOST_ENTRIES = 30_000
+# most pixels per band: open sheets of pictures drawn in several passes take 4 RING bytes a pixel
+MOST_PIXELS = 2**20
+
+
+class SheetTiles(Tiles):
+    """Reuses buffers and textures between pictures, as Tiles does."""
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        programs: Programs,
+        splats: SplatBuffers,
+        whole: Callable[[moderngl.Program], None],
+        tables: Tables,
+    ) -> None:
+        super().__init__(ctx, programs, splats, whole)
+        self.tables, self.order = tables, SheetOrder(ctx, programs)
+        self.uniforms: dict[str, object] = {}
+        # splats of the picture; whether those being drawn are its last; tiles whose open sheets are kept
+        self.count, self.last = 0, False
+        self.kept: np.ndarray | None = None
+
+    def release(self) -> None:
+        """Frees all buffers and textures; they are recreated on demand."""
+        super().release()
+        self.order.release()
+
+    def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
+        """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: is not used."""
+        texels = self.splats.of(splats).texels(plan.program.look.attenuation == "fill", DrawOrder(None, True))
+        self.uniforms = sheet_uniforms(splats, plan, base_of(splats, plan.view.eye_index))
+        texels, self.count = self.order.sorted(splats, plan, texels, self.uniforms)
+        if splats.post is not None:
+            self.tables.classification(splats).use(CLASS_UNIT)
+            self.uniforms |= {
+                "class_table": CLASS_UNIT,
+                "class_scale": splats.post.scale,
+                "box_low": tuple(-0.5 - plan.view.eye_index),
+                "box_high": tuple(np.array(splats.post.shape) - 0.5 - plan.view.eye_index),
+            }
+        for window in bands_of(plan.window, MOST_PIXELS):
+            self.kept = None
+            band = self.begin(window)
+            self.gather(target, plan, texels, (0, self.count), band, ask=portions.ask)
+
+    def _draw(self, target: Target, plan: Plan, texels: Texels, which: Range) -> None:
+        self.last = which[1] == self.count
+        super()._draw(target, plan, texels, which)
+        if self.last and self.kept is not None and self.kept.any():
+            tile = np.flatnonzero(self.kept)
+            lists = np.stack([tile, *np.zeros((3, len(tile)), np.int64)], axis=1).astype(np.uint32)
+            self._add_up(target, plan, lists, True)
+
+    def _add_up(self, target: Target, plan: Plan, lists: np.ndarray, carried: bool) -> None:
+        assert self.list is not None
+        self.list.use(LIST_UNIT)
+        self.bind_target(target)
+        while len(lists):
+            now = lists.copy()
+            now[:, 2] = np.minimum(lists[:, 2], lists[:, 1] + MOST_ENTRIES)
+            now[:, 3] = self.last & (now[:, 2] == lists[:, 2])
+            if not now[:, 3].all() and self.kept is None:
+                self._keep()
+            # open sheets of tiles that none were kept of are empty
+            carried = carried and self.kept is not None
+            program = self._program("sheet_draw.comp", plan, {"CARRIED": carried})
+            set_uniforms(program, half_table=HALF_LINE_UNIT, list=LIST_UNIT, opaque=1.0 - plan.hiding.cutoff)
+            self._buffer(LISTS, now.nbytes).write(now)
+            still = self._buffer(OPEN, self.band.closed.size * 4)
+            still.clear()
+            program.run(len(now))
+            self.ctx.memory_barrier()
+            open_ = np.frombuffer(still.read(self.band.closed.size * 4), np.uint32)[now[:, 0]] > 0
+            self.band.closed[now[~open_, 0]] = True
+            if self.kept is not None:
+                self.kept[now[:, 0]] = open_ & (now[:, 3] == 0)
+            lists[:, 1] = now[:, 2]
+            lists, carried = lists[(now[:, 3] == 0) & open_ & (lists[:, 1] < lists[:, 2])], True
+
+    def _keep(self) -> None:
+        """Room for the open sheets of all tiles, empty at first."""
+        tiles = self.band.closed.size
+        size = tiles * RING * ROWS * LANES * 4
+        self._buffer(RINGS, size).clear(size)
+        self.kept = np.zeros(tiles, bool)
+
+    def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
+        program = super()._program(name, plan, switches)
+        set_uniforms(program, **self.uniforms)
+        return program
+
+    def _placing(self, plan: Plan, switches: dict[str, bool]) -> moderngl.Program:
+        program = super()._placing(plan, switches)
+        set_uniforms(program, **self.uniforms)
+        return program

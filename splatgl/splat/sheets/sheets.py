@@ -1,0 +1,108 @@
+"""`Sheets`: their thickness, and the weights with which a splat is spread over neighbouring ones.
+
+Sheets are spheres around the eye, planes in parallel views, of equal distance in index space, where a kernel is a
+sphere: on every ray a voxel at distance e is passed at √(e² − D²), whatever the grid. A splat belongs to `count`
+sheets by the weights of a B-spline of degree count − 1, which add up to 1.  [Mueller & Crawfis 1998]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.kernel.kernels import Kernel, depth_deviation
+from splatgl.splat.view.view import View
+
+# share of a constant field's sums below which a sheet holds no value on a ray
+LEAST_MASS = 0.002
+# most sheets of a picture; beyond, splats are composited one by one
+MOST_SHEETS = 2**15
+
+
+@dataclass(frozen=True)
+class Sheets:
+    """count: sheets that share a splat, 2 to 4. thickness: index units.
+
+    steps: points between two sheets at which values are classified; 0: splats are classified before.
+    """
+
+    count: int
+    thickness: float
+    steps: int
+
+    @classmethod
+    def of(cls, kernel: Kernel, count: int, steps: int) -> Sheets:
+        """The sheets whose spread of a splat in depth has the kernel's own deviation.
+
+        Boxes of B-spline weights, of variance h² (n + 2)/12; or points, with linear interpolation between, of variance
+        h² (n + 1)/12 + h²/6.
+        """
+        degree = count - 1
+        variance = (degree + 2) / 12 if steps == 0 else (degree + 1) / 12 + 1 / 6
+        return cls(count, depth_deviation(kernel) / float(np.sqrt(variance)), steps)
+
+    def explain(self) -> str:
+        """A description, one line."""
+        how = (
+            f"classified after reconstruction, at {self.steps} points between two"
+            if self.steps
+            else "classified before"
+        )
+        return f"sheets {self.thickness:.3g} voxels thick, {self.count} share a splat, {how}"
+
+    def base(self, place: np.ndarray) -> np.ndarray:
+        """The first sheet of each splat, int64 [N]; place [N]: distance over thickness."""
+        shift = 0.5 if self.count % 2 else 0.0
+        return np.floor(np.asarray(place, np.float64) + shift).astype(np.int64) - (self.count - 1) // 2
+
+    def weights(self, place: np.ndarray, base: np.ndarray) -> np.ndarray:
+        """[count, N] weights of the sheets base, base + 1, …, of splats at `place` [N]."""
+        return WEIGHTS[self.count](np.asarray(place, np.float64) - base)
+
+    def places(self, view: View, positions: np.ndarray) -> np.ndarray:
+        """Distances from the eye over thickness, float64 [N], of splats at grid positions [N, 3]."""
+        i = np.asarray(positions, np.float64) - view.eye_index
+        if view.perspective:
+            return np.linalg.norm(i, axis=-1) / self.thickness
+        return i @ index_direction(view) / self.thickness
+
+    def range(self, splats: Splats, view: View) -> tuple[int, int]:
+        """Least and largest base of all splats, from the box around them."""
+        corners = splats.corners_in_grid()
+        places = self.places(view, corners)
+        if view.perspective:
+            low, high = splats.index_bounds
+            nearest = np.clip(view.eye_index, low, high)
+            places = np.append(places, self.places(view, nearest[None]))
+        # a float32's rounding may move a splat into the next
+        first, last = self.base(np.array([places.min(), places.max()]))
+        return int(first) - 1, int(last) + 1
+
+
+def index_direction(view: View) -> np.ndarray:
+    """[3]: unit vector along a parallel view's rays, index axes."""
+    along = view.index_from_eye[:, 2]
+    return np.asarray(along / np.linalg.norm(along))
+
+
+def _linear(t: np.ndarray) -> np.ndarray:
+    f = np.clip(t, 0.0, 1.0)
+    return np.stack([1 - f, f])
+
+
+def _quadratic(t: np.ndarray) -> np.ndarray:
+    g = np.clip(t - 1, -0.5, 0.5)
+    return np.stack([0.5 * (0.5 - g) ** 2, 0.75 - g * g, 0.5 * (0.5 + g) ** 2])
+
+
+def _cubic(t: np.ndarray) -> np.ndarray:
+    g = np.clip(t - 1, 0.0, 1.0)
+    q = 1 - g
+    return np.stack([q**3 / 6, 2 / 3 - g * g * (1 - g / 2), 2 / 3 - q * q * (1 - q / 2), g**3 / 6])
+
+
+# B-splines by their number of pieces, over the place relative to the base
+WEIGHTS: dict[int, Callable[[np.ndarray], np.ndarray]] = {2: _linear, 3: _quadratic, 4: _cubic}

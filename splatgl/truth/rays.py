@@ -1,0 +1,55 @@
+"""Rays of pixels in index space, clipped to a volume's box."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.view import View
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Of pixels [P]. start, direction [3, P]: grid indices; unit vectors of index space.
+
+    near, far [P]: distances from the start between which a ray is in the box, equal if nowhere. stretch [P]: mean
+    spacings per index unit along the ray. toward [P, 3]: unit vectors along it in world axes.
+    """
+
+    start: np.ndarray
+    direction: np.ndarray
+    near: np.ndarray
+    far: np.ndarray
+    stretch: np.ndarray
+    toward: np.ndarray
+
+    @classmethod
+    def of(cls, view: View, camera: Camera, shape: tuple[int, int, int], pixel: np.ndarray) -> Rays:
+        """Rays of `camera`'s pixels; the box holds the cells of `shape` voxels along x, y, z."""
+        row, column = np.divmod(pixel, camera.size[0])
+        across = (column + 0.5 - camera.size[0] / 2) * view.pitch
+        down = (row + 0.5 - camera.size[1] / 2) * view.pitch
+        zero, one = np.zeros(len(pixel)), np.ones(len(pixel))
+        if view.perspective:
+            start, along = np.zeros((3, len(pixel))), np.stack([across, down, one])
+        else:
+            start, along = np.stack([across, down, zero]), np.stack([zero, zero, one])
+        start, direction = view.index_from_eye @ start + view.eye_index[:, None], view.index_from_eye @ along
+        speed = np.linalg.norm(direction, axis=0)
+        direction = direction / speed
+        low, high = np.full((3, 1), -0.5), np.array(shape)[:, None] - 0.5
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.stack([(low - start) / direction, (high - start) / direction])
+        # along an axis without motion, a ray is always or never inside
+        still, inside = direction == 0, (start >= low) & (start <= high)
+        near = np.where(still, np.where(inside, -np.inf, np.inf), ends.min(axis=0)).max(axis=0)
+        far = np.where(still, np.where(inside, np.inf, -np.inf), ends.max(axis=0)).min(axis=0)
+        # a parallel view begins at its eye's plane, too
+        near = np.maximum(near, 0.0)
+        hit = far > near
+        toward = (camera.eye_from_world.T @ along).T
+        toward = toward / np.linalg.norm(toward, axis=1, keepdims=True)
+        stretch = np.linalg.norm(along, axis=0) / speed
+        return cls(start, direction, np.where(hit, near, 0.0), np.where(hit, far, 0.0), stretch, toward)

@@ -1,0 +1,146 @@
+"""Sheets in float64: the twin of `shaders/sheet_draw.comp`, with exact footprints and transfer functions.
+
+Classified before: extinction and extinction · colour add up within a sheet. Classified after: values and gradients
+are means within a sheet, linear between two sheets, and classified at points between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatgl.splat.classification.post import PostClassified
+from splatgl.splat.classification.shading import AMBIENT, DIFFUSE, head_light
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.kernel.tabulated import tabulated
+from splatgl.splat.plan.resolve import Resolved
+from splatgl.splat.sheets.sheets import LEAST_MASS, Sheets, index_direction
+from splatgl.splat.view.view import View
+from splatgl.truth.extent import Boxes, pixel_boxes
+from splatgl.truth.pairs import Row, Values, values
+from splatgl.truth.rays import Rays
+
+# floats of the sums of a band of pixels
+MOST_SUMS = 2**24
+
+
+class SheetScene:
+    """Data shared by all bands: positions, sheets and what each splat adds to them."""
+
+    def __init__(self, splats: Splats, resolved: Resolved, depth: np.ndarray | None, row: str = "row1") -> None:
+        """depth [N]: attenuated optical depths of splats classified before; None: classified after."""
+        assert resolved.sheets is not None
+        self.resolved, self.sheets, self.camera = resolved, resolved.sheets, resolved.camera
+        view = self.view = replace(resolved.view, kernel=tabulated(resolved.kernel.name))
+        voxel = view.voxels(splats.records["position"])
+        self.row = Row.of(view, row, voxel, splats.grid)
+        self.boxes: Boxes = pixel_boxes(view, self.row.name, voxel, self.camera)
+        place = self.sheets.places(view, splats.records["position"])
+        self.base = self.sheets.base(place)
+        self.weights = self.sheets.weights(place, self.base)
+        self.first = int(self.base.min()) if len(splats) else 0
+        self.many = int(self.base.max()) + self.sheets.count - self.first if len(splats) else 1
+        self.field = None
+        if depth is not None:
+            color = splats.records["color"].astype(np.float64)
+            if resolved.look.shading:
+                color *= head_light(splats, self.camera, voxel)[:, None]
+            self.terms = depth[:, None] * np.concatenate([color, np.ones((len(splats), 1))], axis=1)
+        else:
+            self.field = _Field.of(splats, resolved, view)
+            value = splats.records["value"].astype(np.float64)
+            self.terms = np.column_stack([np.ones(len(splats)), value, splats.records["gradient"].astype(np.float64)])
+
+    def band_height(self) -> int:
+        """Rows of pixels whose sums fit into MOST_SUMS."""
+        return max(MOST_SUMS // (max(self.many, 1) * self.terms.shape[1] * self.camera.size[0]), 1)
+
+    def band(self, band: tuple[int, int]) -> np.ndarray:
+        """float64 [rows, width, 4]."""
+        width = self.camera.size[0]
+        pixels = (band[1] - band[0]) * width
+        sums = np.zeros((pixels * self.many, self.terms.shape[1]))
+        for found in values(self.row, self.boxes, np.arange(len(self.base)), band, self.camera):
+            self._add(sums, found)
+        sums = sums.reshape(pixels, self.many, -1)
+        if self.field is None:
+            return composited(sums).reshape(-1, width, 4)
+        rays = Rays.of(self.view, self.camera, self.field.post.shape, np.arange(band[0] * width, band[1] * width))
+        return self.field.composited(sums, rays, self.first, self.sheets).reshape(-1, width, 4)
+
+    def _add(self, sums: np.ndarray, found: Values) -> None:
+        value, splat = found.integral.value, found.splat
+        if self.field is not None:
+            value = value / found.integral.peak
+        for j, weight in enumerate(self.weights):
+            entry = found.pixel * self.many + self.base[splat] + j - self.first
+            term = (weight[splat] * value)[:, None] * self.terms[splat]
+            for k in range(sums.shape[1]):
+                sums[:, k] += np.bincount(entry, term[:, k], len(sums))
+
+
+def composited(sums: np.ndarray) -> np.ndarray:
+    """[P, 4]: sums [P, sheets, 4] of emission and optical depth, nearest first, mixed within each sheet."""
+    depth = sums[..., 3]
+    before = np.cumsum(depth, axis=1) - depth
+    share = np.where(depth > 0, -np.expm1(-depth) / np.where(depth > 0, depth, 1.0), 1.0)
+    color = (sums[..., :3] * (share * np.exp(-before))[..., None]).sum(axis=1)
+    return np.concatenate([color, -np.expm1(-depth.sum(axis=1))[:, None]], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Field:
+    """Classification of reconstructed values."""
+
+    post: PostClassified
+    view: View
+    shading: bool
+    spacing: float
+    unit: float
+
+    @classmethod
+    def of(cls, splats: Splats, resolved: Resolved, view: View) -> _Field:
+        assert splats.post is not None
+        return cls(splats.post, view, resolved.look.shading, splats.grid.mean_spacing, splats.unit)
+
+    def composited(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
+        """[P, 4]: sums [P, sheets, 5] of mass, value and gradient, from sheet `first` on."""
+        pixels = len(sums)
+        light = np.zeros((pixels, 4))
+        before = np.zeros((pixels, 4))
+        known = np.zeros(pixels, bool)
+        # the rays' ends in sheets; distances in parallel views are from the plane through the eye
+        thick, offset = sheets.thickness, 0.0
+        if not self.view.perspective:
+            offset = index_direction(self.view) @ (rays.start - self.view.eye_index[:, None])
+        near, far, stretch = (rays.near + offset) / thick, (rays.far + offset) / thick, rays.stretch * thick
+        padded = np.concatenate([sums, np.zeros((pixels, 1, 5))], axis=1)
+        for n in range(padded.shape[1]):
+            mass = padded[:, n, 0]
+            valid = mass >= LEAST_MASS
+            mean = padded[:, n, 1:] / np.where(valid, mass, 1.0)[:, None]
+            mean = np.where(valid[:, None], mean, before)
+            start = np.where(known[:, None], before, mean)
+            some = np.flatnonzero(valid | known)
+            for i in range(sheets.steps):
+                part, place = (i + 0.5) / sheets.steps, first + n - 1 + i / sheets.steps
+                low = np.maximum(near, place)
+                high = np.minimum(far, place + 1 / sheets.steps)
+                length = np.maximum(high - low, 0.0) * stretch
+                mixed = start[some] * (1 - part) + mean[some] * part
+                light[some] = self._over(light[some], mixed, length[some], rays.toward[some])
+            before, known = np.where(valid[:, None], mean, 0.0), valid
+        return light
+
+    def _over(self, light: np.ndarray, field: np.ndarray, length: np.ndarray, toward: np.ndarray) -> np.ndarray:
+        """Light [P, 4] over matter of that value and gradient [P, 4], `length` mean spacings deep."""
+        value, transfer = self.post.value(field[:, 0]), self.post.transfer
+        depth = transfer.extinction(transfer.opacity(value), self.unit) * self.spacing * length
+        color = transfer.color(value)
+        if self.shading:
+            size = np.linalg.norm(field[:, 1:], axis=1)
+            cosine = np.abs((field[:, 1:] * toward).sum(axis=1)) / np.where(size > 0, size, 1.0)
+            color = color * np.where(size > 0, AMBIENT + DIFFUSE * np.minimum(cosine, 1.0), 1.0)[:, None]
+        opacity = -np.expm1(-depth) * (1 - light[:, 3])
+        return light + opacity[:, None] * np.concatenate([color, np.ones((len(color), 1))], axis=1)
