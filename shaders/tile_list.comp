@@ -18,33 +18,50 @@ uniform uint length_;  // of a run
 uniform uint unread;   // an entry of the list beyond all tiles' entries
 uniform uint budget;   // loop iterations per dispatch; the next dispatch continues
 
+// A splat, the tile it has come to, and the tiles it touches: rows, and those along the current one.
+struct Placed {
+    vec2 center;
+    Extent extent;
+    ivec2 tile;
+    ivec2 rows;
+    ivec2 span;
+};
+
+Placed placed(uint n) {
+    vec4 it = uintBitsToFloat(texelFetch(bounds, texel_of(n), 0));
+    Extent extent = unpacked_extent(it.zw);
+    ivec2 rows = rows_of(it.y, extent.height);
+    ivec2 span = span_of(it.xy, extent, rows.x);
+    return Placed(it.xy, extent, ivec2(span.x, rows.x), rows, span);
+}
+
 void main() {
     uint run = gl_GlobalInvocationID.x;
     uint nobody = uint(tiles.x * tiles.y);
     uint column = run * (nobody + 1u);
     uint n = run * length_ + done[run];
     uint end = min((run + 1u) * length_, count);
-    vec4 it = uintBitsToFloat(texelFetch(bounds, texel_of(n), 0));
-    ivec4 around = tiles_around(it.xy, it.z);
-    ivec2 tile = around.xy;
+    Placed it = placed(n);
     // one loop over splats and their tiles: SIMD lanes do not wait for another lane's large splat
-    for (uint round = 0u; n < end && (round < budget || tile != around.xy); round++) {
-        bool within = all(lessThanEqual(tile, around.zw));
-        bool touched = within && touches(tile, it.xy, it.w);
+    for (uint round = 0u; n < end && (round < budget || it.tile != ivec2(it.span.x, it.rows.x)); round++) {
+        bool touched = it.tile.x <= it.span.y && it.tile.y <= it.rows.y;
         // non-touching splats write to a dummy slot, which avoids divergence
-        uint slot = column + (touched ? uint(tile.y * tiles.x + tile.x) : nobody);
+        uint slot = column + (touched ? uint(it.tile.y * tiles.x + it.tile.x) : nobody);
         uint place = cursors[slot];
         if (COUNTING == 0) {
             imageStore(list, listed_at(min(place, unread)), uvec4(n));
             touched = touched && place != NOWHERE;
         }
         cursors[slot] = place + uint(touched);
-        tile = tile.x < around.z ? tile + ivec2(1, 0) : ivec2(around.x, tile.y + 1);
-        if (!within || tile.y > around.w) {
+        it.tile.x++;
+        if (it.tile.x > it.span.y) {
+            it.tile.y++;
+            it.span = span_of(it.center, it.extent, it.tile.y);
+            it.tile.x = it.span.x;
+        }
+        if (it.tile.y > it.rows.y) {
             n++;
-            it = uintBitsToFloat(texelFetch(bounds, texel_of(n), 0));
-            around = tiles_around(it.xy, it.z);
-            tile = around.xy;
+            it = placed(n);
         }
     }
     done[run] = n - run * length_;

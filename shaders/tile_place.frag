@@ -59,7 +59,11 @@ void main() {
     bool around = ALIGN == ALIGN_EXACT && v.z <= AROUND_EYE * frame.depth_reach;
     float half_side = drawn && !around ? it.half_side : UNSEEN;
     vec3 triangle = triangle_of(it.to_local);
-    bounds = floatBitsToUint(vec4(it.center, half_side, circle_around(triangle, half_side)));
+    Extent extent = extent_of(triangle, half_side);
+    vec2 words = packed_extent(extent);
+    // where it is wider than a picture can be
+    float middle = unpacked_extent(words).width < 65504.0 ? it.center.x : frame.image_center.x;
+    bounds = floatBitsToUint(vec4(middle, it.center.y, half_side > 0.0 ? words.x : UNSEEN, words.y));
     head = floatBitsToUint(vec4(it.center, splat.a, half_side));
     shape = floatBitsToUint(it.to_local);
     matter = floatBitsToUint(vec4(splat.rgb, coverage));
@@ -76,7 +80,7 @@ void main() {
     if (HALF_LINE == 1 && around && drawn && v.z > -frame.depth_reach) {
         // in every tile; stores its position instead of the centre, and AROUND instead of a half side or triangle
         vec3 i = to_index(v);
-        bounds = floatBitsToUint(vec4(frame.image_center, EVERYWHERE, EVERYWHERE));
+        bounds = floatBitsToUint(vec4(frame.image_center, packed_extent(Extent(EVERYWHERE, EVERYWHERE, 0.0))));
         head.xy = floatBitsToUint(i.xy);
         if (FULL) {
             head.w = floatBitsToUint(AROUND);

@@ -1,6 +1,5 @@
 // Tiles of pixels and placed splats, shared by the passes that list splats by tile and draw the tiles.
-// A splat is one texel in each of several textures: bounds: its centre, half its square's side and the radius of its
-// bounding circle, if visible; heads: its centre, optical depth, and half of its colour or half its side; shapes: the
+// A splat is one texel in each of several textures: bounds: its centre and its ellipse's extent, if visible; heads: its centre, optical depth, and half of its colour or half its side; shapes: the
 // triangular root of its quadratic form and the rest of its colour, or to_local. If full also matters: its colour, or
 // gradient, and coverage, or place in sheets; if bent, further textures of footprint terms.
 // switch SHEETS 0
@@ -10,7 +9,8 @@
 #constant ROWS
 #constant ABREAST  // splats along a row of the textures
 #constant LISTED   // and along one of the list
-// half side of a splat that touches no tile
+#constant PIXEL_MARGIN
+// half side, or height, of a splat that touches no tile, and height of one that touches all
 #define UNSEEN -1e9
 #define EVERYWHERE 1e9
 // marks a kernel around the eye, instead of a half side or a triangle's first number, which are positive
@@ -51,27 +51,56 @@ vec3 triangle_of(vec4 local) {
     return vec3(across, dot(local.xz, local.yw) / across, (local.x * local.w - local.y * local.z) / across);
 }
 
-// First and last tile, x and y, that a square around a centre touches.
-ivec4 tiles_around(vec2 center, float half_side) {
-    vec2 side = vec2(COLUMNS, ROWS);
-    vec2 low = floor((center - half_side - vec2(origin)) / side);
-    vec2 high = floor((center + half_side - vec2(origin)) / side);
+// The ellipse of a footprint around its centre, in pixels: x = k y ± width √(1 − (y/height)²).
+struct Extent {
+    float height;
+    float width;
+    float k;
+};
+
+// Of D² ≤ R²; R: from the side of the square around it. Larger by PIXEL_MARGIN in every direction.
+Extent extent_of(vec3 t, float half_side) {
+    float k = -t.y / t.x, high = 1.0 / t.z, wide = length(vec2(k * high, 1.0 / t.x));
+    float radius = (half_side - PIXEL_MARGIN) / max(wide, high);
+    return Extent(radius * high + PIXEL_MARGIN, radius / t.x + PIXEL_MARGIN * (1.0 + abs(k)), k);
+}
+
+// In the last two words of bounds. Wider than any picture, it is everywhere in its rows.
+vec2 packed_extent(Extent it) {
+    const float most = 60000.0;
+    vec2 rounded = unpackHalf2x16(packHalf2x16(vec2(0.0, clamp(it.k, -most, most))));
+    float width = (it.width + abs(it.k - rounded.y) * it.height) * 1.002;
+    uint words = width < most ? packHalf2x16(vec2(width, rounded.y)) : packHalf2x16(vec2(65504.0, 0.0));
+    return vec2(it.height, uintBitsToFloat(words));
+}
+
+Extent unpacked_extent(vec2 words) {
+    vec2 rest = unpackHalf2x16(floatBitsToUint(words.y));
+    return Extent(words.x, rest.x, rest.y);
+}
+
+// First and last of `many` tiles along an axis with a pixel's centre between the ends.
+ivec2 reached_by(vec2 ends, float origin_, int side, int many) {
+    vec2 tile = (ends - origin_ - vec2(float(side) - 0.5, 0.5)) / float(side);
     // clamped before the conversion, which overflows far away
-    vec2 last = vec2(tiles) - 1.0;
-    return ivec4(clamp(low, vec2(0.0), last + 1.0), clamp(high, vec2(-1.0), last));
+    return ivec2(clamp(ceil(tile.x), 0.0, float(many)), clamp(floor(tile.y), -1.0, float(many - 1)));
 }
 
-// Radius of the circle around that ellipse in the square: half_side · its long half axis / the larger of its extents.
-float circle_around(vec3 t, float half_side) {
-    float width = t.x * t.x, height = t.y * t.y + t.z * t.z;
-    float mean = 0.5 * (width + height), off = 0.5 * (width - height);
-    float longest = mean + sqrt(off * off + width * t.y * t.y);
-    return half_side * sqrt(longest / max(max(width, height), 1e-30));
+// First and last row of tiles that an ellipse touches.
+ivec2 rows_of(float center, float height) {
+    return reached_by(vec2(center - height, center + height), float(origin.y), ROWS, tiles.y);
 }
 
-// Whether the circle reaches the box of the tile's pixel centres.
-bool touches(ivec2 tile, vec2 center, float radius) {
-    vec2 low = vec2(origin + tile * ivec2(COLUMNS, ROWS)) + 0.5;
-    vec2 off = center - clamp(center, low, low + vec2(COLUMNS - 1, ROWS - 1));
-    return dot(off, off) <= radius * radius;
+// First and last tile that it touches in a row of tiles; none if the first is after the last.
+ivec2 span_of(vec2 center, Extent it, int row) {
+    float top = float(origin.y + row * ROWS) + 0.5 - center.y;
+    vec2 y = vec2(max(top, -it.height), min(top + float(ROWS - 1), it.height));
+    if (y.x > y.y) return ivec2(1, 0);
+    // where x is furthest
+    float furthest = it.k * it.height * it.height / max(length(vec2(it.width, it.k * it.height)), 1e-30);
+    vec2 at = vec2(clamp(-furthest, y.x, y.y), clamp(furthest, y.x, y.y));
+    vec2 share = at / max(it.height, 1e-30);
+    vec2 chord = it.width * sqrt(max(1.0 - share * share, 0.0));
+    vec2 ends = center.x + it.k * at + vec2(-chord.x, chord.y);
+    return reached_by(ends, float(origin.x), COLUMNS, tiles.x);
 }
