@@ -56,26 +56,47 @@ def triangle_of(local: np.ndarray, off: np.ndarray) -> np.ndarray:
     return np.asarray((local[:2] * off).sum(axis=0) ** 2 + (local[2:] * off).sum(axis=0) ** 2)
 
 
-def tiles_around(center: np.ndarray, half: np.ndarray, origin: np.ndarray, tiles: np.ndarray) -> np.ndarray:
-    """[4, N]: first and last tile along x and y; none: the first is beyond the last."""
-    ends = [np.floor((center + side * half - origin[:, None]) / [[COLUMNS], [ROWS]]) for side in (-1, 1)]
-    return np.concatenate([ends[0].clip(0, tiles[:, None]), ends[1].clip(-1, tiles[:, None] - 1)])
-
-
-def touches(tile: np.ndarray, center: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Distance [N] of centres from the pixel centres' box of tiles; the circle touches if its radius is as long."""
-    half = (np.array([[COLUMNS], [ROWS]]) - 1) / 2
-    middle = origin[:, None] + tile * [[COLUMNS], [ROWS]] + 0.5 + half
-    return np.asarray(np.hypot(*np.maximum(np.abs(center - middle) - half, 0.0)))
-
-
-def circle_around(triangle: np.ndarray, half_side: np.ndarray) -> np.ndarray:
-    """Radius [N] of the circle around the ellipse that just fits into the square."""
+def extent_of(triangle: np.ndarray, half_side: np.ndarray) -> np.ndarray:
+    """[3, N]: height, width and k of the ellipse that just fits into the square, PIXEL_MARGIN larger."""
     root = np.zeros((triangle.shape[1], 2, 2))
     root[:, 0, 0], root[:, 0, 1], root[:, 1, 1] = triangle
     covariance = np.linalg.inv(root.transpose(0, 2, 1) @ root)
-    longest = np.linalg.eigvalsh(covariance)[:, 1]
-    return np.asarray(half_side * np.sqrt(longest / np.diagonal(covariance, axis1=1, axis2=2).max(axis=1)))
+    x, y, mixed = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
+    radius, k = (half_side - PIXEL_MARGIN) / np.sqrt(np.maximum(x, y)), mixed / y
+    width = radius * np.sqrt(x - mixed**2 / y) + PIXEL_MARGIN * (1 + np.abs(k))
+    return np.stack([radius * np.sqrt(y) + PIXEL_MARGIN, width, k])
+
+
+def packed_extent(extent: np.ndarray) -> np.ndarray:
+    """[3, N]: with width and k in half precision, and no smaller."""
+    height, width, k = extent
+    near = k.astype(np.float16).astype(float)
+    return np.stack([height, ((width + np.abs(k - near) * height) * 1.002).astype(np.float16).astype(float), near])
+
+
+def reached_by(ends: np.ndarray, origin: int, side: int, many: int) -> np.ndarray:
+    """[2, N]: first and last tile whose outer pixels' centres the ends [2, N] reach; (1, 0): none."""
+    first = origin + np.arange(many) * side + 0.5
+    inside = (first + side - 1 >= ends[0][:, None]) & (first <= ends[1][:, None])
+    some, last = inside.any(axis=1), many - 1 - inside[:, ::-1].argmax(axis=1)
+    return np.where(some, np.stack([inside.argmax(axis=1), last]), [[1], [0]])
+
+
+def rows_of(center: np.ndarray, height: np.ndarray, origin: int, many: int) -> np.ndarray:
+    """[2, N]: first and last row of tiles."""
+    return reached_by(np.stack([center - height, center + height]), origin, ROWS, many)
+
+
+def span_of(center: np.ndarray, extent: np.ndarray, row: np.ndarray, origin: np.ndarray, many: int) -> np.ndarray:
+    """[2, N]: first and last tile in a row of tiles, by many chords."""
+    height, width, k = extent[:, None, :]
+    top = origin[1] + row * ROWS + 0.5 - center[1]
+    y = top + np.linspace(0, ROWS - 1, 1000)[:, None]
+    chord = width * np.sqrt(np.maximum(1 - (y / height) ** 2, 0))
+    inside = np.abs(y) <= height
+    low = np.where(inside, k * y - chord, np.inf).min(axis=0)
+    high = np.where(inside, k * y + chord, -np.inf).max(axis=0)
+    return reached_by(center[0] + np.stack([low, high]), origin[0], COLUMNS, many)
 
 
 def seen(grid: str, name: str, **change: object) -> tuple[sg.Splats, View, Plan]:
@@ -235,7 +256,7 @@ def test_what_reaches_into_the_picture(twin: Twin, rng: np.random.Generator) -> 
 
 
 def test_forms_of_tiles(twin: Twin, rng: np.random.Generator) -> None:
-    """A triangle's form is the matrix's by 1e−5; its circle by 1e−4 of itself."""
+    """A triangle's form is the matrix's by 1e−5; its extent by 1e−4 of itself, packed by half precision."""
     local, off = rng.normal(size=(4, COUNT)), rng.normal(size=(2, COUNT))
     expression = """
         vec3 t = triangle_of(a);
@@ -246,21 +267,35 @@ def test_forms_of_tiles(twin: Twin, rng: np.random.Generator) -> None:
     right = triangle_of(local, off)
     assert np.abs(found[:, 0] - right).max() < 1e-5 * right.max()
     t, half = rng.uniform(0.1, 2, (3, COUNT)) * [[1], [-1], [1]], rng.uniform(0.5, 50, COUNT)
-    found = twin("tiles.glsl", "result.x = circle_around(t, h)", t=t.T, h=half)[:, 0]
-    assert np.abs(found / circle_around(t, half) - 1).max() < 1e-4
+    expression = "Extent e = extent_of(t, h); result = vec4(e.height, e.width, e.k, 0.0)"
+    found = twin("tiles.glsl", expression, t=t.T, h=half)[:, :3].T
+    right = extent_of(t, half)
+    assert np.abs(found / right - 1).max() < 1e-4
+    expression = "Extent e = unpacked_extent(packed_extent(Extent(t.x, t.y, t.z)));"
+    found = twin("tiles.glsl", f"{expression} result = vec4(e.height, e.width, e.k, 0.0)", t=right.T)[:, :3].T
+    assert np.abs(found / packed_extent(right) - 1).max() < 2e-3
+    # it holds the ellipse
+    assert (found[1] >= right[1] + np.abs(found[2] - right[2]) * right[0]).all()
 
 
 def test_tiles_of_splats(twin: Twin, rng: np.random.Generator) -> None:
-    """Exact on eighths of a pixel; circles that are nearer than 1e−3 pixels to touching may be either."""
+    """Exact on eighths of a pixel; ellipses may be listed in a tile more where many chords just miss it."""
     origin, tiles = np.array([3, 5]), np.array([7, 4])
     state = {"origin": tuple(origin), "tiles": tuple(tiles)}
-    center, half = rng.integers(-200, 700, (2, COUNT)) / 8, rng.integers(-40, 300, COUNT) / 8
-    expression = "result = vec4(tiles_around(c, h))"
-    found = twin("tiles.glsl", expression, state=state, c=center.T, h=half)
-    assert (tiles_around(center, half, origin, tiles) == found.T).all()
-    tile = np.stack([rng.integers(0, count, COUNT) for count in tiles])
-    expression = "result.x = float(touches(ivec2(t + 0.5), c, h))"
-    found = twin("tiles.glsl", expression, state=state, t=tile.T, c=center.T, h=np.abs(half))[:, 0] > 0
-    far = touches(tile, center, origin)
-    clear = np.abs(far - np.abs(half)) > 1e-3
-    assert (found == (far <= np.abs(half)))[clear].all() and 0.05 < found.mean() < 0.95
+    center, half = rng.integers(-200, 700, (2, COUNT)) / 8, rng.integers(1, 300, COUNT) / 8
+    for name, expression, right in (
+        ("reached_by", "reached_by(c, 3.0, 8, 7)", reached_by(np.sort(center, axis=0), 3, 8, 7)),
+        ("rows_of", "rows_of(c.y, h)", rows_of(center[1], half, 5, 4)),
+    ):
+        given = np.sort(center, axis=0) if name == "reached_by" else center
+        found = twin("tiles.glsl", f"result.xy = vec2({expression})", state=state, c=given.T, h=half)[:, :2].T
+        none = found[0] > found[1]
+        assert (none == (right[0] > right[1])).all() and (found == right)[:, ~none].all()
+    extent = np.stack([half, rng.uniform(0.5, 40, COUNT), rng.normal(size=COUNT)])
+    row = rng.integers(0, 4, COUNT)
+    expression = "result.xy = vec2(span_of(c, Extent(e.x, e.y, e.z), int(r + 0.5)))"
+    found = twin("tiles.glsl", expression, state=state, c=center.T, e=extent.T, r=row)[:, :2].T
+    right = span_of(center, extent, row, origin, 7)
+    some = right[0] <= right[1]
+    assert (found[0] <= right[0])[some].all() and (found[1] >= right[1])[some].all()
+    assert (found == right)[:, some].mean() > 0.99 and (found[0] <= found[1])[~some].mean() < 0.02
