@@ -4,7 +4,8 @@
 
 The lower bound draws as many points of the same size into the same target with shaders that compute nothing. VTK
 (extra `bench`) casts rays at half-voxel steps through the same volume, with the same camera, opacities and
-pixels. Variants are interleaved in random order; times are wall clock around a finished frame, for splats including
+pixels. "sheets" composites the same splats by sheets, "after" values classified after reconstruction, one sample a
+pixel. Variants are interleaved in random order; times are wall clock around a finished frame, for splats including
 readback. Every image of the planned frames is compared with the float64 reference. Compare ratios.
 """
 
@@ -18,6 +19,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +39,8 @@ void main() { gl_Position = clip_from_index * vec4(place, 1.0); gl_PointSize = s
 FLOOR_FRAGMENT = "#version 330\nout vec4 light; void main() { light = vec4(0.01); }"
 # seconds per variant: some are a hundred times as slow, so each gets as many rounds as fit into this
 LONGEST = 8.0
+# kernels of values classified after reconstruction
+KERNELS = ("crawfis-max", "b-spline")
 
 
 @dataclass(frozen=True)
@@ -69,9 +73,21 @@ class Case:
     peers: bool
 
 
-def case(name: str, source: str, settings: sg.Settings | None = None, peers: bool = False, **transfer: object) -> Case:
+def case(
+    name: str,
+    source: str,
+    settings: sg.Settings | None = None,
+    peers: bool = False,
+    every: int = 1,
+    **transfer: object,
+) -> Case:
+    """every: of that many slices one is used."""
     scene = Scene(source, transfer=transfer)
     volume = scene.open()
+    if every > 1:
+        x, y, z = volume.spacing
+        samples = np.ascontiguousarray(volume.samples[::every])
+        volume = sg.Volume(samples, (x, y, z * every), volume.origin, volume.direction, frame=volume.frame)
     chosen = scene.transfer_for(volume)
     return Case(name, volume, chosen, sg.extract(volume, chosen), settings or sg.Settings(), peers)
 
@@ -112,6 +128,12 @@ def ways(renderer: sg.Renderer, chosen: Case, size: int) -> dict[str, Callable[[
     }
     if everything.program.align == "exact":
         found["everything on"] = lambda: renderer.passes.draw(chosen.splats, everything)
+    if chosen.settings.blend == "composite":
+        sheets = chosen.settings.but(compositing="sheets")
+        found["sheets"] = lambda: renderer.render(chosen.splats, camera, sheets, verify_bound=False)
+    for kernel in KERNELS if chosen.peers else ():
+        splats = sg.extract(chosen.volume, chosen.transfer, classification="post", kernel=kernel)
+        found[f"after, {kernel}"] = partial(renderer.render, splats, camera, chosen.settings, verify_bound=False)
     if chosen.peers and importlib.util.find_spec("vtk") is None:
         print("VTK left out: not installed (pip install splatgl[bench])")
     elif chosen.peers:
@@ -209,7 +231,9 @@ def all_rows(data: Path | None, rounds: int, with_curves: bool) -> Iterator[Row]
             yield from measure(renderer, case("stent, X-ray", stent, sg.Settings(blend="xray")), 512, rounds)
             male = str(data / "visible_male_128x256x256_uint8.raw")
             neuron = str(data / "neuron_a_409x415x119.tif")
+            head = str(data / "head_mri_160x232x160.nii.gz")
             for size in (512, 1024):
+                yield from measure(renderer, case("MRI, 8:1", head, peers=True, every=8), size, rounds)
                 yield from measure(renderer, case("male, bone", male, peers=True, preset="ct-bone"), size, rounds)
                 yield from measure(renderer, case("neuron", neuron, peers=True), size, rounds)
 
