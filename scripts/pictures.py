@@ -2,6 +2,7 @@
 
 .venv/bin/python scripts/pictures.py                  # the scenes
 .venv/bin/python scripts/pictures.py gallery visible_male_128x256x256_uint8.raw neuron.tif stent.nrrd  # real data
+.venv/bin/python scripts/pictures.py classification visible_male_128x256x256_uint8.raw
 .venv/bin/python scripts/pictures.py window head.nii  # the viewer's window
 .venv/bin/python scripts/pictures.py report nerve     # error against run time, for minutes on a quiet machine
 .venv/bin/python scripts/pictures.py tables           # of methods in splatgl/truth/README.md, of techniques in gl's
@@ -37,6 +38,7 @@ WINDOW, COLORS = (860, 560), 128
 # options of the gallery: CT of the Visible Male (z runs downwards), a neuron, CT of a stent
 SKULL = "--preset ct-bone --spacing 1.57774,0.995861,1.00797 --up 0,0,-1 --azimuth 40 --elevation -5 --zoom 1.05"
 NEURON = "--zoom 1.2"
+AFTER = "--classification post"
 STENT = "--points 0.2:0,0.35:0.6 --azimuth 0 --zoom 1.05"
 # page background, linear light
 PAPER = (1.0, 1.0, 1.0)
@@ -58,18 +60,28 @@ def beside(*pictures: np.ndarray, gap: int = 6) -> sg.Image:
     return sg.Image(np.concatenate(parts[:-1], axis=1)).over(PAPER)
 
 
-def gallery(*sources: str) -> None:
-    """A skull, a neuron and a stent side by side on black, as `splatgl render` draws them."""
-    common = "--size 400 --background black --antialias supersample --quiet"
+def rendered(*jobs: tuple[str, str]) -> Pillow.Image:
+    """Volumes side by side on black, as `splatgl render` draws them; jobs: sources and options."""
+    common = "--size 400 --background black --antialias auto --quiet"
     pictures = []
     with TemporaryDirectory() as folder:
         drawn = f"{folder}/drawn.png"
-        for source, options in zip(sources, (SKULL, NEURON, STENT), strict=True):
+        for source, options in jobs:
             if command(["render", source, "-o", drawn, *options.split(), *common.split()]):
-                sys.exit("no gallery")
+                sys.exit("no picture")
             pictures.append(np.asarray(Pillow.open(drawn).convert("RGB")))
-    shown = np.concatenate(pictures, axis=1)
-    Pillow.fromarray(shown).quantize(COLORS).save(FOLDER / "gallery.png", optimize=True)
+    return Pillow.fromarray(np.concatenate(pictures, axis=1)).quantize(COLORS)
+
+
+def gallery(*sources: str) -> None:
+    """A skull, a neuron and a stent, classified after reconstruction."""
+    jobs = [(source, f"{own} {AFTER}") for source, own in zip(sources, (SKULL, NEURON, STENT), strict=True)]
+    rendered(*jobs).save(FOLDER / "gallery.png", optimize=True)
+
+
+def classification(skull: str) -> None:
+    """A skull classified before reconstruction, and after."""
+    rendered((skull, SKULL), (skull, f"{SKULL} {AFTER}")).save(FOLDER / "classification.png", optimize=True)
 
 
 def window(source: str) -> None:
@@ -113,7 +125,7 @@ def tables() -> None:
 
 
 def main() -> None:
-    asked = {"window": window, "report": report}
+    asked = {"window": window, "report": report, "classification": classification}
     if sys.argv[1:2] == ["gallery"]:
         gallery(*sys.argv[2:])
         return
