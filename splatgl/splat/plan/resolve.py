@@ -96,7 +96,9 @@ class Resolved:
         view = View.of(splats.grid, fine, kernel(kernel_name(splats, settings)), antialias)
         widened = widening(splats, view)
         sheets = _sheets(splats, settings, view.kernel, moving)
-        attenuation = _attenuation(settings, antialias or moving)
+        # widened weights of means need no attenuation
+        after = sheets is not None and sheets.steps > 0
+        attenuation = "optical-depth" if after else _attenuation(settings, antialias or moving)
         look = Look(BLENDS[settings.blend], attenuation, shading)
         return cls(
             look=replace(look, sheets=sheets.count, steps=sheets.steps) if sheets else look,
