@@ -39,6 +39,8 @@ def _refuses_quads(asked: Asked) -> str | None:
 def _refuses_streaks(asked: Asked) -> str | None:
     if not asked.moving:
         return "a still"
+    if asked.sheets:
+        return "sheets"
     if BLENDS[asked.settings.blend].join == "max":
         return "the mean of maxima is no maximum of streaks"
     return None
@@ -114,7 +116,8 @@ def combinations() -> list[tuple[str, ...]]:
                 continue
             settings = Settings().but(**{name: value})
             align = settings.align if settings.align != "auto" else "exact"
-            reasons = [why(Asked(settings, align, each == "streaks", True)) for each, why in TECHNIQUES.items()]
+            sheets = settings.compositing == "sheets" or settings.classification == "post"
+            reasons = [why(Asked(settings, align, each == "streaks", True, sheets)) for each, why in TECHNIQUES.items()]
             if any(reasons):
                 found.append((f"{name} {value}", *(f"no: {why}" if why else "yes" for why in reasons)))
     return found
