@@ -51,8 +51,8 @@ HALF_LINE, AROUND = 3.2e-5, 1.2e-4
 # shading, colour and one_minus_exp in float32
 ARITHMETIC = 8 * ULP
 # within a sheet, errors of opposite sign change the mean colour besides the opacity. A splat's place in sheets is off
-# by at most PLACE_DIGITS ULPs; largest change of a picture by that, per sheet (measured from 300 to 300 000 voxels away,
-# opacities of 0.05 to 1: 0.04)
+# by at most PLACE_DIGITS ULPs; largest change of a picture by that, per sheet (measured from 300 to 300 000 voxels
+# away, opacities of 0.05 to 1: 0.04)
 MIXED, PLACE_DIGITS, DISPLACED = 1.0, 4.0, 0.25
 # tiles use colours of 21 bits and a faster one_minus_exp
 GATHERED = 10 * ULP
