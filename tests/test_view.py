@@ -7,6 +7,7 @@ import time
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -34,6 +35,7 @@ from splatgl.app.viewer.skin import outside, skinned
 from splatgl.app.viewer.state import ACTIONS, State, acted, stronger
 from splatgl.app.viewer.watch import Watch
 from splatgl.data.coarse import coarser
+from splatgl.gl.screen import Screen
 
 SIZE = (120, 80)
 # seconds after which a thread hangs
@@ -658,8 +660,9 @@ class Kept:
 
 def test_a_frame_tells_the_plan_it_was_drawn_by(scene: Scene, renderer: sg.Renderer) -> None:
     content = Content.open(scene)
-    painter, state = Painter(Kept(), renderer, ()), State.of(content, SIZE)
+    kept = Kept()
+    painter, state = Painter(cast(Screen, kept), renderer, ()), State.of(content, SIZE)
     frame = painter.draw(state, content, FULL, False, lambda: False)
-    assert painter.screen.pictures["picture"] is painter.pixels
+    assert kept.pictures["picture"] is painter.pixels
     drawn_by = renderer.plan(content.finest, state.pose.camera, state.settings)
     assert frame.info["technique"] == frame.plan.program.technique == drawn_by.program.technique

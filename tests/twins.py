@@ -24,6 +24,8 @@ COUNT = 2000
 UNITS = {"footprint_table": FOOTPRINT_UNIT, "half_table": HALF_LINE_UNIT, "blur_table": BLUR_UNIT}
 # what a stage declares of its own: storage qualifiers, layouts
 OWN = re.compile(r"^(#define (ATTRIBUTE|VARYING|FLAT)\b|layout\()")
+# a buffer of numbers, which a function reads or writes: here an array of one
+BUFFER = re.compile(r"^layout\(.*\bbuffer \w+ \{ (\w+ \w+)\[\]; \};.*$", re.MULTILINE)
 FUNCTION = re.compile(r"^\w+ (\w+)\([^;{]*\) \{", re.MULTILINE)
 KINDS = {1: "float", 2: "vec2", 3: "vec3", 4: "vec4"}
 Twin = Callable[..., np.ndarray]
@@ -74,6 +76,7 @@ def _source(folder: Path, files: list[str], expression: str, arrays: Mapping[str
     for name in files:
         if not name.endswith(".glsl"):
             text = (folder / name).read_text().partition("void main()")[0].replace("gl_FragCoord", "coordinate")
+            text = BUFFER.sub(r"\1[1];", text.replace("gl_LocalInvocationID", "uvec3(0u)"))
             name += ".glsl"
             (folder / name).write_text("\n".join(line for line in text.splitlines() if not OWN.match(line)))
         parts.append(f'#include "{name}"')

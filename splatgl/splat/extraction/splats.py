@@ -28,8 +28,7 @@ RECORD = np.dtype(
         ("runs", "<i2"),
     ]
 )
-# of the same size, classified after reconstruction. value: see PostClassified. gradient: of it per mean spacing, world
-# axes
+# classified after reconstruction. value: see PostClassified; gradient: of it per mean spacing, world axes
 SAMPLE = np.dtype([("position", "<f4", 3), ("value", "<f4"), ("gradient", "<f4", 3), ("unused", "<i2", 4)])
 GL_FORMAT = "3f4 1f4 3f4 3i2 1i2"
 GL_ATTRIBUTES = ("in_position", "in_optical_depth", "in_color", "in_normal", "in_runs")
@@ -90,8 +89,7 @@ class Lattice:
 class Splats:
     """Splats in row order: z, then y, then x ascending.
 
-    records [N] of RECORD, or of SAMPLE if `post` classifies them after reconstruction.
-    cell_x int32 [N]: each splat's cell along x.
+    records [N] of RECORD; of SAMPLE if `post` classifies them. cell_x int32 [N]: each splat's cell along x.
     row_z, row_y int32 [M]: the non-empty rows; row_start int64 [M+1] into the records.
     unit: reference length of opacities, world units. shaded: whether the transfer function shades.
     dropped_depth: largest optical depth that the threshold removed from one axis line.

@@ -17,7 +17,7 @@ from splatgl.splat.kernel.kernels import Kernel, depth_deviation
 from splatgl.splat.view.view import View
 
 # share of a constant field's sums below which a sheet holds no value on a ray
-LEAST_MASS = 0.002
+LEAST_MASS = 0.02
 # most sheets of a picture; beyond, splats are composited one by one
 MOST_SHEETS = 2**15
 

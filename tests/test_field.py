@@ -1,0 +1,205 @@
+"""Pictures of scalar fields: convergence, known integrals, which reconstruction is nearest, and sheets beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from noise import GRIDS, LOOKS, inside, views
+
+import splatgl as sg
+from splatgl.splat.classification.post import PostClassified
+from splatgl.splat.kernel.kernels import kernel
+from splatgl.truth.field import field_integral, kernel_field, trilinear_field
+
+STEP = 1e-5
+
+
+def balls(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Two soft balls in the unit cube."""
+    total = np.zeros(np.broadcast(x, y, z).shape)
+    for center, radius in (((0.4, 0.45, 0.5), 0.25), ((0.65, 0.6, 0.45), 0.18)):
+        r = np.sqrt((x - center[0]) ** 2 + (y - center[1]) ** 2 + (z - center[2]) ** 2)
+        total += 1 / (1 + np.exp((r - radius) / 0.035))
+    return total
+
+
+def sinusoid(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    return np.asarray(0.5 + 0.5 * np.sin(9 * x + 1) * np.sin(8 * y) * np.sin(10 * z + 0.5))
+
+
+FORMULAS = {"balls": balls, "sinusoid": sinusoid}
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """A formula sampled on a grid whose z spacing is `ratio` times the others."""
+
+    formula: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+    volume: sg.Volume
+    transfer: sg.Transfer
+
+    @classmethod
+    def of(cls, name: str, ratio: int, size: int = 24) -> Known:
+        axes = [(np.arange(count) + 0.5) / count for count in (size // ratio, size, size)]
+        z, y, x = np.meshgrid(*axes, indexing="ij")
+        points = [(0.45, 0), (0.6, 0.8)] if name == "balls" else [(0.6, 0), (0.75, 0.8)]
+        volume = sg.Volume(FORMULAS[name](x, y, z), spacing=(1, 1, ratio))
+        return cls(FORMULAS[name], volume, sg.Transfer(points, colormap="hot", shading=True))
+
+    def field(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values and world gradients at grid positions."""
+        sizes = np.array(self.volume.shape[::-1])[:, None]
+        world = np.linalg.norm(self.volume.world_from_index, axis=0) * sizes[:, 0]
+        at = (places + 0.5) / sizes
+        slopes = [self.formula(*(at + e)) - self.formula(*(at - e)) for e in STEP * np.eye(3)[..., None]]
+        return self.formula(*at), np.stack(slopes, axis=1) / (2 * STEP) / world
+
+    def __hash__(self) -> int:
+        return id(self)
+
+    @cache  # noqa: B019
+    def picture(self, field: str = "", steps: int = 8) -> np.ndarray:
+        return field_integral(self.volume, self.transfer, self.camera(), field or self.field, steps).pixels
+
+    def camera(self) -> sg.Camera:
+        return sg.Camera.orbit(self.volume, 30, 20, size=(20, 20))
+
+
+@cache
+def known(name: str, ratio: int) -> Known:
+    return Known.of(name, ratio, 30 if ratio > 1 else 24)
+
+
+def rmse(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.sqrt(((a - b) ** 2).mean()))
+
+
+@pytest.mark.parametrize("ratio", [1, 3])
+@pytest.mark.parametrize("name", FORMULAS)
+def test_the_b_spline_is_nearer_than_trilinear(name: str, ratio: int) -> None:
+    case = known(name, ratio)
+    right = case.picture()
+    # alpha, then colours, which gradients shade
+    for part in (slice(3, 4), slice(0, 3)):
+        spline, linear = (rmse(case.picture(field)[..., part], right[..., part]) for field in ("b-spline", "trilinear"))
+        assert spline <= (0.6 if name == "balls" else 0.9) * linear
+    alpha = [rmse(case.picture(field)[..., 3], right[..., 3]) for field in ("b-spline", "trilinear")]
+    assert alpha[0] < (0.5 if name == "balls" else 0.7) * alpha[1]
+
+
+@pytest.mark.parametrize("ratio", [1, 3])
+@pytest.mark.parametrize("name", FORMULAS)
+def test_sheets_draw_the_kernels_field(name: str, ratio: int) -> None:
+    """The nearer, the more sheets; nearer to the formula than the trilinear field."""
+    case = known(name, ratio)
+    splats = sg.extract(case.volume, case.transfer, classification="post")
+    field, right = case.picture("b-spline"), case.picture()
+    found = [
+        sg.reference.render(splats, case.camera(), sg.Settings(antialias="off", sheets=count, steps=3)).pixels
+        for count in (2, 3, 4)
+    ]
+    missed = [rmse(picture, field) for picture in found]
+    assert missed[1] < 0.9 * missed[0] and missed[2] < 1.05 * missed[1] and missed[1] < 0.012
+    assert (ratio == 1 and name == "balls") or rmse(found[1], right) < rmse(case.picture("trilinear"), right)
+
+
+def test_the_midpoint_rule_converges() -> None:
+    case = known("sinusoid", 3)
+    found = [case.picture(steps=steps) for steps in (4, 8, 16, 32)]
+    off = [rmse(one, two) for one, two in pairwise(found)]
+    assert all(3 < coarse / fine < 5.5 for coarse, fine in pairwise(off)) and off[-1] < 2e-4
+    # samples are means of rays
+    large = field_integral(case.volume, case.transfer, case.camera().resized((40, 40)), case.field, 4).pixels
+    means = field_integral(case.volume, case.transfer, case.camera(), case.field, 4, samples=2).pixels
+    assert np.abs(means - large.reshape(20, 2, 20, 2, 4).mean(axis=(1, 3))).max() < 1e-12
+
+
+def lengths(volume: sg.Volume, camera: sg.Camera) -> np.ndarray:
+    """World lengths of a perspective camera's rays in the volume's box, by small steps of its index axes."""
+    (width, height), pitch = camera.size, float(camera.pixel_pitch(1.0))
+    y, x = np.indices((height, width))
+    eye = np.stack([(x + 0.5 - width / 2) * pitch, (y + 0.5 - height / 2) * pitch, np.ones(x.shape)], axis=-1)
+    ray = eye / np.linalg.norm(eye, axis=-1, keepdims=True) @ camera.eye_from_world
+    index = np.linalg.inv(volume.world_from_index)
+    start, step = index @ (camera.eye - np.asarray(volume.origin)), ray @ index.T
+    low, high = (-0.5 - start) / step, (np.array(volume.shape[::-1]) - 0.5 - start) / step
+    first = np.maximum(np.minimum(low, high).max(axis=-1), 0)
+    return np.maximum(np.maximum(low, high).min(axis=-1) - first, 0)
+
+
+@pytest.mark.parametrize("grid", [*GRIDS, "8:1"])
+def test_constant_matter_has_a_known_opacity(renderer: sg.Renderer, grid: str) -> None:
+    """1 − (1 − α)^(length/unit), up to the box; also of sheets, which see it as it is."""
+    placed = {"spacing": (1.0, 1.0, 8.0)} if grid == "8:1" else GRIDS[grid]
+    volume = sg.Volume(np.full((6, 7, 8), 0.5), **placed)
+    transfer = sg.Transfer([(0, 0.2), (1, 0.2)], colormap="hot", unit=2.0)
+    splats = sg.extract(volume, transfer, classification="post")
+    assert len(splats) == volume.samples.size
+    for camera in (views(splats)["fitted"].resized((24, 18)), inside(splats, LOOKS[4]).resized((15, 10))):
+        right = 1 - 0.8 ** (lengths(volume, camera) / 2.0)
+        assert right.max() > 0.2 and np.ptp(right) > 0.05
+        for field in ("b-spline", "trilinear")[grid != "cubes" :]:
+            assert np.abs(field_integral(volume, transfer, camera, field, 2).pixels[..., 3] - right).max() < 1e-9
+        for settings in (sg.Settings(antialias="off"), sg.Settings(antialias="off", sheets=2, steps=1)):
+            found = sg.reference.render(splats, camera, settings).pixels
+            assert np.abs(found[..., 3] - right).max() < 1e-9
+            # a colour for one value
+            seen = right > 0.01
+            assert np.ptp((found[..., :3] / np.maximum(right, 1e-9)[..., None])[seen], axis=0).max() < 1e-9
+        drawn = renderer.render(splats, camera, sg.Settings(antialias="off", sheets=2, steps=1)).pixels
+        assert np.abs(drawn[..., 3] - right).max() < 3e-6
+
+
+def test_fields_pass_through_what_they_interpolate() -> None:
+    """Trilinear through samples; the b-spline's coefficients near them, unlike a kernel without prefilter."""
+    case = known("balls", 1)
+    samples = case.volume.samples
+    post = PostClassified.of(case.transfer, "b-spline", samples.shape[::-1])
+    places = np.stack([index.ravel() for index in np.indices(samples.shape)[::-1]])
+    value, gradient = trilinear_field(case.volume, post)(places)
+    assert np.abs(value - samples.ravel()).max() < 1e-6
+    right, slope = case.field(places)
+    # gradients are of record values
+    slope /= post.span
+    assert np.abs(right - samples.ravel()).max() < 1e-12 and rmse(gradient, slope) < 0.15 * rmse(slope, np.zeros(()))
+    off = {name: kernel_field(case.volume, kernel(name), post)(places) for name in ("b-spline", "crawfis-max")}
+    missed = {name: rmse(value, right) for name, (value, _) in off.items()}
+    assert missed["b-spline"] < 5e-4 and missed["crawfis-max"] > 5 * missed["b-spline"]
+    assert rmse(off["b-spline"][1], slope) < 0.15 * rmse(slope, np.zeros(()))
+    # between grid points a slope is linear
+    (one,) = trilinear_field(case.volume, post)(np.full((3, 1), 11.0))[1]
+    (two,) = trilinear_field(case.volume, post)(np.array([[12.0], [11.0], [11.0]]))[1]
+    (half,) = trilinear_field(case.volume, post)(np.array([[11.5], [11.0], [11.0]]))[1]
+    assert np.abs(half - (one + two) / 2).max() < 1e-12
+
+
+def test_missing_samples_leave_a_field_of_the_others() -> None:
+    """A NaN has no share: the mean of the others is what is left."""
+    cells = np.full((6, 6, 6), 0.7)
+    cells[2, 3, 3] = np.nan
+    post = PostClassified.of(sg.Transfer([(0, 0), (1, 1)]), "b-spline", (6, 6, 6))
+    places = np.random.default_rng(1).uniform(0, 5, (3, 200))
+    for field in (kernel_field(sg.Volume(cells), kernel("b-spline"), post), trilinear_field(sg.Volume(cells), post)):
+        value, _ = field(places)
+        far = np.abs(places - np.array([[3], [3], [2]])).max(axis=0) > 1
+        assert np.abs(value - 0.7)[far].max() < 1e-6 and np.isfinite(value).all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"field": "box"}, "^kernel: expected"),
+        ({"steps_per_voxel": 0}, "^steps_per_voxel: expected a number of at least 1"),
+        ({"samples": 0}, "^samples: expected a number of at least 1"),
+    ],
+    ids=str,
+)
+def test_unknown_fields_and_numbers_below_one(changes: dict, said: str) -> None:
+    case = known("balls", 1)
+    with pytest.raises(sg.InputError, match=said):
+        field_integral(case.volume, case.transfer, case.camera(), **changes)

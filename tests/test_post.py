@@ -1,0 +1,271 @@
+"""Values classified after reconstruction: their float64 twin, batches, extraction, the table, and what is refused."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from noise import GRIDS, LOOKS, inside, views
+
+import splatgl as sg
+from splatgl.app.cli import main
+from splatgl.gl import sheet_order, sheet_tiles, tiles
+from splatgl.splat.classification.post import ENTRIES, PostClassified, opaque_intervals
+from splatgl.splat.extraction import post as extraction
+from splatgl.splat.motion.motion import Motion
+
+EXACT = sg.Settings(tolerance=1e-6, antialias="off")
+RAMP = sg.Transfer([(0.45, 0), (0.6, 0.8)], colormap="hot", shading=True)
+
+
+@cache
+def cells(size: int = 10) -> np.ndarray:
+    """Noise, smoothed once along each axis."""
+    found = np.random.default_rng(2).random((size, size, size))
+    for axis in range(3):
+        found = (np.roll(found, 1, axis) + 2 * found + np.roll(found, -1, axis)) / 4
+    return found
+
+
+@cache
+def matter(grid: str = "cubes", shading: bool = True, kernel: str = "b-spline") -> sg.Splats:
+    placed = {"spacing": (1.0, 1.0, 8.0)} if grid == "8:1" else GRIDS[grid]
+    transfer = sg.Transfer(RAMP.points, colormap="hot", shading=shading)
+    return sg.extract(sg.Volume(cells(), **placed), transfer, classification="post", kernel=kernel)
+
+
+def eyes(splats: sg.Splats) -> dict[str, sg.Camera]:
+    return views(splats) | {"inside": inside(splats, LOOKS[4])}
+
+
+def drawn(splats: sg.Splats, settings: sg.Settings = EXACT) -> np.ndarray:
+    """The float64 picture from outside."""
+    return sg.reference.render(splats, sg.Camera.orbit(splats, 30, 20, size=(32, 24)), settings).pixels
+
+
+def differences(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings) -> np.ndarray:
+    """Of the picture to its twin, which shows something."""
+    found = renderer.render(splats, camera, settings, verify_bound=False).pixels
+    right = sg.reference.render(splats, camera, settings).pixels
+    assert right[..., 3].max() > 0.1 and np.isfinite(found).all()
+    return np.abs(found - right)
+
+
+@pytest.mark.parametrize(
+    ("grid", "view", "count", "steps", "changes"),
+    [
+        ("cubes", "fitted", 2, 1, {"kernel": "b-spline", "antialias": "supersample", "samples": 2}),
+        ("sheared", "close", 3, 2, {"background": (0.2, 0.4, 0.6)}),
+        ("8:1", "fitted", 4, 2, {}),
+        ("8:1", "parallel", 2, 2, {"shading": "off"}),
+        ("sheared", "parallel, close", 3, 1, {}),
+        ("cubes", "inside", 3, 3, {"antialias": "auto"}),
+    ],
+    ids=str,
+)
+def test_the_picture_is_its_twin(
+    renderer: sg.Renderer, grid: str, view: str, count: int, steps: int, changes: dict[str, Any]
+) -> None:
+    splats = matter(grid)
+    settings = EXACT.but(sheets=count, steps=steps, **changes)
+    chosen = renderer.plan(splats, eyes(splats)[view], settings)
+    assert chosen.program.technique == "tiles" and chosen.program.look.steps == steps
+    assert chosen.program.look.shading == (settings.shading == "auto") and chosen.kernel.name == "b-spline"
+    assert differences(renderer, splats, eyes(splats)[view], settings).max() < 1e-4
+
+
+def test_widened_kernels_are_their_twin_s(renderer: sg.Renderer) -> None:
+    """Values are means: no form of attenuation changes them. In perspective widening is exact up to 1/z_k²."""
+    splats = matter()
+    for view, allowed in (("parallel, far", 4e-5), ("far", 2e-3)):
+        settings = EXACT.but(antialias="paper", sheets=2, steps=1)
+        for name in ("fill", "auto"):
+            chosen = renderer.plan(splats, eyes(splats)[view], settings.but(attenuation=name))
+            assert chosen.program.seen.antialias and chosen.program.look.attenuation == "optical-depth"
+        assert differences(renderer, splats, eyes(splats)[view], settings).max() < allowed
+
+
+def test_by_default_the_error_is_of_the_tolerance_s_size(renderer: sg.Renderer) -> None:
+    """A polynomial whose error is 8e−4 of a footprint's peak weighs values; its share of single pixels is larger."""
+    splats, settings = matter(), sg.Settings(sheets=2, steps=1)
+    off = differences(renderer, splats, eyes(splats)["fitted"], settings)
+    assert off.max() < 5 * settings.tolerance and np.sqrt((off**2).mean()) < 0.25 * settings.tolerance
+
+
+@pytest.mark.parametrize(
+    ("portions", "changed"),
+    [
+        ([(tiles, "MOST", 100)], 1e-5),
+        ([(tiles, "MOST_LISTED", 1500)], 1e-5),
+        ([(sheet_tiles, "MOST_ENTRIES", 16)], 1e-5),
+        ([(sheet_tiles, "MOST_PIXELS", 600)], 0),
+        ([(sheet_order, "MOST_RUN", 3), (sheet_order, "LEAST_RUNS", 8)], 0),
+    ],
+    ids=str,
+)
+def test_batches_draw_the_same(
+    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, portions: list[tuple[Any, str, int]], changed: float
+) -> None:
+    splats = matter()
+    for view in ("fitted", "close"):
+        camera, settings = eyes(splats)[view], EXACT.but(sheets=2, steps=1, occlusion="off")
+        whole = renderer.render(splats, camera, settings).pixels
+        with monkeypatch.context() as patched:
+            for module, name, value in portions:
+                patched.setattr(module, name, value)
+            parts = [renderer.render(splats, camera, settings).pixels for _ in range(2)]
+        assert (whole == renderer.render(splats, camera, settings).pixels).all() and (parts[0] == parts[1]).all()
+        assert whole[..., 3].max() > 0.5 and np.abs(whole - parts[0]).max() <= changed
+
+
+def test_another_transfer_function_is_drawn(renderer: sg.Renderer) -> None:
+    """The table that a renderer keeps is that of the splats drawn."""
+    splats = matter()
+    camera = eyes(splats)["fitted"]
+    other = splats.classified_after(splats.post.recolored(sg.Transfer([(0.5, 0), (0.55, 0.3)], colormap="viridis")))
+    settings = EXACT.but(sheets=2, steps=1)
+    first = renderer.render(splats, camera, settings).pixels
+    assert differences(renderer, other, camera, settings).max() < 4e-5
+    assert (renderer.render(splats, camera, settings).pixels == first).all()
+
+
+@pytest.mark.parametrize("kernel", ["b-spline", "crawfis-max"])
+def test_slabs_do_not_matter(kernel: str) -> None:
+    holes = np.where(np.random.default_rng(1).random((9, 8, 7)) < 0.1, np.nan, cells()[:9, :8, :7])
+    for values in (holes, cells()):
+        found = [
+            sg.extract(sg.Volume(values), RAMP, slab=slab, classification="post", kernel=kernel)
+            for slab in (None, 1, 3)
+        ]
+        assert len(found[0]) > 100 and len({splats.records.tobytes() for splats in found}) == 1
+
+
+@pytest.mark.parametrize("kernel", ["b-spline", "crawfis-max"])
+def test_the_voxels_kept_suffice(kernel: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    r = np.linalg.norm(np.indices((20, 20, 20)) - 9.5, axis=0)
+    volume = sg.Volume(1 / (1 + np.exp((r - 5) / 0.8)))
+    few = sg.extract(volume, RAMP, classification="post", kernel=kernel)
+    monkeypatch.setattr(extraction, "needed", lambda u, c, around, wanted: (np.ones(u.shape, bool), c))
+    every = sg.extract(volume, RAMP, classification="post", kernel=kernel)
+    assert len(few) < 0.5 * len(every) == 0.5 * volume.samples.size
+    camera = sg.Camera.orbit(volume, 30, 20, size=(32, 24))
+    pictures = [sg.reference.render(splats, camera, EXACT).pixels for splats in (few, every)]
+    assert pictures[1].max() > 0.5 and np.abs(pictures[0] - pictures[1]).max() < 1e-3
+
+
+def test_values_of_any_size_draw_the_same() -> None:
+    right = drawn(matter())
+    for scale, offset, allowed in ((1e38, 0.0, 1e-9), (1e-38, 0.0, 1e-9), (1.0, 1e9, 1e-4)):
+        points = [(value * scale + offset, share) for value, share in RAMP.points]
+        transfer = sg.Transfer(points, colormap="hot", shading=True)
+        splats = sg.extract(sg.Volume(cells() * scale + offset), transfer, classification="post")
+        assert np.isfinite(splats.records["value"]).all()
+        assert np.abs(drawn(splats) - right).max() < allowed
+
+
+def test_missing_voxels_are_left_out(renderer: sg.Renderer) -> None:
+    holes = cells().copy()
+    holes[3:6, 4:7, 5:8], holes[0, 0, 0] = np.nan, np.inf
+    splats = sg.extract(sg.Volume(holes), RAMP, classification="post")
+    held = splats.records["position"].astype(int)
+    assert len(splats) == len(matter()) - 28
+    assert np.isfinite(holes[held[:, 2], held[:, 1], held[:, 0]]).all()
+    assert np.isfinite(splats.records["gradient"]).all()
+    assert differences(renderer, splats, eyes(splats)["fitted"], EXACT.but(sheets=2, steps=1)).max() < 4e-5
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 1), (1, 10, 10), (10, 1, 1), (2, 2, 2)], ids=str)
+def test_thin_volumes(renderer: sg.Renderer, shape: tuple[int, int, int]) -> None:
+    volume = sg.Volume(cells()[tuple(slice(side) for side in shape)] * 0.2 + 0.5)
+    splats = sg.extract(volume, RAMP, classification="post")
+    camera = sg.Camera.orbit(volume, 30, 20, size=(32, 24))
+    assert differences(renderer, splats, camera, EXACT.but(sheets=2, steps=1)).max() < 4e-5
+
+
+def test_nothing_opaque_is_an_empty_picture(renderer: sg.Renderer) -> None:
+    splats = sg.extract(sg.Volume(cells() * 0.1), RAMP, classification="post")
+    camera = eyes(matter())["fitted"]
+    assert len(splats) == 0 and (renderer.render(splats, camera).pixels == 0).all()
+    assert (sg.reference.render(splats, camera).pixels == 0).all()
+
+
+@pytest.mark.parametrize(
+    "points", [[(0.45, 0), (0.55, 1)], [(0.5, 0), (0.5, 1)], [(0.5, 0.4)], [(0.5, 0), (0.52, 0.6), (0.54, 0)]], ids=str
+)
+def test_steep_and_constant_transfer_functions(renderer: sg.Renderer, points: list[tuple[float, float]]) -> None:
+    splats = sg.extract(sg.Volume(cells()), sg.Transfer(points, colormap="hot"), classification="post")
+    settings = EXACT.but(sheets=2, steps=1)
+    # a step within one entry of the table is a ramp there
+    assert differences(renderer, splats, eyes(splats)["fitted"], settings).max() < 5e-3
+
+
+def test_the_table_keeps_the_integral_of_a_spike() -> None:
+    """As wide as an entry, wherever it is among them; and both ends are those of the transfer function."""
+    for middle in np.linspace(30, 30.05, 9):
+        width = 0.5 * 100 / ENTRIES
+        points = [(0, 0), (middle - width, 0), (middle, 0.9), (middle + width, 0), (99, 0), (100, 0.5)]
+        transfer = sg.Transfer(points, colormap="hot")
+        at = np.linspace(middle - width, middle + width, 20001)
+        right = transfer.extinction(transfer.opacity(at), 1.0).mean() * 2 * width
+        post = PostClassified.of(transfer, "b-spline", (9, 9, 9))
+        table = post.table(1.0)
+        u = post.relative(np.linspace(20, 40, 400_000))
+        mean = table[post.entries(u), 3].mean() * 20
+        assert abs(mean / right - 1) < 0.06
+        assert table[0, 3] == 0 and abs(table[-1, 3] - np.log(2)) < 1e-12
+        assert np.abs(table[-1, :3] - transfer.color(np.array(200.0))).max() < 1e-12
+
+
+def test_intervals_of_opacity() -> None:
+    def found(*points: tuple[float, float]) -> list[list[float]]:
+        return opaque_intervals(sg.Transfer(list(points))).tolist()
+
+    assert found((0, 0), (1, 0.5), (2, 0), (3, 0), (4, 0.1)) == [[0, 2], [3, np.inf]]
+    assert found((0, 0.5), (1, 0)) == [[-np.inf, 1]] and found((0, 0.2)) == [[-np.inf, np.inf]]
+    assert found((0, 0), (1, 0)) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"blend": "xray"}, "^blend xray takes splats that are classified before"),
+        ({"blend": "mip"}, "^blend mip takes splats that are classified before"),
+        ({"technique": "quads"}, "^technique quads: expected what quads can draw, got sheets"),
+        ({"classification": "pre"}, "^classification pre: the splats were extracted to be classified after"),
+        ({"kernel": "gaussian"}, "^kernel: expected auto or b-spline, got gaussian; extract the volume for that"),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_classified_after_is_told(changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(sg.InputError, match=said) as error:
+        sg.plan(matter(), eyes(matter())["fitted"], sg.Settings(**changes), tiles=True)
+    assert "\n" not in str(error.value)
+
+
+def test_what_extraction_refuses(renderer: sg.Renderer) -> None:
+    volume = sg.Volume(cells(), color=np.zeros((*cells().shape, 3), np.uint8))
+    for asked, given, said in (
+        (sg.Volume(cells()), {"threshold": 0.1}, "threshold take classification pre"),
+        (volume, {}, "colours of its own take classification pre"),
+        (sg.Volume(cells()), {"kernel": "box"}, "^kernel: expected"),
+        (sg.Volume(cells()), {"classification": "after"}, "^classification: expected pre or post, got 'after'$"),
+    ):
+        with pytest.raises(sg.InputError, match=said) as error:
+            sg.extract(asked, RAMP, **{"classification": "post", **given})
+        assert "\n" not in str(error.value)
+    with pytest.raises(sg.InputError, match=r"^motion blur takes splats that are classified before"):
+        renderer.render(matter(), eyes(matter())["fitted"], motion=Motion(velocity=(0.1, 0, 0)))
+
+
+def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.save("noise.npy", cells().astype(np.float32))
+    asked = ["render", "noise.npy", "--points", "0.45:0,0.6:0.8", "--size", "32"]
+    assert main([*asked, "--classification", "post", "--sheets", "2", "--steps", "2", "-o", "post.npy"]) == 0
+    assert main([*asked, "--compositing", "sheets", "-o", "sheets.npy"]) == 0
+    assert main([*asked, "-o", "splats.npy"]) == 0
+    post, sheets, splats = (np.load(f"{name}.npy") for name in ("post", "sheets", "splats"))
+    assert post[..., 3].max() > 0.5 and np.abs(post - splats).max() > 0.05 and np.abs(sheets - splats).max() > 1e-3

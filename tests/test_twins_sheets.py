@@ -1,0 +1,254 @@
+"""Sheets in GLSL and their float64 twins: places, weights, sums, rays, and light over a sheet."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from noise import GRIDS, noise, views
+from twins import COUNT, Twin
+
+import splatgl as sg
+from splatgl.gl.sheet_order import sheet_uniforms
+from splatgl.gl.sheet_tiles import CLASS_UNIT
+from splatgl.gl.uniforms import base_of
+from splatgl.splat.kernel.kernels import Kernel, kernel
+from splatgl.splat.plan.plan import Plan
+from splatgl.splat.sheets.sheets import Sheets
+from splatgl.splat.view.view import View
+from splatgl.truth.rays import Rays
+from splatgl.truth.sheets import _Field, composited
+
+
+def samples(grid: str = "cubes", size: int = 8) -> sg.Splats:
+    """Noise to be classified after reconstruction, every voxel of it."""
+    cells = np.random.default_rng(3).random((size, size, size))
+    transfer = sg.Transfer([(0, 0), (1, 0.9)], colormap="hot", shading=True)
+    return sg.extract(sg.Volume(cells, **GRIDS[grid]), transfer, classification="post")
+
+
+def planned(splats: sg.Splats, view: str, count: int, **changes: Any) -> Plan:
+    settings = sg.Settings(compositing="sheets", sheets=count, antialias="off", tolerance=1e-6, **changes)
+    return sg.plan(splats, views(splats)[view], settings, tiles=True)
+
+
+def uniforms(splats: sg.Splats, plan: Plan) -> dict[str, object]:
+    return sheet_uniforms(splats, plan, base_of(splats, plan.view.eye_index))
+
+
+def sheet_place(sheets: Sheets, view: View, positions: np.ndarray, first: float) -> np.ndarray:
+    return sheets.places(view, positions) - first
+
+
+def sheet_base(sheets: Sheets, place: np.ndarray) -> np.ndarray:
+    return sheets.base(place)
+
+
+def sheet_weights(sheets: Sheets, t: np.ndarray) -> np.ndarray:
+    return sheets.weights(t, np.zeros(len(t)))
+
+
+def set_ray(rays: Rays, splats: sg.Splats, plan: Plan, first: float) -> np.ndarray:
+    """[6, N]: a ray's ends in sheets, mean spacings per sheet, unit world direction."""
+    thick, offset = plan.resolved.sheets.thickness, 0.0
+    if not plan.view.perspective:
+        along = plan.view.index_from_eye[:, 2]
+        offset = along @ (rays.start - plan.view.eye_index[:, None]) / np.linalg.norm(along)
+    ends = (np.stack([rays.near, rays.far]) + offset) / thick - first
+    return np.concatenate([ends, [rays.stretch * thick], rays.toward.T])
+
+
+def valued(splat: np.ndarray, share: np.ndarray, steps: int) -> np.ndarray:
+    """A footprint's value: over its peak, if it weighs values."""
+    return share if steps else share * splat[3]
+
+
+def term_of(splat: np.ndarray, steps: int) -> np.ndarray:
+    return splat if steps else np.concatenate([splat[:3], np.ones_like(splat[:1])])
+
+
+def add_four(splats: list[np.ndarray], shares: np.ndarray, weights: list[np.ndarray], steps: int) -> np.ndarray:
+    """[5, sheets, N]: sums of four splats' terms [4, N] and masses by weights [sheets, N]."""
+    sums = np.zeros((5, *weights[0].shape))
+    for splat, share, weight in zip(splats, shares, weights, strict=True):
+        by_sheet = weight * valued(splat, share, steps)
+        sums[:4] += term_of(splat, steps)[:, None] * by_sheet
+        sums[4] += by_sheet
+    return sums
+
+
+def close_sheet(field: _Field | None, sums: np.ndarray, rays: Rays, sheets: Sheets) -> np.ndarray:
+    """Light [4, N] of sheets' sums [N, sheets, 4 or 5]."""
+    return (composited(sums) if field is None else field.composited(sums, rays, 0, sheets)).T
+
+
+@pytest.mark.parametrize("view", ["fitted", "parallel"])
+@pytest.mark.parametrize("grid", ["cubes", "sheared"])
+def test_places_in_sheets(grid: str, view: str, twin: Twin, rng: np.random.Generator) -> None:
+    splats = noise(grid)
+    plan = planned(splats, view, 3)
+    state, sheets = uniforms(splats, plan), plan.resolved.sheets
+    place = rng.uniform(0, 11, (COUNT, 3)).astype(np.float32)
+    found = twin("sheets.glsl", "result.x = sheet_place(p)", plan, splats, state, p=place)[:, 0]
+    right = sheet_place(sheets, plan.view, place, state["first_sheet"])
+    assert np.abs(found - right).max() < 2e-5
+    # every splat is in a sheet that is counted
+    first, last = sheets.range(splats, plan.view)
+    base = sheets.base(sheets.places(plan.view, splats.records["position"]))
+    assert first == state["first_sheet"] and first <= base.min() and base.max() <= last
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_weights_of_sheets(count: int, twin: Twin, rng: np.random.Generator) -> None:
+    sheets = Sheets.of(kernel("b-spline"), count, 0)
+    place = rng.uniform(-3, 40, COUNT).astype(np.float32).astype(np.float64)
+    found = twin("sheets.glsl", "result.x = float(sheet_base(p))", state={"SHEETS": count}, p=place)[:, 0]
+    assert (found == sheet_base(sheets, place)).all()
+    # also beyond the pieces, where a rounded place may lie
+    t = (place - sheet_base(sheets, place) + rng.choice([0, 0, 0, 0.6, -0.6], COUNT)).astype(np.float32)
+    found = twin("sheets.glsl", "result = sheet_weights(t)", state={"SHEETS": count}, t=t)
+    assert np.abs(found[:, :count].T - sheet_weights(sheets, t)).max() < 5e-7
+    assert (found >= 0).all() and (found[:, count:] == 0).all()
+
+
+@pytest.mark.parametrize("view", ["fitted", "wide", "parallel"])
+@pytest.mark.parametrize("grid", ["cubes", "sheared"])
+def test_rays_in_sheets(grid: str, view: str, twin: Twin) -> None:
+    """Of all pixels; ends of rays that miss the box are one."""
+    splats = samples(grid)
+    plan = planned(splats, view, 3)
+    camera, post = plan.resolved.camera, splats.post
+    assert post is not None
+    width, height = camera.size
+    pixel = np.arange(width * height)
+    at = np.stack([pixel % width, pixel // width], axis=1) + 0.5
+    state = uniforms(splats, plan)
+    state |= {"box_low": tuple(-0.5 - plan.view.eye_index)}
+    state |= {"box_high": tuple(np.array(post.shape) - 0.5 - plan.view.eye_index)}
+    parts = ("vec4(ends[0], lengths[0], 0.0)", "vec4(toward[0], 0.0)")
+    found = np.concatenate(
+        [
+            twin("sheet_draw.comp", f"first = a; set_ray(0); result = {part}", plan, splats, state, a=at)[:, :3].T
+            for part in parts
+        ]
+    )
+    rays = Rays.of(plan.view, camera, post.shape, pixel)
+    right = set_ray(rays, splats, plan, state["first_sheet"])
+    hit = rays.far > rays.near
+    assert hit.sum() > 100 and (found[1] - found[0])[~hit].max(initial=0) < 1e-4
+    assert np.abs((found - right)[:, hit]).max() < 1e-4 and np.abs((found - right)[2:]).max() < 1e-5
+
+
+@pytest.mark.parametrize("steps", [0, 2])
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_sums_of_four(count: int, steps: int, twin: Twin, rng: np.random.Generator) -> None:
+    splats = samples() if steps else noise(size=8)
+    plan = planned(splats, "fitted", count, **({"steps": steps} if steps else {}))
+    splat, weight = rng.uniform(-1, 1, (4, COUNT)), rng.random((4, COUNT))
+    distance = rng.uniform(0, 0.5, COUNT)
+    setup = """
+        Joined four[4]; vec4 weights[4];
+        for (int i = 0; i < 4; i++) {
+            four[i].offset = vec2(0.0); four[i].around = false; four[i].half_side = 1e9;
+            four[i].shape = vec4(a.x * float(i), 0.0, 0.0, 0.0);
+            four[i].splat = s * float(i + 1); weights[i] = w / float(i + 1);
+        }
+        sum0[0] = sum1[0] = sum2[0] = sum3[0] = masses[0] = vec4(0.0);
+        add_four(0, four, Ray(1.0, 1.0, 1.0), weights);
+    """
+    shape = plan.kernel
+    shares = shape.footprint(distance * np.arange(4)[:, None]) / shape.footprint(np.zeros(()))
+    numbers = [i + 1 for i in range(4)]
+    right = add_four([splat * n for n in numbers], shares, [weight / n for n in numbers], steps)
+    inputs = {"s": splat.T, "w": weight.T, "a": distance}
+    for sheet in range(count):
+        found = twin("sheet_draw.comp", f"{setup} result = sum{sheet}[0]", plan, splats, **inputs)
+        assert np.abs(found.T - right[:4, sheet]).max() < 2e-4
+    if steps:
+        found = twin("sheet_draw.comp", f"{setup} result = masses[0]", plan, splats, **inputs)
+        assert np.abs(found.T - right[4]).max() < 2e-4
+
+
+def share_at(shape: Kernel, triangle: np.ndarray, offset: np.ndarray, ray: np.ndarray) -> np.ndarray:
+    """The share of a peak at pixel offsets [2, N]; ray [2, N]: shrink and gain."""
+    across = triangle[0] * offset[0] + triangle[1] * offset[1]
+    d = np.sqrt((across**2 + (triangle[2] * offset[1]) ** 2) * ray[0])
+    return np.asarray(shape.footprint(d) / shape.footprint(np.zeros(())) * ray[1])
+
+
+@pytest.mark.parametrize("steps", [0, 2])
+def test_shares_of_a_splat(steps: int, twin: Twin, rng: np.random.Generator) -> None:
+    splats = samples() if steps else noise(size=8)
+    plan = planned(splats, "fitted", 3, **({"steps": steps} if steps else {}))
+    triangle, splat = rng.uniform(-0.5, 0.5, (3, COUNT)), rng.uniform(0, 1, (4, COUNT))
+    offset, row, ray = rng.uniform(-2, 2, (2, COUNT)), 3, rng.uniform(0.5, 1, (2, COUNT))
+    setup = """
+        Joined it; it.offset = o; it.around = false; it.splat = s; it.half_side = 1e9;
+        it.shape = vec4(t.x * o.x, t.yz, 0.0);
+        Ray ray = Ray(1.0, r.x, r.y)
+    """
+    inputs = {"o": offset.T, "s": splat.T, "t": triangle.T, "r": ray.T}
+    share = share_at(plan.kernel, triangle, offset + np.array([[0], [row]]), ray)
+    found = twin("sheet_draw.comp", f"{setup}; result.x = share_at(it, ray, {row}.0)", plan, splats, **inputs)[:, 0]
+    assert np.abs(found - share).max() < 5e-5
+    found = twin("sheet_draw.comp", f"{setup}; result.x = valued(it, ray, {row})", plan, splats, **inputs)[:, 0]
+    assert np.abs(found - valued(splat, share, steps)).max() < 5e-5
+    found = twin("sheet_draw.comp", f"{setup}; result = term_of(it)", plan, splats, **inputs)
+    assert np.abs(found.T - term_of(splat, steps)).max() < 1e-6
+
+
+def some_rays(rng: np.random.Generator) -> Rays:
+    """Rays whose ends are between sheets 0 and 2, nearly all of them."""
+    near, far, zero = rng.uniform(-1.5, 0.5, COUNT), rng.uniform(0.3, 2.5, COUNT), np.zeros((3, COUNT))
+    toward = rng.normal(size=(COUNT, 3))
+    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+    return Rays(zero, zero, near, np.maximum(far, near), rng.uniform(0.5, 2, COUNT), toward)
+
+
+def test_light_over_a_value(renderer: sg.Renderer, twin: Twin, rng: np.random.Generator) -> None:
+    """The transfer function's table is off by 1e−4 of its steps."""
+    splats = samples()
+    plan = planned(splats, "fitted", 3)
+    field = _Field.of(splats, plan.resolved, plan.view)
+    renderer.passes.tables.classification(splats).use(CLASS_UNIT)
+    state = {"class_table": CLASS_UNIT, "class_scale": field.post.scale}
+    light = rng.random((COUNT, 4))
+    value = np.column_stack([rng.uniform(-0.3, 1.3, COUNT), rng.normal(size=(COUNT, 3))])
+    value[::10, 1:] = 0
+    length, toward = rng.uniform(0, 2, COUNT), some_rays(rng).toward
+    inputs = {"l": light, "f": np.roll(value, -1, axis=1), "a": length, "t": toward}
+    found = twin("sheet_draw.comp", "result = over(l, f, a, t)", plan, splats, state, **inputs)
+    right = field._over(light, value, length, toward)
+    assert plan.resolved.look.shading and np.abs(found - right).max() < 3e-4
+
+
+@pytest.mark.parametrize("steps", [0, 1, 3])
+def test_light_over_sheets(steps: int, renderer: sg.Renderer, twin: Twin, rng: np.random.Generator) -> None:
+    splats = samples() if steps else noise(size=8)
+    plan = planned(splats, "fitted", 2, **({"steps": steps} if steps else {}))
+    field, state = None, {}
+    if steps:
+        field = _Field.of(splats, plan.resolved, plan.view)
+        renderer.passes.tables.classification(splats).use(CLASS_UNIT)
+        state = {"class_table": CLASS_UNIT, "class_scale": field.post.scale}
+    # masses on both sides of the least, and emission beside depth
+    mass = 10 ** rng.uniform(-4, 0, (COUNT, 2, 1))
+    mean = np.concatenate([rng.uniform(0, 1, (COUNT, 2, 1)), rng.normal(size=(COUNT, 2, 3))], axis=2)
+    sums = np.concatenate([mass, mean * mass], axis=2)
+    if not steps:
+        sums = np.concatenate([rng.random((COUNT, 2, 3)) * mass, mass * 4], axis=2)
+    rays, sheets = some_rays(rng), plan.resolved.sheets
+    expression = """
+        open_pixel(0); masses[0] = vec4(m, 0.0, 0.0); sum0[0] = a; sum1[0] = b;
+        ends[0] = e.xy; lengths[0] = e.z; toward[0] = t;
+        for (int n = 0; n < 3; n++) close_sheet(0, n);
+        result = light[0]
+    """
+    ordered = np.roll(sums[..., 1:], -1, axis=2) if steps else sums
+    thick = sheets.thickness
+    ends = np.stack([rays.near / thick, rays.far / thick, rays.stretch * thick], axis=1)
+    inputs = {"m": mass[..., 0], "a": ordered[:, 0], "b": ordered[:, 1], "e": ends, "t": rays.toward}
+    found = twin("sheet_draw.comp", expression, plan, splats, state, **inputs)
+    right = close_sheet(field, sums, rays, sheets)
+    assert right.max() > 0.3 and np.abs(found.T - right).max() < (5e-4 if steps else 3e-6)
