@@ -284,6 +284,13 @@ def test_what_sheets_cannot_draw_is_told(changes: dict[str, Any], said: str) -> 
     assert "\n" not in str(error.value)
 
 
+def test_more_sheets_than_can_be_are_told() -> None:
+    ends = np.array([[0, 0, 0], [0, 0, 1e5]])
+    splats = sg.Splats.from_points(ends, np.ones((2, 3)), np.ones(2))
+    chosen = sg.plan(splats, views(splats)["fitted"], EXACT, tiles=True)
+    assert chosen.resolved.sheets is None and "sheets left out" in chosen.explain()
+
+
 @pytest.mark.parametrize("change", [{"sheets": 1}, {"sheets": 5}, {"steps": 0}, {"steps": 9}, {"compositing": "x"}])
 def test_settings_of_sheets_out_of_range(change: dict[str, Any]) -> None:
     (name,) = change

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.errors import InputError, expected
-from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.extraction.splats import MOST_KEPT, Splats
 from splatgl.splat.kernel.kernels import Kernel, kernel
 from splatgl.splat.plan.blend_mode import BLENDS, BlendMode
 from splatgl.splat.plan.settings import Settings
-from splatgl.splat.sheets.sheets import Sheets
+from splatgl.splat.sheets.sheets import MOST_SHEETS, Sheets
 from splatgl.splat.view.camera import Camera, check_reach
 from splatgl.splat.view.view import View
 from splatgl.splat.view.widening import widening
@@ -95,7 +95,7 @@ class Resolved:
         shading, shading_notes = _shading(splats, settings)
         view = View.of(splats.grid, fine, kernel(kernel_name(splats, settings)), antialias)
         widened = widening(splats, view)
-        sheets = _sheets(splats, settings, view.kernel, moving)
+        sheets, sheets_notes = _sheets(splats, settings, view, moving)
         # widened weights of means need no attenuation
         after = sheets is not None and sheets.steps > 0
         attenuation = "optical-depth" if after else _attenuation(settings, antialias or moving)
@@ -111,7 +111,7 @@ class Resolved:
             unsure=widened.unsure,
             background=settings.background,
             tolerance=settings.tolerance,
-            notes=samples_notes + antialias_notes + shading_notes,
+            notes=samples_notes + antialias_notes + shading_notes + sheets_notes,
             sheets=sheets,
         )
 
@@ -125,8 +125,8 @@ def kernel_name(splats: Splats, settings: Settings) -> str:
     return splats.post.kernel
 
 
-def _sheets(splats: Splats, settings: Settings, shape: Kernel, moving: bool) -> Sheets | None:
-    """The sheets of a picture, None if splats composite one by one; InputError for what can't be classified so."""
+def _sheets(splats: Splats, settings: Settings, view: View, moving: bool) -> tuple[Sheets | None, tuple[str, ...]]:
+    """The sheets of a picture, None if splats composite one by one; with notes. InputError for what can't be drawn."""
     post = splats.post is not None
     if settings.classification not in ("auto", "post" if post else "pre"):
         raise InputError(
@@ -137,11 +137,18 @@ def _sheets(splats: Splats, settings: Settings, shape: Kernel, moving: bool) -> 
         other = "motion blur" if moving else f"blend {settings.blend}"
         raise InputError(f"{other} takes splats that are classified before reconstruction; extract them so")
     if not post and (settings.compositing == "splats" or not BLENDS[settings.blend].ordered or moving):
-        return None
+        return None, ()
     if settings.attenuation == "opacity":
         raise expected("attenuation", "optical-depth or fill, which add up within sheets", "opacity")
     count, steps = next((count, steps) for tolerance, count, steps in SHEETS if settings.tolerance >= tolerance)
-    return Sheets.of(shape, settings.sheets or count, (settings.steps or steps) if post else 0)
+    sheets = Sheets.of(view.kernel, settings.sheets or count, (settings.steps or steps) if post else 0)
+    first, last = sheets.range(splats, view)
+    if last - first < MOST_SHEETS and len(splats) <= MOST_KEPT:
+        return sheets, ()
+    many = f"at most {MOST_SHEETS:,} sheets and {MOST_KEPT:,} splats"
+    if post:
+        raise expected("splats", many, f"{last - first + 1:,} and {len(splats):,}", "take a part of the volume")
+    return None, (f"sheets left out: they take {many}; the picture would be another",)
 
 
 def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
