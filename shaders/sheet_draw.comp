@@ -196,13 +196,16 @@ void main() {
     while (at < end || (mine.w == 1u && holding > 0)) {
         if (holding <= 0) current = max(next, current);
         while (at < end && next <= current) {
-            uvec4 names = textureGather(list, (vec2(listed_at(at & ~3u)) + 1.0) * scale);
-            // the gather's corners in the list's order
-            Joined four[4] = Joined[4](read_splat(names.w), read_splat(names.z), read_splat(names.x), read_splat(names.y));
+            // the gather's corners in the list's order; beyond the list's end the first repeats, without weight
+            uint group = at & ~3u;
+            uvec4 names = textureGather(list, (vec2(listed_at(group)) + 1.0) * scale).wzxy;
+            Joined four[4] = Joined[4](read_splat(names.x), read_splat(group + 1u < end ? names.y : names.x),
+                                       read_splat(group + 2u < end ? names.z : names.x),
+                                       read_splat(group + 3u < end ? names.w : names.x));
             vec4 weights[4];
             uint passed = at;
             for (uint i = 0u; i < 4u; i++) {
-                uint n = (at & ~3u) + i;
+                uint n = group + i;
                 bool now = n >= at && n < end && sheet_base(four[i].last) <= current;
                 weights[i] = now ? sheet_weights(four[i].last - float(current)) : vec4(0.0);
                 passed += uint(now);
