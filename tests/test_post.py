@@ -269,3 +269,18 @@ def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert main([*asked, "-o", "splats.npy"]) == 0
     post, sheets, splats = (np.load(f"{name}.npy") for name in ("post", "sheets", "splats"))
     assert post[..., 3].max() > 0.5 and np.abs(post - splats).max() > 0.05 and np.abs(sheets - splats).max() > 1e-3
+
+
+def test_another_transfer_function_uploads_no_records(renderer: sg.Renderer) -> None:
+    splats = matter()
+    assert splats.post is not None
+    camera = views(splats)["fitted"]
+    renderer.render(splats, camera, EXACT)
+    before = renderer.passes.splats.of(splats)
+    cold = sg.Transfer([(0.45, 0), (0.6, 0.3)], colormap="viridis")
+    recolored = splats.classified_after(splats.post.recolored(cold))
+    image = renderer.render(recolored, camera, EXACT)
+    assert renderer.passes.splats.of(recolored) is before
+    anew = sg.extract(sg.Volume(cells(), **GRIDS["cubes"]), cold, classification="post")
+    assert np.abs(image.pixels - renderer.render(anew, camera, EXACT).pixels).max() < 1e-5
+    assert image.info["classification"] == "post" and (image.info["sheets"], image.info["steps"]) == (3, 3)

@@ -39,7 +39,9 @@ class SplatBuffers:
 
     def of(self, splats: Splats) -> SplatBuffer:
         """The buffers of `splats`, created on a miss; evicts the least recently used beyond KEPT or KEPT_BYTES."""
-        found = next((buffer for buffer in self.kept if buffer.splats is splats), None) or SplatBuffer(self.ctx, splats)
+        # another transfer function leaves the records of values as they are
+        same = (buffer for buffer in self.kept if buffer.splats.records is splats.records)
+        found = next(same, None) or SplatBuffer(self.ctx, splats)
         self.kept = [*(buffer for buffer in self.kept if buffer is not found), found]
         while len(self.kept) > KEPT or sum(buffer.splats.records.nbytes for buffer in self.kept[:-1]) > KEPT_BYTES:
             self.kept.pop(0).release()
