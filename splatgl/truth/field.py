@@ -24,7 +24,7 @@ from splatgl.splat.kernel.kernels import Kernel
 from splatgl.splat.kernel.kernels import kernel as kernel_named
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.view import View
-from splatgl.truth.integral import LEAP, OPAQUE, spread
+from splatgl.truth.integral import OPAQUE, distances, spread
 from splatgl.truth.rays import Rays
 
 # rays and points per batch
@@ -52,7 +52,7 @@ def kernel_field(volume: Volume, shape: Kernel, post: PostClassified) -> Field:
                     weight = shape.value(np.linalg.norm(places - cell, axis=0))
                     sums += weight[:, None] * _taken(terms, cell)
         mean = sums[:, 1:] / np.where(sums[:, :1] > 0, sums[:, :1], 1.0)
-        return post.value(mean[:, 0]), mean[:, 1:]
+        return post.value(mean[:, 0]), mean[:, 1:] * post.span
 
     return at
 
@@ -71,7 +71,7 @@ def trilinear_field(volume: Volume, post: PostClassified) -> Field:
         for corner in np.ndindex(2, 2, 2):
             step = np.array(corner)[:, None]
             sums += np.where(step, part, 1 - part).prod(axis=0)[:, None] * _taken(terms, first + step)
-        return post.value(sums[:, 1]), sums[:, 2:]
+        return post.value(sums[:, 1]), sums[:, 2:] * post.span
 
     return at
 
@@ -163,13 +163,7 @@ def _free(volume: Volume, post: PostClassified) -> np.ndarray:
     """Distances of voxels to those that may be near an opaque point."""
     u = post.relative(np.where(np.isfinite(volume.samples), volume.samples, np.nan))
     wanted = (opaque_intervals(post.transfer) - post.low) / post.span
-    near = spread(needed(u, u, 2, wanted)[0], np.arange(-1, 2))
-    free = np.where(near, 0, LEAP).astype(np.uint8)
-    for away in range(1, LEAP):
-        wider = spread(near, np.arange(-1, 2))
-        free[wider & ~near] = away
-        near = wider
-    return free
+    return distances(spread(needed(u, u, 2, wanted)[0], np.arange(-1, 2)))
 
 
 def _march(

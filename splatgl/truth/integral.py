@@ -66,7 +66,7 @@ class Field:
             raise expected("splats", "one at most at each point of a lattice", "others", "take an extracted volume")
         depth = np.append(splats.records["optical_depth"].astype(np.float64), 0.0)
         emitted = depth[:, None] * np.concatenate([color, np.zeros((1, 3))])
-        return cls(kernel, table, low, depth, emitted, _free(table < len(places)))
+        return cls(kernel, table, low, depth, emitted, distances(spread(table < len(places), -NEIGHBOURS)))
 
     def cells(self, places: np.ndarray) -> np.ndarray:
         """[3, P]: table indices of grid positions [3, P], rounded down."""
@@ -99,9 +99,8 @@ class Field:
         return np.stack([np.bincount(point, weight * term[splat], count) for term in terms], axis=-1)
 
 
-def _free(held: np.ndarray) -> np.ndarray:
-    """uint8: Chebyshev distance in cells to the nearest cell with an occupied neighbour."""
-    near = spread(held, -NEIGHBOURS)
+def distances(near: np.ndarray) -> np.ndarray:
+    """uint8: Chebyshev distance in cells to the nearest of `near`, at most LEAP."""
     free = np.where(near, 0, LEAP).astype(np.uint8)
     for away in range(1, LEAP):
         wider = spread(near, np.arange(-1, 2))
