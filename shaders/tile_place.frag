@@ -40,6 +40,19 @@ void read_record(uint n) {
     in_runs = zr >> 16;
 }
 
+// The largest root of a footprint's form within the square around it. Nearer than z_k, the form is D² times the square of
+// the pixel's ray, which is longest at a corner; further, the square fits.
+float form_radius(vec3 v, vec2 center, float half_side, vec3 t) {
+    if (ALIGN != ALIGN_EXACT || PERSPECTIVE == 0 || is_widened(v))
+        return (half_side - PIXEL_MARGIN) / max(length(vec2(t.y / t.z, 1.0) / t.x), 1.0 / t.z);
+    vec2 low = clamp(center - half_side, vec2(0.0), 2.0 * frame.image_center) - frame.image_center;
+    vec2 high = clamp(center + half_side, vec2(0.0), 2.0 * frame.image_center) - frame.image_center;
+    vec4 ends = vec4(low, high) * frame.pixel_pitch;
+    float longest = max(max(length(to_index(vec3(ends.xy, 1.0))), length(to_index(vec3(ends.zy, 1.0)))),
+                        max(length(to_index(vec3(ends.xw, 1.0))), length(to_index(vec3(ends.zw, 1.0)))));
+    return style.radius * longest;
+}
+
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
     uint n = uint(at.y) * ABREAST + uint(at.x);
@@ -59,7 +72,7 @@ void main() {
     bool around = ALIGN == ALIGN_EXACT && v.z <= AROUND_EYE * frame.depth_reach;
     float half_side = drawn && !around ? it.half_side : UNSEEN;
     vec3 triangle = triangle_of(it.to_local);
-    Extent extent = extent_of(triangle, half_side);
+    Extent extent = extent_of(triangle, form_radius(v, it.center, half_side, triangle));
     vec2 words = packed_extent(extent);
     // where it is wider than a picture can be
     float middle = unpacked_extent(words).width < 65504.0 ? it.center.x : frame.image_center.x;

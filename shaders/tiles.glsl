@@ -58,11 +58,10 @@ struct Extent {
     float k;
 };
 
-// Of D² ≤ R²; R: from the side of the square around it. Larger by PIXEL_MARGIN in every direction.
-Extent extent_of(vec3 t, float half_side) {
-    float k = -t.y / t.x, high = 1.0 / t.z, wide = length(vec2(k * high, 1.0 / t.x));
-    float radius = (half_side - PIXEL_MARGIN) / max(wide, high);
-    return Extent(radius * high + PIXEL_MARGIN, radius / t.x + PIXEL_MARGIN * (1.0 + abs(k)), k);
+// Of a form up to radius². Larger by PIXEL_MARGIN in every direction.
+Extent extent_of(vec3 t, float radius) {
+    float k = -t.y / t.x;
+    return Extent(radius / t.z + PIXEL_MARGIN, radius / t.x + PIXEL_MARGIN * (1.0 + abs(k)), k);
 }
 
 // In the last two words of bounds. Wider than any picture, it is everywhere in its rows.

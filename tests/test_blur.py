@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from splatgl.splat.kernel.kernels import KERNELS, Kernel, kernel
+from splatgl.splat.kernel.kernels import Kernel, kernel
 from splatgl.splat.motion.blur import (
     MOTIONS,
     POINT,
@@ -29,7 +29,7 @@ VALUES = {
     "crawfis-max": (0.699943966, 0.528513077, 0.212729422, 0.050034727, 0.004167880),
 }
 LENGTHS = (0.0, 1e-3, 0.1, 1.0, 7.3, 100.0)
-each_kernel = pytest.mark.parametrize("name", KERNELS)
+each_kernel = pytest.mark.parametrize("name", VALUES)
 
 
 @each_kernel

@@ -54,7 +54,7 @@ def leak(kernel: Kernel, depth: float, stretch: bool) -> tuple[float, float]:
     return largest / float(spectrum(kernel, depth, stretch, np.zeros(1))[0]), sum(energies[1:]) / sum(energies)
 
 
-@pytest.mark.parametrize("name", KERNELS)
+@pytest.mark.parametrize("name", LEAK)
 def test_a_stretched_footprint_leaks_as_little_at_every_depth(name: str) -> None:
     amplitude, energy = LEAK[name]
     for depth in DEPTHS:
@@ -63,7 +63,7 @@ def test_a_stretched_footprint_leaks_as_little_at_every_depth(name: str) -> None
         assert found[1] == pytest.approx(energy, abs=1e-6), depth
 
 
-@pytest.mark.parametrize("name", KERNELS)
+@pytest.mark.parametrize("name", LEAK)
 def test_the_leak_is_the_kernels_own_above_half_a_cycle_per_voxel(name: str) -> None:
     """At z_k a pixel is a voxel: the spectrum is the radial kernel's, (2/ρ) ∫ g(r) sin(2πρr) r dr."""
     kernel = KERNELS[name]

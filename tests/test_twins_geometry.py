@@ -56,13 +56,22 @@ def triangle_of(local: np.ndarray, off: np.ndarray) -> np.ndarray:
     return np.asarray((local[:2] * off).sum(axis=0) ** 2 + (local[2:] * off).sum(axis=0) ** 2)
 
 
-def extent_of(triangle: np.ndarray, half_side: np.ndarray) -> np.ndarray:
-    """[3, N]: height, width and k of the ellipse that just fits into the square, PIXEL_MARGIN larger."""
+def form_radius(view: View, center: np.ndarray, half_side: np.ndarray) -> np.ndarray:
+    """[N]: R times the longest of the rays, index axes, at the corners of squares within the picture; before z_k."""
+    ends = np.stack([center - half_side, center + half_side])
+    middle = np.array(view.size)[:, None] / 2
+    x, y = ((ends.clip(0, 2 * middle) - middle) * view.pitch).transpose(1, 0, 2)
+    rays = np.stack([[x[i], y[j], np.ones_like(x[0])] for i in (0, 1) for j in (0, 1)])
+    return np.asarray(view.kernel.radius * np.linalg.norm(view.index_from_eye @ rays, axis=1).max(axis=0))
+
+
+def extent_of(triangle: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """[3, N]: height, width and k of the ellipse of a form up to radius², PIXEL_MARGIN larger."""
     root = np.zeros((triangle.shape[1], 2, 2))
     root[:, 0, 0], root[:, 0, 1], root[:, 1, 1] = triangle
     covariance = np.linalg.inv(root.transpose(0, 2, 1) @ root)
     x, y, mixed = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
-    radius, k = (half_side - PIXEL_MARGIN) / np.sqrt(np.maximum(x, y)), mixed / y
+    k = mixed / y
     width = radius * np.sqrt(x - mixed**2 / y) + PIXEL_MARGIN * (1 + np.abs(k))
     return np.stack([radius * np.sqrt(y) + PIXEL_MARGIN, width, k])
 
@@ -276,6 +285,30 @@ def test_forms_of_tiles(twin: Twin, rng: np.random.Generator) -> None:
     assert np.abs(found / packed_extent(right) - 1).max() < 2e-3
     # it holds the ellipse
     assert (found[1] >= right[1] + np.abs(found[2] - right[2]) * right[0]).all()
+
+
+def test_ellipses_hold_footprints_near_the_eye(twin: Twin, rng: np.random.Generator) -> None:
+    """The form's radius is the twin's by 1e−5; no ray within the kernel's radius is beyond it, slanted and near."""
+    for grid in GRIDS:
+        splats = noise(grid)
+        plan = sg.plan(splats, inside(splats, (0.4, 0.9, 0.2)), sg.Settings(antialias="off"), tiles=True)
+        view = plan.view
+        center, half = rng.uniform(-50, 50, (2, COUNT)), rng.uniform(1, 90, COUNT)
+        expression = "result.x = form_radius(vec3(0.0, 0.0, 9.0), c, h, vec3(1.0))"
+        found = twin("tile_place.frag", expression, plan, splats, c=center.T, h=half)[:, 0]
+        assert np.abs(found / form_radius(view, center, half) - 1).max() < 1e-5
+        voxel = view.voxels(rng.uniform(-12, 24, (COUNT, 3)))
+        voxel = voxel[:, voxel[2] > 1.5 * view.reach]
+        middle = np.array(view.size)[:, None] / 2
+        at = voxel[:2] / voxel[2] / view.pitch + middle
+        pixel = at + rng.uniform(-3, 3, at.shape) / voxel[2] / view.pitch
+        ray = view.index_from_eye @ np.stack([*(pixel - middle) * view.pitch, np.ones(voxel.shape[1])])
+        i = view.index_from_eye @ voxel
+        form = np.linalg.norm(np.cross(i.T, ray.T), axis=1)
+        within = form < view.kernel.radius * np.linalg.norm(ray, axis=0)
+        within &= ((pixel > 0) & (pixel < 2 * middle)).all(axis=0)
+        sides = np.abs(pixel - at).max(axis=0)
+        assert within.any() and (form <= form_radius(view, at, sides))[within].all()
 
 
 def test_tiles_of_splats(twin: Twin, rng: np.random.Generator) -> None:
