@@ -11,7 +11,7 @@
 #constant BLOCK       // splats that are left out together
 #constant AROUND_EYE  // a kernel that reaches this part of the way to the eye's plane has no place in the picture
 
-// records of 9 words: see splatgl/splat/extraction/splats.py
+// records of 9 words: see splatgl/splat/extraction/records.py
 uniform usampler2D records;   // words 0 to 3 and 4 to 7
 uniform usampler2D rest;      // the last
 uniform usampler2D order;     // indices of records

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.extraction.splats import NORMAL_SCALE, RECORD
+from splatgl.splat.extraction.records import NORMAL_SCALE, RECORD
 
 RAMP = sg.Transfer([(0.2, 0.0), (1.0, 0.9)], colormap="hot")
 

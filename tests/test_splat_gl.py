@@ -11,7 +11,7 @@ from noise import scale
 import splatgl as sg
 from splatgl.gl.program import build, splat_switches
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
-from splatgl.splat.extraction.splats import GL_FORMAT
+from splatgl.splat.extraction.records import GL_FORMAT
 from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.plan.plan import Plan
 

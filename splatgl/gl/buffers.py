@@ -10,7 +10,8 @@ import numpy as np
 
 from splatgl.gl.constants import ABREAST
 from splatgl.gl.draw_order import DrawOrder, Orders, Range, indices
-from splatgl.splat.extraction.splats import GL_ATTRIBUTES, GL_FORMAT, RECORD, Splats
+from splatgl.splat.extraction.records import GL_ATTRIBUTES, GL_FORMAT, RECORD
+from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.block_culling import boxes
 
 # cache limits: entries, and bytes of records of all but the latest

@@ -17,7 +17,8 @@ from splatgl.data.volume import Slab, Volume
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.post import extract_post
-from splatgl.splat.extraction.splats import NORMAL_SCALE, RECORD, Grid, Splats, assemble
+from splatgl.splat.extraction.records import NORMAL_SCALE, RECORD
+from splatgl.splat.extraction.splats import Grid, Splats, assemble
 from splatgl.splat.kernel.kernels import kernel as kernel_named
 
 # voxels in a slab: temporaries stay near 100 MB, numpy's overhead a thousandth

@@ -12,7 +12,8 @@ import numpy as np
 
 from splatgl.data.volume import Slab, Volume
 from splatgl.splat.classification.post import PostClassified, opaque_intervals
-from splatgl.splat.extraction.splats import SAMPLE, Grid, Splats, assemble
+from splatgl.splat.extraction.records import SAMPLE
+from splatgl.splat.extraction.splats import Grid, Splats, assemble
 from splatgl.splat.kernel.kernels import Kernel
 
 # steps of the prefilter, after which means of coefficients are near the samples

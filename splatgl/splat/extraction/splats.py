@@ -1,4 +1,4 @@
-"""`Splats`: rows (z, y) of splats sorted by x, and the GPU record of a splat.
+"""`Splats`: rows (z, y) of splats sorted by x.
 
 Positions are grid indices, small and exact in float32; the affine grid maps them to world space in
 float64. Only non-empty rows are stored (compressed sparse rows).  [M98 §5, voxel extractor]
@@ -15,24 +15,8 @@ import numpy as np
 from splatgl.data.errors import expected
 from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
 from splatgl.splat.classification.post import PostClassified
+from splatgl.splat.extraction.records import RECORD
 
-# 36 bytes a splat. position: (x, y, z) in grid indices. optical_depth: extinction × mean spacing.
-# color: linear RGB. normal: unit world gradient as signed 16-bit fractions, zero where there is none.
-# runs: see run_lengths.py; filled in on upload if the plan needs them.
-RECORD = np.dtype(
-    [
-        ("position", "<f4", 3),
-        ("optical_depth", "<f4"),
-        ("color", "<f4", 3),
-        ("normal", "<i2", 3),
-        ("runs", "<i2"),
-    ]
-)
-# classified after reconstruction. value: see PostClassified; gradient: of it per mean spacing, world axes
-SAMPLE = np.dtype([("position", "<f4", 3), ("value", "<f4"), ("gradient", "<f4", 3), ("unused", "<i2", 4)])
-GL_FORMAT = "3f4 1f4 3f4 3i2 1i2"
-GL_ATTRIBUTES = ("in_position", "in_optical_depth", "in_color", "in_normal", "in_runs")
-NORMAL_SCALE = 32767.0
 # most splats kept on the GPU, 600 MB of records: the limit of texture rows
 MOST_KEPT = 2**24
 # largest colour and optical depth: their sums fit float32
