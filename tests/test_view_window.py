@@ -423,10 +423,10 @@ def test_dropped_files(window: Window, folder: Path) -> None:
 def test_watching(display: str, tmp_path: Path) -> None:
     np.save(tmp_path / "v.npy", blob().samples)
     window = Window(display, tmp_path / "v.npy", tmp_path, watched=[str(tmp_path / "v.npy")], target=1e-6)
-    # with no time at all for a frame, what moves is coarse, and what rests is not
+    # with no time at all for a frame, what moves is coarse (as coarse as is quickest), and what rests is not
     window.hands("mousemove", 100, 90, "key", "space")
-    moving = window.until(lambda told: any("moving: 6%" in line for line in told["hud lines"]))
-    assert any("moving: 6%" in line for line in moving["hud lines"])
+    moving = window.until(lambda told: any("moving: " in line for line in told["hud lines"]))
+    assert any("% of the pixels" in line for line in moving["hud lines"]), moving["hud lines"]
     assert not moving["full"] and "of the pixels" in moving["level"] and moving["turning"]
     turned = window.key("space")
     assert turned["full"] and any("refined to 1/255" in line for line in turned["hud lines"])
