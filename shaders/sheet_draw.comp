@@ -6,8 +6,8 @@
 // switch SHADING 0
 #constant LANES       // invocations of a group
 #constant LEAST_MASS  // below which a sheet holds no value
-#constant ENTRIES     // of the classification table
-#constant TABLE_ROW   // entries along its rows
+#constant CELLS       // of the classification table
+#constant TABLE_ROW   // ends of cells along its rows
 layout(local_size_x = LANES) in;
 #include "tile_splat.glsl"
 #include "sheets.glsl"
@@ -16,8 +16,12 @@ layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };  // tile, 
 layout(std430, binding = 3) buffer Open { uint open[]; };              // tiles that have not terminated
 layout(std430, binding = 5) buffer Rings { float rings[]; };           // open sheets of tiles that continue
 layout(rgba32f, binding = 0) uniform image2D target;
-uniform sampler2D class_table;  // linear RGB, extinction per mean spacing
-uniform vec2 class_scale;       // a value's place between entries is x value + y
+// extinction · linear RGB, and extinction, per reference length: integrals until the ends of its cells
+uniform usampler2D class_table;
+uniform vec2 class_scale;       // a value's place in the table is x value + y
+uniform float class_unit;       // of the table's integrals, per cell
+uniform vec4 class_before;      // beyond its ends
+uniform vec4 class_behind;
 uniform vec3 box_low;           // the volume's box from the eye, index axes
 uniform vec3 box_high;
 uniform float opaque;           // opacity at which a tile terminates
@@ -29,7 +33,7 @@ vec4 masses[ROWS];
 vec4 before[ROWS];
 float known[ROWS];
 vec4 light[ROWS];
-// of a pixel's ray: its ends in the box, in sheets from the first; mean spacings per sheet; unit world direction
+// of a pixel's ray: its ends in the box, in sheets from the first; reference lengths per sheet; unit world direction
 vec2 ends[ROWS];
 float lengths[ROWS];
 vec3 toward[ROWS];
@@ -51,44 +55,80 @@ void set_ray(int row) {
     near = max(near, 0.0);
     float offset = PERSPECTIVE == 1 ? 0.0 : dot(start, sheet_direction);
     ends[row] = (vec2(near, max(far, near)) + offset) / thickness - first_sheet;
-    lengths[row] = length(along) / speed * thickness;
+    lengths[row] = length(along) / speed * thickness / style.opacity_length;
     mat3 eye_from_world = mat3(frame.eye_from_world[0].xyz, frame.eye_from_world[1].xyz, frame.eye_from_world[2].xyz);
     toward[row] = normalize(along) * eye_from_world;
 }
 
-vec4 class_at(int entry) {
-    return texelFetch(class_table, ivec2(entry % TABLE_ROW, entry / TABLE_ROW), 0);
+// A place in the table: its cell, the integral until it, over the cell and from there to the place.
+struct Until {
+    float place;
+    int cell;
+    uvec4 below;
+    vec4 mean;
+    vec4 above;
+};
+
+uvec4 class_texel(int cell) {
+    return texelFetch(class_table, ivec2(cell % TABLE_ROW, cell / TABLE_ROW), 0);
 }
 
-// Light that reaches the eye from `length_` mean spacings of matter of that gradient and value behind `light`.
-vec4 over(vec4 light, vec4 field, float length_, vec3 toward) {
-    float place = clamp(field.a * class_scale.x + class_scale.y, 0.0, float(ENTRIES - 1));
-    int entry = min(int(place), ENTRIES - 2);
-    vec4 matter = mix(class_at(entry), class_at(entry + 1), place - float(entry));
-    if (SHADING == 1) {
-        float size2 = dot(field.rgb, field.rgb);
-        float cosine = min(abs(dot(field.rgb, toward)) * inversesqrt(max(size2, 1e-37)), 1.0);
+Until class_until(float place) {
+    float inside = clamp(place, 0.0, float(CELLS));
+    Until it;
+    it.place = place;
+    it.cell = min(int(inside), CELLS - 1);
+    it.below = class_texel(it.cell);
+    it.mean = vec4(class_texel(it.cell + 1) - it.below) * class_unit;
+    vec4 outside = place < 0.0 ? class_before : class_behind;
+    it.above = (inside - float(it.cell)) * it.mean + (place - inside) * outside;
+    if (place != inside) {
+        it.mean = outside;
+        it.cell = place < 0.0 ? -1 : CELLS;
+    }
+    return it;
+}
+
+// Mean emission and extinction between two places.
+vec4 class_mean(Until first, Until last) {
+    // differences of whole numbers are exact
+    vec4 between = vec4(ivec4(last.below - first.below)) * class_unit + (last.above - first.above);
+    return first.cell == last.cell ? first.mean : max(between / (last.place - first.place), vec4(0.0));
+}
+
+// Light that reaches the eye from behind `light`, through `length_` reference lengths of matter of that emission and
+// extinction, with that gradient.
+vec4 over(vec4 light, vec4 matter, vec3 gradient, float length_, vec3 toward) {
+    matter *= length_;
+    if (SHADING == 1 && STEPS > 0) {
+        float size2 = dot(gradient, gradient);
+        float cosine = min(abs(dot(gradient, toward)) * inversesqrt(max(size2, 1e-37)), 1.0);
         matter.rgb *= size2 > 0.0 ? style.ambient + style.diffuse * cosine : 1.0;
     }
-    return light + (1.0 - light.a) * one_minus_exp(matter.a * length_) * vec4(matter.rgb, 1.0);
+    float share = matter.a > 1e-30 ? one_minus_exp(matter.a) / matter.a : 1.0;
+    return light + (1.0 - light.a) * share * matter;
 }
 
 // Composites the nearest open sheet of a pixel, number `current`, and opens another.
 void close_sheet(int row, int current) {
-    if (STEPS == 0) {
-        vec4 sum = sum0[row];
-        float share = sum.a > 1e-30 ? one_minus_exp(sum.a) / sum.a : 1.0;
-        light[row] += (1.0 - light[row].a) * share * sum;
-    } else {
+    if (STEPS == 0) light[row] = over(light[row], sum0[row], vec3(0.0), 1.0, vec3(0.0));
+    else {
         bool valid = masses[row].x >= LEAST_MASS;
         vec4 mean = valid ? sum0[row] / masses[row].x : before[row];
-        vec4 start = known[row] > 0.0 ? before[row] : mean;
         bool some = valid || known[row] > 0.0;
+        vec4 start = known[row] > 0.0 ? before[row] : mean;
+        // the part within the box, and its values' places
+        vec2 inside = clamp(ends[row] - float(current - 1), 0.0, 1.0);
+        vec2 place = vec2(start.a, mean.a - start.a) * class_scale.x + vec2(class_scale.y, 0.0);
+        Until begin = class_until(place.x + inside.x * place.y);
         for (int i = 0; i < STEPS; i++) {
-            float low = float(current - 1) + float(i) / float(STEPS);
-            float length_ = min(ends[row].y, low + 1.0 / float(STEPS)) - max(ends[row].x, low);
-            length_ = some ? max(length_, 0.0) * lengths[row] : 0.0;
-            light[row] = over(light[row], mix(start, mean, (float(i) + 0.5) / float(STEPS)), length_, toward[row]);
+            vec2 part = clamp(vec2(float(i), float(i + 1)) / float(STEPS), inside.x, inside.y);
+            float length_ = some ? (part.y - part.x) * lengths[row] : 0.0;
+            Until end = class_until(place.x + part.y * place.y);
+            vec4 matter = class_mean(begin, end);
+            begin = end;
+            vec3 gradient = mix(start.rgb, mean.rgb, 0.5 * (part.x + part.y));
+            light[row] = over(light[row], matter, gradient, length_, toward[row]);
         }
         before[row] = mean;
         known[row] = valid ? 1.0 : 0.0;

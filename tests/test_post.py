@@ -13,7 +13,7 @@ from noise import GRIDS, LOOKS, inside, views
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.gl import sheet_order, sheet_tiles, tiles
-from splatgl.splat.classification.post import ENTRIES, PostClassified, opaque_intervals
+from splatgl.splat.classification.post import PostClassified, opaque_intervals
 from splatgl.splat.extraction import post as extraction
 from splatgl.splat.motion.motion import Motion
 
@@ -182,7 +182,7 @@ def test_thin_volumes(renderer: sg.Renderer, shape: tuple[int, int, int]) -> Non
     volume = sg.Volume(cells()[tuple(slice(side) for side in shape)] * 0.2 + 0.5)
     splats = sg.extract(volume, RAMP, classification="post")
     camera = sg.Camera.orbit(volume, 30, 20, size=(32, 24))
-    assert differences(renderer, splats, camera, EXACT.but(sheets=2, steps=1)).max() < 4e-5
+    assert differences(renderer, splats, camera, EXACT.but(sheets=2, steps=1)).max() < 1e-4
 
 
 def test_nothing_opaque_is_an_empty_picture(renderer: sg.Renderer) -> None:
@@ -202,21 +202,41 @@ def test_steep_and_constant_transfer_functions(renderer: sg.Renderer, points: li
     assert differences(renderer, splats, eyes(splats)["fitted"], settings).max() < 5e-3
 
 
-def test_the_table_keeps_the_integral_of_a_spike() -> None:
-    """As wide as an entry, wherever it is among them; and both ends are those of the transfer function."""
-    for middle in np.linspace(30, 30.05, 9):
-        width = 0.5 * 100 / ENTRIES
-        points = [(0, 0), (middle - width, 0), (middle, 0.9), (middle + width, 0), (99, 0), (100, 0.5)]
-        transfer = sg.Transfer(points, colormap="hot")
-        at = np.linspace(middle - width, middle + width, 20001)
-        right = transfer.extinction(transfer.opacity(at), 1.0).mean() * 2 * width
-        post = PostClassified.of(transfer, "b-spline", (9, 9, 9))
-        table = post.table(1.0)
-        u = post.relative(np.linspace(20, 40, 400_000))
-        mean = table[post.entries(u), 3].mean() * 20
-        assert abs(mean / right - 1) < 0.06
-        assert table[0, 3] == 0 and abs(table[-1, 3] - np.log(2)) < 1e-12
-        assert np.abs(table[-1, :3] - transfer.color(np.array(200.0))).max() < 1e-12
+@pytest.mark.parametrize("width", [3.0, 1.0, 1e-2, 1e-6])
+@pytest.mark.parametrize("view", ["along", "oblique"])
+def test_no_spike_is_passed_over(renderer: sg.Renderer, view: str, width: float) -> None:
+    """Values rise by 1 per voxel: however narrow a spike is, and wherever it lies between two sheets, a ray that
+    crosses it gathers its area over the slope of the values along the ray, to a few per cent.
+    """
+    z = np.indices((24, 12, 12))[0].astype(float)
+    camera = sg.Camera.orbit(sg.Volume(z), 90, 90, size=(9, 9), zoom=3) if view == "along" else None
+    camera = camera or sg.Camera.orbit(sg.Volume(z), 40, 60, size=(9, 9), zoom=3)
+    camera = camera.parallel(sg.Volume(z))
+    slope = abs(camera.forward[2])
+    for middle in (11.0, 11.37, 12.81):
+        points = [(middle - width, 0), (middle, 0.6), (middle + width, 0)]
+        transfer = sg.Transfer(points, unit=width, shading=False)
+        at = (np.arange(20000) + 0.5) / 20000
+        area = transfer.extinction(0.6 * at, width).mean() * 2 * width
+        splats = sg.extract(sg.Volume(z), transfer, classification="post")
+        for steps in (1, 3):
+            alpha = renderer.render(splats, camera, EXACT.but(steps=steps)).pixels[3:6, 3:6, 3]
+            assert np.abs(alpha + np.expm1(-area / slope)).max() < 0.04, (middle, steps)
+            right = sg.reference.render(splats, camera, EXACT.but(steps=steps)).pixels[3:6, 3:6, 3]
+            assert np.abs(alpha - right).max() < 1e-4
+
+
+def test_means_of_classes() -> None:
+    """Between any two values, across steps and spikes, as sums of many small parts; and beyond the ends."""
+    points = [(0, 0.1), (2, 0.5), (2, 0), (5, 0), (5.001, 0.9), (5.002, 0), (9, 0.3), (9, 0.7)]
+    transfer = sg.Transfer(points, colormap="hot", window=(0, 10))
+    integral = PostClassified.of(transfer, "b-spline", (9, 9, 9)).integral
+    for first, last in ((1.5, 2.5), (4.9, 5.1), (5.0004, 5.0011), (-3, -1), (8, 14), (14, 8), (3, 3), (6.2, 6.2000001)):
+        at = first + (last - first) * (np.arange(400_000) + 0.5) / 400_000
+        extinction = transfer.extinction(transfer.opacity(at), 1.0)[:, None]
+        right = np.concatenate([transfer.color(at) * extinction, extinction], axis=1).mean(axis=0)
+        found = integral.mean(np.array([first]), np.array([last]))[0]
+        assert np.abs(found - right).max() < 2e-4 * max(right.max(), 0.01), (first, last)
 
 
 def test_intervals_of_opacity() -> None:

@@ -11,8 +11,9 @@ from twins import COUNT, Twin
 
 import splatgl as sg
 from splatgl.gl.sheet_order import sheet_uniforms
-from splatgl.gl.sheet_tiles import CLASS_UNIT
+from splatgl.gl.sheet_tiles import CLASS_UNIT, class_uniforms
 from splatgl.gl.uniforms import base_of
+from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.kernel.kernels import Kernel, kernel
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.sheets.sheets import Sheets
@@ -20,11 +21,12 @@ from splatgl.splat.view.view import View
 from splatgl.truth.rays import Rays
 from splatgl.truth.sheets import _Field, composited
 
+RAMP = sg.Transfer([(0, 0), (1, 0.9)], colormap="hot", shading=True)
 
-def samples(grid: str = "cubes", size: int = 8) -> sg.Splats:
+
+def samples(grid: str = "cubes", size: int = 8, transfer: sg.Transfer = RAMP) -> sg.Splats:
     """Noise to be classified after reconstruction, every voxel of it."""
     cells = np.random.default_rng(3).random((size, size, size))
-    transfer = sg.Transfer([(0, 0), (1, 0.9)], colormap="hot", shading=True)
     return sg.extract(sg.Volume(cells, **GRIDS[grid]), transfer, classification="post")
 
 
@@ -206,21 +208,64 @@ def some_rays(rng: np.random.Generator) -> Rays:
     return Rays(zero, zero, near, np.maximum(far, near), rng.uniform(0.5, 2, COUNT), toward)
 
 
-def test_light_over_a_value(renderer: sg.Renderer, twin: Twin, rng: np.random.Generator) -> None:
-    """The transfer function's table is off by 1e−4 of its steps."""
+def class_state(renderer: sg.Renderer, splats: sg.Splats) -> dict[str, object]:
+    """The classification table's uniforms."""
+    renderer.passes.tables.classification(splats).use(CLASS_UNIT)
+    return class_uniforms(splats.post)
+
+
+def class_until(post: PostClassified, u: np.ndarray) -> np.ndarray:
+    return post.integral.until(post.value(u))
+
+
+def class_mean(post: PostClassified, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    return post.integral.mean(post.value(first), post.value(last))
+
+
+STEEP = [(0, 0), (0.2, 0.9), (0.2, 0.1), (0.5, 0.1), (0.50001, 0.99), (0.50002, 0.1), (0.9, 0), (1, 0.5)]
+
+
+@pytest.mark.parametrize("points", [[(0, 0), (1, 0.9)], STEEP], ids=["ramp", "steps and a spike"])
+def test_classes_of_values(
+    points: list[tuple[float, float]], renderer: sg.Renderer, twin: Twin, rng: np.random.Generator
+) -> None:
+    """Over intervals of all widths, in either direction, and beyond the ends."""
+    splats = samples(transfer=sg.Transfer(points, colormap="hot"))
+    post, plan, state = splats.post, planned(splats, "fitted", 3), class_state(renderer, splats)
+    first = rng.uniform(-0.5, 1.5, COUNT)
+    last = first + np.where(rng.random(COUNT) < 0.5, 1, -1) * 10 ** rng.uniform(-3.5, 0.3, COUNT)
+    last[:20] = first[:20]
+    a, b = post.scale
+    places = {"f": a * first + b, "l": a * last + b}
+    right = class_mean(post, first, last)
+    found = twin(
+        "sheet_draw.comp", "result = class_mean(class_until(f), class_until(l))", plan, splats, state, **places
+    )
+    # within a cell of the table the mean is that of the cell; a place is rounded to 2^-11 of a cell
+    narrow = np.abs(last - first) < 0.01
+    allowed = np.where(narrow, 2e-2 if points is STEEP else 2e-4, 2e-4)[:, None] * right.max()
+    assert right.max() > 1 and (np.abs(found - right) < allowed).mean() > 0.999
+    assert (np.abs(found - right) < 2e-5 * right.max() + 0.1 * allowed * narrow[:, None])[~narrow].mean() > 0.99
+    # integrals from the table's first cell on
+    expression = "Until it = class_until(l); result = vec4(it.below) * class_unit + it.above"
+    until = class_until(post, last) * a / post.span
+    assert np.abs(twin("sheet_draw.comp", expression, plan, splats, state, **places) - until).max() < 1e-4 * until.max()
+
+
+def test_light_over_matter(renderer: sg.Renderer, twin: Twin, rng: np.random.Generator) -> None:
     splats = samples()
     plan = planned(splats, "fitted", 3)
-    field = _Field.of(splats, plan.resolved, plan.view)
-    renderer.passes.tables.classification(splats).use(CLASS_UNIT)
-    state = {"class_table": CLASS_UNIT, "class_scale": field.post.scale}
+    field, state = _Field.of(splats, plan.resolved, plan.view), class_state(renderer, splats)
     light = rng.random((COUNT, 4))
-    value = np.column_stack([rng.uniform(-0.3, 1.3, COUNT), rng.normal(size=(COUNT, 3))])
-    value[::10, 1:] = 0
+    first = np.column_stack([rng.uniform(-0.3, 1.3, COUNT), rng.normal(size=(COUNT, 3))])
+    last = np.column_stack([rng.uniform(-0.3, 1.3, COUNT), rng.normal(size=(COUNT, 3))])
+    first[::10, 1:] = last[::10, 1:] = 0
     length, toward = rng.uniform(0, 2, COUNT), some_rays(rng).toward
-    inputs = {"l": light, "f": np.roll(value, -1, axis=1), "a": length, "t": toward}
-    found = twin("sheet_draw.comp", "result = over(l, f, a, t)", plan, splats, state, **inputs)
-    right = field._over(light, value, length, toward)
-    assert plan.resolved.look.shading and np.abs(found - right).max() < 3e-4
+    matter = class_mean(field.post, first[:, 0], last[:, 0])
+    inputs = {"l": light, "m": matter, "g": (first[:, 1:] + last[:, 1:]) / 2, "a": length, "t": toward}
+    found = twin("sheet_draw.comp", "result = over(l, m, g, a, t)", plan, splats, state, **inputs)
+    right = field._over(light, first, last, length * splats.unit / splats.grid.mean_spacing, toward)
+    assert plan.resolved.look.shading and np.abs(found - right).max() < 2e-6
 
 
 @pytest.mark.parametrize("steps", [0, 1, 3])
@@ -230,8 +275,7 @@ def test_light_over_sheets(steps: int, renderer: sg.Renderer, twin: Twin, rng: n
     field, state = None, {}
     if steps:
         field = _Field.of(splats, plan.resolved, plan.view)
-        renderer.passes.tables.classification(splats).use(CLASS_UNIT)
-        state = {"class_table": CLASS_UNIT, "class_scale": field.post.scale}
+        state = class_state(renderer, splats)
     # masses on both sides of the least, and emission beside depth
     mass = 10 ** rng.uniform(-4, 0, (COUNT, 2, 1))
     mean = np.concatenate([rng.uniform(0, 1, (COUNT, 2, 1)), rng.normal(size=(COUNT, 2, 3))], axis=2)

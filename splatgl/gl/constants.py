@@ -14,7 +14,7 @@ from splatgl.splat.view import block_culling, eye_near, screen_bounds
 
 # splats per row of the placed textures, and groups of four entries per row of the tile list
 ABREAST, LISTED = 1024, 2048
-# classification table entries along its rows
+# ends of cells of the classification table along its rows
 TABLE_ROW = 128
 # invocations per work group
 LANES = 8
@@ -26,10 +26,10 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "AHEAD": motion.AHEAD,
     "AROUND_EYE": eye_near.AROUND_EYE,
     "BLOCK": np.uint32(block_culling.BLOCK),
+    "CELLS": post.CELLS,
     "COLUMNS": tiling.COLUMNS,
     "DENSE": motion_opacity.DENSE,
     "DENSEST": motion_opacity.DENSEST,
-    "ENTRIES": post.ENTRIES,
     "FAR": motion.FAR,
     "FIRST_ORDER": approximations.FIRST_ORDER,
     "GRAZING": attenuation.GRAZING,

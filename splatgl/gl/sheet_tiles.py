@@ -17,6 +17,7 @@ from splatgl.gl.tables import HALF_LINE_UNIT, Tables
 from splatgl.gl.target import Target
 from splatgl.gl.tiles import LIST_UNIT, LISTS, OPEN, Tiles, bands_of, set_uniforms
 from splatgl.gl.uniforms import base_of
+from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.plan.tiling import ROWS
@@ -61,9 +62,8 @@ class SheetTiles(Tiles):
         texels, self.count = self.order.sorted(splats, plan, texels, self.uniforms)
         if splats.post is not None:
             self.tables.classification(splats).use(CLASS_UNIT)
+            self.uniforms |= class_uniforms(splats.post)
             self.uniforms |= {
-                "class_table": CLASS_UNIT,
-                "class_scale": splats.post.scale,
                 "box_low": tuple(-0.5 - plan.view.eye_index),
                 "box_high": tuple(np.array(splats.post.shape) - 0.5 - plan.view.eye_index),
             }
@@ -122,3 +122,15 @@ class SheetTiles(Tiles):
         program = super()._placing(plan, switches)
         set_uniforms(program, **self.uniforms)
         return program
+
+
+def class_uniforms(post: PostClassified) -> dict[str, object]:
+    """Of the classification table, bound to CLASS_UNIT."""
+    before, behind = post.integral.outside
+    return {
+        "class_table": CLASS_UNIT,
+        "class_scale": post.scale,
+        "class_unit": post.table[1],
+        "class_before": tuple(before),
+        "class_behind": tuple(behind),
+    }

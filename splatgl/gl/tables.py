@@ -34,7 +34,7 @@ class Tables:
         self.ctx, self.owned = ctx, owned
         self.kept: dict[tuple[str, str, int, int], moderngl.Texture] = {}
         # of the last splats classified after reconstruction
-        self.classes: tuple[PostClassified, float, moderngl.Texture] | None = None
+        self.classes: tuple[PostClassified, moderngl.Texture] | None = None
 
     def use(self, plan: Plan) -> None:
         """Binds the tables of a plan's program."""
@@ -50,18 +50,19 @@ class Tables:
             self._of(kernel, "blur", 0, 32, lambda: blur_table(kernel.name).packed).use(BLUR_UNIT)
 
     def classification(self, splats: Splats) -> moderngl.Texture:
-        """The table of the splats' transfer function, linear RGB and extinction per mean spacing; kept for the next."""
+        """The table of the splats' transfer function, see sheet_draw.comp; kept for the next picture."""
         assert splats.post is not None
-        kept = self.classes
-        if kept is None or kept[0] is not splats.post or kept[1] != splats.unit:
-            table = splats.post.table(splats.unit)
-            table[:, 3] *= splats.grid.mean_spacing
-            texture = self._texture(table.reshape(-1, TABLE_ROW, 4), 32)
+        if self.classes is None or self.classes[0] is not splats.post:
+            table, _ = splats.post.table
+            rows = -(-len(table) // TABLE_ROW)
+            texels = np.pad(table, [(0, rows * TABLE_ROW - len(table)), (0, 0)])
+            texture = self.ctx.texture((TABLE_ROW, rows), 4, texels.tobytes(), dtype="u4")
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            if kept is not None:
-                kept[2].release()
-            self.classes = kept = splats.post, splats.unit, texture
-        return kept[2]
+            self.owned.callback(texture.release)
+            if self.classes is not None:
+                self.classes[1].release()
+            self.classes = splats.post, texture
+        return self.classes[1]
 
     def _of(self, kernel: Kernel, kind: str, size: int, bits: int, make: Callable[[], np.ndarray]) -> moderngl.Texture:
         key = (kernel.name, kind, size, bits)

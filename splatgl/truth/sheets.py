@@ -123,24 +123,29 @@ class _Field:
             mean = np.where(valid[:, None], mean, before)
             start = np.where(known[:, None], before, mean)
             some = np.flatnonzero(valid | known)
+            # the part within the box
+            low, high = (np.clip(end[some] - (first + n - 1), 0.0, 1.0) for end in (near, far))
             for i in range(sheets.steps):
-                part, place = (i + 0.5) / sheets.steps, first + n - 1 + i / sheets.steps
-                low = np.maximum(near, place)
-                high = np.minimum(far, place + 1 / sheets.steps)
-                length = np.maximum(high - low, 0.0) * stretch
-                mixed = start[some] * (1 - part) + mean[some] * part
-                light[some] = self._over(light[some], mixed, length[some], rays.toward[some])
+                part = [np.clip((i + end) / sheets.steps, low, high) for end in (0, 1)]
+                ends = [start[some] * (1 - at[:, None]) + mean[some] * at[:, None] for at in part]
+                length = (part[1] - part[0]) * stretch[some]
+                light[some] = self._over(light[some], *ends, length, rays.toward[some])
             before, known = np.where(valid[:, None], mean, 0.0), valid
         return light
 
-    def _over(self, light: np.ndarray, field: np.ndarray, length: np.ndarray, toward: np.ndarray) -> np.ndarray:
-        """Light [P, 4] over matter of that value and gradient [P, 4], `length` mean spacings deep."""
-        value, transfer = self.post.value(field[:, 0]), self.post.transfer
-        depth = transfer.extinction(transfer.opacity(value), self.unit) * self.spacing * length
-        color = transfer.color(value)
+    def _over(
+        self, light: np.ndarray, first: np.ndarray, last: np.ndarray, length: np.ndarray, toward: np.ndarray
+    ) -> np.ndarray:
+        """Light [P, 4] behind which lies matter, `length` mean spacings deep, of values and gradients [P, 4] from
+        `first` to `last`.
+        """
+        matter = self.post.integral.mean(self.post.value(first[:, 0]), self.post.value(last[:, 0]))
+        matter = matter * (length * self.spacing / self.unit)[:, None]
         if self.shading:
-            size = np.linalg.norm(field[:, 1:], axis=1)
-            cosine = np.abs((field[:, 1:] * toward).sum(axis=1)) / np.where(size > 0, size, 1.0)
-            color = color * np.where(size > 0, AMBIENT + DIFFUSE * np.minimum(cosine, 1.0), 1.0)[:, None]
-        opacity = -np.expm1(-depth) * (1 - light[:, 3])
-        return light + opacity[:, None] * np.concatenate([color, np.ones((len(color), 1))], axis=1)
+            gradient = (first[:, 1:] + last[:, 1:]) / 2
+            size = np.linalg.norm(gradient, axis=1)
+            cosine = np.abs((gradient * toward).sum(axis=1)) / np.where(size > 0, size, 1.0)
+            matter[:, :3] *= np.where(size > 0, AMBIENT + DIFFUSE * np.minimum(cosine, 1.0), 1.0)[:, None]
+        depth = matter[:, 3]
+        share = np.where(depth > 0, -np.expm1(-depth) / np.where(depth > 0, depth, 1.0), 1.0)
+        return np.asarray(light + ((1 - light[:, 3]) * share)[:, None] * matter)

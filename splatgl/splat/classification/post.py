@@ -11,12 +11,11 @@ from functools import cached_property
 
 import numpy as np
 
+from splatgl.splat.classification.class_integral import ClassIntegral
 from splatgl.splat.classification.transfer import Transfer
 
-# entries of the classification table
-ENTRIES = 2**13
-# points of a transfer function averaged for an entry: an opacity narrower than an entry keeps its integral
-FINER = 8
+# cells of the classification table
+CELLS = 2**14
 # largest multiple of the transfer function's range that a value is kept at; means stay finite in float32
 FURTHEST = 2.0**20
 
@@ -62,39 +61,30 @@ class PostClassified:
 
     @cached_property
     def scale(self) -> tuple[float, float]:
-        """(a, b): record value u lies at a u + b between the table's entries, before clamping."""
+        """(a, b): record value u lies at a u + b in the table, whose cells are 1 wide."""
         low, high = self.range
-        a = (ENTRIES - 2) / (high - low)
-        # entry 1 is the mean of the first interval, at its middle
-        return a, 0.5 - low * a
+        a = CELLS / (high - low)
+        return a, -low * a
 
-    def entries(self, u: np.ndarray) -> np.ndarray:
-        """The nearest table entries, int64, of record values u [...]."""
+    @cached_property
+    def integral(self) -> ClassIntegral:
+        """Of the transfer function over `range`, in values ρ."""
+        low, high = (float(self.value(np.array(u))) for u in self.range)
+        return ClassIntegral.of(self.transfer, low, high, CELLS)
+
+    @cached_property
+    def table(self) -> tuple[np.ndarray, float]:
+        """uint32 [CELLS + 1, 4], and their unit: see `ClassIntegral.table`."""
+        return self.integral.table(CELLS)
+
+    def extinction(self, u: np.ndarray) -> np.ndarray:
+        """Per reference length, float64, of record values u [N]; means over the table's cells."""
+        table, unit = self.table
         a, b = self.scale
-        return np.clip(np.rint(a * np.asarray(u, np.float64) + b), 0, ENTRIES - 1).astype(np.int64)
-
-    def table(self, unit: float) -> np.ndarray:
-        """float64 [ENTRIES, 4]: linear RGB, and extinction per `unit` world lengths, over `range`.
-
-        unit: the transfer function's reference length in world units. Each entry is a mean over its interval; the
-        first and last are the values beyond the ends.
-        """
-        low, high = (self.value(np.array(u)) for u in self.range)
-        place = (np.arange((ENTRIES - 2) * FINER) + 0.5) / ((ENTRIES - 2) * FINER)
-        values = low * (1 - place) + high * place
-        extinction = self.transfer.extinction(self.transfer.opacity(values), unit)
-        color = self.transfer.color(values)
-        table = np.empty((ENTRIES, 4))
-        # colours are weighted by extinction, so that a step's transparent side leaves no trace
-        weight = extinction.reshape(-1, FINER)
-        weight = np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
-        table[1:-1, :3] = (color.reshape(-1, FINER, 3) * weight[..., None]).sum(axis=1) / weight.sum(axis=1)[:, None]
-        table[1:-1, 3] = extinction.reshape(-1, FINER).mean(axis=1)
-        # far below and above
-        for entry, value in ((0, low - self.span), (-1, high + self.span)):
-            table[entry, :3] = self.transfer.color(value)
-            table[entry, 3] = self.transfer.extinction(self.transfer.opacity(value), unit)
-        return table
+        cell = np.floor(a * np.asarray(u, np.float64) + b)
+        inside = np.clip(cell, 0, CELLS - 1).astype(np.int64)
+        mean = (table[inside + 1, 3] - table[inside, 3]) * unit
+        return np.select([cell < 0, cell >= CELLS], list(self.integral.outside[:, 3]), mean)
 
 
 def active_range(transfer: Transfer) -> tuple[float, float]:

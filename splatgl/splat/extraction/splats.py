@@ -169,8 +169,7 @@ class Splats:
         """Optical depths [N]; of each sample as it is, if classified after reconstruction."""
         if self.post is None:
             return np.asarray(self.records["optical_depth"])
-        table = self.post.table(self.unit)[:, 3] * self.grid.mean_spacing
-        return np.asarray(table[self.post.entries(self.records["value"])])
+        return self.post.extinction(self.records["value"]) * (self.grid.mean_spacing / self.unit)
 
     @cached_property
     def total_depth(self) -> float:
@@ -184,9 +183,9 @@ class Splats:
 
     @cached_property
     def brightest(self) -> float:
-        """The largest colour component, linear light."""
+        """The largest colour component, linear light; 1, where colour maps end, if classified after reconstruction."""
         if self.post is not None:
-            return float(self.post.table(self.unit)[:, :3].max())
+            return 1.0
         return float(self.records["color"].max(initial=0.0))
 
     @cached_property
