@@ -127,9 +127,9 @@ class _Field:
             low, high = (np.clip(end[some] - (first + n - 1), 0.0, 1.0) for end in (near, far))
             for i in range(sheets.steps):
                 part = [np.clip((i + end) / sheets.steps, low, high) for end in (0, 1)]
-                ends = [start[some] * (1 - at[:, None]) + mean[some] * at[:, None] for at in part]
+                begin, end = (start[some] * (1 - at[:, None]) + mean[some] * at[:, None] for at in part)
                 length = (part[1] - part[0]) * stretch[some]
-                light[some] = self._over(light[some], *ends, length, rays.toward[some])
+                light[some] = self._over(light[some], begin, end, length, rays.toward[some])
             before, known = np.where(valid[:, None], mean, 0.0), valid
         return light
 
