@@ -82,7 +82,8 @@ Until class_until(float place) {
     it.mean = vec4(class_texel(it.cell + 1) - it.below) * class_unit;
     vec4 outside = place < 0.0 ? class_before : class_behind;
     it.above = (inside - float(it.cell)) * it.mean + (place - inside) * outside;
-    if (place != inside) {
+    // the last end itself is beyond it: a value exactly at a step is on its upper side
+    if (place < 0.0 || place >= float(CELLS)) {
         it.mean = outside;
         it.cell = place < 0.0 ? -1 : CELLS;
     }

@@ -69,7 +69,7 @@ class ClassIntegral:
         share = ((middle - self.knots[cell]) / width)[:, None]
         same = self.low[cell] + share * (self.high[cell] - self.low[cell])
         same = np.where((middle < self.knots[0])[:, None], self.outside[0], same)
-        same = np.where((middle > self.knots[-1])[:, None], self.outside[1], same)
+        same = np.where((middle >= self.knots[-1])[:, None], self.outside[1], same)
         alike = (apart == 0) | ((self._cells(last) == cell) & (self._outside(first) == self._outside(last)))
         found = (self.until(last) - self.until(first)) / np.where(alike, 1.0, apart)[:, None]
         return np.maximum(np.where(alike[:, None], same, found), 0.0)
@@ -88,7 +88,7 @@ class ClassIntegral:
         return np.clip(np.searchsorted(self.knots, values, side="right") - 1, 0, len(self.low) - 1)
 
     def _outside(self, values: np.ndarray) -> np.ndarray:
-        return (values > self.knots[-1]).astype(int) - (values < self.knots[0])
+        return (values >= self.knots[-1]).astype(int) - (values < self.knots[0])
 
 
 def _emission(transfer: Transfer, values: np.ndarray) -> np.ndarray:

@@ -10,11 +10,25 @@ import time
 import numpy as np
 
 from splatgl.truth.drawing import Renderer
-from splatgl.truth.stress import edge, eye, fog, lens, methods, optics, pictures, piles, samples, space, stiff, walls
+from splatgl.truth.stress import (
+    classes,
+    edge,
+    eye,
+    fog,
+    lens,
+    methods,
+    optics,
+    pictures,
+    piles,
+    samples,
+    space,
+    stiff,
+    walls,
+)
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Result, raised
 
-MODULES = (eye, optics, piles, lens, pictures, samples, space, walls, edge, fog, stiff, methods)
+MODULES = (eye, optics, piles, lens, pictures, samples, space, walls, edge, fog, stiff, classes, methods)
 CASES: dict[str, Case] = {case.name: case for module in MODULES for case in module.CASES}
 
 
