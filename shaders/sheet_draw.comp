@@ -21,6 +21,7 @@ uniform vec2 class_scale;       // a value's place between entries is x value + 
 uniform vec3 box_low;           // the volume's box from the eye, index axes
 uniform vec3 box_high;
 uniform float opaque;           // opacity at which a tile terminates
+uniform float reference;        // length of opacities, mean spacings
 
 // the open sheets of a pixel, nearest first, and their masses
 vec4 sum0[ROWS], sum1[ROWS], sum2[ROWS], sum3[ROWS];
@@ -28,6 +29,7 @@ vec4 masses[ROWS];
 // of a pixel: the value and gradient on the sheet before, or 0; whether there is one
 vec4 before[ROWS];
 float known[ROWS];
+// or, until all sheets are closed, of blends of one value: it, or their sum by length, and the length
 vec4 light[ROWS];
 // of a pixel's ray: its ends in the box, in sheets from the first; mean spacings per sheet; unit world direction
 vec2 ends[ROWS];
@@ -70,7 +72,24 @@ vec4 over(vec4 light, vec4 field, float length_, vec3 toward) {
         float cosine = min(abs(dot(field.rgb, toward)) * inversesqrt(max(size2, 1e-37)), 1.0);
         matter.rgb *= size2 > 0.0 ? style.ambient + style.diffuse * cosine : 1.0;
     }
-    return light + (1.0 - light.a) * one_minus_exp(matter.a * length_) * vec4(matter.rgb, 1.0);
+    float value = JOIN == JOIN_SUM ? matter.a * length_ : (1.0 - light.a) * one_minus_exp(matter.a * length_);
+    return light + value * vec4(matter.rgb, 1.0);
+}
+
+#define ONE_VALUE (JOIN == JOIN_MAX || JOIN == JOIN_MIN || JOIN == JOIN_MEAN)
+// A pixel's value and length, and more behind.
+vec4 joined(vec4 light, float value, float length_) {
+    if (length_ <= 0.0) return light;
+    float both = JOIN == JOIN_MEAN ? light.x + value * length_
+                                   : JOIN == JOIN_MIN ? min(light.x, value) : max(light.x, value);
+    return vec4(JOIN == JOIN_MEAN || light.y > 0.0 ? both : value, light.y + length_, 0.0, 0.0);
+}
+
+// What a pixel shows of all its sheets: light, or the class of its value over the reference length.
+vec4 shown(vec4 light) {
+    if (!ONE_VALUE) return light;
+    float value = JOIN == JOIN_MEAN ? light.x / max(light.y, 1e-30) : light.x;
+    return light.y > 0.0 ? over(vec4(0.0), vec4(0.0, 0.0, 0.0, value), reference, vec3(0.0)) : vec4(0.0);
 }
 
 // Composites the nearest open sheet of a pixel, number `current`, and opens another.
@@ -84,7 +103,13 @@ void close_sheet(int row, int current) {
         vec4 mean = valid ? sum0[row] / masses[row].x : before[row];
         vec4 start = known[row] > 0.0 ? before[row] : mean;
         bool some = valid || known[row] > 0.0;
-        for (int i = 0; i < STEPS; i++) {
+        vec2 inside = ends[row] - float(current - 1);
+        for (int i = 0; ONE_VALUE && i < STEPS; i++) {
+            vec2 part = clamp(inside, float(i) / float(STEPS), float(i + 1) / float(STEPS));
+            float value = mix(start.a, mean.a, 0.5 * (part.x + part.y));
+            light[row] = joined(light[row], value, some ? part.y - part.x : 0.0);
+        }
+        for (int i = 0; !ONE_VALUE && i < STEPS; i++) {
             float low = float(current - 1) + float(i) / float(STEPS);
             float length_ = min(ends[row].y, low + 1.0 / float(STEPS)) - max(ends[row].x, low);
             length_ = some ? max(length_, 0.0) * lengths[row] : 0.0;
@@ -172,7 +197,7 @@ int next_base(uint at, uint end) {
 #define ADD(row) add_four(row, four, ray[row], weights);
 #define CLOSE(row) close_sheet(row, current);
 #define KEEP(row) write_ring(tile, row);
-#define END(row) imageStore(target, AT(row), light[row]);
+#define END(row) imageStore(target, AT(row), mine.w == 1u ? shown(light[row]) : light[row]);
 
 void main() {
     uvec4 mine = lists[gl_WorkGroupID.x];
@@ -221,6 +246,7 @@ void main() {
         EACH(CLOSE)
         current++;
         holding--;
+        if (JOIN != JOIN_OVER) continue;
         least = min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
                     min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
         if (least > opaque) break;

@@ -64,6 +64,7 @@ class SheetTiles(Tiles):
             self.uniforms |= {
                 "class_table": CLASS_UNIT,
                 "class_scale": splats.post.scale,
+                "reference": splats.unit / splats.grid.mean_spacing,
                 "box_low": tuple(-0.5 - plan.view.eye_index),
                 "box_high": tuple(np.array(splats.post.shape) - 0.5 - plan.view.eye_index),
             }

@@ -1,7 +1,8 @@
 """Sheets in float64: the twin of `shaders/sheet_draw.comp`, with exact footprints and transfer functions.
 
 Classified before: extinction and extinction · colour add up within a sheet. Classified after: values and gradients
-are means within a sheet, linear between two sheets, and classified at points between them.
+are means within a sheet, linear between two sheets, and classified at points between them, or joined to one value
+that is classified.
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.classification.shading import AMBIENT, DIFFUSE, head_light
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.tabulated import tabulated
+from splatgl.splat.plan.blend_mode import BlendMode
 from splatgl.splat.plan.resolve import Resolved
 from splatgl.splat.sheets.sheets import LEAST_MASS, Sheets, index_direction
 from splatgl.splat.view.view import View
+from splatgl.truth.blend import classified, joined, joined_value
 from splatgl.truth.extent import Boxes, pixel_boxes
 from splatgl.truth.pairs import Row, Values, values
 from splatgl.truth.rays import Rays
@@ -93,6 +96,7 @@ def composited(sums: np.ndarray) -> np.ndarray:
 class _Field:
     """Classification of reconstructed values."""
 
+    blend: BlendMode
     post: PostClassified
     view: View
     shading: bool
@@ -102,7 +106,7 @@ class _Field:
     @classmethod
     def of(cls, splats: Splats, resolved: Resolved, view: View) -> _Field:
         assert splats.post is not None
-        return cls(splats.post, view, resolved.look.shading, splats.grid.mean_spacing, splats.unit)
+        return cls(resolved.look.blend, splats.post, view, resolved.look.shading, splats.grid.mean_spacing, splats.unit)
 
     def composited(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, 4]: sums [P, sheets, 5] of mass, value and gradient, from sheet `first` on."""
@@ -124,14 +128,23 @@ class _Field:
             start = np.where(known[:, None], before, mean)
             some = np.flatnonzero(valid | known)
             for i in range(sheets.steps):
-                part, place = (i + 0.5) / sheets.steps, first + n - 1 + i / sheets.steps
+                if self.blend.one_value:
+                    # of the part inside the box, its middle
+                    part = (i + np.array([0.0, 1.0])) / sheets.steps
+                    low, high = (np.clip(end[some] - (first + n - 1), *part) for end in (near, far))
+                    value = start[some, 0] + (mean - start)[some, 0] * 0.5 * (low + high)
+                    light[some] = joined(light[some], value, high - low, self.blend.join)
+                    continue
+                middle, place = (i + 0.5) / sheets.steps, first + n - 1 + i / sheets.steps
                 low = np.maximum(near, place)
                 high = np.minimum(far, place + 1 / sheets.steps)
                 length = np.maximum(high - low, 0.0) * stretch
-                mixed = start[some] * (1 - part) + mean[some] * part
+                mixed = start[some] * (1 - middle) + mean[some] * middle
                 light[some] = self._over(light[some], mixed, length[some], rays.toward[some])
             before, known = np.where(valid[:, None], mean, 0.0), valid
-        return light
+        if not self.blend.one_value:
+            return light
+        return classified(self.post.transfer, self.post.value(joined_value(light, self.blend.join)))
 
     def _over(self, light: np.ndarray, field: np.ndarray, length: np.ndarray, toward: np.ndarray) -> np.ndarray:
         """Light [P, 4] over matter of that value and gradient [P, 4], `length` mean spacings deep."""
@@ -142,5 +155,5 @@ class _Field:
             size = np.linalg.norm(field[:, 1:], axis=1)
             cosine = np.abs((field[:, 1:] * toward).sum(axis=1)) / np.where(size > 0, size, 1.0)
             color = color * np.where(size > 0, AMBIENT + DIFFUSE * np.minimum(cosine, 1.0), 1.0)[:, None]
-        opacity = -np.expm1(-depth) * (1 - light[:, 3])
+        opacity = depth if self.blend.unbounded else -np.expm1(-depth) * (1 - light[:, 3])
         return light + opacity[:, None] * np.concatenate([color, np.ones((len(color), 1))], axis=1)
