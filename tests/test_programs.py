@@ -34,7 +34,7 @@ def programs(pairs: bool) -> set[Program]:
     names = (*COMPILED, "tolerance", "table_bits")
     values = {**{name: choices()[name] for name in COMPILED}, "tolerance": (1 / 255, 1e-6), "table_bits": (32, 8)}
     # the others take values
-    values["blend"] = tuple(name for name in values["blend"] if not BLENDS[name].post_only)
+    values["blend"] = tuple(name for name, mode in BLENDS.items() if not mode.post_only)
     some = itertools.combinations(names, 2) if pairs else [names]
     wanted = {
         tuple(zip(chosen, each, strict=True))
