@@ -6,6 +6,8 @@
 #define JOIN_OVER 0
 #define JOIN_SUM 1
 #define JOIN_MAX 2
+#define JOIN_MIN 3
+#define JOIN_MEAN 4
 #define ATTENUATION_OPTICAL_DEPTH 0
 #define ATTENUATION_OPACITY 1
 #define ATTENUATION_FILL 2

@@ -32,6 +32,7 @@ vec4 masses[ROWS];
 // of a pixel: the value and gradient on the sheet before, or 0; whether there is one
 vec4 before[ROWS];
 float known[ROWS];
+// or, until all sheets are closed, of blends of one value: it, or their sum by length, and the length
 vec4 light[ROWS];
 // of a pixel's ray: its ends in the box, in sheets from the first; reference lengths per sheet; unit world direction
 vec2 ends[ROWS];
@@ -106,8 +107,28 @@ vec4 over(vec4 light, vec4 matter, vec3 gradient, float length_, vec3 toward) {
         float cosine = min(abs(dot(gradient, toward)) * inversesqrt(max(size2, 1e-37)), 1.0);
         matter.rgb *= size2 > 0.0 ? style.ambient + style.diffuse * cosine : 1.0;
     }
+    if (JOIN == JOIN_SUM) return light + matter;
     float share = matter.a > 1e-30 ? one_minus_exp(matter.a) / matter.a : 1.0;
     return light + (1.0 - light.a) * share * matter;
+}
+
+#define ONE_VALUE (JOIN == JOIN_MAX || JOIN == JOIN_MIN || JOIN == JOIN_MEAN)
+// A pixel's value and length, and more behind.
+vec4 joined(vec4 light, float value, float length_) {
+    if (length_ <= 0.0) return light;
+    float both = JOIN == JOIN_MEAN ? light.x + value * length_
+                                   : JOIN == JOIN_MIN ? min(light.x, value) : max(light.x, value);
+    return vec4(JOIN == JOIN_MEAN || light.y > 0.0 ? both : value, light.y + length_, 0.0, 0.0);
+}
+
+// What a pixel shows of all its sheets: light, or the class of its value over the reference length.
+vec4 shown(vec4 light) {
+    if (!ONE_VALUE) return light;
+    float value = JOIN == JOIN_MEAN ? light.x / max(light.y, 1e-30) : light.x;
+    // a cell around it: without steps from cell to cell
+    float place = value * class_scale.x + class_scale.y;
+    vec4 matter = class_mean(class_until(place - 0.5), class_until(place + 0.5));
+    return light.y > 0.0 ? over(vec4(0.0), matter, vec3(0.0), 1.0, vec3(0.0)) : vec4(0.0);
 }
 
 // Composites the nearest open sheet of a pixel, number `current`, and opens another.
@@ -124,12 +145,16 @@ void close_sheet(int row, int current) {
         Until begin = class_until(place.x + inside.x * place.y);
         for (int i = 0; i < STEPS; i++) {
             vec2 part = clamp(vec2(float(i), float(i + 1)) / float(STEPS), inside.x, inside.y);
-            float length_ = some ? (part.y - part.x) * lengths[row] : 0.0;
-            Until end = class_until(place.x + part.y * place.y);
-            vec4 matter = class_mean(begin, end);
-            begin = end;
-            vec3 gradient = mix(start.rgb, mean.rgb, 0.5 * (part.x + part.y));
-            light[row] = over(light[row], matter, gradient, length_, toward[row]);
+            float length_ = some ? part.y - part.x : 0.0;
+            float middle = 0.5 * (part.x + part.y);
+            if (ONE_VALUE) light[row] = joined(light[row], mix(start.a, mean.a, middle), length_);
+            else {
+                Until end = class_until(place.x + part.y * place.y);
+                vec4 matter = class_mean(begin, end);
+                begin = end;
+                vec3 gradient = mix(start.rgb, mean.rgb, middle);
+                light[row] = over(light[row], matter, gradient, length_ * lengths[row], toward[row]);
+            }
         }
         before[row] = mean;
         known[row] = valid ? 1.0 : 0.0;
@@ -213,7 +238,7 @@ int next_base(uint at, uint end) {
 #define ADD(row) add_four(row, four, ray[row], weights);
 #define CLOSE(row) close_sheet(row, current);
 #define KEEP(row) write_ring(tile, row);
-#define END(row) imageStore(target, AT(row), light[row]);
+#define END(row) imageStore(target, AT(row), mine.w == 1u ? shown(light[row]) : light[row]);
 
 void main() {
     uvec4 mine = lists[gl_WorkGroupID.x];
@@ -262,6 +287,7 @@ void main() {
         EACH(CLOSE)
         current++;
         holding--;
+        if (JOIN != JOIN_OVER) continue;
         least = min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
                     min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
         if (least > opaque) break;

@@ -251,8 +251,7 @@ def test_intervals_of_opacity() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"blend": "xray"}, "^blend xray takes splats that are classified before"),
-        ({"blend": "mip"}, "^blend mip takes splats that are classified before"),
+        ({"blend": "mip"}, "^blend mip takes all voxels, classified after reconstruction"),
         ({"technique": "quads"}, "^technique quads: expected what quads can draw, got sheets"),
         ({"classification": "pre"}, "^classification pre: the splats were extracted to be classified after"),
         ({"kernel": "gaussian"}, "^kernel: expected auto or b-spline, got gaussian; extract the volume for that"),
@@ -271,7 +270,11 @@ def test_what_extraction_refuses(renderer: sg.Renderer) -> None:
         (sg.Volume(cells()), {"threshold": 0.1}, "threshold take classification pre"),
         (volume, {}, "colours of its own take classification pre"),
         (sg.Volume(cells()), {"kernel": "box"}, "^kernel: expected"),
-        (sg.Volume(cells()), {"classification": "after"}, "^classification: expected pre or post, got 'after'$"),
+        (
+            sg.Volume(cells()),
+            {"classification": "after"},
+            "^classification: expected pre, post or post-all, got 'after'$",
+        ),
     ):
         with pytest.raises(sg.InputError, match=said) as error:
             sg.extract(asked, RAMP, **{"classification": "post", **given})

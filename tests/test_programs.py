@@ -13,6 +13,7 @@ import splatgl as sg
 from splatgl.gl.program import build, build_compute, splat_switches
 from splatgl.gl.shader import declared_switches
 from splatgl.splat.motion.blur import MOTIONS
+from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.plan import Program
 from splatgl.splat.plan.settings import choices
 from splatgl.splat.plan.technique import TECHNIQUES, combinations
@@ -32,6 +33,8 @@ def programs(pairs: bool) -> set[Program]:
     """All that plans compile; pairs: of the values of every two settings, the others as they are by default."""
     names = (*COMPILED, "tolerance", "table_bits")
     values = {**{name: choices()[name] for name in COMPILED}, "tolerance": (1 / 255, 1e-6), "table_bits": (32, 8)}
+    # the others take values
+    values["blend"] = tuple(name for name, mode in BLENDS.items() if not mode.post_only)
     some = itertools.combinations(names, 2) if pairs else [names]
     wanted = {
         tuple(zip(chosen, each, strict=True))

@@ -15,9 +15,11 @@ from splatgl.gl.sheet_tiles import CLASS_UNIT, class_uniforms
 from splatgl.gl.uniforms import base_of
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.kernel.kernels import Kernel, kernel
+from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.sheets.sheets import Sheets
 from splatgl.splat.view.view import View
+from splatgl.truth import blend as blends
 from splatgl.truth.rays import Rays
 from splatgl.truth.sheets import _Field, composited
 
@@ -27,7 +29,7 @@ RAMP = sg.Transfer([(0, 0), (1, 0.9)], colormap="hot", shading=True)
 def samples(grid: str = "cubes", size: int = 8, transfer: sg.Transfer = RAMP) -> sg.Splats:
     """Noise to be classified after reconstruction, every voxel of it."""
     cells = np.random.default_rng(3).random((size, size, size))
-    return sg.extract(sg.Volume(cells, **GRIDS[grid]), transfer, classification="post")
+    return sg.extract(sg.Volume(cells, **GRIDS[grid]), transfer, classification="post-all")
 
 
 def planned(splats: sg.Splats, view: str, count: int, **changes: Any) -> Plan:
@@ -78,6 +80,16 @@ def add_four(splats: list[np.ndarray], shares: np.ndarray, weights: list[np.ndar
         sums[:4] += term_of(splat, steps)[:, None] * by_sheet
         sums[4] += by_sheet
     return sums
+
+
+def joined(light: np.ndarray, value: np.ndarray, length: np.ndarray, join: str) -> np.ndarray:
+    return blends.joined(light, value, length, join)
+
+
+def shown(field: _Field, light: np.ndarray) -> np.ndarray:
+    """[N, 4]: the classes of values and lengths [N, 4]."""
+    value = blends.joined_value(light, field.blend.join)
+    return blends.classified(field.post.transfer, field.post.value(value))
 
 
 def close_sheet(field: _Field | None, sums: np.ndarray, rays: Rays, sheets: Sheets) -> np.ndarray:
@@ -296,3 +308,34 @@ def test_light_over_sheets(steps: int, renderer: sg.Renderer, twin: Twin, rng: n
     found = twin("sheet_draw.comp", expression, plan, splats, state, **inputs)
     right = close_sheet(field, sums, rays, sheets)
     assert right.max() > 0.3 and np.abs(found.T - right).max() < (5e-4 if steps else 3e-6)
+
+
+@pytest.mark.parametrize("blend", [name for name, mode in BLENDS.items() if mode.one_value])
+def test_one_value_of_sheets(blend: str, renderer: sg.Renderer, twin: Twin, rng: np.random.Generator) -> None:
+    """Its join, its class, and both over sheets whose ends are in the box."""
+    splats = samples()
+    plan = planned(splats, "fitted", 2, steps=2, blend=blend)
+    field = _Field.of(splats, plan.resolved, plan.view)
+    state = class_state(renderer, splats)
+    light = np.column_stack([rng.uniform(-1, 2, COUNT), rng.uniform(0, 2, COUNT), np.zeros((COUNT, 2))])
+    light[::5] = 0
+    value, length = rng.uniform(-1, 2, COUNT), rng.choice([0, 0.3, 1], COUNT)
+    found = twin(
+        "sheet_draw.comp", "result = joined(l, a.x, a.y)", plan, splats, l=light, a=np.stack([value, length], 1)
+    )
+    assert np.abs(found - joined(light, value, length, field.blend.join)).max() < 1e-6
+    found = twin("sheet_draw.comp", "result = shown(l)", plan, splats, state, l=light)
+    assert np.abs(found - shown(field, light)).max() < 3e-4 and (found[::5] == 0).all()
+    mass, mean = 10 ** rng.uniform(-3, 0, (COUNT, 2, 1)), rng.uniform(0, 1, (COUNT, 2, 4))
+    sums = np.concatenate([mass, mean * mass], axis=2)
+    rays, sheets = some_rays(rng), plan.resolved.sheets
+    expression = """
+        open_pixel(0); masses[0] = vec4(m, 0.0, 0.0); sum0[0] = a; sum1[0] = b; ends[0] = e;
+        for (int n = 0; n < 3; n++) close_sheet(0, n);
+        result = shown(light[0])
+    """
+    ordered, ends = np.roll(sums[..., 1:], -1, axis=2), np.stack([rays.near, rays.far], axis=1) / sheets.thickness
+    inputs = {"m": mass[..., 0], "a": ordered[:, 0], "b": ordered[:, 1], "e": ends}
+    found = twin("sheet_draw.comp", expression, plan, splats, state, **inputs)
+    right = close_sheet(field, sums, rays, sheets)
+    assert right[3].max() > 0.5 and np.abs(found.T - right).max() < 5e-4

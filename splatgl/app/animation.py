@@ -195,10 +195,12 @@ def _splats(scene: Scene, volume: Volume, transfer: Transfer) -> Splats:
 
 
 def _blur(args: argparse.Namespace, settings: Settings) -> tuple[bool, int | None]:
-    """Whether frames are streaked, and how many images each averages. Streaks are exact for sums; where matter occludes
-    matter, the mean of sharp images has less error in the same time, and maximum blending has no streaks.
+    """Whether frames are streaked, and how many images each averages. Streaks are exact for sums, but values classified
+    after reconstruction have none; where matter occludes matter, the mean of sharp images has less error in the same
+    time, and maximum blending has no streaks.
     """
-    chosen = args.motion is not None or settings.motion != MOTIONS[0] or BLENDS[settings.blend].unbounded
+    sums = BLENDS[settings.blend].unbounded and settings.classification != "post"
+    chosen = args.motion is not None or settings.motion != MOTIONS[0] or sums
     streaked = chosen and settings.motion != "off" and BLENDS[settings.blend].join != "max"
     if args.moments is not None:
         return streaked, args.moments

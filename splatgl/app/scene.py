@@ -28,6 +28,7 @@ from splatgl.splat.classification.presets import default_transfer, preset
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.extract import POST_KERNEL, Progress, extract
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Bounded, Camera
 
@@ -156,6 +157,8 @@ class Scene:
     def splats(self, volume: Volume, transfer: Transfer, progress: Progress | None = None) -> Splats:
         """The splats of the scene, classified as its settings say."""
         how = "post" if self.settings.classification == "post" else "pre"
+        if how == "post" and BLENDS[self.settings.blend].one_value:
+            how = "post-all"
         kernel = self.settings.kernel if self.settings.kernel != "auto" else POST_KERNEL
         return extract(volume, transfer, self.threshold, progress=progress, classification=how, kernel=kernel)
 

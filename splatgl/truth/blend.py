@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.blend_mode import BlendMode
 
 # largest opacity below 1: bounds paper's attenuation of an opaque splat not widened except by rounding
@@ -108,6 +109,34 @@ def pixels(band: Band, blend: BlendMode) -> np.ndarray:
     """float64 [n, 4], premultiplied."""
     alpha = -np.expm1(-band.depth.value) if blend.ordered else band.depth.value
     return np.concatenate([band.color.value, alpha[:, None]], axis=1)
+
+
+def joined(light: np.ndarray, value: np.ndarray, length: np.ndarray, join: str) -> np.ndarray:
+    """[P, 4]: values and lengths of rays so far, the first columns, with other values [P] over `length` [P] ≥ 0.
+
+    join: max, min, or mean, whose value is the sum by length. What has no length changes nothing.
+    """
+    before = light[:, 0]
+    if join == "mean":
+        both = before + value * length
+    else:
+        extreme = np.maximum(before, value) if join == "max" else np.minimum(before, value)
+        both = np.where(light[:, 1] > 0, extreme, value)
+    found = light.copy()
+    found[:, 0], found[:, 1] = np.where(length > 0, both, before), light[:, 1] + length
+    return found
+
+
+def joined_value(light: np.ndarray, join: str) -> np.ndarray:
+    """Values [P] of rays [P, 4], NaN without any."""
+    length = np.where(light[:, 1] > 0, light[:, 1], np.nan)
+    return np.asarray(light[:, 0] / length if join == "mean" else np.where(length > 0, light[:, 0], np.nan))
+
+
+def classified(transfer: Transfer, value: np.ndarray) -> np.ndarray:
+    """[P, 4]: colour · opacity, and opacity over the reference length, of values [P]; 0 of NaN."""
+    opacity = np.asarray(transfer.opacity(value))[:, None]
+    return np.concatenate([transfer.color(value) * opacity, opacity], axis=1)
 
 
 def _by_pixel(pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

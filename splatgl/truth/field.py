@@ -9,21 +9,24 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
-from splatgl.splat.classification.post import PostClassified, opaque_intervals
+from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.classification.shading import AMBIENT, DIFFUSE
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.post import PREFILTERED, gradients, needed, prefiltered
 from splatgl.splat.extraction.splats import Grid
 from splatgl.splat.kernel.kernels import Kernel
 from splatgl.splat.kernel.kernels import kernel as kernel_named
+from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.view import View
+from splatgl.truth.blend import classified, joined, joined_value
 from splatgl.truth.integral import OPAQUE, distances, spread
 from splatgl.truth.rays import Rays
 
@@ -37,7 +40,7 @@ Field = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def kernel_field(volume: Volume, shape: Kernel, post: PostClassified) -> Field:
-    """The kernels' normalised sum of coefficients, and of gradients, of all finite samples."""
+    """The kernels' normalised sum of coefficients, and of gradients, of all finite samples; NaN beyond their reach."""
     u = post.relative(np.where(np.isfinite(volume.samples), volume.samples, np.nan))
     c = prefiltered(u, shape, PREFILTERED.get(shape.name, 0))
     terms = _terms(volume, u, c, post)
@@ -52,7 +55,7 @@ def kernel_field(volume: Volume, shape: Kernel, post: PostClassified) -> Field:
                     weight = shape.value(np.linalg.norm(places - cell, axis=0))
                     sums += weight[:, None] * _taken(terms, cell)
         mean = sums[:, 1:] / np.where(sums[:, :1] > 0, sums[:, :1], 1.0)
-        return post.value(mean[:, 0]), mean[:, 1:] * post.span
+        return np.where(sums[:, 0] > 0, post.value(mean[:, 0]), np.nan), mean[:, 1:] * post.span
 
     return at
 
@@ -127,17 +130,21 @@ def field_integral(
     field: Field | str = "b-spline",
     steps_per_voxel: int = 8,
     samples: int = 1,
+    blend: str = "composite",
 ) -> Image:
-    """The composite picture of a field, float64 [H, W, 4], without antialiasing.
+    """The picture of a field, float64 [H, W, 4], without antialiasing.
 
     field: "trilinear", a kernel's name, or a function from grid positions [3, P] to values [P] and world gradients
     [P, 3]. Midpoint rule, steps of 1/steps_per_voxel in index space; samples × samples rays a pixel. Rays are clipped
-    to the volume's box. Raises InputError for numbers below 1 and unknown fields.
+    to the volume's box. blend: composite, or one of one value. Raises InputError for numbers below 1 and others.
     """
     started = time.perf_counter()
     for name, count in (("steps_per_voxel", steps_per_voxel), ("samples", samples)):
         if count < 1:
             raise expected(name, "a number of at least 1", count)
+    known = [name for name, mode in BLENDS.items() if mode.ordered or mode.one_value]
+    if blend not in known:
+        raise expected("blend", " or ".join(known), blend)
     name = field if isinstance(field, str) else "formula"
     shape = kernel_named("b-spline" if name in ("trilinear", "formula") else name)
     depth, height, width = volume.shape
@@ -152,31 +159,48 @@ def field_integral(
     view = View.of(grid, fine, shape, antialias=False)
     pixels = np.arange(fine.size[0] * fine.size[1])
     groups = np.split(pixels, range(RAYS, len(pixels), RAYS))
-    drawn = np.concatenate([_march(marched, view, fine, post, group, steps_per_voxel) for group in groups])
+    march = _march if BLENDS[blend].ordered else partial(_one_value, BLENDS[blend].join)
+    rays = (Rays.of(view, fine, post.shape, group) for group in groups)
+    drawn = np.concatenate([march(marched, some, steps_per_voxel) for some in rays])
     picture = drawn.reshape(camera.size[1], samples, camera.size[0], samples, 4).mean(axis=(1, 3))
     seconds = round(time.perf_counter() - started, 6)
     info = {"scene": volume.name, "field": name, "steps_per_voxel": steps_per_voxel, "samples": samples}
-    return Image(picture, {**info, "blend": "composite", "renderer": "float64 field integral", "seconds": seconds})
+    return Image(picture, {**info, "blend": blend, "renderer": "float64 field integral", "seconds": seconds})
 
 
 def _free(volume: Volume, post: PostClassified) -> np.ndarray:
     """Distances of voxels to those that may be near an opaque point."""
     u = post.relative(np.where(np.isfinite(volume.samples), volume.samples, np.nan))
-    wanted = (opaque_intervals(post.transfer) - post.low) / post.span
-    return distances(spread(needed(u, u, 2, wanted)[0], np.arange(-1, 2)))
+    return distances(spread(needed(u, u, 2, post.wanted)[0], np.arange(-1, 2)))
 
 
-def _march(
-    marched: Marched, view: View, camera: Camera, post: PostClassified, pixel: np.ndarray, steps: int
-) -> np.ndarray:
-    """float64 [P, 4]: the integral along the rays of those pixels."""
-    rays = Rays.of(view, camera, post.shape, pixel)
+def _steps(rays: Rays, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """The number of slabs of each ray, and their thickness in index space."""
     slabs = np.ceil((rays.far - rays.near) * steps).astype(np.int64)
-    step = (rays.far - rays.near) / np.maximum(slabs, 1)
+    return slabs, (rays.far - rays.near) / np.maximum(slabs, 1)
+
+
+def _one_value(join: str, marched: Marched, rays: Rays, steps: int) -> np.ndarray:
+    """float64 [P, 4]: the classes of the rays' maxima, minima or means; 0 of rays without a finite value."""
+    slabs, step = _steps(rays, steps)
+    light = np.zeros((len(slabs), 4))
+    for slab in range(slabs.max(initial=0)):
+        on = np.flatnonzero(slab < slabs)
+        for some in np.split(on, range(POINTS, len(on), POINTS)):
+            places = rays.start[:, some] + rays.direction[:, some] * (rays.near[some] + (slab + 0.5) * step[some])
+            value, _ = marched.field(places)
+            length = np.where(np.isfinite(value), step[some], 0.0)
+            light[some] = joined(light[some], np.nan_to_num(value), length, join)
+    return classified(marched.transfer, joined_value(light, join))
+
+
+def _march(marched: Marched, rays: Rays, steps: int) -> np.ndarray:
+    """float64 [P, 4]: the integral along the rays."""
+    slabs, step = _steps(rays, steps)
     length = step * rays.stretch
-    light, depth = np.zeros((len(pixel), 3)), np.zeros(len(pixel))
-    slab, on = np.zeros(len(pixel), np.int64), np.flatnonzero(slabs)
-    last = np.array(post.shape)[:, None] - 1
+    light, depth = np.zeros((len(slabs), 3)), np.zeros(len(slabs))
+    slab, on = np.zeros(len(slabs), np.int64), np.flatnonzero(slabs)
+    last = np.array(marched.free.shape[::-1])[:, None] - 1
     while len(on):
         places = rays.start[:, on] + rays.direction[:, on] * (rays.near[on] + (slab[on] + 0.5) * step[on])
         x, y, z = np.clip(np.rint(places), 0, last).astype(np.int64)

@@ -1,7 +1,8 @@
 """Sheets in float64: the twin of `shaders/sheet_draw.comp`, with exact footprints and transfer functions.
 
 Classified before: extinction and extinction · colour add up within a sheet. Classified after: values and gradients
-are means within a sheet, linear between two sheets, and classified at points between them.
+are means within a sheet, linear between two sheets, and classified at points between them, or joined to one value
+that is classified.
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.classification.shading import AMBIENT, DIFFUSE, head_light
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.tabulated import tabulated
+from splatgl.splat.plan.blend_mode import BlendMode
 from splatgl.splat.plan.resolve import Resolved
 from splatgl.splat.sheets.sheets import LEAST_MASS, Sheets, index_direction
 from splatgl.splat.view.view import View
+from splatgl.truth.blend import classified, joined, joined_value
 from splatgl.truth.extent import Boxes, pixel_boxes
 from splatgl.truth.pairs import Row, Values, values
 from splatgl.truth.rays import Rays
@@ -93,6 +96,7 @@ def composited(sums: np.ndarray) -> np.ndarray:
 class _Field:
     """Classification of reconstructed values."""
 
+    blend: BlendMode
     post: PostClassified
     view: View
     shading: bool
@@ -102,7 +106,7 @@ class _Field:
     @classmethod
     def of(cls, splats: Splats, resolved: Resolved, view: View) -> _Field:
         assert splats.post is not None
-        return cls(splats.post, view, resolved.look.shading, splats.grid.mean_spacing, splats.unit)
+        return cls(resolved.look.blend, splats.post, view, resolved.look.shading, splats.grid.mean_spacing, splats.unit)
 
     def composited(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, 4]: sums [P, sheets, 5] of mass, value and gradient, from sheet `first` on."""
@@ -128,10 +132,16 @@ class _Field:
             for i in range(sheets.steps):
                 part = [np.clip((i + end) / sheets.steps, low, high) for end in (0, 1)]
                 begin, end = (start[some] * (1 - at[:, None]) + mean[some] * at[:, None] for at in part)
-                length = (part[1] - part[0]) * stretch[some]
-                light[some] = self._over(light[some], begin, end, length, rays.toward[some])
+                if self.blend.one_value:
+                    value = (begin[:, 0] + end[:, 0]) / 2
+                    light[some] = joined(light[some], value, part[1] - part[0], self.blend.join)
+                else:
+                    length = (part[1] - part[0]) * stretch[some]
+                    light[some] = self._over(light[some], begin, end, length, rays.toward[some])
             before, known = np.where(valid[:, None], mean, 0.0), valid
-        return light
+        if not self.blend.one_value:
+            return light
+        return classified(self.post.transfer, self.post.value(joined_value(light, self.blend.join)))
 
     def _over(
         self, light: np.ndarray, first: np.ndarray, last: np.ndarray, length: np.ndarray, toward: np.ndarray
@@ -146,6 +156,8 @@ class _Field:
             size = np.linalg.norm(gradient, axis=1)
             cosine = np.abs((gradient * toward).sum(axis=1)) / np.where(size > 0, size, 1.0)
             matter[:, :3] *= np.where(size > 0, AMBIENT + DIFFUSE * np.minimum(cosine, 1.0), 1.0)[:, None]
+        if self.blend.unbounded:
+            return np.asarray(light + matter)
         depth = matter[:, 3]
         share = np.where(depth > 0, -np.expm1(-depth) / np.where(depth > 0, depth, 1.0), 1.0)
         return np.asarray(light + ((1 - light[:, 3]) * share)[:, None] * matter)

@@ -25,6 +25,7 @@ class PostClassified:
     """transfer: of reconstructed values. kernel: whose coefficients the values are.
 
     shape: voxels along x, y, z; rays end at the box of their cells. low, span: record values are (ρ − low)/span.
+    every: whether transparent voxels are kept, too.
     """
 
     transfer: Transfer
@@ -32,12 +33,20 @@ class PostClassified:
     shape: tuple[int, int, int]
     low: float
     span: float
+    every: bool = False
 
     @classmethod
-    def of(cls, transfer: Transfer, kernel: str, shape: tuple[int, int, int]) -> PostClassified:
+    def of(cls, transfer: Transfer, kernel: str, shape: tuple[int, int, int], every: bool = False) -> PostClassified:
         """Values relative to the range over which the transfer function varies."""
         low, high = active_range(transfer)
-        return cls(transfer, kernel, shape, low, high - low if high > low else max(abs(low), 1.0) * 1e-3)
+        return cls(transfer, kernel, shape, low, high - low if high > low else max(abs(low), 1.0) * 1e-3, every)
+
+    @property
+    def wanted(self) -> np.ndarray:
+        """[n, 2]: intervals of record values around which voxels are kept."""
+        if self.every:
+            return np.array([[-np.inf, np.inf]])
+        return np.asarray((opaque_intervals(self.transfer) - self.low) / self.span)
 
     def relative(self, values: np.ndarray) -> np.ndarray:
         """Record values, float32, of samples [...]."""

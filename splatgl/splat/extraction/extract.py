@@ -92,7 +92,8 @@ def extract(
     """The splats of all finite voxels with t > threshold, in row order.
 
     classification "post": values and gradients for `kernel`, which are classified after reconstruction, of all voxels
-    that opaque points need; for volumes without colours, and without a threshold.
+    that opaque points need; "post-all": of all, as blends of one value need; for volumes without colours, and without a
+    threshold.
 
     threshold is an opacity per reference length in [0, 1); slab the planes read at a time.
     progress wraps the iteration over slabs (slabs, their number). Raises InputError for a threshold
@@ -107,13 +108,13 @@ def extract(
     if not 1 / MOST_UNIT <= unit / grid.mean_spacing <= MOST_UNIT:
         raise expected("unit", f"a length within {MOST_UNIT:g} of the spacing, {grid.mean_spacing:g}", f"{unit:g}")
     planes = slab or max(1, SLAB_VOXELS // (height * width))
-    if classification not in ("pre", "post"):
-        raise expected("classification", "pre or post", repr(classification))
-    if classification == "post":
+    if classification not in ("pre", "post", "post-all"):
+        raise expected("classification", "pre, post or post-all", repr(classification))
+    if classification != "pre":
         for what, there in (("threshold", threshold > 0), ("colours of its own", volume.color is not None)):
             if there:
                 raise InputError(f"{volume.name or 'volume'}: {what} take classification pre")
-        post = PostClassified.of(transfer, kernel, (width, height, depth))
+        post = PostClassified.of(transfer, kernel, (width, height, depth), classification == "post-all")
         return extract_post(volume, post, kernel_named(kernel), planes, progress)
     dropped = Dropped(volume.shape) if threshold > 0 else None
 

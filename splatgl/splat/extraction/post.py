@@ -1,7 +1,8 @@
 """Extraction for classification after reconstruction: values and gradients of the voxels that opaque points need.
 
 A point's value is a mean of coefficients around it, and near the samples there. A voxel is kept if the interval of the
-samples within the kernel's reach meets a value of non-zero opacity; the others only contribute to transparent points.
+samples within the kernel's reach meets a value of non-zero opacity; the others only contribute to transparent points,
+which only blends of one value see.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from splatgl.data.volume import Slab, Volume
-from splatgl.splat.classification.post import PostClassified, opaque_intervals
+from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.extraction.records import SAMPLE
 from splatgl.splat.extraction.splats import Grid, Splats, assemble
 from splatgl.splat.kernel.kernels import Kernel
@@ -27,21 +28,20 @@ Progress = Callable[[Iterator[Slab], int], Iterator[Slab]]
 def extract_post(
     volume: Volume, post: PostClassified, kernel: Kernel, planes: int, progress: Progress | None = None
 ) -> Splats:
-    """Splats of value and gradient, in row order, of all finite voxels that `post`'s opacities need.
+    """Splats of value and gradient, in row order, of all finite voxels that `post` wants.
 
     planes: of a slab; records do not depend on it.
     """
     steps, around = PREFILTERED.get(kernel.name, 0), int(kernel.radius)
     slabs = volume.slabs(planes, halo=steps * STEP_HALO + max(around, GRADIENT_HALO))
     count = -(-volume.shape[0] // planes)
-    wanted = (opaque_intervals(post.transfer) - post.low) / post.span
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
     world = np.linalg.inv(volume.world_from_index) * grid.mean_spacing
     chunks = []
     for slab in progress(slabs, count) if progress else slabs:
         u = post.relative(np.where(np.isfinite(slab.samples), slab.samples, np.nan))
         own = slice(slab.before, slab.before + slab.stop - slab.start)
-        keep, c = needed(u, prefiltered(u, kernel, steps), around, wanted)
+        keep, c = needed(u, prefiltered(u, kernel, steps), around, post.wanted)
         keep = keep[own] & np.isfinite(u[own])
         z, y, x = np.nonzero(keep)
         records = np.zeros(len(z), SAMPLE)

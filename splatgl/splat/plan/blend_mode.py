@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class BlendMode:
-    """join: `over` (by the transmittance of nearer splats), `sum` or `max`.
+    """join: `over` (by the transmittance of nearer splats), `sum`, `max`, `min` or `mean`.
 
     peak: whether a splat's value is its opacity times its share of the footprint's peak, instead of a line integral.
     """
@@ -27,12 +27,24 @@ class BlendMode:
         """Whether pixel values are unbounded: errors and PNGs are relative to the brightest."""
         return self.join == "sum"
 
+    @property
+    def one_value(self) -> bool:
+        """Whether a pixel of values classified after reconstruction shows one: the join of all along its ray."""
+        return self.join in ("max", "min", "mean")
+
+    @property
+    def post_only(self) -> bool:
+        """Whether splats that are classified before have no such blend."""
+        return self.join in ("min", "mean")
+
 
 BLENDS = {
     mode.name: mode
     for mode in (
         BlendMode("composite", "over", False, "'over' by opacity, nearest first"),
         BlendMode("xray", "sum", False, "sums of optical depth and of depth times colour"),
-        BlendMode("mip", "max", True, "the maximum of opacity and of opacity times colour"),
+        BlendMode("mip", "max", True, "the maximum of opacity and of opacity times colour, or of values"),
+        BlendMode("minip", "min", False, "the minimum of values"),
+        BlendMode("mean", "mean", False, "the mean of values over the ray's length"),
     )
 }

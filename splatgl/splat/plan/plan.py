@@ -216,7 +216,7 @@ def plan(
         program,
         resolved,
         Lookup(shape.name, read, settings.table_size or TABLE_SIZES[read], settings.table_bits),
-        _order(settings, kind, notes),
+        _order(settings, kind, resolved.sheets is not None, notes),
         "rgba32f" if settings.target == "auto" else settings.target,
         z_s,
         # a streak may reach any pixel
@@ -261,8 +261,8 @@ def _half_line(splats: Splats, view: View, align: str, exposure: Exposure | None
     return near
 
 
-def _order(settings: Settings, kind: str, notes: list[str]) -> str:
-    if not BLENDS[settings.blend].ordered:
+def _order(settings: Settings, kind: str, sheets: bool, notes: list[str]) -> str:
+    if not sheets and not BLENDS[settings.blend].ordered:
         notes.append(f"ordering left out: {settings.blend} is the same in any order, but for float32's rounding")
     if settings.order != "auto":
         return settings.order

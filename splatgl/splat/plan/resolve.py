@@ -30,6 +30,9 @@ MOST_SIDE, MOST_AREA = 16384, 2**26
 PRE_KERNEL = "crawfis-max"
 # sheets that share a splat, and points between two, from these tolerances on
 SHEETS = ((0.005, 2, 2), (3e-3, 3, 2), (0.0, 3, 3))
+# such points of blends of one value: there means are as smooth as the field on average, and extremes neither too large
+# nor too small
+ONE_VALUE_STEPS = 2
 # weight of the differences across a pixel's edges in its mean (Euler–Maclaurin)
 END_CORRECTION = 1 / 24
 
@@ -127,20 +130,15 @@ def kernel_name(splats: Splats, settings: Settings) -> str:
 
 def _sheets(splats: Splats, settings: Settings, view: View, moving: bool) -> tuple[Sheets | None, tuple[str, ...]]:
     """The sheets of a picture, None if splats composite one by one; with notes. InputError for what can't be drawn."""
+    _check_classification(splats, settings, moving)
     post = splats.post is not None
-    if settings.classification not in ("auto", "post" if post else "pre"):
-        raise InputError(
-            f"classification {settings.classification}: the splats were extracted to be classified "
-            f"{'after' if post else 'before'} reconstruction; extract them with that classification"
-        )
-    if post and (moving or not BLENDS[settings.blend].ordered):
-        other = "motion blur" if moving else f"blend {settings.blend}"
-        raise InputError(f"{other} takes splats that are classified before reconstruction; extract them so")
     if not post and (settings.compositing == "splats" or not BLENDS[settings.blend].ordered or moving):
         return None, ()
     if settings.attenuation == "opacity":
         raise expected("attenuation", "optical-depth or fill, which add up within sheets", "opacity")
     count, steps = next((count, steps) for tolerance, count, steps in SHEETS if settings.tolerance >= tolerance)
+    if BLENDS[settings.blend].one_value:
+        steps = ONE_VALUE_STEPS
     sheets = Sheets.of(view.kernel, settings.sheets or count, (settings.steps or steps) if post else 0)
     first, last = sheets.range(splats, view)
     if last - first < MOST_SHEETS and len(splats) <= MOST_KEPT:
@@ -149,6 +147,25 @@ def _sheets(splats: Splats, settings: Settings, view: View, moving: bool) -> tup
     if post:
         raise expected("splats", many, f"{last - first + 1:,} and {len(splats):,}", "take a part of the volume")
     return None, (f"sheets left out: they take {many}; the picture would be another",)
+
+
+def _check_classification(splats: Splats, settings: Settings, moving: bool) -> None:
+    """InputError for what splats that are classified before or after reconstruction can't draw."""
+    post, blend = splats.post, BLENDS[settings.blend]
+    if settings.classification not in ("auto", "post" if post else "pre"):
+        raise InputError(
+            f"classification {settings.classification}: the splats were extracted to be classified "
+            f"{'after' if post else 'before'} reconstruction; extract them with that classification"
+        )
+    if blend.post_only if post is None else blend.one_value and not post.every:
+        raise InputError(
+            f"blend {blend.name} takes all voxels, classified after reconstruction: "
+            'render with --classification post, extract with classification="post-all"'
+        )
+    if post and moving:
+        raise InputError("motion blur takes splats that are classified before reconstruction; extract them so")
+    if post and blend.one_value and settings.shading == "on":
+        raise expected("shading", f"auto or off, as {blend.name} shows values, not surfaces", "on")
 
 
 def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:

@@ -49,8 +49,9 @@ LEAST_SHEETS, MOST_SHEETS, MOST_STEPS = 2, 4, 8
 class Settings:
     """Render settings by the paper's names, the default first.
 
-    blend composite | xray | mip. kernel auto (crawfis-max, or the one that values were extracted for) | crawfis-max |
-    gaussian | b-spline, or one that is registered.
+    blend composite | xray | mip | minip | mean; the last two, and mip if classified after, of reconstructed values.
+    kernel auto (crawfis-max, or the one that values were extracted for) | crawfis-max | gaussian | b-spline, or one
+    that is registered.
     classification auto (as splats were extracted) | pre (voxels are classified) | post (the reconstructed values are).
     compositing splats (every splat in order) | sheets (splats add up within sheets of equal distance from the eye,
     which composite; always if classified after). sheets: 2 to 4 that share a splat; steps: 1 to 8 points between two

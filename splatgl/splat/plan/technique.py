@@ -116,7 +116,8 @@ def combinations() -> list[tuple[str, ...]]:
                 continue
             settings = Settings().but(**{name: value})
             align = settings.align if settings.align != "auto" else "exact"
-            sheets = settings.compositing == "sheets" or settings.classification == "post"
+            post = settings.classification == "post" or BLENDS[settings.blend].post_only
+            sheets = post or settings.compositing == "sheets"
             reasons = [why(Asked(settings, align, each == "streaks", True, sheets)) for each, why in TECHNIQUES.items()]
             if any(reasons):
                 found.append((f"{name} {value}", *(f"no: {why}" if why else "yes" for why in reasons)))

@@ -40,8 +40,8 @@ def after(
     spacing: Sequence[float] = (1.0, 1.0, 1.0),
 ) -> Splats:
     """Splats of values [z, y, x], unshaded."""
-    transfer = Transfer(points, unit=unit, shading=False)
-    return extract(Volume(samples, tuple(spacing)), transfer, classification="post")
+    transfer, (x, y, z) = Transfer(points, unit=unit, shading=False), spacing
+    return extract(Volume(samples, (x, y, z)), transfer, classification="post")
 
 
 def slope(scale: float = 1.0) -> np.ndarray:
