@@ -16,7 +16,7 @@ from splatgl.splat.motion.blur_table import blur_table
 from splatgl.splat.plan.plan import Plan
 
 # texture units
-FOOTPRINT_UNIT, HALF_LINE_UNIT, BLUR_UNIT = 0, 1, 3
+FOOTPRINT_UNIT, HALF_LINE_UNIT, BLUR_UNIT, CLASS_UNIT = 0, 1, 3, 15
 # bits of a texel → moderngl's dtype, numpy's, and the stored value of 1.0
 FORMATS: dict[int, tuple[str, np.dtype, int]] = {
     32: ("f4", np.dtype("<f4"), 1),

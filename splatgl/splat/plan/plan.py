@@ -142,7 +142,7 @@ class Plan:
             **{name: choices[name] for name in mine & choices.keys()},
         )
         tiles = program.technique == "tiles"
-        kind = "radial" if program.footprint == "polynomial" and not tiles else program.footprint
+        kind = "radial" if program.footprint in ("polynomial", "single") and not tiles else program.footprint
         lookup = replace(self.lookup, kind=kind, size=TABLE_SIZES[kind]) if kind != program.footprint else self.lookup
         if program.technique == "quads" and program.motion != "off":
             program = replace(program, technique="streaks")
@@ -196,7 +196,7 @@ def plan(
     asked = Asked(settings, align, exposure is not None, tiles, resolved.sheets is not None)
     kind = technique(asked, notes) if len(splats) else "quads"
     read = footprint((align, kind), shape, settings, resolved.look.steps > 0)
-    bounds = screen_bounds(splats, view)
+    bounds = screen_bounds(splats.corners_in_grid(), view)
     hiding = Hiding()
     if kind == "tiles" and blend.ordered and settings.occlusion != "off":
         cutoff = SHARE * settings.tolerance / max(splats.brightest, 1.0)
@@ -216,7 +216,7 @@ def plan(
         program,
         resolved,
         Lookup(shape.name, read, settings.table_size or TABLE_SIZES[read], settings.table_bits),
-        _order(settings, kind, notes),
+        _order(settings, kind == "tiles" or resolved.sheets is not None, notes),
         "rgba32f" if settings.target == "auto" else settings.target,
         z_s,
         # a streak may reach any pixel
@@ -261,9 +261,9 @@ def _half_line(splats: Splats, view: View, align: str, exposure: Exposure | None
     return near
 
 
-def _order(settings: Settings, kind: str, notes: list[str]) -> str:
+def _order(settings: Settings, nearest_first: bool, notes: list[str]) -> str:
     if not BLENDS[settings.blend].ordered:
         notes.append(f"ordering left out: {settings.blend} is the same in any order, but for float32's rounding")
     if settings.order != "auto":
         return settings.order
-    return "front-to-back" if kind == "tiles" else "back-to-front"
+    return "front-to-back" if nearest_first else "back-to-front"
