@@ -39,7 +39,6 @@ float streaked() {
 #if SHEETS
 void main() {
     float share = footprint();
-    if (share == 0.0) discard;
     vec4 term = STEPS == 0 ? splat.a * vec4(splat.rgb, 1.0) : splat;
     for (int n = 0; n < SHEETS; n++) {
         sums[n] = share * sheet_shares[n] * term;
