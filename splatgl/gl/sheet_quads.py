@@ -78,7 +78,7 @@ class SheetQuads:
                     self._add(adding, ring, sheet, groups[sheet], portions)
                 self._close(target, closing, ring, sheet, groups)
         finally:
-            target.framebuffer.scissor = None
+            target.framebuffer.scissor = None  # type: ignore[assignment]
 
     def _add(self, program: moderngl.Program, ring: Ring, sheet: int, group: Group, portions: Portions) -> None:
         """Blends splats into the sheets from their first on."""
@@ -148,8 +148,10 @@ class Ring:
 
     def release(self) -> None:
         """Frees the textures."""
-        for part in (*self.open, *self.each, *self.sums, *self.masses):
-            part.release()
+        for framebuffer in (*self.open, *self.each):
+            framebuffer.release()
+        for texture in (*self.sums, *self.masses):
+            texture.release()
 
     def _attachments(self, first: int, count: int) -> list[moderngl.Texture | moderngl.Renderbuffer]:
         some = [(first + n) % self.slots for n in range(count)]
