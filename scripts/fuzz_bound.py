@@ -212,7 +212,7 @@ def settings_of(rng: Random) -> sg.Settings:
     if rng.random() < 0.3:
         # what sheets can draw
         changes |= {"compositing": "sheets", "sheets": int(rng.integers(2, 5)), "target": "rgba32f", "order": "auto"}
-        changes |= {"technique": "auto", "align": "auto", "blend": "composite"}
+        changes |= {"align": "auto", "blend": "composite"}
         changes["attenuation"] = one_of("fill", "optical-depth")
     return sg.Settings(**changes)  # type: ignore[arg-type]
 

@@ -1,10 +1,20 @@
-// One splat's contribution to one pixel: its footprint, then the blend mode's value.
+// One splat's contribution to one pixel: its footprint, then the blend mode's value, or what it adds to sheets.
+// switch SHEETS 0
+// switch STEPS 0
 #define VARYING in
 #define FLAT flat
 #include "footprint_eval.glsl"
 #include "streak.glsl"
 
+#if SHEETS
+// of the sheets that share it: extinction · colour and extinction; classified after: gradient and value, by mass
+layout(location = 0) out vec4 sums[SHEETS];
+#if STEPS
+layout(location = SHEETS) out float masses[SHEETS];
+#endif
+#else
 out vec4 fragment;  // linear premultiplied: 'over', sum or maximum, as JOIN says
+#endif
 
 // Footprint of a still splat, over F(0)·gain.
 float footprint() {
@@ -26,7 +36,20 @@ float streaked() {
     return blended(value);
 }
 
+#if SHEETS
+void main() {
+    float share = footprint();
+    vec4 term = STEPS == 0 ? splat.a * vec4(splat.rgb, 1.0) : splat;
+    for (int n = 0; n < SHEETS; n++) {
+        sums[n] = share * sheet_shares[n] * term;
+#if STEPS
+        masses[n] = share * sheet_shares[n];
+#endif
+    }
+}
+#else
 void main() {
     bool moves = MOTION != MOTION_OFF && path_step != vec2(0.0);
     fragment = vec4(splat.rgb, 1.0) * (moves ? streaked() : blended(splat.a * footprint()));
 }
+#endif

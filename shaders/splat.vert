@@ -4,10 +4,12 @@
 #define VARYING out
 #define FLAT flat
 #include "splat_setup.glsl"
+#include "sheets.glsl"
 #constant PIXEL_MARGIN     // see widened_corner
 #constant HALF_LINE_REACH  // a kernel whose centre is nearer than the root of this many R is around the eye
 
 in vec3 in_flow;            // motion: grid steps in half of the exposure
+uniform int sheet;          // the first of the sheets that share it
 
 out vec3 corner_eye;        // for tests: the corner in eye axes, mean spacings
 out float gain;
@@ -46,6 +48,7 @@ void main() {
     at = corner * quad.reach;
     vec3 point = v + at.x * quad.axis_1 + at.y * quad.axis_2;
     give_matter(v, quad);
+    if (SHEETS > 0) sheet_shares = sheet_weights(sheet_place(in_position) - float(sheet));
 
     path_center = v;
     path_step = streak.step;

@@ -2,6 +2,7 @@
 // `out` in the vertex shader and `in` in the fragment shader, FLAT as `flat`; both are empty in shaders without
 // varyings. Varyings that a program does not need become plain variables that are never read.
 // switch HALF_LINE 0
+// switch SHEETS 0
 #include "motion.glsl"
 
 #if ALIGN == ALIGN_EXACT
@@ -29,6 +30,11 @@
 #else
 #define MOTION_VARYING
 #endif
+#if SHEETS
+#define SHEETS_VARYING FLAT VARYING
+#else
+#define SHEETS_VARYING
+#endif
 
 VARYING vec2 at;                       // footprint coordinates, voxels; for streaks, see passing
 FLAT VARYING vec4 splat;               // linear RGB, shaded; optical depth at the centre, or opacity
@@ -36,6 +42,7 @@ OPACITY_VARYING float coverage;        // 1/m² [M98 Eq. 6]
 EXACT_VARYING vec4 bend;               // see Quad
 WIDENED_VARYING vec4 cubic;
 WIDENED_VARYING vec4 mixed;
+SHEETS_VARYING vec4 sheet_shares;      // of the sheets that share it, nearest first
 HALF_LINE_VARYING vec4 center;         // the voxel relative to the eye, see to_index; w is 1 if around the eye
 MOTION_VARYING vec3 path_center;       // the middle of a streak's path, eye axes
 MOTION_VARYING vec2 path_step;         // Streak's step; 0 for still splats

@@ -74,6 +74,13 @@ def test_portions_grow_and_shrink_with_the_time_they_take(
     assert sizes[0] == 2**6 and abs(sizes[3] - 3000) < 5 and max(sizes) == 2**15 and ends[-1] == 400_000
 
 
+def test_the_end_of_a_range_makes_portions_no_larger(renderer: sg.Renderer) -> None:
+    found = portions.Portions(renderer.ctx, None, 100)
+    for _ in range(3):
+        assert list(found.over(0, 200)) == [(0, 200)]
+    assert next(end for _, end in found.over(0, 400)) == portions.FIRST
+
+
 @pytest.mark.parametrize("change", [{}, {"blend": "xray"}, {"attenuation": "fill"}], ids=str)
 @pytest.mark.parametrize("kind", TECHNIQUES)
 def test_too_many_splats_to_be_kept_are_drawn_in_chunks(

@@ -13,9 +13,11 @@ from noise import GRIDS, LOOKS, inside, views
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.gl import sheet_order, sheet_tiles, tiles
+from splatgl.gl.sheet_quads import by_first_sheet
 from splatgl.splat.classification.post import PostClassified, opaque_intervals
 from splatgl.splat.extraction import post as extraction
 from splatgl.splat.motion.motion import Motion
+from splatgl.splat.plan.settings import Technique
 
 EXACT = sg.Settings(tolerance=1e-6, antialias="off")
 RAMP = sg.Transfer([(0.45, 0), (0.6, 0.8)], colormap="hot", shading=True)
@@ -54,6 +56,7 @@ def differences(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, set
     return np.abs(found - right)
 
 
+@pytest.mark.parametrize("technique", ["tiles", "quads"])
 @pytest.mark.parametrize(
     ("grid", "view", "count", "steps", "changes"),
     [
@@ -67,14 +70,32 @@ def differences(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, set
     ids=str,
 )
 def test_the_picture_is_its_twin(
-    renderer: sg.Renderer, grid: str, view: str, count: int, steps: int, changes: dict[str, Any]
+    renderer: sg.Renderer, grid: str, view: str, count: int, steps: int, changes: dict[str, Any], technique: Technique
 ) -> None:
     splats = matter(grid)
-    settings = EXACT.but(sheets=count, steps=steps, **changes)
+    settings = EXACT.but(sheets=count, steps=steps, technique=technique, **changes)
     chosen = renderer.plan(splats, eyes(splats)[view], settings)
-    assert chosen.program.technique == "tiles" and chosen.program.look.steps == steps
+    assert chosen.program.technique == technique and chosen.program.look.steps == steps
     assert chosen.program.look.shading == (settings.shading == "auto") and chosen.kernel.name == "b-spline"
     assert differences(renderer, splats, eyes(splats)[view], settings).max() < 1e-4
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_quads_composite_what_lies_behind_a_gap(renderer: sg.Renderer, count: int) -> None:
+    """Nothing of the sheets before it is left, and the last segment of the nearer part is drawn."""
+    found = np.concatenate([cells(), cells()[::-1], cells()])
+    splats = sg.extract(sg.Volume(found), RAMP, classification="post")
+    # cut off where it is opaque
+    depth = splats.records["position"][:, 2]
+    splats = splats.part((depth < 8) | (depth > 22))
+    middle = splats.corners.mean(axis=0)
+    side = sg.Camera.look_at(middle + np.array([3.0, 4.0, 36.0]), middle, (0, 1, 0), 30, (40, 30))
+    settings = EXACT.but(sheets=count, steps=2, technique="quads")
+    for camera in (side, side.parallel(splats)):
+        chosen = renderer.plan(splats, camera, settings)
+        _, groups = by_first_sheet(splats, chosen.resolved.sheets, chosen.view)
+        assert max(np.diff(sorted(groups))) > count + 1
+        assert differences(renderer, splats, camera, settings).max() < 1e-4
 
 
 def test_widened_kernels_are_their_twin_s(renderer: sg.Renderer) -> None:
@@ -252,7 +273,7 @@ def test_intervals_of_opacity() -> None:
     ("changes", "said"),
     [
         ({"blend": "mip"}, "^blend mip takes all voxels, classified after reconstruction"),
-        ({"technique": "quads"}, "^technique quads: expected what quads can draw, got sheets"),
+        ({"footprint": "table"}, "^sheets: expected what quads can draw, got footprints from a table"),
         ({"classification": "pre"}, "^classification pre: the splats were extracted to be classified after"),
         ({"kernel": "gaussian"}, "^kernel: expected auto or b-spline, got gaussian; extract the volume for that"),
     ],

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from noise import GRIDS as PLACED
 from noise import noise
 
 import splatgl as sg
@@ -29,6 +30,14 @@ def test_the_readme_tells_what_techniques_refuse() -> None:
     assert as_markdown(("setting", *TECHNIQUES), combinations()).strip() in readme, "run scripts/pictures.py tables"
 
 
+def cameras_of(splats: sg.Splats) -> list[sg.Camera]:
+    fitted = sg.Camera.orbit(splats, size=(32, 32))
+    middle = splats.corners.mean(axis=0)
+    inside = sg.Camera.look_at(middle, middle + np.array([1.0, 0.3, 0.2]), (0, 0, 1), 60, (32, 32))
+    far = sg.Camera.orbit(splats, size=(32, 32), zoom=1 / 16)
+    return [fitted, inside, far, fitted.parallel(splats), far.parallel(splats)]
+
+
 def programs(pairs: bool) -> set[Program]:
     """All that plans compile; pairs: of the values of every two settings, the others as they are by default."""
     names = (*COMPILED, "tolerance", "table_bits")
@@ -45,13 +54,7 @@ def programs(pairs: bool) -> set[Program]:
     found = set()
     for grid in GRIDS:
         splats = noise(grid, size=4, opacity=0.5)
-        fitted = sg.Camera.orbit(splats, size=(32, 32))
-        middle = splats.corners.mean(axis=0)
-        inside = sg.Camera.look_at(middle, middle + np.array([1.0, 0.3, 0.2]), (0, 0, 1), 60, (32, 32))
-        far = sg.Camera.orbit(splats, size=(32, 32), zoom=1 / 16)
-        for camera, change in itertools.product(
-            (fitted, inside, far, fitted.parallel(splats), far.parallel(splats)), wanted
-        ):
+        for camera, change in itertools.product(cameras_of(splats), wanted):
             settings = sg.Settings(**dict(change))
             found |= {sg.plan(splats, camera, settings, tiles=tiles).program for tiles in (True, None)}
             if settings.align == "auto":
@@ -60,17 +63,42 @@ def programs(pairs: bool) -> set[Program]:
     return found
 
 
+def of_sheets() -> set[Program]:
+    """All that plans of sheets compile, classified before or after."""
+    found = set()
+    transfer = sg.Transfer([(0.3, 0), (1, 0.5)], shading=True)
+    for grid in GRIDS:
+        volume = sg.Volume(np.random.default_rng(3).random((4, 4, 4)), **PLACED[grid])
+        for splats in (sg.extract(volume, transfer), sg.extract(volume, transfer, classification="post")):
+            changes = itertools.product((2, 3, 4), (1 / 255, 1e-6), ("on", "off"), ("auto", "optical-depth"))
+            cameras = cameras_of(splats)
+            for count, tolerance, shading, attenuation in changes:
+                settings = sg.Settings(compositing="sheets", sheets=count, tolerance=tolerance)
+                settings = settings.but(shading=shading, attenuation=attenuation)
+                found |= {
+                    sg.plan(splats, camera, settings, tiles=tiles).program
+                    for camera in cameras
+                    for tiles in (True, None)
+                }
+    return found
+
+
 def distinct(found: set[Program]) -> set[tuple[object, ...]]:
     """(stages, *switches) of all that is compiled."""
     keys: set[tuple[object, ...]] = set()
     for program in found:
         switches = splat_switches(program)
+        parts = []
         if program.technique == "tiles":
-            parts = [("tile_place.frag", "ORDERED"), ("tile_place.frag", "CULLED"), ("tile_draw.comp", "CARRIED")]
-            for name, more in parts:
-                read = {**switches, more: True}
-                keys.add((name, *((s, read[s]) for s in sorted(declared_switches(name) & read.keys()))))
-        else:
+            parts = [("tile_place.frag", "ORDERED"), ("tile_place.frag", "CULLED")]
+            kinds = [("sheet_draw.comp", "CARRIED"), ("sheet_sort.comp", "COUNTING")]
+            parts += kinds if program.look.sheets else [("tile_draw.comp", "CARRIED")]
+        elif program.look.sheets:
+            parts = [("sheet_close.frag", "SHEETS")]
+        for name, more in parts:
+            read = {**switches, more: switches.get(more, True)}
+            keys.add((name, *((s, read[s]) for s in sorted(declared_switches(name) & read.keys()))))
+        if program.technique != "tiles":
             keys.add(("splat", *sorted(switches.items())))
     return keys
 
@@ -79,7 +107,7 @@ def compiles(renderer: sg.Renderer, keys: set[tuple[object, ...]]) -> None:
     for name, *switches in sorted(keys, key=str):
         if name == "splat":
             build(renderer.ctx, "splat.vert", "splat.frag", dict(switches)).release()
-        elif name == "tile_place.frag":
+        elif name.endswith(".frag"):
             build(renderer.ctx, "whole.vert", name, dict(switches)).release()
         else:
             build_compute(renderer.ctx, name, dict(switches)).release()
@@ -98,3 +126,13 @@ def test_pairs_of_choices_compile(renderer: sg.Renderer) -> None:
     print(f"{len(keys)} programs")
     assert len(keys) > 60
     compiles(renderer, keys)
+
+
+@pytest.mark.parametrize("some", [pytest.param(1, marks=pytest.mark.long), 19])
+def test_programs_of_sheets_compile(renderer: sg.Renderer, some: int) -> None:
+    """All, or every nineteenth, of which every shader is one."""
+    keys = sorted(distinct(of_sheets()), key=str)[::some]
+    stages = {name for name, *_ in keys}
+    print(f"{len(keys)} programs")
+    assert stages == {"splat", "sheet_close.frag", "tile_place.frag", "sheet_draw.comp", "sheet_sort.comp"}
+    compiles(renderer, set(keys))

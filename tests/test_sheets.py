@@ -11,15 +11,17 @@ import pytest
 from noise import GRIDS, LOOKS, inside, views
 
 import splatgl as sg
-from splatgl.gl import sheet_order, sheet_tiles, tiles
+from splatgl.gl import portions, sheet_order, sheet_quads, sheet_tiles, tiles
 from splatgl.gl.portions import Interrupted
 from splatgl.splat.extraction.order import order_for
 from splatgl.splat.kernel.kernels import KERNELS, depth_deviation, kernel
+from splatgl.splat.plan.settings import Technique
 from splatgl.splat.sheets.sheets import Sheets
 from splatgl.truth.integral import ray_integral
 
 EXACT = sg.Settings(compositing="sheets", tolerance=1e-6)
 COUNTS = (2, 3, 4)
+TECHNIQUES = ("tiles", "quads")
 
 
 @cache
@@ -66,6 +68,7 @@ def apart(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings:
     return float(np.abs(found - right).max())
 
 
+@pytest.mark.parametrize("technique", TECHNIQUES)
 @pytest.mark.parametrize(
     ("grid", "view", "count", "changes"),
     [
@@ -83,23 +86,24 @@ def apart(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings:
     ids=str,
 )
 def test_the_picture_is_its_twin(
-    renderer: sg.Renderer, grid: str, view: str, count: int, changes: dict[str, Any]
+    renderer: sg.Renderer, grid: str, view: str, count: int, changes: dict[str, Any], technique: Technique
 ) -> None:
     splats = matter(grid)
     camera = eyes(splats)[view]
-    settings = EXACT.but(sheets=count, **changes)
+    settings = EXACT.but(sheets=count, technique=technique, **changes)
     chosen = renderer.plan(splats, camera, settings)
-    assert chosen.resolved.sheets is not None and chosen.program.technique == "tiles"
+    assert chosen.resolved.sheets is not None and chosen.program.technique == technique
     assert chosen.program.seen.antialias or "far" not in view
     assert apart(renderer, splats, camera, settings) < 4e-6
 
 
-def test_pictures_of_light_and_of_widened_splats_are_their_twins(renderer: sg.Renderer) -> None:
+@pytest.mark.parametrize("technique", TECHNIQUES)
+def test_pictures_of_light_and_of_widened_splats_are_their_twins(renderer: sg.Renderer, technique: Technique) -> None:
     """In perspective, widening is exact up to 1/z_k²: as far off as splats that composite one by one."""
     lit = matter("sheared", shading=True)
-    assert apart(renderer, lit, views(lit)["fitted"], EXACT.but(sheets=2)) < 4e-6
+    assert apart(renderer, lit, views(lit)["fitted"], EXACT.but(sheets=2, technique=technique)) < 4e-6
     splats = matter()
-    settings = EXACT.but(sheets=3)
+    settings = EXACT.but(sheets=3, technique=technique)
     one_by_one = apart(renderer, splats, views(splats)["far"], settings.but(compositing="splats"))
     assert apart(renderer, splats, views(splats)["far"], settings) < min(1.2 * one_by_one, 2e-3)
 
@@ -113,7 +117,7 @@ def test_by_default_the_error_is_within_the_tolerance(renderer: sg.Renderer) -> 
 
 
 @pytest.mark.parametrize(
-    ("portions", "changed"),
+    ("parts", "changed"),
     [
         ([(tiles, "MOST", 100)], 3e-6),
         ([(tiles, "MOST_LISTED", 800)], 3e-6),
@@ -126,7 +130,7 @@ def test_by_default_the_error_is_within_the_tolerance(renderer: sg.Renderer) -> 
     ids=str,
 )
 def test_batches_draw_the_same(
-    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, portions: list[tuple[Any, str, int]], changed: float
+    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, parts: list[tuple[Any, str, int]], changed: float
 ) -> None:
     """And twice bit for bit; a sum's order of terms may be another."""
     splats = matter()
@@ -134,12 +138,12 @@ def test_batches_draw_the_same(
         camera, settings = eyes(splats)[view], sg.Settings(compositing="sheets", sheets=3, occlusion="off")
         whole = renderer.render(splats, camera, settings, verify_bound=False).pixels
         with monkeypatch.context() as patched:
-            for module, name, value in portions:
+            for module, name, value in parts:
                 patched.setattr(module, name, value)
-            parts = [renderer.render(splats, camera, settings, verify_bound=False).pixels for _ in range(2)]
+            found = [renderer.render(splats, camera, settings, verify_bound=False).pixels for _ in range(2)]
         again = renderer.render(splats, camera, settings, verify_bound=False).pixels
-        assert (whole == again).all() and (parts[0] == parts[1]).all()
-        assert whole[..., 3].max() > 0.5 and np.abs(whole - parts[0]).max() <= changed
+        assert (whole == again).all() and (found[0] == found[1]).all()
+        assert whole[..., 3].max() > 0.5 and np.abs(whole - found[0]).max() <= changed
 
 
 def test_tiles_end_where_almost_no_light_passes(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -154,8 +158,11 @@ def test_tiles_end_where_almost_no_light_passes(renderer: sg.Renderer, monkeypat
         assert 0 < np.abs(ended - whole).max() <= 1.01 * cutoff + 3e-6
 
 
-def test_an_interrupted_picture_leaves_no_trace(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
-    splats, settings = matter(), sg.Settings(compositing="sheets", sheets=3)
+@pytest.mark.parametrize("technique", TECHNIQUES)
+def test_an_interrupted_picture_leaves_no_trace(
+    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, technique: Technique
+) -> None:
+    splats, settings = matter(), sg.Settings(compositing="sheets", sheets=3, technique=technique)
     other, camera = views(splats)["close"], views(splats)["fitted"]
     right = renderer.render(splats, camera, settings, verify_bound=False).pixels
     monkeypatch.setattr(tiles, "MOST", 50)
@@ -166,6 +173,38 @@ def test_an_interrupted_picture_leaves_no_trace(renderer: sg.Renderer, monkeypat
         with monkeypatch.context() as patched:
             patched.setattr(tiles, "MOST", 2**20)
             assert (renderer.render(splats, camera, settings, verify_bound=False).pixels == right).all()
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_quads_leave_out_sheets_without_splats(renderer: sg.Renderer, count: int) -> None:
+    """Places that nothing reaches for a while, in depth and across the view, and single splats between."""
+    rng = np.random.default_rng(count)
+    places = np.array([[0, 0, 0], [12, 3, 1], [12, 9, 5], [13, 9, 5], [40, -8, -4]])
+    points = (places[:, None] + rng.normal(size=(5, 9, 3)) * [[[1]], [[0]], [[1.5]], [[0.1]], [[1]]]).reshape(-1, 3)
+    splats = sg.Splats.from_points(points, rng.random((45, 3)), rng.uniform(0.05, 0.8, 45))
+    settings = EXACT.but(sheets=count, technique="quads", antialias="off")
+    for view in ("fitted", "parallel"):
+        camera = eyes(splats)[view]
+        chosen = renderer.plan(splats, camera, settings)
+        assert chosen.resolved.sheets is not None
+        _, groups = sheet_quads.by_first_sheet(splats, chosen.resolved.sheets, chosen.view)
+        sheets = sheet_quads.closed(groups, count)
+        assert len(sheets) < sheets[-1] - sheets[0] + 1 and {first + count - 1 for first in groups} < set(sheets)
+        assert apart(renderer, splats, camera, settings) < 4e-6
+
+
+def test_without_compute_shaders_quads_draw_sheets(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In portions of any size, bit for bit."""
+    splats, camera = matter(), views(matter())["fitted"]
+    monkeypatch.setattr(renderer, "tiles", None)
+    image = renderer.render(splats, camera, sg.Settings(compositing="sheets"))
+    assert (image.info["technique"], image.info["order"], image.info["sheets"]) == ("quads", "front-to-back", 3)
+    right = sg.reference.render(splats, camera, sg.Settings(compositing="sheets")).pixels
+    assert np.abs(image.pixels - right).max() <= image.info["error_bound"]
+    monkeypatch.setattr(portions, "FIRST", 7)
+    monkeypatch.setattr(portions, "GROWTH", 1.0)
+    again = renderer.render(splats, camera, sg.Settings(compositing="sheets")).pixels
+    assert (again == image.pixels).all()
 
 
 @pytest.mark.parametrize("name", ["cloud", "ball"])
@@ -269,9 +308,9 @@ def test_the_tolerance_chooses_the_sheets() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"technique": "quads"}, "^technique quads: expected what quads can draw, got sheets; use auto$"),
-        ({"target": "rgba16f"}, "^sheets: expected what tiles can draw, got .*; composite splats"),
-        ({"align": "grid"}, "^sheets: expected what tiles can draw, got .*; composite splats"),
+        ({"target": "rgba16f"}, "^sheets: expected what quads can draw, got target rgba16f; composite splats"),
+        ({"align": "grid"}, "^sheets: expected what quads can draw, got footprints from a table; composite splats"),
+        ({"technique": "quads", "order": "back-to-front"}, "^technique quads: expected .*, got order back-to-front;"),
         ({"attenuation": "opacity"}, "^attenuation: expected optical-depth or fill, which add up within sheets"),
         ({"classification": "post"}, "^classification post: the splats were extracted to be classified before"),
     ],

@@ -11,8 +11,7 @@ from twins import COUNT, Twin
 
 import splatgl as sg
 from splatgl.gl.sheet_order import sheet_uniforms
-from splatgl.gl.sheet_tiles import CLASS_UNIT, class_uniforms
-from splatgl.gl.uniforms import base_of
+from splatgl.gl.tables import CLASS_UNIT, class_uniforms
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.kernel.kernels import Kernel, kernel
 from splatgl.splat.plan.blend_mode import BLENDS
@@ -38,7 +37,7 @@ def planned(splats: sg.Splats, view: str, count: int, **changes: Any) -> Plan:
 
 
 def uniforms(splats: sg.Splats, plan: Plan) -> dict[str, object]:
-    return sheet_uniforms(splats, plan, base_of(splats, plan.view.eye_index))
+    return sheet_uniforms(splats, plan)
 
 
 def sheet_place(sheets: Sheets, view: View, positions: np.ndarray, first: float) -> np.ndarray:

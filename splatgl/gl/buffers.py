@@ -83,23 +83,21 @@ class SplatBuffer:
         self.sorted, self.textured = {}, None
 
 
-class Sorted:
-    """Instance buffer of records in drawing order, rewritten for each new order."""
+class Instances:
+    """Instance buffer of records."""
 
-    def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
-        self.ctx, self.splats = ctx, splats
-        self.written: tuple[DrawOrder, bool, Range] | None = None
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self.ctx = ctx
         self.buffer: moderngl.Buffer | None = None
         self.arrays: dict[int, moderngl.VertexArray] = {}
 
-    def write(self, order: DrawOrder, runs: bool, which: Range) -> None:
-        """Uploads splats `which` of the drawing order, with runs if `runs`, unless the buffer already holds them."""
-        wanted = (order, runs, which)
-        # if any order will do, the current one is reused; unread runs do no harm
-        there = self.written is not None and self.written[2] == which and (self.written[1] or not runs)
-        if not there or (order.boxes is not None and self.written != wanted):
-            self._upload(*wanted)
-            self.written = wanted
+    def fill(self, records: np.ndarray) -> None:
+        """Uploads records in the order in which they are drawn."""
+        if self.buffer is None:
+            self.buffer = self.ctx.buffer(records)
+        else:
+            self.buffer.orphan(records.nbytes)
+            self.buffer.write(records)
 
     def vertices(self, program: moderngl.Program, first: int) -> moderngl.VertexArray:
         """A vertex array of the written instances, from `first` on."""
@@ -120,15 +118,28 @@ class Sorted:
         assert self.buffer is not None
         return [(name, self.buffer, *layout, RECORD.itemsize) for name, layout in LAYOUTS.items()]
 
+
+class Sorted(Instances):
+    """Records in drawing order, rewritten for each new order."""
+
+    def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
+        super().__init__(ctx)
+        self.splats = splats
+        self.written: tuple[DrawOrder, bool, Range] | None = None
+
+    def write(self, order: DrawOrder, runs: bool, which: Range) -> None:
+        """Uploads splats `which` of the drawing order, with runs if `runs`, unless the buffer already holds them."""
+        wanted = (order, runs, which)
+        # if any order will do, the current one is reused; unread runs do no harm
+        there = self.written is not None and self.written[2] == which and (self.written[1] or not runs)
+        if not there or (order.boxes is not None and self.written != wanted):
+            self._upload(*wanted)
+            self.written = wanted
+
     def _upload(self, order: DrawOrder, runs: bool, which: Range) -> None:
         records = self.splats.records_with_runs if runs else self.splats.records
         chosen = slice(*which) if order.boxes is None else indices(self.splats, order)[slice(*which)]
-        records = np.ascontiguousarray(records[chosen])
-        if self.buffer is None:
-            self.buffer = self.ctx.buffer(records)
-        else:
-            self.buffer.orphan(records.nbytes)
-            self.buffer.write(records)
+        self.fill(np.ascontiguousarray(records[chosen]))
 
 
 # a record's 32-bit words: two texels of four, and the last

@@ -14,6 +14,7 @@ from splatgl.gl.draw_order import DrawOrder
 from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
 from splatgl.gl.quads import Quads
+from splatgl.gl.sheet_quads import SheetQuads
 from splatgl.gl.sheet_tiles import SheetTiles
 from splatgl.gl.streaks import Streaks
 from splatgl.gl.tables import Tables
@@ -52,7 +53,8 @@ class Passes:
         self.techniques: dict[str, Technique] = {
             "quads": Quads(ctx, self.programs, self.splats),
             "tiles": self.tiles,
-            "sheets": SheetTiles(ctx, self.programs, self.splats, self._whole, self.tables),
+            "sheets in quads": SheetQuads(ctx, self.programs, self._whole, self.tables),
+            "sheets in tiles": SheetTiles(ctx, self.programs, self.splats, self._whole, self.tables),
             "streaks": Streaks(ctx, self.programs, self.splats),
         }
         self.frame = ctx.buffer(reserve=FRAME.itemsize)
@@ -95,7 +97,7 @@ class Passes:
         look = plan.program.look
         boxes = order_for(splats, plan.resolved.camera) if look.blend.ordered and not look.sheets else None
         order = DrawOrder(boxes, boxes is not None and plan.order == "front-to-back")
-        technique = "sheets" if plan.resolved.sheets else plan.program.technique
+        technique = f"sheets in {plan.program.technique}" if plan.resolved.sheets else plan.program.technique
         self.techniques[technique].draw(target, splats, plan, order, portions)
 
     def _resolve(self, drawn: Target, plan: Plan, background: tuple[float, float, float] | None) -> Target:

@@ -42,6 +42,8 @@ class Portions:
             yield begin, last
             self.ctx.finish()
             took = time.perf_counter() - started
-            self.size *= min(max(self.seconds / max(took, 1e-6), 1 / GROWTH), GROWTH)
-            self.size = min(self.size, self.most)
+            growth = min(max(self.seconds / max(took, 1e-6), 1 / GROWTH), GROWTH)
+            # the end of a range, however quick, does not tell how long a whole portion takes
+            if last < end or growth < 1:
+                self.size = min(self.size * growth, self.most)
             begin = last

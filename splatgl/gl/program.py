@@ -119,8 +119,7 @@ class Programs:
         self.ctx = ctx
         self.owned = owned
         self.splat: dict[Chosen, moderngl.Program] = {}
-        self.screen: dict[str, moderngl.Program] = {}
-        self.placing: dict[Chosen, moderngl.Program] = {}
+        self.screen: dict[tuple[str, Chosen], moderngl.Program] = {}
         self.tiles: dict[tuple[str, Chosen], moderngl.ComputeShader] = {}
         # the switches that a shader reads, found once per request
         self.read: dict[tuple[object, ...], Chosen] = {}
@@ -133,18 +132,14 @@ class Programs:
             self.splat[key] = self._keep(build(self.ctx, "splat.vert", "splat.frag", switches))
         return self.splat[key]
 
-    def for_screen(self, fragment: str) -> moderngl.Program:
-        """A fragment shader over the whole target."""
-        if fragment not in self.screen:
-            self.screen[fragment] = self._keep(build(self.ctx, "whole.vert", fragment, {}))
-        return self.screen[fragment]
-
-    def for_placing(self, program: Program, more: Switches) -> moderngl.Program:
-        """The program that places splats for tiles; more: its own switches."""
-        switches = self._read("tile_place.frag", program, more)
-        if switches not in self.placing:
-            self.placing[switches] = self._keep(build(self.ctx, "whole.vert", "tile_place.frag", dict(switches)))
-        return self.placing[switches]
+    def for_screen(
+        self, fragment: str, program: Program | None = None, more: Switches | None = None
+    ) -> moderngl.Program:
+        """A fragment shader over the whole target, with a plan's choices if it has any; more: its own switches."""
+        key = (fragment, self._read(fragment, program, more or {}) if program else ())
+        if key not in self.screen:
+            self.screen[key] = self._keep(build(self.ctx, "whole.vert", fragment, dict(key[1])))
+        return self.screen[key]
 
     def for_tiles(self, name: str, program: Program, more: Switches) -> moderngl.ComputeShader:
         """One of the tile compute shaders; more: its own switches."""

@@ -8,6 +8,8 @@ import numpy as np
 from splatgl.gl.buffers import Texels
 from splatgl.gl.constants import ABREAST, LANES
 from splatgl.gl.program import Programs
+from splatgl.gl.tables import class_uniforms
+from splatgl.gl.uniforms import base_of
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.sheets.sheets import index_direction
@@ -20,16 +22,23 @@ RECORDS_UNIT, CURSORS, IMAGE = 5, 0, 0
 Uniforms = dict[str, object]
 
 
-def sheet_uniforms(splats: Splats, plan: Plan, base: np.ndarray) -> Uniforms:
-    """Uniforms of sheets.glsl. base [3]: frame.base."""
-    sheets, view = plan.resolved.sheets, plan.view
+def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
+    """Uniforms of sheets.glsl and sheet_close.glsl."""
+    sheets, view, post = plan.resolved.sheets, plan.view, splats.post
     assert sheets is not None
-    return {
-        "sheet_eye": tuple(view.eye_index - base),
+    found: Uniforms = {
+        "sheet_eye": tuple(view.eye_index - base_of(splats, view.eye_index)),
         "sheet_direction": tuple(index_direction(view)),
         "thickness": sheets.thickness,
         "first_sheet": float(sheets.range(splats, view)[0]),
     }
+    if post is not None:
+        found |= class_uniforms(post)
+        found |= {
+            "box_low": tuple(-0.5 - view.eye_index),
+            "box_high": tuple(np.array(post.shape) - 0.5 - view.eye_index),
+        }
+    return found
 
 
 class SheetOrder:

@@ -13,17 +13,15 @@ from splatgl.gl.draw_order import DrawOrder, Range
 from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
 from splatgl.gl.sheet_order import SheetOrder, sheet_uniforms
-from splatgl.gl.tables import HALF_LINE_UNIT, Tables
+from splatgl.gl.tables import CLASS_UNIT, HALF_LINE_UNIT, Tables
 from splatgl.gl.target import Target
 from splatgl.gl.tiles import LIST_UNIT, LISTS, OPEN, Tiles, bands_of, set_uniforms
-from splatgl.gl.uniforms import base_of
-from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.plan.tiling import ROWS
 
-# texture unit of the classification table, and buffer binding of open sheets
-CLASS_UNIT, RINGS = 15, 5
+# buffer binding of open sheets
+RINGS = 5
 # floats of a pixel's open sheets: KEPT of sheet_draw.comp, and one more
 RING = 26
 # most list entries of a tile per dispatch: with the sheets that follow each other, loop iterations stay below 65535
@@ -58,15 +56,10 @@ class SheetTiles(Tiles):
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: is not used."""
         texels = self.splats.of(splats).texels(plan.program.look.attenuation == "fill", DrawOrder(None, True))
-        self.uniforms = sheet_uniforms(splats, plan, base_of(splats, plan.view.eye_index))
+        self.uniforms = sheet_uniforms(splats, plan)
         texels, self.count = self.order.sorted(splats, plan, texels, self.uniforms)
         if splats.post is not None:
             self.tables.classification(splats).use(CLASS_UNIT)
-            self.uniforms |= class_uniforms(splats.post)
-            self.uniforms |= {
-                "box_low": tuple(-0.5 - plan.view.eye_index),
-                "box_high": tuple(np.array(splats.post.shape) - 0.5 - plan.view.eye_index),
-            }
         for window in bands_of(plan.window, MOST_PIXELS):
             self.kept = None
             band = self.begin(window)
@@ -122,15 +115,3 @@ class SheetTiles(Tiles):
         program = super()._placing(plan, switches)
         set_uniforms(program, **self.uniforms)
         return program
-
-
-def class_uniforms(post: PostClassified) -> dict[str, object]:
-    """Of the classification table, bound to CLASS_UNIT."""
-    before, behind = post.integral.outside
-    return {
-        "class_table": CLASS_UNIT,
-        "class_scale": post.scale,
-        "class_unit": post.table[1],
-        "class_before": tuple(before),
-        "class_behind": tuple(behind),
-    }

@@ -16,7 +16,7 @@ from splatgl.splat.motion.blur_table import blur_table
 from splatgl.splat.plan.plan import Plan
 
 # texture units
-FOOTPRINT_UNIT, HALF_LINE_UNIT, BLUR_UNIT = 0, 1, 3
+FOOTPRINT_UNIT, HALF_LINE_UNIT, BLUR_UNIT, CLASS_UNIT = 0, 1, 3, 15
 # bits of a texel → moderngl's dtype, numpy's, and the stored value of 1.0
 FORMATS: dict[int, tuple[str, np.dtype, int]] = {
     32: ("f4", np.dtype("<f4"), 1),
@@ -80,3 +80,15 @@ class Tables:
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         texture.repeat_x = texture.repeat_y = False
         return texture
+
+
+def class_uniforms(post: PostClassified) -> dict[str, object]:
+    """Of the classification table, bound to CLASS_UNIT."""
+    before, behind = post.integral.outside
+    return {
+        "class_table": CLASS_UNIT,
+        "class_scale": post.scale,
+        "class_unit": post.table[1],
+        "class_before": tuple(before),
+        "class_behind": tuple(behind),
+    }

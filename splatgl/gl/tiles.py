@@ -165,7 +165,7 @@ class Tiles:
         return count
 
     def _placing(self, plan: Plan, switches: dict[str, bool]) -> moderngl.Program:
-        return self.programs.for_placing(plan.program, switches)
+        return self.programs.for_screen("tile_place.frag", plan.program, switches)
 
     def _make_placed(self, number: int, height: int) -> None:
         old = self.framebuffer, *self.placed

@@ -146,8 +146,7 @@ class Splats:
 
     def corners_in_grid(self, margin: float = 0.0) -> np.ndarray:
         """The eight corners [8, 3], in grid indices, of the box of all centres, larger by a margin in voxels."""
-        low, high = self.index_bounds + np.array([[-margin], [margin]])
-        return np.array([[x, y, z] for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])])
+        return corners_of(*(self.index_bounds + np.array([[-margin], [margin]])))
 
     @cached_property
     def outline(self) -> np.ndarray:
@@ -284,6 +283,11 @@ def assemble(
     row_z, row_y, row_start = index_rows(cells[:, 1], cells[:, 2])
     cell_x = np.ascontiguousarray(cells[:, 0], dtype=np.int32)
     return Splats(records, cell_x, row_z, row_y, row_start, grid, unit, shaded, dropped, name)
+
+
+def corners_of(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The eight corners [8, 3] of the box between two [3]."""
+    return np.array([[x, y, z] for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])])
 
 
 def index_rows(y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

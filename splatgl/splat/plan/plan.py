@@ -142,7 +142,7 @@ class Plan:
             **{name: choices[name] for name in mine & choices.keys()},
         )
         tiles = program.technique == "tiles"
-        kind = "radial" if program.footprint == "polynomial" and not tiles else program.footprint
+        kind = "radial" if program.footprint in ("polynomial", "single") and not tiles else program.footprint
         lookup = replace(self.lookup, kind=kind, size=TABLE_SIZES[kind]) if kind != program.footprint else self.lookup
         if program.technique == "quads" and program.motion != "off":
             program = replace(program, technique="streaks")
@@ -196,7 +196,7 @@ def plan(
     asked = Asked(settings, align, exposure is not None, tiles, resolved.sheets is not None)
     kind = technique(asked, notes) if len(splats) else "quads"
     read = footprint((align, kind), shape, settings, resolved.look.steps > 0)
-    bounds = screen_bounds(splats, view)
+    bounds = screen_bounds(splats.corners_in_grid(), view)
     hiding = Hiding()
     if kind == "tiles" and blend.ordered and settings.occlusion != "off":
         cutoff = SHARE * settings.tolerance / max(splats.brightest, 1.0)
@@ -266,4 +266,4 @@ def _order(settings: Settings, kind: str, sheets: bool, notes: list[str]) -> str
         notes.append(f"ordering left out: {settings.blend} is the same in any order, but for float32's rounding")
     if settings.order != "auto":
         return settings.order
-    return "front-to-back" if kind == "tiles" else "back-to-front"
+    return "front-to-back" if kind == "tiles" or sheets else "back-to-front"

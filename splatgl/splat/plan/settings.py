@@ -63,7 +63,7 @@ class Settings:
     footprint auto (by the squared distance: a table, or polynomials where the tolerance allows) | table (table_size²
     texels of table_bits 32 | 16 | 8); table_size None: 256, or 1024 by the squared distance.
     technique auto | quads (instanced quads) | tiles (binned into tiles of pixels, in compute shaders; auto: on software
-    OpenGL; never with table footprints, another target than rgba32f, or back to front).
+    OpenGL, and for sheets; never with table footprints, another target than rgba32f, or back to front).
     occlusion auto | off (tiles terminate once the transmittance is below a share of the tolerance).
     target rgba32f | rgba16f | rgba8 | auto. shading auto (as the transfer function says) | on | off.
     motion exact (the mean of the footprint along its path) | energy | paper [M98 Eq. 11] | off: motion blur;

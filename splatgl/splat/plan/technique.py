@@ -31,9 +31,11 @@ class Asked:
 
 
 def _refuses_quads(asked: Asked) -> str | None:
-    if asked.sheets:
-        return "sheets"
-    return "motion" if asked.moving else None
+    if asked.moving:
+        return "motion"
+    if asked.sheets and BLENDS[asked.settings.blend].one_value:
+        return f"blend {asked.settings.blend} of reconstructed values"
+    return _nearest_first(asked) if asked.sheets else None
 
 
 def _refuses_streaks(asked: Asked) -> str | None:
@@ -47,11 +49,16 @@ def _refuses_streaks(asked: Asked) -> str | None:
 
 
 def _refuses_tiles(asked: Asked) -> str | None:
-    settings = asked.settings
     if asked.moving:
         return "motion"
     if asked.tiles is None:
         return "an OpenGL without compute shaders"
+    return _nearest_first(asked)
+
+
+def _nearest_first(asked: Asked) -> str | None:
+    """Why a picture can't be drawn in float32, nearest first, with footprints by the distance."""
+    settings = asked.settings
     if settings.target not in ("auto", "rgba32f"):
         return f"target {settings.target}"
     if BLENDS[settings.blend].ordered and settings.order == "back-to-front":
@@ -70,7 +77,7 @@ TECHNIQUES: dict[str, Callable[[Asked], str | None]] = {
 
 
 def technique(asked: Asked, notes: list[str]) -> str:
-    """The requested technique; else tiles, if preferred and able, or quads. InputError if the requested one can't."""
+    """The requested technique; else tiles, if preferred or for sheets, and able; or quads. InputError if none can."""
     wanted = "streaks" if asked.moving else asked.settings.technique
     if wanted != "auto":
         why = TECHNIQUES[wanted](asked)
@@ -78,13 +85,14 @@ def technique(asked: Asked, notes: list[str]) -> str:
             raise expected(f"technique {wanted}", f"what {wanted} can draw", why, "use auto")
         return wanted
     why = _refuses_tiles(asked)
-    if asked.sheets:
-        if why:
-            raise expected("sheets", "what tiles can draw", why, "composite splats, classified before reconstruction")
+    if (asked.tiles or asked.sheets) and not why:
         return "tiles"
-    if asked.tiles and why:
+    refused = _refuses_quads(asked)
+    if refused:
+        raise expected("sheets", "what quads can draw", refused, "composite splats, classified before reconstruction")
+    if asked.tiles:
         notes.append(f"tiles left out: {why}; quads are drawn")
-    return "tiles" if asked.tiles and not why else "quads"
+    return "quads"
 
 
 def by_distance(align: str, settings: Settings) -> bool:

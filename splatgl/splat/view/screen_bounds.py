@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.block_culling import STRETCHED
 from splatgl.splat.view.ellipse import tangents
 from splatgl.splat.view.view import View
@@ -47,9 +46,9 @@ class ScreenBounds:
     mean_depth: float
 
 
-def screen_bounds(splats: Splats, view: View) -> ScreenBounds:
-    """The bounds of all splats; the whole picture if the eye is near."""
-    corners, size = view.voxels(splats.corners_in_grid()), view.size
+def screen_bounds(box: np.ndarray, view: View) -> ScreenBounds:
+    """The bounds of all splats within a box; the whole picture if the eye is near. box [8, 3]: its corners, grid."""
+    corners, size = view.voxels(box), view.size
     steps = view.eye_from_index * view.kernel.radius
     if not view.perspective:
         half = max(float(np.linalg.norm(steps[:2], axis=1).max()) / view.pitch, STRETCHED * view.kernel.radius)

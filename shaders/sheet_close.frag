@@ -1,0 +1,34 @@
+// Composites a sheet that is complete behind the light of nearer ones.
+#define VARYING
+#define FLAT
+#define ROWS 1
+#include "footprint_eval.glsl"
+vec2 first;  // the pixel's centre
+#include "sheet_close.glsl"
+
+uniform sampler2D sheet_sums;    // of the sheet
+uniform sampler2D sheet_masses;
+uniform sampler2D sums_before;   // of the sheet before
+uniform sampler2D masses_before;
+uniform int sheet;               // its number
+
+out vec4 fragment;  // linear premultiplied, for 'over' from the front to the back
+
+void main() {
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    first = gl_FragCoord.xy;
+    sum0[0] = texelFetch(sheet_sums, pixel, 0);
+    light[0] = vec4(0.0);
+    if (STEPS == 0) {
+        if (sum0[0].a <= 0.0) discard;
+    } else {
+        float mass = texelFetch(masses_before, pixel, 0).r;
+        masses[0] = texelFetch(sheet_masses, pixel, 0);
+        known[0] = mass >= LEAST_MASS ? 1.0 : 0.0;
+        if (masses[0].x < LEAST_MASS && known[0] == 0.0) discard;
+        before[0] = known[0] > 0.0 ? texelFetch(sums_before, pixel, 0) / mass : vec4(0.0);
+        set_ray(0);
+    }
+    close_sheet(0, sheet);
+    fragment = light[0];
+}

@@ -1,0 +1,156 @@
+// The open sheets of ROWS pixels below `first`, and what closing the nearest adds to their light.
+// Twin of splatgl/truth/sheets.py.
+// switch SHADING 0
+#constant LEAST_MASS  // below which a sheet holds no value
+#constant CELLS       // of the classification table
+#constant TABLE_ROW   // ends of cells along its rows
+#include "sheets.glsl"
+
+// extinction · linear RGB, and extinction, per reference length: integrals until the ends of its cells
+uniform usampler2D class_table;
+uniform vec2 class_scale;       // a value's place in the table is x value + y
+uniform float class_unit;       // of the table's integrals, per cell
+uniform vec4 class_before;      // beyond its ends
+uniform vec4 class_behind;
+uniform vec3 box_low;           // the volume's box from the eye, index axes
+uniform vec3 box_high;
+
+// the open sheets of a pixel, nearest first, and their masses
+vec4 sum0[ROWS], sum1[ROWS], sum2[ROWS], sum3[ROWS];
+vec4 masses[ROWS];
+// of a pixel: the value and gradient on the sheet before, or 0; whether there is one
+vec4 before[ROWS];
+float known[ROWS];
+// or, until all sheets are closed, of blends of one value: it, or their sum by length, and the length
+vec4 light[ROWS];
+// of a pixel's ray: its ends in the box, in sheets from the first; reference lengths per sheet; unit world direction
+vec2 ends[ROWS];
+float lengths[ROWS];
+vec3 toward[ROWS];
+
+void set_ray(int row) {
+    vec2 pixel = first + vec2(0.0, float(row));
+    vec3 ray = ray_at(pixel);
+    vec3 along = PERSPECTIVE == 1 ? ray : vec3(0.0, 0.0, 1.0);
+    vec3 start = PERSPECTIVE == 1 ? vec3(0.0) : index_from_eye() * vec3(ray.xy, 0.0);
+    vec3 direction = index_from_eye() * along;
+    float speed = length(direction);
+    direction /= speed;
+    // away from 0, where a ray is always or never inside
+    direction = mix(direction, vec3(1e-20), lessThan(abs(direction), vec3(1e-20)));
+    vec3 a = (box_low - start) / direction, b = (box_high - start) / direction;
+    vec3 low = min(a, b), high = max(a, b);
+    float near = max(low.x, max(low.y, low.z)), far = min(high.x, min(high.y, high.z));
+    // a parallel view begins at its eye's plane, too
+    near = max(near, 0.0);
+    float offset = PERSPECTIVE == 1 ? 0.0 : dot(start, sheet_direction);
+    ends[row] = (vec2(near, max(far, near)) + offset) / thickness - first_sheet;
+    lengths[row] = length(along) / speed * thickness / style.opacity_length;
+    mat3 eye_from_world = mat3(frame.eye_from_world[0].xyz, frame.eye_from_world[1].xyz, frame.eye_from_world[2].xyz);
+    toward[row] = normalize(along) * eye_from_world;
+}
+
+// A place in the table: its cell, the integral until it, over the cell and from there to the place.
+struct Until {
+    float place;
+    int cell;
+    uvec4 below;
+    vec4 mean;
+    vec4 above;
+};
+
+uvec4 class_texel(int cell) {
+    return texelFetch(class_table, ivec2(cell % TABLE_ROW, cell / TABLE_ROW), 0);
+}
+
+Until class_until(float place) {
+    float inside = clamp(place, 0.0, float(CELLS));
+    Until it;
+    it.place = place;
+    it.cell = min(int(inside), CELLS - 1);
+    it.below = class_texel(it.cell);
+    it.mean = vec4(class_texel(it.cell + 1) - it.below) * class_unit;
+    vec4 outside = place < 0.0 ? class_before : class_behind;
+    it.above = (inside - float(it.cell)) * it.mean + (place - inside) * outside;
+    // the last end itself is beyond it: a value exactly at a step is on its upper side
+    if (place < 0.0 || place >= float(CELLS)) {
+        it.mean = outside;
+        it.cell = place < 0.0 ? -1 : CELLS;
+    }
+    return it;
+}
+
+// Mean emission and extinction between two places.
+vec4 class_mean(Until first, Until last) {
+    // differences of whole numbers are exact
+    vec4 between = vec4(ivec4(last.below - first.below)) * class_unit + (last.above - first.above);
+    return first.cell == last.cell ? first.mean : max(between / (last.place - first.place), vec4(0.0));
+}
+
+// Light that reaches the eye from behind `light`, through `length_` reference lengths of matter of that emission and
+// extinction, with that gradient.
+vec4 over(vec4 light, vec4 matter, vec3 gradient, float length_, vec3 toward) {
+    matter *= length_;
+    if (SHADING == 1 && STEPS > 0) {
+        float size2 = dot(gradient, gradient);
+        float cosine = min(abs(dot(gradient, toward)) * inversesqrt(max(size2, 1e-37)), 1.0);
+        matter.rgb *= size2 > 0.0 ? style.ambient + style.diffuse * cosine : 1.0;
+    }
+    if (JOIN == JOIN_SUM) return light + matter;
+    float share = matter.a > 1e-30 ? one_minus_exp(matter.a) / matter.a : 1.0;
+    return light + (1.0 - light.a) * share * matter;
+}
+
+#define ONE_VALUE (JOIN == JOIN_MAX || JOIN == JOIN_MIN || JOIN == JOIN_MEAN)
+// A pixel's value and length, and more behind.
+vec4 joined(vec4 light, float value, float length_) {
+    if (length_ <= 0.0) return light;
+    float both = JOIN == JOIN_MEAN ? light.x + value * length_
+                                   : JOIN == JOIN_MIN ? min(light.x, value) : max(light.x, value);
+    return vec4(JOIN == JOIN_MEAN || light.y > 0.0 ? both : value, light.y + length_, 0.0, 0.0);
+}
+
+// What a pixel shows of all its sheets: light, or the class of its value over the reference length.
+vec4 shown(vec4 light) {
+    if (!ONE_VALUE) return light;
+    float value = JOIN == JOIN_MEAN ? light.x / max(light.y, 1e-30) : light.x;
+    // a cell around it: without steps from cell to cell
+    float place = value * class_scale.x + class_scale.y;
+    vec4 matter = class_mean(class_until(place - 0.5), class_until(place + 0.5));
+    return light.y > 0.0 ? over(vec4(0.0), matter, vec3(0.0), 1.0, vec3(0.0)) : vec4(0.0);
+}
+
+// Composites the nearest open sheet of a pixel, number `current`, and opens another.
+void close_sheet(int row, int current) {
+    if (STEPS == 0) light[row] = over(light[row], sum0[row], vec3(0.0), 1.0, vec3(0.0));
+    else {
+        bool valid = masses[row].x >= LEAST_MASS;
+        vec4 mean = valid ? sum0[row] / masses[row].x : before[row];
+        bool some = valid || known[row] > 0.0;
+        vec4 start = known[row] > 0.0 ? before[row] : mean;
+        // the part within the box, and its values' places
+        vec2 inside = clamp(ends[row] - float(current - 1), 0.0, 1.0);
+        vec2 place = vec2(start.a, mean.a - start.a) * class_scale.x + vec2(class_scale.y, 0.0);
+        Until begin = class_until(place.x + inside.x * place.y);
+        for (int i = 0; i < STEPS; i++) {
+            vec2 part = clamp(vec2(float(i), float(i + 1)) / float(STEPS), inside.x, inside.y);
+            float length_ = some ? part.y - part.x : 0.0;
+            float middle = 0.5 * (part.x + part.y);
+            if (ONE_VALUE) light[row] = joined(light[row], mix(start.a, mean.a, middle), length_);
+            else {
+                Until end = class_until(place.x + part.y * place.y);
+                vec4 matter = class_mean(begin, end);
+                begin = end;
+                vec3 gradient = mix(start.rgb, mean.rgb, middle);
+                light[row] = over(light[row], matter, gradient, length_ * lengths[row], toward[row]);
+            }
+        }
+        before[row] = mean;
+        known[row] = valid ? 1.0 : 0.0;
+    }
+    sum0[row] = sum1[row];
+    sum1[row] = SHEETS > 2 ? sum2[row] : vec4(0.0);
+    sum2[row] = SHEETS > 3 ? sum3[row] : vec4(0.0);
+    sum3[row] = vec4(0.0);
+    masses[row] = vec4(masses[row].yzw, 0.0);
+}

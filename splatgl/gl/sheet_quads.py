@@ -1,0 +1,191 @@
+"""Sheets drawn by quads, without compute shaders: splats are blended into open sheets, which composite one by one.
+
+Splats are sorted by their first sheet. Each is drawn once, into the textures of all sheets that share it; a pass over
+the pixels that a sheet reaches then composites it, and its textures are cleared for the sheet that opens next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import moderngl
+import numpy as np
+
+from splatgl.gl.buffers import Instances
+from splatgl.gl.draw_order import DrawOrder
+from splatgl.gl.portions import Portions
+from splatgl.gl.program import BLEND_STATES, Programs
+from splatgl.gl.quads import CORNERS
+from splatgl.gl.sheet_order import sheet_uniforms
+from splatgl.gl.tables import CLASS_UNIT, HALF_LINE_UNIT, Tables
+from splatgl.gl.target import Target
+from splatgl.gl.tiles import set_uniforms
+from splatgl.splat.extraction.splats import Splats, corners_of
+from splatgl.splat.plan.plan import Plan
+from splatgl.splat.sheets.sheets import Sheets
+from splatgl.splat.view.screen_bounds import Window, screen_bounds
+from splatgl.splat.view.view import View
+
+# texture units of a sheet and of the one before
+UNITS = {"sheet_sums": 4, "sheet_masses": 5, "sums_before": 6, "masses_before": 7}
+
+
+class Group(NamedTuple):
+    """Splats begin to end, exclusive, that have the same first sheet; window: the pixels that they reach."""
+
+    begin: int
+    end: int
+    window: Window
+
+
+class SheetQuads:
+    """Reuses its textures and its buffer between pictures. whole: draws one triangle over the bound framebuffer."""
+
+    def __init__(
+        self, ctx: moderngl.Context, programs: Programs, whole: Callable[[moderngl.Program], None], tables: Tables
+    ) -> None:
+        self.ctx, self.programs, self.whole, self.tables = ctx, programs, whole, tables
+        self.instances = Instances(ctx)
+        self.ring: Ring | None = None
+        self.join = ""
+
+    def release(self) -> None:
+        """Frees the textures and the buffer; they are recreated on demand."""
+        self.instances.release()
+        if self.ring is not None:
+            self.ring.release()
+        self.ring = None
+
+    def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
+        """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: is not used."""
+        sheets, look = plan.resolved.sheets, plan.program.look
+        self.join = look.blend.join
+        assert sheets is not None
+        adding = self.programs.for_splats(plan.program)
+        closing = self.programs.for_screen("sheet_close.frag", plan.program)
+        for program in (adding, closing):
+            set_uniforms(program, half_table=HALF_LINE_UNIT, **UNITS, **sheet_uniforms(splats, plan))
+        if splats.post is not None:
+            self.tables.classification(splats).use(CLASS_UNIT)
+        chosen, groups = by_first_sheet(splats, sheets, plan.view)
+        records = splats.records_with_runs if "in_runs" in adding else splats.records
+        self.instances.fill(records[chosen])
+        ring = self._ring(plan.view.size, look.sheets, look.steps > 0)
+        ring.clear(plan.window)
+        try:
+            for sheet in closed(groups, ring.slots):
+                portions.ask()
+                if sheet in groups:
+                    self._add(adding, ring, sheet, groups[sheet], portions)
+                self._close(target, closing, ring, sheet, groups)
+        finally:
+            target.framebuffer.scissor = None  # type: ignore[assignment]
+
+    def _add(self, program: moderngl.Program, ring: Ring, sheet: int, group: Group, portions: Portions) -> None:
+        """Blends splats into the sheets from their first on."""
+        set_uniforms(program, sheet=sheet)
+        self.ctx.enable_only(moderngl.BLEND)
+        self._blend("sum", False)
+        ring.open[sheet % ring.slots].use()
+        for begin, end in portions.over(group.begin, group.end):
+            vertices = self.instances.vertices(program, begin)
+            vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=end - begin)
+
+    def _close(
+        self, target: Target, program: moderngl.Program, ring: Ring, sheet: int, groups: dict[int, Group]
+    ) -> None:
+        """Composites a sheet, with the segment from the one before, and clears what no later one reads."""
+        set_uniforms(program, sheet=sheet)
+        ring.use(sheet)
+        target.framebuffer.scissor = around(groups, sheet - ring.slots + 1, sheet).box
+        target.framebuffer.use()
+        self.ctx.enable_only(moderngl.BLEND)
+        self._blend(self.join, self.join == "over")
+        self.whole(program)
+        done = sheet - (ring.slots - ring.count)
+        ring.each[done % ring.slots].clear(viewport=around(groups, done - ring.count + 1, done).box)
+
+    def _blend(self, join: str, nearest_first: bool) -> None:
+        blend = BLEND_STATES[join, nearest_first]
+        self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
+        self.ctx.blend_func = blend.source, blend.destination
+
+    def _ring(self, size: tuple[int, int], count: int, post: bool) -> Ring:
+        if self.ring is None or not self.ring.fits(size, count, post):
+            old, self.ring = self.ring, Ring(self.ctx, size, count, post)
+            if old is not None:
+                old.release()
+        return self.ring
+
+
+class Ring:
+    """Textures of the open sheets of a picture, `count`, used in turn, and classified after of the one before."""
+
+    def __init__(self, ctx: moderngl.Context, size: tuple[int, int], count: int, post: bool) -> None:
+        self.size, self.count, self.slots = size, count, count + post
+        self.sums = [ctx.texture(size, 4, dtype="f4") for _ in range(self.slots)]
+        self.masses = [ctx.texture(size, 1, dtype="f4") for _ in range(self.slots)] if post else []
+        for texture in (*self.sums, *self.masses):
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        # of all that are open from a slot on, and of one slot
+        self.open = [ctx.framebuffer(self._attachments(n, count)) for n in range(self.slots)]
+        self.each = [ctx.framebuffer(self._attachments(n, 1)) for n in range(self.slots)]
+
+    def fits(self, size: tuple[int, int], count: int, post: bool) -> bool:
+        """Whether it serves such a picture."""
+        return self.size == size and self.count == count and self.slots == count + post
+
+    def clear(self, window: Window) -> None:
+        """Empties all sheets."""
+        for framebuffer in self.each:
+            framebuffer.clear(viewport=window.box)
+
+    def use(self, sheet: int) -> None:
+        """Binds the textures of a sheet and of the one before."""
+        textures = [each[n % self.slots] for n in (sheet, sheet - 1) for each in (self.sums, self.masses) if each]
+        units = UNITS.values() if self.masses else (UNITS["sheet_sums"], UNITS["sums_before"])
+        for unit, texture in zip(units, textures, strict=True):
+            texture.use(unit)
+
+    def release(self) -> None:
+        """Frees the textures."""
+        for framebuffer in (*self.open, *self.each):
+            framebuffer.release()
+        for texture in (*self.sums, *self.masses):
+            texture.release()
+
+    def _attachments(self, first: int, count: int) -> list[moderngl.Texture | moderngl.Renderbuffer]:
+        some = [(first + n) % self.slots for n in range(count)]
+        return [each[n] for each in (self.sums, self.masses) if each for n in some]
+
+
+def by_first_sheet(splats: Splats, sheets: Sheets, view: View) -> tuple[np.ndarray, dict[int, Group]]:
+    """Indices of the records in the order of their first sheets, int64 [N]; groups by first sheet, from the first."""
+    positions = splats.records["position"]
+    first = sheets.range(splats, view)[0]
+    # at most MOST_SHEETS: sorted as 16-bit integers by their digits
+    base = (sheets.base(sheets.places(view, positions)) - first).astype(np.int16)
+    chosen = np.argsort(base, kind="stable")
+    found, begins = np.unique(base[chosen], return_index=True)
+    sorted_ = positions[chosen]
+    low, high = (reach.reduceat(sorted_, begins).astype(np.float64) for reach in (np.minimum, np.maximum))
+    ends = [*begins[1:], len(splats)]
+    windows = [screen_bounds(corners_of(*box), view).window for box in zip(low, high, strict=True)]
+    groups = zip(begins.tolist(), ends, windows, strict=True)
+    return chosen, dict(zip(found.tolist(), (Group(*each) for each in groups), strict=True))
+
+
+def closed(groups: dict[int, Group], slots: int) -> list[int]:
+    """The sheets that hold something, and after classification the one behind each."""
+    return sorted({first + n for first in groups for n in range(slots)})
+
+
+def around(groups: dict[int, Group], first: int, last: int) -> Window:
+    """The pixels that the splats reach whose first sheets are among `first` to `last`."""
+    some = [groups[n].window for n in range(first, last + 1) if n in groups]
+    if not some:
+        return Window(0, 0, 0, 0)
+    x, y = min(each.x for each in some), min(each.y for each in some)
+    right, bottom = max(each.x + each.width for each in some), max(each.y + each.height for each in some)
+    return Window(x, y, right - x, bottom - y)
