@@ -54,12 +54,13 @@ class Tables:
         assert splats.post is not None
         kept = self.classes
         if kept is None or kept[0] is not splats.post or kept[1] != splats.unit:
-            table = splats.post.table(splats.unit)
-            table[:, 3] *= splats.grid.mean_spacing
-            texture = self._texture(table.reshape(-1, TABLE_ROW, 4), 32)
-            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            if kept is not None:
-                kept[2].release()
+            table = splats.classes.astype("<f4").reshape(-1, TABLE_ROW, 4)
+            if kept is None:
+                texture = self._texture(table, 32)
+                texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            else:
+                texture = kept[2]
+                texture.write(table)
             self.classes = kept = splats.post, splats.unit, texture
         return kept[2]
 

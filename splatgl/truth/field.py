@@ -15,7 +15,7 @@ import numpy as np
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
-from splatgl.splat.classification.post import PostClassified, opaque_intervals
+from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.classification.shading import AMBIENT, DIFFUSE
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.post import PREFILTERED, gradients, needed, prefiltered
@@ -162,7 +162,7 @@ def field_integral(
 def _free(volume: Volume, post: PostClassified) -> np.ndarray:
     """Distances of voxels to those that may be near an opaque point."""
     u = post.relative(np.where(np.isfinite(volume.samples), volume.samples, np.nan))
-    wanted = (opaque_intervals(post.transfer) - post.low) / post.span
+    wanted = (post.kept - post.low) / post.span
     return distances(spread(needed(u, u, 2, wanted)[0], np.arange(-1, 2)))
 
 

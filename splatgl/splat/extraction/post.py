@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from splatgl.data.volume import Slab, Volume
-from splatgl.splat.classification.post import PostClassified, opaque_intervals
+from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.extraction.records import SAMPLE
 from splatgl.splat.extraction.splats import Grid, Splats, assemble
 from splatgl.splat.kernel.kernels import Kernel
@@ -34,7 +34,7 @@ def extract_post(
     steps, around = PREFILTERED.get(kernel.name, 0), int(kernel.radius)
     slabs = volume.slabs(planes, halo=steps * STEP_HALO + max(around, GRADIENT_HALO))
     count = -(-volume.shape[0] // planes)
-    wanted = (opaque_intervals(post.transfer) - post.low) / post.span
+    wanted = (post.kept - post.low) / post.span
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
     world = np.linalg.inv(volume.world_from_index) * grid.mean_spacing
     chunks = []
@@ -51,9 +51,7 @@ def extract_post(
         chunks.append(records)
     records = np.concatenate(chunks)
     cells = records["position"].astype(np.int32)
-    unit = post.transfer.unit or grid.mean_spacing
-    splats = assemble(records, cells, grid, unit, volume.name, post.transfer.shading)
-    return splats.classified_after(post)
+    return assemble(records, cells, grid, grid.mean_spacing, volume.name).classified_after(post)
 
 
 def prefiltered(u: np.ndarray, kernel: Kernel, steps: int) -> np.ndarray:

@@ -133,9 +133,9 @@ def _sheets(splats: Splats, settings: Settings, view: View, moving: bool) -> tup
             f"classification {settings.classification}: the splats were extracted to be classified "
             f"{'after' if post else 'before'} reconstruction; extract them with that classification"
         )
-    if post and (moving or not BLENDS[settings.blend].ordered):
-        other = "motion blur" if moving else f"blend {settings.blend}"
-        raise InputError(f"{other} takes splats that are classified before reconstruction; extract them so")
+    why = only_before(settings, moving)
+    if post and why:
+        raise InputError(f"{why} takes splats that are classified before reconstruction; extract them so")
     if not post and (settings.compositing == "splats" or not BLENDS[settings.blend].ordered or moving):
         return None, ()
     if settings.attenuation == "opacity":
@@ -149,6 +149,13 @@ def _sheets(splats: Splats, settings: Settings, view: View, moving: bool) -> tup
     if post:
         raise expected("splats", many, f"{last - first + 1:,} and {len(splats):,}", "take a part of the volume")
     return None, (f"sheets left out: they take {many}; the picture would be another",)
+
+
+def only_before(settings: Settings, moving: bool) -> str | None:
+    """What takes splats that are classified before reconstruction; None if both kinds can be drawn."""
+    if not BLENDS[settings.blend].ordered:
+        return f"blend {settings.blend}"
+    return "motion blur" if moving else None
 
 
 def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
