@@ -589,6 +589,9 @@ def test_the_window_draws_values_and_what_they_cannot_be(after: Content, rendere
         assert frame.info["classification"] == "post" and not any(
             "takes" in line for line in said_of(state, after, frame)
         )
+    sheets = replace(state, settings=sg.Settings(compositing="sheets"))
+    frame = painter.draw(sheets, after.classified(sheets.settings), LADDER[6], False, lambda: False)
+    assert frame.info["classification"] == "pre" and frame.info["sheets"] == 3
     xray = acted(state, "blend", after)
     before = after.classified(xray.settings)
     frame = painter.draw(xray, before, FULL, False, lambda: False)
