@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -269,6 +270,28 @@ def test_intervals_of_opacity() -> None:
     assert found((0, 0), (1, 0)) == []
 
 
+def test_which_transfer_functions_the_records_serve() -> None:
+    post = PostClassified.of(sg.Transfer([(10, 0), (20, 0.5), (30, 0), (50, 0), (60, 1)]), "b-spline", (9, 9, 9))
+    for points, served in (
+        ([(10, 0), (15, 1), (30, 0)], True),
+        ([(12, 0), (14, 0.1), (28, 0), (55, 0), (1e3, 1)], True),
+        ([(10, 0), (60, 0)], True),
+        ([(9, 0), (15, 1), (30, 0)], False),
+        ([(10, 0), (15, 1), (31, 0)], False),
+        ([(10, 0), (60, 1)], False),
+        ([(10, 1), (15, 0)], False),
+        # beyond the largest record value, and finer than float32 resolves it
+        ([(50, 0), (1e9, 1)], False),
+        ([(20, 0), (20.001, 1), (20.002, 0)], False),
+    ):
+        transfer = sg.Transfer(points)
+        assert post.holds(transfer) is served, points
+        # what is kept stays, whatever is drawn in between
+        assert post.recolored(sg.Transfer([(15, 0), (16, 1), (17, 0)])).holds(transfer) is served
+    assert post.fresh and post.recolored(replace(post.transfer, colormap="hot")).fresh
+    assert not post.recolored(sg.Transfer([(10, 0), (15, 1), (30, 0)])).fresh
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -321,10 +344,13 @@ def test_another_transfer_function_uploads_no_records(renderer: sg.Renderer) -> 
     camera = views(splats)["fitted"]
     renderer.render(splats, camera, EXACT)
     before = renderer.passes.splats.of(splats)
-    cold = sg.Transfer([(0.45, 0), (0.6, 0.3)], colormap="viridis")
+    cold = sg.Transfer([(0.45, 0), (0.6, 0.3)], colormap="viridis", unit=2.0, shading=False)
     recolored = splats.classified_after(splats.post.recolored(cold))
     image = renderer.render(recolored, camera, EXACT)
     assert renderer.passes.splats.of(recolored) is before
     anew = sg.extract(sg.Volume(cells(), **GRIDS["cubes"]), cold, classification="post")
+    chosen = [renderer.plan(drawn, camera, EXACT) for drawn in (splats, recolored)]
+    assert chosen[0].program == replace(chosen[1].program, look=chosen[0].program.look)
+    assert (recolored.unit, recolored.shaded) == (anew.unit, anew.shaded) == (2.0, False)
     assert np.abs(image.pixels - renderer.render(anew, camera, EXACT).pixels).max() < 1e-5
     assert image.info["classification"] == "post" and (image.info["sheets"], image.info["steps"]) == (3, 3)

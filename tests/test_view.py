@@ -15,8 +15,8 @@ import pytest
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene, View
-from splatgl.app.viewer import curve
-from splatgl.app.viewer.beyond import crossing, share_beyond, tinted
+from splatgl.app.viewer import curve, hud
+from splatgl.app.viewer.beyond import SHARE, TINT, crossing, share_beyond, tinted
 from splatgl.app.viewer.bindings import BINDINGS, checked, keymap, listing, load_bindings, remapped
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.difference import enlarged
@@ -530,6 +530,128 @@ def test_settings_that_a_volume_does_not_allow_are_passed_over(scene: Scene) -> 
     assert "ray" not in met and "exact" in met and "auto" in met
 
 
+# --- classified after reconstruction ------------------------------------------------------------------------------
+
+POST = sg.Settings(classification="post")
+
+
+@pytest.fixture
+def after(scene: Scene) -> Content:
+    return Content.open(replace(scene, settings=POST))
+
+
+def test_splats_are_classified_as_the_settings_say(after: Content) -> None:
+    """What takes splats of the other kind gets them; both kinds are kept."""
+    assert after.after and after.whole and after.skin(1) is after.at(1) and after.at(1).post is not None
+    assert after.counts[0] == len(after.at(1)) and after.at(1).post.kernel == "b-spline"
+    assert after.classified(POST) is after and after.only_before(POST, False) is None
+    before = after.classified(POST.but(blend="xray"))
+    assert before.at(1).post is None and len(before.at(1)) < len(after.at(1)) and not before.after
+    assert before.classified(POST, moving=True) is before and before.classified(POST) is after
+    assert after.classified(sg.Settings()) is before and before.only_before(POST, True) == "motion blur"
+    other = after.classified(POST.but(kernel="crawfis-max"))
+    assert other.at(1).post is not None and other.at(1).post.kernel == "crawfis-max"
+
+
+def test_edits_of_kept_values_extract_nothing(after: Content) -> None:
+    points = {
+        "colours": replace(after.transfer, colormap="viridis"),
+        "fewer": replace(after.transfer, points=((8.0, 0.0), (30.0, 0.9))),
+    }
+    for transfer in points.values():
+        edited = after.following(transfer, 0.0, POST)
+        assert edited.whole and edited.at(1).records is after.at(1).records and edited.counts == after.counts
+        assert edited.at(1).post is not None and edited.at(1).post.transfer == transfer
+        again = edited.following(after.transfer, 0.0, POST)
+        assert again.at(1).records is after.at(1).records and again.fresh
+    assert after.following(points["colours"], 0.0, POST).fresh and not after.following(points["fewer"], 0.0, POST).fresh
+    more = after.following(replace(after.transfer, points=((3.0, 0.0), (30.0, 0.6))), 0.0, POST)
+    assert more.after and not more.whole and len(more.at(1)) > len(after.at(1))
+    # what cannot be classified after, in between, leaves the values kept
+    faint = after.following(after.transfer, 0.1, POST)
+    assert not faint.after and faint.only_before(POST, False) == "threshold" and faint.at(1).post is None
+    assert faint.following(after.transfer, 0.0, POST).at(1).records is after.at(1).records
+
+
+def test_edits_at_every_stride_keep_their_unit(after: Content) -> None:
+    volume = blob(48)
+    coarse = (volume, coarser(volume), coarser(coarser(volume)), volume)
+    content = replace(after, volumes=coarse, made={}, skins={})
+    assert content.at(2).unit == content.at(1).unit
+    edited = content.following(replace(after.transfer, colormap="viridis"), 0.0, POST)
+    assert edited.at(2).records is content.at(2).records and edited.at(2).unit == edited.at(1).unit
+
+
+def test_the_window_draws_values_and_what_they_cannot_be(after: Content, renderer: sg.Renderer) -> None:
+    painter, state = Painter(cast(Screen, Kept()), renderer, ()), State.of(after, SIZE)
+    for level in (FULL, LADDER[6]):
+        frame = painter.draw(state, after, level, False, lambda: False)
+        assert frame.info["classification"] == "post" and not any(
+            "takes" in line for line in said_of(state, after, frame)
+        )
+    sheets = replace(state, settings=sg.Settings(compositing="sheets"))
+    frame = painter.draw(sheets, after.classified(sheets.settings), LADDER[6], False, lambda: False)
+    assert frame.info["classification"] == "pre" and frame.info["sheets"] == 3
+    xray = acted(state, "blend", after)
+    before = after.classified(xray.settings)
+    frame = painter.draw(xray, before, FULL, False, lambda: False)
+    assert (frame.info["classification"], frame.info["blend"]) == ("pre", "xray")
+    assert "blend xray takes splats classified before reconstruction: so they are" in said_of(xray, before, frame)
+    blurred, before = replace(state, blur="exact"), after.classified(POST, moving=True)
+    painter.draw(blurred, before, FULL, True, lambda: False)
+    blurred = replace(blurred, pose=blurred.pose.spun(5.0, np.array([0.0, 0.0, 1.0])))
+    frame = painter.draw(blurred, before, FULL, True, lambda: False)
+    assert frame.blurred and any("motion blur takes" in line for line in said_of(blurred, before, frame))
+
+
+def said_of(state: State, content: Content, frame: hud.Frame) -> tuple[str, ...]:
+    return hud.lines(state, content, frame, None)
+
+
+def test_classification_is_a_choice(after: Content, scene: Scene) -> None:
+    """It is passed over where it cannot be had."""
+    content, met = Content.open(scene), []
+    state = State.of(content, SIZE)
+    for _ in range(3):
+        state = acted(state, "classification", content)
+        met.append(state.settings.classification)
+    assert met == ["pre", "post", "auto"]
+    table = replace(state, settings=sg.Settings(footprint="table", classification="pre"))
+    assert acted(table, "classification", content).settings.classification == "auto"
+    assert acted(State.of(after, SIZE), "compositing", after).settings.compositing == "sheets"
+
+
+def test_light_beyond_z_k_is_tinted(after: Content, renderer: sg.Renderer) -> None:
+    """All of it far off, none of it near, and in between the part that is beyond."""
+    painter, state = Painter(cast(Screen, Kept()), renderer, ()), State.of(after, SIZE)
+    state = replace(state, settings=POST.but(background=(0.1, 0.1, 0.4)))
+    shares = []
+    for notches in (0.0, -5.0, -8.0, -12.0):
+        seen_from = replace(state, pose=wheeled(state.pose, (60.0, 40.0), notches))
+        plain = renderer.render(after.at(1), seen_from.pose.camera, sg.Settings()).pixels
+        frame = painter.draw(replace(seen_from, beyond=True), after, FULL, False, lambda: False)
+        changed = np.abs(painter.pixels - plain).max()
+        shares.append(frame.beyond)
+        assert (changed > 0.05) == (frame.beyond > 0) and plain[..., 3].max() > 0.1
+        if frame.beyond == 1:
+            light = plain[..., :3] + SHARE * (TINT * plain[..., 3:] - plain[..., :3])
+            assert np.abs(painter.pixels[..., :3] - light).max() < 1e-6
+    assert shares[0] == 0 and shares[-1] == 1 and any(0 < share < 1 for share in shares)
+
+
+def test_values_are_picked_where_they_are_opaque(after: Content) -> None:
+    camera = after.home(SIZE).camera
+    for place in ((60.0, 40.0), (64.0, 30.0)):
+        found, right = (picked(content.at(1), camera, place) for content in (after, after.classified(sg.Settings())))
+        assert found is not None and right is not None and np.abs(found - right).max() < 2.0
+    # voxels around opaque ones are kept, but are not there to be picked
+    shown = after.following(replace(after.transfer, points=((38.0, 0.0), (39.0, 0.9))), 0.0, POST)
+    depth = (shown.at(1).records["position"][shown.at(1).depths > 0] - (11.5, 11.5, 11.5)) / 24
+    assert 0 < len(depth) < 0.5 * len(shown.at(1))
+    clear = after.following(replace(after.transfer, points=((4.0, 0.0), (30.0, 0.0))), 0.0, POST)
+    assert len(clear.at(1)) and picked(clear.at(1), camera, (60.0, 40.0)) is None
+
+
 # --- saved scenes -------------------------------------------------------------------------------------------------
 
 
@@ -576,6 +698,26 @@ def test_what_is_saved_is_what_render_makes(
     saved, again = (sg.Image.load(tmp_path / name) for name in ("picture-001.png", "again.png"))
     assert np.array_equal(saved.pixels, again.pixels) and saved.pixels.max() > 0.1
     assert {**saved.info, "seconds": 0} == {**again.info, "seconds": 0}
+
+
+@pytest.mark.parametrize("edit", ["nothing", "fewer values", "threshold-up", "blend"])
+def test_what_is_saved_of_values_is_what_render_makes(
+    renderer: sg.Renderer, after: Content, tmp_path: Path, edit: str
+) -> None:
+    """Also where the window holds more voxels than the scene needs, and where it shows splats classified before."""
+    state = State.of(after, SIZE)
+    if edit in ACTIONS:
+        state = acted(state, edit, after)
+    elif edit == "fewer values":
+        state = replace(state, base=replace(state.base, points=((12.0, 0.0), (30.0, 0.9))))
+    content = after.following(state.transfer, state.threshold, state.settings)
+    save_scene(state, content, renderer.render, tmp_path)
+    given = ["render", str(tmp_path / "scene-001.toml"), "--backend", renderer.info.backend, "--quiet"]
+    assert main([*given, "-o", str(tmp_path / "again.npy")]) == 0
+    assert np.array_equal(np.load(tmp_path / "scene-001.npy"), np.load(tmp_path / "again.npy"))
+    assert Scene.from_toml(tmp_path / "scene-001.toml").settings.classification == (
+        "pre" if edit in ACTIONS else "post"
+    )
 
 
 def test_the_saved_picture_is_the_one_on_show(renderer: sg.Renderer, scene: Scene, tmp_path: Path) -> None:

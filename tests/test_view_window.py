@@ -210,6 +210,8 @@ CHECKS: dict[str, Callable[[Told, Told], bool]] = {
     "align": next_choice("align"),
     "motion": lambda before, after: (before["blur"], after["blur"]) == ("off", "exact"),
     "attenuation": next_choice("attenuation"),
+    "compositing": next_choice("compositing"),
+    "classification": next_choice("classification"),
     "beyond": toggles("beyond"),
     "compare": lambda before, after: after["compare"] == "split" and after["reference"],
     "opacity-down": lambda before, after: after["points"][-1][1] < before["points"][-1][1],
@@ -364,6 +366,62 @@ def test_the_reference_beside_it(window: Window) -> None:
     # scaled to its largest, which need not be in the upper half
     assert window.shot()[:90].max() > 20 and np.abs(window.shot()[:90] - plain[:90]).max() > 20
     assert window.key("d")["compare"] == "off" and np.abs(window.shot() - plain).max() <= 1
+
+
+@pytest.fixture
+def values(display: str, folder: Path) -> Iterator[Window]:
+    """A window with a scene that is classified after reconstruction."""
+    scene = 'volume = "blob.npy"\n[transfer]\npoints = [[4.0, 0.0], [30.0, 0.6]]\ncolormap = "hot"\n'
+    (folder / "post.toml").write_text(scene + '[settings]\nclassification = "post"\n')
+    window = Window(display, folder / "post.toml", folder, size=(400, 300))
+    yield window
+    window.end()
+
+
+def test_values_classified_after_reconstruction(values: Window, folder: Path) -> None:
+    """The window draws them, and splats classified before where only those can be drawn, and says so."""
+    window = values
+
+    def told_of(told: Told, what: str) -> bool:
+        return any(what in line for line in told["hud lines"])
+
+    plain = window.ask("settle")
+    assert plain["full"] and told_of(plain, "classified after") and not told_of(plain, "takes")
+    window.key("i")
+    after = window.shot().astype(int)
+    saved = window.key("s")["message"].split()[-1]
+    assert sg.Image.load(folder / saved).info["classification"] == "post"
+    straight = sg.Image.load(folder / saved).over((0.0, 0.0, 0.0)).straight()[..., :3] * 255
+    assert np.abs(straight - after)[:250].max() < 2 and after.max() > 100
+    # what values cannot be drawn as; back to them, and with another transfer function
+    window.key("i")
+    xray = window.key("b")
+    assert xray["settings"]["blend"] == "xray" and told_of(xray, "blend xray takes splats classified before")
+    assert xray["splats"] < plain["splats"]
+    while window.key("b")["settings"]["blend"] != "composite":
+        pass
+    edited = window.key("]")
+    assert told_of(edited, "classified after") and edited["splats"] == plain["splats"] and edited["full"]
+    assert edited["points"][1][1] > plain["points"][1][1]
+    # motion blur, and at rest
+    window.key("m")
+    window.hands("key", "space")
+    turning = window.until(lambda told: told["blurred"])
+    assert turning["blurred"] and window.until(lambda told: told_of(told, "motion blur takes"))["turning"]
+    still = window.key("space")
+    assert still["full"] and told_of(still, "classified after")
+    window.key("m")
+    # the float64 reference of the same values, and what is under the cursor
+    assert window.key("d")["reference"] and told_of(window.ask("look"), "classified after")
+    before = window.ask("double", within=PATIENCE)
+    window.hands("mousemove", 200, 150, "click", 1, "click", 1)
+    pivoted = window.ask("settle")
+    assert pivoted["message"] == "turns about this point"
+    assert np.subtract(pivoted["pivot"], before["pivot"]) @ direction(before) < -2
+    # by a key: auto, pre, and post again
+    pre = [window.key("c") for _ in range(2)]
+    assert [told["settings"]["classification"] for told in pre] == ["auto", "pre"]
+    assert not any(told_of(told, "classified after") for told in pre) and told_of(window.key("c"), "classified after")
 
 
 def test_z_k_is_shown(window: Window) -> None:

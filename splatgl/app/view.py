@@ -62,8 +62,6 @@ def run(args: argparse.Namespace) -> int:
         raise expected("--frame-time", "milliseconds above 0", args.frame_time)
     bindings = load_bindings(args.bindings) if args.bindings else BINDINGS
     scene = scene_from(args)
-    if scene.settings.classification == "post":
-        raise expected("--classification", "auto or pre in the window", "post", "splatgl render draws it")
     content = Content.open(scene)
     options = Options(
         size=scene.view.size if args.size or args.source.endswith(".toml") else Options().size,

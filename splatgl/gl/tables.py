@@ -52,17 +52,20 @@ class Tables:
     def classification(self, splats: Splats) -> moderngl.Texture:
         """The table of the splats' transfer function, see sheet_draw.comp; kept for the next picture."""
         assert splats.post is not None
-        if self.classes is None or self.classes[0] is not splats.post:
+        kept = self.classes
+        if kept is None or kept[0] is not splats.post:
             table, _ = splats.post.table
             rows = -(-len(table) // TABLE_ROW)
             texels = np.pad(table, [(0, rows * TABLE_ROW - len(table)), (0, 0)])
-            texture = self.ctx.texture((TABLE_ROW, rows), 4, texels.tobytes(), dtype="u4")
-            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            self.owned.callback(texture.release)
-            if self.classes is not None:
-                self.classes[1].release()
-            self.classes = splats.post, texture
-        return self.classes[1]
+            if kept is None:
+                texture = self.ctx.texture((TABLE_ROW, rows), 4, texels.tobytes(), dtype="u4")
+                texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+                self.owned.callback(texture.release)
+            else:
+                texture = kept[1]
+                texture.write(texels)
+            self.classes = kept = splats.post, texture
+        return kept[1]
 
     def _of(self, kernel: Kernel, kind: str, size: int, bits: int, make: Callable[[], np.ndarray]) -> moderngl.Texture:
         key = (kernel.name, kind, size, bits)

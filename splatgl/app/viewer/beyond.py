@@ -38,6 +38,19 @@ def tinted(splats: Splats, camera: Camera, z_k: float) -> Splats:
     return splats.in_cells(records=records)
 
 
+def nearer(splats: Splats, camera: Camera, z_k: float) -> Splats:
+    """The splats not beyond z_k."""
+    return splats.part(depths(splats, camera) <= z_k)
+
+
+def tinted_light(whole: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """A picture float32 [H, W, 4], linear premultiplied, whose light from beyond z_k is tinted; near: without it."""
+    beyond = whole - near
+    return np.concatenate(
+        [whole[..., :3] + SHARE * (TINT * beyond[..., 3:] - beyond[..., :3]), whole[..., 3:]], axis=-1
+    )
+
+
 def crossing(corners: np.ndarray, camera: Camera, z_k: float) -> np.ndarray:
     """Section of a box, corners [8, 3], by the plane at depth z_k: a polygon [N, 2] in pixels; N = 0 if they miss.
 

@@ -48,6 +48,8 @@ BINDINGS = (
     Binding("motion", ("m",), "next kind of motion blur, seen while the view is turned"),
     Binding("beyond", ("k",), "show the z_k plane, and tint what lies beyond it"),
     Binding("attenuation", ("w",), "next form of attenuation beyond z_k"),
+    Binding("compositing", ("o",), "composite single splats, or sheets of them"),
+    Binding("classification", ("c",), "classify before reconstruction, or after"),
     Binding("compare", ("d",), "beside the float64 reference, the difference from it, or neither"),
     Binding("opacity-down", ("[",), "less opaque"),
     Binding("opacity-up", ("]",), "more opaque"),

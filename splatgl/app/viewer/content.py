@@ -1,4 +1,4 @@
-"""`Content`: a scene's volume at every stride, and the splats extracted with its transfer function."""
+"""`Content`: a scene's volume at every stride, and the splats extracted with its transfer function and settings."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ from splatgl.app.viewer.skin import skinned
 from splatgl.data.coarse import coarser
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import extract
+from splatgl.splat.extraction.extract import only_pre
 from splatgl.splat.extraction.splats import Grid, Splats
+from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.resolve import only_before
+from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Bounded, Camera
 
 # volumes with fewer voxels are not downsampled
@@ -30,16 +33,22 @@ FEW = 200_000
 class Content:
     """volumes: one for each of STRIDES, finest first. Splats are extracted on demand.
 
-    counts: number of visible splats at each of STRIDES, or the number under the previous transfer function.
+    kind: the settings that splats are extracted by, classification and kernel. before: `counts` of the content that
+    this one replaces. beside: contents that differ in kind alone, by classification.
     """
 
     scene: Scene
     volumes: tuple[Volume, ...]
     transfer: Transfer
     threshold: float
-    counts: tuple[int, ...] = (0,) * len(STRIDES)
+    kind: Settings = field(default_factory=Settings)
+    before: tuple[int, ...] = (0,) * len(STRIDES)
     made: dict[int, Splats] = field(default_factory=dict)
     skins: dict[int, Splats] = field(default_factory=dict)
+    beside: dict[str, Content] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.beside[self.kind.classification] = self
 
     @classmethod
     def open(cls, scene: Scene) -> Content:
@@ -49,8 +58,13 @@ class Content:
         for _ in STRIDES[1:]:
             last = volumes[-1]
             volumes.append(coarser(last) if last.samples.size > SMALL else last)
-        content = cls(scene, tuple(volumes), scene.transfer_for(volume), scene.threshold)
-        return replace(content, counts=tuple(len(content.skin(stride)) for stride in STRIDES))
+        content = cls(scene, tuple(volumes), scene.transfer_for(volume), scene.threshold).classified(scene.settings)
+        return replace(content, before=tuple(len(content.skin(stride)) for stride in STRIDES), beside={})
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Number of visible splats at each of STRIDES, or of those before where none are extracted yet."""
+        return tuple(len(self.skins[s]) if s in self.skins else n for s, n in zip(STRIDES, self.before, strict=True))
 
     @property
     def volume(self) -> Volume:
@@ -93,11 +107,13 @@ class Content:
         if stride > 1 and self.volumes[STRIDES.index(stride)] is self.volume:
             return self.at(1)
         if stride not in self.made:
-            volume, transfer = self.volumes[STRIDES.index(stride)], self.transfer
-            if stride > 1:
-                transfer = replace(transfer, unit=transfer.unit or self.spacing)
-            self.made[stride] = extract(volume, transfer, self.threshold)
+            scene = replace(self.scene, settings=self.kind, threshold=self.threshold)
+            self.made[stride] = scene.splats(self.volumes[STRIDES.index(stride)], self._at(stride, self.transfer))
         return self.made[stride]
+
+    def _at(self, stride: int, transfer: Transfer) -> Transfer:
+        """The transfer function at a stride."""
+        return transfer if stride == 1 else replace(transfer, unit=transfer.unit or self.spacing)
 
     def skin(self, stride: int) -> Splats:
         """The splats at a stride without those hidden from every side."""
@@ -107,10 +123,53 @@ class Content:
             self.skins[stride] = skinned(self.at(stride))
         return self.skins[stride]
 
+    @property
+    def after(self) -> bool:
+        """Whether splats are classified after reconstruction."""
+        return self.kind.classification == "post"
+
+    @property
+    def fresh(self) -> bool:
+        """Whether extraction with the transfer function would give the finest splats."""
+        post = self.at(1).post if self.whole else None
+        return self.whole and (post is None or post.fresh)
+
+    def following(self, transfer: Transfer, threshold: float, settings: Settings, moving: bool = False) -> Content:
+        """The content of these values, as a picture with these settings takes it; this one if it is."""
+        same = (transfer, threshold) == (self.transfer, self.threshold)
+        return (self if same else self.changed(transfer, threshold)).classified(settings, moving)
+
     def changed(self, transfer: Transfer, threshold: float) -> Content:
-        """A copy with another transfer function and no splats extracted yet."""
-        counts = tuple(len(self.skins[s]) if s in self.skins else n for s, n in zip(STRIDES, self.counts, strict=True))
-        return Content(self.scene, self.volumes, transfer, threshold, counts)
+        """A copy with another transfer function, and of the splats those whose values serve it too."""
+        after = self.beside.get("post", self)
+        made = {
+            stride: splats.classified_after(splats.post.recolored(self._at(stride, transfer)))
+            for stride, splats in after.made.copy().items()
+            if splats.post is not None and splats.post.holds(transfer)
+        }
+        return Content(self.scene, self.volumes, transfer, threshold, after.kind, self.counts, made, made.copy())
+
+    def classified(self, settings: Settings, moving: bool = False) -> Content:
+        """The content as a picture with these settings takes it; others of the same transfer function are kept.
+
+        moving: whether the picture is motion-blurred.
+        """
+        after = settings.classification == "post" and not self.only_before(settings, moving)
+        kind = Settings()
+        if after:
+            # blends of one value keep all voxels
+            blend = settings.blend if BLENDS[settings.blend].one_value else "composite"
+            kind = kind.but(classification="post", kernel=settings.kernel, blend=blend)
+        if kind == self.kind:
+            return self
+        found = self.beside.get(kind.classification)
+        if found is None or found.kind != kind:
+            found = replace(self, kind=kind, before=self.counts, made={}, skins={})
+        return found
+
+    def only_before(self, settings: Settings, moving: bool) -> str | None:
+        """What takes splats that are classified before reconstruction; None if these settings don't."""
+        return only_pre(self.volume, self.threshold) or only_before(settings, moving)
 
     def home(self, size: tuple[int, int]) -> Pose:
         """The scene's initial view, with its pivot at the scene's middle."""

@@ -46,8 +46,15 @@ def lines(state: State, content: Content, frame: Frame | None, busy: str | None)
     if frame is None:
         return (title, busy or "nothing drawn yet")
     info = frame.info
-    said = [title, f"{info['renderer']} ({info['backend']})", *_splats(content, frame), *_pace(state, frame, busy)]
-    return (*said, _depths(content, frame), *_bound(info), "", *frame.plan.explain().splitlines())
+    said = [title, f"{info['renderer']} ({info['backend']})", *_splats(content, frame), *_instead(state, content)]
+    return (
+        *said,
+        *_pace(state, frame, busy),
+        _depths(content, frame),
+        *_bound(info),
+        "",
+        *frame.plan.explain().splitlines(),
+    )
 
 
 def progress(state: State, frame: Frame | None) -> str:
@@ -62,12 +69,21 @@ def _splats(content: Content, frame: Frame) -> list[str]:
     kept, total = len(content.finest), content.volume.samples.size
     if frame.level.stride > 1 or not content.whole:
         return [f"of {total:,} voxels, blocks of {frame.level.stride}^3 are drawn"]
-    left = f"the rest: opacity {f'at most {content.threshold:g}' if content.threshold else '0'}"
+    left = (
+        f"the rest: opacity {f'at most {content.threshold:g}' if content.threshold else '0'}{' around' * content.after}"
+    )
     said = [f"{kept:,} of {total:,} voxels are splats ({left})"]
     drawn = frame.info.get("drawn", kept - frame.hidden)
     if isinstance(drawn, int) and drawn < kept:
         said.append(f"{drawn:,} drawn; the rest can't be seen from here")
     return said
+
+
+def _instead(state: State, content: Content) -> list[str]:
+    """Why splats are classified before reconstruction although the settings ask for after."""
+    if content.after or state.settings.classification != "post":
+        return []
+    return [f"{content.only_before(state.settings, True)} takes splats classified before reconstruction: so they are"]
 
 
 def _pace(state: State, frame: Frame, busy: str | None) -> list[str]:
@@ -98,5 +114,5 @@ def _bound(info: Mapping[str, object]) -> list[str]:
     if isinstance(dropped, float) and dropped > 0:
         said.append(f"the threshold dropped an optical depth of up to {dropped:.2g}")
     if info.get("tolerance_met") is False:
-        said.append("the tolerance could not be kept")
+        said.append("the tolerance could not be kept" if isinstance(bound, float) else "its error has no known bound")
     return said

@@ -6,11 +6,12 @@ import textwrap
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from splatgl.app.viewer import hud
-from splatgl.app.viewer.beyond import crossing, share_beyond, tinted
+from splatgl.app.viewer.beyond import crossing, nearer, share_beyond, tinted, tinted_light
 from splatgl.app.viewer.bindings import MOUSE, Binding
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.difference import Difference, Reference, enlarged
@@ -68,25 +69,35 @@ class Painter:
         """
         started = time.perf_counter()
         camera = state.pose.camera.resized(level.size(state.pose.camera.size))
-        asked = state.settings.but(motion=state.blur)
+        # as the content's splats were extracted
+        asked = state.settings.but(motion=state.blur, classification="auto")
         chosen = self.renderer.plan(content.finest, state.pose.camera, asked)
         splats = _enough(state, content, level, chosen)
         # the reference has no tint
-        if state.beyond and state.compare == "off":
-            splats = tinted(splats, camera, chosen.resolved.z_k)
+        tint, z_k = state.beyond and state.compare == "off", chosen.resolved.z_k
+        if tint and not content.after:
+            splats = tinted(splats, camera, z_k)
+        # of a picture of reconstructed values, its light is tinted, before the background
+        settings = level.settings(asked.but(background=None) if tint and content.after else asked)
         motion = self._motion(state, camera) if gliding else None
         # previews are short and not cancelled
         ask = interrupted if level == FULL else None
-        image = self.renderer.render(splats, camera, level.settings(asked), motion, verify_bound=False, interrupted=ask)
+        render = partial(
+            self.renderer.render, camera=camera, settings=settings, motion=motion, verify_bound=False, interrupted=ask
+        )
+        image = render(splats)
+        pixels = image.pixels
+        if tint and content.after:
+            pixels = tinted_light(pixels, render(nearer(splats, camera, z_k)).pixels)
         seconds = time.perf_counter() - started
 
         subject = (state.pose, state.settings, content, state.beyond)
         replaces = level == FULL and self.frame is not None and not self.frame.full
         self.fresh, self.stand_in = replaces, self.pixels if replaces and subject == self.subject else None
-        self.subject, self.pose, self.pixels = subject, state.pose, image.pixels
+        self.subject, self.pose, self.pixels = subject, state.pose, pixels
         self.brightest = float(self.pixels.max()) or 1.0
         self.screen.put("picture", self.pixels)
-        beyond = share_beyond(content.sample, state.pose.camera, chosen.resolved.z_k)
+        beyond = share_beyond(content.sample, state.pose.camera, z_k)
         hidden = len(content.at(level.stride)) - len(splats)
         self.frame = Frame(image.info, seconds, level, chosen, beyond, hidden, "motion" in image.info)
         return self.frame

@@ -35,6 +35,8 @@ ABOUT = {
     "align": "exact: the true line integral [row 1]; ray: perpendicular quads [row 4]; grid: aligned with the grid "
     "[row 5]; hybrid: ray up to z_s, then grid [4.2].",
     "attenuation": "What (z_k/z_v)^2 weakens beyond z_k: the opacity (the paper's), the optical depth, or by fill.",
+    "compositing": "Every splat over the next, or sheets of equal distance, within which splats add up.",
+    "classification": "pre: voxels are classified, then blurred; post: values and gradients are, then classified.",
     "footprint": "The footprint texture, or a finer table over the squared distance.",
     "target": "The frame buffer's numbers; the paper's has 8 bits.",
     "shading": "C = c (0.3 + 0.7 |n l|), a light at the eye.",

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.pacing import STRIDES
+from splatgl.app.viewer.state import State
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.view import eye_from_index
@@ -11,6 +16,14 @@ from splatgl.splat.view.view import eye_from_index
 # splats within this many voxels of the ray count; the ray ends at this optical depth
 WITHIN = 1.0
 ENOUGH = 0.7
+
+
+def pivoted(state: State, content: Content, place: tuple[float, float]) -> State:
+    """The state with the matter under a pixel as its centre of rotation, if there is any."""
+    found = picked(content.at(STRIDES[1]), state.pose.camera, place)
+    if found is None:
+        return replace(state, message="nothing here to turn about")
+    return replace(state, pose=state.pose.about(found), message="turns about this point")
 
 
 def picked(splats: Splats, camera: Camera, place: tuple[float, float]) -> np.ndarray | None:
@@ -30,11 +43,12 @@ def picked(splats: Splats, camera: Camera, place: tuple[float, float]) -> np.nda
     points = splats.records["position"] @ axes.T + origin.astype(np.float32)
     along = points @ unit.astype(np.float32)
     near = np.flatnonzero((along > 0) & ((points * points).sum(axis=1) - along * along < WITHIN**2))
-    if not len(near):
+    depth = splats.depths[near].astype(np.float64)
+    if not depth.any():
         return None
 
     # front to back, accumulating optical depth
-    near = near[np.argsort(along[near])]
-    total = np.cumsum(splats.records["optical_depth"][near].astype(np.float64))
+    order = np.argsort(along[near])
+    near, total = near[order], np.cumsum(depth[order])
     met = near[int(np.searchsorted(total, min(ENOUGH, total[-1] / 2)))]
     return np.asarray((start + unit * float(along[met]) * scale) @ camera.eye_from_world + camera.eye)

@@ -10,9 +10,9 @@ from splatgl.app.render import origin
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.state import State
+from splatgl.data.errors import InputError
 from splatgl.data.image import Image, write_whole
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import extract
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings
@@ -27,6 +27,8 @@ def scene_of(state: State, content: Content) -> Scene:
     table = {f.name: getattr(transfer, f.name) for f in fields(Transfer) if getattr(transfer, f.name) is not None}
     # motion blur does not affect a still image, but it does affect an animation of the scene
     settings = state.settings if state.blur == "off" else state.settings.but(motion=state.blur)
+    if settings.classification == "post" and not content.following(state.transfer, state.threshold, settings).after:
+        settings = settings.but(classification="pre")
     shown = replace(content.scene, transfer=table, view=state.pose.view(), settings=settings)
     return replace(shown, threshold=state.threshold)
 
@@ -34,8 +36,8 @@ def scene_of(state: State, content: Content) -> Scene:
 def picture_of(scene: Scene, content: Content, draw: Draw) -> Image:
     """The image that `splatgl render` makes of a scene, drawn by the window's renderer."""
     transfer = scene.transfer_for(content.volume)
-    same = content.whole and transfer == content.transfer and scene.threshold == content.threshold
-    splats = content.at(1) if same else extract(content.volume, transfer, scene.threshold)
+    content = content.following(transfer, scene.threshold, scene.settings)
+    splats = content.at(1) if content.fresh else scene.splats(content.volume, transfer)
     image = draw(splats, scene.view.camera(content.volume, splats), scene.settings)
     return Image(image.pixels, {**image.info, **origin(scene, transfer)})
 
@@ -60,6 +62,18 @@ def save_scene(state: State, content: Content, draw: Draw, folder: Path) -> str:
 
 # save actions by name
 SAVES = {"screenshot": save_picture, "save": save_scene}
+
+
+def saved(state: State, content: Content, draw: Draw, folder: Path) -> State:
+    """Runs the state's pending saves; returns it without pending actions, with the last message."""
+    asks, state = state.asks, replace(state, asks=())
+    for ask in [ask for ask in asks if ask in SAVES]:
+        try:
+            said = SAVES[ask](state, content, draw, folder)
+        except InputError as error:
+            said = str(error)
+        state = replace(state, message=said)
+    return state
 
 
 def free(folder: Path, stem: str, suffix: str) -> Path:

@@ -16,11 +16,14 @@ WORTH = 0.3
 
 
 def skinned(splats: Splats) -> Splats:
-    """The splats without those hidden from every side; the same object if hardly any are.
+    """The splats without those hidden from every side; the same object if hardly any are, or if they are classified
+    after reconstruction.
 
     Valid for composite images from outside of the splats' box with no splat beyond z_k: there footprints are
     attenuated, and the matter behind them contributes.
     """
+    if splats.post is not None:
+        return splats
     cells = _cells(splats)
     shape = cells.max(axis=0) + 1 if len(splats) else np.zeros(3, np.int64)
     if not 0 < np.prod(shape, dtype=np.float64) <= CELLS:

@@ -41,6 +41,8 @@ CYCLES = {
     "antialias": "",
     "align": "",
     "attenuation": ", in composite, beyond z_k",
+    "compositing": "",
+    "classification": "",
 }
 
 
@@ -151,7 +153,7 @@ def _blur(state: State, content: Content) -> State:
 def drawable(settings: Settings, state: State, content: Content) -> bool:
     """Whether these settings are valid for this volume."""
     try:
-        plan(content.at(STRIDES[-1]), state.pose.camera, settings)
+        plan(content.classified(settings).at(STRIDES[-1]), state.pose.camera, settings.but(classification="auto"))
     except InputError:
         return False
     return True

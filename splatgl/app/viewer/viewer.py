@@ -17,12 +17,12 @@ from splatgl.app.viewer.files import Files, News, Reopen
 from splatgl.app.viewer.hud import progress
 from splatgl.app.viewer.jobs import Done, Jobs
 from splatgl.app.viewer.mouse import Mouse, wheeled
-from splatgl.app.viewer.pacing import LADDER, REST, STEP, STRIDES, TARGET
+from splatgl.app.viewer.pacing import LADDER, REST, STEP, TARGET
 from splatgl.app.viewer.painter import Painter
-from splatgl.app.viewer.pick import picked
+from splatgl.app.viewer.pick import pivoted
 from splatgl.app.viewer.pose import Place
 from splatgl.app.viewer.refiner import Moment, Refiner
-from splatgl.app.viewer.saving import SAVES
+from splatgl.app.viewer.saving import saved
 from splatgl.app.viewer.state import State, acted, up_of
 from splatgl.app.viewer.window import Window
 from splatgl.data.errors import InputError, missing_extra
@@ -94,7 +94,8 @@ class Viewer:
     def press(self, button: str, held: tuple[str, ...], place: Place) -> None:
         """Starts a drag; a double click sets the pivot."""
         if self.mouse.doubles(button, place, self.now()):
-            self._pivot(place)
+            self.state = pivoted(self.state, self.content, place)
+            self._touch()
         self.mouse = self.mouse.press(button, held, place, self.state.pose, self.now())
 
     def release(self, button: str) -> None:
@@ -202,7 +203,8 @@ class Viewer:
 
     def _draw(self) -> None:
         """Renders a preview after changes, or the full-quality frame at rest, which is shown again with its HUD."""
-        self._extract()
+        blurs = self._blurs()
+        self._extract(blurs)
         wanted, moment, asked = self._wanted(), self._moment(), self.asked
         level = self.refiner.level(wanted, moment)
         if level is None:
@@ -210,8 +212,7 @@ class Viewer:
         if wanted != self.refiner.drawn:
             self.reference.forget()
         try:
-            gliding = self.state.turning or self.mouse.drag is not None
-            frame = self.painter.draw(self.state, self.content, LADDER[level], gliding, lambda: self._given_up(asked))
+            frame = self.painter.draw(self.state, self.content, LADDER[level], blurs, lambda: self._given_up(asked))
         except Interrupted:
             return
         except InputError as error:
@@ -221,26 +222,34 @@ class Viewer:
         self.refiner.done(wanted, level, frame.seconds, moment, frame.full)
         self.dirty = max(self.dirty, 1 + frame.full)
 
+    def _blurs(self) -> bool:
+        """Whether the view moves continuously and motion is blurred."""
+        gliding = self.state.turning or (self.mouse.drag is not None and self._moment().moving)
+        return gliding and self.state.blur != "off"
+
     def _given_up(self, asked: int) -> bool:
         """Polls events during a frame; True after new input, which cancels it."""
         self.window.wait(0.0)
         return self.asked != asked or self.window.closing
 
-    def _extract(self) -> None:
-        """Extracts splats after a change of the transfer function; the finest in the worker thread, at rest."""
-        transfer, threshold = self.state.transfer, self.state.threshold
-        if (transfer, threshold) != (self.content.transfer, self.content.threshold):
-            self._take(self.content.changed(transfer, threshold))
-            if self.content.heavy:
-                said = f"some {8 * len(self.content.at(2)):,} splats: too many to draw all; make more of it transparent"
-                self.state = replace(self.state, message=said)
-        elif self._unfinished() and self.now() - self.touched >= REST:
-            content = self.content
-            self.jobs.submit("extracting", lambda: content.skin(1))
+    def _extract(self, blurs: bool) -> None:
+        """Takes the content that the state asks for; extracts its finest splats in the worker thread, at rest."""
+        state = self.state
+        content = self.content.following(state.transfer, state.threshold, state.settings, blurs)
+        unfinished = self._unfinished()
+        if content is not self.content:
+            self._take(content)
+            if content.heavy:
+                said = f"some {8 * len(content.at(2)):,} splats: too many to draw all; make more of it transparent"
+                self.state = replace(state, message=said)
+        elif unfinished is not None and self.now() - self.touched >= REST:
+            self.jobs.submit("extracting", lambda: unfinished.skin(1))
 
-    def _unfinished(self) -> bool:
-        """Whether the finest splats still have to be extracted."""
-        return not self.content.whole and not self.jobs.busy and not self.content.heavy
+    def _unfinished(self) -> Content | None:
+        """The content whose finest splats still have to be extracted, if any: that on show, or that of its motion."""
+        moving = self.content.classified(self.state.settings, self.state.blur != "off")
+        waiting = [content for content in (self.content, moving) if not content.whole and not content.heavy]
+        return waiting[0] if waiting and not self.jobs.busy else None
 
     def _compare(self) -> None:
         """Requests the reference of a full-quality frame once the view is at rest."""
@@ -249,7 +258,8 @@ class Viewer:
             if self.reference.wanted is not None:
                 self.reference.forget()
         elif self.reference.wanted is None:
-            self.reference.ask(Wanted(self.content.at(1), self.state.pose.camera, self.state.settings))
+            settings = self.state.settings.but(classification="auto")
+            self.reference.ask(Wanted(self.content.at(1), self.state.pose.camera, settings))
 
     def _show(self) -> None:
         """Displays the image, its overlay and the panel if any of them changed."""
@@ -279,14 +289,8 @@ class Viewer:
 
     def _answer(self) -> None:
         """Runs the state's pending window actions."""
-        asks, self.state = self.state.asks, replace(self.state, asks=())
-        self.closed |= "quit" in asks
-        for ask in [ask for ask in asks if ask in SAVES]:
-            try:
-                said = SAVES[ask](self.state, self.content, self.renderer.render, self.options.folder)
-            except InputError as error:
-                said = str(error)
-            self.state = replace(self.state, message=said)
+        self.closed |= "quit" in self.state.asks
+        self.state = saved(self.state, self.content, self.renderer.render, self.options.folder)
 
     def _finished(self, done: Done) -> None:
         """Handles a finished job, whose splats are in the content already; bad input only sets the message."""
@@ -317,13 +321,6 @@ class Viewer:
         self.content = content
         self.refiner.renew(content.counts, self._pixels())
         self.refresh()
-
-    def _pivot(self, place: Place) -> None:
-        found = picked(self.content.at(STRIDES[1]), self.state.pose.camera, place)
-        said = "nothing here to turn about" if found is None else "turns about this point"
-        pose = self.state.pose if found is None else self.state.pose.about(found)
-        self.state = replace(self.state, pose=pose, message=said)
-        self._touch()
 
     def _touch(self) -> None:
         self.asked += 1

@@ -18,6 +18,8 @@ from splatgl.splat.classification.transfer import Transfer
 CELLS = 2**14
 # largest multiple of the transfer function's range that a value is kept at; means stay finite in float32
 FURTHEST = 2.0**20
+# least range of a transfer function relative to its largest record value: two float32 numbers in each table cell
+RESOLVED = 2.0**-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +27,7 @@ class PostClassified:
     """transfer: of reconstructed values. kernel: whose coefficients the values are.
 
     shape: voxels along x, y, z; rays end at the box of their cells. low, span: record values are (ρ − low)/span.
-    every: whether transparent voxels are kept, too.
+    kept [n, 2]: intervals of values that voxels were kept for.
     """
 
     transfer: Transfer
@@ -33,20 +35,25 @@ class PostClassified:
     shape: tuple[int, int, int]
     low: float
     span: float
-    every: bool = False
+    kept: np.ndarray
 
     @classmethod
     def of(cls, transfer: Transfer, kernel: str, shape: tuple[int, int, int], every: bool = False) -> PostClassified:
         """Values relative to the range over which the transfer function varies."""
         low, high = active_range(transfer)
-        return cls(transfer, kernel, shape, low, high - low if high > low else max(abs(low), 1.0) * 1e-3, every)
+        span = high - low if high > low else max(abs(low), 1.0) * 1e-3
+        kept = np.array([[-np.inf, np.inf]]) if every else opaque_intervals(transfer)
+        return cls(transfer, kernel, shape, low, span, kept)
+
+    @property
+    def every(self) -> bool:
+        """Whether voxels of all values are kept."""
+        return bool(np.isinf(self.kept).all(axis=1).any())
 
     @property
     def wanted(self) -> np.ndarray:
         """[n, 2]: intervals of record values around which voxels are kept."""
-        if self.every:
-            return np.array([[-np.inf, np.inf]])
-        return np.asarray((opaque_intervals(self.transfer) - self.low) / self.span)
+        return np.asarray((self.kept - self.low) / self.span)
 
     def relative(self, values: np.ndarray) -> np.ndarray:
         """Record values, float32, of samples [...]."""
@@ -61,6 +68,22 @@ class PostClassified:
     def recolored(self, transfer: Transfer) -> PostClassified:
         """The same values under another transfer function."""
         return replace(self, transfer=transfer)
+
+    def holds(self, transfer: Transfer) -> bool:
+        """Whether the records serve another transfer function: they hold all voxels of its opaque values, and resolve
+        the values over which it varies.
+        """
+        low, high = self.recolored(transfer).range
+        furthest = max(abs(low), abs(high))
+        resolved = furthest <= FURTHEST and high - low >= RESOLVED * furthest
+        starts, ends = self.kept.T
+        return resolved and all(((starts <= a) & (b <= ends)).any() for a, b in opaque_intervals(transfer))
+
+    @property
+    def fresh(self) -> bool:
+        """Whether extraction for the transfer function would give the same records."""
+        anew = PostClassified.of(self.transfer, self.kernel, self.shape, self.every)
+        return (anew.low, anew.span) == (self.low, self.span) and np.array_equal(anew.kept, self.kept)
 
     @cached_property
     def range(self) -> tuple[float, float]:

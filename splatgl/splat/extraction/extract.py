@@ -111,9 +111,9 @@ def extract(
     if classification not in ("pre", "post", "post-all"):
         raise expected("classification", "pre, post or post-all", repr(classification))
     if classification != "pre":
-        for what, there in (("threshold", threshold > 0), ("colours of its own", volume.color is not None)):
-            if there:
-                raise InputError(f"{volume.name or 'volume'}: {what} take classification pre")
+        why = only_pre(volume, threshold)
+        if why:
+            raise InputError(f"{volume.name or 'volume'}: {why} take classification pre")
         post = PostClassified.of(transfer, kernel, (width, height, depth), classification == "post-all")
         return extract_post(volume, post, kernel_named(kernel), planes, progress)
     dropped = Dropped(volume.shape) if threshold > 0 else None
@@ -129,6 +129,13 @@ def extract(
     cells = records["position"].astype(np.int32)
     lost = dropped.largest() * grid.mean_spacing / unit if dropped else 0.0
     return assemble(records, cells, grid, unit, volume.name, transfer.shading, lost)
+
+
+def only_pre(volume: Volume, threshold: float) -> str | None:
+    """What takes splats that are classified before reconstruction; None if both kinds can be extracted."""
+    if threshold > 0:
+        return "threshold"
+    return "colours of its own" if volume.color is not None else None
 
 
 def _slab_records(

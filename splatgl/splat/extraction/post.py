@@ -51,9 +51,7 @@ def extract_post(
         chunks.append(records)
     records = np.concatenate(chunks)
     cells = records["position"].astype(np.int32)
-    unit = post.transfer.unit or grid.mean_spacing
-    splats = assemble(records, cells, grid, unit, volume.name, post.transfer.shading)
-    return splats.classified_after(post)
+    return assemble(records, cells, grid, grid.mean_spacing, volume.name).classified_after(post)
 
 
 def prefiltered(u: np.ndarray, kernel: Kernel, steps: int) -> np.ndarray:

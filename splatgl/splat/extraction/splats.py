@@ -160,11 +160,14 @@ class Splats:
         return np.asarray(np.concatenate(outwards) @ self.grid.world_from_index.T + self.grid.origin)
 
     def classified_after(self, post: PostClassified) -> Splats:
-        """The same samples under `post`, which must have their low and span."""
-        return replace(self, post=post)
+        """The same samples under `post`, which must have their low and span, and its transfer function's unit."""
+        unit = post.transfer.unit or self.grid.mean_spacing
+        return self._shared(
+            replace(self, post=post, unit=unit, shaded=post.transfer.shading), {"index_bounds", "outline"}
+        )
 
     @cached_property
-    def _depths(self) -> np.ndarray:
+    def depths(self) -> np.ndarray:
         """Optical depths [N]; of each sample as it is, if classified after reconstruction."""
         if self.post is None:
             return np.asarray(self.records["optical_depth"])
@@ -173,12 +176,12 @@ class Splats:
     @cached_property
     def total_depth(self) -> float:
         """Σ optical depths."""
-        return float(self._depths.sum(dtype=np.float64))
+        return float(self.depths.sum(dtype=np.float64))
 
     @cached_property
     def deepest(self) -> float:
         """The largest optical depth of one splat."""
-        return float(self._depths.max(initial=0.0))
+        return float(self.depths.max(initial=0.0))
 
     @cached_property
     def brightest(self) -> float:
@@ -226,7 +229,11 @@ class Splats:
     def in_cells(self, records: np.ndarray | None = None, grid: Grid | None = None) -> Splats:
         """Other records or another grid in the same cells: what was computed from these is shared."""
         made = replace(self, records=self.records if records is None else records, grid=grid or self.grid)
-        for name in {"runs", "_lattices"} & vars(self).keys():
+        return self._shared(made, {"runs", "_lattices"})
+
+    def _shared(self, made: Splats, names: set[str]) -> Splats:
+        """`made` with those of the derived data that are computed already."""
+        for name in names & vars(self).keys():
             vars(made)[name] = vars(self)[name]
         return made
 

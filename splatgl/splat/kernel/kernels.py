@@ -182,6 +182,7 @@ def register_kernel(shape: Kernel) -> None:
     KERNELS[shape.name] = shape
 
 
+@lru_cache(maxsize=8)
 def unit_rule(order: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes in [0, 1] and weights of Gauss–Legendre quadrature."""
     nodes, weights = np.polynomial.legendre.leggauss(order)

@@ -197,10 +197,12 @@ def plan(
     kind = technique(asked, notes) if len(splats) else "quads"
     read = footprint((align, kind), shape, settings, resolved.look.steps > 0)
     bounds = screen_bounds(splats.corners_in_grid(), view)
+    # sheets sort all splats at a time, and take the exponential itself: other opacities compile nothing
+    quick = kind == "tiles" and resolved.sheets is None
     hiding = Hiding()
     if kind == "tiles" and blend.ordered and settings.occlusion != "off":
         cutoff = SHARE * settings.tolerance / max(splats.brightest, 1.0)
-        hiding = Hiding(depth_batches(splats, view, bounds), cutoff)
+        hiding = Hiding(depth_batches(splats, view, bounds) if quick else 1, cutoff)
     program = Program(
         technique=kind,
         look=resolved.look,
@@ -210,7 +212,7 @@ def plan(
         kernel=shape.name if TABLE_SIZES[read] == 1 else "",
         motion=settings.motion if exposure else "off",
         flow=exposure is not None and exposure.flow is not None,
-        exp_doublings=exp_doublings(splats, shape, resolved.look.attenuation) if kind == "tiles" else MOST_DOUBLINGS,
+        exp_doublings=exp_doublings(splats, shape, resolved.look.attenuation) if quick else MOST_DOUBLINGS,
     )
     return Plan(
         program,

@@ -162,10 +162,16 @@ def _check_classification(splats: Splats, settings: Settings, moving: bool) -> N
             f"blend {blend.name} takes all voxels, classified after reconstruction: "
             'render with --classification post, extract with classification="post-all"'
         )
-    if post and moving:
-        raise InputError("motion blur takes splats that are classified before reconstruction; extract them so")
+    why = only_before(settings, moving)
+    if post and why:
+        raise InputError(f"{why} takes splats that are classified before reconstruction; extract them so")
     if post and blend.one_value and settings.shading == "on":
         raise expected("shading", f"auto or off, as {blend.name} shows values, not surfaces", "on")
+
+
+def only_before(settings: Settings, moving: bool) -> str | None:
+    """What takes splats that are classified before reconstruction; None if both kinds can be drawn."""
+    return "motion blur" if moving and settings.motion != "off" else None
 
 
 def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
