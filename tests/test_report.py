@@ -64,11 +64,13 @@ def subject() -> Subject:
     volume = sg.scenes.ball(5)
     transfer = sg.Transfer(points=[(0.0, 0.0), (1.0, 0.6)], unit=1.0)
 
-    def build(threshold: float, coarse: int) -> sg.Splats:
+    def build(threshold: float, coarse: int, post: str) -> sg.Splats:
+        if post:
+            return sg.extract(volume, transfer, classification="post", kernel=post)
         return sg.extract(volume, transfer, max(threshold, 0.05 * coarse))
 
     camera = sg.Camera.orbit(volume, azimuth=20, elevation=10, size=(16, 16))
-    return Subject("ball", camera, sg.Settings(), build)
+    return Subject("ball", camera, sg.Settings(), build, content=(volume, transfer))
 
 
 def sweep(renderer: sg.Renderer, subject: Subject, store: Store, folder: Path | None = None) -> Sweep:
@@ -193,7 +195,7 @@ def test_every_method_draws(renderer: sg.Renderer, subject: Subject, name: str) 
     assert np.isfinite(image.pixels).all() and image.pixels.any()
 
 
-def test_truths_are_three_and_kept(renderer: sg.Renderer, subject: Subject, tmp_path: Path) -> None:
+def test_truths_are_four_and_kept(renderer: sg.Renderer, subject: Subject, tmp_path: Path) -> None:
     truths = Truths(renderer, subject, LEVEL, tmp_path)
     settings = sg.Settings()
     made = {name: truths.get(name, settings).pixels for name in registry.TRUTHS}
@@ -203,11 +205,13 @@ def test_truths_are_three_and_kept(renderer: sg.Renderer, subject: Subject, tmp_
     sampled = sg.reference.render(subject.splats(), subject.camera, fine).pixels
     assert np.abs(made["sampled"] - sampled).max() < 0.01
     assert 0 < np.abs(made["integral"] - made["sampled"]).max() < 0.2
-    assert len(list(tmp_path.iterdir())) == 3
+    assert 0 < np.abs(made["field"] - made["integral"]).max() < 0.3
+    assert len(list(tmp_path.iterdir())) == 4
     again = Truths(renderer, subject, LEVEL, tmp_path).get("integral", settings).pixels
     np.testing.assert_array_equal(again, made["integral"])
-    with pytest.raises(sg.InputError, match="composite"):
-        truths.get("integral", sg.Settings(blend="xray"))
+    for truth in ("integral", "field"):
+        with pytest.raises(sg.InputError, match="composite"):
+            truths.get(truth, sg.Settings(blend="xray"))
     with pytest.raises(sg.InputError, match="--full"):
         truths.get("reference", sg.Settings(antialias="supersample", samples=64))
 
