@@ -434,6 +434,21 @@ def test_peers_draw_the_same_scene(tmp_path: Path) -> None:
         assert np.abs(image.pixels[20, 20] - drawn[20, 20]).max() < 0.05
 
 
+def test_samples_of_peers_are_averaged() -> None:
+    pytest.importorskip("vtk")
+    volume = sg.scenes.ball(8)
+    content, camera = (volume, sg.default_transfer(volume)), sg.Camera.orbit(volume, size=(20, 16))
+    found = []
+    for view, settings in (
+        (camera, sg.Settings(antialias="supersample", samples=2)),
+        (camera.resized((40, 32)), sg.Settings(antialias="off")),
+    ):
+        with closing(Peer("cpu", content, view, settings)) as peer:
+            found.append(peer.frame()[0].pixels)
+    means, fine = found
+    assert np.abs(means - fine.reshape(16, 2, 20, 2, 4).mean(axis=(1, 3))).max() < 1e-6
+
+
 @pytest.mark.parametrize("changed", [{"blend": "xray"}, {"background": (1.0, 1.0, 1.0)}])
 def test_what_peers_cannot_draw_is_left_out(changed: dict) -> None:
     pytest.importorskip("vtk")

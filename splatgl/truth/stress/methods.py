@@ -7,12 +7,11 @@ import numpy as np
 from splatgl.data.scenes import ball
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.extract import extract
-from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.plan.resolve import depth_range
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
 from splatgl.truth import reference
 from splatgl.truth.report.methods import DEFAULT, methods
-from splatgl.truth.report.subject import Subject
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Check, check
 
@@ -24,20 +23,16 @@ VIEWS = ((0.3, 90.0), (100.0, 40.0))
 
 def every(bench: Bench) -> list[Check]:
     """Each method's largest error relative to its error bound."""
-    transfer = Transfer(points=[(0.0, 0.0), (1.0, 0.6)], unit=1.0)
-
-    def build(threshold: float, coarse: int, post: str) -> Splats:
-        if post:
-            return extract(ball(RADIUS), transfer, classification="post", kernel=post)
-        return extract(ball(RADIUS), transfer)
-
-    worst = {name: 0.0 for name, method in methods().items() if not method.peer}
+    splats = extract(ball(RADIUS), Transfer(points=[(0.0, 0.0), (1.0, 0.6)], unit=1.0))
+    # images classified after reconstruction state no bound
+    bounded = [name for name, m in methods().items() if not m.peer and m.changes.get("classification") != "post"]
+    worst = dict.fromkeys(bounded, 0.0)
     for distance, fov in VIEWS:
         eye = distance * np.array([0.48, -0.8, 0.36])
         camera = Camera.look_at(eye, eye * 1.5 if distance < RADIUS else (0, 0, 0), (0, 0, 1), fov, (PIXELS, PIXELS))
-        subject = Subject("ball", camera, Settings(), build)
         for name in worst:
-            splats, settings = subject.drawn(methods()[name])
+            method = methods()[name]
+            settings = method.settings(Settings(), depth_range(splats, camera))
             drawn = bench.renderer.render(splats, camera, settings)
             bench.pictures += 1
             bench.bad_pixels += int((~np.isfinite(drawn.pixels)).sum())
