@@ -64,11 +64,13 @@ def subject() -> Subject:
     volume = sg.scenes.ball(5)
     transfer = sg.Transfer(points=[(0.0, 0.0), (1.0, 0.6)], unit=1.0)
 
-    def build(threshold: float, coarse: int) -> sg.Splats:
+    def build(threshold: float, coarse: int, post: str) -> sg.Splats:
+        if post:
+            return sg.extract(volume, transfer, classification="post", kernel=post)
         return sg.extract(volume, transfer, max(threshold, 0.05 * coarse))
 
     camera = sg.Camera.orbit(volume, azimuth=20, elevation=10, size=(16, 16))
-    return Subject("ball", camera, sg.Settings(), build)
+    return Subject("ball", camera, sg.Settings(), build, content=(volume, transfer))
 
 
 def sweep(renderer: sg.Renderer, subject: Subject, store: Store, folder: Path | None = None) -> Sweep:
@@ -193,7 +195,7 @@ def test_every_method_draws(renderer: sg.Renderer, subject: Subject, name: str) 
     assert np.isfinite(image.pixels).all() and image.pixels.any()
 
 
-def test_truths_are_three_and_kept(renderer: sg.Renderer, subject: Subject, tmp_path: Path) -> None:
+def test_truths_are_four_and_kept(renderer: sg.Renderer, subject: Subject, tmp_path: Path) -> None:
     truths = Truths(renderer, subject, LEVEL, tmp_path)
     settings = sg.Settings()
     made = {name: truths.get(name, settings).pixels for name in registry.TRUTHS}
@@ -203,11 +205,13 @@ def test_truths_are_three_and_kept(renderer: sg.Renderer, subject: Subject, tmp_
     sampled = sg.reference.render(subject.splats(), subject.camera, fine).pixels
     assert np.abs(made["sampled"] - sampled).max() < 0.01
     assert 0 < np.abs(made["integral"] - made["sampled"]).max() < 0.2
-    assert len(list(tmp_path.iterdir())) == 3
+    assert 0 < np.abs(made["field"] - made["integral"]).max() < 0.3
+    assert len(list(tmp_path.iterdir())) == 4
     again = Truths(renderer, subject, LEVEL, tmp_path).get("integral", settings).pixels
     np.testing.assert_array_equal(again, made["integral"])
-    with pytest.raises(sg.InputError, match="composite"):
-        truths.get("integral", sg.Settings(blend="xray"))
+    for truth in ("integral", "field"):
+        with pytest.raises(sg.InputError, match="composite"):
+            truths.get(truth, sg.Settings(blend="xray"))
     with pytest.raises(sg.InputError, match="--full"):
         truths.get("reference", sg.Settings(antialias="supersample", samples=64))
 
@@ -428,6 +432,21 @@ def test_peers_draw_the_same_scene(tmp_path: Path) -> None:
         # the same ball at the same place, its edge aside
         assert np.abs(image.pixels - drawn).mean() < 0.2 * drawn.mean()
         assert np.abs(image.pixels[20, 20] - drawn[20, 20]).max() < 0.05
+
+
+def test_samples_of_peers_are_averaged() -> None:
+    pytest.importorskip("vtk")
+    volume = sg.scenes.ball(8)
+    content, camera = (volume, sg.default_transfer(volume)), sg.Camera.orbit(volume, size=(20, 16))
+    found = []
+    for view, settings in (
+        (camera, sg.Settings(antialias="supersample", samples=2)),
+        (camera.resized((40, 32)), sg.Settings(antialias="off")),
+    ):
+        with closing(Peer("cpu", content, view, settings)) as peer:
+            found.append(peer.frame()[0].pixels)
+    means, fine = found
+    assert np.abs(means - fine.reshape(16, 2, 20, 2, 4).mean(axis=(1, 3))).max() < 1e-6
 
 
 @pytest.mark.parametrize("changed", [{"blend": "xray"}, {"background": (1.0, 1.0, 1.0)}])

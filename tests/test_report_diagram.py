@@ -10,7 +10,7 @@ import pytest
 from splatgl.truth.report.diagram import looks, picture
 from splatgl.truth.report.front import Timing
 from splatgl.truth.report.labels import Box, places
-from splatgl.truth.report.methods import methods
+from splatgl.truth.report.methods import TRUTHS, methods
 from splatgl.truth.report.results import Row, Scene
 
 FRAME = Box(0.0, 0.0, 400.0, 300.0)
@@ -55,7 +55,7 @@ def scene(error: float = 1e-3) -> Scene:
     rows = []
     for n, method in enumerate(list(methods().values())[::3]):
         timing = Timing.of(dict(enumerate(0.01 * (1 + n) * np.array([0.9, 1.0, 1.1]))))
-        found = {truth: {"rmse": error / (1 + n)} for truth in ("reference", "sampled", "integral")}
+        found = {truth: {"rmse": error / (1 + n)} for truth in TRUTHS}
         rows.append(Row(method.name, "", "", "", timing, found))
     return Scene("made up", {"splats": 10, "size": [8, 8], "note": ""}, tuple(rows))
 

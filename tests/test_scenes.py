@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from splatgl.data import scene_terrain, scenes
+from splatgl.data import scene_fields, scene_terrain, scenes
 from splatgl.data.errors import InputError
 from splatgl.data.volume import Volume
 
@@ -224,3 +224,32 @@ def test_every_scene_says_how_to_be_seen(name: str, request: pytest.FixtureReque
     assert hints.points is not None
     assert hints.fov is not None
     assert (hints.eye is not None and hints.target is not None) or hints.azimuth is not None
+
+
+# --- formulas ---
+
+
+@pytest.mark.parametrize("name", scene_fields.FORMULAS)
+def test_formulas_are_what_is_sampled(name: str) -> None:
+    """At every voxel, with gradients that are differences of values."""
+    formula, volume = scene_fields.FORMULAS[name], scenes.SCENES[name]()
+    z, y, x = (index.ravel() for index in np.indices(volume.shape))
+    points = volume.world_from_index @ np.stack([x, y, z]) + np.asarray(volume.origin)[:, None]
+    assert volume.name == name and np.abs(points).max() == pytest.approx(1.0)
+    assert np.abs(formula(points)[0] - volume.samples.ravel()).max() < 1e-6
+    # also on the axis of the rings
+    points = np.concatenate([np.zeros((3, 1)), np.random.default_rng(1).uniform(-1, 1, (3, 200))], axis=1)
+    steps = 1e-6 * np.eye(3)[..., None]
+    slopes = np.stack([formula(points + step)[0] - formula(points - step)[0] for step in steps], axis=1) / 2e-6
+    assert np.abs(formula(points)[1] - slopes).max() < 1e-7
+
+
+def test_grids_of_formulas() -> None:
+    assert scenes.marschner_lobb().shape == (40, 40, 40) and scenes.balls().shape == (48, 48, 48)
+    coarse = scenes.sinusoids(3)
+    assert coarse.shape == (16, 48, 48) and coarse.spacing[2] == pytest.approx(3.13 * coarse.spacing[0], rel=0.01)
+    # the test signal's contrast along the rings
+    assert float(np.ptp(scenes.marschner_lobb().samples[20, 20])) > 0.15
+    for ratio in (0, 25):
+        with pytest.raises(InputError, match="ratio"):
+            scenes.sinusoids(ratio)

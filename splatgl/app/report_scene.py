@@ -12,6 +12,7 @@ import numpy as np
 from splatgl.app.scene import Scene
 from splatgl.data.coarse import coarser
 from splatgl.data.errors import expected
+from splatgl.data.scene_fields import FORMULAS
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.extract import extract
@@ -43,8 +44,10 @@ def subject(source: str, level: Level) -> Subject:
     if not len(splats):
         raise expected(source, "voxels that are not transparent", "none", "give a scene.toml with a transfer function")
     camera = replace(scene.view, size=_fitted(scene.view.size, level.size)).camera(volume, splats)
+    formula = FORMULAS.get(scene.volume) if not scene.load else None
     joined = 0
-    while level.splats is not None and len(splats) > level.splats and min(volume.shape) > 1:
+    # joined voxels would not be samples of the formula
+    while formula is None and level.splats is not None and len(splats) > level.splats and min(volume.shape) > 1:
         joint = coarser(volume)
         fewer = extract(joint, transfer, scene.threshold)
         # thin structures may vanish when averaged with empty voxels
@@ -52,24 +55,25 @@ def subject(source: str, level: Level) -> Subject:
             break
         volume, splats, joined = joint, fewer, joined + 1
     note = f"voxels joined {2**joined}×{2**joined}×{2**joined}" if joined else ""
-    build = _Build(volume, transfer, scene.threshold, splats)
+    build = _Build(volume, transfer, scene.threshold)
     name = Path(source).name.split(".")[0]
-    return Subject(name, camera, scene.settings, build, note, (volume, transfer))
+    return Subject(name, camera, scene.settings, build, note, (volume, transfer), formula)
 
 
 class _Build:
-    """Splats of a volume above a threshold, or of a downsampled one; reuses those already extracted."""
+    """Splats of a volume above a threshold, or of a downsampled one."""
 
-    def __init__(self, volume: Volume, transfer: Transfer, threshold: float, splats: Splats) -> None:
-        self.volume, self.transfer, self.threshold, self.splats = volume, transfer, threshold, splats
+    def __init__(self, volume: Volume, transfer: Transfer, threshold: float) -> None:
+        self.volume, self.transfer, self.threshold = volume, transfer, threshold
 
-    def __call__(self, threshold: float, coarse: int) -> Splats:
-        if not coarse and threshold <= self.threshold:
-            return self.splats
+    def __call__(self, threshold: float, coarse: int, post: str) -> Splats:
         volume = self.volume
         for _ in range(coarse):
             volume = coarser(volume)
-        return extract(volume, self.transfer, max(threshold, self.threshold))
+        least = max(threshold, self.threshold)
+        if post:
+            return extract(volume, self.transfer, least, classification="post", kernel=post)
+        return extract(volume, self.transfer, least)
 
 
 def _volume_of_voxel(volume: Volume) -> float:

@@ -1,4 +1,4 @@
-"""Procedural scenes: the paper's tunnel, terrain and nerve cell, and phantoms with known results.
+"""Procedural scenes: the paper's tunnel, terrain and nerve cell, phantoms with known results, sampled formulas.
 
 Deterministic: seeds are fixed. Every scene provides view hints.
 """
@@ -6,16 +6,19 @@ Deterministic: seeds are fixed. Every scene provides view hints.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from splatgl.data.errors import expected
+from splatgl.data.scene_fields import balls, marschner_lobb, sinusoids
 from splatgl.data.scene_nerve import nerve
 from splatgl.data.scene_phantoms import ball, constant, letter_f, single_voxel
 from splatgl.data.scene_terrain import terrain
 from splatgl.data.volume import Hints, Volume
 
-__all__ = ["SCENES", "ball", "constant", "letter_f", "nerve", "single_voxel", "terrain", "tunnel"]
+__all__ = ["SCENES", "ball", "balls", "constant", "letter_f", "marschner_lobb", "nerve", "single_voxel", "sinusoids"]
+__all__ += ["terrain", "tunnel"]
 
 # the tube in voxels: the box's sides and length, and a bore that leaves 0.69 million voxels of wall
 TUNNEL_SHAPE = (300, 160, 160)
@@ -62,4 +65,13 @@ def tunnel(check: int = 10) -> Volume:
 
 
 # built-in scenes by command-line name
-SCENES: dict[str, Callable[[], Volume]] = {"tunnel": tunnel, "terrain": terrain, "nerve": nerve, "letter-f": letter_f}
+SCENES: dict[str, Callable[[], Volume]] = {
+    "tunnel": tunnel,
+    "terrain": terrain,
+    "nerve": nerve,
+    "letter-f": letter_f,
+    "marschner-lobb": marschner_lobb,
+    "balls": balls,
+    "sinusoids": sinusoids,
+    "sinusoids-3": partial(sinusoids, 3),
+}

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from splatgl.truth.report.front import ERRORS, cheapest, front, standing
 from splatgl.truth.report.methods import AXES, TRUTHS, axis_of, methods
 from splatgl.truth.report.results import Results, Row, Scene
+from splatgl.truth.report.subject import LEVELS
 from splatgl.truth.report.words import (
     Gist,
     as_milliseconds,
@@ -27,7 +28,11 @@ INTRO = (
     "one time as at another: what other reports find within these brackets are the times over those of exact, round "
     "by round. Errors are those of linear, premultiplied light over all four channels; RMSE is relative to the truth's "
     "own root mean square. {truths} The sampled truth is drawn in float32; the ray integral is sampled more coarsely, "
-    "and its difference from splats of the same samples added to the sampled truth."
+    "and its difference from splats of the same samples added to the sampled truth. The field is sampled as coarsely, "
+    "at {rays}×{rays} rays a pixel and {steps} points a voxel. Of a scene with a formula it is the formula, so that "
+    "errors are those of a true picture. Of other samples it is what the b-spline reconstructs: methods with that "
+    "kernel miss only what sheets, steps and pixels add, others also how far their field is from it. Extraction is "
+    "not part of a frame: its seconds are in the table of all methods."
 )
 FRONT = (
     "A method is on the front if, beside every other that is as right or more, it takes less than 1/1.1 of the time in "
@@ -38,9 +43,10 @@ FRONT = (
 )
 PEERS = (
     "VTK casts rays through the same samples with the same camera, opacities over the same length, linear colours and "
-    "head light. Not comparable: it interpolates samples and classifies what comes out, where splats classify voxels "
-    "and mix what comes out, so that its errors are mostly that of another picture; it writes 8 bits; it takes no "
-    "account of pixels wider than voxels; its mapper for the CPU shades in fixed point, and darker (see its energy)."
+    "head light. It interpolates samples and classifies what comes out, as methods classified after reconstruction do: "
+    "it is on the front of the field with them. Against the other truths it is not comparable, where splats classify "
+    "voxels and mix what comes out. It writes 8 bits; at k×k its own samples are averaged; its mapper for the CPU "
+    "shades in fixed point, and darker (see its energy)."
 )
 FRONT_HEAD = ("method", "ms a frame", "times exact's", "RMSE", "maximum", "99.9 %", "over 1/255", "energy", "FLIP", "")
 GIST_HEAD = (
@@ -53,10 +59,12 @@ GIST_HEAD = (
     "antialiasing, 1998",
     "exact",
     "splatting itself",
+    "the field, exact",
+    "nearest",
 )
 # name of the diagram without a scene
 CONVERGENCE = "convergence"
-NAMES = {"reference": "drawing", "sampled": "antialiasing", "integral": "splatting"}
+NAMES = {"reference": "drawing", "sampled": "antialiasing", "integral": "splatting", "field": "the field"}
 
 
 @dataclass(frozen=True)
@@ -127,7 +135,8 @@ def _gists(results: Results) -> Table:
         cost = f"{gist.cost:.2g}" if gist.cost else ""
         width, height = scene.about["size"]
         size = f"{grouped(scene.about['splats'])}, {width}×{height}"
-        rows.append((scene.name, size, *drawn, cost, *map(number, gist.filtered), number(gist.least)))
+        fielded = number(gist.field), f"{number(gist.nearest.error)}, {gist.nearest.name}" if gist.nearest else ""
+        rows.append((scene.name, size, *drawn, cost, *map(number, gist.filtered), number(gist.least), *fielded))
     return Table("", GIST_HEAD, tuple(rows))
 
 
@@ -146,7 +155,9 @@ def _scene(scene: Scene) -> Iterator[Block]:
         yield _front(scene, truth)
     peers = [row for row in scene.rows if row.axis == "peers" and row.errors]
     if peers:
-        yield _table(f"Peers: {TRUTHS['integral']}", [(*_cells(scene, row, "integral"), "") for row in peers])
+        for truth in ("integral", "field"):
+            if truth in scene.truths:
+                yield _table(f"Peers: {TRUTHS[truth]}", [(*_cells(scene, row, truth), "") for row in peers])
         yield Text((PEERS,))
     yield _all(scene)
     omitted = _omitted(scene)
@@ -236,7 +247,7 @@ def _all(scene: Scene) -> Table:
     for row in scene.rows:
         if row.omitted:
             continue
-        times = milliseconds(row.timing), relative(row.timing, scene.usual)
+        times = milliseconds(row.timing), relative(row.timing, scene.usual), number(row.extraction)
         cells = [row.method, axis_of(row.method).name, *times]
         for truth in truths:
             own = next((p for p in points[truth] if p.name == row.method), None)
@@ -248,6 +259,7 @@ def _all(scene: Scene) -> Table:
         "what is varied",
         "ms a frame",
         "times exact's",
+        "s to extract",
         *(f"RMSE, {NAMES[truth]}" for truth in truths),
         "",
     )
@@ -300,7 +312,9 @@ def _how(results: Results) -> Iterator[Block]:
     machine = head["machine"]
     yield Heading("How it was measured")
     truths = "; ".join(f"**{NAMES[truth]}**: against {about}" for truth, about in TRUTHS.items())
-    yield Text((INTRO.format(rounds=head["rounds"], truths=f"What is measured: {truths}."), FRONT))
+    level = LEVELS[head["level"]]
+    how = {"rounds": head["rounds"], "rays": level.rays, "steps": level.steps}
+    yield Text((INTRO.format(truths=f"What is measured: {truths}.", **how), FRONT))
     yield registry()
     versions = ", ".join(f"{name} {found}" for name, found in machine["versions"].items())
     yield Text((f"Level {head['level']}; {machine['system']}, Python {machine['python']}, {versions}.",))

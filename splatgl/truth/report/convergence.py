@@ -17,6 +17,7 @@ from splatgl.splat.plan.settings import Footprint, Settings
 from splatgl.splat.view.camera import Camera
 from splatgl.truth import reference
 from splatgl.truth.drawing import Renderer
+from splatgl.truth.field import field_integral
 from splatgl.truth.integral import ray_integral
 from splatgl.truth.report.subject import Level
 
@@ -137,8 +138,12 @@ def _depths(closest: np.ndarray) -> np.ndarray:
     half = np.sqrt(np.maximum(RADIUS**2 - closest**2, 0.0))
     t = np.linspace(0, 1, POINTS)
     r = np.sqrt(closest[..., None] ** 2 + (half[..., None] * t) ** 2)
-    value = 0.5 * (1 + np.cos(np.pi * np.minimum(r / RADIUS, 1.0)))
-    return np.asarray(2 * half * sigma * np.trapezoid(value, t, axis=-1))
+    return np.asarray(2 * half * sigma * np.trapezoid(_value(r), t, axis=-1))
+
+
+def _value(r: np.ndarray) -> np.ndarray:
+    """The ball's value at distances r from its centre."""
+    return np.asarray(0.5 * (1 + np.cos(np.pi * np.minimum(r / RADIUS, 1.0))))
 
 
 def distance(renderer: Renderer, full: bool) -> Iterator[Pair]:
@@ -177,6 +182,19 @@ def slabs(renderer: Renderer, full: bool) -> Iterator[Pair]:
         yield count, _rmse(ray_integral(splats, camera, steps_per_voxel=count).pixels, right)
 
 
+def points(renderer: Renderer, full: bool) -> Iterator[Pair]:
+    """Points a voxel at which the field is classified, against many more: the discretization error of the fourth."""
+    volume, camera = ball(RADIUS), _camera(12)
+
+    def smooth(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        r = np.linalg.norm(places + np.asarray(volume.origin)[:, None], axis=0)
+        return _value(r), np.zeros(places.T.shape)
+
+    right = field_integral(volume, _transfer(), camera, smooth, steps_per_voxel=64).pixels
+    for count in (1, 2, 4, *((8, 16) if full else ())):
+        yield count, _rmse(field_integral(volume, _transfer(), camera, smooth, steps_per_voxel=count).pixels, right)
+
+
 STUDIES = (
     Study("table size", "texels a side", 2, "float32 from 1e−6 on", table),
     Study("radial table size", "entries", 2, "float32 from 1e−6 on", radial),
@@ -184,6 +202,7 @@ STUDIES = (
     Study("voxel size beyond z_k", "voxels a radius", 2, "float32's blending of thousands of splats a pixel", distance),
     Study("picture size", "pixels a side", 2, "what one splat can't know of its pixel", picture),
     Study("slabs of the ray integral", "slabs a voxel", 2, "nothing down to 1e−6", slabs),
+    Study("points of the field", "points a voxel", 2, "nothing down to 1e−6", points),
     # the end correction takes away the second order; the rims of footprints are not smooth enough for the fourth
     Study("samples a pixel", "samples an axis", 3, "float32 from 1e−6 on", samples),
 )

@@ -28,6 +28,7 @@ TITLES = {
     "reference": "how right it is drawn: against the float64 reference",
     "sampled": "with antialiasing: against supersampling",
     "integral": "with splatting itself: against the ray integral",
+    "field": "with classification: against the field itself",
 }
 # practical settings are highlighted, each by its own marker
 PRACTICAL = {DEFAULT: ("s", BLACK), PAPER: ("o", BLACK), PAPER_FLOAT: ("o", "white")}

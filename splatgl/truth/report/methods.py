@@ -17,10 +17,11 @@ from splatgl.splat.plan.settings import Settings
 TRUTHS = {
     "reference": "the float64 reference of the same splats: the error of drawing",
     "sampled": "exact splats at many samples a pixel: drawing and antialiasing",
-    "integral": "the ray integral of the field, at as many samples: all of it, splatting too",
+    "integral": "the ray integral of the same splats, at as many samples: splatting too",
+    "field": "the field itself, classified after reconstruction and finely marched: all of it, classification too",
 }
-DRAWING, ALL = ("reference",), ("reference", "sampled", "integral")
-FILTERING = ("sampled", "integral")
+DRAWING, ALL = ("reference",), tuple(TRUTHS)
+FILTERING = ("sampled", "integral", "field")
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,8 @@ class Method:
 class Axis:
     """Methods along one choice. truths: of the diagrams that show it; connected: whether a line joins them.
 
-    competes: whether it renders the same image as others, so that they can be ranked.
+    fronts: the truths for whose front it competes: those for which others render the same image; None: all of `truths`.
+    apart: whether it has no other truths, since it does not render the splats' image.
     """
 
     name: str
@@ -66,7 +68,17 @@ class Axis:
     methods: tuple[Method, ...]
     truths: tuple[str, ...] = DRAWING
     connected: bool = True
-    competes: bool = True
+    fronts: tuple[str, ...] | None = None
+    apart: bool = False
+
+    def competes(self, truth: str) -> bool:
+        """Whether its methods are ranked by their errors against that truth."""
+        return truth in (self.truths if self.fronts is None else self.fronts)
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """The truths that its methods are measured against."""
+        return self.truths if self.apart else ALL
 
 
 AXES: dict[str, Axis] = {}
@@ -98,6 +110,16 @@ def _each(name: str, key: str, values: tuple[Any, ...], quick: tuple[Any, ...], 
     for value in values:
         text = f"{value:g}" if isinstance(value, float) else str(value)
         made.append(Method(f"{name} {text}", {**others, key: value}, text, quick=value in quick))
+    return tuple(made)
+
+
+def _sampled(name: str, counts: tuple[int, ...], peer: str = "", **others: Any) -> tuple[Method, ...]:
+    """A method with one sample in the middle of each pixel, and others with k×k."""
+    made = []
+    for k in counts:
+        kind = {"antialias": "supersample", "samples": k} if k > 1 else {"antialias": "off"}
+        label = f"{k}×{k}" if k > 1 else name
+        made.append(Method(f"{name} {label}" if k > 1 else name, {**others, **kind}, label, quick=k < 4, peer=peer))
     return tuple(made)
 
 
@@ -164,10 +186,11 @@ register(
 register(
     Axis(
         "kernel",
-        "another kernel, against its own truths: not on the front, since it is another picture",
+        "another kernel, against its own truths: not on their fronts, since it is another picture",
         (Method("gaussian", {"kernel": "gaussian"}, "gaussian"),),
+        ("reference", "field"),
         connected=False,
-        competes=False,
+        fronts=("field",),
     )
 )
 register(
@@ -248,11 +271,31 @@ register(
 )
 register(
     Axis(
+        "sheets",
+        "splats add up within as many sheets, which composite; classified before",
+        tuple(Method(f"sheets {n}", {"compositing": "sheets", "sheets": n}, str(n), quick=n == 3) for n in (2, 3, 4)),
+        ("integral", "field"),
+        apart=True,
+    )
+)
+for _kernel in ("b-spline", "crawfis-max"):
+    register(
+        Axis(
+            f"post {_kernel}",
+            "classified after reconstruction, in sheets; at one and at k×k samples a pixel",
+            _sampled(f"post {_kernel}", (1, 2, 4), classification="post", kernel=_kernel),
+            ("field",),
+            apart=True,
+        )
+    )
+register(
+    Axis(
         "peers",
         "VTK's ray casters, two samples a voxel, 8 bits; they classify what they interpolate (with --peers)",
-        (Method("VTK, CPU", label="VTK, CPU", peer="cpu"), Method("VTK, OpenGL", label="VTK, OpenGL", peer="gpu")),
+        (*_sampled("VTK, CPU", (1, 2, 4), peer="cpu"), Method("VTK, OpenGL", label="VTK, OpenGL", peer="gpu")),
         FILTERING,
         connected=False,
-        competes=False,
+        fronts=("field",),
+        apart=True,
     )
 )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from typing import Any
 
@@ -46,7 +46,9 @@ class Peer:
         shaded = transfer.shading if settings.shading == "auto" else settings.shading == "on"
         spawn = multiprocessing.get_context("spawn")
         self.pipe, theirs = spawn.Pipe()
-        scene = (volume.samples, volume.spacing, volume.origin, volume.direction, transfer, shaded, camera)
+        samples = settings.samples if settings.antialias == "supersample" else 1
+        fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
+        scene = (volume.samples, volume.spacing, volume.origin, volume.direction, transfer, shaded, fine, samples)
         self.process = spawn.Process(target=_serve, args=(theirs, MAPPERS[mapper], scene), daemon=True)
         self.process.start()
 
@@ -59,10 +61,10 @@ class Peer:
             self.pipe.send(True)
             if not self.pipe.poll(PATIENCE):
                 raise EOFError
-            samples, seconds = self.pipe.recv()
+            sums, full, seconds = self.pipe.recv()
         except (EOFError, OSError) as error:
             raise expected("peer", "a frame by VTK", "none: its process ended or hangs") from error
-        return Image(samples.astype(np.float32) / np.float32(255), {"blend": "composite"}), seconds
+        return Image(sums.astype(np.float32) / np.float32(full), {"blend": "composite"}), seconds
 
     def close(self) -> None:
         """Ends the process."""
@@ -84,17 +86,21 @@ def _check(volume: Volume, transfer: Transfer, camera: Camera, settings: Setting
             raise expected("peers", this, got)
 
 
-def _serve(pipe: Any, mapper: str, scene: tuple[Any, ...]) -> None:
-    """Draws a frame for every message."""
+def _serve(pipe: Any, mapper: str, scene: Sequence[Any]) -> None:
+    """Draws a frame for every message: sums of its samples, their full scale, and the seconds it took."""
+    *scene, k = scene
     frame = _frame(mapper, scene)
     while True:
         pipe.recv()
         started = time.perf_counter()
-        samples = frame()
-        pipe.send((samples, time.perf_counter() - started))
+        drawn = frame()
+        # sums of samples, which are integers
+        height, width = drawn.shape[0] // k, drawn.shape[1] // k
+        sums = drawn.reshape(height, k, width, k, 4).sum(axis=(1, 3), dtype=np.uint32) if k > 1 else drawn
+        pipe.send((sums, 255.0 * k * k, time.perf_counter() - started))
 
 
-def _frame(mapper_name: str, scene: tuple[Any, ...]) -> Callable[[], np.ndarray]:
+def _frame(mapper_name: str, scene: Sequence[Any]) -> Callable[[], np.ndarray]:
     """A function that draws: uint8 [H, W, 4], row 0 on top."""
     import vtk
 

@@ -24,6 +24,7 @@ class Row:
     bound: float | None = None
     tolerance: float | None = None
     splats: int = 0
+    extraction: float | None = None
     drawn: dict[str, Any] = field(default_factory=dict)
 
     def error(self, truth: str, name: str = "rmse") -> float | None:
@@ -101,5 +102,9 @@ def _row(line: dict[str, Any], times: dict[str, dict[int, float]]) -> Row:
         same_as=line["same_as"],
         omitted=line["omitted"],
         timing=Timing.of(seconds) if seconds else None,
-        **{name: line[name] for name in ("errors", "missing", "bound", "tolerance", "splats", "drawn") if name in line},
+        **{
+            name: line[name]
+            for name in ("errors", "missing", "bound", "tolerance", "splats", "extraction", "drawn")
+            if name in line
+        },
     )

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import hashlib
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from splatgl.data.errors import InputError, expected
+from splatgl.data.scene_fields import Formula
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.extract import POST_KERNEL
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.resolve import depth_range
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
 from splatgl.truth.report.methods import Method
 
-# (threshold, number of 2× downsamplings) → splats
-Build = Callable[[float, int], Splats]
+# (threshold, number of 2× downsamplings, kernel of values that are classified after reconstruction, else "") → splats
+Build = Callable[[float, int, str], Splats]
 
 
 @dataclass(frozen=True)
@@ -26,7 +30,7 @@ class Level:
 
     size: pixels of an image's longer side. rounds: timings per method. splats: approximate maximum, beyond which
     the volume is downsampled; None: never. samples: of the sampled truth, along an axis of a pixel. rays, steps: of
-    the ray integral, along an axis of a pixel and for each voxel. all_methods: those that are not quick, too.
+    the integrals along rays, along an axis of a pixel and for each voxel. all_methods: those that are not quick, too.
     """
 
     name: str
@@ -48,7 +52,10 @@ LEVELS = {
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A scene with its camera. note: its modifications, for the reader. content: input of peers, for volumes."""
+    """A scene with its camera. note: its modifications, for the reader. content: of peers and the field, for volumes.
+
+    formula: of which the volume is samples, None if unknown. seconds: that extraction took, by the splats' `id`.
+    """
 
     name: str
     camera: Camera
@@ -56,22 +63,47 @@ class Subject:
     build: Build
     note: str = ""
     content: tuple[Volume, Transfer] | None = None
-    kept: dict[tuple[float, int], Splats] = field(default_factory=dict)
+    formula: Formula | None = None
+    kept: dict[tuple[float, int, str], Splats] = field(default_factory=dict)
+    seconds: dict[int, float] = field(default_factory=dict)
 
-    def splats(self, threshold: float = 0.0, coarse: int = 0) -> Splats:
-        """The splats above that threshold, of voxels downsampled that often; cached."""
-        key = (threshold, coarse)
+    def splats(self, threshold: float = 0.0, coarse: int = 0, post: str = "") -> Splats:
+        """The splats above that threshold, of voxels downsampled that often; cached.
+
+        post: kernel of values that are classified after reconstruction. Raises InputError as `extract`.
+        """
+        key = (threshold, coarse, post)
         if key not in self.kept:
-            made = self.build(threshold, coarse)
+            started = time.perf_counter()
+            made = self.build(threshold, coarse, post)
+            seconds = time.perf_counter() - started
             # a threshold that removes nothing changes nothing
             same = threshold > 0 and len(made) == len(self.splats(0.0, coarse))
             self.kept[key] = self.splats(0.0, coarse) if same else made
+            self.seconds.setdefault(id(self.kept[key]), seconds)
         return self.kept[key]
+
+    @property
+    def no_field(self) -> str:
+        """Why it is not a field that is classified by value; empty if it is."""
+        try:
+            if self.content is None:
+                raise expected("field", "a volume", "splats alone")
+            if self.content[1].gradient:
+                raise expected("field", "opacities by value", "opacities by gradient")
+            if self.settings.blend != "composite":
+                raise expected("field", "blend composite", self.settings.blend)
+            self.splats(post=POST_KERNEL)
+        except InputError as error:
+            return str(error)
+        return ""
 
     def drawn(self, method: Method) -> tuple[Splats, Settings]:
         """Splats and settings of `method`. Raises InputError for what the scene does not allow."""
         settings = method.settings(self.settings, depth_range(self.splats(), self.camera))
-        return self.splats(method.threshold, method.coarse), settings
+        kernel = settings.kernel if settings.kernel != "auto" else POST_KERNEL
+        post = kernel if settings.classification == "post" else ""
+        return self.splats(method.threshold, method.coarse, post), settings
 
     def mark(self) -> str:
         """Identifier of the scene: 16 hexadecimal digits of its splats and its camera."""

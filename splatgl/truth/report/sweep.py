@@ -12,7 +12,7 @@ from splatgl.data.image import Image
 from splatgl.splat.plan.settings import Settings
 from splatgl.truth.drawing import Planner
 from splatgl.truth.report.errors import errors
-from splatgl.truth.report.methods import TRUTHS, Method, axis_of, methods
+from splatgl.truth.report.methods import Method, axis_of, methods
 from splatgl.truth.report.peers import Peer
 from splatgl.truth.report.store import Store
 from splatgl.truth.report.subject import Level, Subject
@@ -84,10 +84,11 @@ class Sweep:
         return {
             **line,
             "splats": len(splats),
+            "extraction": round(self.subject.seconds[id(splats)], 6),
             "tolerance": settings.tolerance,
             "bound": image.info["error_bound"],
             "drawn": {name: image.info[name] for name in DRAWN} | {"technique": plan.program.technique},
-            **self._measured(image, settings, tuple(TRUTHS)),
+            **self._measured(image, settings, method),
         }
 
     def _peer_picture(self, method: Method) -> dict[str, object]:
@@ -102,14 +103,14 @@ class Sweep:
             image = self._peer(method).frame()[0]
         except InputError as error:
             return {**line, "omitted": str(error)}
-        return {**line, **self._measured(image, self.subject.settings, axis_of(method.name).truths)}
+        return {**line, **self._measured(image, self.subject.settings, method)}
 
     def _peer(self, method: Method) -> Peer:
         if method.name not in self.peers:
             if self.subject.content is None:
                 raise expected("peers", "a volume", "splats alone")
-            subject = self.subject
-            self.peers[method.name] = Peer(method.peer, self.subject.content, subject.camera, subject.settings)
+            settings = self.subject.settings.but(**method.changes)
+            self.peers[method.name] = Peer(method.peer, self.subject.content, self.subject.camera, settings)
         return self.peers[method.name]
 
     def close(self) -> None:
@@ -118,11 +119,16 @@ class Sweep:
             peer.close()
         self.peers.clear()
 
-    def _measured(self, image: Image, settings: Settings, truths: tuple[str, ...]) -> dict[str, object]:
-        """The errors against each truth, or the reason why there are none."""
+    def _measured(self, image: Image, settings: Settings, method: Method) -> dict[str, object]:
+        """The errors against each of the method's truths, or the reason why there are none.
+
+        That the scene has no field is recorded with the scene.
+        """
         found: dict[str, object] = {}
         missing: dict[str, str] = {}
-        for truth in truths:
+        for truth in axis_of(method.name).measured:
+            if truth == "field" and self.subject.no_field:
+                continue
             try:
                 flip = self.flip and truth == FLIP_TRUTH
                 found[truth] = errors(image, self.truths.get(truth, settings), flip).as_dict()

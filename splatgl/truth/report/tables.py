@@ -19,6 +19,7 @@ FIELDS = (
     "same_as",
     "omitted",
     "splats",
+    "extraction",
     "seconds",
     "seconds_low",
     "seconds_high",
@@ -58,6 +59,7 @@ def _cells(scene: Scene, row: Row) -> dict[str, Any]:
         "same_as": row.same_as,
         "omitted": "; ".join([*filter(None, (row.omitted,)), *(f"{name}: {why}" for name, why in row.missing.items())]),
         "splats": row.splats,
+        "extraction": row.extraction,
         "tolerance": row.tolerance,
         "bound": row.bound,
     }

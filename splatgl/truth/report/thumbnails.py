@@ -19,10 +19,11 @@ from splatgl.truth.report.truths import Truths
 
 # methods shown, if drawn
 PREVIEW = "preview 1/2"
-SHOWN = (PAPER, "grid", "ray", DEFAULT, "no antialiasing", "2×2", "4×4", PREVIEW)
+SPLATS = (PAPER, "grid", "ray", DEFAULT, "no antialiasing", "2×2", "4×4", PREVIEW)
+SHOWN = (*SPLATS, "sheets 3", "post b-spline", "post b-spline 2×2")
 # percentile of the worst method's differences shown as the brightest
 BRIGHTEST = 99.5
-COMPARED = ("reference", "sampled")
+COMPARED = ("reference", "sampled", "field")
 # images up to this many pixels a side are enlarged on the page
 SQUARES = 128
 
@@ -50,34 +51,32 @@ class Strip:
 
 def strip(renderer: Renderer, subject: Subject, scene: Scene, truths: Truths) -> Strip:
     """Redraws the methods: the images are bitwise identical."""
-    names = [name for name in SHOWN if (row := scene.row(name)) is not None and not row.omitted]
+    rows = {name: row for name in SHOWN if (row := scene.row(name)) is not None and not row.omitted}
     drawn: dict[str, Image] = {}
     found: dict[tuple[str, str], np.ndarray] = {}
-    for name in names:
+    for name, row in rows.items():
         splats, settings = subject.drawn(methods()[name])
         drawn[name] = renderer.render(splats, subject.camera, settings)
         for truth in COMPARED:
-            try:
+            if truth in row.errors:
                 found[name, truth] = largest(drawn[name], truths.get(truth, settings))
-            except InputError:
-                # no such truth for this method; the page lists it as omitted
-                continue
     scales = {t: _scale([d for (name, of), d in found.items() if of == t and name != PREVIEW]) for t in COMPARED}
     peak = max((float(image.pixels.max()) for image in drawn.values()), default=1.0) or 1.0
     peak = peak if subject.settings.blend == "xray" else 1.0
     cells = [Thumbnail(name, data_uri(shown(right, peak)), {}) for name, right in _truth(truths, subject.settings)]
-    for name in names:
+    for name in rows:
         heats = {t: _heat(found[name, t], scales[t]) for t in COMPARED if (name, t) in found}
         cells.append(Thumbnail(name, data_uri(shown(drawn[name], peak)), heats))
     return Strip(tuple(cells), scales, max(subject.camera.size) <= SQUARES)
 
 
 def _truth(truths: Truths, settings: Settings) -> Iterator[tuple[str, Image]]:
-    """The sampled truth by its name, if any."""
-    try:
-        yield "sampled truth", truths.get("sampled", settings)
-    except InputError:
-        return
+    """The sampled truth and the field by their names, if any."""
+    for truth, name in (("sampled", "sampled truth"), ("field", "the field")):
+        try:
+            yield name, truths.get(truth, settings)
+        except InputError:
+            continue
 
 
 def _scale(differences: list[np.ndarray]) -> float:

@@ -1,26 +1,34 @@
-"""The three truths for measuring errors, each computed once and cached in a folder."""
+"""The truths for measuring errors, each computed once and cached in a folder."""
 
 from __future__ import annotations
 
 import hashlib
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected
+from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image, write_whole
+from splatgl.data.scene_fields import Formula
+from splatgl.data.volume import Volume
+from splatgl.splat.extraction.extract import POST_KERNEL
 from splatgl.splat.plan.settings import Settings
 from splatgl.truth import reference
 from splatgl.truth.drawing import Renderer
+from splatgl.truth.field import Field, field_integral
 from splatgl.truth.integral import ray_integral
+from splatgl.truth.pixel_means import pixel_means
 from splatgl.truth.report.methods import TRUTHS
 from splatgl.truth.report.subject import Level, Subject
 
 # settings used by the truths: the reference uses all, the others those before the gap
 OPTICS = ("blend", "kernel", "shading", "background")
 FILTERS = ("antialias", "samples", "attenuation")
+# the field is not reconstructed by the settings' kernel
+FIELD = ("blend", "shading", "background")
 # tolerance of the sampled truth: nothing is omitted
 TIGHT = 1e-9
 # a reference of more samples than this takes minutes
@@ -42,7 +50,7 @@ class Truths:
         """
         if truth not in TRUTHS:
             raise expected("truth", " or ".join(TRUTHS), repr(truth))
-        names = OPTICS + (FILTERS if truth == "reference" else ())
+        names = FIELD if truth == "field" else OPTICS + (FILTERS if truth == "reference" else ())
         asked = {name: getattr(settings, name) for name in names}
         if truth == "reference":
             if settings.antialias != "supersample":
@@ -52,8 +60,10 @@ class Truths:
             self._check(asked)
             key = f"reference {asked}"
         else:
-            if truth == "integral" and settings.blend != "composite":
+            if truth in ("integral", "field") and settings.blend != "composite":
                 raise expected("ray integral", "blend composite", settings.blend)
+            if truth == "field" and self.subject.no_field:
+                raise InputError(self.subject.no_field)
             key = f"{truth} {self.level.samples} {self.level.rays} {self.level.steps} {asked}"
         pixels = self._made(key, truth, Settings(**asked))
         return Image(pixels, {"blend": settings.blend})
@@ -84,6 +94,8 @@ class Truths:
         return self.kept[key]
 
     def _draw(self, truth: str, settings: Settings) -> np.ndarray:
+        if truth == "field":
+            return self._field(settings)
         splats, camera = self.subject.splats(), self.subject.camera
         if truth == "reference":
             return reference.render(splats, camera, settings).pixels
@@ -95,6 +107,23 @@ class Truths:
         sampled = self.get("sampled", settings).pixels
         return np.asarray(sampled + integral - self._sampled(settings, rays))
 
+    def _field(self, settings: Settings) -> np.ndarray:
+        """The field of the scene's formula, else of its samples."""
+        assert self.subject.content is not None
+        volume, transfer = self.subject.content
+        if settings.shading != "auto":
+            transfer = replace(transfer, shading=settings.shading == "on")
+        (width, height), rays = self.subject.camera.size, self.level.rays
+        fine = self.subject.camera.resized((width * rays, height * rays))
+        field: Field | str = POST_KERNEL
+        if self.subject.formula is not None:
+            field = placed(self.subject.formula, volume)
+        drawn = field_integral(volume, transfer, fine, field, self.level.steps)
+        pixels = pixel_means(drawn.pixels, rays)
+        if settings.background is None:
+            return pixels
+        return np.asarray(pixels + (1 - pixels[..., 3:]) * np.array([*settings.background, 1.0]))
+
     def _sampled(self, settings: Settings, samples: int) -> np.ndarray:
         exact = settings.but(
             antialias="supersample" if samples > 1 else "off",
@@ -104,6 +133,12 @@ class Truths:
             occlusion="off",
         )
         return self.renderer.render(self.subject.splats(), self.subject.camera, exact).pixels.astype(np.float64)
+
+
+def placed(formula: Formula, volume: Volume) -> Field:
+    """The formula as a function of a volume's grid positions."""
+    world, origin = volume.world_from_index, np.asarray(volume.origin)[:, None]
+    return lambda places: formula(world @ places + origin)
 
 
 def _read(path: Path, shape: tuple[int, ...]) -> np.ndarray | None:

@@ -53,7 +53,7 @@ def as_milliseconds(seconds: float) -> str:
 
 def rivals(truth: str, scene: Scene) -> list[Point]:
     """The points that compete for the front of that truth."""
-    return [p for p in scene.points(truth) if truth in axis_of(p.name).truths and axis_of(p.name).competes]
+    return [p for p in scene.points(truth) if axis_of(p.name).competes(truth)]
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,7 @@ class Gist:
 
     old, new: drawing errors of the paper's settings and of the default ones; cost: the ratio of their times, new over
     old. filtered: errors against supersampling, of both. least: the smallest error against the ray integral, by `best`.
+    field: the default settings' error against the field; nearest: the rival nearest to it.
     """
 
     old: float | None
@@ -70,6 +71,8 @@ class Gist:
     filtered: tuple[float | None, float | None]
     least: float | None
     best: str
+    field: float | None
+    nearest: Point | None
 
     @classmethod
     def of(cls, scene: Scene) -> Gist:
@@ -81,7 +84,9 @@ class Gist:
         unfiltered, filtered = (row.error("sampled") if row else None for row in (paper, exact))
         best = min(rivals("integral", scene), key=lambda p: p.error, default=None)
         least, name = (best.error, best.name) if best else (None, "")
-        return cls(old, new, cost, (unfiltered, filtered), least, name)
+        field = exact.error("field") if exact else None
+        nearest = min(rivals("field", scene), key=lambda p: p.error, default=None)
+        return cls(old, new, cost, (unfiltered, filtered), least, name, field, nearest)
 
     @property
     def gain(self) -> float | None:
@@ -92,7 +97,8 @@ class Gist:
 def story(scene: Scene) -> list[str]:
     """Summary of the results, a sentence each."""
     gist = Gist.of(scene)
-    return [text for text in (_drawing(gist), _filtering(scene, gist), _splatting(gist), _worth(scene)) if text]
+    found = (_drawing(gist), _filtering(scene, gist), _splatting(gist), _worth(scene), _field(scene, gist))
+    return [text for text in found if text]
 
 
 def caption(scene: Scene, truth: str) -> str:
@@ -104,6 +110,8 @@ def caption(scene: Scene, truth: str) -> str:
         return f"exact is {number(gist.filtered[1])} away, 1998 {number(gist.filtered[0])}"
     if truth == "integral" and gist.least:
         return f"nothing comes below {number(gist.least)}"
+    if truth == "field" and gist.nearest and gist.field:
+        return f"{gist.nearest.name} is {number(gist.nearest.error)} away, exact {number(gist.field)}"
     return ""
 
 
@@ -143,12 +151,29 @@ def _splatting(gist: Gist) -> str:
 
 
 def _worth(scene: Scene) -> str:
-    """Members of the front for drawing errors, and methods that the timings cannot distinguish from them."""
+    """Members of the front for drawing errors."""
     points = rivals("reference", scene)
-    if not points:
+    return f"**On the front** when drawing: {_members(points)}" if points else ""
+
+
+def _field(scene: Scene, gist: Gist) -> str:
+    """The errors against the field, and the members of its front; or why there is no field."""
+    if scene.about.get("no_field"):
+        return f"**The field** is no truth here: {scene.about['no_field']}."
+    if gist.field is None or gist.nearest is None:
         return ""
+    what = "the formula" if scene.about.get("formula") else "the samples' b-spline"
+    near, points = gist.nearest, rivals("field", scene)
+    return (
+        f"**The field itself** ({what}, classified after reconstruction): exact is {number(gist.field)} away, "
+        f"{near.name} {number(near.error)} in {as_milliseconds(near.time.median)} ms. On its front: {_members(points)}"
+    )
+
+
+def _members(points: list[Point]) -> str:
+    """The front by name, and methods that the timings cannot distinguish from its members."""
     stands = {p.name: standing(p, points).word for p in points}
-    text = "**On the front** when drawing: " + ", ".join(p.name for p in front(points))
+    text = ", ".join(p.name for p in front(points))
     unsure = [name for name, word in stands.items() if word == "unsure"]
     if unsure:
         text += "; perhaps " + ", ".join(unsure)

@@ -42,6 +42,7 @@ def work(renderer: Planner, subjects: Sequence[Subject], task: Task, store: Stor
         if not known:
             splats = subject.splats()
             about = {"splats": len(splats), "size": list(subject.camera.size), "note": subject.note}
+            about |= {"no_field": subject.no_field, "formula": subject.formula is not None}
             store.add("scene", scene=subject.name, mark=subject.mark(), **about)
         truths = Truths(renderer, subject, task.level, task.folder)
         sweep = Sweep(renderer, subject, truths, store, task.flip)
