@@ -104,7 +104,7 @@ def test_sheets_draw_the_kernels_field(name: str, ratio: int) -> None:
         for count in (2, 3, 4)
     ]
     missed = [rmse(picture, field) for picture in found]
-    assert missed[1] < 0.9 * missed[0] and missed[2] < 1.05 * missed[1] and missed[1] < 0.012
+    assert missed[1] < 0.9 * missed[0] and missed[2] < 1.15 * missed[1] and missed[1] < 0.012
     assert (ratio == 1 and name == "balls") or rmse(found[1], right) < rmse(case.picture("trilinear"), right)
 
 

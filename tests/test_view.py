@@ -545,9 +545,12 @@ def test_splats_are_classified_as_the_settings_say(after: Content) -> None:
     assert after.after and after.whole and after.skin(1) is after.at(1) and after.at(1).post is not None
     assert after.counts[0] == len(after.at(1)) and after.at(1).post.kernel == "b-spline"
     assert after.classified(POST) is after and after.only_before(POST, False) is None
-    before = after.classified(POST.but(blend="xray"))
+    assert after.classified(POST.but(blend="xray")) is after
+    before = after.classified(POST, moving=True)
     assert before.at(1).post is None and len(before.at(1)) < len(after.at(1)) and not before.after
     assert before.classified(POST, moving=True) is before and before.classified(POST) is after
+    every = after.classified(POST.but(blend="mip"))
+    assert every.at(1).post is not None and len(every.at(1)) == after.volume.samples.size
     assert after.classified(sg.Settings()) is before and before.only_before(POST, True) == "motion blur"
     other = after.classified(POST.but(kernel="crawfis-max"))
     assert other.at(1).post is not None and other.at(1).post.kernel == "crawfis-max"
@@ -592,11 +595,10 @@ def test_the_window_draws_values_and_what_they_cannot_be(after: Content, rendere
     sheets = replace(state, settings=sg.Settings(compositing="sheets"))
     frame = painter.draw(sheets, after.classified(sheets.settings), LADDER[6], False, lambda: False)
     assert frame.info["classification"] == "pre" and frame.info["sheets"] == 3
-    xray = acted(state, "blend", after)
-    before = after.classified(xray.settings)
-    frame = painter.draw(xray, before, FULL, False, lambda: False)
-    assert (frame.info["classification"], frame.info["blend"]) == ("pre", "xray")
-    assert "blend xray takes splats classified before reconstruction: so they are" in said_of(xray, before, frame)
+    for blend in ("xray", "mip"):
+        other = replace(state, settings=POST.but(blend=blend))
+        frame = painter.draw(other, after.classified(other.settings), FULL, False, lambda: False)
+        assert (frame.info["classification"], frame.info["blend"]) == ("post", blend)
     blurred, before = replace(state, blur="exact"), after.classified(POST, moving=True)
     painter.draw(blurred, before, FULL, True, lambda: False)
     blurred = replace(blurred, pose=blurred.pose.spun(5.0, np.array([0.0, 0.0, 1.0])))
@@ -715,9 +717,8 @@ def test_what_is_saved_of_values_is_what_render_makes(
     given = ["render", str(tmp_path / "scene-001.toml"), "--backend", renderer.info.backend, "--quiet"]
     assert main([*given, "-o", str(tmp_path / "again.npy")]) == 0
     assert np.array_equal(np.load(tmp_path / "scene-001.npy"), np.load(tmp_path / "again.npy"))
-    assert Scene.from_toml(tmp_path / "scene-001.toml").settings.classification == (
-        "pre" if edit in ACTIONS else "post"
-    )
+    kind = "pre" if edit == "threshold-up" else "post"
+    assert Scene.from_toml(tmp_path / "scene-001.toml").settings.classification == kind
 
 
 def test_the_saved_picture_is_the_one_on_show(renderer: sg.Renderer, scene: Scene, tmp_path: Path) -> None:

@@ -393,11 +393,11 @@ def test_values_classified_after_reconstruction(values: Window, folder: Path) ->
     assert sg.Image.load(folder / saved).info["classification"] == "post"
     straight = sg.Image.load(folder / saved).over((0.0, 0.0, 0.0)).straight()[..., :3] * 255
     assert np.abs(straight - after)[:250].max() < 2 and after.max() > 100
-    # what values cannot be drawn as; back to them, and with another transfer function
+    # other blends; back, and with another transfer function
     window.key("i")
-    xray = window.key("b")
-    assert xray["settings"]["blend"] == "xray" and told_of(xray, "blend xray takes splats classified before")
-    assert xray["splats"] < plain["splats"]
+    xray, mip = window.key("b"), window.key("b")
+    assert [told["settings"]["blend"] for told in (xray, mip)] == ["xray", "mip"]
+    assert told_of(mip, "classified after") and xray["splats"] == plain["splats"] < mip["splats"]
     while window.key("b")["settings"]["blend"] != "composite":
         pass
     edited = window.key("]")
