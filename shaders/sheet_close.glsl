@@ -1,9 +1,11 @@
 // The open sheets of ROWS pixels below `first`, and what closing the nearest adds to their light.
 // Twin of splatgl/truth/sheets.py.
 // switch SHADING 0
+// switch WEIGHTED 0
 #constant LEAST_MASS  // below which a sheet holds no value
 #constant CELLS       // of the classification table
 #constant TABLE_ROW   // ends of cells along its rows
+#constant WEIGHTS     // cells of the table of weights by gradient, in the rows behind
 #include "sheets.glsl"
 
 // extinction · linear RGB, and extinction, per reference length: integrals until the ends of its cells
@@ -12,6 +14,7 @@ uniform vec2 class_scale;       // a value's place in the table is x value + y
 uniform float class_unit;       // of the table's integrals, per cell
 uniform vec4 class_before;      // beyond its ends
 uniform vec4 class_behind;
+uniform vec2 weight_scale;      // a gradient's place in the table of weights is x |gradient| + y
 uniform vec3 box_low;           // the volume's box from the eye, index axes
 uniform vec3 box_high;
 
@@ -87,9 +90,32 @@ vec4 class_mean(Until first, Until last) {
     return first.cell == last.cell ? first.mean : max(between / (last.place - first.place), vec4(0.0));
 }
 
+float weight_at(int end) {
+    return uintBitsToFloat(class_texel((CELLS / TABLE_ROW + 1) * TABLE_ROW + end).r);
+}
+
+// The transfer function's weight of a gradient.
+float weight_of(vec3 gradient) {
+    float place = clamp(length(gradient) * weight_scale.x + weight_scale.y, 0.0, float(WEIGHTS));
+    int cell = min(int(place), WEIGHTS - 1);
+    return mix(weight_at(cell), weight_at(cell + 1), place - float(cell));
+}
+
+// Extinction of that share of an extinction's opacity, both per reference length.
+float weighted(float extinction, float weight) {
+    float opacity = one_minus_exp(extinction) * weight;
+    if (weight >= 1.0) return extinction;
+    float series = opacity * (1.0 + opacity * (0.5 + opacity * (1.0 / 3.0 + opacity * (0.25 + opacity * 0.2))));
+    return opacity < 0.05 ? series : -log(1.0 - opacity);
+}
+
 // Light that reaches the eye from behind `light`, through `length_` reference lengths of matter of that emission and
 // extinction, with that gradient.
 vec4 over(vec4 light, vec4 matter, vec3 gradient, float length_, vec3 toward) {
+    if (WEIGHTED == 1) {
+        float weight = weight_of(gradient);
+        matter *= matter.a > 1e-30 ? weighted(matter.a, weight) / matter.a : weight;
+    }
     matter *= length_;
     if (SHADING == 1 && STEPS > 0) {
         float size2 = dot(gradient, gradient);

@@ -248,6 +248,25 @@ def test_no_spike_is_passed_over(renderer: sg.Renderer, view: str, width: float)
             assert np.abs(alpha - right).max() < 1e-4
 
 
+@pytest.mark.parametrize("technique", ["tiles", "quads"])
+def test_gradients_weigh_opacities(renderer: sg.Renderer, technique: Technique) -> None:
+    """The twin's picture; where values rise evenly, the weight of their slope."""
+    transfer = sg.Transfer(RAMP.points, gradient=[(0.02, 0), (0.1, 1)], colormap="hot")
+    splats = sg.extract(sg.Volume(cells(), **GRIDS["sheared"]), transfer, classification="post")
+    camera, settings = eyes(splats)["fitted"], EXACT.but(sheets=2, steps=2, technique=technique)
+    assert differences(renderer, splats, camera, settings).max() < 1e-4
+    plain = splats.classified_after(splats.post.recolored(replace(transfer, gradient=())))
+    assert np.abs(drawn(splats) - drawn(plain)).max() > 0.1
+    volume = sg.Volume(np.indices((24, 12, 12))[0] * 0.5, spacing=(2.0, 2.0, 2.0))
+    ray = sg.Camera.orthographic((11.3, 10.7, -9), (11.3, 10.7, 0), (0, 1, 0), 0.5, (1, 1))
+    points, lengths = [(3.0, 0.0), (3.0, 0.1)], (23.5 - 6) * 2
+    for weight in (1.0, 0.25, 1e-3, 0.0):
+        slope = sg.Transfer(points, unit=2.0, gradient=[(0.0, 0.0), (0.25, weight), (9, 0)], shading=False)
+        splats = sg.extract(volume, slope, classification="post")
+        alpha = renderer.render(splats, ray, settings).pixels[0, 0, 3]
+        assert abs(np.log1p(-alpha) - np.log1p(-0.1 * weight) * lengths / 2) <= 0.05 * weight
+
+
 def test_means_of_classes() -> None:
     """Between any two values, across steps and spikes, as sums of many small parts; and beyond the ends."""
     points = [(0, 0.1), (2, 0.5), (2, 0), (5, 0), (5.001, 0.9), (5.002, 0), (9, 0.3), (9, 0.7)]

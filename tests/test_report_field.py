@@ -114,21 +114,14 @@ def test_who_competes_for_which_front() -> None:
     assert axis_of("gaussian").competes("field") and not axis_of("gaussian").competes("reference")
 
 
-def gradient(subject: Subject) -> Subject:
-    assert subject.content is not None
-    transfer = replace(subject.content[1], gradient=((0.0, 0.0), (1.0, 1.0)))
-    return replace(subject, content=(subject.content[0], transfer))
-
-
 @pytest.mark.parametrize(
     ("changed", "why"),
     [
         (lambda subject: replace(subject, content=None), "splats alone"),
-        (gradient, "opacities by gradient"),
         (lambda subject: replace(subject, settings=sg.Settings(blend="xray")), "blend composite"),
         (lambda subject: opened("letter-f", LEVEL), "colours of its own"),
     ],
-    ids=["splats", "gradient", "xray", "colours"],
+    ids=["splats", "xray", "colours"],
 )
 def test_scenes_without_a_field(
     renderer: sg.Renderer, balls: Subject, tmp_path: Path, changed: Callable[[Subject], Subject], why: str

@@ -30,7 +30,7 @@ CALL = re.compile(r"\b(\w+)\(")
 # functions that only move data, or only choose which other computes
 PLUMBING = {
     *("choose", "exact_quad", "give_matter", "listed_at", "plain_quad", "projected", "read_record", "read_splat"),
-    *("splat_quad", "texel_of", "unpacked_extent", "read_scaled", "next_base", "placed", "class_texel"),
+    *("splat_quad", "texel_of", "unpacked_extent", "read_scaled", "next_base", "placed", "class_texel", "weight_at"),
     *("open_pixel", "read_ring", "write_ring"),
 }
 

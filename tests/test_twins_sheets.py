@@ -20,7 +20,7 @@ from splatgl.splat.sheets.sheets import Sheets
 from splatgl.splat.view.view import View
 from splatgl.truth import blend as blends
 from splatgl.truth.rays import Rays
-from splatgl.truth.sheets import _Field, composited
+from splatgl.truth.sheets import _Field, composited, weighted
 
 RAMP = sg.Transfer([(0, 0), (1, 0.9)], colormap="hot", shading=True)
 
@@ -261,6 +261,28 @@ def test_classes_of_values(
     expression = "Until it = class_until(l); result = vec4(it.below) * class_unit + it.above"
     until = class_until(post, last) * a / post.span
     assert np.abs(twin("sheet_draw.comp", expression, plan, splats, state, **places) - until).max() < 1e-4 * until.max()
+
+
+def weight_of(splats: sg.Splats, gradient: np.ndarray) -> np.ndarray:
+    """Of gradients [N, 3] of record values per mean spacing."""
+    size = np.linalg.norm(gradient, axis=1) * splats.post.span / splats.grid.mean_spacing
+    return splats.post.transfer.weight(size)
+
+
+def test_weights_of_gradients(renderer: sg.Renderer, twin: Twin, rng: np.random.Generator) -> None:
+    transfer = sg.Transfer([(0, 0), (1, 0.9)], gradient=[(0.3, 0.1), (0.8, 1), (0.8, 0.5), (1.5, 0)])
+    splats = samples("sheared", transfer=transfer)
+    plan, gradient = planned(splats, "fitted", 3), rng.normal(size=(COUNT, 3))
+    class_state(renderer, splats)
+    found = twin("sheet_draw.comp", "result.x = weight_of(g)", plan, splats, uniforms(splats, plan), g=gradient)[:, 0]
+    off = np.abs(found - weight_of(splats, gradient))
+    # a step within a cell is a ramp there
+    assert plan.program.look.weighted and (off < 1e-4).mean() > 0.99 and off.max() < 0.5
+    inputs = {"e": 10 ** rng.uniform(-9, 1.2, COUNT), "w": np.minimum(rng.uniform(0, 1.1, COUNT), 1)}
+    found = twin("sheet_draw.comp", "result.x = weighted(e, w)", plan, splats, uniforms(splats, plan), **inputs)[:, 0]
+    right = weighted(inputs["e"], inputs["w"])
+    # a weight near 1 of an opacity near 1 leaves few digits
+    assert (np.abs(found - right) <= 4e-6 * right * np.maximum(1, 0.1 * np.exp(right))).all()
 
 
 def test_light_over_matter(renderer: sg.Renderer, twin: Twin, rng: np.random.Generator) -> None:

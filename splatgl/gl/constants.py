@@ -50,6 +50,7 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "RUN_OCTAVES": run_lengths.OCTAVES,
     "SHORT": blur_table.SHORT,
     "TABLE_ROW": TABLE_ROW,
+    "WEIGHTS": post.WEIGHTS,
 }
 
 

@@ -46,6 +46,7 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "CUBIC": seen.cubic,
         "HALF_LINE": seen.half_line,
         "SHADING": look.shading,
+        "WEIGHTED": look.weighted,
         "JOIN": f"JOIN_{look.blend.join.upper()}",
         # values are means by shares of the peak
         "PEAK": look.blend.peak or look.steps > 0,
@@ -126,34 +127,34 @@ class Programs:
 
     def for_splats(self, program: Program) -> moderngl.Program:
         """The program that draws splats as quads with a plan's choices."""
-        switches = splat_switches(program)
-        key = tuple(switches.items())
+        stages = "splat.vert", "splat.frag"
+        key = self._read(stages, program, {})
         if key not in self.splat:
-            self.splat[key] = self._keep(build(self.ctx, "splat.vert", "splat.frag", switches))
+            self.splat[key] = self._keep(build(self.ctx, *stages, dict(key)))
         return self.splat[key]
 
     def for_screen(
         self, fragment: str, program: Program | None = None, more: Switches | None = None
     ) -> moderngl.Program:
         """A fragment shader over the whole target, with a plan's choices if it has any; more: its own switches."""
-        key = (fragment, self._read(fragment, program, more or {}) if program else ())
+        key = (fragment, self._read((fragment,), program, more or {}) if program else ())
         if key not in self.screen:
             self.screen[key] = self._keep(build(self.ctx, "whole.vert", fragment, dict(key[1])))
         return self.screen[key]
 
     def for_tiles(self, name: str, program: Program, more: Switches) -> moderngl.ComputeShader:
         """One of the tile compute shaders; more: its own switches."""
-        key = (name, self._read(name, program, more))
+        key = (name, self._read((name,), program, more))
         if key not in self.tiles:
             self.tiles[key] = build_compute(self.ctx, name, dict(key[1]))
             self.owned.callback(self.tiles[key].release)
         return self.tiles[key]
 
-    def _read(self, name: str, program: Program, more: Switches) -> Chosen:
-        """The plan's switches that the shader reads; a change of any other recompiles nothing."""
-        asked = (name, program, *more.items())
+    def _read(self, stages: tuple[str, ...], program: Program, more: Switches) -> Chosen:
+        """The plan's switches that the shaders read; a change of any other recompiles nothing."""
+        asked = (stages, program, *more.items())
         if asked not in self.read:
-            read = declared_switches(name)
+            read = frozenset().union(*map(declared_switches, stages))
             chosen = {**splat_switches(program), **more}
             self.read[asked] = tuple((switch, value) for switch, value in chosen.items() if switch in read)
         return self.read[asked]

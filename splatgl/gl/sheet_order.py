@@ -34,6 +34,10 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
     }
     if post is not None:
         found |= class_uniforms(post)
+        if plan.program.look.weighted:
+            _, low, step = post.weights
+            # of gradients of record values per mean spacing
+            found["weight_scale"] = (post.span / splats.grid.mean_spacing / step, -low / step)
         found |= {
             "box_low": tuple(-0.5 - view.eye_index),
             "box_high": tuple(np.array(post.shape) - 0.5 - view.eye_index),

@@ -9,7 +9,7 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.constants import TABLE_ROW
-from splatgl.splat.classification.post import PostClassified
+from splatgl.splat.classification.post import WEIGHTS, PostClassified
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.kernels import Kernel, footprint_table, half_line_table, radial_table
 from splatgl.splat.motion.blur_table import blur_table
@@ -17,6 +17,8 @@ from splatgl.splat.plan.plan import Plan
 
 # texture units
 FOOTPRINT_UNIT, HALF_LINE_UNIT, BLUR_UNIT, CLASS_UNIT = 0, 1, 3, 15
+# rows of weights by gradient behind the classification table
+WEIGHT_ROWS = WEIGHTS // TABLE_ROW + 1
 # bits of a texel → moderngl's dtype, numpy's, and the stored value of 1.0
 FORMATS: dict[int, tuple[str, np.dtype, int]] = {
     32: ("f4", np.dtype("<f4"), 1),
@@ -56,9 +58,13 @@ class Tables:
         if kept is None or kept[0] is not splats.post:
             table, _ = splats.post.table
             rows = -(-len(table) // TABLE_ROW)
-            texels = np.pad(table, [(0, rows * TABLE_ROW - len(table)), (0, 0)])
+            texels = np.zeros((rows + WEIGHT_ROWS, TABLE_ROW, 4), np.uint32)
+            texels[:rows].reshape(-1, 4)[: len(table)] = table
+            if splats.post.transfer.gradient:
+                weights = splats.post.weights[0].view(np.uint32)
+                texels[rows:].reshape(-1, 4)[: len(weights), 0] = weights
             if kept is None:
-                texture = self.ctx.texture((TABLE_ROW, rows), 4, texels.tobytes(), dtype="u4")
+                texture = self.ctx.texture(texels.shape[1::-1], 4, texels.tobytes(), dtype="u4")
                 texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
                 self.owned.callback(texture.release)
             else:

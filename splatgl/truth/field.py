@@ -115,9 +115,10 @@ class Marched:
             some = slice(first, first + POINTS)
             value, gradient = self.field(places[:, some])
             found[some, :3] = self.transfer.color(value)
-            found[some, 3] = self.transfer.extinction(self.transfer.opacity(value), self.unit) * self.spacing
+            size = np.linalg.norm(gradient, axis=1)
+            opacity = self.transfer.opacity(value) * self.transfer.weight(size)
+            found[some, 3] = self.transfer.extinction(opacity, self.unit) * self.spacing
             if self.shading:
-                size = np.linalg.norm(gradient, axis=1)
                 cosine = np.abs((gradient * toward[some]).sum(axis=1)) / np.where(size > 0, size, 1.0)
                 found[some, :3] *= np.where(size > 0, AMBIENT + DIFFUSE * np.minimum(cosine, 1.0), 1.0)[:, None]
         return found

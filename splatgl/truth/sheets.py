@@ -100,13 +100,15 @@ class _Field:
     post: PostClassified
     view: View
     shading: bool
+    weighted: bool
     spacing: float
     unit: float
 
     @classmethod
     def of(cls, splats: Splats, resolved: Resolved, view: View) -> _Field:
         assert splats.post is not None
-        return cls(resolved.look.blend, splats.post, view, resolved.look.shading, splats.grid.mean_spacing, splats.unit)
+        look, spacing = resolved.look, splats.grid.mean_spacing
+        return cls(look.blend, splats.post, view, look.shading, look.weighted, spacing, splats.unit)
 
     def composited(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, 4]: sums [P, sheets, 5] of mass, value and gradient, from sheet `first` on."""
@@ -150,10 +152,14 @@ class _Field:
         `first` to `last`.
         """
         matter = self.post.integral.mean(self.post.value(first[:, 0]), self.post.value(last[:, 0]))
+        gradient = (first[:, 1:] + last[:, 1:]) / 2
+        size = np.linalg.norm(gradient, axis=1)
+        if self.weighted:
+            weight = self.post.transfer.weight(size * self.post.span / self.spacing)
+            extinction = matter[:, 3]
+            matter *= (weighted(extinction, weight) / np.where(extinction > 0, extinction, 1.0))[:, None]
         matter = matter * (length * self.spacing / self.unit)[:, None]
         if self.shading:
-            gradient = (first[:, 1:] + last[:, 1:]) / 2
-            size = np.linalg.norm(gradient, axis=1)
             cosine = np.abs((gradient * toward).sum(axis=1)) / np.where(size > 0, size, 1.0)
             matter[:, :3] *= np.where(size > 0, AMBIENT + DIFFUSE * np.minimum(cosine, 1.0), 1.0)[:, None]
         if self.blend.unbounded:
@@ -161,3 +167,10 @@ class _Field:
         depth = matter[:, 3]
         share = np.where(depth > 0, -np.expm1(-depth) / np.where(depth > 0, depth, 1.0), 1.0)
         return np.asarray(light + ((1 - light[:, 3]) * share)[:, None] * matter)
+
+
+def weighted(extinction: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Extinction of that share of an extinction's opacity, both per reference length."""
+    share = np.minimum(-np.expm1(-extinction) * weight, 1.0)
+    with np.errstate(divide="ignore"):
+        return np.where(weight < 1, -np.log1p(-share), extinction)

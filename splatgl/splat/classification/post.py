@@ -14,8 +14,8 @@ import numpy as np
 from splatgl.splat.classification.class_integral import ClassIntegral
 from splatgl.splat.classification.transfer import Transfer
 
-# cells of the classification table
-CELLS = 2**14
+# cells of the classification table, and of that of weights by gradient
+CELLS, WEIGHTS = 2**14, 2**10
 # largest multiple of the transfer function's range that a value is kept at; means stay finite in float32
 FURTHEST = 2.0**20
 # least range of a transfer function relative to its largest record value: two float32 numbers in each table cell
@@ -108,6 +108,18 @@ class PostClassified:
     def table(self) -> tuple[np.ndarray, float]:
         """uint32 [CELLS + 1, 4], and their unit: see `ClassIntegral.table`."""
         return self.integral.table(CELLS)
+
+    @cached_property
+    def weights(self) -> tuple[np.ndarray, float, float]:
+        """float32 [WEIGHTS + 1]: weights at gradients from the second number, values per world length, in steps of the
+        third.
+        """
+        nodes = [size for size, _ in self.transfer.gradient]
+        low, high = nodes[0], max(nodes[-1], nodes[0] * (1 + 1e-6), 1e-30)
+        sizes = np.linspace(low, high, WEIGHTS + 1)
+        # a value at a step is on its upper side; the table begins on the lower one
+        sizes[0] = np.nextafter(low, -np.inf)
+        return self.transfer.weight(sizes).astype(np.float32), low, (high - low) / WEIGHTS
 
     def extinction(self, u: np.ndarray) -> np.ndarray:
         """Per reference length, float64, of record values u [N]; means over the table's cells."""

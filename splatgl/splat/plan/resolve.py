@@ -42,7 +42,7 @@ class Look:
     """Appearance of splats. attenuation: opacity, optical-depth or fill. shading: whether lit from the eye.
 
     sheets: sheets that share a splat; 0: splats composite one by one. steps: points between two where values are
-    classified; 0: splats are classified before.
+    classified; 0: splats are classified before. weighted: whether gradients weigh opacities classified there.
     """
 
     blend: BlendMode
@@ -50,6 +50,7 @@ class Look:
     shading: bool
     sheets: int = 0
     steps: int = 0
+    weighted: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,8 +104,11 @@ class Resolved:
         after = sheets is not None and sheets.steps > 0
         attenuation = "optical-depth" if after else _attenuation(settings, antialias or moving)
         look = Look(BLENDS[settings.blend], attenuation, shading)
+        if sheets:
+            weighted = splats.post is not None and bool(splats.post.transfer.gradient) and not look.blend.one_value
+            look = replace(look, sheets=sheets.count, steps=sheets.steps, weighted=weighted)
         return cls(
-            look=replace(look, sheets=sheets.count, steps=sheets.steps) if sheets else look,
+            look=look,
             samples=samples,
             averaged=settings.antialias in AVERAGED,
             camera=fine,

@@ -89,8 +89,6 @@ class Subject:
         try:
             if self.content is None:
                 raise expected("field", "a volume", "splats alone")
-            if self.content[1].gradient:
-                raise expected("field", "opacities by value", "opacities by gradient")
             if self.settings.blend != "composite":
                 raise expected("field", "blend composite", self.settings.blend)
             self.splats(post=POST_KERNEL)
