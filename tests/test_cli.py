@@ -259,3 +259,19 @@ def test_provenance_is_json_in_the_png(here: Path) -> None:
     assert main(["render", "noise.npy", "--size", "8", "--paper"]) == 0
     text = json.loads(Pillow.open("noise.png").info["splatgl"])
     assert text["footprint"] == "table 256×256 at 8 bits"
+
+
+def test_defaults_of_an_earlier_version(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a scene file gives stays; what it leaves out is as it was."""
+    monkeypatch.chdir(tmp_path)
+    np.save("noise.npy", np.random.default_rng(1).random((8, 8, 8)))
+    Path("scene.toml").write_text('volume = "noise.npy"\n[camera]\nsize = [16, 16]\n[settings]\nantialias = "off"\n')
+    before = sg.Settings.like("0.1")
+    assert (before.classification, before.compositing, before.antialias) == ("pre", "splats", "paper")
+    assert sg.Settings.like("0.1", antialias="auto") == before.but(antialias="auto")
+    assert main(["render", "scene.toml", "--like", "0.1", "-o", "like.png"]) == 0
+    told = sg.Image.load("like.png").info
+    assert (told["classification"], told["sheets"], told["antialias"]) == ("pre", 0, False)
+    assert main(["render", "scene.toml", "--like", "0.0", "-o", "none.png"]) == 2 and not Path("none.png").exists()
+    with pytest.raises(sg.InputError, match=r"^like: expected a version that is known: 0\.1, got '1998'$"):
+        sg.Settings.like("1998")

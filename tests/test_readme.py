@@ -348,7 +348,7 @@ def settings_rows() -> dict[str, list[str]]:
 
 def test_every_setting_is_in_the_table() -> None:
     names = {f"--{field.name.replace('_', '-')}" for field in fields(Settings)}
-    assert names | {"--paper"} == set(settings_rows())
+    assert names | {"--paper", "--like"} == set(settings_rows())
 
 
 def test_settings_table_is_the_code() -> None:

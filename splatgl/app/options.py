@@ -13,7 +13,7 @@ from splatgl.app.scene import Scene, View
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.readers import LoadOptions
 from splatgl.splat.classification.presets import PRESETS
-from splatgl.splat.plan.settings import Settings, choices
+from splatgl.splat.plan.settings import LIKE, Settings, choices
 
 NAMED_COLORS = {"black": "#000000", "white": "#ffffff", "gray": "#808080"}
 
@@ -102,6 +102,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--table-bits", type=int, choices=(8, 16, 32), metavar="8|16|32", help="bits a texel (32)")
     group.add_argument("--tolerance", type=float, metavar="E", help="largest allowed error (1/255)")
     group.add_argument("--background", type=_color, metavar="COLOUR", help="transparent, black, white or #rrggbb")
+    group.add_argument("--like", metavar="VERSION", help="the defaults of an earlier version: " + ", ".join(LIKE))
     group.add_argument("--paper", action="store_true", help="the 1998 hardware path: hybrid, 8-bit table and target")
 
 
@@ -117,6 +118,8 @@ def scene_from(args: argparse.Namespace) -> Scene:
     """The scene from all options; they override a scene.toml."""
     scene = scene_from_source(args)
     settings = Settings.paper() if args.paper else scene.settings
+    if args.like is not None:
+        settings = Settings.like(args.like, **settings.given)
     threshold = scene.threshold if args.threshold is None else args.threshold
     return replace(
         scene,

@@ -141,7 +141,7 @@ class Scene:
         if self.threshold:
             lines.append(f"threshold = {_toml('threshold', float(self.threshold))}")
         camera = {**_told(self.view), "size": self.view.size}
-        tables = {"load": reading, "transfer": self.transfer, "camera": camera, "settings": _told(self.settings)}
+        tables = {"load": reading, "transfer": self.transfer, "camera": camera, "settings": self.settings.given}
         for name, table in tables.items():
             given = {key: value for key, value in table.items() if value is not None}
             lines += ["", f"[{name}]"] if given else []
@@ -181,7 +181,7 @@ def _relative(path: str, folder: Path) -> str:
     return f"./{near}" if near in SCENES else near
 
 
-def _told(record: View | Settings) -> dict[str, Any]:
+def _told(record: View) -> dict[str, Any]:
     """The fields that differ from their defaults."""
     values = {f.name: getattr(record, f.name) for f in fields(record)}
     return {f.name: values[f.name] for f in fields(record) if values[f.name] != f.default}

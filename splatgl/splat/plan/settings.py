@@ -44,6 +44,9 @@ FULL_SHUTTER = 360.0
 # sheets that share a splat, and most points between two
 LEAST_SHEETS, MOST_SHEETS, MOST_STEPS = 2, 4, 8
 
+# the defaults of earlier versions
+LIKE: dict[str, dict[str, Any]] = {"0.1": {"classification": "pre", "compositing": "splats", "antialias": "paper"}}
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -118,12 +121,24 @@ class Settings:
         if self.background is not None:
             object.__setattr__(self, "background", _background(self.background))
 
+    @property
+    def given(self) -> dict[str, Any]:
+        """The fields that differ from their defaults."""
+        return {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) != f.default}
+
     def but(self, **changes: Any) -> Settings:
         """These settings with some changed; InputError for an unknown name."""
         unknown = set(changes) - {field.name for field in fields(self)}
         if unknown:
             raise expected("settings", "names of Settings' fields", ", ".join(sorted(unknown)))
         return replace(self, **changes)
+
+    @classmethod
+    def like(cls, version: str, **changes: Any) -> Settings:
+        """The defaults of an earlier version, "0.1": its default picture, within its error bound."""
+        if version not in LIKE:
+            raise expected("like", f"a version that is known: {', '.join(LIKE)}", repr(version))
+        return cls(**LIKE[version]).but(**changes)
 
     @classmethod
     def paper(cls, **changes: Any) -> Settings:
