@@ -275,3 +275,23 @@ def test_defaults_of_an_earlier_version(tmp_path: Path, monkeypatch: pytest.Monk
     assert main(["render", "scene.toml", "--like", "0.0", "-o", "none.png"]) == 2 and not Path("none.png").exists()
     with pytest.raises(sg.InputError, match=r"^like: expected a version that is known: 0\.1, got '1998'$"):
         sg.Settings.like("1998")
+
+
+def test_rows_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where no error bound is known, and where it is asked for; what is compared is the picture."""
+    monkeypatch.chdir(tmp_path)
+    np.save("noise.npy", np.random.default_rng(1).random((8, 8, 8)))
+    asked = ["render", "noise.npy", "--size", "24", "-o", "x.png"]
+    assert main([*asked, "--classification", "post", "--antialias", "auto"]) == 0
+    assert re.search(
+        r"not known to be met\noff by at most \S+, RMSE \S+, in 2 rows drawn in float64", capsys.readouterr().out
+    )
+    checked = sg.Image.load("x.png").info["checked"]
+    assert 0 < checked["rmse"] < checked["largest"] < 0.02 and len(checked["rows"]) == 2
+    for rows, told in (("5", "5 rows"), ("0", None)):
+        assert main([*asked, "--check", rows]) == 0
+        assert ("drawn in float64" in capsys.readouterr().out) == bool(told)
+    assert main([*asked, "--check", "25"]) == 2 and "expected 0 to 24 rows, got 25" in capsys.readouterr().err
+    # a picture that is wrong is told from one that is right
+    monkeypatch.setattr("splatgl.app.render.render_rows", lambda splats, camera, *_: np.full((2, 24, 4), 0.5))
+    assert main([*asked, "--check", "2"]) == 0 and sg.Image.load("x.png").info["checked"]["largest"] > 0.3

@@ -16,7 +16,7 @@ from splatgl.truth import pairs
 from splatgl.truth.blend import ADD, Band, Part, Sum
 from splatgl.truth.extent import Boxes
 from splatgl.truth.pixel_means import pixel_means
-from splatgl.truth.reference import render
+from splatgl.truth.reference import render, render_rows
 
 PEAK = float(kernel("crawfis-max").footprint(np.zeros(())))
 # extinctions of a near and a far splat, and their colours, exact in float32
@@ -295,3 +295,14 @@ def test_letter_reads_as_drawn() -> None:
     assert np.nonzero(red)[0].mean() > rows.mean() + 5
     top = columns[rows < 25]
     assert top.mean() > 25 and (rows < 30).mean() > 0.4
+
+
+@pytest.mark.parametrize("compositing", ["splats", "sheets"])
+@pytest.mark.parametrize("antialias", ["off", "auto", "supersample"])
+def test_rows_are_those_of_the_picture(antialias: str, compositing: str) -> None:
+    splats = sg.extract(sg.Volume(np.random.default_rng(3).random((6, 6, 6))), sg.Transfer([(0.4, 0), (1, 0.8)]))
+    camera = sg.Camera.orbit(splats, 30, 20, size=(20, 16), zoom=1.6)
+    settings = sg.Settings(antialias=antialias, samples=3, compositing=compositing, background=(0.1, 0.2, 0.3))
+    rows, whole = [0, 7, 15], render(splats, camera, settings).pixels
+    assert np.ptp(whole[rows]) > 0.3
+    assert np.abs(render_rows(splats, camera, settings, rows) - whole[rows]).max() < 1e-12

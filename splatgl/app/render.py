@@ -22,11 +22,15 @@ from splatgl.gl.renderer import Renderer
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
 from splatgl.truth.compare_read import read
+from splatgl.truth.reference import render_rows
 
 # delay of the progress bar in seconds
 PATIENCE = 1.0
+# rows of pixels compared with float64 where no error bound is known
+CHECKED = 2
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
@@ -39,6 +43,12 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ref", metavar="FILE", help="compare with this picture; write only if it differs, and exit 1")
     parser.add_argument("--explain", action="store_true", help="say what is drawn, what is left out, and why")
     parser.add_argument("--savings", action="store_true", help="draw with what is left out, and say what that takes")
+    parser.add_argument(
+        "--check",
+        type=int,
+        metavar="ROWS",
+        help=f"compare rows of pixels with float64 ({CHECKED} if no bound is known)",
+    )
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     add_drawing(parser)
     parser.set_defaults(run=run)
@@ -62,6 +72,7 @@ def run(args: argparse.Namespace) -> int:
         if args.explain:
             print(renderer.plan(splats, camera, scene.settings).explain())
         image = renderer.render(splats, camera, scene.settings)
+        image = _checked(image, splats, camera, scene.settings, args.check)
         if args.explain:
             print(f"{_accuracy(image)}, against the float64 reference of the same splats")
         if args.savings:
@@ -97,16 +108,36 @@ def _summary(output: Path, image: Image, splats: Splats, camera: Camera) -> str:
             f"{output}: {camera.size[0]}×{camera.size[1]}, {len(splats):,} splats in {info['seconds']:.2f} s",
             f"{info['blend']}, {info['kernel']}, align {info['align']}, {info['footprint']}, target {info['target']}",
             f"by {info['renderer']} ({info['backend']})",
-            *([] if info["tolerance_met"] else [_accuracy(image)]),
+            *([] if info["tolerance_met"] and "checked" not in info else [_accuracy(image)]),
         ]
     )
 
 
+def _checked(image: Image, splats: Splats, camera: Camera, settings: Settings, rows: int | None) -> Image:
+    """The image with the largest and the mean error of some of its rows, spread over what is in it."""
+    count = rows if rows is not None else CHECKED * (image.info["error_bound"] is None)
+    if not 0 <= count <= camera.size[1]:
+        raise expected("--check", f"0 to {camera.size[1]} rows", count)
+    some = np.flatnonzero(image.pixels[..., 3].max(axis=1) > 0)
+    if count == 0 or not len(some):
+        return image
+    chosen = np.unique(some[((np.arange(count) + 0.5) / count * len(some)).astype(int)])
+    off = image.pixels[chosen] - render_rows(splats, camera, settings, chosen.tolist())
+    checked = {"rows": chosen.tolist(), "largest": float(np.abs(off).max()), "rmse": float(np.sqrt((off**2).mean()))}
+    return Image(image.pixels, {**image.info, "checked": checked})
+
+
 def _accuracy(image: Image) -> str:
-    """Text of the error bound and whether it meets the tolerance."""
-    error, tolerance = image.info["error_bound"], image.info["tolerance"]
+    """Text of the error bound and whether it meets the tolerance, and of what was compared."""
+    info = image.info
+    error, tolerance, checked = info["error_bound"], info["tolerance"], info.get("checked")
     known = f"error bound {error:.3g}" if isinstance(error, float) else "no error bound"
-    return f"{known}: the tolerance {tolerance:.3g} is {'' if image.info['tolerance_met'] else 'not '}met"
+    missed = "not " if isinstance(error, float) else "not known to be "
+    told = f"{known}: the tolerance {tolerance:.3g} is {'' if info['tolerance_met'] else missed}met"
+    if not isinstance(checked, dict):
+        return told
+    rows = f"{len(checked['rows'])} rows drawn in float64"
+    return f"{told}\noff by at most {checked['largest']:.2g}, RMSE {checked['rmse']:.2g}, in {rows}"
 
 
 def nothing(scene: Scene, volume: Volume) -> InputError:
