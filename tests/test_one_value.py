@@ -210,7 +210,7 @@ def test_the_plan_tells_what_it_does() -> None:
     splats = sg.extract(sg.Volume(cells()), sg.Transfer(RAMP.points, shading=True), classification="post-all")
     for blend in BLENDED:
         told = sg.plan(splats, eyes(splats)["fitted"], sg.Settings(blend=blend), tiles=True).explain()
-        assert "shading left out" in told and "ordering left out" not in told and "2 points between" in told
+        assert "shading left out" in told and "ordering left out" not in told and "2 parts between" in told
 
 
 def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,7 @@
 """Sheets in float64: the twin of `shaders/sheet_draw.comp`, with exact footprints and transfer functions.
 
 Classified before: extinction and extinction · colour add up within a sheet. Classified after: values and gradients
-are means within a sheet, linear between two sheets, and classified at points between them, or joined to one value
+are means within a sheet, linear between two sheets, and classified in parts between them, or joined to one value
 that is classified.
 """
 

@@ -28,7 +28,7 @@ MOST_SAMPLES = 4
 MOST_SIDE, MOST_AREA = 16384, 2**26
 # kernel of splats that are classified before
 PRE_KERNEL = "crawfis-max"
-# sheets that share a splat, and points between two, from these tolerances on
+# sheets that share a splat, and parts between two, from these tolerances on
 SHEETS = ((0.005, 2, 2), (3e-3, 3, 2), (0.0, 3, 3))
 # such points of blends of one value: there means are as smooth as the field on average, and extremes neither too large
 # nor too small
@@ -41,8 +41,8 @@ END_CORRECTION = 1 / 24
 class Look:
     """Appearance of splats. attenuation: opacity, optical-depth or fill. shading: whether lit from the eye.
 
-    sheets: sheets that share a splat; 0: splats composite one by one. steps: points between two where values are
-    classified; 0: splats are classified before. weighted: whether gradients weigh opacities classified there.
+    sheets: sheets that share a splat; 0: splats composite one by one. steps: parts between two, each classified
+    once; 0: splats are classified before. weighted: whether gradients weigh opacities classified there.
     """
 
     blend: BlendMode

@@ -41,7 +41,7 @@ MAX_TABLE_SIZE = 4096
 MAX_SAMPLES = 64
 # a shutter that never closes, in degrees
 FULL_SHUTTER = 360.0
-# sheets that share a splat, and most points between two
+# sheets that share a splat, and most parts between two
 LEAST_SHEETS, MOST_SHEETS, MOST_STEPS = 2, 4, 8
 
 # the defaults of earlier versions
@@ -57,8 +57,8 @@ class Settings:
     that is registered.
     classification auto (as splats were extracted) | pre (voxels are classified) | post (the reconstructed values are).
     compositing splats (every splat in order) | sheets (splats add up within sheets of equal distance from the eye,
-    which composite; always if classified after). sheets: 2 to 4 that share a splat; steps: 1 to 8 points between two
-    sheets where values are classified; None: by the tolerance.
+    which composite; always if classified after). sheets: 2 to 4 that share a splat; steps: 1 to 8 parts between two
+    sheets, each classified once; None: by the tolerance.
     antialias paper (stretched beyond z_k) | auto (as many samples a pixel as voxels and tolerance ask for) | off |
     supersample (samples × samples a pixel). align auto | exact | ray | grid | hybrid
     (ray-perpendicular up to depth z_s, grid-aligned beyond; z_s in world units, None: from `tolerance`).

@@ -26,7 +26,7 @@ MOST_SHEETS = 2**15
 class Sheets:
     """count: sheets that share a splat, 2 to 4. thickness: index units.
 
-    steps: points between two sheets at which values are classified; 0: splats are classified before.
+    steps: parts between two sheets, each classified once; 0: splats are classified before.
     """
 
     count: int
@@ -47,7 +47,7 @@ class Sheets:
     def explain(self) -> str:
         """A description, one line."""
         how = (
-            f"classified after reconstruction, at {self.steps} points between two"
+            f"classified after reconstruction, in {self.steps} parts between two"
             if self.steps
             else "classified before"
         )
