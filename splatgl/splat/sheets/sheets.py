@@ -47,9 +47,7 @@ class Sheets:
     def explain(self) -> str:
         """A description, one line."""
         how = (
-            f"classified after reconstruction, in {self.steps} parts between two"
-            if self.steps
-            else "classified before"
+            f"classified after reconstruction, in {self.steps} parts between two" if self.steps else "classified before"
         )
         return f"sheets {self.thickness:.3g} voxels thick, {self.count} share a splat, {how}"
 
