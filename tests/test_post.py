@@ -110,11 +110,14 @@ def test_widened_kernels_are_their_twin_s(renderer: sg.Renderer) -> None:
         assert differences(renderer, splats, eyes(splats)[view], settings).max() < allowed
 
 
-def test_by_default_the_error_is_of_the_tolerance_s_size(renderer: sg.Renderer) -> None:
-    """A polynomial whose error is 8e−4 of a footprint's peak weighs values; its share of single pixels is larger."""
-    splats, settings = matter(), sg.Settings(sheets=2, steps=1)
+@pytest.mark.parametrize("tolerance", [1 / 255, 0.01])
+def test_the_error_is_of_the_tolerance_s_size(renderer: sg.Renderer, tolerance: float) -> None:
+    """A polynomial whose error is 4e−5, or 8e−4, of a footprint's peak weighs values; single pixels are off by more."""
+    splats, settings = matter(), sg.Settings(sheets=2, steps=1, tolerance=tolerance)
+    chosen = renderer.plan(splats, eyes(splats)["fitted"], settings)
+    assert chosen.program.footprint == ("single" if tolerance > 0.005 else "polynomial")
     off = differences(renderer, splats, eyes(splats)["fitted"], settings)
-    assert off.max() < 5 * settings.tolerance and np.sqrt((off**2).mean()) < 0.25 * settings.tolerance
+    assert off.max() < 2 * tolerance and np.sqrt((off**2).mean()) < 0.25 * tolerance
 
 
 @pytest.mark.parametrize(
