@@ -36,8 +36,8 @@ float streaked() {
     return blended(value);
 }
 
-#if SHEETS
 void main() {
+#if SHEETS
     float share = footprint();
     vec4 term = STEPS == 0 ? splat.a * vec4(splat.rgb, 1.0) : splat;
     for (int n = 0; n < SHEETS; n++) {
@@ -46,10 +46,8 @@ void main() {
         masses[n] = share * sheet_shares[n];
 #endif
     }
-}
 #else
-void main() {
     bool moves = MOTION != MOTION_OFF && path_step != vec2(0.0);
     fragment = vec4(splat.rgb, 1.0) * (moves ? streaked() : blended(splat.a * footprint()));
-}
 #endif
+}
