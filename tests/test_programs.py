@@ -99,7 +99,8 @@ def distinct(found: set[Program]) -> set[tuple[object, ...]]:
             read = {**switches, more: switches.get(more, True)}
             keys.add((name, *((s, read[s]) for s in sorted(declared_switches(name) & read.keys()))))
         if program.technique != "tiles":
-            keys.add(("splat", *sorted(switches.items())))
+            declared = declared_switches("splat.vert") | declared_switches("splat.frag")
+            keys.add(("splat", *sorted((name, value) for name, value in switches.items() if name in declared)))
     return keys
 
 
@@ -107,7 +108,7 @@ def compiles(renderer: sg.Renderer, keys: set[tuple[object, ...]]) -> None:
     for name, *switches in sorted(keys, key=str):
         if name == "splat":
             build(renderer.ctx, "splat.vert", "splat.frag", dict(switches)).release()
-        elif name.endswith(".frag"):
+        elif str(name).endswith(".frag"):
             build(renderer.ctx, "whole.vert", name, dict(switches)).release()
         else:
             build_compute(renderer.ctx, name, dict(switches)).release()
