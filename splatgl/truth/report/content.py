@@ -44,7 +44,7 @@ FRONT = (
 PEERS = (
     "VTK casts rays through the same box of samples with the same camera, opacities over the same length, linear "
     "colours and head light. It interpolates samples and classifies what comes out, as methods classified after "
-    "reconstruction do: it is on the front of the field with them. Against the other truths it is not comparable, where "
+    "reconstruction do: it is on the front of the field with them. Against the other truths it is not comparable: "
     "splats classify voxels and mix what comes out. Its light is parallel, and it lights samples without a gradient by "
     "ambient light alone; its caster for the CPU ends rays at an opacity of 0.992, the one for OpenGL writes 8 bits; "
     "at k×k its own samples are averaged."
