@@ -16,6 +16,8 @@ import pytest
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.report import listed
+from splatgl.data.scenes import SCENES
+from splatgl.truth.field import field_integral
 from splatgl.truth.integral import ray_integral
 from splatgl.truth.report import content, work
 from splatgl.truth.report import methods as registry
@@ -432,6 +434,36 @@ def test_peers_draw_the_same_scene(tmp_path: Path) -> None:
         # the same ball at the same place, its edge aside
         assert np.abs(image.pixels - drawn).mean() < 0.2 * drawn.mean()
         assert np.abs(image.pixels[20, 20] - drawn[20, 20]).max() < 0.05
+
+
+@pytest.mark.parametrize("mapper", MAPPERS)
+def test_peers_draw_the_trilinear_field(mapper: str) -> None:
+    pytest.importorskip("vtk")
+    volume = SCENES["balls"]()
+    drawn, field = peer_and_field(mapper, volume, sg.default_transfer(volume))
+    # measured: 0.023 of the blue by the CPU's caster, 0.0037 of the others by OpenGL's
+    assert np.abs(drawn.sum(axis=(0, 1)) / field.sum(axis=(0, 1)) - 1).max() < 0.03
+    assert np.sqrt(np.square(drawn - field).mean()) < 0.003
+
+
+@pytest.mark.parametrize(("mapper", "bound"), [("cpu", 0.02), ("gpu", 0.1)])
+def test_peers_draw_the_box_of_the_voxels(mapper: str, bound: float) -> None:
+    """Half a voxel beyond the outer samples, on a turned grid; OpenGL's steps reach beyond it by a part of a step."""
+    pytest.importorskip("vtk")
+    turned = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    ramp = np.broadcast_to(np.linspace(0, 1, 9, dtype=np.float32), (5, 7, 9))
+    volume = sg.Volume(ramp, (1.0, 1.5, 2.0), (3.0, 4.0, 5.0), turned)
+    transfer = sg.Transfer(points=[(0, 0.1), (1, 0.3)], unit=1.5, shading=False)
+    drawn, field = peer_and_field(mapper, volume, transfer)
+    assert np.abs(drawn.sum(axis=(0, 1)) / field.sum(axis=(0, 1)) - 1).max() < bound
+    assert np.sqrt(np.square(drawn - field).mean()) < 0.03
+
+
+def peer_and_field(mapper: str, volume: sg.Volume, transfer: sg.Transfer) -> tuple[np.ndarray, np.ndarray]:
+    """A peer's picture and the trilinear field's, [48, 48, 4]."""
+    camera = sg.Camera.orbit(volume, azimuth=30, elevation=20, size=(48, 48))
+    with closing(Peer(mapper, (volume, transfer), camera, sg.Settings())) as peer:
+        return peer.frame()[0].pixels, field_integral(volume, transfer, camera, "trilinear", 4).pixels
 
 
 def test_samples_of_peers_are_averaged() -> None:

@@ -42,11 +42,12 @@ FRONT = (
     "Errors that agree to 26 % count as the same; of methods of the same error and time the first stands for all."
 )
 PEERS = (
-    "VTK casts rays through the same samples with the same camera, opacities over the same length, linear colours and "
-    "head light. It interpolates samples and classifies what comes out, as methods classified after reconstruction do: "
-    "it is on the front of the field with them. Against the other truths it is not comparable, where splats classify "
-    "voxels and mix what comes out. It writes 8 bits; at k×k its own samples are averaged; its mapper for the CPU "
-    "shades in fixed point, and darker (see its energy)."
+    "VTK casts rays through the same box of samples with the same camera, opacities over the same length, linear "
+    "colours and head light. It interpolates samples and classifies what comes out, as methods classified after "
+    "reconstruction do: it is on the front of the field with them. Against the other truths it is not comparable: "
+    "splats classify voxels and mix what comes out. Its light is parallel, and it lights samples without a gradient by "
+    "ambient light alone; its caster for the CPU ends rays at an opacity of 0.992, the one for OpenGL writes 8 bits; "
+    "at k×k its own samples are averaged."
 )
 FRONT_HEAD = ("method", "ms a frame", "times exact's", "RMSE", "maximum", "99.9 %", "over 1/255", "energy", "FLIP", "")
 GIST_HEAD = (

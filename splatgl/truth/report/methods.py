@@ -291,7 +291,7 @@ for _kernel in ("b-spline", "crawfis-max"):
 register(
     Axis(
         "peers",
-        "VTK's ray casters, two samples a voxel, 8 bits; they classify what they interpolate (with --peers)",
+        "VTK's ray casters, two samples a voxel; they classify what they interpolate (with --peers)",
         (*_sampled("VTK, CPU", (1, 2, 4), peer="cpu"), Method("VTK, OpenGL", label="VTK, OpenGL", peer="gpu")),
         FILTERING,
         connected=False,

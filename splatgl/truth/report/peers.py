@@ -1,7 +1,8 @@
 """VTK's ray casters on the same scene: same camera, opacities and colours, each in a separate process.
 
 Differences: they interpolate samples along rays between voxels and classify the result, whereas splats
-classify voxels and blend the result; they shade by gradients of interpolated samples; they write 8 bits.
+classify voxels and blend the result; their light is parallel and leaves ambient light alone where there is no
+gradient; a ray of the CPU's caster ends at an opacity of 0.992; the OpenGL caster writes 8 bits.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ STEPS_PER_VOXEL = 2
 COLORS = 512
 # width of an opacity step, as a fraction of the value range, which sets the resolution of VTK's texture
 STEP = 1e-3
+# full scale of the CPU's caster, and of the OpenGL caster
+FULL, FULL_8 = 32767.0, 255.0
 # timeout for a peer to start or to draw, seconds
 PATIENCE = 120.0
 
@@ -97,18 +100,18 @@ def _serve(pipe: Any, mapper: str, scene: Sequence[Any]) -> None:
         # sums of samples, which are integers
         height, width = drawn.shape[0] // k, drawn.shape[1] // k
         sums = drawn.reshape(height, k, width, k, 4).sum(axis=(1, 3), dtype=np.uint32) if k > 1 else drawn
-        pipe.send((sums, 255.0 * k * k, time.perf_counter() - started))
+        full = FULL_8 if drawn.dtype == np.uint8 else FULL
+        pipe.send((sums, full * k * k, time.perf_counter() - started))
 
 
 def _frame(mapper_name: str, scene: Sequence[Any]) -> Callable[[], np.ndarray]:
-    """A function that draws: uint8 [H, W, 4], row 0 on top."""
+    """A function that draws: uint8 [H, W, 4], or uint16 of at most FULL, row 0 on top."""
     import vtk
 
     # suppress VTK's messages on missing displays
     vtk.vtkLogger.SetStderrVerbosity(vtk.vtkLogger.VERBOSITY_OFF)
     samples, spacing, origin, direction, transfer, shaded, camera = scene
     mapper = getattr(vtk, mapper_name)()
-    mapper.SetInputData(_grid(vtk, samples, spacing, origin, direction))
     mapper.SetSampleDistance(min(spacing) / STEPS_PER_VOXEL)
     mapper.SetAutoAdjustSampleDistances(0)
     if "FixedPoint" in mapper_name:
@@ -116,8 +119,14 @@ def _frame(mapper_name: str, scene: Sequence[Any]) -> Callable[[], np.ndarray]:
         mapper.SetNumberOfThreads(os.cpu_count() or 1)
     volume, renderer, window = vtk.vtkVolume(), vtk.vtkRenderer(), vtk.vtkRenderWindow()
     volume.SetMapper(mapper)
+    _place(vtk, volume, samples, spacing, origin, direction)
     volume.SetProperty(_looks(vtk, samples, transfer, shaded, min(spacing)))
     renderer.AddVolume(volume)
+    light = vtk.vtkLight()
+    light.SetLightTypeToHeadlight()
+    # black unless set
+    light.SetAmbientColor(1.0, 1.0, 1.0)
+    renderer.AddLight(light)
     window.SetOffScreenRendering(1)
     window.SetAlphaBitPlanes(1)
     window.SetMultiSamples(0)
@@ -130,32 +139,67 @@ def _frame(mapper_name: str, scene: Sequence[Any]) -> Callable[[], np.ndarray]:
     view.SetViewUp(*(-camera.eye_from_world[1]))
     view.SetViewAngle(2 * np.degrees(np.arctan(camera.extent / 2)))
     renderer.ResetCameraClippingRange()
-    found = vtk.vtkUnsignedCharArray()
 
     def frame() -> np.ndarray:
         # an unmodified scene would not be redrawn
         volume.Modified()
         view.Modified()
         window.Render()
-        window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, found)
-        from vtk.util.numpy_support import vtk_to_numpy
-
-        return np.array(vtk_to_numpy(found).reshape(height, width, 4)[::-1])
+        return _cast(vtk, mapper) if "FixedPoint" in mapper_name else _shown(vtk, window)
 
     return frame
 
 
-def _grid(vtk: Any, samples: np.ndarray, spacing: Any, origin: Any, direction: np.ndarray) -> Any:
+def _shown(vtk: Any, window: Any) -> np.ndarray:
+    """What a window shows: uint8 [H, W, 4]."""
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    width, height = window.GetSize()
+    found = vtk.vtkUnsignedCharArray()
+    window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, found)
+    return np.array(vtk_to_numpy(found).reshape(height, width, 4)[::-1])
+
+
+def _cast(vtk: Any, mapper: Any) -> np.ndarray:
+    """What the CPU's caster wrote: uint16 [H, W, 4].
+
+    Not what the window shows: there, M cast pixels are stretched to M / (M - 1) of their size and interpolated.
+    """
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    image = mapper.GetRayCastImage()
+    (width, height), (across, down) = image.GetImageMemorySize(), image.GetImageInUseSize()
+    memory = vtk.vtkUnsignedShortArray()
+    memory.SetVoidArray(image.GetImage(), width * height * 4, 1)
+    (left, low), (columns, rows) = image.GetImageOrigin(), image.GetImageViewportSize()
+    drawn = np.zeros((rows, columns, 4), np.uint16)
+    drawn[low : low + down, left : left + across] = vtk_to_numpy(memory).reshape(height, width, 4)[:down, :across]
+    return drawn[::-1]
+
+
+def _place(vtk: Any, volume: Any, samples: np.ndarray, spacing: Any, origin: Any, direction: Any) -> None:
+    """Fills the box of the voxels: half a voxel beyond the outer samples, which continue there."""
     from vtk.util.numpy_support import numpy_to_vtk
 
+    native = np.pad(samples, 1, mode="edge").astype(samples.dtype.newbyteorder("="))
     image = vtk.vtkImageData()
-    image.SetDimensions(*samples.shape[::-1])
+    image.SetDimensions(*native.shape[::-1])
     image.SetSpacing(*spacing)
-    image.SetOrigin(*origin)
-    image.SetDirectionMatrix(*np.asarray(direction, np.float64).ravel().tolist())
-    native = np.ascontiguousarray(samples, dtype=samples.dtype.newbyteorder("="))
+    image.SetOrigin(*(-step for step in spacing))
     image.GetPointData().SetScalars(numpy_to_vtk(native.ravel(), deep=True))
-    return image
+    volume.GetMapper().SetInputData(image)
+    # an image's own directions are ignored by the CPU's caster, cropping at half voxels by the other
+    place = np.eye(4)
+    place[:3, :3], place[:3, 3] = direction, origin
+    matrix, inverse = vtk.vtkMatrix4x4(), np.linalg.inv(place)
+    matrix.DeepCopy(place.ravel().tolist())
+    volume.SetUserMatrix(matrix)
+    for axis, count in enumerate(samples.shape[::-1]):
+        for side, end in ((1, -0.5), (-1, count - 0.5)):
+            plane = vtk.vtkPlane()
+            plane.SetOrigin(*(place[:3, 3] + place[:3, axis] * spacing[axis] * end))
+            plane.SetNormal(*(side * inverse[axis, :3]))
+            volume.GetMapper().AddClippingPlane(plane)
 
 
 def _looks(vtk: Any, samples: np.ndarray, transfer: Transfer, shaded: bool, spacing: float) -> Any:
