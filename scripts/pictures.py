@@ -3,6 +3,7 @@
 .venv/bin/python scripts/pictures.py                  # the scenes
 .venv/bin/python scripts/pictures.py gallery visible_male_128x256x256_uint8.raw neuron.tif stent.nrrd  # real data
 .venv/bin/python scripts/pictures.py classification visible_male_128x256x256_uint8.raw
+.venv/bin/python scripts/pictures.py side-by-side     # real volumes, by VTK as well: for minutes
 .venv/bin/python scripts/pictures.py window head.nii  # the viewer's window
 .venv/bin/python scripts/pictures.py report nerve     # error against run time, for minutes on a quiet machine
 .venv/bin/python scripts/pictures.py tables           # of methods in splatgl/truth/README.md, of techniques in gl's
@@ -17,6 +18,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from PIL import Image as Pillow
+from side_by_side import side_by_side
 
 import splatgl as sg
 from splatgl.app.cli import main as command
@@ -128,6 +130,9 @@ def main() -> None:
     asked = {"window": window, "report": report, "classification": classification}
     if sys.argv[1:2] == ["gallery"]:
         gallery(*sys.argv[2:])
+        return
+    if sys.argv[1:2] == ["side-by-side"]:
+        side_by_side(FOLDER / "side_by_side.png", *sys.argv[2:])
         return
     if sys.argv[1:2] == ["tables"]:
         tables()

@@ -46,8 +46,9 @@ PEERS = (
     "colours and head light. It interpolates samples and classifies what comes out, as methods classified after "
     "reconstruction do: it is on the front of the field with them. Against the other truths it is not comparable: "
     "splats classify voxels and mix what comes out. Its light is parallel, and it lights samples without a gradient by "
-    "ambient light alone; its caster for the CPU ends rays at an opacity of 0.992, the one for OpenGL writes 8 bits; "
-    "at k×k its own samples are averaged."
+    "ambient light alone; its caster for the CPU interpolates the light of samples, not their gradients, which is "
+    "brighter, and ends rays at an opacity of 0.992; the one for OpenGL writes 8 bits; at k×k its own samples are "
+    "averaged."
 )
 FRONT_HEAD = ("method", "ms a frame", "times exact's", "RMSE", "maximum", "99.9 %", "over 1/255", "energy", "FLIP", "")
 GIST_HEAD = (

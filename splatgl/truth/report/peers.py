@@ -2,7 +2,8 @@
 
 Differences: they interpolate samples along rays between voxels and classify the result, whereas splats
 classify voxels and blend the result; their light is parallel and leaves ambient light alone where there is no
-gradient; a ray of the CPU's caster ends at an opacity of 0.992; the OpenGL caster writes 8 bits.
+gradient; the CPU's caster interpolates the light of samples, not their gradients, and ends a ray at an opacity of
+0.992; the OpenGL caster writes 8 bits.
 """
 
 from __future__ import annotations
