@@ -46,11 +46,10 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "CUBIC": seen.cubic,
         "HALF_LINE": seen.half_line,
         "SHADING": look.shading,
-        "WEIGHTED": look.weighted,
         "JOIN": f"JOIN_{look.blend.join.upper()}",
         # values are means by shares of the peak
         "PEAK": look.blend.peak or look.steps > 0,
-        **({"SHEETS": look.sheets, "STEPS": look.steps} if look.sheets else {}),
+        **({"SHEETS": look.sheets, "STEPS": look.steps, "WEIGHTED": look.weighted} if look.sheets else {}),
         "ATTENUATION": f"ATTENUATION_{look.attenuation.upper().replace('-', '_')}",
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",
         "MOTION": f"MOTION_{program.motion.upper()}",
