@@ -336,3 +336,12 @@ def test_settings_of_sheets_out_of_range(change: dict[str, Any]) -> None:
     with pytest.raises(sg.InputError, match=f"^{name}: expected") as error:
         sg.Settings(**change)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("technique", ["tiles", "quads"])
+def test_what_was_released_is_made_again(renderer: sg.Renderer, technique: Technique) -> None:
+    splats = matter()
+    camera, settings = views(splats)["fitted"], sg.Settings(compositing="sheets", technique=technique)
+    first = renderer.render(splats, camera, settings).pixels
+    renderer.passes.release()
+    assert first.max() > 0.1 and (renderer.render(splats, camera, settings).pixels == first).all()

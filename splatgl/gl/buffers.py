@@ -111,8 +111,9 @@ class Instances:
         return array
 
     def release(self) -> None:
-        """Frees the vertex arrays and the buffer."""
+        """Frees the vertex arrays and the buffer; they are recreated on demand."""
         _release(self.arrays, self.buffer)
+        self.buffer = None
 
     def _attributes(self) -> list[Attribute]:
         assert self.buffer is not None
