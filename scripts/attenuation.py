@@ -22,6 +22,8 @@ import splatgl as sg
 from splatgl.app.scene import View
 from splatgl.data.scenes import SCENES
 
+# voxels classified before, splats one by one
+SPLATS = sg.Settings.like("0.1")
 FORMS = ("opacity", "optical-depth", "fill")
 STRETCHES = (1.0, 1.1, 2.0, 4.0, 8.0, 16.0)
 # width of the synthetic volumes across the view, voxels
@@ -50,7 +52,7 @@ class Row:
 def matter(cells: np.ndarray, opacity: float) -> sg.Splats:
     """White splats of the set cells, all of one opacity."""
     transfer = sg.Transfer([(0.5, 0), (0.5, opacity)], shading=False, unit=1.0, colormap="white")
-    return sg.extract(sg.Volume(cells.astype(np.uint8)), transfer)
+    return sg.extract(sg.Volume(cells.astype(np.uint8)), transfer, classification="pre")
 
 
 def wall(opacity: float) -> sg.Splats:
@@ -104,7 +106,8 @@ def scenes(data: Path | None) -> Iterator[tuple[str, sg.Splats, sg.Camera]]:
 
 
 def seen(volume: sg.Volume, preset: str | None) -> tuple[sg.Splats, sg.Camera]:
-    splats = sg.extract(volume, sg.preset(preset, volume) if preset else sg.default_transfer(volume))
+    transfer = sg.preset(preset, volume) if preset else sg.default_transfer(volume)
+    splats = sg.extract(volume, transfer, classification="pre")
     return splats, View().camera(volume, splats)
 
 
@@ -130,9 +133,9 @@ def measure(renderer: sg.Renderer, data: Path | None) -> Iterator[Row]:
             samples = samples_for(splats, camera)
             if samples > 64 or samples * camera.size[0] > LARGEST:
                 continue
-            truth = sg.Settings(antialias="supersample", samples=samples)
+            truth = SPLATS.but(antialias="supersample", samples=samples)
             right = renderer.render(splats, camera, truth).pixels
-            drawn = [renderer.render(splats, camera, sg.Settings(attenuation=form)).pixels for form in FORMS]
+            drawn = [renderer.render(splats, camera, SPLATS.but(attenuation=form)).pixels for form in FORMS]
             rmse = tuple(float(np.sqrt(((each - right) ** 2).mean())) for each in drawn)
             yield Row(name, stretch, camera.size[0], samples, rmse)
 
@@ -144,8 +147,8 @@ def picture(renderer: sg.Renderer, path: Path) -> None:
         if name not in ("thick edge", "threads", "tunnel", "nerve"):
             continue
         camera = at_stretch(splats, base, 4.0)
-        truth = sg.Settings(antialias="supersample", samples=samples_for(splats, camera))
-        asked = [*(sg.Settings(attenuation=form) for form in FORMS), truth]
+        truth = SPLATS.but(antialias="supersample", samples=samples_for(splats, camera))
+        asked = [*(SPLATS.but(attenuation=form) for form in FORMS), truth]
         shown = [renderer.render(splats, camera, s.but(background=(0, 0, 0))).pixels for s in asked]
         index = np.arange(side) * camera.size[0] // side
         rows.append(

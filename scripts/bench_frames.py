@@ -30,6 +30,7 @@ from bench_rows import tell
 import splatgl as sg
 from splatgl.app.scene import Scene, View
 from splatgl.gl.target import Target
+from splatgl.splat.plan.suited import extracted
 from splatgl.truth.report.peers import Peer
 
 FLOOR_VERTEX = """#version 330
@@ -41,6 +42,8 @@ FLOOR_FRAGMENT = "#version 330\nout vec4 light; void main() { light = vec4(0.01)
 LONGEST = 8.0
 # kernels of values classified after reconstruction
 KERNELS = ("crawfis-max", "b-spline")
+# splats one by one
+SPLATS = sg.Settings.like("0.1")
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,8 @@ def case(
         samples = np.ascontiguousarray(volume.samples[::every])
         volume = sg.Volume(samples, (x, y, z * every), volume.origin, volume.direction, frame=volume.frame)
     chosen = scene.transfer_for(volume)
-    return Case(name, volume, chosen, sg.extract(volume, chosen), settings or sg.Settings(), peers)
+    splats = sg.extract(volume, chosen, classification="pre")
+    return Case(name, volume, chosen, splats, settings or SPLATS, peers)
 
 
 def floor(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, chosen: sg.Plan) -> Callable[[], np.ndarray]:
@@ -128,12 +132,16 @@ def ways(renderer: sg.Renderer, chosen: Case, size: int) -> dict[str, Callable[[
     }
     if everything.program.align == "exact":
         found["everything on"] = lambda: renderer.passes.draw(chosen.splats, everything)
+    own = sg.Settings(blend=chosen.settings.blend)
+    default = partial(renderer.render, extracted(chosen.volume, chosen.transfer, own), camera, own, verify_bound=False)
+    found["default"] = default
     if chosen.settings.blend == "composite":
         sheets = chosen.settings.but(compositing="sheets")
         found["sheets"] = lambda: renderer.render(chosen.splats, camera, sheets, verify_bound=False)
     for kernel in KERNELS if chosen.peers else ():
         splats = sg.extract(chosen.volume, chosen.transfer, classification="post", kernel=kernel)
-        found[f"after, {kernel}"] = partial(renderer.render, splats, camera, chosen.settings, verify_bound=False)
+        once = sg.Settings(antialias="off")
+        found[f"after, {kernel}"] = partial(renderer.render, splats, camera, once, verify_bound=False)
     if chosen.peers and importlib.util.find_spec("vtk") is None:
         print("VTK left out: not installed (pip install splatgl[bench])")
     elif chosen.peers:
@@ -189,7 +197,8 @@ def ball(count: int) -> Case:
     inside = (np.sqrt(x * x + y * y + z * z) < edge / 2) * np.random.default_rng(1).random((edge, edge, edge))
     transfer = sg.Transfer([(0, 0), (1, 0.05)], shading=False)
     volume = sg.Volume(inside.astype(np.float32))
-    return Case(f"ball {count / 1e6:g} M", volume, transfer, sg.extract(volume, transfer), sg.Settings(), False)
+    splats = sg.extract(volume, transfer, classification="pre")
+    return Case(f"ball {count / 1e6:g} M", volume, transfer, splats, SPLATS, False)
 
 
 def curves(renderer: sg.Renderer, rounds: int) -> Iterator[Row]:
@@ -228,7 +237,7 @@ def all_rows(data: Path | None, rounds: int, with_curves: bool) -> Iterator[Row]
         yield from measure(renderer, case("terrain", "terrain"), 512, rounds)
         if data is not None:
             stent = str(data / "stent_ct_128x128x256.nrrd")
-            yield from measure(renderer, case("stent, X-ray", stent, sg.Settings(blend="xray")), 512, rounds)
+            yield from measure(renderer, case("stent, X-ray", stent, SPLATS.but(blend="xray")), 512, rounds)
             male = str(data / "visible_male_128x256x256_uint8.raw")
             neuron = str(data / "neuron_a_409x415x119.tif")
             head = str(data / "head_mri_160x232x160.nii.gz")

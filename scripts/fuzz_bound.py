@@ -88,7 +88,7 @@ def splats_of(rng: Random) -> tuple[str, sg.Splats]:
         return f"points {grid} {shape} {opacity:g}", sg.Splats.from_points(points, colors, depth, spacing)
     volume = sg.Volume(cells, spacing=tuple(spacing), origin=tuple(offset), direction=direction)
     transfer = sg.Transfer([(0.3, 0.0), (1.0, opacity)], colormap="hot", shading=bool(rng.random() < 0.5))
-    return f"{grid} {shape} {opacity:g}", sg.extract(volume, transfer)
+    return f"{grid} {shape} {opacity:g}", sg.extract(volume, transfer, classification="pre")
 
 
 # --- cameras --------------------------------------------------------------------------------------------------------

@@ -40,7 +40,6 @@ WINDOW, COLORS = (860, 560), 128
 # options of the gallery: CT of the Visible Male (z runs downwards), a neuron, CT of a stent
 SKULL = "--preset ct-bone --spacing 1.57774,0.995861,1.00797 --up 0,0,-1 --azimuth 40 --elevation -5 --zoom 1.05"
 NEURON = "--zoom 1.2"
-AFTER = "--classification post"
 STENT = "--points 0.2:0,0.35:0.6 --azimuth 0 --zoom 1.05"
 # page background, linear light
 PAPER = (1.0, 1.0, 1.0)
@@ -64,7 +63,7 @@ def beside(*pictures: np.ndarray, gap: int = 6) -> sg.Image:
 
 def rendered(*jobs: tuple[str, str]) -> Pillow.Image:
     """Volumes side by side on black, as `splatgl render` draws them; jobs: sources and options."""
-    common = "--size 400 --background black --antialias auto --quiet"
+    common = "--size 400 --background black --quiet"
     pictures = []
     with TemporaryDirectory() as folder:
         drawn = f"{folder}/drawn.png"
@@ -77,13 +76,14 @@ def rendered(*jobs: tuple[str, str]) -> Pillow.Image:
 
 def gallery(*sources: str) -> None:
     """A skull, a neuron and a stent, classified after reconstruction."""
-    jobs = [(source, f"{own} {AFTER}") for source, own in zip(sources, (SKULL, NEURON, STENT), strict=True)]
-    rendered(*jobs).save(FOLDER / "gallery.png", optimize=True)
+    rendered(*zip(sources, (SKULL, NEURON, STENT), strict=True)).save(FOLDER / "gallery.png", optimize=True)
 
 
 def classification(skull: str) -> None:
     """A skull classified before reconstruction, and after."""
-    rendered((skull, SKULL), (skull, f"{SKULL} {AFTER}")).save(FOLDER / "classification.png", optimize=True)
+    rendered((skull, f"{SKULL} --classification pre"), (skull, SKULL)).save(
+        FOLDER / "classification.png", optimize=True
+    )
 
 
 def window(source: str) -> None:
@@ -149,7 +149,8 @@ def main() -> None:
         beside(*scenes).save(FOLDER / "scenes.png")
         # the paper's Fig. 5 at a size for which z_k lies inside the tunnel
         small = (160, 160)
-        kinds = [draw(renderer, "tunnel", sg.Settings(antialias=a, background=BLACK), small) for a in ("off", "paper")]
+        old = sg.Settings.like("0.1", background=BLACK)
+        kinds = [draw(renderer, "tunnel", old.but(antialias=each), small) for each in ("off", "paper")]
         beside(*(np.kron(kind, np.ones((3, 3, 1), np.float32)) for kind in kinds)).save(FOLDER / "antialiasing.png")
     # Fig. 13: a rotating landscape
     command(["figure", "13", "-o", str(FOLDER / "spinning.png")])

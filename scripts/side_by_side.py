@@ -69,11 +69,8 @@ VOLUMES: dict[str, tuple[str, dict[str, Any], dict[str, Any], dict[str, Any]]] =
 def drawn(renderer: sg.Renderer, volume: sg.Volume, transfer: sg.Transfer, camera: sg.Camera) -> dict[str, np.ndarray]:
     """Pictures [H, W, 4] of a volume by column, the field's aside."""
     found = {}
-    for name, how, settings in (
-        (BEFORE, {}, sg.Settings(compositing="splats", classification="pre", antialias="paper")),
-        (AFTER, {"classification": "post", "kernel": "b-spline"}, sg.Settings(classification="post", antialias="auto")),
-    ):
-        splats = sg.extract(volume, transfer, **how)
+    splats = sg.extract(volume, transfer)
+    for name, settings in ((BEFORE, sg.Settings.like("0.1")), (AFTER, sg.Settings())):
         found[name] = renderer.render(splats, camera, settings, verify_bound=False).pixels
     settings = sg.Settings(antialias="supersample", samples=SAMPLES)
     for name, mapper in PEERS.items() if find_spec("vtk") else ():

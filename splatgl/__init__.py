@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from splatgl.splat.plan.settings import Settings as Settings
     from splatgl.splat.view.camera import Camera as Camera
     from splatgl.truth import reference as reference
+    from splatgl.truth.check import check as check
     from splatgl.truth.compare import compare as compare
 
 # public name → where it lives; loaded on first use, so that a command imports only what it needs
@@ -53,6 +54,7 @@ _PUBLIC = {
     "Splats": "splatgl.splat.extraction.splats",
     "Transfer": "splatgl.splat.classification.transfer",
     "Volume": "splatgl.data.volume",
+    "check": "splatgl.truth.check",
     "compare": "splatgl.truth.compare",
     "default_transfer": "splatgl.splat.classification.presets",
     "extract": "splatgl.splat.extraction.extract",

@@ -17,7 +17,9 @@ GRIDS = {
 
 def noise(grid: str = "cubes", size: int = 12, opacity: float = 0.4, seed: int = 3) -> sg.Splats:
     cells = np.random.default_rng(seed).random((size, size, size))
-    return sg.extract(sg.Volume(cells, **GRIDS[grid]), sg.Transfer([(0.3, 0), (1, opacity)], colormap="hot"))
+    return sg.extract(
+        sg.Volume(cells, **GRIDS[grid]), sg.Transfer([(0.3, 0), (1, opacity)], colormap="hot"), classification="pre"
+    )
 
 
 def views(splats: sg.Splats) -> dict[str, sg.Camera]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from noise import GRIDS, noise, views
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.splat.kernel.kernels import kernel
@@ -54,7 +55,7 @@ def test_what_is_behind_a_parallel_view_is_decided_once(renderer: sg.Renderer, g
         camera = sg.Camera.orthographic(eye, eye + normal, rng.normal(size=3), 9.0, (14, 11))
         before = (splats.records["position"] - place) @ steps >= 0
         assert len(ahead(splats, camera)) == before.sum() < len(splats)
-        for settings in (sg.Settings(blend="xray"), sg.Settings(technique="quads"), sg.Settings(technique="tiles")):
+        for settings in (SPLATS.but(blend="xray"), SPLATS.but(technique="quads"), SPLATS.but(technique="tiles")):
             error, limit = off(renderer, splats, camera, settings)
             assert error <= limit
         assert ahead(splats, camera) is ahead(splats, camera)
@@ -67,7 +68,7 @@ def test_voxels_at_z_k_are_widened_alike(renderer: sg.Renderer, grid: str) -> No
     for n in range(24):
         rng = np.random.default_rng(n)
         camera = fuzz_bound.at_z_k(rng, splats)
-        for settings in (sg.Settings(blend="mip"), sg.Settings(attenuation="optical-depth")):
+        for settings in (SPLATS.but(blend="mip"), SPLATS.but(attenuation="optical-depth")):
             error, limit = off(renderer, splats, camera, settings)
             assert error <= limit, (n, settings.blend)
 
@@ -104,14 +105,14 @@ def test_faint_pictures_keep_their_bound(renderer: sg.Renderer, target: str, opa
     for view in ("fitted", "far", "parallel"):
         camera = views(splats)[view].resized((12, 9))
         for changes in ({"blend": "mip"}, {"blend": "xray"}, {"blend": "mip", "background": (0.2, 0.4, 0.6)}):
-            error, limit = off(renderer, splats, camera, sg.Settings(target=target, **changes))
+            error, limit = off(renderer, splats, camera, SPLATS.but(target=target, **changes))
             assert error <= limit, (view, changes)
 
 
 def test_nothing_over_a_background_keeps_its_bound(renderer: sg.Renderer) -> None:
     nothing = sg.Splats.from_points(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
     camera = sg.Camera.look_at((0, -5, 0), (0, 0, 0), (0, 0, 1), size=(4, 3))
-    error, limit = off(renderer, nothing, camera, sg.Settings(background=(0.2, 0.4, 0.6)))
+    error, limit = off(renderer, nothing, camera, SPLATS.but(background=(0.2, 0.4, 0.6)))
     assert 0 < error <= limit < 1e-6
 
 
@@ -127,7 +128,7 @@ def test_very_oblique_pictures_keep_their_bound(
     for away in (0.3, 0.8):
         camera = sg.Camera.look_at(middle - out.forward * span * away, middle, (0, 0, 1), fov, size)
         for changes in ({}, {"blend": "xray"}, {"antialias": "off", "technique": "quads"}):
-            error, limit = off(renderer, splats, camera, sg.Settings(**changes))
+            error, limit = off(renderer, splats, camera, SPLATS.but(**changes))
             assert error <= limit, (away, changes)
 
 
@@ -136,7 +137,7 @@ def test_pictures_as_large_as_the_viewport(renderer: sg.Renderer, size: tuple[in
     """Tiles in bands of rows, against quads."""
     splats = noise(size=6)
     antialias = "supersample" if samples > 1 else "off"
-    settings = sg.Settings(antialias=antialias, samples=samples, blend="xray")
+    settings = SPLATS.but(antialias=antialias, samples=samples, blend="xray")
     camera = sg.Camera.orbit(splats, size=size, zoom=0.2)
     quads = renderer.render(splats, camera, settings.but(technique="quads")).pixels
     with pytest.MonkeyPatch.context() as patched:
@@ -156,8 +157,8 @@ def test_the_same_picture_twice_has_the_same_bits(renderer: sg.Renderer) -> None
             eye = rng.uniform(low, high)
             size = (int(rng.integers(30, 120)), int(rng.integers(30, 120)))
             camera = sg.Camera.look_at(eye, eye + rng.normal(size=3), rng.normal(size=3), rng.uniform(20, 80), size)
-            near += renderer.plan(splats, camera).program.seen.half_line
+            near += renderer.plan(splats, camera, SPLATS).program.seen.half_line
             renderer.passes.splats.release()
-            first, *others = (renderer.render(splats, camera).pixels for _ in range(3))
+            first, *others = (renderer.render(splats, camera, SPLATS).pixels for _ in range(3))
             assert all((pixels == first).all() for pixels in others)
     assert near > 4

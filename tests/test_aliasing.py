@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.truth.aliasing import (
@@ -17,7 +18,7 @@ from splatgl.truth.aliasing import (
     share_beyond,
 )
 
-XRAY = sg.Settings(blend="xray")
+XRAY = SPLATS.but(blend="xray")
 OFF = XRAY.but(antialias="off")
 draw = sg.reference.render
 
@@ -125,7 +126,7 @@ def test_reach_knows_what_is_beyond_z_k(sheet: sg.Splats, camera: sg.Camera) -> 
 
 def test_nothing_before_z_k_changes(renderer: sg.Renderer, sheet: sg.Splats, camera: sg.Camera) -> None:
     """Bit for bit, on the GPU, in each blend mode; pixels that see some of both are left out."""
-    for settings in (XRAY, sg.Settings(), sg.Settings(attenuation="opacity")):
+    for settings in (XRAY, SPLATS, SPLATS.but(attenuation="opacity")):
         changed, count = differing_before(renderer.render, sheet, camera, settings.but(technique="quads"))
         assert changed == 0 and count > 150
 

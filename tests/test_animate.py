@@ -55,7 +55,7 @@ def test_a_turn_is_the_cameras_orbit(here: Path) -> None:
     assert sorted(p.name for p in Path("f").iterdir()) == ["00.npy", "01.npy", "02.npy", "03.npy"]
     scene = Scene("letter-f", view=View(size=(24, 24)))
     volume = scene.open()
-    splats = sg.extract(volume, scene.transfer_for(volume))
+    splats = sg.extract(volume, scene.transfer_for(volume), classification="pre")
     first = turning(scene.view, volume, splats, -90).camera(0)
     center = (splats.corners.min(axis=0) + splats.corners.max(axis=0)) / 2
     with sg.Renderer() as renderer:
@@ -112,7 +112,7 @@ def test_keyframes_move_the_camera(here: Path) -> None:
         "[[keyframe]]\nframe = 4\nazimuth = 90\nzoom = 4"
     )
     volume = sg.load("ball.npy")
-    splats = sg.extract(volume, sg.default_transfer(volume))
+    splats = sg.extract(volume, sg.default_transfer(volume), classification="pre")
     track = keyframes(Path("k.toml"), View(elevation=0), volume, splats)
     assert track.last == 4
     center = (splats.corners.min(axis=0) + splats.corners.max(axis=0)) / 2

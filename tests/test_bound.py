@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.splat.bound.bound import MOVED, Bound, bound
@@ -69,7 +70,7 @@ def scene(name: str) -> tuple[sg.Splats, sg.Camera]:
     volume, piece = getattr(sg.scenes, name)(), PIECES[name]
     color = None if volume.color is None else volume.color[piece]
     volume = replace(volume, samples=volume.samples[piece], color=color)
-    splats = sg.extract(volume, sg.default_transfer(volume))
+    splats = sg.extract(volume, sg.default_transfer(volume), classification="pre")
     return splats, sg.Camera.orbit(splats, 20, 30, size=SIZE)
 
 
@@ -129,7 +130,7 @@ def test_scenes_keep_their_bound_and_it_is_near(renderer: sg.Renderer, name: str
         if name != "letter_f" and way not in SOME:
             continue
         view = camera.parallel(splats) if way == "parallel" else camera
-        error, limit = measured(renderer, splats, view, sg.Settings(**changes))
+        error, limit = measured(renderer, splats, view, SPLATS.but(**changes))
         print(f"{name} {way}: {error:.3g} of {limit:.3g}")
         assert 0 < error <= limit, way
         if way in COARSER:
@@ -145,7 +146,7 @@ def test_views_keep_their_bound(renderer: sg.Renderer, name: str) -> None:
     splats = SHAPES[name]
     for view, camera in views(splats).items():
         for way in ("auto", "xray", "mip", "gaussian", "grid"):
-            settings = sg.Settings(**{**WAYS, **COARSER}[way])
+            settings = SPLATS.but(**{**WAYS, **COARSER}[way])
             image = renderer.render(splats, camera, settings, verify_bound=False)
             error = np.abs(image.pixels - sg.reference.render(splats, camera, settings).pixels).max()
             assert error <= image.info["error_bound"], (view, way)
@@ -158,7 +159,7 @@ def test_no_ray_meets_more_than_is_said(name: str, few: int, monkeypatch: pytest
     splats = replace(SHAPES[name])
     assert (cells_of(splats).groups is None) == (few == 0)
     for view, camera in views(splats).items():
-        chosen = sg.plan(splats, camera, sg.Settings(blend="xray"))
+        chosen = sg.plan(splats, camera, SPLATS.but(blend="xray"))
         count, depth = met(splats, camera)
         found = ray_overlap(splats, chosen.view)
         assert count <= found.count <= len(splats), view
@@ -169,7 +170,7 @@ def test_no_ray_meets_more_than_is_said(name: str, few: int, monkeypatch: pytest
 
 def met(splats: sg.Splats, camera: sg.Camera) -> tuple[float, float]:
     """The most splats that a pixel's ray meets, and the most of their depth, as the reference has them."""
-    scene = _Scene(splats, Resolved.of(splats, camera, sg.Settings(blend="xray")), "row1")
+    scene = _Scene(splats, Resolved.of(splats, camera, SPLATS.but(blend="xray")), "row1")
     pixels = camera.size[0] * camera.size[1]
     count, depth = np.zeros(pixels), np.zeros(pixels)
     length, share = splats.records["optical_depth"], scene.row.coverage()
@@ -195,7 +196,7 @@ def test_single_splats_keep_a_bound_that_is_near(renderer: sg.Renderer) -> None:
         pixels = int(2 * np.tan(np.radians(fov / 2)) * away / rng.uniform(0.8, 1.2))
         camera = sg.Camera.look_at(eye, eye + forward, rng.normal(size=3), fov, (min(pixels, 200),) * 2)
         splats = sg.Splats.from_points([[0.0, 0.0, 0.0]], [[1.0, 1.0, 1.0]], [0.5])
-        settings = sg.Settings(blend="xray" if n % 2 else "mip", kernel="crawfis-max" if n % 3 else "gaussian")
+        settings = SPLATS.but(blend="xray" if n % 2 else "mip", kernel="crawfis-max" if n % 3 else "gaussian")
         error, limit = measured(renderer, splats, camera, settings)
         assert error <= limit
         shares[sg.plan(splats, camera, settings).program.seen.antialias].append(error / limit)
@@ -223,7 +224,7 @@ def test_a_finer_picture_is_drawn_only_where_it_is_needed(
         ({"target": "rgba16f"}, True, 2),
     ):
         drawn.clear()
-        renderer.render(splats, camera, sg.Settings(**changes), verify_bound=held)
+        renderer.render(splats, camera, SPLATS.but(**changes), verify_bound=held)
         assert len(drawn) == count, changes
 
 
@@ -247,7 +248,7 @@ def test_moving_pictures_keep_their_bound(renderer: sg.Renderer, move: str) -> N
             {"motion": "paper", "attenuation": "opacity"},
             {},
         ):
-            settings = sg.Settings(motion="exact").but(**changes)
+            settings = SPLATS.but(motion="exact").but(**changes)
             image = renderer.render(splats, camera, settings, motion)
             assert image.info["motion"] == settings.motion
             right = streaks.render(splats, camera, settings, motion, settings.shutter, settings.motion).pixels
@@ -255,7 +256,7 @@ def test_moving_pictures_keep_their_bound(renderer: sg.Renderer, move: str) -> N
             assert 0 < error <= image.info["error_bound"], (view, changes)
             near.append(image.info["error_bound"] / max(error, 1e-5))
     assert min(near) < 30
-    inside = renderer.render(splats, views(splats)["inside"], sg.Settings(motion="exact"), motion)
+    inside = renderer.render(splats, views(splats)["inside"], SPLATS.but(motion="exact"), motion)
     assert inside.info["error_bound"] is None
 
 
@@ -263,18 +264,18 @@ def test_streaks_of_long_voxels_have_a_bound_before_z_k_alone(renderer: sg.Rende
     splats, motion = SHAPES["long voxels"], MOVES["passes"]
     for view, known in (("near", True), ("far", False)):
         camera = views(splats)[view].resized((200, 150) if known else (20, 15))
-        image = renderer.render(splats, camera, sg.Settings(motion="exact"), motion)
+        image = renderer.render(splats, camera, SPLATS.but(motion="exact"), motion)
         assert (image.info["error_bound"] is not None) is known
 
 
 def test_the_bound_follows_what_makes_the_error(renderer: sg.Renderer) -> None:
     """Not one number for all: each part grows with its cause."""
     volume = sg.scenes.letter_f()
-    splats = sg.extract(volume, sg.default_transfer(volume))
+    splats = sg.extract(volume, sg.default_transfer(volume), classification="pre")
     camera = sg.Camera.orbit(splats, size=SIZE)
 
     def parts(**changes: Any) -> Bound:
-        found = bound(splats, sg.plan(splats, camera, sg.Settings(**changes)), 1.0)
+        found = bound(splats, sg.plan(splats, camera, SPLATS.but(**changes)), 1.0)
         assert found is not None
         return found
 
@@ -313,7 +314,7 @@ def test_stress_pictures_keep_their_bound(renderer: sg.Renderer, monkeypatch: py
 def test_nothing_has_no_error() -> None:
     empty = sg.Splats.from_points(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
     camera = sg.Camera.look_at((0, -5, 0), (0, 0, 0), (0, 0, 1))
-    assert bound(empty, sg.plan(empty, camera), 0.0).total == 0.0
+    assert bound(empty, sg.plan(empty, camera, SPLATS), 0.0).total == 0.0
 
 
 def test_the_second_order_is_as_large_as_measured(renderer: sg.Renderer) -> None:
@@ -328,7 +329,7 @@ def test_the_second_order_is_as_large_as_measured(renderer: sg.Renderer) -> None
         fov = 2 * np.degrees(np.arctan(pixels * beyond / depth / 2))
         camera = sg.Camera.look_at(eye, eye + np.array([0, 0, 1.0]), (0, -1, 0), fov, (pixels, pixels))
         splats = sg.Splats.from_points([[0.0, 0.0, 0.0]], [[1.0, 1.0, 1.0]], [1.0])
-        settings = sg.Settings(blend="mip", technique="quads")
+        settings = SPLATS.but(blend="mip", technique="quads")
         assert sg.plan(splats, camera, settings).program.seen.antialias
         drawn, right = (
             (render(splats, camera, settings).pixels[..., 3] / (1 - np.exp(-1.0))).clip(0, 1)
@@ -363,6 +364,6 @@ def test_over_loses_more_than_one_rounding_a_blend() -> None:
     error = abs(float(drawn) - right)
     column = lattice(count, 0.5, (0, 0, 1))
     camera = sg.Camera.look_at((0, 0, -40), (0, 0, 0), (0, 1, 0), 20, (4, 4))
-    said = bound(column, sg.plan(column, camera, sg.Settings(technique="quads")), 1.0)
+    said = bound(column, sg.plan(column, camera, SPLATS.but(technique="quads")), 1.0)
     assert said is not None
     assert count * ULP / 4 < error <= said.rounding

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 
@@ -119,9 +120,9 @@ def test_views_that_float32_cannot_hold() -> None:
         (sg.Camera.orbit(splats).parallel(splats, 1e-50), "height: expected"),
     ):
         with pytest.raises(sg.InputError, match=f"^{message}"):
-            sg.plan(splats, camera)
+            sg.plan(splats, camera, SPLATS)
     inside = sg.Camera.look_at((0, 5, 0), (0, 9, 0), (0, 0, 1))
     with pytest.raises(sg.InputError, match=r"^height: expected a length, got none, with the middle behind the eye"):
         inside.parallel(splats)
     for zoom in (1e-14, 1e14):
-        sg.plan(splats, sg.Camera.orbit(splats, zoom=zoom))
+        sg.plan(splats, sg.Camera.orbit(splats, zoom=zoom), SPLATS)

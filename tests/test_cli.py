@@ -72,7 +72,7 @@ def test_scene_file_and_options_over_it(here: Path) -> None:
     )
     assert main(["render", "sub/s.toml", "-o", "a.npy"]) == 0
     volume = sg.load("noise.npy")
-    splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.9)], colormap="hot"), 0.1)
+    splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.9)], colormap="hot"), 0.1, classification="pre")
     camera = sg.Camera.orbit(splats, 70, 20, size=(20, 10))
     with sg.Renderer() as renderer:
         assert (np.load("a.npy") == renderer.render(splats, camera, sg.Settings(blend="mip")).pixels).all()

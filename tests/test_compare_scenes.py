@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.app.regression import ImageRegression
@@ -21,7 +22,7 @@ def scenes() -> dict[str, tuple[sg.Splats, sg.Camera]]:
     made = {}
     for name in SCENES:
         volume = getattr(sg.scenes, name.replace("-", "_"))()
-        splats = sg.extract(volume, sg.default_transfer(volume))
+        splats = sg.extract(volume, sg.default_transfer(volume), classification="pre")
         made[name] = (splats, View(size=SIZE).camera(volume, splats))
     return made
 
@@ -45,7 +46,7 @@ def test_scene(
     renderer: sg.Renderer,
     image_regression: ImageRegression,
 ) -> None:
-    image_regression(renderer.render(*scenes[scene], sg.Settings(blend=blend)), name=f"{scene}-{blend}")
+    image_regression(renderer.render(*scenes[scene], SPLATS.but(blend=blend)), name=f"{scene}-{blend}")
 
 
 @pytest.mark.parametrize("scene", SCENES)
@@ -55,7 +56,7 @@ def test_another_backend_keeps_to_the_same_baseline(
     osmesa: sg.Renderer,
     image_regression: ImageRegression,
 ) -> None:
-    image = osmesa.render(*scenes[scene], sg.Settings())
+    image = osmesa.render(*scenes[scene], SPLATS)
     assert image.info["backend"] == "osmesa"
     image_regression(image, name=f"{scene}-composite")
 
@@ -69,7 +70,7 @@ def test_two_backends_draw_the_same(
     renderer: sg.Renderer,
     osmesa: sg.Renderer,
 ) -> None:
-    first, second = (some.render(*scenes[scene], sg.Settings(blend=blend)) for some in (renderer, osmesa))
+    first, second = (some.render(*scenes[scene], SPLATS.but(blend=blend)) for some in (renderer, osmesa))
     verdict = judge(second, first)
     assert verdict.same, str(verdict)
     assert second.pixels.max() > 0.1, "something is drawn"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from noise import scale
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.splat.integral.approximations import FORMS, half_line
@@ -42,7 +43,7 @@ def test_pinned_vectors(name: str, renderer: sg.Renderer, pinned: list[dict], pi
     h = kernel(NAMES[name])
     for vector in (v for v in pinned if v["kernel"] == name):
         splats = sg.Splats.from_points([vector["voxel"]], [[1, 1, 1]], [1.0])
-        image = renderer.render(splats, pinned_camera, sg.Settings(blend="xray", kernel=NAMES[name], tolerance=1e-6))
+        image = renderer.render(splats, pinned_camera, SPLATS.but(blend="xray", kernel=NAMES[name], tolerance=1e-6))
         i, j = vector["pixel"]
         m = max(1.0, vector["voxel"][2] / pinned_camera.z_k(1.0))
         peak = float(h.footprint(np.zeros(()))) / m**2
@@ -73,7 +74,7 @@ def test_two_thousand_voxels(name: str, renderer: sg.Renderer, pinned_camera: sg
         i, j, right, peak = single_footprints(h, voxels, pinned_camera)
         splats = sg.Splats.from_points(voxels, np.ones_like(voxels), np.ones(len(voxels)))
         for align in worst:
-            image = renderer.render(splats, pinned_camera, sg.Settings(blend="xray", kernel=name, align=align))
+            image = renderer.render(splats, pinned_camera, SPLATS.but(blend="xray", kernel=name, align=align))
             levels = LEVEL * np.abs(image.pixels[j, i, 3] - right) / peak
             worst[align] = max(worst[align], float(levels.max()))
     print(f"{name}: levels at worst {worst}")
@@ -109,7 +110,7 @@ def test_voxels_around_the_eye(name: str, renderer: sg.Renderer) -> None:
         voxel = direction / np.linalg.norm(direction) * 20 * rng.random() ** 2 + 0.1 * direction
         behind += voxel[2] < 0
         splats = sg.Splats.from_points([voxel], [[1, 1, 1]], [1.0])
-        image = renderer.render(splats, camera, sg.Settings(blend="xray", kernel=name, align="exact", antialias="off"))
+        image = renderer.render(splats, camera, SPLATS.but(blend="xray", kernel=name, align="exact", antialias="off"))
         right = half_line(h, voxel, rays)
         worst = max(worst, float(np.abs(image.pixels[..., 3] - right).max()) * LEVEL)
     print(f"{name}: {worst / float(h.footprint(np.zeros(()))):.4f} level at worst, {behind} voxels behind the plane")
@@ -118,17 +119,17 @@ def test_voxels_around_the_eye(name: str, renderer: sg.Renderer) -> None:
 
 
 def test_half_lines_only_near_the_eye(renderer: sg.Renderer) -> None:
-    splats = sg.extract(sg.Volume(np.ones((9, 9, 9))), sg.Transfer([(0, 0.3)]))
+    splats = sg.extract(sg.Volume(np.ones((9, 9, 9))), sg.Transfer([(0, 0.3)]), classification="pre")
     inside = sg.Camera.look_at((4, 4, 4), (4, 4, 9), (0, 1, 0), 60, (16, 16))
     outside = sg.Camera.look_at((4, 4, -20), (4, 4, 9), (0, 1, 0), 60, (16, 16))
-    assert sg.plan(splats, inside).program.seen.half_line
-    assert not sg.plan(splats, outside).program.seen.half_line
+    assert sg.plan(splats, inside, SPLATS).program.seen.half_line
+    assert not sg.plan(splats, outside, SPLATS).program.seen.half_line
 
 
 def test_forcing_half_lines_changes_nothing_far_away(renderer: sg.Renderer) -> None:
-    splats = sg.extract(sg.Volume(np.ones((9, 9, 9))), sg.Transfer([(0, 0.3)]))
+    splats = sg.extract(sg.Volume(np.ones((9, 9, 9))), sg.Transfer([(0, 0.3)]), classification="pre")
     camera = sg.Camera.look_at((4, 4, -20), (4, 4, 9), (0, 1, 0), 60, (32, 32))
-    chosen = sg.plan(splats, camera)
+    chosen = sg.plan(splats, camera, SPLATS)
     plain = renderer.passes.draw(splats, chosen.forced(technique="quads"))
     forced = renderer.passes.draw(splats, chosen.forced(half_line=True))
     assert (plain == forced).all()

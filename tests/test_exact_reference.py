@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.data.scenes import SCENES
@@ -29,7 +30,7 @@ HOT = sg.Transfer([(0, 0), (1, 0.5)], colormap="hot")
 def noise(grid: str) -> sg.Splats:
     spacing, direction = GRIDS[grid]
     samples = np.random.default_rng(3).random((12, 13, 14)).astype(np.float32)
-    return sg.extract(sg.Volume(samples, spacing=spacing, direction=direction), HOT)
+    return sg.extract(sg.Volume(samples, spacing=spacing, direction=direction), HOT, classification="pre")
 
 
 def worst(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings) -> float:
@@ -54,7 +55,7 @@ def test_any_grid(grid: str, blend: str, where: str, renderer: sg.Renderer) -> N
         "inside": sg.Camera.look_at(middle + 0.1, middle + np.array([1, 2, 0.3]), (0, 0, 1), 80, (48, 48)),
         "orthographic": sg.Camera.orbit(splats, 30, 20, size=(16, 16)).parallel(splats),
     }[where]
-    assert worst(renderer, splats, camera, sg.Settings(blend=blend)) < (3e-5 if where == "far" else 8e-6)
+    assert worst(renderer, splats, camera, SPLATS.but(blend=blend)) < (3e-5 if where == "far" else 8e-6)
 
 
 @pytest.mark.parametrize("grid", GRIDS)
@@ -64,7 +65,7 @@ def test_second_order_beyond_z_k(grid: str, renderer: sg.Renderer) -> None:
     errors = []
     for size in (24, 48, 96):
         camera = sg.Camera.orbit(splats, 30, 20, size=(size, size), fov=60, zoom=24 / size)
-        errors.append(worst(renderer, splats, camera, sg.Settings()))
+        errors.append(worst(renderer, splats, camera, SPLATS))
     assert errors[0] < 2e-3
     assert errors[1] < errors[0] / 3
     assert errors[2] < errors[1] / 3
@@ -73,7 +74,7 @@ def test_second_order_beyond_z_k(grid: str, renderer: sg.Renderer) -> None:
 @pytest.mark.parametrize("attenuation", ["opacity", "optical-depth", "fill"])
 def test_attenuation(attenuation: str, renderer: sg.Renderer) -> None:
     camera = sg.Camera.orbit(noise("boxes"), 50, 10, size=(96, 96), zoom=1 / 8)
-    assert worst(renderer, noise("boxes"), camera, sg.Settings(attenuation=attenuation)) < 3e-5
+    assert worst(renderer, noise("boxes"), camera, SPLATS.but(attenuation=attenuation)) < 3e-5
 
 
 @pytest.mark.parametrize(
@@ -99,9 +100,9 @@ def test_scenes(name: str, planes: slice, blend: str, renderer: sg.Renderer) -> 
         some = np.zeros_like(volume.samples)
         some[planes] = volume.samples[planes]
         volume = replace(volume, samples=some)
-    splats = sg.extract(volume, transfer)
+    splats = sg.extract(volume, transfer, classification="pre")
     camera = View(size=(256, 256)).camera(volume, splats)
-    settings = sg.Settings(blend=blend)
+    settings = SPLATS.but(blend=blend)
     drawn = renderer.render(splats, camera, settings)
     found = sg.compare(drawn, sg.reference.render(splats, camera, settings))
     print(f"{name} {blend}: RMSE {found.rmse:.1e}, maximum {found.maximum:.1e}")

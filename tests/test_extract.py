@@ -24,10 +24,10 @@ def test_slabs_do_not_matter(dtype: str, threshold: float) -> None:
     """The same splats bit for bit whatever the slab; a gradient term included."""
     transfer = sg.Transfer([(0, 0), (1, 0.9), (100, 0.95)], gradient=[(0, 0.6), (60, 1.0)])
     volume = sg.Volume(noise(dtype=dtype), spacing=(1, 2, 0.5))
-    whole = sg.extract(volume, transfer, threshold)
+    whole = sg.extract(volume, transfer, threshold, classification="pre")
     assert len(whole) > 50
     for slab in (1, 2, 5):
-        part = sg.extract(volume, transfer, threshold, slab=slab)
+        part = sg.extract(volume, transfer, threshold, slab=slab, classification="pre")
         assert part.records.tobytes() == whole.records.tobytes()
         assert (part.row_start == whole.row_start).all()
         assert part.dropped_depth == pytest.approx(whole.dropped_depth, rel=1e-12)
@@ -35,7 +35,7 @@ def test_slabs_do_not_matter(dtype: str, threshold: float) -> None:
 
 def test_rows_are_compressed_and_sorted() -> None:
     volume = sg.Volume(noise())
-    splats = sg.extract(volume, RAMP)
+    splats = sg.extract(volume, RAMP, classification="pre")
     position = splats.records["position"]
     assert (volume.samples[tuple(position[:, ::-1].astype(int).T)] > 0.2).all()
     assert len(splats) == int((volume.samples > 0.2).sum())
@@ -50,7 +50,7 @@ def test_threshold_is_strict_and_what_it_drops_is_kept() -> None:
     samples = np.zeros((1, 1, 5), np.uint8)
     samples[0, 0] = [0, 10, 20, 30, 20]
     transfer = sg.Transfer([(0, 0.0), (100, 1.0)], unit=2.0, shading=False)
-    splats = sg.extract(sg.Volume(samples), transfer, threshold=0.2)
+    splats = sg.extract(sg.Volume(samples), transfer, threshold=0.2, classification="pre")
     assert splats.records["position"][:, 0].tolist() == [3]
     # optical depth of 10, 20 and 20 along x, one voxel each, per 2 world lengths
     assert splats.dropped_depth == pytest.approx(-(np.log1p(-0.1) + 2 * np.log1p(-0.2)) / 2)
@@ -62,10 +62,10 @@ def test_gradient_term() -> None:
     samples = np.zeros((8, 8, 8), np.float32)
     samples[:, :, 4:] = 1
     transfer = sg.Transfer([(0.5, 0), (0.5, 0.8)], gradient=[(0.1, 0.0), (0.4, 1.0)])
-    splats = sg.extract(sg.Volume(samples), transfer)
+    splats = sg.extract(sg.Volume(samples), transfer, classification="pre")
     assert set(splats.records["position"][:, 0]) == {4.0}
     # twice the voxel, half the gradient: 0.25 per world length is half way up the weight
-    wide = sg.extract(sg.Volume(samples, spacing=(2, 2, 2)), transfer)
+    wide = sg.extract(sg.Volume(samples, spacing=(2, 2, 2)), transfer, classification="pre")
     assert wide.records["optical_depth"] == pytest.approx(-np.log1p(-0.4), rel=1e-6)
 
 
@@ -77,7 +77,7 @@ def test_normals_are_world_gradients_on_the_original_grid() -> None:
     z, y, x = np.meshgrid(*(np.arange(n) for n in grid.shape), indexing="ij")
     field = np.stack([x, y, z], axis=-1) @ grid.world_from_index.T @ wanted + 50
     volume = sg.Volume(field, spacing=(0.5, 1, 3), direction=direction)
-    splats = sg.extract(volume, sg.Transfer([(0, 0.5)]))
+    splats = sg.extract(volume, sg.Transfer([(0, 0.5)]), classification="pre")
     normals = splats.records["normal"] / NORMAL_SCALE
     assert np.abs(normals - wanted / np.linalg.norm(wanted)).max() < 5e-5
 
@@ -86,12 +86,14 @@ def test_absent_voxels_and_their_neighbours() -> None:
     """NaN and ±Inf voxels are absent, and gradients beside them use the neighbours that exist."""
     field = np.broadcast_to(np.arange(7.0), (5, 5, 7)).copy() + 1
     field[2, 2, 3], field[1, 1, 2], field[3, 3, 4] = np.nan, np.inf, -np.inf
-    splats = sg.extract(sg.Volume(field), sg.Transfer([(0, 0.5)]))
+    splats = sg.extract(sg.Volume(field), sg.Transfer([(0, 0.5)]), classification="pre")
     assert len(splats) == field.size - 3
     # the field rises along x everywhere, so every normal is +x, next to the gaps too
     assert (splats.records["normal"] == [NORMAL_SCALE, 0, 0]).all()
     # the same as if they were cut out: nothing but the three is missing
-    whole = sg.extract(sg.Volume(np.broadcast_to(np.arange(7.0), (5, 5, 7)) + 1), sg.Transfer([(0, 0.5)]))
+    whole = sg.extract(
+        sg.Volume(np.broadcast_to(np.arange(7.0), (5, 5, 7)) + 1), sg.Transfer([(0, 0.5)]), classification="pre"
+    )
     gaps = {(3, 2, 2), (2, 1, 1), (4, 3, 3)}
     kept = [n for n, p in enumerate(whole.records["position"].astype(int)) if tuple(p) not in gaps]
     assert whole.records[kept].tobytes() == splats.records.tobytes()
@@ -100,19 +102,21 @@ def test_absent_voxels_and_their_neighbours() -> None:
 def test_a_voxel_alone_has_no_normal() -> None:
     samples = np.full((3, 3, 3), np.nan)
     samples[1, 1, 1] = 1
-    splats = sg.extract(sg.Volume(samples), sg.Transfer([(0, 0.5)]))
+    splats = sg.extract(sg.Volume(samples), sg.Transfer([(0, 0.5)]), classification="pre")
     assert splats.records["normal"].tolist() == [[0, 0, 0]]
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 1), (1, 4, 5), (4, 1, 1), (1, 1, 6), (3, 4, 1)])
 def test_thin_volumes(shape: tuple[int, int, int]) -> None:
-    assert len(sg.extract(sg.Volume(np.ones(shape)), sg.Transfer([(0, 0.5)]))) == np.prod(shape)
+    assert len(sg.extract(sg.Volume(np.ones(shape)), sg.Transfer([(0, 0.5)]), classification="pre")) == np.prod(shape)
 
 
 def test_colors_of_a_coloured_volume_are_linear() -> None:
     color = np.zeros((1, 1, 2, 3), np.uint8)
     color[0, 0, 1] = [255, 188, 0]
-    splats = sg.extract(sg.Volume(np.ones((1, 1, 2)), color=color), sg.Transfer([(0, 0.5)], shading=False))
+    splats = sg.extract(
+        sg.Volume(np.ones((1, 1, 2)), color=color), sg.Transfer([(0, 0.5)], shading=False), classification="pre"
+    )
     # sRGB 188/255 is linear 0.5029
     assert splats.records["color"][1] == pytest.approx([1, 0.5029, 0], abs=1e-4)
 
@@ -127,7 +131,7 @@ def test_big_volumes_are_read_slab_by_slab() -> None:
                 asked.append(len(slab.samples))
                 yield slab
 
-    sg.extract(Watched(noise((20, 5, 5))), RAMP, slab=3)
+    sg.extract(Watched(noise((20, 5, 5))), RAMP, slab=3, classification="pre")
     assert max(asked) == 5
     assert len(asked) == 7
 
@@ -161,7 +165,7 @@ def test_bad_points(change: dict, message: str) -> None:
 
 def test_bad_threshold() -> None:
     with pytest.raises(sg.InputError, match="threshold: expected an opacity"):
-        sg.extract(sg.Volume(noise()), RAMP, threshold=1.0)
+        sg.extract(sg.Volume(noise()), RAMP, threshold=1.0, classification="pre")
 
 
 def test_record_size_is_stated() -> None:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.splat.extraction.run_lengths import OCTAVES
@@ -17,7 +18,7 @@ FORMS = ("opacity", "optical-depth", "fill")
 
 def matter(cells: np.ndarray, opacity: float = 0.99) -> sg.Splats:
     transfer = sg.Transfer([(0.5, 0), (0.5, opacity)], shading=False, unit=1.0, colormap="white")
-    return sg.extract(sg.Volume(cells.astype(np.uint8)), transfer)
+    return sg.extract(sg.Volume(cells.astype(np.uint8)), transfer, classification="pre")
 
 
 def lengths(splats: sg.Splats) -> np.ndarray:
@@ -93,7 +94,7 @@ def test_a_deep_dot_is_the_same_on_the_gpu(renderer: sg.Renderer, kind: str) -> 
     for depth in (3.0, 8.0, 16.0):
         dot = sg.Splats.from_points([[0.0, 0, 0]], [[1.0, 1, 1]], [depth])
         camera = sg.Camera.look_at((0, 0, -100), (0.01, 0.02, 0), (0, 1, 0), 12, (9, 9))
-        settings = sg.Settings(technique=kind, occlusion="off")
+        settings = SPLATS.but(technique=kind, occlusion="off")
         assert sg.plan(dot, camera, settings, tiles=True).program.look.attenuation == "fill"
         right = sg.reference.render(dot, camera, settings).pixels
         assert np.abs(renderer.render(dot, camera, settings).pixels - right).max() < 3e-4 * right.max()
@@ -129,10 +130,10 @@ def test_nearest_to_supersampling(make, m: float, renderer: sg.Renderer) -> None
     size = round(2 * math.tan(math.radians(13)) * 200 / m)
     camera = sg.Camera.look_at(middle + np.array([15.0, -30, -197]), middle, (0, -1, 0), 26, (size, size))
     samples = math.ceil(float(camera.pixel_pitch(camera.eye_from_points(splats.corners)[:, 2].max())))
-    right = renderer.render(splats, camera, sg.Settings(antialias="supersample", samples=samples)).pixels
+    right = renderer.render(splats, camera, SPLATS.but(antialias="supersample", samples=samples)).pixels
     rmse = {}
     for form in FORMS:
-        drawn = renderer.render(splats, camera, sg.Settings(attenuation=form)).pixels
+        drawn = renderer.render(splats, camera, SPLATS.but(attenuation=form)).pixels
         rmse[form] = float(np.sqrt(((drawn - right) ** 2).mean()))
     assert rmse["fill"] <= 1.01 * min(rmse["opacity"], rmse["optical-depth"])
     if make is not wall:
@@ -142,8 +143,8 @@ def test_nearest_to_supersampling(make, m: float, renderer: sg.Renderer) -> None
 def test_nothing_changes_before_z_k(renderer: sg.Renderer) -> None:
     splats = matter(dots())
     camera = sg.Camera.orbit(splats, 30, 20, size=(300, 300))
-    assert not sg.plan(splats, camera).program.seen.antialias
-    drawn = [renderer.render(splats, camera, sg.Settings(attenuation=form)).pixels for form in FORMS]
+    assert not sg.plan(splats, camera, SPLATS).program.seen.antialias
+    drawn = [renderer.render(splats, camera, SPLATS.but(attenuation=form)).pixels for form in FORMS]
     assert (drawn[0] == drawn[1]).all()
     assert (drawn[0] == drawn[2]).all()
 
@@ -151,5 +152,5 @@ def test_nothing_changes_before_z_k(renderer: sg.Renderer) -> None:
 def test_fill_is_what_auto_means() -> None:
     splats = matter(dots())
     far = sg.Camera.orbit(splats, size=(20, 20))
-    assert sg.plan(splats, far).program.look.attenuation == "fill"
-    assert sg.plan(splats, far, sg.Settings(blend="xray")).program.look.attenuation == "optical-depth"
+    assert sg.plan(splats, far, SPLATS).program.look.attenuation == "fill"
+    assert sg.plan(splats, far, SPLATS.but(blend="xray")).program.look.attenuation == "optical-depth"

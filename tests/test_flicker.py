@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.app.scene import View
 from splatgl.app.track import turning
 from splatgl.truth.flicker import flicker, popping, strip
 
-SETTINGS = sg.Settings(background=(0, 0, 0))
+SETTINGS = SPLATS.but(background=(0, 0, 0))
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.splat.kernel.kernels import KERNELS, PiecewiseCubic, footprint_table, kernel
@@ -118,10 +119,10 @@ def registered() -> Iterator[str]:
 def test_a_registered_kernel_draws_within_its_bound(renderer: sg.Renderer, registered: str) -> None:
     """Known to settings, plan, tables, shaders, reference and bound, without a touch to any of them."""
     volume = sg.Volume(np.random.default_rng(2).random((7, 8, 9)), spacing=(1, 1, 2))
-    splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.6)]))
+    splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.6)]), classification="pre")
     for technique, zoom, blend in itertools.product(("quads", "tiles"), (1, 1 / 12), ("composite", "xray", "mip")):
         camera = sg.Camera.orbit(splats, 20, 30, size=(64, 64), zoom=zoom)
-        settings = sg.Settings(kernel=registered, technique=technique, blend=blend)
+        settings = SPLATS.but(kernel=registered, technique=technique, blend=blend)
         image = renderer.render(splats, camera, settings, verify_bound=False)
         right = sg.reference.render(splats, camera, settings).pixels
         assert image.info["kernel"] == registered and right.max() > 0.01

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from noise import noise, views
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.splat.plan.occlusion_policy import Hiding
@@ -54,7 +55,7 @@ FEATURES = (
 def test_forced_on(renderer: sg.Renderer, name: str, size: int) -> None:
     splats = noise(size=size, opacity=0.9)
     camera = views(splats)["fitted"].resized((360, 270))
-    chosen = renderer.plan(splats, camera, sg.Settings(technique="tiles"))
+    chosen = renderer.plan(splats, camera, SPLATS.but(technique="tiles"))
     assert not chosen.program.seen.antialias and not chosen.program.seen.half_line and chosen.program.seen.cubic
     without, with_it, change = forced(name, chosen, camera)
     drawn = renderer.passes.draw(splats, without)
@@ -66,7 +67,7 @@ def test_order_is_left_out_of_sums(renderer: sg.Renderer) -> None:
     splats = noise()
     camera = views(splats)["fitted"]
     for blend in ("xray", "mip"):
-        chosen = renderer.plan(splats, camera, sg.Settings(blend=blend))
+        chosen = renderer.plan(splats, camera, SPLATS.but(blend=blend))
         assert any(note.startswith("ordering left out") for note in chosen.notes)
         renderer.passes.draw(splats, chosen)
         drawn = renderer.passes.splats.of(splats).textured
@@ -79,6 +80,6 @@ def test_every_note_says_what_it_changes(renderer: sg.Renderer) -> None:
     splats = noise()
     for camera in views(splats).values():
         for blend in ("composite", "xray", "mip"):
-            for note in renderer.plan(splats, camera, sg.Settings(blend=blend)).notes:
+            for note in renderer.plan(splats, camera, SPLATS.but(blend=blend)).notes:
                 assert " left out: " in note
                 assert any(word in note for word in ("picture", "rounding", "perpendicular", "eye", "pixels")), note

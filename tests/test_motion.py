@@ -147,7 +147,7 @@ def test_flow_is_the_vector_at_each_splats_cell(rng: np.random.Generator) -> Non
     vectors[1, 2, 3] = np.nan
     samples = rng.random((4, 5, 6))
     volume = sg.Volume(samples, spacing=(1, 2, 3), origin=(5, 0, 0), vectors=vectors)
-    splats = sg.extract(volume, sg.Transfer(points=[(0.4, 0.0), (0.4, 0.5)]))
+    splats = sg.extract(volume, sg.Transfer(points=[(0.4, 0.0), (0.4, 0.5)]), classification="pre")
     found = flow_of(splats, volume, scale=2.0)
     x, y, z = splats.records["position"].astype(int).T
     assert found == pytest.approx(2 * np.nan_to_num(vectors)[z, y, x])
@@ -165,7 +165,7 @@ def test_carotid_flows_along_its_vessels() -> None:
     if not path.is_file():
         pytest.skip(f"no {path.name}: set SPLATGL_DATA")
     volume = sg.load(path)
-    splats = sg.extract(volume, sg.Transfer(points=[(150, 0.0), (200, 0.4)]))
+    splats = sg.extract(volume, sg.Transfer(points=[(150, 0.0), (200, 0.4)]), classification="pre")
     flow = flow_of(splats, volume)
     speed = np.linalg.norm(flow, axis=1)
     # blood moves where the vessels are bright, and not elsewhere

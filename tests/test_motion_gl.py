@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.app.cli import main
@@ -34,7 +35,7 @@ MOVES: dict[str, sg.Motion | None] = {
     "flows": sg.Motion(spin=(0, 0, 5), flow=FLOW),
     "is passed": None,
 }
-XRAY = sg.Settings(blend="xray", motion="exact")
+XRAY = SPLATS.but(blend="xray", motion="exact")
 # float32 against float64; a voxel of which one axis alone is widened and that hardly moves is drawn better than that
 TWIN, ONE_AXIS = 2e-5, 6e-4
 
@@ -111,8 +112,8 @@ def test_exact_streaks_are_temporal_supersampling(renderer: sg.Renderer, view: s
 @pytest.mark.parametrize("view", CAMERAS)
 def test_what_does_not_move_is_the_still_bit_for_bit(renderer: sg.Renderer, view: str, blend: str) -> None:
     splats, camera = cloud(), CAMERAS[view]
-    right = renderer.render(splats, camera, sg.Settings(blend=blend))
-    moving, exact = MOVES["spins"], sg.Settings(blend=blend, motion="exact")
+    right = renderer.render(splats, camera, SPLATS.but(blend=blend))
+    moving, exact = MOVES["spins"], SPLATS.but(blend=blend, motion="exact")
     for settings, motion in (
         (exact, None),
         (exact, sg.Motion()),
@@ -132,7 +133,7 @@ def test_what_does_not_move_is_the_still_bit_for_bit(renderer: sg.Renderer, view
 def test_a_still_splat_among_moving_ones_is_the_same(renderer: sg.Renderer) -> None:
     """One that flows is drawn alone, and beside others that stand still: streaks change nothing of theirs."""
     splats, camera = cloud(), CAMERAS["near"]
-    quads = sg.Settings(blend="xray", technique="quads")
+    quads = SPLATS.but(blend="xray", technique="quads")
     flow = np.zeros((COUNT, 3))
     flow[0] = (2.0, 0, 1)
     first = replace(splats, records=splats.records[:1])
@@ -144,7 +145,7 @@ def test_a_still_splat_among_moving_ones_is_the_same(renderer: sg.Renderer) -> N
 
 def test_flow_turns_with_the_order(renderer: sg.Renderer) -> None:
     """The same splats from all sides, one after the other: velocities follow their splats."""
-    splats, motion, settings = cloud(), MOVES["flows"], sg.Settings(motion="exact")
+    splats, motion, settings = cloud(), MOVES["flows"], SPLATS.but(motion="exact")
     for eye in ((0, -14, 5), (14, 2, 5), (-13, 5, -5)):
         camera = sg.Camera.look_at(eye, (0, 0, 0), (0, 0, 1), 60, (16, 16))
         right = streaks.render(splats, camera, settings, motion, 180.0).pixels
@@ -159,7 +160,7 @@ def energy(renderer: sg.Renderer, form: str, name: str, pixels: float) -> float:
     one = sg.Splats.from_points([[0.1, 0.2, 0.3]], [[1, 1, 1]], [0.5])
     camera = sg.Camera.orthographic((0, -30, 0), (0, 0, 0), (0, 0, 1), 34.0, (136, 136))
     path = np.array([0.8, 0.0, 0.6]) * pixels / 4
-    settings = sg.Settings(blend="xray", kernel=name, motion=form, shutter=360)
+    settings = SPLATS.but(blend="xray", kernel=name, motion=form, shutter=360)
     # in the middle of its path it is in the middle of the picture
     moved = sg.Splats.from_points(np.array([[0.1, 0.2, 0.3]]) + path / 2, [[1, 1, 1]], [0.5])
     image = renderer.render(moved if pixels else one, camera, settings, sg.Motion(velocity=path))
@@ -196,19 +197,19 @@ def test_the_eye_inside(renderer: sg.Renderer) -> None:
 
 def test_the_plan_says_what_it_leaves_out(renderer: sg.Renderer) -> None:
     splats, camera, motion = cloud(), CAMERAS["near"], MOVES["spins"]
-    assert renderer.plan(splats, camera).program.technique == "tiles"
+    assert renderer.plan(splats, camera, SPLATS).program.technique == "tiles"
     chosen = renderer.plan(splats, camera, XRAY.but(align="hybrid"), motion)
     assert (chosen.program.technique, chosen.program.align, chosen.hiding.depth_batches) == ("streaks", "exact", 1)
     for words in ("align hybrid left out", "motion blur exact, shutter 180°", "error bound is to straight streaks"):
         assert words in chosen.explain()
     # a maximum has no blur
     mip = renderer.render(splats, camera, XRAY.but(blend="mip"), motion).pixels
-    assert (mip == renderer.render(splats, camera, sg.Settings(blend="mip")).pixels).all()
+    assert (mip == renderer.render(splats, camera, SPLATS.but(blend="mip")).pixels).all()
     assert "the mean of maxima" in renderer.plan(splats, camera, XRAY.but(blend="mip"), motion).explain()
     # who gives a motion and no settings wants it blurred
-    assert renderer.render(splats, camera, motion=motion).info["motion"] == "exact"
+    assert renderer.render(splats, camera, SPLATS, motion=motion).info["motion"] == "exact"
     with pytest.raises(sg.InputError, match=r"^shutter: expected an angle"):
-        sg.Settings(shutter=361)
+        SPLATS.but(shutter=361)
 
 
 def test_supersampled_streaks(renderer: sg.Renderer) -> None:
@@ -220,7 +221,7 @@ def test_supersampled_streaks(renderer: sg.Renderer) -> None:
 
 
 def test_every_choice_compiles(renderer: sg.Renderer) -> None:
-    splats, base = cloud(), sg.Settings()
+    splats, base = cloud(), SPLATS
     for form in MOTIONS:
         for camera in (CAMERAS["near"], CAMERAS["far"], CAMERAS["parallel"]):
             for blend, attenuation in (("xray", "auto"), ("composite", "fill"), ("composite", "opacity")):

@@ -6,6 +6,7 @@ import inspect
 
 import numpy as np
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.splat.extraction import order as order_module
@@ -16,7 +17,7 @@ def full_grid(rng: np.random.Generator, share: float = 0.6) -> tuple[np.ndarray,
     kept = rng.random(tuple(rng.integers(1, 12, 3))) < share
     matrix = np.eye(3) + rng.uniform(-0.3, 0.3, (3, 3))
     volume = sg.Volume(kept.astype(np.uint8), direction=matrix, origin=rng.uniform(-50, 50, 3))
-    return kept, sg.extract(volume, sg.Transfer([(0, 0), (1, 0.5)], shading=False))
+    return kept, sg.extract(volume, sg.Transfer([(0, 0), (1, 0.5)], shading=False), classification="pre")
 
 
 def wrong_pairs(kept: np.ndarray, splats: sg.Splats, camera: sg.Camera) -> tuple[int, int]:
@@ -77,7 +78,7 @@ def test_no_sort_in_the_order() -> None:
 
 
 def test_planes_lie_across_the_view() -> None:
-    splats = sg.extract(sg.Volume(np.ones((5, 6, 7)), spacing=(1, 3, 1)), sg.Transfer([(0, 0.5)]))
+    splats = sg.extract(sg.Volume(np.ones((5, 6, 7)), spacing=(1, 3, 1)), sg.Transfer([(0, 0.5)]), classification="pre")
     for axis, eye in enumerate(((90.0, 20, 3), (3, 90, 3), (3, 2, -90))):
         order = order_for(splats, sg.Camera.look_at(eye, (3, 2, 2), (0.1, 0.2, 0.3)))
         assert order.axis == axis
@@ -87,7 +88,7 @@ def test_planes_lie_across_the_view() -> None:
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_every_splat_is_drawn_once(axis: int) -> None:
-    splats = sg.extract(sg.Volume(np.ones((5, 6, 7))), sg.Transfer([(0, 0.5)]))
+    splats = sg.extract(sg.Volume(np.ones((5, 6, 7))), sg.Transfer([(0, 0.5)]), classification="pre")
     for cell in ((3, 2, 2), (-1, 6, 5), (7, -1, 0)):
         assert sorted(back_to_front(splats, Order(cell, axis))) == list(range(len(splats)))
 
@@ -95,11 +96,11 @@ def test_every_splat_is_drawn_once(axis: int) -> None:
 def test_front_to_back_is_the_same_picture(renderer: sg.Renderer) -> None:
     rng = np.random.default_rng(7)
     volume = sg.Volume(rng.random((12, 13, 14)).astype(np.float32))
-    splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.6)], colormap="hot"))
+    splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.6)], colormap="hot"), classification="pre")
     for eye in ((30.0, 40.0, 25.0), (6.3, 5.9, 7.1)):
         camera = sg.Camera.look_at(eye, (6, 6.5, 0), (0, 1, 0), size=(64, 64))
-        back = renderer.render(splats, camera, sg.Settings()).pixels
-        front = renderer.render(splats, camera, sg.Settings(order="front-to-back")).pixels
+        back = renderer.render(splats, camera, SPLATS).pixels
+        front = renderer.render(splats, camera, SPLATS.but(order="front-to-back")).pixels
         assert np.abs(back - front).max() < 3e-6
         assert back[..., 3].max() > 0.3
 
@@ -117,8 +118,8 @@ def test_mirrored_views_agree(axis: int, renderer: sg.Renderer) -> None:
     pictures = []
     for data, sign in ((samples, np.ones(3)), (mirrored, flip)):
         camera = sg.Camera.look_at(middle + eye * sign, middle, np.array([0.1, 0.9, 0.2]) * sign, 40, (48, 48))
-        splats = sg.extract(sg.Volume(np.ascontiguousarray(data)), transfer)
-        pictures.append(renderer.render(splats, camera, sg.Settings()).pixels)
+        splats = sg.extract(sg.Volume(np.ascontiguousarray(data)), transfer, classification="pre")
+        pictures.append(renderer.render(splats, camera, SPLATS).pixels)
     # a mirror turns the picture's right into its left
     assert np.abs(pictures[0] - pictures[1][:, ::-1]).max() < 1e-5
     assert np.abs(pictures[0] - pictures[1]).max() > 1e-3
@@ -133,8 +134,8 @@ def test_mirrored_views_inside_differ_a_little(renderer: sg.Renderer) -> None:
     for data, sign in ((samples, 1), (samples[:, :, ::-1], -1)):
         eye = np.array([4 + 1.3 * sign, 4.4, 30.0])
         camera = sg.Camera.look_at(eye, (4, 4, 4), (0, 1, 0), 40, (48, 48))
-        splats = sg.extract(sg.Volume(np.ascontiguousarray(data)), transfer)
-        pictures.append(renderer.render(splats, camera, sg.Settings()).pixels)
+        splats = sg.extract(sg.Volume(np.ascontiguousarray(data)), transfer, classification="pre")
+        pictures.append(renderer.render(splats, camera, SPLATS).pixels)
     worst = float(np.abs(pictures[0] - pictures[1][:, ::-1]).max())
     print(f"largest difference of mirrored views, eye within one axis' range: {worst:.2e}")
     assert 1e-5 < worst < 0.25

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from splatting import SPLATS
 from test_figures import refused
 
 import splatgl as sg
@@ -51,10 +52,10 @@ def test_figure_5_is_the_tunnel_twice(here: Path, renderer: sg.Renderer, capsys:
     found = page()
     scene = Scene("tunnel", view=View(size=(60, 60)))
     volume = scene.open()
-    splats = sg.extract(volume, scene.transfer_for(volume))
+    splats = sg.extract(volume, scene.transfer_for(volume), classification="pre")
     camera = scene.view.camera(volume, splats)
     for panel, name in enumerate(("off", "paper")):
-        right = renderer.render(splats, camera, sg.Settings(antialias=name, background=(0, 0, 0)))
+        right = renderer.render(splats, camera, SPLATS.but(antialias=name, background=(0, 0, 0)))
         shown = np.rint(right.straight()[..., :3] * 255)
         left = MARGIN + panel * (180 + GAP)
         drawn = found[MARGIN : MARGIN + 180, left : left + 180].reshape(60, 3, 60, 3, 3)[:, 1, :, 1]

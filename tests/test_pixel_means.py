@@ -75,7 +75,7 @@ def test_samples_are_only_as_many_as_opengl_draws() -> None:
 def test_auto_is_nearer_to_many_samples(renderer: sg.Renderer) -> None:
     """Than one sample, and than splats that are stretched, by far."""
     volume = sg.scenes.ball(14)
-    splats = sg.extract(volume, sg.default_transfer(volume))
+    splats = sg.extract(volume, sg.default_transfer(volume), classification="pre")
     camera = sg.Camera.orbit(volume, 20, 10, size=(40, 40))
     settings = {"auto": AUTO, "paper": sg.Settings(), "off": sg.Settings(antialias="off")}
     truth = renderer.render(splats, camera, sg.Settings(antialias="supersample", samples=16)).pixels

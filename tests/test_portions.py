@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from noise import noise, views
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.gl import draw_order, portions, streaks, tiles
@@ -35,7 +36,7 @@ def test_a_picture_can_be_cancelled_between_portions(renderer: sg.Renderer, kind
     splats = noise(size=20, opacity=0.9)
     camera = views(splats)["fitted"]
     for change in ({}, {"occlusion": "off"}, {"blend": "xray"}):
-        settings = sg.Settings(technique=kind, **change)
+        settings = SPLATS.but(technique=kind, **change)
         right = renderer.render(splats, camera, settings).pixels
         asked: list[bool] = []
         counted = renderer.render(splats, camera, settings, interrupted=partial(record, asked)).pixels
@@ -52,10 +53,10 @@ def test_too_many_that_flow_are_refused(renderer: sg.Renderer, monkeypatch: pyte
     """Their flow is kept beside their records, whole."""
     splats = noise(size=8, opacity=0.5)
     flow = sg.Motion(flow=np.full((len(splats), 3), 0.1))
-    renderer.render(splats, views(splats)["fitted"], motion=flow)
+    renderer.render(splats, views(splats)["fitted"], SPLATS, motion=flow)
     monkeypatch.setattr(streaks, "MOST_KEPT", len(splats) - 1)
     with pytest.raises(sg.InputError, match=r"^splats: expected at most \d+ that flow, got \d+; raise the"):
-        renderer.render(splats, views(splats)["fitted"], motion=flow)
+        renderer.render(splats, views(splats)["fitted"], SPLATS, motion=flow)
 
 
 def test_portions_grow_and_shrink_with_the_time_they_take(
@@ -89,7 +90,7 @@ def test_too_many_splats_to_be_kept_are_drawn_in_chunks(
     splats = noise(size=14, opacity=0.5)
     for view in ("fitted", "far"):
         camera = views(splats)[view]
-        settings = sg.Settings(technique=kind, occlusion="off", order="front-to-back", **change)
+        settings = SPLATS.but(technique=kind, occlusion="off", order="front-to-back", **change)
         whole = renderer.render(splats, camera, settings).pixels
         with monkeypatch.context() as patched:
             for module in (draw_order, tiles):

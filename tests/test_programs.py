@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from noise import GRIDS as PLACED
 from noise import noise
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.gl.program import build, build_compute, splat_switches
@@ -55,7 +56,7 @@ def programs(pairs: bool) -> set[Program]:
     for grid in GRIDS:
         splats = noise(grid, size=4, opacity=0.5)
         for camera, change in itertools.product(cameras_of(splats), wanted):
-            settings = sg.Settings(**dict(change))
+            settings = SPLATS.but(**dict(change))
             found |= {sg.plan(splats, camera, settings, tiles=tiles).program for tiles in (True, None)}
             if settings.align == "auto":
                 for motion in MOTIONS:
@@ -69,11 +70,14 @@ def of_sheets() -> set[Program]:
     transfer = sg.Transfer([(0.3, 0), (1, 0.5)], shading=True)
     for grid in GRIDS:
         volume = sg.Volume(np.random.default_rng(3).random((4, 4, 4)), **PLACED[grid])
-        for splats in (sg.extract(volume, transfer), sg.extract(volume, transfer, classification="post")):
+        for splats in (
+            sg.extract(volume, transfer, classification="pre"),
+            sg.extract(volume, transfer, classification="post"),
+        ):
             changes = itertools.product((2, 3, 4), (1 / 255, 1e-6), ("on", "off"), ("auto", "optical-depth"))
             cameras = cameras_of(splats)
             for count, tolerance, shading, attenuation in changes:
-                settings = sg.Settings(compositing="sheets", sheets=count, tolerance=tolerance)
+                settings = SPLATS.but(compositing="sheets", sheets=count, tolerance=tolerance)
                 settings = settings.but(shading=shading, attenuation=attenuation)
                 found |= {
                     sg.plan(splats, camera, settings, tiles=tiles).program

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from noise import GRIDS, noise, views
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.splat.kernel.kernels import kernel
@@ -22,7 +23,9 @@ def single(grid: str, rng: np.random.Generator) -> sg.Splats:
     """One voxel of that grid."""
     cells = np.zeros((3, 3, 3))
     cells[tuple(rng.integers(0, 3, 3))] = 1
-    return sg.extract(sg.Volume(cells, **GRIDS[grid]), sg.Transfer([(0.5, 0), (1, 0.5)], shading=False))
+    return sg.extract(
+        sg.Volume(cells, **GRIDS[grid]), sg.Transfer([(0.5, 0), (1, 0.5)], shading=False), classification="pre"
+    )
 
 
 @pytest.mark.parametrize("parallel", [False, True])
@@ -40,7 +43,7 @@ def test_the_window_holds_all_that_the_reference_reaches(grid: str, parallel: bo
         target = middle + rng.uniform(-0.5, 0.5) * splats.grid.mean_spacing * across
         camera = sg.Camera.look_at(eye, target, rng.normal(size=3), 1.0, (500, 400))
         camera = camera.parallel(splats) if parallel else camera
-        window = sg.plan(splats, camera).window
+        window = sg.plan(splats, camera, SPLATS).window
         view = View.of(splats.grid, camera, kernel("crawfis-max"))
         box = pixel_boxes(view, "row1", view.voxels(splats.records["position"]), camera)
         reached = (int(box.left[0]), int(box.right[0]), int(box.top[0]), int(box.bottom[0]))
@@ -58,12 +61,14 @@ def test_a_splat_is_in_every_tile_that_it_reaches(renderer: sg.Renderer, grid: s
     rng = np.random.default_rng(7)
     cells = np.zeros((1, 60, 60))
     cells[0, 2::7, 2::7] = 1
-    splats = sg.extract(sg.Volume(cells, **shape), sg.Transfer([(0.5, 0), (1, 0.5)], shading=False))
+    splats = sg.extract(
+        sg.Volume(cells, **shape), sg.Transfer([(0.5, 0), (1, 0.5)], shading=False), classification="pre"
+    )
     reached = 0
     for turn in range(4):
         camera = sg.Camera.orbit(splats, 20 + turn, 70, size=(400, 300)).parallel(splats)
         camera = sg.Camera(camera.eye + rng.random(3), camera.eye_from_world, camera.size, camera.extent, False)
-        settings = sg.Settings(blend="xray", technique="tiles", antialias="off")
+        settings = SPLATS.but(blend="xray", technique="tiles", antialias="off")
         drawn = renderer.render(splats, camera, settings).pixels[..., 3]
         right = sg.reference.render(splats, camera, settings).pixels[..., 3]
         rim = (right > RIM * right.max()) & (right < 1e-4 * right.max())
@@ -79,6 +84,6 @@ def test_no_splat_reaches_beyond_the_window(renderer: sg.Renderer, grid: str, vi
     few = sg.Splats.from_points(np.array([[0.0, 0, 0], [3, 2, 1]]), np.ones((2, 3)), np.ones(2))
     for subject in (splats, few):
         camera = views(splats)[view]
-        chosen = sg.plan(subject, camera)
+        chosen = sg.plan(subject, camera, SPLATS)
         whole = replace(chosen, window=Window(0, 0, *camera.size))
         assert (renderer.passes.draw(subject, chosen) == renderer.passes.draw(subject, whole)).all()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.data.scenes import letter_f
@@ -32,7 +33,7 @@ def two_splats(swapped: bool = False) -> sg.Splats:
 def pixel_of(splats: sg.Splats, **asked: object) -> np.ndarray:
     """One pixel that looks along the z axis from the origin."""
     camera = sg.Camera.look_at((0, 0, 0), (0, 0, 1), (0, -1, 0), 60, (1, 1))
-    return render(splats, camera, sg.Settings(**{"antialias": "off", **asked})).pixels[0, 0]
+    return render(splats, camera, SPLATS.but(**{"antialias": "off", **asked})).pixels[0, 0]
 
 
 def scattered(count: int, spread: float, spacing: object = 1.0, seed: int = 4) -> sg.Splats:
@@ -71,7 +72,7 @@ def test_one_splat_is_its_line_integral() -> None:
     """Every pixel 1 − exp(−τ row1), on a grid that is not cubic."""
     splats = sg.Splats.from_points([(3, 1, 20)], [(1, 0.5, 0)], [0.8], (1, 2, 0.7))
     camera = sg.Camera.look_at((0, 0, 0), (2, 1, 20), (0, -1, 0), 40, (12, 8))
-    found = render(splats, camera, sg.Settings(attenuation="optical-depth")).pixels
+    found = render(splats, camera, SPLATS.but(attenuation="optical-depth")).pixels
     x, y = camera.slopes()
     view = View.of(splats.grid, camera, kernel("crawfis-max"))
     assert (view.coverage(view.voxels(splats.records["position"])[2]) < 1).all()
@@ -88,7 +89,7 @@ def test_other_rows_are_table_1(row: str) -> None:
     """One cubic splat beyond z_k, every pixel."""
     voxel, camera = (3.0, 1.0, 20.0), sg.Camera.look_at((0, 0, 0), (0, 0, 1), (0, -1, 0), 50, (12, 8))
     splats = sg.Splats.from_points([voxel], [(1, 0.5, 0)], [0.5])
-    found = render(splats, camera, sg.Settings(blend="xray"), row).pixels[..., 3]
+    found = render(splats, camera, SPLATS.but(blend="xray"), row).pixels[..., 3]
     ray = np.stack(np.broadcast_arrays(*(s[None, :] if n == 0 else s[:, None] for n, s in enumerate(camera.slopes()))))
     right = 0.5 * ROWS[row](Splat(kernel("crawfis-max"), np.array(voxel), np.moveaxis(ray, 0, -1), camera.z_k(1.0)))
     assert camera.z_k(1.0) < 20 and right.max() > 0.01
@@ -127,7 +128,7 @@ def test_opaque_splats_leave_nothing_undefined() -> None:
     splats = sg.Splats.from_points(points, np.linspace(0, 1, 1200).reshape(400, 3), np.full(400, 1e4))
     for height, attenuation in ((1e-6, "opacity"), (1.5, "opacity"), (1.5, "optical-depth")):
         camera = sg.Camera.orthographic((0, 0, -9), (0, 0, 0), (0, -1, 0), height, (1, 1))
-        pixel = render(splats, camera, sg.Settings(attenuation=attenuation)).pixels[0, 0]
+        pixel = render(splats, camera, SPLATS.but(attenuation=attenuation)).pixels[0, 0]
         assert np.isfinite(pixel).all()
         assert pixel[3] == pytest.approx(1, abs=1e-9)
 
@@ -138,7 +139,7 @@ def test_attenuation(attenuation: str) -> None:
     camera = sg.Camera.orthographic((0, 0, -9), (0, 0, 0), (0, -1, 0), 4.0, (1, 1))
     splats = sg.Splats.from_points([(0, 0, 0), (0, 0, 3)], np.ones((2, 3)), [2.0, 2.0])
     one = -np.expm1(-2 * PEAK) / 16 if attenuation == "opacity" else -np.expm1(-2 * PEAK / 16)
-    found = render(splats, camera, sg.Settings(attenuation=attenuation)).pixels[0, 0]
+    found = render(splats, camera, SPLATS.but(attenuation=attenuation)).pixels[0, 0]
     assert found == pytest.approx(1 - (1 - one) ** 2, rel=1e-12)
 
 
@@ -148,12 +149,12 @@ def test_homogeneous_slab(kernel_name: str, bound: float, distance: float) -> No
     """1 − exp(−σL) with L the slant path, away from the edges, before and beyond z_k."""
     sigma, thick, wide = 0.2, 12, 61 if distance < 100 else 101
     volume = sg.Volume(np.ones((thick, wide, wide), np.uint8))
-    splats = sg.extract(volume, sg.Transfer([(0, -np.expm1(-sigma))], unit=1.0, shading=False))
+    splats = sg.extract(volume, sg.Transfer([(0, -np.expm1(-sigma))], unit=1.0, shading=False), classification="pre")
     middle = (wide - 1) / 2
     eye, size = (middle, middle, -0.5 - distance), (60, 60) if distance < 100 else (16, 16)
     camera = sg.Camera.look_at(eye, (middle, middle, 0), (0, -1, 0), 60 if distance < 100 else 12, size)
-    assert sg.plan(splats, camera).program.seen.antialias == (distance > 100)
-    found = render(splats, camera, sg.Settings(kernel=kernel_name)).pixels[..., 3]
+    assert sg.plan(splats, camera, SPLATS).program.seen.antialias == (distance > 100)
+    found = render(splats, camera, SPLATS.but(kernel=kernel_name)).pixels[..., 3]
     x, y = camera.slopes()
     path = thick * np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
     assert np.abs(-np.log1p(-found) / (sigma * path) - 1).max() < bound
@@ -161,7 +162,7 @@ def test_homogeneous_slab(kernel_name: str, bound: float, distance: float) -> No
 
 def by_hand(splats: sg.Splats, camera: sg.Camera, blend: str) -> np.ndarray:
     """The picture, a splat at a time over all pixels, back to front."""
-    plan = sg.plan(splats, camera)
+    plan = sg.plan(splats, camera, SPLATS)
     view = View.of(splats.grid, camera, kernel("crawfis-max"), plan.program.seen.antialias)
     x, y = (slopes / (1 if camera.perspective else splats.grid.mean_spacing) for slopes in camera.slopes())
     ray = np.stack(np.broadcast_arrays(x[None, :], y[:, None]))
@@ -195,7 +196,7 @@ def test_one_splat_at_a_time(blend: str, spacing: object, parallel: bool, monkey
         camera = camera.parallel(splats, 12.0)
     monkeypatch.setattr(pairs, "PAIRS", 1000)
     monkeypatch.setattr("splatgl.truth.reference.BAND", 100)
-    found = render(splats, camera, sg.Settings(blend=blend, attenuation="optical-depth")).pixels
+    found = render(splats, camera, SPLATS.but(blend=blend, attenuation="optical-depth")).pixels
     right = by_hand(splats, camera, blend)
     assert right[..., 3].max() > 0.8
     assert np.abs(found - right).max() < 1e-11 * right.max()
@@ -209,10 +210,10 @@ def test_boxes_hold_every_ray(row: str, pixels: int, monkeypatch: pytest.MonkeyP
     for spacing in grids:
         splats = scattered(200, 9.0, spacing, seed=pixels)
         camera = sg.Camera.look_at((1, -2, 0.5), (1.5, 3, 0), (0, 0, 1), 110, (pixels, pixels // 2))
-        found = render(splats, camera, sg.Settings(blend="xray"), row).pixels
+        found = render(splats, camera, SPLATS.but(blend="xray"), row).pixels
         with monkeypatch.context() as patched:
             patched.setattr("splatgl.truth.reference.pixel_boxes", everywhere)
-            right = render(splats, camera, sg.Settings(blend="xray"), row).pixels
+            right = render(splats, camera, SPLATS.but(blend="xray"), row).pixels
         assert np.abs(found - right).max() < 1e-11
 
 
@@ -224,20 +225,20 @@ def everywhere(view: View, row: str, voxel: np.ndarray, camera: sg.Camera) -> Bo
 def test_supersampling_and_background() -> None:
     splats = scattered(300, 5.0)
     camera = sg.Camera.orbit(splats, 30, 20, size=(20, 15))
-    found = render(splats, camera, sg.Settings(antialias="supersample", samples=3)).pixels
+    found = render(splats, camera, SPLATS.but(antialias="supersample", samples=3)).pixels
     fine = render(splats, camera.resized((60, 45))).pixels
     assert np.abs(found - pixel_means(fine, 3)).max() < 1e-14
     # by 1/24 of the differences across a pixel's edges from the plain mean
     assert 1e-4 < np.abs(found - fine.reshape(15, 3, 20, 3, 4).mean(axis=(1, 3))).max() < 0.1
     ground = (0.2, 0.4, 0.6)
-    on = render(splats, camera, sg.Settings(antialias="supersample", samples=3, background=ground)).pixels
+    on = render(splats, camera, SPLATS.but(antialias="supersample", samples=3, background=ground)).pixels
     assert np.abs(on - (found + (1 - found[..., 3:]) * [*ground, 1])).max() < 1e-14
 
 
 def test_shading() -> None:
     """C = c (0.3 + 0.7 |n·l|): 1 along the gradient, 0.65 at 60° to it; off changes nothing else."""
     volume = sg.Volume(np.broadcast_to(np.arange(9.0)[:, None, None], (9, 41, 41)))
-    splats = sg.extract(volume, sg.Transfer([(0, 0.99)], colormap="white"))
+    splats = sg.extract(volume, sg.Transfer([(0, 0.99)], colormap="white"), classification="pre")
     for slant, right in ((0.0, 1.0), (60.0, 0.65)):
         a = np.radians(slant)
         eye = np.array([20, 20, 4]) + 500 * np.array([np.sin(a), 0, -np.cos(a)])
@@ -245,7 +246,7 @@ def test_shading() -> None:
             sg.Camera.orthographic(eye, (20, 20, 4), (0, -1, 0), 2, (1, 1)),
             sg.Camera.look_at(eye, (20, 20, 4), (0, -1, 0), 0.1, (1, 1)),
         ):
-            lit, plain = (render(splats, camera, sg.Settings(shading=s)).pixels[0, 0] for s in ("auto", "off"))
+            lit, plain = (render(splats, camera, SPLATS.but(shading=s)).pixels[0, 0] for s in ("auto", "off"))
             assert lit[0] / plain[0] == pytest.approx(right, abs=2e-3 if slant else 1e-4)
             assert lit[3] == plain[3]
 
@@ -256,7 +257,7 @@ def test_any_place_and_unit(scale: float) -> None:
     pictures = []
     for s, offset in ((1.0, 0.0), (scale, 1e6 * scale)):
         volume = sg.Volume(samples, spacing=(s, 2 * s, s), origin=(offset, -offset, offset))
-        splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.5)]))
+        splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.5)]), classification="pre")
         pictures.append(render(splats, sg.Camera.orbit(volume, 30, 20, size=(24, 24))).pixels)
     assert np.abs(pictures[0] - pictures[1]).max() < 1e-8
 
@@ -270,7 +271,7 @@ def test_what_it_says_and_refuses() -> None:
         seen.append(count)
         return bands
 
-    image = sg.reference.render(splats, camera, row="row4", progress=progress)
+    image = sg.reference.render(splats, camera, SPLATS, row="row4", progress=progress)
     assert image.pixels.dtype == np.float64 and seen == [1]
     assert (image.info["row"], image.info["kernel"]) == ("row4", "crawfis-max")
     assert image.info["seconds"] > 0
@@ -281,15 +282,15 @@ def test_what_it_says_and_refuses() -> None:
 
 
 def test_no_splats_is_the_background() -> None:
-    nothing = sg.extract(sg.Volume(np.zeros((4, 4, 4))), sg.Transfer([(0, 0), (1, 1)]))
-    image = render(nothing, sg.Camera.orbit(nothing, size=(8, 8)), sg.Settings(background=(0.5, 0, 1)))
+    nothing = sg.extract(sg.Volume(np.zeros((4, 4, 4))), sg.Transfer([(0, 0), (1, 1)]), classification="pre")
+    image = render(nothing, sg.Camera.orbit(nothing, size=(8, 8)), SPLATS.but(background=(0.5, 0, 1)))
     assert (image.pixels == np.array([0.5, 0, 1, 1])).all()
 
 
 def test_letter_reads_as_drawn() -> None:
     """Rows from the top, columns from the left: red x to the right of the stem, F's arms above."""
-    splats = sg.extract(letter_f(), sg.default_transfer(letter_f()))
-    pixels = render(splats, sg.Camera.orbit(splats, 0, 0, fov=20, size=(60, 60)), sg.Settings(shading="off")).pixels
+    splats = sg.extract(letter_f(), sg.default_transfer(letter_f()), classification="pre")
+    pixels = render(splats, sg.Camera.orbit(splats, 0, 0, fov=20, size=(60, 60)), SPLATS.but(shading="off")).pixels
     rows, columns = np.nonzero(pixels[..., 3] > 0.5)
     red = (pixels[..., 0] > 3 * pixels[..., 2]) & (pixels[..., 3] > 0.5)
     assert np.nonzero(red)[0].mean() > rows.mean() + 5
@@ -300,9 +301,11 @@ def test_letter_reads_as_drawn() -> None:
 @pytest.mark.parametrize("compositing", ["splats", "sheets"])
 @pytest.mark.parametrize("antialias", ["off", "auto", "supersample"])
 def test_rows_are_those_of_the_picture(antialias: str, compositing: str) -> None:
-    splats = sg.extract(sg.Volume(np.random.default_rng(3).random((6, 6, 6))), sg.Transfer([(0.4, 0), (1, 0.8)]))
+    splats = sg.extract(
+        sg.Volume(np.random.default_rng(3).random((6, 6, 6))), sg.Transfer([(0.4, 0), (1, 0.8)]), classification="pre"
+    )
     camera = sg.Camera.orbit(splats, 30, 20, size=(20, 16), zoom=1.6)
-    settings = sg.Settings(antialias=antialias, samples=3, compositing=compositing, background=(0.1, 0.2, 0.3))
+    settings = SPLATS.but(antialias=antialias, samples=3, compositing=compositing, background=(0.1, 0.2, 0.3))
     rows, whole = [0, 7, 15], render(splats, camera, settings).pixels
     assert np.ptp(whole[rows]) > 0.3
     assert np.abs(render_rows(splats, camera, settings, rows) - whole[rows]).max() < 1e-12

@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.data.scenes import letter_f
@@ -26,7 +27,7 @@ def splats(request: pytest.FixtureRequest) -> sg.Splats:
     spacing, direction = GRIDS[request.param]
     volume = sg.Volume(samples, spacing=spacing, direction=direction, origin=(5, -3, 2))
     transfer = sg.Transfer([(0, 0), (1, 0.7)], colormap="hot", unit=0.8)
-    return sg.extract(volume, transfer)
+    return sg.extract(volume, transfer, classification="pre")
 
 
 def camera_of(splats: sg.Splats, size: tuple[int, int], parallel: bool) -> sg.Camera:
@@ -49,7 +50,7 @@ def test_every_blend_near_and_far(splats: sg.Splats, row: str, blend: str, rende
     for size, parallel in product(((40, 30), (6, 5)), (False, True)):
         camera = camera_of(splats, size, parallel)
         for attenuation in ("opacity", "optical-depth") if blend == "composite" else ("auto",):
-            asked = sg.Settings(blend=blend, align=ROWS[row], attenuation=attenuation)
+            asked = SPLATS.but(blend=blend, align=ROWS[row], attenuation=attenuation)
             assert difference(splats, camera, asked, row, renderer) < TABLE
 
 
@@ -68,7 +69,7 @@ def test_every_blend_near_and_far(splats: sg.Splats, row: str, blend: str, rende
 )
 def test_settings(splats: sg.Splats, asked: dict, renderer: sg.Renderer) -> None:
     camera = camera_of(splats, (12, 10), parallel=False)
-    assert difference(splats, camera, sg.Settings(align="ray", **asked), "row4", renderer) < TABLE
+    assert difference(splats, camera, SPLATS.but(align="ray", **asked), "row4", renderer) < TABLE
 
 
 def test_the_eye_amid_the_splats(splats: sg.Splats, renderer: sg.Renderer) -> None:
@@ -77,17 +78,17 @@ def test_the_eye_amid_the_splats(splats: sg.Splats, renderer: sg.Renderer) -> No
     camera = sg.Camera.look_at(eye, eye + np.array([0.6, 1.0, 0.2]), (0, 0, 1), 70, (24, 24))
     for row, align in ROWS.items():
         for blend in ("composite", "xray"):
-            asked = sg.Settings(blend=blend, align=align)
+            asked = SPLATS.but(blend=blend, align=align)
             assert difference(splats, camera, asked, row, renderer) < TABLE
 
 
 def test_the_reference_tells_rows_apart(renderer: sg.Renderer) -> None:
     """A wide view: each alignment is nearest to its own row, and ray-perpendicular is nearer to the truth."""
-    splats = sg.extract(letter_f(), sg.default_transfer(letter_f()))
+    splats = sg.extract(letter_f(), sg.default_transfer(letter_f()), classification="pre")
     corner = splats.corners
     eye = corner.min(axis=0) - 12
     camera = sg.Camera.look_at(eye, corner.mean(axis=0) + np.array([12, -20, 20]), (0, 0, 1), 90, (32, 32))
-    asked = {row: sg.Settings(align=align, blend="xray") for row, align in ROWS.items()}
+    asked = {row: SPLATS.but(align=align, blend="xray") for row, align in ROWS.items()}
     for row, other in (("row4", "row5"), ("row5", "row4")):
         own = difference(splats, camera, asked[row], row, renderer)
         assert own < TABLE

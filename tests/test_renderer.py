@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.data.scenes import letter_f
@@ -16,7 +17,7 @@ from splatgl.truth.temporal import Moments
 
 @pytest.fixture(scope="module")
 def letter() -> sg.Splats:
-    return sg.extract(letter_f(), sg.default_transfer(letter_f()))
+    return sg.extract(letter_f(), sg.default_transfer(letter_f()), classification="pre")
 
 
 @pytest.mark.parametrize(
@@ -34,9 +35,9 @@ def letter() -> sg.Splats:
 )
 def test_bad_settings(asked: dict, message: str) -> None:
     with pytest.raises(sg.InputError, match=message):
-        sg.Settings(**asked)
+        SPLATS.but(**asked)
     with pytest.raises(sg.InputError, match="names of Settings"):
-        sg.Settings().but(colour="red")
+        SPLATS.but(colour="red")
 
 
 def test_plan_leaves_out_what_is_not_needed(letter: sg.Splats) -> None:
@@ -44,25 +45,25 @@ def test_plan_leaves_out_what_is_not_needed(letter: sg.Splats) -> None:
     far = sg.Camera.orbit(letter, size=(40, 40))
     assert not plan(letter, near).program.seen.antialias
     assert plan(letter, far).program.seen.antialias
-    assert not plan(letter, far, sg.Settings(antialias="off")).program.seen.antialias
+    assert not plan(letter, far, SPLATS.but(antialias="off")).program.seen.antialias
     assert plan(letter, far).program.seen.cubic
     assert plan(letter, far).program.look.shading
-    assert not plan(letter, far, sg.Settings(blend="mip")).program.look.shading
+    assert not plan(letter, far, SPLATS.but(blend="mip")).program.look.shading
     assert plan(letter, near.parallel(letter)).program.align == "grid"
     assert "widening of voxels left out" in plan(letter, near).explain()
     # supersampling moves z_k to the finer pixel
-    assert not plan(letter, far, sg.Settings(antialias="supersample", samples=10)).program.seen.antialias
+    assert not plan(letter, far, SPLATS.but(antialias="supersample", samples=10)).program.seen.antialias
 
 
 def test_auto_never_picks_grid(letter: sg.Splats) -> None:
     assert plan(letter, sg.Camera.orbit(letter)).program.align == "exact"
-    assert plan(letter, sg.Camera.orbit(letter), sg.Settings(tolerance=1.0)).program.align == "exact"
+    assert plan(letter, sg.Camera.orbit(letter), SPLATS.but(tolerance=1.0)).program.align == "exact"
 
 
 def test_leaving_antialiasing_out_changes_nothing(letter: sg.Splats, renderer: sg.Renderer) -> None:
     """Every splat before z_k: with and without, bit for bit the same."""
     camera = sg.Camera.orbit(letter, 30, 20, size=(150, 150))
-    settings = sg.Settings(technique="quads")
+    settings = SPLATS.but(technique="quads")
     chosen = plan(letter, camera, settings)
     assert not chosen.program.seen.antialias
     # one far splat forces it on; the rest of the picture must stay
@@ -86,17 +87,17 @@ def test_the_general_path_draws_cubes_alike(letter: sg.Splats, renderer: sg.Rend
 
 def test_a_moving_camera_compiles_and_makes_nothing(letter: sg.Splats, renderer: sg.Renderer) -> None:
     first = sg.Camera.orbit(letter, 0, 20, size=(48, 48))
-    renderer.render(letter, first)
+    renderer.render(letter, first, SPLATS)
     programs, target = len(renderer.passes.programs.tiles), renderer.passes.targets.kept["draw"]
     kept = renderer.passes.splats.of(letter).textured
     assert kept is not None
     records = kept.records
     turn = [sg.Camera.orbit(letter, azimuth, 20, size=(48, 48)) for azimuth in range(0, 360, 30)]
     for camera in turn:
-        renderer.render(letter, camera)
+        renderer.render(letter, camera, SPLATS)
     orders = dict(kept.orders.kept)
     for camera in turn:
-        renderer.render(letter, camera)
+        renderer.render(letter, camera, SPLATS)
     assert len(renderer.passes.programs.tiles) <= programs + 2
     assert renderer.passes.splats.of(letter).textured is kept and kept.records is records
     assert len(orders) > 8 and dict(kept.orders.kept) == orders
@@ -105,9 +106,9 @@ def test_a_moving_camera_compiles_and_makes_nothing(letter: sg.Splats, renderer:
 
 def test_pictures_repeat_bit_for_bit(letter: sg.Splats, renderer: sg.Renderer) -> None:
     camera = sg.Camera.orbit(letter, 30, 20, size=(64, 64))
-    once = renderer.render(letter, camera).pixels
-    renderer.render(letter, sg.Camera.orbit(letter, 200, -40, size=(32, 64)), sg.Settings(blend="xray"))
-    assert (renderer.render(letter, camera).pixels == once).all()
+    once = renderer.render(letter, camera, SPLATS).pixels
+    renderer.render(letter, sg.Camera.orbit(letter, 200, -40, size=(32, 64)), SPLATS.but(blend="xray"))
+    assert (renderer.render(letter, camera, SPLATS).pixels == once).all()
 
 
 def test_nothing_is_left_behind(letter: sg.Splats) -> None:
@@ -126,7 +127,7 @@ def test_nothing_is_left_behind(letter: sg.Splats) -> None:
     with sg.Renderer() as renderer:
         for blend in ("composite", "xray", "mip"):
             for size in ((16, 16), (20, 10)):
-                settings = sg.Settings(blend=blend, antialias="supersample", samples=2, kernel="gaussian")
+                settings = SPLATS.but(blend=blend, antialias="supersample", samples=2, kernel="gaussian")
                 renderer.render(letter, sg.Camera.orbit(letter, size=size), settings)
         assert alive() > before
         kept = renderer
@@ -136,12 +137,12 @@ def test_nothing_is_left_behind(letter: sg.Splats) -> None:
 
 
 def test_no_splats_is_the_background(renderer: sg.Renderer) -> None:
-    nothing = sg.extract(sg.Volume(np.zeros((4, 4, 4))), sg.Transfer([(0, 0), (1, 1)]))
+    nothing = sg.extract(sg.Volume(np.zeros((4, 4, 4))), sg.Transfer([(0, 0), (1, 1)]), classification="pre")
     assert len(nothing) == 0
     volume = sg.Volume(np.zeros((4, 4, 4)))
-    image = renderer.render(nothing, sg.Camera.orbit(volume, size=(8, 8)), sg.Settings(background=(0.5, 0, 1)))
+    image = renderer.render(nothing, sg.Camera.orbit(volume, size=(8, 8)), SPLATS.but(background=(0.5, 0, 1)))
     assert (image.pixels == np.array([0.5, 0, 1, 1], np.float32)).all()
-    assert (renderer.render(nothing, sg.Camera.orbit(nothing, size=(8, 8))).pixels == 0).all()
+    assert (renderer.render(nothing, sg.Camera.orbit(nothing, size=(8, 8)), SPLATS).pixels == 0).all()
 
 
 def test_a_picture_tells_whether_its_tolerance_is_met(letter: sg.Splats, renderer: sg.Renderer) -> None:
@@ -149,11 +150,11 @@ def test_a_picture_tells_whether_its_tolerance_is_met(letter: sg.Splats, rendere
     camera = sg.Camera.orbit(letter, 20, 30, size=(24, 18))
     met = {}
     for name, settings in {
-        "auto": sg.Settings(),
-        "coarse": sg.Settings(target="rgba8", tolerance=1e-6),
+        "auto": SPLATS,
+        "coarse": SPLATS.but(target="rgba8", tolerance=1e-6),
         "paper": sg.Settings.paper(),
-        "xray": sg.Settings(blend="xray"),
-        "grid xray": sg.Settings(blend="xray", align="grid"),
+        "xray": SPLATS.but(blend="xray"),
+        "grid xray": SPLATS.but(blend="xray", align="grid"),
     }.items():
         image = renderer.render(letter, camera, settings)
         top = image.pixels.max() if settings.blend == "xray" else 1.0
@@ -162,14 +163,14 @@ def test_a_picture_tells_whether_its_tolerance_is_met(letter: sg.Splats, rendere
     assert met == {"auto": True, "coarse": False, "paper": False, "xray": True, "grid xray": False}
     bright = replace(letter, records=letter.records.copy())
     bright.records["optical_depth"] *= 300
-    image = renderer.render(bright, camera, sg.Settings(blend="xray"))
+    image = renderer.render(bright, camera, SPLATS.but(blend="xray"))
     assert image.info["error_bound"] > image.info["tolerance"] and image.info["tolerance_met"] is True
 
 
 def test_without_a_bound_no_tolerance_is_met(letter: sg.Splats, renderer: sg.Renderer) -> None:
     inside = sg.Camera.look_at(letter.corners.mean(axis=0), letter.corners[0], (0, 0, 1), size=(12, 9))
     motion = sg.Motion(spin=np.array([0.0, 0.0, 3.0]), center=letter.corners.mean(axis=0))
-    image = renderer.render(letter, inside, sg.Settings(), motion)
+    image = renderer.render(letter, inside, SPLATS, motion)
     assert image.info["error_bound"] is None and image.info["tolerance_met"] is False
 
 
@@ -181,7 +182,7 @@ def test_no_splats_is_the_background_whatever_draws_them(technique: str, rendere
     for eye in ((0, -5, 0), (0, 0.1, 0), (0, -1e20, 0)):
         camera = sg.Camera.look_at(eye, (0, 0, 0), (0, 0, 1), size=(9, 8))
         for changes in ({}, {"footprint": "table"}, {"align": "hybrid"}, {"antialias": "supersample", "samples": 2}):
-            settings = sg.Settings(technique=technique, background=ground, **changes)
+            settings = SPLATS.but(technique=technique, background=ground, **changes)
             image = renderer.render(nothing, camera, settings)
             assert (image.pixels == np.array([*ground, 1], np.float32)).all(), (eye, changes)
             assert image.info["error_bound"] <= 1e-6 and image.info["tolerance_met"] is True
@@ -190,10 +191,10 @@ def test_no_splats_is_the_background_whatever_draws_them(technique: str, rendere
 
 def test_eye_inside_the_volume(renderer: sg.Renderer) -> None:
     volume = sg.Volume(np.ones((20, 20, 20), np.uint8))
-    splats = sg.extract(volume, sg.Transfer([(0, 0.05)], unit=1.0, shading=False))
+    splats = sg.extract(volume, sg.Transfer([(0, 0.05)], unit=1.0, shading=False), classification="pre")
     camera = sg.Camera.look_at((9.5, 9.5, 9.5), (9.5, 9.5, 30), (0, 1, 0), 90, (32, 32))
     for align in ("ray", "grid"):
-        pixels = renderer.render(splats, camera, sg.Settings(align=align)).pixels
+        pixels = renderer.render(splats, camera, SPLATS.but(align=align)).pixels
         assert np.isfinite(pixels).all()
         # half the way through: about 1 − 0.95^10, less what the nearest splats' quads lose behind the eye
         assert pixels[..., 3].mean() == pytest.approx(1 - 0.95**10, abs=0.12)
@@ -201,8 +202,8 @@ def test_eye_inside_the_volume(renderer: sg.Renderer) -> None:
 
 def test_size_beyond_opengl(letter: sg.Splats, renderer: sg.Renderer) -> None:
     with pytest.raises(sg.InputError, match="image size: expected at most"):
-        renderer.render(letter, sg.Camera.orbit(letter, size=(1_000_000, 2)))
-    settings = sg.Settings(antialias="supersample", samples=64)
+        renderer.render(letter, sg.Camera.orbit(letter, size=(1_000_000, 2)), SPLATS)
+    settings = SPLATS.but(antialias="supersample", samples=64)
     with pytest.raises(sg.InputError, match="image size: expected at most"):
         renderer.render(letter, sg.Camera.orbit(letter, size=(4096, 2)), settings)
 
@@ -214,10 +215,10 @@ def test_far_from_the_origin(renderer: sg.Renderer) -> None:
     pictures = []
     for offset in (0.0, 1e7):
         volume = sg.Volume(samples, origin=(offset, -offset, offset))
-        splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.5)], colormap="hot"))
+        splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.5)], colormap="hot"), classification="pre")
         eye = np.array([20.0, -14, 25]) + volume.origin
         camera = sg.Camera.look_at(eye, np.array([4.0, 5, 5]) + volume.origin, (0, 0, 1), 40, (48, 48))
-        pictures.append(renderer.render(splats, camera).pixels)
+        pictures.append(renderer.render(splats, camera, SPLATS).pixels)
     assert np.abs(pictures[0] - pictures[1]).max() < 1e-5
 
 
@@ -227,8 +228,8 @@ def test_any_unit_of_length(scale: float, renderer: sg.Renderer) -> None:
     pictures = []
     for s in (1.0, scale):
         volume = sg.Volume(samples, spacing=(s, 2 * s, s))
-        splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.5)]))
-        pictures.append(renderer.render(splats, sg.Camera.orbit(volume, 30, 20, size=(24, 24))).pixels)
+        splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.5)]), classification="pre")
+        pictures.append(renderer.render(splats, sg.Camera.orbit(volume, 30, 20, size=(24, 24)), SPLATS).pixels)
     assert np.abs(pictures[0] - pictures[1]).max() < 1e-4
 
 
@@ -242,7 +243,7 @@ def test_egl_and_osmesa_draw_the_same_bits(letter: sg.Splats, renderer: sg.Rende
         if other.info.version.split("Mesa")[-1] != renderer.info.version.split("Mesa")[-1]:
             pytest.skip(f"two drivers: {renderer.info.version} and {other.info.version}")
         camera = sg.Camera.orbit(letter, 30, 20, size=(64, 64))
-        for settings in (sg.Settings(), sg.Settings(blend="xray"), sg.Settings.paper()):
+        for settings in (SPLATS, SPLATS.but(blend="xray"), sg.Settings.paper()):
             pictures = [each.render(letter, camera, settings).pixels for each in (renderer, other)]
             assert (pictures[0] == pictures[1]).all()
 
@@ -260,7 +261,7 @@ def test_the_last_few_splats_stay(renderer: sg.Renderer, monkeypatch: pytest.Mon
     clouds = [sg.Splats.from_points(np.array([[0.0, 0, n]]), np.ones((1, 3)), np.ones(1)) for n in range(5)]
     kept = renderer.passes.splats
     for cloud in [*clouds[:3], *clouds[:3]]:
-        renderer.render(cloud, sg.Camera.orbit(cloud, size=(8, 8)))
+        renderer.render(cloud, sg.Camera.orbit(cloud, size=(8, 8)), SPLATS)
     assert [buffer.splats for buffer in kept.kept] == clouds[:3]
     first = kept.of(clouds[0])
     assert first.splats is clouds[0] and kept.of(clouds[0]) is first
@@ -282,7 +283,7 @@ def test_the_mean_of_moments_carries_the_mean_of_their_bounds(letter: sg.Splats,
     motion = sg.Motion(spin=np.array([0.0, 0.0, 9.0]), center=letter.corners.mean(axis=0))
     for tolerance, met in ((1 / 255, True), (1e-9, False)):
         each.clear()
-        info = Moments(draw, motion, count=3)(letter, camera, sg.Settings(tolerance=tolerance)).info
+        info = Moments(draw, motion, count=3)(letter, camera, SPLATS.but(tolerance=tolerance)).info
         bounds = [image.info["error_bound"] for image in each]
         assert len(set(bounds)) == 3 and info["error_bound"] == pytest.approx(np.mean(bounds))
         assert info["tolerance_met"] is met

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.app.cli import main
@@ -69,10 +70,10 @@ def subject() -> Subject:
     def build(threshold: float, coarse: int, post: str) -> sg.Splats:
         if post:
             return sg.extract(volume, transfer, classification="post", kernel=post)
-        return sg.extract(volume, transfer, max(threshold, 0.05 * coarse))
+        return sg.extract(volume, transfer, max(threshold, 0.05 * coarse), classification="pre")
 
     camera = sg.Camera.orbit(volume, azimuth=20, elevation=10, size=(16, 16))
-    return Subject("ball", camera, sg.Settings(), build, content=(volume, transfer))
+    return Subject("ball", camera, SPLATS, build, content=(volume, transfer))
 
 
 def sweep(renderer: sg.Renderer, subject: Subject, store: Store, folder: Path | None = None) -> Sweep:
@@ -199,7 +200,7 @@ def test_every_method_draws(renderer: sg.Renderer, subject: Subject, name: str) 
 
 def test_truths_are_four_and_kept(renderer: sg.Renderer, subject: Subject, tmp_path: Path) -> None:
     truths = Truths(renderer, subject, LEVEL, tmp_path)
-    settings = sg.Settings()
+    settings = SPLATS
     made = {name: truths.get(name, settings).pixels for name in registry.TRUTHS}
     reference = sg.reference.render(subject.splats(), subject.camera, settings).pixels
     np.testing.assert_array_equal(made["reference"], reference)
@@ -213,9 +214,9 @@ def test_truths_are_four_and_kept(renderer: sg.Renderer, subject: Subject, tmp_p
     np.testing.assert_array_equal(again, made["integral"])
     for truth in ("integral", "field"):
         with pytest.raises(sg.InputError, match="composite"):
-            truths.get(truth, sg.Settings(blend="xray"))
+            truths.get(truth, SPLATS.but(blend="xray"))
     with pytest.raises(sg.InputError, match="--full"):
-        truths.get("reference", sg.Settings(antialias="supersample", samples=64))
+        truths.get("reference", SPLATS.but(antialias="supersample", samples=64))
 
 
 def test_a_sweep_and_its_repetition(renderer: sg.Renderer, subject: Subject, tmp_path: Path) -> None:
@@ -378,11 +379,11 @@ def test_small_and_broken_volumes_have_reports(tmp_path: Path, monkeypatch: pyte
 
 
 def test_a_kept_truth_that_is_damaged_is_made_again(renderer: sg.Renderer, subject: Subject, tmp_path: Path) -> None:
-    made = Truths(renderer, subject, LEVEL, tmp_path).get("reference", sg.Settings()).pixels
+    made = Truths(renderer, subject, LEVEL, tmp_path).get("reference", SPLATS).pixels
     (path,) = tmp_path.iterdir()
     for damage in (path.read_bytes()[:60], b"", b"nothing"):
         path.write_bytes(damage)
-        again = Truths(renderer, subject, LEVEL, tmp_path).get("reference", sg.Settings()).pixels
+        again = Truths(renderer, subject, LEVEL, tmp_path).get("reference", SPLATS).pixels
         np.testing.assert_array_equal(again, made)
 
 
@@ -426,9 +427,9 @@ def test_peers_draw_the_same_scene(tmp_path: Path) -> None:
     volume = sg.scenes.ball(8)
     transfer = sg.Transfer(points=[(0.2, 0.0), (0.2, 0.5), (1.0, 0.5)], window=(0, 1), unit=1.0, shading=False)
     camera = sg.Camera.orbit(volume, azimuth=20, elevation=10, size=(40, 40))
-    drawn = ray_integral(sg.extract(volume, transfer), camera, sg.Settings(), 2).pixels
+    drawn = ray_integral(sg.extract(volume, transfer, classification="pre"), camera, SPLATS, 2).pixels
     for mapper in MAPPERS:
-        with closing(Peer(mapper, (volume, transfer), camera, sg.Settings())) as peer:
+        with closing(Peer(mapper, (volume, transfer), camera, SPLATS)) as peer:
             image, seconds = peer.frame()
         assert seconds > 0 and image.pixels.shape == drawn.shape
         # the same ball at the same place, its edge aside
@@ -462,7 +463,7 @@ def test_peers_draw_the_box_of_the_voxels(mapper: str, bound: float) -> None:
 def peer_and_field(mapper: str, volume: sg.Volume, transfer: sg.Transfer) -> tuple[np.ndarray, np.ndarray]:
     """A peer's picture and the trilinear field's, [48, 48, 4]."""
     camera = sg.Camera.orbit(volume, azimuth=30, elevation=20, size=(48, 48))
-    with closing(Peer(mapper, (volume, transfer), camera, sg.Settings())) as peer:
+    with closing(Peer(mapper, (volume, transfer), camera, SPLATS)) as peer:
         return peer.frame()[0].pixels, field_integral(volume, transfer, camera, "trilinear", 4).pixels
 
 
@@ -472,8 +473,8 @@ def test_samples_of_peers_are_averaged() -> None:
     content, camera = (volume, sg.default_transfer(volume)), sg.Camera.orbit(volume, size=(20, 16))
     found = []
     for view, settings in (
-        (camera, sg.Settings(antialias="supersample", samples=2)),
-        (camera.resized((40, 32)), sg.Settings(antialias="off")),
+        (camera, SPLATS.but(antialias="supersample", samples=2)),
+        (camera.resized((40, 32)), SPLATS.but(antialias="off")),
     ):
         with closing(Peer("cpu", content, view, settings)) as peer:
             found.append(peer.frame()[0].pixels)
@@ -487,4 +488,4 @@ def test_what_peers_cannot_draw_is_left_out(changed: dict) -> None:
     volume = sg.scenes.ball(4)
     content = (volume, sg.default_transfer(volume))
     with pytest.raises(sg.InputError):
-        Peer("cpu", content, sg.Camera.orbit(volume), sg.Settings(**changed))
+        Peer("cpu", content, sg.Camera.orbit(volume), SPLATS.but(**changed))

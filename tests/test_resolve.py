@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.splat.plan.resolve import Resolved, depth_range
@@ -15,7 +16,7 @@ NEAR, FAR = 10.0, 300.0
 
 @pytest.fixture(scope="module")
 def splats() -> sg.Splats:
-    return sg.extract(sg.scenes.ball(5), sg.Transfer(points=[(0.0, 0.0), (1.0, 0.6)], unit=1.0))
+    return sg.extract(sg.scenes.ball(5), sg.Transfer(points=[(0.0, 0.0), (1.0, 0.6)], unit=1.0), classification="pre")
 
 
 def camera(distance: float) -> sg.Camera:
@@ -26,7 +27,7 @@ def test_the_plan_says_the_same(splats: sg.Splats) -> None:
     for distance, blend, antialias, attenuation in itertools.product(
         (NEAR, FAR), ("composite", "xray", "mip"), ("paper", "off", "supersample"), ("auto", "opacity")
     ):
-        settings = sg.Settings(blend=blend, antialias=antialias, attenuation=attenuation)
+        settings = SPLATS.but(blend=blend, antialias=antialias, attenuation=attenuation)
         found, plan = Resolved.of(splats, camera(distance), settings), sg.plan(splats, camera(distance), settings)
         for name in ("look", "samples", "z_k", "depths", "background", "unsure", "kernel"):
             assert getattr(found, name) == getattr(plan.resolved, name)
@@ -37,20 +38,20 @@ def test_the_plan_says_the_same(splats: sg.Splats) -> None:
 
 
 def test_only_what_changes_the_picture_is_on(splats: sg.Splats) -> None:
-    near, far = (Resolved.of(splats, camera(distance), sg.Settings()) for distance in (NEAR, FAR))
+    near, far = (Resolved.of(splats, camera(distance), SPLATS) for distance in (NEAR, FAR))
     assert not near.view.antialias and near.look.attenuation == "optical-depth" and "z_k" in near.notes[0]
     assert far.view.antialias and far.look.attenuation == "fill" and not far.notes
     # motion blur weakens splats where antialiasing does not
-    moving = Resolved.of(splats, camera(NEAR), sg.Settings(), moving=True)
+    moving = Resolved.of(splats, camera(NEAR), SPLATS, moving=True)
     assert not moving.view.antialias and moving.look.attenuation == "fill"
     # shading is of surfaces
-    xray = Resolved.of(splats, camera(NEAR), sg.Settings(blend="xray"))
+    xray = Resolved.of(splats, camera(NEAR), SPLATS.but(blend="xray"))
     assert near.look.shading and len(near.notes) == 1
     assert not xray.look.shading and "xray" in xray.notes[-1]
 
 
 def test_samples_are_the_fine_cameras_pixels(splats: sg.Splats) -> None:
-    found = Resolved.of(splats, camera(FAR), sg.Settings(antialias="supersample", samples=3))
+    found = Resolved.of(splats, camera(FAR), SPLATS.but(antialias="supersample", samples=3))
     assert found.camera.size == (72, 48)
     assert found.z_k == pytest.approx(3 * camera(FAR).z_k(splats.grid.smallest_spacing))
     assert found.depths == depth_range(splats, camera(FAR))

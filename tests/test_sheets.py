@@ -30,7 +30,7 @@ def matter(grid: str = "cubes", size: int = 9, shading: bool = False, opacity: f
     cells = np.random.default_rng(3).random((size, size, size))
     placed = {"spacing": (1.0, 1.0, 8.0)} if grid == "8:1" else GRIDS[grid]
     transfer = sg.Transfer([(0.3, 0), (1, opacity)], colormap="hot", shading=shading)
-    return sg.extract(sg.Volume(cells, **placed), transfer)
+    return sg.extract(sg.Volume(cells, **placed), transfer, classification="pre")
 
 
 def smooth(size: int = 16) -> np.ndarray:
@@ -52,8 +52,10 @@ def ball(size: int = 16) -> np.ndarray:
 def overlapping(name: str) -> sg.Splats:
     """Matter whose kernels overlap on every ray: a cloud as of neurons, and a ball."""
     if name == "cloud":
-        return sg.extract(sg.Volume(smooth()), sg.Transfer([(0.5, 0), (0.8, 0.8)], colormap="hot"))
-    return sg.extract(sg.Volume(ball()), sg.Transfer([(0, 0), (1, 0.7)], colormap="hot"))
+        return sg.extract(
+            sg.Volume(smooth()), sg.Transfer([(0.5, 0), (0.8, 0.8)], colormap="hot"), classification="pre"
+        )
+    return sg.extract(sg.Volume(ball()), sg.Transfer([(0, 0), (1, 0.7)], colormap="hot"), classification="pre")
 
 
 def eyes(splats: sg.Splats) -> dict[str, sg.Camera]:

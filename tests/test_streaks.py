@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.data.image import Image
@@ -11,7 +12,7 @@ from splatgl.splat.motion.motion import Motion
 from splatgl.truth import streaks
 from splatgl.truth.temporal import MOST, Moments, Shorter, moments
 
-XRAY = sg.Settings(blend="xray")
+XRAY = SPLATS.but(blend="xray")
 SPIN = Motion(spin=(0, 0, 8))
 
 
@@ -98,7 +99,7 @@ def test_parallel_views_and_other_grids(camera: sg.Camera) -> None:
 
 
 def test_no_motion_is_the_reference(cloud: sg.Splats, camera: sg.Camera) -> None:
-    for settings in (XRAY, sg.Settings(), sg.Settings(attenuation="opacity", background=(0.1, 0.2, 0.3))):
+    for settings in (XRAY, SPLATS, SPLATS.but(attenuation="opacity", background=(0.1, 0.2, 0.3))):
         still = streaks.render(cloud, camera, settings, Motion())
         assert np.abs(still.pixels - sg.reference.render(cloud, camera, settings).pixels).max() < 1e-12
 
@@ -112,7 +113,7 @@ def test_composite_is_near(spin: float, other: str) -> None:
     plate = lattice[(np.abs(lattice[:, 0]) < 0.6) & (np.linalg.norm(lattice, axis=1) < 5)]
     splats = sg.Splats.from_points(plate, np.full((len(plate), 3), 0.7), np.full(len(plate), 4.6))
     camera = sg.Camera.look_at((0, -40, 14), (0, 0, 0), (0, 0, 1), 18, (16, 16))
-    motion, settings = Motion(spin=(0, 0, spin)), sg.Settings()
+    motion, settings = Motion(spin=(0, 0, spin)), SPLATS
     truth = Moments(sg.reference.render, motion, 180, 24)(splats, camera, settings)
     fill, off = (
         rmse(streaks.render(splats, camera, settings.but(attenuation=name), motion), truth) for name in ("fill", other)
@@ -125,7 +126,7 @@ def test_composite_is_near(spin: float, other: str) -> None:
 def test_bad_input_is_one_line(cloud: sg.Splats, camera: sg.Camera) -> None:
     for settings, shape in (
         (XRAY, "box"),
-        (sg.Settings(blend="mip"), "exact"),
+        (SPLATS.but(blend="mip"), "exact"),
         (XRAY.but(antialias="supersample"), "exact"),
     ):
         with pytest.raises(sg.InputError, match="expected"):
@@ -140,7 +141,7 @@ def test_a_streak_whose_ends_lie_between_pixels_is_there(along: tuple[float, flo
     view = sg.Camera.look_at((0.0, -400.0, 0.0), (0.0, 0.0, 0.0), (0, 0, 1), 40.0, (9, 9))
     move = 0.8 * view.extent * 400 / 9 * np.array(along)
     one = sg.Splats.from_points(move[None] / 2, np.ones((1, 3)), np.ones(1))
-    plain = sg.Settings(blend="xray", antialias="off")
+    plain = SPLATS.but(blend="xray", antialias="off")
     streak = streaks.render(one, view, plain, Motion(velocity=move), 360.0).pixels[..., 3]
     right = Moments(sg.reference.render, Motion(velocity=move), 360, 200)(one, view, plain).pixels[..., 3]
     assert right[4, 4] > 0.01

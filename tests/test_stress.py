@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.app.cli import main
@@ -53,11 +54,11 @@ def test_every_case_keeps_its_bound(renderer: sg.Renderer, name: str) -> None:
 @pytest.mark.parametrize("name", [n for n in CASES if n not in LONG])
 def test_cases_at_the_default_tolerance(renderer: sg.Renderer, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Bounds are stated at a tolerance of 1e-6; what it leaves out at its default is at most the tolerance."""
-    monkeypatch.setattr(bench, "FINEST", sg.Settings().tolerance)
+    monkeypatch.setattr(bench, "FINEST", SPLATS.tolerance)
     result = run_case(CASES[name], renderer)
     assert result.bad_pixels == 0
     for each in result.checks:
-        allowed = sg.Settings().tolerance * (1.0 if each.relative else max(1.0, abs(each.right)))
+        allowed = SPLATS.tolerance * (1.0 if each.relative else max(1.0, abs(each.right)))
         assert each.error <= each.bound + allowed, told(result)
 
 

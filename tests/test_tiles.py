@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from noise import GRIDS, LOOKS, inside, noise, views
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.gl import tiles
@@ -14,7 +15,7 @@ from splatgl.splat.plan import occlusion_policy, tiling
 from splatgl.splat.view import block_culling
 from splatgl.splat.view.block_culling import BLOCK, Frustum, boxes, shown
 
-TILED = sg.Settings(technique="tiles")
+TILED = SPLATS.but(technique="tiles")
 # polynomials are off by 4e−5 of the footprint, colours by 1e−5
 SAME = 5e-5
 
@@ -34,7 +35,7 @@ def apart(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings:
 def test_tiles_draw_what_quads_draw(renderer: sg.Renderer, grid: str, view: str, blend: str) -> None:
     splats = noise(grid)
     for name in ("crawfis-max", "gaussian"):
-        settings = sg.Settings(blend=blend, kernel=name, occlusion="off", order="front-to-back")
+        settings = SPLATS.but(blend=blend, kernel=name, occlusion="off", order="front-to-back")
         assert apart(renderer, splats, views(splats)[view], settings) < SAME
 
 
@@ -43,7 +44,7 @@ def test_tiles_draw_what_quads_draw(renderer: sg.Renderer, grid: str, view: str,
 @pytest.mark.parametrize("grid", ["cubes", "1:2:5"])
 def test_attenuation_is_the_same(renderer: sg.Renderer, grid: str, view: str, attenuation: str) -> None:
     splats = noise(grid)
-    settings = sg.Settings(attenuation=attenuation, occlusion="off")
+    settings = SPLATS.but(attenuation=attenuation, occlusion="off")
     assert renderer.plan(splats, views(splats)[view], settings).program.seen.antialias
     assert apart(renderer, splats, views(splats)[view], settings) < SAME
 
@@ -53,7 +54,7 @@ def test_attenuation_is_the_same(renderer: sg.Renderer, grid: str, view: str, at
 )
 def test_what_follows_and_other_footprints_are_the_same(renderer: sg.Renderer, change: dict) -> None:
     splats = noise()
-    assert apart(renderer, splats, views(splats)["fitted"], sg.Settings(occlusion="off", **change)) < SAME
+    assert apart(renderer, splats, views(splats)["fitted"], SPLATS.but(occlusion="off", **change)) < SAME
 
 
 @pytest.mark.parametrize(
@@ -87,8 +88,8 @@ def test_more_splats_on_a_tile_than_a_loop_has_rounds(renderer: sg.Renderer) -> 
     count = 300_000
     cloud = sg.Splats.from_points(rng.random((count, 3)) * 4, rng.random((count, 3)), np.full(count, 1e-4))
     camera = sg.Camera.orbit(cloud, 30, 20, size=(8, 8))
-    assert apart(renderer, cloud, camera, sg.Settings(blend="xray")) < SAME
-    assert apart(renderer, cloud, camera, sg.Settings(occlusion="off")) < SAME
+    assert apart(renderer, cloud, camera, SPLATS.but(blend="xray")) < SAME
+    assert apart(renderer, cloud, camera, SPLATS.but(occlusion="off")) < SAME
 
 
 @pytest.mark.parametrize("grid", GRIDS)
@@ -114,12 +115,12 @@ def test_tiles_that_end_hide_no_more_than_they_may(
 def test_who_gets_tiles(renderer: sg.Renderer) -> None:
     splats = noise()
     camera = views(splats)["close"]
-    assert sg.plan(splats, camera, tiles=True).program.technique == "tiles"
+    assert sg.plan(splats, camera, SPLATS, tiles=True).program.technique == "tiles"
     # a graphics card, or one without compute shaders; a target or an order that tiles have not
-    assert sg.plan(splats, camera, tiles=False).program.technique == "quads"
+    assert sg.plan(splats, camera, SPLATS, tiles=False).program.technique == "quads"
     assert sg.plan(splats, camera, TILED, tiles=False).program.technique == "tiles"
     for other in ({"target": "rgba16f"}, {"order": "back-to-front"}, {"footprint": "table"}):
-        assert sg.plan(splats, camera, sg.Settings(**other), tiles=True).program.technique == "quads"
+        assert sg.plan(splats, camera, SPLATS.but(**other), tiles=True).program.technique == "quads"
         with pytest.raises(sg.InputError, match=r"^technique tiles: expected"):
             sg.plan(splats, camera, TILED.but(**other), tiles=True)
     with pytest.raises(sg.InputError, match=r"^technique tiles: expected .* without compute shaders"):
@@ -148,7 +149,7 @@ def test_a_deep_splat_and_a_faint_one(renderer: sg.Renderer) -> None:
     for opacity in (1e-6, 1e-3, 0.3, 0.9, 0.9999, 1.0):
         splats = noise(size=4, opacity=opacity)
         camera = views(splats)["fitted"]
-        right = sg.reference.render(splats, camera, sg.Settings()).pixels
+        right = sg.reference.render(splats, camera, SPLATS).pixels
         found = renderer.render(splats, camera, TILED.but(occlusion="off")).pixels
         assert np.abs(found - right).max() < 5e-5 * right.max()
 
@@ -197,7 +198,7 @@ def test_blocks_beyond_the_edges_are_left_out(renderer: sg.Renderer, monkeypatch
         splats = noise(grid, size=30, opacity=0.3)
         cameras = {name: view for name, view in views(splats).items() if "close" in name or name == "far"}
         for camera in (*cameras.values(), inside(splats, LOOKS[0]), inside(splats, LOOKS[1], fov=15)):
-            for settings in (sg.Settings(occlusion="off"), sg.Settings(blend="xray", antialias="off")):
+            for settings in (SPLATS.but(occlusion="off"), SPLATS.but(blend="xray", antialias="off")):
                 renderer.passes.splats.release()
                 first = renderer.render(splats, camera, settings).pixels
                 for most in (2**20, 3000):
@@ -218,7 +219,7 @@ def test_a_block_is_left_out_only_if_all_of_it_is_beyond_the_edges(monkeypatch: 
     outside = list(views(splats).values())
     left_out = 0
     for camera in (*outside, *(inside(splats, look) for look in LOOKS)):
-        chosen = sg.plan(splats, camera)
+        chosen = sg.plan(splats, camera, SPLATS)
         frustum = Frustum.of(chosen.view)
         seen = np.repeat(shown(around, frustum), few)[: len(splats)]
         one_by_one = frustum.reached(chosen.view.voxels(positions))

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from noise import GRIDS, noise, views
+from splatting import SPLATS
 from twins import COUNT, Twin, functions
 
 import splatgl as sg
@@ -140,7 +141,7 @@ def test_blending(twin: Twin, rng: np.random.Generator) -> None:
     """
     splats = noise()
     for how, blend in (("over", "composite"), ("sum", "xray"), ("max", "mip")):
-        settings = sg.Settings(blend=blend, antialias="off", tolerance=1e-6)
+        settings = SPLATS.but(blend=blend, antialias="off", tolerance=1e-6)
         plan = sg.plan(splats, views(splats)["fitted"], settings, tiles=True)
         found = twin("tile_draw.comp", expression, plan, splats, {"DOUBLINGS": 5}, light=light.T, c=color.T, d=depth)
         value = blended(depth, np.ones(COUNT)) if how == "over" else depth
@@ -150,7 +151,7 @@ def test_blending(twin: Twin, rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("grid", GRIDS)
 def test_matter_that_is_widened(grid: str, twin: Twin, rng: np.random.Generator) -> None:
     splats = noise(grid)
-    plan = sg.plan(splats, views(splats)["far"], sg.Settings(attenuation="fill"), tiles=True)
+    plan = sg.plan(splats, views(splats)["far"], SPLATS.but(attenuation="fill"), tiles=True)
     depth = 10.0 ** rng.uniform(-4, 2, COUNT)
     codes = rng.integers(0, 20, (3, COUNT))
     runs = codes[0] + 32 * codes[1] + 1024 * codes[2]
@@ -177,7 +178,7 @@ def test_matter_that_is_widened(grid: str, twin: Twin, rng: np.random.Generator)
 def test_matter_of_splats(grid: str, name: str, twin: Twin) -> None:
     """The depth that fills a splat's pixel as its matter does, by 2e−5 of itself."""
     splats = noise(grid)
-    plan = sg.plan(splats, views(splats)[name], sg.Settings(attenuation="fill"), tiles=True)
+    plan = sg.plan(splats, views(splats)[name], SPLATS.but(attenuation="fill"), tiles=True)
     voxel = plan.view.voxels(splats.records["position"])
     coverage = plan.view.coverage(voxel[2])
     expression = "in_optical_depth = a.x; in_runs = int(a.y + 0.5); result.x = attenuated_depth(v, a.z)"
@@ -190,7 +191,7 @@ def test_matter_of_splats(grid: str, name: str, twin: Twin) -> None:
 def test_light(twin: Twin, rng: np.random.Generator) -> None:
     splats = noise("sheared")
     for camera in (views(splats)["fitted"], views(splats)["parallel"]):
-        plan = sg.plan(splats, camera, sg.Settings(shading="on"))
+        plan = sg.plan(splats, camera, SPLATS.but(shading="on"))
         voxel = plan.view.voxels(splats.records["position"])
         expression = "in_normal = ivec3(round(n)); result.x = head_light(v)"
         normal = splats.records["normal"].astype(np.float64)

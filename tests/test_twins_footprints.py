@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from noise import GRIDS, inside, noise, views
+from splatting import SPLATS
 from twins import COUNT, Twin, some_voxels
 
 import splatgl as sg
@@ -78,7 +79,7 @@ def far_quad(view: View, voxel: np.ndarray, place: np.ndarray) -> np.ndarray:
 def test_radial_footprints(name: str, tolerance: float, twin: Twin, rng: np.random.Generator) -> None:
     """A table's by 1e−5 of the peak, polynomials' by 5e−5 of themselves."""
     splats, shape = noise(), kernel(name)
-    settings = sg.Settings(kernel=name, tolerance=tolerance)
+    settings = SPLATS.but(kernel=name, tolerance=tolerance)
     plan = sg.plan(splats, views(splats)["fitted"], settings, tiles=True)
     d2 = rng.uniform(0, 1.1 * shape.radius**2, COUNT)
     found = twin("footprint_eval.glsl", "result.x = radial(x)", plan, splats, x=d2)[:, 0]
@@ -89,7 +90,7 @@ def test_radial_footprints(name: str, tolerance: float, twin: Twin, rng: np.rand
 def test_footprints_of_table_1(twin: Twin, rng: np.random.Generator) -> None:
     """Between a table's 256² texels, by 2e−4 of the peak; a corner of a quad beyond its table is 0."""
     splats = noise()
-    plan = sg.plan(splats, views(splats)["fitted"], sg.Settings(align="ray", footprint="table"))
+    plan = sg.plan(splats, views(splats)["fitted"], SPLATS.but(align="ray", footprint="table"))
     place = rng.uniform(-1.1, 1.1, (2, COUNT)) * plan.kernel.radius
     found = twin("splat.frag", "at = a; result.x = footprint()", plan, splats, a=place.T)[:, 0]
     assert np.abs(found - footprint(plan.kernel, place)).max() < 2e-4
@@ -98,7 +99,7 @@ def test_footprints_of_table_1(twin: Twin, rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("grid", GRIDS)
 def test_rays(grid: str, twin: Twin, rng: np.random.Generator) -> None:
     splats = noise(grid)
-    plan = sg.plan(splats, views(splats)["wide"], sg.Settings(align="exact"))
+    plan = sg.plan(splats, views(splats)["wide"], SPLATS.but(align="exact"))
     pixel = rng.uniform(0, 1, (2, COUNT)) * np.array(plan.view.size)[:, None]
     found = twin("footprint_eval.glsl", "result.xyz = ray_at(p)", plan, splats, p=pixel.T)[:, :3].T
     assert np.abs(found - ray_at(plan.view, pixel)).max() < 1e-6
@@ -115,7 +116,7 @@ def test_rays(grid: str, twin: Twin, rng: np.random.Generator) -> None:
 def test_shares_beyond_z_k(grid: str, twin: Twin, rng: np.random.Generator) -> None:
     """A widened quad's terms, of any size; by 1e−4 of the peak."""
     splats = noise(grid)
-    settings = sg.Settings(align="exact", attenuation="optical-depth", tolerance=1e-6)
+    settings = SPLATS.but(align="exact", attenuation="optical-depth", tolerance=1e-6)
     plan = sg.plan(splats, views(splats)["far"], settings)
     at = rng.uniform(-1, 1, (2, COUNT)) * plan.kernel.radius
     a, b, c, e, g = rng.uniform(-0.2, 0.2, (5, 2, COUNT))
@@ -157,7 +158,7 @@ def test_quads_beyond_table_1(
     for grid in grids:
         splats = noise(grid)
         change = {"antialias": "off"} if name == "close" else {}
-        plan = sg.plan(splats, views(splats)[name], sg.Settings(blend="xray", tolerance=1e-6, align="exact", **change))
+        plan = sg.plan(splats, views(splats)[name], SPLATS.but(blend="xray", tolerance=1e-6, align="exact", **change))
         voxel = some_voxels(rng, plan.view, splats)
         place = rng.uniform(-1, 1, (2, voxel.shape[1]))
         expression = f"""
@@ -178,7 +179,7 @@ def test_quads_beyond_table_1(
 
 def test_outlines_of_near_kernels(twin: Twin, rng: np.random.Generator) -> None:
     splats = noise()
-    plan = sg.plan(splats, views(splats)["fitted"])
+    plan = sg.plan(splats, views(splats)["fitted"], SPLATS)
     distance = plan.kernel.radius * 10.0 ** rng.uniform(0.01, 3, COUNT)
     found = twin("approximations.glsl", "result.x = near_reach(x * x)", plan, splats, x=distance)[:, 0]
     assert np.abs(found / near_reach(plan.view, distance) - 1).max() < 1e-5
@@ -192,7 +193,7 @@ def test_line_integrals(grid: str, view: str, technique: str, twin: Twin, rng: n
     splats = noise(grid)
     camera = inside(splats, (0.4, 0.9, 0.2)) if view == "inside" else views(splats)[view]
     tiles = technique == "tiles"
-    plan = sg.plan(splats, camera, sg.Settings(blend="xray", tolerance=1e-6, technique=technique), tiles=tiles)
+    plan = sg.plan(splats, camera, SPLATS.but(blend="xray", tolerance=1e-6, technique=technique), tiles=tiles)
     if plan.program.align != "exact":
         # a parallel view's quads are Table 1's, which are exact there
         assert not plan.view.perspective
@@ -223,7 +224,7 @@ def test_line_integrals(grid: str, view: str, technique: str, twin: Twin, rng: n
 def test_half_lines(grid: str, twin: Twin, rng: np.random.Generator) -> None:
     """Around the eye, by the table of half lines: within its 1e−5 and float32."""
     splats = noise(grid)
-    plan = sg.plan(splats, inside(splats, (0.4, 0.9, 0.2)), sg.Settings(blend="xray", tolerance=1e-6))
+    plan = sg.plan(splats, inside(splats, (0.4, 0.9, 0.2)), SPLATS.but(blend="xray", tolerance=1e-6))
     assert plan.program.seen.half_line
     voxel = plan.view.voxels(plan.view.eye_index + rng.uniform(-1.2, 1.2, (COUNT, 3)))
     place = rng.uniform(-1, 1, (2, COUNT)) * plan.view.edge[:, None]

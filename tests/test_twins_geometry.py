@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from noise import GRIDS, inside, noise, views
+from splatting import SPLATS
 from twins import COUNT, Twin, pixel_of, some_voxels
 
 import splatgl as sg
@@ -110,7 +111,7 @@ def span_of(center: np.ndarray, extent: np.ndarray, row: np.ndarray, origin: np.
 
 def seen(grid: str, name: str, **change: object) -> tuple[sg.Splats, View, Plan]:
     splats = noise(grid)
-    plan = sg.plan(splats, views(splats)[name], sg.Settings(**change), tiles=True)
+    plan = sg.plan(splats, views(splats)[name], SPLATS.but(**change), tiles=True)
     return splats, plan.view, plan
 
 
@@ -254,7 +255,7 @@ def test_what_reaches_into_the_picture(twin: Twin, rng: np.random.Generator) -> 
     for grid in GRIDS:
         splats = noise(grid)
         for camera in (*views(splats).values(), inside(splats, (0.4, 0.9, 0.2))):
-            plan = sg.plan(splats, camera, tiles=True)
+            plan = sg.plan(splats, camera, SPLATS, tiles=True)
             frustum = Frustum.of(plan.view)
             voxel = plan.view.voxels(rng.uniform(-30, 40, (COUNT, 3)))
             voxel = voxel[:, voxel[2] > -plan.view.reach]
@@ -291,7 +292,7 @@ def test_ellipses_hold_footprints_near_the_eye(twin: Twin, rng: np.random.Genera
     """The form's radius is the twin's by 1e−5; no ray within the kernel's radius is beyond it, slanted and near."""
     for grid in GRIDS:
         splats = noise(grid)
-        plan = sg.plan(splats, inside(splats, (0.4, 0.9, 0.2)), sg.Settings(antialias="off"), tiles=True)
+        plan = sg.plan(splats, inside(splats, (0.4, 0.9, 0.2)), SPLATS.but(antialias="off"), tiles=True)
         view = plan.view
         center, half = rng.uniform(-50, 50, (2, COUNT)), rng.uniform(1, 90, COUNT)
         expression = "result.x = form_radius(vec3(0.0, 0.0, 9.0), c, h, vec3(1.0))"

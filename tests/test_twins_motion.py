@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from noise import noise, views
+from splatting import SPLATS
 from twins import COUNT, Twin, some_voxels
 
 import splatgl as sg
@@ -25,7 +26,7 @@ BOTH = "bool widened = PERSPECTIVE == 0 || is_widened(v); Inner inner = inner_of
 
 def moving(grid: str, name: str, **change: object) -> tuple[sg.Splats, View, Plan]:
     splats = noise(grid)
-    plan = sg.plan(splats, views(splats)[name], sg.Settings(tolerance=1e-6, **change), MOVE)
+    plan = sg.plan(splats, views(splats)[name], SPLATS.but(tolerance=1e-6, **change), MOVE)
     assert plan.exposure is not None
     return splats, plan.view, plan
 

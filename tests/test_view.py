@@ -396,7 +396,9 @@ def test_coarse_pictures_look_alike(renderer: sg.Renderer, scene: Scene) -> None
 
 def solid(side: int = 20) -> sg.Splats:
     return sg.extract(
-        sg.Volume(np.full((side, side, side), 9, np.uint8)), sg.Transfer([(1, 0.9)], unit=1.0, colormap="gray")
+        sg.Volume(np.full((side, side, side), 9, np.uint8)),
+        sg.Transfer([(1, 0.9)], unit=1.0, colormap="gray"),
+        classification="pre",
     )
 
 
@@ -412,7 +414,9 @@ def test_hidden_splats_cannot_be_seen(renderer: sg.Renderer) -> None:
 
 
 def test_faint_matter_hides_nothing() -> None:
-    fog = sg.extract(sg.Volume(np.full((12, 12, 12), 9, np.uint8)), sg.Transfer([(1, 0.3)], unit=1.0))
+    fog = sg.extract(
+        sg.Volume(np.full((12, 12, 12), 9, np.uint8)), sg.Transfer([(1, 0.3)], unit=1.0), classification="pre"
+    )
     assert skinned(fog) is fog
 
 

@@ -15,8 +15,9 @@ def main(target: str) -> None:
     sg.register_kernel(sg.PiecewiseCubic("radial-b-spline", (1.0, 2.0), PIECES))
     volume = sg.scenes.ball(16)
     splats = sg.extract(volume, sg.default_transfer(volume))
+    settings = sg.Settings(kernel="radial-b-spline", classification="pre")
     with sg.Renderer() as renderer:
-        image = renderer.render(splats, sg.Camera.orbit(volume, size=(300, 300)), sg.Settings(kernel="radial-b-spline"))
+        image = renderer.render(splats, sg.Camera.orbit(volume, size=(300, 300)), settings)
     image.save(target)
     print(f"drawn with {image.info['kernel']}, error at most {image.info['error_bound']:.2g}")
 

@@ -74,7 +74,9 @@ class Animation:
         volume = scene.open()
         transfer = scene.transfer_for(volume)
         series = len(scenes) > 1
-        only = None if series else _splats(scene, volume, transfer)
+        streaked, moments = _blur(args, scene.settings)
+        moving = streaked or moments == 1
+        only = None if series else _splats(scene, volume, transfer, moving)
         subject = only or volume
         count = args.frames or (len(scenes) * args.hold if series else FRAMES)
         if args.keyframes:
@@ -90,7 +92,7 @@ class Animation:
         numbers = range(first, last + 1)
         if args.flow is not None and args.moments is None and scene.settings.motion == "off":
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
-        asked = (args.hold, *_blur(args, scene.settings), args.flow, args.bits)
+        asked = (args.hold, streaked, moments, args.flow, args.bits)
         return cls(scenes, transfer, track, count, numbers, *asked, only)
 
     def shown(self, frame: int) -> int:
@@ -144,7 +146,7 @@ class Animation:
             return self.only, None
         scene = self.scenes[number]
         volume = scene.open()
-        splats = scene.splats(volume, self.transfer)
+        splats = scene.splats(volume, self.transfer, moving=self.streaked or self.moments == 1)
         return splats, None if self.flow is None else flow_of(splats, volume, self.flow)
 
     def _frame(self, renderer: Renderer, splats: Splats, flow: np.ndarray | None, frame: int) -> Image:
@@ -187,8 +189,8 @@ def scaled(image: Image, top: float) -> Image:
     return Image(image.pixels / np.float32(top), info)
 
 
-def _splats(scene: Scene, volume: Volume, transfer: Transfer) -> Splats:
-    splats = scene.splats(volume, transfer)
+def _splats(scene: Scene, volume: Volume, transfer: Transfer, moving: bool) -> Splats:
+    splats = scene.splats(volume, transfer, moving=moving)
     if not len(splats):
         raise nothing(scene, volume)
     return splats

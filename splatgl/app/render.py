@@ -22,10 +22,9 @@ from splatgl.gl.renderer import Renderer
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
+from splatgl.truth.check import check
 from splatgl.truth.compare_read import read
-from splatgl.truth.reference import render_rows
 
 # delay of the progress bar in seconds
 PATIENCE = 1.0
@@ -72,7 +71,8 @@ def run(args: argparse.Namespace) -> int:
         if args.explain:
             print(renderer.plan(splats, camera, scene.settings).explain())
         image = renderer.render(splats, camera, scene.settings)
-        image = _checked(image, splats, camera, scene.settings, args.check)
+        rows = args.check if args.check is not None else CHECKED * (image.info["error_bound"] is None)
+        image = check(image, splats, camera, scene.settings, rows)
         if args.explain:
             print(f"{_accuracy(image)}, against the float64 reference of the same splats")
         if args.savings:
@@ -111,20 +111,6 @@ def _summary(output: Path, image: Image, splats: Splats, camera: Camera) -> str:
             *([] if info["tolerance_met"] and "checked" not in info else [_accuracy(image)]),
         ]
     )
-
-
-def _checked(image: Image, splats: Splats, camera: Camera, settings: Settings, rows: int | None) -> Image:
-    """The image with the largest and the mean error of some of its rows, spread over what is in it."""
-    count = rows if rows is not None else CHECKED * (image.info["error_bound"] is None)
-    if not 0 <= count <= camera.size[1]:
-        raise expected("--check", f"0 to {camera.size[1]} rows", count)
-    some = np.flatnonzero(image.pixels[..., 3].max(axis=1) > 0)
-    if count == 0 or not len(some):
-        return image
-    chosen = np.unique(some[((np.arange(count) + 0.5) / count * len(some)).astype(int)])
-    off = image.pixels[chosen] - render_rows(splats, camera, settings, chosen.tolist())
-    checked = {"rows": chosen.tolist(), "largest": float(np.abs(off).max()), "rmse": float(np.sqrt((off**2).mean()))}
-    return Image(image.pixels, {**image.info, "checked": checked})
 
 
 def _accuracy(image: Image) -> str:

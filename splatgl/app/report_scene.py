@@ -40,7 +40,7 @@ def subject(source: str, level: Level) -> Subject:
     transfer = scene.transfer_for(volume)
     # keep the unit length of opacities when voxels are merged
     transfer = replace(transfer, unit=transfer.unit or float(abs(_volume_of_voxel(volume)) ** (1 / 3)))
-    splats = extract(volume, transfer, scene.threshold)
+    splats = extract(volume, transfer, scene.threshold, classification="pre")
     if not len(splats):
         raise expected(source, "voxels that are not transparent", "none", "give a scene.toml with a transfer function")
     camera = replace(scene.view, size=_fitted(scene.view.size, level.size)).camera(volume, splats)
@@ -49,7 +49,7 @@ def subject(source: str, level: Level) -> Subject:
     # joined voxels would not be samples of the formula
     while formula is None and level.splats is not None and len(splats) > level.splats and min(volume.shape) > 1:
         joint = coarser(volume)
-        fewer = extract(joint, transfer, scene.threshold)
+        fewer = extract(joint, transfer, scene.threshold, classification="pre")
         # thin structures may vanish when averaged with empty voxels
         if not len(fewer):
             break
@@ -71,9 +71,8 @@ class _Build:
         for _ in range(coarse):
             volume = coarser(volume)
         least = max(threshold, self.threshold)
-        if post:
-            return extract(volume, self.transfer, least, classification="post", kernel=post)
-        return extract(volume, self.transfer, least)
+        how = "post" if post else "pre"
+        return extract(volume, self.transfer, least, classification=how, kernel=post)
 
 
 def _volume_of_voxel(volume: Volume) -> float:

@@ -26,10 +26,10 @@ from splatgl.data.toml import load_table
 from splatgl.data.volume import Triple, Volume
 from splatgl.splat.classification.presets import default_transfer, preset
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import POST_KERNEL, Progress, extract
+from splatgl.splat.extraction.extract import Progress
 from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings
+from splatgl.splat.plan.suited import extracted
 from splatgl.splat.view.camera import Bounded, Camera
 
 # a volume thinner than this fraction of its width is viewed from above
@@ -154,13 +154,11 @@ class Scene:
             return SCENES[self.volume]()
         return load(self.volume, **self.load)
 
-    def splats(self, volume: Volume, transfer: Transfer, progress: Progress | None = None) -> Splats:
-        """The splats of the scene, classified as its settings say."""
-        how = "post" if self.settings.classification == "post" else "pre"
-        if how == "post" and BLENDS[self.settings.blend].one_value:
-            how = "post-all"
-        kernel = self.settings.kernel if self.settings.kernel != "auto" else POST_KERNEL
-        return extract(volume, transfer, self.threshold, progress=progress, classification=how, kernel=kernel)
+    def splats(
+        self, volume: Volume, transfer: Transfer, progress: Progress | None = None, moving: bool = False
+    ) -> Splats:
+        """The splats of the scene, classified as its settings say. moving: whether pictures are motion-blurred."""
+        return extracted(volume, transfer, self.settings, self.threshold, progress, moving)
 
     def transfer_for(self, volume: Volume) -> Transfer:
         """The transfer function: the data's own or a preset's, overridden by the scene's options."""

@@ -21,6 +21,7 @@ from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.motion.motion import Motion
 from splatgl.splat.plan.plan import Plan, plan
 from splatgl.splat.plan.settings import FULL_SHUTTER, Settings
+from splatgl.splat.plan.suited import suited
 from splatgl.splat.view.camera import Camera
 
 # the finest form, table and target, against which coarser ones are measured
@@ -101,6 +102,7 @@ class Renderer:
         check_process(self.ctx)
         started = time.perf_counter()
         chosen = self.plan(splats, camera, settings, motion)
+        splats = suited(splats, settings or Settings(), chosen.exposure is not None)
         with current(self.ctx):
             check_size(self.ctx, chosen.view.size)
             pixels = self._draw(splats, chosen, interrupted=interrupted)

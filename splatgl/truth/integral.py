@@ -19,6 +19,7 @@ from splatgl.splat.kernel.kernels import Kernel
 from splatgl.splat.kernel.kernels import kernel as kernel_named
 from splatgl.splat.plan.resolve import Resolved, kernel_name
 from splatgl.splat.plan.settings import Settings
+from splatgl.splat.plan.suited import suited
 from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.view import View
@@ -136,14 +137,14 @@ def ray_integral(
     their lattice.
     """
     started = time.perf_counter()
-    settings = settings or Settings()
+    settings = (settings or Settings()).but(classification="pre", compositing="splats")
     if settings.blend != "composite":
         raise expected("blend", "composite, whose integral this is", settings.blend)
     for name, count in (("steps_per_voxel", steps_per_voxel), ("samples", samples)):
         if count < 1:
             raise expected(name, "a number of at least 1", count)
     fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
-    splats = ahead(splats, camera)
+    splats = ahead(suited(splats, settings, moving=False), camera)
     view = View.of(splats.grid, fine, kernel_named(kernel_name(splats, settings)), antialias=False)
     voxel = view.voxels(splats.records["position"])
     color = splats.records["color"].astype(np.float64)

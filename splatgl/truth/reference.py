@@ -20,6 +20,7 @@ from splatgl.splat.integral.attenuation import filled_depth
 from splatgl.splat.kernel.tabulated import tabulated
 from splatgl.splat.plan.resolve import Resolved
 from splatgl.splat.plan.settings import Settings
+from splatgl.splat.plan.suited import suited
 from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.view import View
@@ -51,7 +52,9 @@ def render(
     """
     started = time.perf_counter()
     settings = settings or Settings()
-    splats = ahead(splats, camera)
+    if row != "row1":
+        settings = settings.but(classification="pre", compositing="splats")
+    splats = ahead(suited(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
     fine = resolved.camera
     scene = _scene(splats, resolved, row)
@@ -66,7 +69,7 @@ def render(
 
 def render_rows(splats: Splats, camera: Camera, settings: Settings, rows: Sequence[int]) -> np.ndarray:
     """Rows of pixels of the same image, float64 [n, W, 4]: enough to check another image of many splats."""
-    splats = ahead(splats, camera)
+    splats = ahead(suited(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
     scene, k = _scene(splats, resolved, "row1"), resolved.samples
     found = []

@@ -14,17 +14,14 @@ from splatgl.app.viewer.skin import skinned
 from splatgl.data.coarse import coarser
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import only_pre
-from splatgl.splat.extraction.splats import Grid, Splats
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.resolve import only_before
+from splatgl.splat.extraction.extract import extract, only_pre
+from splatgl.splat.extraction.splats import MOST_KEPT, Grid, Splats
 from splatgl.splat.plan.settings import Settings
+from splatgl.splat.plan.suited import kind, one_by_one
 from splatgl.splat.view.camera import Bounded, Camera
 
 # volumes with fewer voxels are not downsampled
 SMALL = 1 << 15
-# maximum number of splats extracted while a transfer function is edited: 3 GB with all derived data
-MOST = 20_000_000
 # number of splats that can be processed within a millisecond
 FEW = 200_000
 
@@ -33,22 +30,22 @@ FEW = 200_000
 class Content:
     """volumes: one for each of STRIDES, finest first. Splats are extracted on demand.
 
-    kind: the settings that splats are extracted by, classification and kernel. before: `counts` of the content that
-    this one replaces. beside: contents that differ in kind alone, by classification.
+    kind: classification and kernel that splats are extracted for. before: `counts` of the content that
+    this one replaces. beside: contents that differ in kind alone, by `after`.
     """
 
     scene: Scene
     volumes: tuple[Volume, ...]
     transfer: Transfer
     threshold: float
-    kind: Settings = field(default_factory=Settings)
+    kind: tuple[str, str] = ("pre", "")
     before: tuple[int, ...] = (0,) * len(STRIDES)
     made: dict[int, Splats] = field(default_factory=dict)
     skins: dict[int, Splats] = field(default_factory=dict)
-    beside: dict[str, Content] = field(default_factory=dict)
+    beside: dict[bool, Content] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.beside[self.kind.classification] = self
+        self.beside[self.after] = self
 
     @classmethod
     def open(cls, scene: Scene) -> Content:
@@ -83,8 +80,8 @@ class Content:
 
     @property
     def heavy(self) -> bool:
-        """Whether the finest splats would exceed MOST, estimated from stride 2."""
-        return not self.whole and 8 * len(self.at(2)) > MOST
+        """Whether the finest splats would exceed MOST_KEPT, estimated from stride 2."""
+        return not self.whole and 8 * len(self.at(2)) > MOST_KEPT
 
     @property
     def finest(self) -> Splats:
@@ -107,8 +104,9 @@ class Content:
         if stride > 1 and self.volumes[STRIDES.index(stride)] is self.volume:
             return self.at(1)
         if stride not in self.made:
-            scene = replace(self.scene, settings=self.kind, threshold=self.threshold)
-            self.made[stride] = scene.splats(self.volumes[STRIDES.index(stride)], self._at(stride, self.transfer))
+            volume, (how, kernel) = self.volumes[STRIDES.index(stride)], self.kind
+            transfer = self._at(stride, self.transfer)
+            self.made[stride] = extract(volume, transfer, self.threshold, classification=how, kernel=kernel)
         return self.made[stride]
 
     def _at(self, stride: int, transfer: Transfer) -> Transfer:
@@ -126,7 +124,7 @@ class Content:
     @property
     def after(self) -> bool:
         """Whether splats are classified after reconstruction."""
-        return self.kind.classification == "post"
+        return self.kind[0] != "pre"
 
     @property
     def fresh(self) -> bool:
@@ -141,7 +139,7 @@ class Content:
 
     def changed(self, transfer: Transfer, threshold: float) -> Content:
         """A copy with another transfer function, and of the splats those whose values serve it too."""
-        after = self.beside.get("post", self)
+        after = self.beside.get(True, self)
         made = {
             stride: splats.classified_after(splats.post.recolored(self._at(stride, transfer)))
             for stride, splats in after.made.copy().items()
@@ -154,22 +152,19 @@ class Content:
 
         moving: whether the picture is motion-blurred.
         """
-        after = settings.classification == "post" and not self.only_before(settings, moving)
-        kind = Settings()
-        if after:
-            # blends of one value keep all voxels
-            blend = settings.blend if BLENDS[settings.blend].one_value else "composite"
-            kind = kind.but(classification="post", kernel=settings.kernel, blend=blend)
-        if kind == self.kind:
+        # pre where it is all that volume or settings allow
+        asked = settings.but(classification="auto") if settings.classification == "post" else settings
+        found = kind(asked, moving, only_pre(self.volume, self.threshold), self.volume.samples.size)
+        if found == self.kind:
             return self
-        found = self.beside.get(kind.classification)
-        if found is None or found.kind != kind:
-            found = replace(self, kind=kind, before=self.counts, made={}, skins={})
-        return found
+        other = self.beside.get(found[0] != "pre")
+        if other is None or other.kind != found:
+            other = replace(self, kind=found, before=self.counts, made={}, skins={})
+        return other
 
     def only_before(self, settings: Settings, moving: bool) -> str | None:
         """What takes splats that are classified before reconstruction; None if these settings don't."""
-        return only_pre(self.volume, self.threshold) or only_before(settings, moving)
+        return only_pre(self.volume, self.threshold) or one_by_one(settings, moving)
 
     def home(self, size: tuple[int, int]) -> Pose:
         """The scene's initial view, with its pivot at the scene's middle."""

@@ -138,7 +138,7 @@ def active_range(transfer: Transfer) -> tuple[float, float]:
 
 
 def opaque_intervals(transfer: Transfer) -> np.ndarray:
-    """[n, 2]: closed intervals of values, ascending and disjoint, that contain all of non-zero opacity."""
+    """[n, 2]: closed intervals of values, ascending and disjoint, that contain those of non-zero opacity alone."""
     values = np.array([value for value, _ in transfer.points], np.float64)
     opacity = np.array([share for _, share in transfer.points], np.float64)
     starts = np.concatenate([[-np.inf], values])
@@ -151,4 +151,8 @@ def opaque_intervals(transfer: Transfer) -> np.ndarray:
             found[-1][1] = end
         else:
             found.append([float(start), float(end)])
-    return np.array(found, np.float64).reshape(-1, 2)
+    intervals = np.array(found, np.float64).reshape(-1, 2)
+    # an end of zero opacity, which samples outside of objects often have, is not in it
+    opaque = transfer.opacity(np.clip(intervals, values[0], values[-1])) > 0
+    inwards = np.nextafter(intervals, intervals[:, ::-1])
+    return np.where(opaque, intervals, inwards)

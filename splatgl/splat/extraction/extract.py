@@ -1,83 +1,60 @@
-"""The voxel extractor: a voxel is kept where t = F(∇, ρ) exceeds a threshold.  [M98 §5]
+"""The voxel extractor: splats of the voxels that a transfer function asks for.  [M98 §5]
 
-It reads the volume slab by slab; each splat depends only on its voxel and six neighbours, so the
-result is bit-identical for any slab size.
+It reads the volume slab by slab.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from splatgl.data.color import linear_from_srgb
 from splatgl.data.errors import InputError, expected
 from splatgl.data.volume import Slab, Volume
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.post import extract_post
-from splatgl.splat.extraction.records import NORMAL_SCALE, RECORD
-from splatgl.splat.extraction.splats import Grid, Splats, assemble
+from splatgl.splat.extraction.pre import extract_pre
+from splatgl.splat.extraction.splats import MOST_KEPT, Grid, Splats
 from splatgl.splat.kernel.kernels import kernel as kernel_named
 
 # voxels in a slab: temporaries stay near 100 MB, numpy's overhead a thousandth
 SLAB_VOXELS = 1 << 22
-# integer types up to this many bytes use a lookup table over all values
-TABLE_BYTES = 2
-# largest ratio between reference length and spacing, either way: both fit float32
-MOST_UNIT = 1e30
-
 # kernel of values that are classified after reconstruction: its means are nearest to known fields
 POST_KERNEL = "b-spline"
+# largest ratio between reference length and spacing, either way: both fit float32
+MOST_UNIT = 1e30
 
 Progress = Callable[[Iterator[Slab], int], Iterator[Slab]]
 
 
 @dataclass(frozen=True, eq=False)
-class Lookup:
-    """opacity(ρ), "may be kept" and linear colour, tabulated for integer types, computed for others."""
+class Source:
+    """Where splats come from, so that pictures which take others of the same volume can extract them.
 
+    made: those that are extracted, by classification and kernel.
+    """
+
+    volume: Volume
     transfer: Transfer
     threshold: float
-    first: int | None
-    opacities: np.ndarray
-    colors: np.ndarray
+    slab: int | None = None
+    made: dict[tuple[str, str], Splats] = field(default_factory=dict)
 
-    @classmethod
-    def of(cls, transfer: Transfer, dtype: np.dtype, threshold: float) -> Lookup:
-        """Tabulates all values of bool and of integers up to TABLE_BYTES; other types get no table."""
-        if dtype.kind == "b":
-            values = np.array([0, 1])
-        elif dtype.kind in "ui" and dtype.itemsize <= TABLE_BYTES:
-            values = np.arange(np.iinfo(dtype).min, np.iinfo(dtype).max + 1)
-        else:
-            return cls(transfer, threshold, None, np.zeros(0), np.zeros((0, 3)))
-        opacity = np.asarray(transfer.opacity(values))
-        return cls(transfer, threshold, int(values[0]), opacity, np.asarray(transfer.color(values), np.float32))
+    @property
+    def only_pre(self) -> str | None:
+        """What takes splats that are classified before reconstruction; None if both kinds can be extracted."""
+        return only_pre(self.volume, self.threshold)
 
-    def keeps(self, samples: np.ndarray) -> np.ndarray:
-        """Where the value's opacity exceeds the threshold, bool [...]; gradients can only reduce it."""
-        if self.first is None:
-            return self.opacity(samples) > self.threshold
-        return np.take(self.opacities > self.threshold, self._entry(samples))
-
-    def opacity(self, values: np.ndarray) -> np.ndarray:
-        """The transfer function's opacity of values [...], float64, before gradients."""
-        if self.first is None:
-            return np.asarray(self.transfer.opacity(values))
-        return np.take(self.opacities, self._entry(values))
-
-    def color(self, values: np.ndarray) -> np.ndarray:
-        """Linear RGB of values [...], float32 [..., 3]."""
-        if self.first is None:
-            return np.asarray(self.transfer.color(values), np.float32)
-        return np.take(self.colors, self._entry(values), axis=0)
-
-    def _entry(self, values: np.ndarray) -> np.ndarray:
-        if not self.first:
-            return values.view(np.uint8) if values.dtype == bool else values
-        return values.astype(np.int32) - self.first
+    def splats(self, classification: str, kernel: str) -> Splats:
+        """The splats for that classification, and for that kernel if they are classified after; extracted once."""
+        key = classification, kernel
+        if key not in self.made:
+            self.made[key] = extract(
+                self.volume, self.transfer, self.threshold, self.slab, classification=classification, kernel=kernel
+            )
+        return self.made[key]
 
 
 def extract(
@@ -86,14 +63,16 @@ def extract(
     threshold: float = 0.0,
     slab: int | None = None,
     progress: Progress | None = None,
-    classification: str = "pre",
+    classification: str = "auto",
     kernel: str = POST_KERNEL,
 ) -> Splats:
-    """The splats of all finite voxels with t > threshold, in row order.
+    """The splats of all finite voxels that the transfer function asks for, in row order.
 
-    classification "post": values and gradients for `kernel`, which are classified after reconstruction, of all voxels
-    that opaque points need; "post-all": of all, as blends of one value need; for volumes without colours, and without a
-    threshold.
+    classification "pre": colours and opacities of voxels with t = F(∇, ρ) > threshold. "post": values and gradients
+    for `kernel`, which are classified after reconstruction, of all voxels that opaque points need; "post-all": of all,
+    as blends of one value need; for volumes without colours, and without a threshold. "auto": post where it is
+    possible, of at most MOST_KEPT voxels, else pre; a picture whose settings take others extracts those once, from the
+    volume, which the splats keep.
 
     threshold is an opacity per reference length in [0, 1); slab the planes read at a time.
     progress wraps the iteration over slabs (slabs, their number). Raises InputError for a threshold
@@ -101,34 +80,27 @@ def extract(
     """
     if not 0.0 <= threshold < 1.0:
         raise expected("threshold", "an opacity of at least 0 and less than 1", threshold)
+    if classification not in ("auto", "pre", "post", "post-all"):
+        raise expected("classification", "auto, pre, post or post-all", repr(classification))
+    spacing = Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
+    unit = transfer.unit or spacing
+    if not 1 / MOST_UNIT <= unit / spacing <= MOST_UNIT:
+        raise expected("unit", f"a length within {MOST_UNIT:g} of the spacing, {spacing:g}", f"{unit:g}")
     depth, height, width = volume.shape
-    grid = Grid(volume.world_from_index, np.asarray(volume.origin))
-    lookup = Lookup.of(transfer, volume.samples.dtype, threshold)
-    unit = transfer.unit or grid.mean_spacing
-    if not 1 / MOST_UNIT <= unit / grid.mean_spacing <= MOST_UNIT:
-        raise expected("unit", f"a length within {MOST_UNIT:g} of the spacing, {grid.mean_spacing:g}", f"{unit:g}")
     planes = slab or max(1, SLAB_VOXELS // (height * width))
-    if classification not in ("pre", "post", "post-all"):
-        raise expected("classification", "pre, post or post-all", repr(classification))
-    if classification != "pre":
-        why = only_pre(volume, threshold)
-        if why:
-            raise InputError(f"{volume.name or 'volume'}: {why} take classification pre")
+    why = only_pre(volume, threshold)
+    if classification == "pre" or (classification == "auto" and why):
+        found = extract_pre(volume, transfer, threshold, planes, progress)
+    elif why:
+        raise InputError(f"{volume.name or 'volume'}: {why} take classification pre")
+    else:
         post = PostClassified.of(transfer, kernel, (width, height, depth), classification == "post-all")
-        return extract_post(volume, post, kernel_named(kernel), planes, progress)
-    dropped = Dropped(volume.shape) if threshold > 0 else None
-
-    # one slab at a time
-    slabs = volume.slabs(planes, halo=1)
-    chunks: list[np.ndarray] = []
-    for part in progress(slabs, -(-depth // planes)) if progress else slabs:
-        chunks.append(_slab_records(volume, part, lookup, unit / grid.mean_spacing, dropped))
-    records = _join(chunks)
-
-    # rows from the cells; the largest depth left out
-    cells = records["position"].astype(np.int32)
-    lost = dropped.largest() * grid.mean_spacing / unit if dropped else 0.0
-    return assemble(records, cells, grid, unit, volume.name, transfer.shading, lost)
+        found = extract_post(volume, post, kernel_named(kernel), planes, progress)
+    if classification != "auto":
+        return found
+    if found.post is not None and len(found) > MOST_KEPT:
+        found = extract_pre(volume, transfer, threshold, planes, progress)
+    return replace(found, source=Source(volume, transfer, threshold, slab))
 
 
 def only_pre(volume: Volume, threshold: float) -> str | None:
@@ -136,107 +108,3 @@ def only_pre(volume: Volume, threshold: float) -> str | None:
     if threshold > 0:
         return "threshold"
     return "colours of its own" if volume.color is not None else None
-
-
-def _slab_records(
-    volume: Volume, slab: Slab, lookup: Lookup, unit_in_spacings: float, dropped: Dropped | None
-) -> np.ndarray:
-    transfer = lookup.transfer
-    own = slab.samples[slab.before : slab.before + slab.stop - slab.start]
-    _, height, width = own.shape
-
-    # voxels whose value may exceed the threshold
-    flat = np.flatnonzero(lookup.keeps(own))
-    values = np.take(own, flat)
-    opacity = lookup.opacity(values)
-    z, rest = np.divmod(flat, height * width)
-    y, x = np.divmod(rest, width)
-
-    # gradients if needed; F(∇, ρ)
-    gradient = np.zeros((len(flat), 3))
-    if transfer.shading or transfer.gradient:
-        index_gradient = _gradient(slab.samples, x, y, z + slab.before)
-        gradient = index_gradient @ np.linalg.inv(volume.world_from_index)
-    if transfer.gradient:
-        opacity = opacity * transfer.weight(np.linalg.norm(gradient, axis=1))
-    if dropped:
-        dropped.add(lookup, own, slab.start, flat, opacity)
-    if transfer.gradient:
-        keep = opacity > lookup.threshold
-        flat, values, opacity, gradient = flat[keep], values[keep], opacity[keep], gradient[keep]
-        x, y, z = x[keep], y[keep], z[keep]
-
-    # the records
-    records = np.zeros(len(flat), RECORD)
-    records["position"][:, 0], records["position"][:, 1], records["position"][:, 2] = x, y, z + slab.start
-    records["optical_depth"] = transfer.extinction(opacity, unit_in_spacings)
-    if volume.color is not None:
-        linear = linear_from_srgb(np.arange(256) / 255).astype(np.float32)
-        records["color"] = linear[volume.color[z + slab.start, y, x]]
-    else:
-        records["color"] = lookup.color(values)
-    if transfer.shading:
-        records["normal"] = _snorm(gradient)
-    return records
-
-
-def _gradient(samples: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """[N, 3] per grid step along x, y, z: central where both neighbours exist, else one-sided, else 0."""
-    center = samples[z, y, x].astype(np.float64)
-    gradient = np.empty((len(center), 3))
-    for axis, (index, count) in enumerate(((x, samples.shape[2]), (y, samples.shape[1]), (z, samples.shape[0]))):
-        steps = []
-        for step in (-1, 1):
-            at = np.clip(index + step, 0, count - 1)
-            where = (z, y, at) if axis == 0 else (z, at, x) if axis == 1 else (at, y, x)
-            neighbour = samples[where].astype(np.float64)
-            steps.append((neighbour, (at != index) & np.isfinite(neighbour)))
-        (low, has_low), (high, has_high) = steps
-        low, high = np.where(has_low, low, center), np.where(has_high, high, center)
-        gradient[:, axis] = (high - low) / np.maximum(has_low.astype(int) + has_high, 1)
-    return gradient
-
-
-def _snorm(gradient: np.ndarray) -> np.ndarray:
-    """Unit vectors as 16-bit fractions; zero and tiny gradients give zero."""
-    largest = np.abs(gradient).max(axis=1, keepdims=True)
-    scaled = gradient / np.where(largest > 0, largest, 1.0)
-    length = np.linalg.norm(scaled, axis=1, keepdims=True)
-    return np.rint(scaled / np.where(length > 0, length, 1.0) * NORMAL_SCALE).astype(np.int16)
-
-
-def _join(chunks: list[np.ndarray]) -> np.ndarray:
-    """Concatenates the chunks; frees each after copying, to limit peak memory."""
-    records = np.empty(sum(map(len, chunks)), RECORD)
-    stop = len(records)
-    while chunks:
-        chunk = chunks.pop()
-        records[stop - len(chunk) : stop] = chunk
-        stop -= len(chunk)
-    return records
-
-
-class Dropped:
-    """Optical depth per reference length removed by the threshold, summed along every axis line."""
-
-    def __init__(self, shape: tuple[int, int, int]) -> None:
-        d, h, w = shape
-        self.sums = [np.zeros((h, w)), np.zeros((d, w)), np.zeros((d, h))]
-
-    def add(self, lookup: Lookup, own: np.ndarray, start: int, flat: np.ndarray, opacity: np.ndarray) -> None:
-        """Adds one slab: all of `own`, less the voxels kept at `flat` with opacity t."""
-        left = lookup.opacity(own)
-        if lookup.transfer.gradient:
-            # voxels dropped by value count in full (an upper bound); the others with their t
-            np.put(left, flat, np.where(opacity > lookup.threshold, 0.0, opacity))
-        else:
-            np.put(left, flat, 0.0)
-        depth = lookup.transfer.extinction(left, 1.0)
-        stop = start + len(own)
-        self.sums[0] += depth.sum(axis=0)
-        self.sums[1][start:stop] += depth.sum(axis=1)
-        self.sums[2][start:stop] += depth.sum(axis=2)
-
-    def largest(self) -> float:
-        """The largest of the sums."""
-        return float(max(total.max() for total in self.sums))

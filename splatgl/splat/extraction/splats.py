@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from splatgl.data.errors import expected
 from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.extraction.records import RECORD
+
+if TYPE_CHECKING:
+    from splatgl.splat.extraction.extract import Source
 
 # most splats kept on the GPU, 600 MB of records: the limit of texture rows
 MOST_KEPT = 2**24
@@ -76,7 +80,8 @@ class Splats:
     records [N] of RECORD; of SAMPLE if `post` classifies them. cell_x int32 [N]: each splat's cell along x.
     row_z, row_y int32 [M]: the non-empty rows; row_start int64 [M+1] into the records.
     unit: reference length of opacities, world units. shaded: whether the transfer function shades.
-    dropped_depth: largest optical depth that the threshold removed from one axis line.
+    dropped_depth: largest optical depth that the threshold removed from one axis line. source: of all splats of a
+    volume, from which pictures that take others extract them.
     """
 
     records: np.ndarray
@@ -90,6 +95,7 @@ class Splats:
     dropped_depth: float = 0.0
     name: str = ""
     post: PostClassified | None = None
+    source: Source | None = None
 
     def __len__(self) -> int:
         return len(self.records)
@@ -162,9 +168,8 @@ class Splats:
     def classified_after(self, post: PostClassified) -> Splats:
         """The same samples under `post`, which must have their low and span, and its transfer function's unit."""
         unit = post.transfer.unit or self.grid.mean_spacing
-        return self._shared(
-            replace(self, post=post, unit=unit, shaded=post.transfer.shading), {"index_bounds", "outline"}
-        )
+        made = replace(self, post=post, unit=unit, shaded=post.transfer.shading, source=None)
+        return self._shared(made, {"index_bounds", "outline"})
 
     @cached_property
     def depths(self) -> np.ndarray:
@@ -221,6 +226,7 @@ class Splats:
             row_z=row_z,
             row_y=row_y,
             row_start=row_start,
+            source=None,
         )
         if among_all:
             vars(made)["runs"] = self.runs[keep]
@@ -228,7 +234,7 @@ class Splats:
 
     def in_cells(self, records: np.ndarray | None = None, grid: Grid | None = None) -> Splats:
         """Other records or another grid in the same cells: what was computed from these is shared."""
-        made = replace(self, records=self.records if records is None else records, grid=grid or self.grid)
+        made = replace(self, records=self.records if records is None else records, grid=grid or self.grid, source=None)
         return self._shared(made, {"runs", "_lattices"})
 
     def _shared(self, made: Splats, names: set[str]) -> Splats:

@@ -83,7 +83,7 @@ class Motion:
             return splats
         records = splats.records.copy()
         records["position"] += at * _in_cells(splats, self.flow)
-        return replace(splats, records=records)
+        return splats.in_cells(records)
 
 
 @dataclass(frozen=True, eq=False)

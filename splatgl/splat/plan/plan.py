@@ -19,6 +19,7 @@ from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.occlusion_policy import SHARE, Hiding
 from splatgl.splat.plan.resolve import Look, Resolved
 from splatgl.splat.plan.settings import Settings
+from splatgl.splat.plan.suited import suited, values_left_out
 from splatgl.splat.plan.technique import TECHNIQUES, Asked, footprint, technique
 from splatgl.splat.plan.tiling import MOST_DOUBLINGS, depth_batches, exp_doublings
 from splatgl.splat.view.ahead import ahead
@@ -185,6 +186,8 @@ def plan(
     settings = settings or Settings()
     notes: list[str] = []
     settings, exposure = _exposed(splats, camera, settings, motion, notes)
+    notes += values_left_out(splats, settings, exposure is not None)
+    splats = suited(splats, settings, exposure is not None)
     if exposure is None:
         splats = ahead(splats, camera)
     resolved = Resolved.of(splats, exposure.middle if exposure else camera, settings, moving=exposure is not None)
@@ -193,9 +196,9 @@ def plan(
     align, z_s = alignment(splats, view, settings, notes)
     half_line = _half_line(splats, view, align, exposure, notes)
     # without splats no technique can refuse
-    asked = Asked(settings, align, exposure is not None, tiles, resolved.sheets is not None)
+    asked = Asked(settings, exposure is not None, tiles, resolved.sheets is not None)
     kind = technique(asked, notes) if len(splats) else "quads"
-    read = footprint((align, kind), shape, settings, resolved.look.steps > 0)
+    read = footprint(kind, shape, settings, resolved.look.steps > 0)
     bounds = screen_bounds(splats.corners_in_grid(), view)
     # sheets sort all splats at a time, and take the exponential itself: other opacities compile nothing
     quick = kind == "tiles" and resolved.sheets is None
@@ -241,7 +244,7 @@ def _exposed(
     if found is None:
         notes.append("motion blur left out: nothing moves; the picture is the same")
         return settings, None
-    why = TECHNIQUES["streaks"](Asked(settings, "exact", True, None))
+    why = TECHNIQUES["streaks"](Asked(settings, True, None))
     if why:
         notes.append(f"motion blur left out: {why}; the picture would be another")
         return settings, None

@@ -14,6 +14,7 @@ from splatgl.splat.extraction.splats import MOST_KEPT, Splats
 from splatgl.splat.kernel.kernels import Kernel, kernel
 from splatgl.splat.plan.blend_mode import BLENDS, BlendMode
 from splatgl.splat.plan.settings import Settings
+from splatgl.splat.plan.suited import one_by_one
 from splatgl.splat.sheets.sheets import MOST_SHEETS, Sheets
 from splatgl.splat.view.camera import Camera, check_reach
 from splatgl.splat.view.view import View
@@ -136,8 +137,10 @@ def _sheets(splats: Splats, settings: Settings, view: View, moving: bool) -> tup
     """The sheets of a picture, None if splats composite one by one; with notes. InputError for what can't be drawn."""
     _check_classification(splats, settings, moving)
     post = splats.post is not None
-    if not post and (settings.compositing == "splats" or not BLENDS[settings.blend].ordered or moving):
-        return None, ()
+    why = None if settings.compositing == "sheets" else one_by_one(settings, moving)
+    if not post and (why or moving or not BLENDS[settings.blend].ordered):
+        left = why and settings.compositing == "auto" and BLENDS[settings.blend].ordered
+        return None, (f"sheets left out: {why} takes splats one by one; the picture would be another",) if left else ()
     if settings.attenuation == "opacity":
         raise expected("attenuation", "optical-depth or fill, which add up within sheets", "opacity")
     count, steps = next((count, steps) for tolerance, count, steps in SHEETS if settings.tolerance >= tolerance)
@@ -166,16 +169,10 @@ def _check_classification(splats: Splats, settings: Settings, moving: bool) -> N
             f"blend {blend.name} takes all voxels, classified after reconstruction: "
             'render with --classification post, extract with classification="post-all"'
         )
-    why = only_before(settings, moving)
-    if post and why:
-        raise InputError(f"{why} takes splats that are classified before reconstruction; extract them so")
+    if post and moving:
+        raise InputError("motion blur takes splats that are classified before reconstruction; extract them so")
     if post and blend.one_value and settings.shading == "on":
         raise expected("shading", f"auto or off, as {blend.name} shows values, not surfaces", "on")
-
-
-def only_before(settings: Settings, moving: bool) -> str | None:
-    """What takes splats that are classified before reconstruction; None if both kinds can be drawn."""
-    return "motion blur" if moving and settings.motion != "off" else None
 
 
 def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:

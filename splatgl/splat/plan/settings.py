@@ -11,7 +11,7 @@ from splatgl.data.errors import expected
 from splatgl.splat.kernel.kernels import KERNELS
 from splatgl.splat.plan.blend_mode import BLENDS
 
-Antialias = Literal["paper", "auto", "off", "supersample"]
+Antialias = Literal["auto", "paper", "off", "supersample"]
 Align = Literal["auto", "exact", "ray", "grid", "hybrid"]
 Attenuation = Literal["auto", "opacity", "optical-depth", "fill"]
 Footprint = Literal["auto", "table"]
@@ -21,8 +21,8 @@ Shading = Literal["auto", "on", "off"]
 Motions = Literal["exact", "energy", "paper", "off"]
 Occlusion = Literal["auto", "off"]
 Order = Literal["auto", "back-to-front", "front-to-back"]
-Compositing = Literal["splats", "sheets"]
-Classification = Literal["auto", "pre", "post"]
+Compositing = Literal["auto", "sheets", "splats"]
+Classification = Literal["auto", "post", "pre"]
 
 
 def choices() -> dict[str, tuple[str, ...]]:
@@ -55,11 +55,12 @@ class Settings:
     blend composite | xray | mip | minip | mean; the last two, and mip if classified after, of reconstructed values.
     kernel auto (crawfis-max, or the one that values were extracted for) | crawfis-max | gaussian | b-spline, or one
     that is registered.
-    classification auto (as splats were extracted) | pre (voxels are classified) | post (the reconstructed values are).
-    compositing splats (every splat in order) | sheets (splats add up within sheets of equal distance from the eye,
-    which composite; always if classified after). sheets: 2 to 4 that share a splat; steps: 1 to 8 parts between two
-    sheets, each classified once; None: by the tolerance.
-    antialias paper (stretched beyond z_k) | auto (as many samples a pixel as voxels and tolerance ask for) | off |
+    classification auto (post where volume and settings allow it) | post (reconstructed values are classified) | pre
+    (voxels are).
+    compositing auto (sheets where the settings allow it) | sheets (splats add up within sheets of equal distance from
+    the eye, which composite; always if classified after) | splats (every splat in order). sheets: 2 to 4 that share a
+    splat; steps: 1 to 8 parts between two sheets, each classified once; None: by the tolerance.
+    antialias auto (as many samples a pixel as voxels and tolerance ask for) | paper (stretched beyond z_k) | off |
     supersample (samples × samples a pixel). align auto | exact | ray | grid | hybrid
     (ray-perpendicular up to depth z_s, grid-aligned beyond; z_s in world units, None: from `tolerance`).
     attenuation auto | opacity | optical-depth | fill (beyond z_k, composite only).
@@ -78,10 +79,10 @@ class Settings:
     blend: str = "composite"
     kernel: str = "auto"
     classification: Classification = "auto"
-    compositing: Compositing = "splats"
+    compositing: Compositing = "auto"
     sheets: int | None = None
     steps: int | None = None
-    antialias: Antialias = "paper"
+    antialias: Antialias = "auto"
     samples: int = 4
     align: Align = "auto"
     z_s: float | None = None
@@ -142,8 +143,11 @@ class Settings:
 
     @classmethod
     def paper(cls, **changes: Any) -> Settings:
-        """The 1998 hardware path: hybrid, an 8-bit 256×256 table, opacity attenuation, quads, 8-bit target."""
+        """The 1998 hardware path: hybrid, an 8-bit 256×256 table, opacity attenuation, quads, 8-bit target, every splat
+        in order.
+        """
         return cls(
+            **LIKE["0.1"],
             align="hybrid",
             footprint="table",
             table_size=256,

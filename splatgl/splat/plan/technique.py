@@ -9,24 +9,22 @@ from splatgl.data.errors import expected
 from splatgl.splat.kernel.kernels import Kernel, polynomials
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings, choices
+from splatgl.splat.plan.suited import by_distance, nearest_first
 
 # polynomials have an error of 4e−5 of the footprint: accurate enough from this tolerance on
 POLYNOMIAL_TOLERANCE = 1e-3
 # a single one for weights of values has an error of 8e−4; where mass is small, means are off by 20 times as much
 SINGLE_TOLERANCE = 1e-2
-# bits of a radial table's texels
-RADIAL_BITS = 32
 
 
 @dataclass(frozen=True)
 class Asked:
-    """Settings, alignment and motion of a picture. tiles: whether the renderer prefers them; None: unsupported.
+    """Settings and motion of a picture. tiles: whether the renderer prefers them; None: unsupported.
 
     sheets: whether splats add up within sheets.
     """
 
     settings: Settings
-    align: str
     moving: bool
     tiles: bool | None
     sheets: bool = False
@@ -37,7 +35,7 @@ def _refuses_quads(asked: Asked) -> str | None:
         return "motion"
     if asked.sheets and BLENDS[asked.settings.blend].one_value:
         return f"blend {asked.settings.blend} of reconstructed values"
-    return _nearest_first(asked) if asked.sheets else None
+    return nearest_first(asked.settings) if asked.sheets else None
 
 
 def _refuses_streaks(asked: Asked) -> str | None:
@@ -55,19 +53,7 @@ def _refuses_tiles(asked: Asked) -> str | None:
         return "motion"
     if asked.tiles is None:
         return "an OpenGL without compute shaders"
-    return _nearest_first(asked)
-
-
-def _nearest_first(asked: Asked) -> str | None:
-    """Why a picture can't be drawn in float32, nearest first, with footprints by the distance."""
-    settings = asked.settings
-    if settings.target not in ("auto", "rgba32f"):
-        return f"target {settings.target}"
-    if BLENDS[settings.blend].ordered and settings.order == "back-to-front":
-        return "order back-to-front"
-    if not by_distance(asked.align, settings):
-        return "footprints from a table"
-    return None
+    return nearest_first(asked.settings)
 
 
 # why each can't draw a picture, None if it can
@@ -97,21 +83,15 @@ def technique(asked: Asked, notes: list[str]) -> str:
     return "quads"
 
 
-def by_distance(align: str, settings: Settings) -> bool:
-    """Whether footprints depend on the distance alone; `grid` in a parallel view is exact, unless requested."""
-    exact = align == "exact" or (align == "grid" and settings.align in ("auto", "exact"))
-    return exact and settings.footprint != "table" and settings.table_bits == RADIAL_BITS
-
-
-def footprint(drawn: tuple[str, str], shape: Kernel, settings: Settings, means: bool = False) -> str:
-    """The source of footprints. drawn: alignment and technique. means: whether they weigh values.
+def footprint(drawn: str, shape: Kernel, settings: Settings, means: bool = False) -> str:
+    """The source of footprints. drawn: the technique. means: whether they weigh values.
 
     `auto`: the paper's table for its quads, the finer radial one where a table's error of 0.04 level matters, and
     polynomials for tiles, where lookups are slow, if accurate enough.
     """
-    if not by_distance(drawn[0], settings):
+    if not by_distance(settings):
         return "table"
-    quick = drawn[1] == "tiles" and settings.table_size is None and settings.tolerance >= POLYNOMIAL_TOLERANCE
+    quick = drawn == "tiles" and settings.table_size is None and settings.tolerance >= POLYNOMIAL_TOLERANCE
     if quick and means and settings.tolerance >= SINGLE_TOLERANCE:
         return "single"
     return "polynomial" if quick and polynomials(shape.name) is not None else "radial"
@@ -125,10 +105,9 @@ def combinations() -> list[tuple[str, ...]]:
             if name in ("technique", "motion"):
                 continue
             settings = Settings().but(**{name: value})
-            align = settings.align if settings.align != "auto" else "exact"
             post = settings.classification == "post" or BLENDS[settings.blend].post_only
             sheets = post or settings.compositing == "sheets"
-            reasons = [why(Asked(settings, align, each == "streaks", True, sheets)) for each, why in TECHNIQUES.items()]
+            reasons = [why(Asked(settings, each == "streaks", True, sheets)) for each, why in TECHNIQUES.items()]
             if any(reasons):
                 found.append((f"{name} {value}", *(f"no: {why}" if why else "yes" for why in reasons)))
     return found

@@ -62,6 +62,7 @@ GIST_HEAD = (
     "exact",
     "splatting itself",
     "the field, exact",
+    "default",
     "nearest",
 )
 # name of the diagram without a scene
@@ -137,7 +138,7 @@ def _gists(results: Results) -> Table:
         cost = f"{gist.cost:.2g}" if gist.cost else ""
         width, height = scene.about["size"]
         size = f"{grouped(scene.about['splats'])}, {width}×{height}"
-        fielded = number(gist.field), f"{number(gist.nearest.error)}, {gist.nearest.name}" if gist.nearest else ""
+        fielded = *map(number, gist.field), f"{number(gist.nearest.error)}, {gist.nearest.name}" if gist.nearest else ""
         rows.append((scene.name, size, *drawn, cost, *map(number, gist.filtered), number(gist.least), *fielded))
     return Table("", GIST_HEAD, tuple(rows))
 

@@ -12,7 +12,7 @@ import numpy as np
 from splatgl.truth.figures.style import BLACK, BLUE, GRAY, GREEN, ORANGE, RED, encode, sheet, style
 from splatgl.truth.report.front import Point, stairs
 from splatgl.truth.report.labels import Box, places
-from splatgl.truth.report.methods import AXES, DEFAULT, PAPER, PAPER_FLOAT, Axis, axis_of, methods
+from splatgl.truth.report.methods import AXES, DEFAULT, EXACT, PAPER, PAPER_FLOAT, Axis, axis_of, methods
 from splatgl.truth.report.results import Scene
 from splatgl.truth.report.words import caption, grouped, rivals
 
@@ -31,7 +31,7 @@ TITLES = {
     "field": "with classification: against the field itself",
 }
 # practical settings are highlighted, each by its own marker
-PRACTICAL = {DEFAULT: ("s", BLACK), PAPER: ("o", BLACK), PAPER_FLOAT: ("o", "white")}
+PRACTICAL = {DEFAULT: ("D", BLACK), EXACT: ("s", BLACK), PAPER: ("o", BLACK), PAPER_FLOAT: ("o", "white")}
 # minimum decades of an error axis
 DECADES = 2.0
 # dots per inch of a PNG: a screen's width for three panels

@@ -28,7 +28,8 @@ FILTERING = ("sampled", "integral", "field")
 class Method:
     """A rendering method. name: in tables and for --only; label: in a diagram.
 
-    changes: of Settings. paper: from the 1998 settings, not the scene's. z_s_share: z_s as a fraction of the way from
+    changes: of Settings, from the exact splats of version 0.1; own: from the scene's settings as they are; paper: from
+    the settings of 1998. z_s_share: z_s as a fraction of the way from
     the nearest splat to the farthest. threshold: of the extractor, above the scene's own. coarse: how often voxels are
     downsampled by two. quick: whether --quick draws it. peer: of `peers.MAPPERS`, which draws it instead of splatgl.
     """
@@ -36,6 +37,7 @@ class Method:
     name: str
     changes: Mapping[str, Any] = field(default_factory=dict)
     label: str = ""
+    own: bool = False
     paper: bool = False
     z_s_share: float | None = None
     threshold: float = 0.0
@@ -45,7 +47,7 @@ class Method:
 
     def settings(self, base: Settings, depths: tuple[float, float]) -> Settings:
         """The method's settings; depths: of the nearest and the farthest splat, world units."""
-        chosen = base
+        chosen = base if self.own else Settings.like("0.1", **base.given)
         if self.paper:
             kept = {name: getattr(base, name) for name in ("blend", "kernel", "shading", "background", "tolerance")}
             chosen = Settings.paper(**kept)
@@ -123,13 +125,23 @@ def _sampled(name: str, counts: tuple[int, ...], peer: str = "", **others: Any) 
     return tuple(made)
 
 
-DEFAULT, PAPER, PAPER_FLOAT = "exact", "paper 1998", "paper, 32 bits"
+DEFAULT, EXACT, PAPER, PAPER_FLOAT = "default", "exact", "paper 1998", "paper, 32 bits"
+register(
+    Axis(
+        "default",
+        "what settings on auto draw: sheets, classified after reconstruction where the scene allows it, k×k samples",
+        (Method(DEFAULT, own=True),),
+        FILTERING,
+        connected=False,
+        apart=True,
+    )
+)
 register(
     Axis(
         "settings",
-        "the practical settings of 1998, and splatgl's own",
+        "the practical settings of 1998, and the splats that are drawn exactly",
         (
-            Method(DEFAULT, label="exact (default)"),
+            Method(EXACT),
             Method(PAPER, paper=True, label="paper 1998"),
             Method(PAPER_FLOAT, {"table_bits": 32, "target": "rgba32f"}, "paper, 32 bits", paper=True),
         ),

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from splatgl.truth.report.front import Point, Timing, finite
-from splatgl.truth.report.methods import DEFAULT, TRUTHS
+from splatgl.truth.report.methods import EXACT, TRUTHS
 from splatgl.truth.report.store import Store
 
 
@@ -47,7 +47,7 @@ class Scene:
     @property
     def usual(self) -> Timing | None:
         """The time of the default settings, the baseline for the others."""
-        row = self.row(DEFAULT)
+        row = self.row(EXACT)
         return row.timing if row else None
 
     def points(self, truth: str, name: str = "rmse", same: bool = False) -> list[Point]:

@@ -17,6 +17,7 @@ from splatgl.splat.extraction.extract import POST_KERNEL
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.resolve import depth_range
 from splatgl.splat.plan.settings import Settings
+from splatgl.splat.plan.suited import kind
 from splatgl.splat.view.camera import Camera
 from splatgl.truth.report.methods import Method
 
@@ -86,11 +87,16 @@ class Subject:
     @property
     def no_field(self) -> str:
         """Why it is not a field that is classified by value; empty if it is."""
+        if self.settings.blend != "composite":
+            return str(expected("field", "blend composite", self.settings.blend))
+        return self.only_pre
+
+    @property
+    def only_pre(self) -> str:
+        """Why its values can't be classified after reconstruction; empty if they can."""
         try:
             if self.content is None:
                 raise expected("field", "a volume", "splats alone")
-            if self.settings.blend != "composite":
-                raise expected("field", "blend composite", self.settings.blend)
             self.splats(post=POST_KERNEL)
         except InputError as error:
             return str(error)
@@ -99,9 +105,9 @@ class Subject:
     def drawn(self, method: Method) -> tuple[Splats, Settings]:
         """Splats and settings of `method`. Raises InputError for what the scene does not allow."""
         settings = method.settings(self.settings, depth_range(self.splats(), self.camera))
-        kernel = settings.kernel if settings.kernel != "auto" else POST_KERNEL
-        post = kernel if settings.classification == "post" else ""
-        return self.splats(method.threshold, method.coarse, post), settings
+        why = self.only_pre if settings.classification == "auto" else None
+        kernel = kind(settings, moving=False, why=why, voxels=0)[1]
+        return self.splats(method.threshold, method.coarse, kernel), settings
 
     def mark(self) -> str:
         """Identifier of the scene: 16 hexadecimal digits of its splats and its camera."""

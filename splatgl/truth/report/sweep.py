@@ -129,6 +129,9 @@ class Sweep:
         for truth in axis_of(method.name).measured:
             if truth == "field" and self.subject.no_field:
                 continue
+            # what is classified after reconstruction is no picture of splats
+            if truth != "field" and image.info.get("classification") == "post":
+                continue
             try:
                 flip = self.flip and truth == FLIP_TRUTH
                 found[truth] = errors(image, self.truths.get(truth, settings), flip).as_dict()

@@ -12,14 +12,14 @@ from splatgl.data.image import Image
 from splatgl.splat.plan.settings import Settings
 from splatgl.truth.compare_pictures import data_uri, heat, largest, shown
 from splatgl.truth.drawing import Renderer
-from splatgl.truth.report.methods import DEFAULT, PAPER, methods
+from splatgl.truth.report.methods import EXACT, PAPER, methods
 from splatgl.truth.report.results import Scene
 from splatgl.truth.report.subject import Subject
 from splatgl.truth.report.truths import Truths
 
 # methods shown, if drawn
 PREVIEW = "preview 1/2"
-SPLATS = (PAPER, "grid", "ray", DEFAULT, "no antialiasing", "2×2", "4×4", PREVIEW)
+SPLATS = (PAPER, "grid", "ray", EXACT, "no antialiasing", "2×2", "4×4", PREVIEW)
 SHOWN = (*SPLATS, "sheets 3", "post b-spline", "post b-spline 2×2")
 # percentile of the worst method's differences shown as the brightest
 BRIGHTEST = 99.5

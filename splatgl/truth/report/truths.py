@@ -65,7 +65,7 @@ class Truths:
             if truth == "field" and self.subject.no_field:
                 raise InputError(self.subject.no_field)
             key = f"{truth} {self.level.samples} {self.level.rays} {self.level.steps} {asked}"
-        pixels = self._made(key, truth, Settings(**asked))
+        pixels = self._made(key, truth, Settings.like("0.1", **asked))
         return Image(pixels, {"blend": settings.blend})
 
     def _check(self, asked: dict[str, Any]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from splatgl.truth.report.front import FASTER, Point, Timing, front, standing
-from splatgl.truth.report.methods import AXES, DEFAULT, PAPER, axis_of
+from splatgl.truth.report.methods import AXES, DEFAULT, EXACT, PAPER, axis_of
 from splatgl.truth.report.results import Scene
 
 
@@ -60,9 +60,9 @@ def rivals(truth: str, scene: Scene) -> list[Point]:
 class Gist:
     """Key results of a scene; None if unknown.
 
-    old, new: drawing errors of the paper's settings and of the default ones; cost: the ratio of their times, new over
+    old, new: drawing errors of the paper's settings and of exact splats; cost: the ratio of their times, new over
     old. filtered: errors against supersampling, of both. least: the smallest error against the ray integral, by `best`.
-    field: the default settings' error against the field; nearest: the rival nearest to it.
+    field: errors of exact splats and of the default settings against the field; nearest: the rival nearest to it.
     """
 
     old: float | None
@@ -71,26 +71,27 @@ class Gist:
     filtered: tuple[float | None, float | None]
     least: float | None
     best: str
-    field: float | None
+    field: tuple[float | None, float | None]
     nearest: Point | None
 
     @classmethod
     def of(cls, scene: Scene) -> Gist:
-        """Compares a scene's rows of the paper's settings and of the default ones."""
-        paper, exact = scene.row(PAPER), scene.row(DEFAULT)
+        """Compares a scene's rows of the paper's settings, of exact splats, and of the default settings."""
+        paper, exact = scene.row(PAPER), scene.row(EXACT)
         before, now = (row.timing if row else None for row in (paper, exact))
         cost = now.over(before).median if now and before else None
         old, new = (row.error("reference") if row else None for row in (paper, exact))
         unfiltered, filtered = (row.error("sampled") if row else None for row in (paper, exact))
         best = min(rivals("integral", scene), key=lambda p: p.error, default=None)
         least, name = (best.error, best.name) if best else (None, "")
-        field = exact.error("field") if exact else None
+        own = scene.row(DEFAULT)
+        field = exact.error("field") if exact else None, own.error("field") if own else None
         nearest = min(rivals("field", scene), key=lambda p: p.error, default=None)
         return cls(old, new, cost, (unfiltered, filtered), least, name, field, nearest)
 
     @property
     def gain(self) -> float | None:
-        """Factor by which the default settings reduce the drawing error."""
+        """Factor by which exact splats reduce the drawing error."""
         return self.old / self.new if self.old and self.new else None
 
 
@@ -110,8 +111,9 @@ def caption(scene: Scene, truth: str) -> str:
         return f"exact is {number(gist.filtered[1])} away, 1998 {number(gist.filtered[0])}"
     if truth == "integral" and gist.least:
         return f"nothing comes below {number(gist.least)}"
-    if truth == "field" and gist.nearest and gist.field:
-        return f"{gist.nearest.name} is {number(gist.nearest.error)} away, exact {number(gist.field)}"
+    if truth == "field" and gist.nearest and all(gist.field):
+        exact, own = map(number, gist.field)
+        return f"the default is {own} away, exact splats {exact}, {gist.nearest.name} {number(gist.nearest.error)}"
     return ""
 
 
@@ -125,7 +127,7 @@ def _drawing(gist: Gist) -> str:
 
 
 def _filtering(scene: Scene, gist: Gist) -> str:
-    exact = next((p for p in scene.points("sampled") if p.name == DEFAULT), None)
+    exact = next((p for p in scene.points("sampled") if p.name == EXACT), None)
     if exact is None:
         return ""
     names = {method.name for method in AXES["supersampling"].methods}
@@ -160,12 +162,13 @@ def _field(scene: Scene, gist: Gist) -> str:
     """The errors against the field, and the members of its front; or why there is no field."""
     if scene.about.get("no_field"):
         return f"**The field** is no truth here: {scene.about['no_field']}."
-    if gist.field is None or gist.nearest is None:
+    if gist.field[0] is None or gist.nearest is None:
         return ""
     what = "the formula" if scene.about.get("formula") else "the samples' b-spline"
     near, points = gist.nearest, rivals("field", scene)
+    own = "" if gist.field[1] is None else f"the default is {number(gist.field[1])} away, "
     return (
-        f"**The field itself** ({what}, classified after reconstruction): exact is {number(gist.field)} away, "
+        f"**The field itself** ({what}, classified after reconstruction): {own}exact splats {number(gist.field[0])}, "
         f"{near.name} {number(near.error)} in {as_milliseconds(near.time.median)} ms. On its front: {_members(points)}"
     )
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from splatgl.splat.extraction.extract import extract
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
@@ -14,6 +16,11 @@ from splatgl.truth.drawing import Renderer
 
 # tolerance for comparison with closed forms: nothing is omitted for speed
 FINEST = 1e-6
+# closed forms are of splats one by one, or of values on one ray through each pixel
+PLAIN = {"compositing": "splats", "antialias": "paper"}
+
+# splats of a volume and a transfer function, classified before
+voxels = partial(extract, classification="pre")
 
 
 class Bench:
@@ -29,8 +36,8 @@ class Bench:
 
     def draw(self, splats: Splats, camera: Camera, **settings: Any) -> np.ndarray:
         """Renders by OpenGL, to FINEST unless a tolerance is given: the result under test."""
-        settings = {"tolerance": FINEST, **settings}
-        pixels = self.renderer.render(splats, camera, Settings(**settings)).pixels.astype(np.float64)
+        asked = Settings(**{**PLAIN, "tolerance": FINEST, **settings})
+        pixels = self.renderer.render(splats, camera, asked).pixels.astype(np.float64)
         self.pictures += 1
         self.bad_pixels += int((~np.isfinite(pixels)).sum())
         return pixels
@@ -41,4 +48,4 @@ class Bench:
 
     def truth(self, splats: Splats, camera: Camera, **settings: Any) -> np.ndarray:
         """Renders exact integrals in float64 [M98 Table 1 row 1]."""
-        return reference.render(splats, camera, Settings(**settings)).pixels
+        return reference.render(splats, camera, Settings(**{**PLAIN, **settings})).pixels

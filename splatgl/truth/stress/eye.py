@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.extraction.extract import extract
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.integral.approximations import half_line
 from splatgl.splat.integral.quads import NEAR
 from splatgl.splat.kernel.kernels import Gaussian, kernel
 from splatgl.splat.view.camera import Camera
-from splatgl.truth.stress.bench import Bench
+from splatgl.truth.stress.bench import Bench, voxels
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import ahead, alpha, block, dots, middle, noise, transfer
 
@@ -51,7 +50,7 @@ def in_kernel(bench: Bench) -> list[Check]:
 def places(bench: Bench) -> list[Check]:
     """Checks pictures from eyes on, between and beside voxels against the float64 reference."""
     size = (20, 18, 16)
-    splats = extract(Volume(noise(size, 0.3)), transfer())
+    splats = voxels(Volume(noise(size, 0.3)), transfer())
     eyes = {
         "on a voxel": ((10.0, 9.0, 8.0), (1.0, 0.2, 0.1)),
         "between voxels": ((10.5, 8.5, 8.5), (0.3, 1.0, -0.2)),

@@ -9,10 +9,9 @@ from itertools import product
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.extraction.extract import extract
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.camera import Camera
-from splatgl.truth.stress.bench import Bench
+from splatgl.truth.stress.bench import Bench, voxels
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import alpha, transfer
 
@@ -39,7 +38,7 @@ class View:
     def splats(self) -> Splats:
         """Splats of the box, all voxels with this opacity."""
         volume = Volume(np.ones(SHAPE[::-1], np.uint8), tuple(self.spacing))
-        return extract(volume, transfer(((0.0, 0.0), (1.0, self.opacity))))
+        return voxels(volume, transfer(((0.0, 0.0), (1.0, self.opacity))))
 
 
 def views(seed: int = SEED) -> list[View]:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.extraction.extract import extract
 from splatgl.splat.integral.approximations import half_line
 from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.view.camera import Camera
-from splatgl.truth.stress.bench import Bench
+from splatgl.truth.stress.bench import Bench, voxels
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import UP, ahead, alpha, block, dots, noise, parallel, transfer
 
@@ -28,7 +27,7 @@ LATTICES = ((1.5, 1.6e-4), (16.0, 2.6e-6), (64.0, 2.6e-6))
 
 def narrow(bench: Bench) -> list[Check]:
     """0.001°: 7 voxels wide at 2e5 voxels, where float32 has steps of 1/64 voxel."""
-    splats = extract(Volume(noise((9, 9, 9), 0.3)), transfer())
+    splats = voxels(Volume(noise((9, 9, 9), 0.3)), transfer())
     checks = []
     for name, view in (("along z", (0.0, 0.0, 1.0)), ("oblique", (0.48, 0.6, 0.64))):
         target = np.full(3, 4.0)
@@ -59,7 +58,7 @@ def far_voxel(bench: Bench) -> list[Check]:
 
 def wide_85(bench: Bench) -> list[Check]:
     """Checks views of half-angle 85° against the float64 reference, from before and from inside."""
-    splats = extract(Volume(noise((8, 8, 8), 0.3)), transfer())
+    splats = voxels(Volume(noise((8, 8, 8), 0.3)), transfer())
     checks = []
     for name, eye in (("from before", (3.5, 3.5, -3.0)), ("from inside", (3.6, 3.3, 3.2))):
         camera = Camera.look_at(eye, np.add(eye, (0.1, 0.05, 1.0)), UP, 170.0, (120, 240))
@@ -81,7 +80,7 @@ def wide_89(bench: Bench) -> list[Check]:
         right.append(half_line(shape, np.broadcast_to(voxel, rays.shape), rays))
     checks = [check("kernels round the eye", found, right, HALF_LINE_BOUND, paper)]
 
-    splats = extract(Volume(noise((6, 6, 6), 0.3)), transfer())
+    splats = voxels(Volume(noise((6, 6, 6), 0.3)), transfer())
     for name, eye in (("from before", (2.5, 2.5, -4.0)), ("from inside", (2.6, 2.3, 2.2))):
         view = Camera.look_at(eye, np.add(eye, (0.0, 0.0, 1.0)), UP, 179.8, (65, 512))
         drawn, answer = bench.draw(splats, view), bench.truth(splats, view)

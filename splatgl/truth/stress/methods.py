@@ -6,13 +6,12 @@ import numpy as np
 
 from splatgl.data.scenes import ball
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import extract
 from splatgl.splat.plan.resolve import depth_range
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
 from splatgl.truth import reference
 from splatgl.truth.report.methods import DEFAULT, methods
-from splatgl.truth.stress.bench import Bench
+from splatgl.truth.stress.bench import Bench, voxels
 from splatgl.truth.stress.case import Case, Check, check
 
 # voxels a radius, and pixels a side
@@ -23,7 +22,7 @@ VIEWS = ((0.3, 90.0), (100.0, 40.0))
 
 def every(bench: Bench) -> list[Check]:
     """Each method's largest error relative to its error bound."""
-    splats = extract(ball(RADIUS), Transfer(points=[(0.0, 0.0), (1.0, 0.6)], unit=1.0))
+    splats = voxels(ball(RADIUS), Transfer(points=[(0.0, 0.0), (1.0, 0.6)], unit=1.0))
     # images classified after reconstruction state no bound
     bounded = [name for name, m in methods().items() if not m.peer and m.changes.get("classification") != "post"]
     worst = dict.fromkeys(bounded, 0.0)
@@ -32,7 +31,7 @@ def every(bench: Bench) -> list[Check]:
         camera = Camera.look_at(eye, eye * 1.5 if distance < RADIUS else (0, 0, 0), (0, 0, 1), fov, (PIXELS, PIXELS))
         for name in worst:
             method = methods()[name]
-            settings = method.settings(Settings(), depth_range(splats, camera))
+            settings = method.settings(Settings.like("0.1"), depth_range(splats, camera))
             drawn = bench.renderer.render(splats, camera, settings)
             bench.pictures += 1
             bench.bad_pixels += int((~np.isfinite(drawn.pixels)).sum())

@@ -6,8 +6,7 @@ import numpy as np
 
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import OPAQUE
-from splatgl.splat.extraction.extract import extract
-from splatgl.truth.stress.bench import Bench
+from splatgl.truth.stress.bench import Bench, voxels
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import alpha, dots, middle, parallel, peak, transfer
 
@@ -32,7 +31,7 @@ def opacities(bench: Bench) -> list[Check]:
     found, right, paper = [], [], []
     camera = parallel(1.0, (1, 1))
     for opacity in OPACITIES:
-        splats = extract(Volume(np.ones((1, 1, 1), np.uint8)), transfer(((0.0, 0.0), (1.0, opacity)), 1.0))
+        splats = voxels(Volume(np.ones((1, 1, 1), np.uint8)), transfer(((0.0, 0.0), (1.0, opacity)), 1.0))
         found.append(bench.draw(splats, camera)[0, 0, 3])
         paper.append(bench.paper(splats, camera)[0, 0, 3])
         right.append(-np.expm1(np.log1p(-min(opacity, OPAQUE)) * peak()))
@@ -47,7 +46,7 @@ def corrections(bench: Bench) -> list[Check]:
     found, right, formula, pixels = [], [], [], []
     for opacity, thickness, known in CORRECTIONS:
         # a voxel that is `thickness` wide, and what its middle holds: 1 − (1 − a)^s with s = thickness · F(0)
-        splats = extract(
+        splats = voxels(
             Volume(np.ones((1, 1, 1), np.uint8), (thickness / peak(),) * 3),
             transfer(((0.0, 0.0), (1.0, opacity)), 1.0),
         )

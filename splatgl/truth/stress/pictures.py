@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.extraction.extract import extract
 from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.view.camera import Camera
-from splatgl.truth.stress.bench import Bench
+from splatgl.truth.stress.bench import Bench, voxels
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import ahead, alpha, dots, middle, noise, parallel, peak, transfer
 
@@ -75,7 +74,7 @@ def rim(bench: Bench) -> list[Check]:
 def sizes(bench: Bench) -> list[Check]:
     """Checks pictures of SIZES pixels against the float64 reference."""
     volume = Volume(noise((10, 10, 10), 0.3))
-    splats = extract(volume, transfer(shading=True))
+    splats = voxels(volume, transfer(shading=True))
     checks = []
     for size in SIZES:
         # the long side spans 40°, a single pixel 1°

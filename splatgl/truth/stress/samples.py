@@ -6,10 +6,9 @@ import numpy as np
 
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import extract
 from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.view.camera import Camera
-from splatgl.truth.stress.bench import Bench
+from splatgl.truth.stress.bench import Bench, voxels
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import alpha, dots, noise, parallel, transfer
 
@@ -26,7 +25,7 @@ def _orbit(volume: Volume, size: tuple[int, int] = SIZE) -> Camera:
 
 
 def _drawn(bench: Bench, volume: Volume, look: Transfer) -> tuple[np.ndarray, np.ndarray]:
-    splats, camera = extract(volume, look), _orbit(volume)
+    splats, camera = voxels(volume, look), _orbit(volume)
     return bench.draw(splats, camera), bench.paper(splats, camera)
 
 
@@ -105,7 +104,7 @@ def broken(bench: Bench) -> list[Check]:
     gap = ramp.copy()
     gap[4] = np.nan
     shaded = transfer(((-1.0, 0.4), (1.0, 0.4)), shading=True)
-    whole, cut = extract(Volume(ramp), shaded), extract(Volume(gap), shaded)
+    whole, cut = voxels(Volume(ramp), shaded), voxels(Volume(gap), shaded)
     kept = whole.records["position"][:, 2] != 4
     normals = cut.records["normal"].astype(np.float64) - whole.records["normal"][kept]
     checks.append(check("gradients at a gap", normals, 0.0, 0.0))
@@ -131,14 +130,14 @@ def tiny(bench: Bench) -> list[Check]:
         volume = Volume(
             np.ones(size[::-1], np.uint8), origin=(-(size[0] - 1) / 2, -(size[1] - 1) / 2, -(size[2] - 1) / 2)
         )
-        splats = extract(volume, look)
+        splats = voxels(volume, look)
         x, y = (np.arange(n) - (n - 1) / 2 for n in size[:2])
         distance = np.hypot(across[..., None, None] - x[:, None], down[..., None, None] - y)
         right = -np.expm1(-tau * size[2] * shape.footprint(distance).sum(axis=(2, 3)))
         drawn, old = bench.draw(splats, camera), bench.paper(splats, camera)
         checks.append(check(name, alpha(drawn), right, SHAPE_BOUND, alpha(old)))
     background = (0.2, 0.3, 0.4)
-    empty = extract(Volume(np.zeros((3, 3, 3), np.uint8)), look)
+    empty = voxels(Volume(np.zeros((3, 3, 3), np.uint8)), look)
     drawn = bench.draw(empty, _orbit(Volume(np.zeros((3, 3, 3)))), background=background)
     ground = np.array([*background, 1.0]).astype(np.float32)
     checks.append(check("nothing in it", drawn, ground, 0.0))

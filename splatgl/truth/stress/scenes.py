@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import extract
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.view.camera import Camera, Vector
+from splatgl.truth.stress.bench import voxels
 
 # rows of pixels run along +y, columns along +x, for an eye that looks along +z
 UP = (0.0, -1.0, 0.0)
@@ -52,7 +52,7 @@ def transfer(points: Sequence[Sequence[float]] = RAMP, unit: float | None = None
 def block(shape: tuple[int, int, int], opacity: float, spacing: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Splats:
     """A constant box of (x, y, z) voxels, white, its first sample at the origin; opacity per mean spacing."""
     samples = np.ones(shape[::-1], np.uint8)
-    return extract(Volume(samples, spacing), transfer(((0.0, 0.0), (1.0, opacity))))
+    return voxels(Volume(samples, spacing), transfer(((0.0, 0.0), (1.0, opacity))))
 
 
 def noise(shape: tuple[int, int, int], opacity: float, seed: int = 1998) -> np.ndarray:

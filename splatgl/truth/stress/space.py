@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.data.volume import Triple, Volume
-from splatgl.splat.extraction.extract import extract
 from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.view.camera import Camera
-from splatgl.truth.stress.bench import Bench
+from splatgl.truth.stress.bench import Bench, voxels
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import alpha, dots, noise, transfer
 
@@ -36,7 +35,7 @@ def _picture(
     middle = volume.center if center is None else center
     eye = middle + rotate @ np.array([0.7, -1.3, 0.6]) * size
     camera = Camera.look_at(eye, middle, rotate @ np.array([0.0, 0.0, 1.0]), 36.0, SIZE)
-    splats = extract(volume, transfer(shading=True))
+    splats = voxels(volume, transfer(shading=True))
     return bench.draw(splats, camera), bench.paper(splats, camera)
 
 
@@ -81,7 +80,7 @@ def flat_voxels(bench: Bench) -> list[Check]:
             paper.append(bench.paper(dot, camera, **settings)[0, 0, 3])
     checks = [check("one voxel", found, right, SHAPE_BOUND * float(np.max(right)), paper)]
     volume = Volume(noise((12, 12, 4), 0.3), (1.0, 1.0, 1000.0))
-    splats = extract(volume, transfer(unit=1.0))
+    splats = voxels(volume, transfer(unit=1.0))
     views = (
         ("edge on", (3000.0, 900.0, 1500.0), PICTURE_BOUND),
         ("flat on", (5.0, 6.0, -5e4), FEW_PIXELS_BOUND),
