@@ -235,14 +235,16 @@ def test_moments_blur(here: Path) -> None:
     """The mean of pictures within half a frame; with streaks that is nearer to the mean of many. A shutter that does
     not open draws the frame itself.
     """
-    one = ["--frames", "9", "--only", "1"]
+    # streaks are of splats, so that all are
+    before = ["--like", "0.1"]
+    one = ["--frames", "9", "--only", "1", *before]
     assert animate("ball.npy", "-o", "a{frame}.npy", *one, "--motion", "off") == 0
     assert animate("ball.npy", "-o", "b{frame}.npy", *one, "--motion", "off", "--moments", "3") == 0
     shut = ["--moments", "2", "--shutter", "0"]
     for motion in ("off", "exact"):
         assert animate("ball.npy", "-o", "c{frame}.npy", *one, *shut, "--motion", motion) == 0
         assert (pixels("a1.npy") == pixels("c1.npy")).all()
-    assert animate("ball.npy", "-o", "d{frame}.npy", "--frames", "108", "--motion", "off") == 0
+    assert animate("ball.npy", "-o", "d{frame}.npy", "--frames", "108", "--motion", "off", *before) == 0
     # of 108 frames a turn, 12 are one of 9; the shutter is open for 6, and its thirds' middles are 11, 9 and 7
     mean = (pixels("d11.npy") + pixels("d9.npy") + pixels("d7.npy")) / 3
     assert np.abs(pixels("b1.npy") - mean).max() < 2e-4 < np.abs(pixels("a1.npy") - mean).max()
@@ -257,6 +259,19 @@ def test_moments_blur(here: Path) -> None:
         assert animate("ball.npy", "-o", f"{name}{{frame}}.npy", *one, "--blend", "mip", *more) == 0
     own, still = (np.abs(pixels(f"{name}1.npy") - pixels("k1.npy")).max() for name in "ij")
     assert 10 * own < still
+
+
+def test_moments_blur_pictures_of_values(here: Path) -> None:
+    """By default: the mean of pictures that are classified after reconstruction."""
+    one = ["ball.npy", "--frames", "9", "--only", "1"]
+    assert animate(*one, "-o", "a{frame}.npy", "--moments", "2") == 0
+    assert animate("ball.npy", "-o", "d{frame}.npy", "--frames", "72", "--motion", "off", "--only", "5-7") == 0
+    # of 72 frames a turn, 8 are one of 9; the shutter is open for 4, and its halves' middles are 7 and 5
+    mean = (pixels("d7.npy") + pixels("d5.npy")) / 2
+    assert np.abs(pixels("a1.npy") - mean).max() < 2e-4
+    assert animate(*one, "-o", "s{frame}.npy", "--shutter", "0", "--motion", "exact") == 0
+    assert animate(*one, "-o", "o{frame}.npy", "--motion", "off") == 0
+    assert (pixels("s1.npy") == pixels("o1.npy")).all()
 
 
 def test_xray_has_one_scale_for_all_frames(here: Path) -> None:

@@ -75,8 +75,7 @@ class Animation:
         transfer = scene.transfer_for(volume)
         series = len(scenes) > 1
         streaked, moments = _blur(args, scene.settings)
-        moving = streaked or moments == 1
-        only = None if series else _splats(scene, volume, transfer, moving)
+        only = None if series else _splats(scene, volume, transfer, _streaks(streaked, moments, scene.settings))
         subject = only or volume
         count = args.frames or (len(scenes) * args.hold if series else FRAMES)
         if args.keyframes:
@@ -146,7 +145,7 @@ class Animation:
             return self.only, None
         scene = self.scenes[number]
         volume = scene.open()
-        splats = scene.splats(volume, self.transfer, moving=self.streaked or self.moments == 1)
+        splats = scene.splats(volume, self.transfer, moving=_streaks(self.streaked, self.moments, scene.settings))
         return splats, None if self.flow is None else flow_of(splats, volume, self.flow)
 
     def _frame(self, renderer: Renderer, splats: Splats, flow: np.ndarray | None, frame: int) -> Image:
@@ -207,6 +206,11 @@ def _blur(args: argparse.Namespace, settings: Settings) -> tuple[bool, int | Non
     if args.moments is not None:
         return streaked, args.moments
     return streaked, 1 if streaked or settings.motion == "off" else None
+
+
+def _streaks(streaked: bool, moments: int | None, settings: Settings) -> bool:
+    """Whether images are motion-blurred themselves, which takes splats classified before."""
+    return settings.shutter > 0 and BLENDS[settings.blend].join != "max" and (streaked or moments == 1)
 
 
 def _degrees(args: argparse.Namespace, count: int, series: bool) -> float:

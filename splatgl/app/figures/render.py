@@ -117,7 +117,8 @@ class Shown:
     @cached_property
     def splats(self) -> Splats:
         """The volume's splats, extracted once by the scene's transfer function and threshold."""
-        return extract(self.volume, self.scene.transfer_for(self.volume), self.scene.threshold)
+        transfer = self.scene.transfer_for(self.volume)
+        return extract(self.volume, transfer, self.scene.threshold, classification="pre")
 
     @cached_property
     def track(self) -> Turning:
@@ -139,9 +140,10 @@ class Shown:
         return self.track.camera(0)
 
     def settings(self, variant: int, blend: str = "composite") -> Settings:
-        """Settings of one of the four variants, by number; the rest are the scene's own."""
+        """Settings of one of the four variants of splats, by number; the rest are the scene's own."""
         ground = self.scene.settings.background or self.figure.background
-        return self.scene.settings.but(antialias=ANTIALIAS[variant % 2], blend=blend, background=ground)
+        mine = {"classification": "auto", "antialias": ANTIALIAS[variant % 2], "blend": blend, "background": ground}
+        return Settings.like("0.1", **{**self.scene.settings.given, **mine})
 
     def drawer(self, variant: int, track: Turning) -> Draw:
         """The draw function of a variant; the last two have motion blur."""
