@@ -1,4 +1,4 @@
-// Composites a sheet that is complete behind the light of nearer ones.
+// Composites a sheet that is complete behind the light of nearer ones, or joins its values to theirs.
 #define VARYING
 #define FLAT
 #define ROWS 1
@@ -12,7 +12,9 @@ uniform sampler2D sums_before;   // of the sheet before
 uniform sampler2D masses_before;
 uniform int sheet;               // its number
 
-out vec4 fragment;  // linear premultiplied, for 'over' from the front to the back
+// linear premultiplied, for 'over' from the front to the back; of one value: it, or for a mean the sum by length, and
+// the length; for a minimum −value, as blending takes the maximum of both
+out vec4 fragment;
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
@@ -31,4 +33,8 @@ void main() {
     }
     close_sheet(0, sheet);
     fragment = light[0];
+    if (ONE_VALUE) {
+        if (fragment.y <= 0.0) discard;
+        if (JOIN == JOIN_MIN) fragment.x = -fragment.x;
+    }
 }
