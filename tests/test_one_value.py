@@ -12,7 +12,8 @@ from noise import GRIDS, LOOKS, inside, views
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.gl import sheet_tiles, tiles
+from splatgl.gl import sheet_quads, sheet_tiles, tiles
+from splatgl.gl.portions import Interrupted
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Technique
 from splatgl.truth.blend import joined, joined_value
@@ -106,6 +107,23 @@ def test_values_may_be_far_from_those_they_were_extracted_for(
     for blend in BLENDED:
         settings = EXACT.but(blend=blend, technique=technique)
         assert difference(renderer, splats, eyes(splats)["fitted"], settings) < 2e-4
+
+
+@pytest.mark.parametrize("blend", ["composite", *BLENDED])
+def test_quads_in_bands_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, blend: str) -> None:
+    """Of any number of rows, also after one was cancelled within a band; nothing reaches the outer ones."""
+    splats, settings = every(cells()), EXACT.but(blend=blend, technique="quads", sheets=2, steps=1)
+    for view, rows in (("parallel", 8), ("inside", 24)):
+        camera = eyes(splats)[view]
+        whole = renderer.render(splats, camera, settings, verify_bound=False).pixels
+        with monkeypatch.context() as patched:
+            patched.setattr(sheet_quads, "MOST_PIXELS", rows * camera.size[0])
+            answers = iter([*[False] * 30, True])
+            with pytest.raises(Interrupted):
+                renderer.render(splats, camera, settings, interrupted=partial(next, answers))
+            found = renderer.render(splats, camera, settings, verify_bound=False).pixels
+            assert renderer.passes.techniques["sheets in quads"].ring.sums[0].size == (camera.size[0], rows)
+        assert whole[..., 3].max() > 0.2 and np.abs(found - whole).max() < 1e-5
 
 
 @pytest.mark.parametrize("blend", BLENDED)

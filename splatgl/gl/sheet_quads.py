@@ -21,7 +21,8 @@ from splatgl.gl.quads import CORNERS
 from splatgl.gl.sheet_order import sheet_uniforms
 from splatgl.gl.tables import CLASS_UNIT, HALF_LINE_UNIT, Tables
 from splatgl.gl.target import Target
-from splatgl.gl.tiles import set_uniforms
+from splatgl.gl.tiles import bands_of, set_uniforms
+from splatgl.gl.uniforms import frame_block
 from splatgl.splat.extraction.splats import Splats, corners_of
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.sheets.sheets import Sheets
@@ -35,6 +36,10 @@ JOINED_UNIT = 8
 LEAST = -float(np.finfo(np.float32).max)
 
 
+# most pixels of a band of the picture: its open sheets take up to 100 bytes a pixel
+MOST_PIXELS = 2**22
+
+
 class Group(NamedTuple):
     """Splats begin to end, exclusive, that have the same first sheet; window: the pixels that they reach."""
 
@@ -44,21 +49,31 @@ class Group(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What textures depend on: size; sheets that share a splat; whether values are classified after, and joined."""
+    """What textures depend on: the picture's size; the rows of a band of it; sheets that share a splat; whether values
+    are classified after, and joined.
+    """
 
     size: tuple[int, int]
+    rows: int
     sheets: int
     post: bool
     one_value: bool
 
 
 class SheetQuads:
-    """Reuses its textures and its buffer between pictures. whole: draws one triangle over the bound framebuffer."""
+    """Reuses its textures and its buffer between pictures. whole: draws one triangle over the bound framebuffer.
+    frame: the uniform block of that name.
+    """
 
     def __init__(
-        self, ctx: moderngl.Context, programs: Programs, whole: Callable[[moderngl.Program], None], tables: Tables
+        self,
+        ctx: moderngl.Context,
+        programs: Programs,
+        whole: Callable[[moderngl.Program], None],
+        tables: Tables,
+        frame: moderngl.Buffer,
     ) -> None:
-        self.ctx, self.programs, self.whole, self.tables = ctx, programs, whole, tables
+        self.ctx, self.programs, self.whole, self.tables, self.frame = ctx, programs, whole, tables, frame
         self.instances = Instances(ctx)
         self.ring: Ring | None = None
         self.join = ""
@@ -84,15 +99,24 @@ class SheetQuads:
         chosen, groups = by_first_sheet(splats, sheets, plan.view)
         records = splats.records_with_runs if "in_runs" in adding else splats.records
         self.instances.fill(records[chosen])
-        ring = self._ring(Kind(plan.view.size, look.sheets, look.steps > 0, look.blend.one_value))
-        ring.clear(plan.window, 0.0 if self.join == "mean" else LEAST)
+        bands = bands_of(Window(0, 0, *plan.view.size), MOST_PIXELS)
+        ring = self._ring(Kind(plan.view.size, bands[0].height, look.sheets, look.steps > 0, look.blend.one_value))
         into = ring.joined or target.framebuffer
+        if ring.joined:
+            ring.joined.clear(0.0 if self.join == "mean" else LEAST)
         try:
-            for sheet in closed(groups, ring.slots):
-                portions.ask()
-                if sheet in groups:
-                    self._add(adding, ring, sheet, groups[sheet], portions)
-                self._close(into, closing, ring, sheet, groups)
+            for band in bands:
+                block = frame_block(splats, plan)
+                block["image_center"][1] -= band.y
+                self.frame.write(block.tobytes())
+                set_uniforms(closing, top=band.y)
+                reached = within(groups, band)
+                ring.begin(band, around(reached, min(groups), max(groups)))
+                for sheet in closed(reached, ring.slots):
+                    portions.ask()
+                    if sheet in reached:
+                        self._add(adding, ring, sheet, reached[sheet], portions)
+                    self._close(into, closing, ring, sheet, reached)
         finally:
             into.scissor = None  # type: ignore[assignment]
         if ring.joined:
@@ -120,7 +144,7 @@ class SheetQuads:
         self._blend(self.join, self.join == "over")
         self.whole(program)
         done = sheet - (ring.slots - ring.count)
-        ring.each[done % ring.slots].clear(viewport=around(groups, done - ring.count + 1, done).box)
+        ring.clear(done, around(groups, done - ring.count + 1, done))
 
     def _show(self, target: Target, splats: Splats, plan: Plan, ring: Ring) -> None:
         """Classifies the value that each pixel's sheets were joined to."""
@@ -145,14 +169,15 @@ class SheetQuads:
 
 
 class Ring:
-    """Textures of the open sheets of a picture, used in turn, and classified after of the one before; and of values and
-    lengths of blends of one value.
+    """Textures of the open sheets of a band, used in turn, and classified after of the one before; and of a picture's
+    values and lengths of blends of one value.
     """
 
     def __init__(self, ctx: moderngl.Context, kind: Kind) -> None:
-        self.kind, self.count, self.slots = kind, kind.sheets, kind.sheets + kind.post
-        self.sums = [ctx.texture(kind.size, 4, dtype="f4") for _ in range(self.slots)]
-        self.masses = [ctx.texture(kind.size, 1, dtype="f4") for _ in range(self.slots * kind.post)]
+        self.kind, self.count, self.slots, self.top = kind, kind.sheets, kind.sheets + kind.post, 0
+        size = kind.size[0], kind.rows
+        self.sums = [ctx.texture(size, 4, dtype="f4") for _ in range(self.slots)]
+        self.masses = [ctx.texture(size, 1, dtype="f4") for _ in range(self.slots * kind.post)]
         self.values = [ctx.texture(kind.size, 2, dtype="f4") for _ in range(kind.one_value)]
         for texture in (*self.sums, *self.masses, *self.values):
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
@@ -161,13 +186,17 @@ class Ring:
         self.each = [ctx.framebuffer(self._attachments(n, 1)) for n in range(self.slots)]
         self.joined = ctx.framebuffer(self.values) if self.values else None
 
-    def clear(self, window: Window, least: float) -> None:
-        """Empties all sheets. least: what is joined to the first value."""
-        for framebuffer in self.each:
-            framebuffer.clear(viewport=window.box)
-        if self.joined:
-            # all of it: what no splat reaches is shown, too
-            self.joined.clear(least)
+    def begin(self, band: Window, window: Window) -> None:
+        """Empties all sheets for a band of the picture, within a window of it."""
+        self.top = band.y
+        for slot, framebuffer in enumerate(self.open):
+            framebuffer.viewport = (0, -band.y, *self.kind.size)
+            self.clear(slot, window)
+
+    def clear(self, sheet: int, window: Window) -> None:
+        """Empties a sheet within a window of the picture."""
+        x, y, width, height = window.box
+        self.each[sheet % self.slots].clear(viewport=(x, y - self.top, width, height))
 
     def use(self, sheet: int) -> None:
         """Binds the textures of a sheet and of the one before."""
@@ -201,6 +230,16 @@ def by_first_sheet(splats: Splats, sheets: Sheets, view: View) -> tuple[np.ndarr
     windows = [screen_bounds(corners_of(*box), view).window for box in zip(low, high, strict=True)]
     groups = zip(begins.tolist(), ends, windows, strict=True)
     return chosen, dict(zip(found.tolist(), (Group(*each) for each in groups), strict=True))
+
+
+def within(groups: dict[int, Group], band: Window) -> dict[int, Group]:
+    """The groups that reach into a band of rows, and the pixels that they reach there."""
+    found = {}
+    for sheet, (begin, end, window) in groups.items():
+        top, bottom = max(window.y, band.y), min(window.y + window.height, band.y + band.height)
+        if top < bottom:
+            found[sheet] = Group(begin, end, Window(window.x, top, window.width, bottom - top))
+    return found
 
 
 def closed(groups: dict[int, Group], slots: int) -> list[int]:
