@@ -1,9 +1,9 @@
-// Composites a sheet that is complete behind the light of nearer ones.
+// Composites a sheet that is complete behind the light of nearer ones, or joins its values to theirs.
 #define VARYING
 #define FLAT
 #define ROWS 1
 #include "footprint_eval.glsl"
-vec2 first;  // the pixel's centre
+vec2 first;  // the pixel's centre in its band
 #include "sheet_close.glsl"
 
 uniform sampler2D sheet_sums;    // of the sheet
@@ -11,12 +11,15 @@ uniform sampler2D sheet_masses;
 uniform sampler2D sums_before;   // of the sheet before
 uniform sampler2D masses_before;
 uniform int sheet;               // its number
+uniform int top;                 // the picture's row at which the band begins whose sheets these are
 
-out vec4 fragment;  // linear premultiplied, for 'over' from the front to the back
+// linear premultiplied, for 'over' from the front to the back; of one value: it, or for a mean the sum by length, and
+// the length; for a minimum −value, as blending takes the maximum of both
+out vec4 fragment;
 
 void main() {
-    ivec2 pixel = ivec2(gl_FragCoord.xy);
-    first = gl_FragCoord.xy;
+    first = gl_FragCoord.xy - vec2(0.0, float(top));
+    ivec2 pixel = ivec2(first);
     sum0[0] = texelFetch(sheet_sums, pixel, 0);
     light[0] = vec4(0.0);
     if (STEPS == 0) {
@@ -31,4 +34,8 @@ void main() {
     }
     close_sheet(0, sheet);
     fragment = light[0];
+    if (ONE_VALUE) {
+        if (fragment.y <= 0.0) discard;
+        if (JOIN == JOIN_MIN) fragment.x = -fragment.x;
+    }
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,14 @@ from noise import GRIDS, LOOKS, inside, views
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.gl import sheet_tiles, tiles
+from splatgl.gl import sheet_quads, sheet_tiles, tiles
+from splatgl.gl.portions import Interrupted
 from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.settings import Technique
 from splatgl.truth.blend import joined, joined_value
 from splatgl.truth.field import field_integral
 
+TECHNIQUES = ("tiles", "quads")
 BLENDED = tuple(name for name, mode in BLENDS.items() if mode.one_value)
 EXACT = sg.Settings(tolerance=1e-6, antialias="off")
 RAMP = sg.Transfer([(0.2, 0), (0.8, 0.9)], colormap="hot")
@@ -47,6 +50,7 @@ def difference(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, sett
     return float(np.abs(found - right).max() / max(right.max(), 1))
 
 
+@pytest.mark.parametrize("technique", TECHNIQUES)
 @pytest.mark.parametrize("blend", [*BLENDED, "xray"])
 @pytest.mark.parametrize(
     ("grid", "view", "changes"),
@@ -58,14 +62,68 @@ def difference(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, sett
     ids=str,
 )
 def test_the_picture_is_its_twin(
-    renderer: sg.Renderer, blend: str, grid: str, view: str, changes: dict[str, Any]
+    renderer: sg.Renderer, blend: str, grid: str, view: str, changes: dict[str, Any], technique: Technique
 ) -> None:
     placed = {"spacing": (1.0, 1.0, 8.0)} if grid == "8:1" else GRIDS[grid]
     splats = every(cells(), **placed)
     assert len(splats) == cells().size
-    settings = EXACT.but(blend=blend, **changes)
+    settings = EXACT.but(blend=blend, technique=technique, **changes)
     # classes are means over the cells of a table
     assert difference(renderer, splats, eyes(splats)[view], settings) < 2e-4
+
+
+@pytest.mark.parametrize("blend", BLENDED)
+def test_without_compute_shaders_quads_draw_the_same(
+    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, blend: str
+) -> None:
+    """Bit for bit, also after another blend and view, and after all was released."""
+    splats, settings = every(cells()), EXACT.but(blend=blend)
+    camera, other = eyes(splats)["fitted"], eyes(splats)["close"].resized((60, 20))
+    tiles_drew = renderer.render(splats, camera, settings, verify_bound=False).pixels
+    monkeypatch.setattr(renderer, "tiles", None)
+    found = []
+    for between in (
+        lambda: renderer.passes.release(),
+        *(partial(renderer.render, splats, other, EXACT.but(blend=name)) for name in BLENDS),
+        *(partial(renderer.render, splats, eyes(splats)["close"], EXACT.but(blend=name)) for name in BLENDS),
+    ):
+        between()
+        image = renderer.render(splats, camera, settings, verify_bound=False)
+        assert image.info["technique"] == "quads"
+        found.append(image.pixels)
+    assert all((each == found[0]).all() for each in found)
+    assert tiles_drew.max() > 0.5 and np.abs(found[0] - tiles_drew).max() < 1e-5
+
+
+@pytest.mark.parametrize("technique", TECHNIQUES)
+@pytest.mark.parametrize("kept", [(1.999, 2.0), (0.0, 0.001)], ids=["negative", "large"])
+def test_values_may_be_far_from_those_they_were_extracted_for(
+    renderer: sg.Renderer, kept: tuple[float, float], technique: Technique
+) -> None:
+    """Records relative to another transfer function's range: they are below it, or beyond."""
+    splats = every(cells(), sg.Transfer([(kept[0], 0), (kept[1], 1)]))
+    splats = splats.classified_after(splats.post.recolored(RAMP))
+    assert splats.records["value"].max() < -300 if kept[0] else splats.records["value"].max() > 900
+    for blend in BLENDED:
+        settings = EXACT.but(blend=blend, technique=technique)
+        assert difference(renderer, splats, eyes(splats)["fitted"], settings) < 2e-4
+
+
+@pytest.mark.parametrize("blend", ["composite", *BLENDED])
+def test_quads_in_bands_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, blend: str) -> None:
+    """Of any number of rows, also after one was cancelled within a band; nothing reaches the outer ones."""
+    splats, settings = every(cells()), EXACT.but(blend=blend, technique="quads", sheets=2, steps=1)
+    for view, rows in (("parallel", 8), ("inside", 24)):
+        camera = eyes(splats)[view]
+        whole = renderer.render(splats, camera, settings, verify_bound=False).pixels
+        with monkeypatch.context() as patched:
+            patched.setattr(sheet_quads, "MOST_PIXELS", rows * camera.size[0])
+            answers = iter([*[False] * 30, True])
+            with pytest.raises(Interrupted):
+                renderer.render(splats, camera, settings, interrupted=partial(next, answers))
+            found = renderer.render(splats, camera, settings, verify_bound=False).pixels
+            assert renderer.passes.techniques["sheets in quads"].ring.sums[0].size == (camera.size[0], rows)
+        assert whole[..., 3].max() > 0.2 and np.abs(found - whole).max() < 1e-5
 
 
 @pytest.mark.parametrize("blend", BLENDED)
@@ -99,10 +157,13 @@ def test_a_constant_is_what_the_transfer_function_says(renderer: sg.Renderer, gr
             twin, four = (
                 sg.reference.render(splats, camera, settings.but(**changes)).pixels for changes in ({}, {"sheets": 4})
             )
-            drawn = renderer.render(splats, camera, settings, verify_bound=False).pixels
+            drawn, quads = (
+                renderer.render(splats, camera, settings.but(technique=technique), verify_bound=False).pixels
+                for technique in TECHNIQUES
+            )
             seen = field[..., 3] > 0
             assert seen.any() and not seen.all()
-            for found, allowed in ((field, 1e-9), (twin, 1e-9), (four, 1e-9), (drawn, 1e-4)):
+            for found, allowed in ((field, 1e-9), (twin, 1e-9), (four, 1e-9), (drawn, 1e-4), (quads, 1e-4)):
                 assert np.abs(found[seen] - right).max() < allowed
                 assert (found[~seen] == 0).all()
 
@@ -135,14 +196,15 @@ def test_a_maximum_is_no_less_than_a_mean_and_that_than_a_minimum(renderer: sg.R
     assert (low <= middle + 1e-5).all() and (middle <= high + 1e-5).all() and (high - low).max() > 0.5
 
 
+@pytest.mark.parametrize("technique", TECHNIQUES)
 @pytest.mark.parametrize("blend", BLENDED)
-def test_missing_voxels_have_no_share(renderer: sg.Renderer, blend: str) -> None:
+def test_missing_voxels_have_no_share(renderer: sg.Renderer, blend: str, technique: Technique) -> None:
     """A ray through nothing else shows nothing; others show what is left."""
     holes = np.full((8, 12, 12), 0.5)
     holes[:, :, :7] = np.nan
     splats = every(holes)
     camera = sg.Camera.orbit(sg.Volume(np.ones(holes.shape)), 90, 0, size=(24, 24)).parallel(sg.Volume(holes))
-    settings = EXACT.but(blend=blend)
+    settings = EXACT.but(blend=blend, technique=technique)
     assert difference(renderer, splats, camera, settings) < 1e-4
     alpha = renderer.render(splats, camera, settings, verify_bound=False).pixels[..., 3]
     field = field_integral(sg.Volume(holes), RAMP, camera, steps_per_voxel=2, blend=blend).pixels[..., 3]
@@ -195,7 +257,6 @@ def test_joins() -> None:
             {"blend": "mip", "shading": "on"},
             "^shading: expected auto or off, as mip shows values, not surf",
         ),
-        ("post-all", {"blend": "mip", "technique": "quads"}, "^technique quads: expected what quads can draw"),
     ],
     ids=str,
 )

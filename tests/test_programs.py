@@ -70,17 +70,18 @@ def of_sheets() -> set[Program]:
     transfer = sg.Transfer([(0.3, 0), (1, 0.5)], shading=True)
     for grid in GRIDS:
         volume = sg.Volume(np.random.default_rng(3).random((4, 4, 4)), **PLACED[grid])
-        for splats in (
-            sg.extract(volume, transfer, classification="pre"),
-            sg.extract(volume, transfer, classification="post"),
-        ):
+        for how in ("pre", "post-all"):
+            splats = sg.extract(volume, transfer, classification=how)
             changes = itertools.product((2, 3, 4), (1 / 255, 1e-6), ("on", "off"), ("auto", "optical-depth"))
             cameras = cameras_of(splats)
             for count, tolerance, shading, attenuation in changes:
-                settings = SPLATS.but(compositing="sheets", sheets=count, tolerance=tolerance)
+                settings = SPLATS.but(classification="auto", compositing="sheets", sheets=count, tolerance=tolerance)
                 settings = settings.but(shading=shading, attenuation=attenuation)
+                joined = splats.post is not None and shading == "off" and attenuation == "auto"
                 found |= {
-                    sg.plan(splats, camera, settings, tiles=tiles).program
+                    sg.plan(splats, camera, settings.but(blend=name), tiles=tiles).program
+                    for name, mode in BLENDS.items()
+                    if name == "composite" or (joined and mode.one_value)
                     for camera in cameras
                     for tiles in (True, None)
                 }
@@ -99,6 +100,7 @@ def distinct(found: set[Program]) -> set[tuple[object, ...]]:
             parts += kinds if program.look.sheets else [("tile_draw.comp", "CARRIED")]
         elif program.look.sheets:
             parts = [("sheet_close.frag", "SHEETS")]
+            parts += [("sheet_show.frag", "SHEETS")] * program.look.blend.one_value
         for name, more in parts:
             read = {**switches, more: switches.get(more, True)}
             keys.add((name, *((s, read[s]) for s in sorted(declared_switches(name) & read.keys()))))
@@ -133,11 +135,12 @@ def test_pairs_of_choices_compile(renderer: sg.Renderer) -> None:
     compiles(renderer, keys)
 
 
-@pytest.mark.parametrize("some", [pytest.param(1, marks=pytest.mark.long), 19])
+@pytest.mark.parametrize("some", [pytest.param(1, marks=pytest.mark.long), 31])
 def test_programs_of_sheets_compile(renderer: sg.Renderer, some: int) -> None:
-    """All, or every nineteenth, of which every shader is one."""
+    """All, or every thirty-first, of which every shader is one."""
     keys = sorted(distinct(of_sheets()), key=str)[::some]
     stages = {name for name, *_ in keys}
     print(f"{len(keys)} programs")
-    assert stages == {"splat", "sheet_close.frag", "tile_place.frag", "sheet_draw.comp", "sheet_sort.comp"}
+    quads = {"splat", "sheet_close.frag", "sheet_show.frag"}
+    assert stages == quads | {"tile_place.frag", "sheet_draw.comp", "sheet_sort.comp"}
     compiles(renderer, set(keys))

@@ -48,17 +48,17 @@ class Passes:
         self.targets = Targets(ctx, owned)
         self.tables = Tables(ctx, owned)
         self.splats = SplatBuffers(ctx, owned)
+        self.frame = ctx.buffer(reserve=FRAME.itemsize)
+        owned.callback(self.frame.release)
         self.whole: dict[int, moderngl.VertexArray] = {}
         self.tiles = Tiles(ctx, self.programs, self.splats, self._whole)
         self.techniques: dict[str, Technique] = {
             "quads": Quads(ctx, self.programs, self.splats),
             "tiles": self.tiles,
-            "sheets in quads": SheetQuads(ctx, self.programs, self._whole, self.tables),
+            "sheets in quads": SheetQuads(ctx, self.programs, self._whole, self.tables, self.frame),
             "sheets in tiles": SheetTiles(ctx, self.programs, self.splats, self._whole, self.tables),
             "streaks": Streaks(ctx, self.programs, self.splats),
         }
-        self.frame = ctx.buffer(reserve=FRAME.itemsize)
-        owned.callback(self.frame.release)
         self.style = ctx.buffer(reserve=STYLE.itemsize)
         owned.callback(self.style.release)
         owned.callback(self.release)

@@ -33,6 +33,9 @@ BLEND_STATES = {
     ("over", True): Blend(moderngl.FUNC_ADD, moderngl.ONE_MINUS_DST_ALPHA, moderngl.ONE),
     ("sum", False): Blend(moderngl.FUNC_ADD, moderngl.ONE, moderngl.ONE),
     ("max", False): Blend(moderngl.MAX, moderngl.ONE, moderngl.ONE),
+    # of one value, see sheet_close.frag
+    ("min", False): Blend(moderngl.MAX, moderngl.ONE, moderngl.ONE),
+    ("mean", False): Blend(moderngl.FUNC_ADD, moderngl.ONE, moderngl.ONE),
 }
 
 

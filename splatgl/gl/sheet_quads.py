@@ -1,7 +1,8 @@
 """Sheets drawn by quads, without compute shaders: splats are blended into open sheets, which composite one by one.
 
 Splats are sorted by their first sheet. Each is drawn once, into the textures of all sheets that share it; a pass over
-the pixels that a sheet reaches then composites it, and its textures are cleared for the sheet that opens next.
+the pixels that a sheet reaches then composites it, and its textures are cleared for the sheet that opens next. Blends
+of one value join a sheet's values to those of nearer ones in a texture of their own, which a last pass classifies.
 """
 
 from __future__ import annotations
@@ -20,15 +21,23 @@ from splatgl.gl.quads import CORNERS
 from splatgl.gl.sheet_order import sheet_uniforms
 from splatgl.gl.tables import CLASS_UNIT, HALF_LINE_UNIT, Tables
 from splatgl.gl.target import Target
-from splatgl.gl.tiles import set_uniforms
+from splatgl.gl.tiles import bands_of, set_uniforms
+from splatgl.gl.uniforms import frame_block
 from splatgl.splat.extraction.splats import Splats, corners_of
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.sheets.sheets import Sheets
 from splatgl.splat.view.screen_bounds import Window, screen_bounds
 from splatgl.splat.view.view import View
 
-# texture units of a sheet and of the one before
+# texture units of a sheet, of the one before, and of values joined to one
 UNITS = {"sheet_sums": 4, "sheet_masses": 5, "sums_before": 6, "masses_before": 7}
+JOINED_UNIT = 8
+# below every value, and every −value
+LEAST = -float(np.finfo(np.float32).max)
+
+
+# most pixels of a band of the picture: its open sheets take up to 100 bytes a pixel
+MOST_PIXELS = 2**22
 
 
 class Group(NamedTuple):
@@ -39,13 +48,32 @@ class Group(NamedTuple):
     window: Window
 
 
+class Kind(NamedTuple):
+    """What textures depend on: the picture's size; the rows of a band of it; sheets that share a splat; whether values
+    are classified after, and joined.
+    """
+
+    size: tuple[int, int]
+    rows: int
+    sheets: int
+    post: bool
+    one_value: bool
+
+
 class SheetQuads:
-    """Reuses its textures and its buffer between pictures. whole: draws one triangle over the bound framebuffer."""
+    """Reuses its textures and its buffer between pictures. whole: draws one triangle over the bound framebuffer.
+    frame: the uniform block of that name.
+    """
 
     def __init__(
-        self, ctx: moderngl.Context, programs: Programs, whole: Callable[[moderngl.Program], None], tables: Tables
+        self,
+        ctx: moderngl.Context,
+        programs: Programs,
+        whole: Callable[[moderngl.Program], None],
+        tables: Tables,
+        frame: moderngl.Buffer,
     ) -> None:
-        self.ctx, self.programs, self.whole, self.tables = ctx, programs, whole, tables
+        self.ctx, self.programs, self.whole, self.tables, self.frame = ctx, programs, whole, tables, frame
         self.instances = Instances(ctx)
         self.ring: Ring | None = None
         self.join = ""
@@ -71,16 +99,28 @@ class SheetQuads:
         chosen, groups = by_first_sheet(splats, sheets, plan.view)
         records = splats.records_with_runs if "in_runs" in adding else splats.records
         self.instances.fill(records[chosen])
-        ring = self._ring(plan.view.size, look.sheets, look.steps > 0)
-        ring.clear(plan.window)
+        bands = bands_of(Window(0, 0, *plan.view.size), MOST_PIXELS)
+        ring = self._ring(Kind(plan.view.size, bands[0].height, look.sheets, look.steps > 0, look.blend.one_value))
+        into = ring.joined or target.framebuffer
+        if ring.joined:
+            ring.joined.clear(0.0 if self.join == "mean" else LEAST)
         try:
-            for sheet in closed(groups, ring.slots):
-                portions.ask()
-                if sheet in groups:
-                    self._add(adding, ring, sheet, groups[sheet], portions)
-                self._close(target, closing, ring, sheet, groups)
+            for band in bands:
+                block = frame_block(splats, plan)
+                block["image_center"][1] -= band.y
+                self.frame.write(block.tobytes())
+                set_uniforms(closing, top=band.y)
+                reached = within(groups, band)
+                ring.begin(band, around(reached, min(groups), max(groups)))
+                for sheet in closed(reached, ring.slots):
+                    portions.ask()
+                    if sheet in reached:
+                        self._add(adding, ring, sheet, reached[sheet], portions)
+                    self._close(into, closing, ring, sheet, reached)
         finally:
-            target.framebuffer.scissor = None  # type: ignore[assignment]
+            into.scissor = None  # type: ignore[assignment]
+        if ring.joined:
+            self._show(target, splats, plan, ring)
 
     def _add(self, program: moderngl.Program, ring: Ring, sheet: int, group: Group, portions: Portions) -> None:
         """Blends splats into the sheets from their first on."""
@@ -93,53 +133,70 @@ class SheetQuads:
             vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=end - begin)
 
     def _close(
-        self, target: Target, program: moderngl.Program, ring: Ring, sheet: int, groups: dict[int, Group]
+        self, into: moderngl.Framebuffer, program: moderngl.Program, ring: Ring, sheet: int, groups: dict[int, Group]
     ) -> None:
         """Composites a sheet, with the segment from the one before, and clears what no later one reads."""
         set_uniforms(program, sheet=sheet)
         ring.use(sheet)
-        target.framebuffer.scissor = around(groups, sheet - ring.slots + 1, sheet).box
-        target.framebuffer.use()
+        into.scissor = around(groups, sheet - ring.slots + 1, sheet).box
+        into.use()
         self.ctx.enable_only(moderngl.BLEND)
         self._blend(self.join, self.join == "over")
         self.whole(program)
         done = sheet - (ring.slots - ring.count)
-        ring.each[done % ring.slots].clear(viewport=around(groups, done - ring.count + 1, done).box)
+        ring.clear(done, around(groups, done - ring.count + 1, done))
+
+    def _show(self, target: Target, splats: Splats, plan: Plan, ring: Ring) -> None:
+        """Classifies the value that each pixel's sheets were joined to."""
+        program = self.programs.for_screen("sheet_show.frag", plan.program)
+        set_uniforms(program, joined_values=JOINED_UNIT, **sheet_uniforms(splats, plan))
+        ring.values[0].use(JOINED_UNIT)
+        target.framebuffer.use()
+        self.ctx.enable_only(moderngl.NOTHING)
+        self.whole(program)
 
     def _blend(self, join: str, nearest_first: bool) -> None:
         blend = BLEND_STATES[join, nearest_first]
         self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
         self.ctx.blend_func = blend.source, blend.destination
 
-    def _ring(self, size: tuple[int, int], count: int, post: bool) -> Ring:
-        if self.ring is None or not self.ring.fits(size, count, post):
-            old, self.ring = self.ring, Ring(self.ctx, size, count, post)
+    def _ring(self, kind: Kind) -> Ring:
+        if self.ring is None or self.ring.kind != kind:
+            old, self.ring = self.ring, Ring(self.ctx, kind)
             if old is not None:
                 old.release()
         return self.ring
 
 
 class Ring:
-    """Textures of the open sheets of a picture, `count`, used in turn, and classified after of the one before."""
+    """Textures of the open sheets of a band, used in turn, and classified after of the one before; and of a picture's
+    values and lengths of blends of one value.
+    """
 
-    def __init__(self, ctx: moderngl.Context, size: tuple[int, int], count: int, post: bool) -> None:
-        self.size, self.count, self.slots = size, count, count + post
+    def __init__(self, ctx: moderngl.Context, kind: Kind) -> None:
+        self.kind, self.count, self.slots, self.top = kind, kind.sheets, kind.sheets + kind.post, 0
+        size = kind.size[0], kind.rows
         self.sums = [ctx.texture(size, 4, dtype="f4") for _ in range(self.slots)]
-        self.masses = [ctx.texture(size, 1, dtype="f4") for _ in range(self.slots)] if post else []
-        for texture in (*self.sums, *self.masses):
+        self.masses = [ctx.texture(size, 1, dtype="f4") for _ in range(self.slots * kind.post)]
+        self.values = [ctx.texture(kind.size, 2, dtype="f4") for _ in range(kind.one_value)]
+        for texture in (*self.sums, *self.masses, *self.values):
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         # of all that are open from a slot on, and of one slot
-        self.open = [ctx.framebuffer(self._attachments(n, count)) for n in range(self.slots)]
+        self.open = [ctx.framebuffer(self._attachments(n, self.count)) for n in range(self.slots)]
         self.each = [ctx.framebuffer(self._attachments(n, 1)) for n in range(self.slots)]
+        self.joined = ctx.framebuffer(self.values) if self.values else None
 
-    def fits(self, size: tuple[int, int], count: int, post: bool) -> bool:
-        """Whether it serves such a picture."""
-        return self.size == size and self.count == count and self.slots == count + post
+    def begin(self, band: Window, window: Window) -> None:
+        """Empties all sheets for a band of the picture, within a window of it."""
+        self.top = band.y
+        for slot, framebuffer in enumerate(self.open):
+            framebuffer.viewport = (0, -band.y, *self.kind.size)
+            self.clear(slot, window)
 
-    def clear(self, window: Window) -> None:
-        """Empties all sheets."""
-        for framebuffer in self.each:
-            framebuffer.clear(viewport=window.box)
+    def clear(self, sheet: int, window: Window) -> None:
+        """Empties a sheet within a window of the picture."""
+        x, y, width, height = window.box
+        self.each[sheet % self.slots].clear(viewport=(x, y - self.top, width, height))
 
     def use(self, sheet: int) -> None:
         """Binds the textures of a sheet and of the one before."""
@@ -150,10 +207,9 @@ class Ring:
 
     def release(self) -> None:
         """Frees the textures."""
-        for framebuffer in (*self.open, *self.each):
-            framebuffer.release()
-        for texture in (*self.sums, *self.masses):
-            texture.release()
+        for part in (*self.open, *self.each, self.joined, *self.sums, *self.masses, *self.values):
+            if part is not None:
+                part.release()
 
     def _attachments(self, first: int, count: int) -> list[moderngl.Texture | moderngl.Renderbuffer]:
         some = [(first + n) % self.slots for n in range(count)]
@@ -174,6 +230,16 @@ def by_first_sheet(splats: Splats, sheets: Sheets, view: View) -> tuple[np.ndarr
     windows = [screen_bounds(corners_of(*box), view).window for box in zip(low, high, strict=True)]
     groups = zip(begins.tolist(), ends, windows, strict=True)
     return chosen, dict(zip(found.tolist(), (Group(*each) for each in groups), strict=True))
+
+
+def within(groups: dict[int, Group], band: Window) -> dict[int, Group]:
+    """The groups that reach into a band of rows, and the pixels that they reach there."""
+    found = {}
+    for sheet, (begin, end, window) in groups.items():
+        top, bottom = max(window.y, band.y), min(window.y + window.height, band.y + band.height)
+        if top < bottom:
+            found[sheet] = Group(begin, end, Window(window.x, top, window.width, bottom - top))
+    return found
 
 
 def closed(groups: dict[int, Group], slots: int) -> list[int]:

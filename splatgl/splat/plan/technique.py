@@ -33,8 +33,6 @@ class Asked:
 def _refuses_quads(asked: Asked) -> str | None:
     if asked.moving:
         return "motion"
-    if asked.sheets and BLENDS[asked.settings.blend].one_value:
-        return f"blend {asked.settings.blend} of reconstructed values"
     return nearest_first(asked.settings) if asked.sheets else None
 
 

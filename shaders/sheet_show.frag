@@ -1,0 +1,17 @@
+// What a pixel shows of the value that all its sheets were joined to.
+#define VARYING
+#define FLAT
+#define ROWS 1
+#include "footprint_eval.glsl"
+vec2 first;
+#include "sheet_close.glsl"
+
+uniform sampler2D joined_values;  // as sheet_close.frag writes them
+
+out vec4 fragment;  // linear premultiplied
+
+void main() {
+    vec4 light = texelFetch(joined_values, ivec2(gl_FragCoord.xy), 0);
+    if (JOIN == JOIN_MIN) light.x = -light.x;
+    fragment = shown(light);
+}
