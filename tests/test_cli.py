@@ -207,7 +207,7 @@ def test_ctrl_c(here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pyt
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("splatgl.app.scene.extract", interrupt)
+    monkeypatch.setattr("splatgl.app.scene.extracted", interrupt)
     assert main(["render", "noise.npy"]) == 130
     assert said(capsys) == "splatgl: interrupted"
     assert [p.name for p in here.iterdir()] == ["noise.npy"]
@@ -223,7 +223,10 @@ def test_info_and_doctor(here: Path, capsys: pytest.CaptureFixture[str]) -> None
 def test_explain(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["render", "noise.npy", "--size", "16", "--explain"]) == 0
     told = capsys.readouterr().out
-    assert "align exact" in told
+    assert "align exact" in told and "3 share a splat, classified after reconstruction" in told
+    assert re.search(r"off by at most \S+, RMSE \S+, in 2 rows drawn in float64, against", told)
+    assert main(["render", "noise.npy", "--size", "16", "--explain", "--like", "0.1"]) == 0
+    told = capsys.readouterr().out
     assert re.search(r"error bound \S+: the tolerance 0.00392 is met, against", told)
     assert main(["render", "noise.npy", "--size", "16", "--paper"]) == 0
     assert re.search(r"\nerror bound \S+: the tolerance 0.00392 is not met\n", capsys.readouterr().out)
@@ -231,7 +234,7 @@ def test_explain(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_savings(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each thing left out is drawn, timed and compared; where nothing can be, that is said."""
-    assert main(["render", "noise.npy", "--size", "200", "--savings"]) == 0
+    assert main(["render", "noise.npy", "--size", "200", "--savings", "--like", "0.1"]) == 0
     first, *others = [line for line in capsys.readouterr().out.splitlines() if "takes" in line or "times" in line]
     assert re.match(r"a frame takes [\d.e+]+ ms; drawn with what is left out:", first)
     names = ["quads for tiles", "antialiasing", "voxels of any shape", "what is hidden", "all of that, and half lines"]
@@ -283,18 +286,19 @@ def test_rows_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     monkeypatch.chdir(tmp_path)
     np.save("noise.npy", np.random.default_rng(1).random((8, 8, 8)))
     asked = ["render", "noise.npy", "--size", "24", "-o", "x.png"]
-    assert main([*asked, "--classification", "post", "--antialias", "auto"]) == 0
+    assert main(asked) == 0
     assert re.search(
         r"not known to be met\noff by at most \S+, RMSE \S+, in 2 rows drawn in float64", capsys.readouterr().out
     )
     checked: Any = sg.Image.load("x.png").info["checked"]
     assert 0 < checked["rmse"] < checked["largest"] < 0.02 and len(checked["rows"]) == 2
+    assert main([*asked, "--like", "0.1"]) == 0 and "drawn in float64" not in capsys.readouterr().out
     for rows, told in (("5", "5 rows"), ("0", None)):
         assert main([*asked, "--check", rows]) == 0
         assert ("drawn in float64" in capsys.readouterr().out) == bool(told)
     assert main([*asked, "--check", "25"]) == 2 and "expected 0 to 24 rows, got 25" in capsys.readouterr().err
     # a picture that is wrong is told from one that is right
-    monkeypatch.setattr("splatgl.app.render.render_rows", lambda splats, camera, *_: np.full((2, 24, 4), 0.5))
+    monkeypatch.setattr("splatgl.truth.check.render_rows", lambda splats, camera, *_: np.full((2, 24, 4), 0.5))
     assert main([*asked, "--check", "2"]) == 0
     checked = sg.Image.load("x.png").info["checked"]
     assert checked["largest"] > 0.3

@@ -239,7 +239,7 @@ def test_animate_draws_streaks(
     monkeypatch.chdir(tmp_path)
     z, y, x = np.mgrid[:9, :9, :9] - 4.0
     np.save("ball.npy", (np.hypot(np.hypot(x - 2, y), z) < 2.5).astype(np.float32))
-    common = ["--frames", "12", "--only", "1", "--size", "24", "--blend", "xray", "--quiet"]
+    common = ["--frames", "12", "--only", "1", "--size", "24", "--blend", "xray", "--like", "0.1", "--quiet"]
 
     def frame(name: str, *more: str) -> np.ndarray:
         assert main(["animate", "ball.npy", "-o", f"{name}{{frame}}.npy", *common, *more]) == 0
@@ -267,6 +267,7 @@ def test_animate_blurs_along_the_flow(tmp_path: Path, monkeypatch: pytest.Monkey
             *["1" if n == 62 else "0" for n in range(125)], "VECTORS v float", *["1 0 0"] * 125]  # fmt: skip
     Path("flow.vtk").write_text("\n".join(rows) + "\n")
     common = ["flow.vtk", "--spin", "0", "--zoom", "0.3", "--frames", "1", "--size", "32", "--blend", "xray", "--quiet"]
+    common += ["--like", "0.1"]
 
     def frame(name: str, *more: str) -> np.ndarray:
         assert main(["animate", *common, "--points", "0:0,1:1", "-o", f"{name}{{frame}}.npy", *more]) == 0

@@ -26,11 +26,13 @@ from splatgl.data.volume import Volume
 from splatgl.gl.renderer import Renderer
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.order import order_for
+from splatgl.splat.extraction.extract import only_pre
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.motion.blur import MOTIONS
 from splatgl.splat.motion.motion import flow_of
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings
+from splatgl.splat.plan.suited import kind
 from splatgl.truth.temporal import Moments, Shorter, moments
 
 FULL_TURN = 360.0
@@ -74,7 +76,8 @@ class Animation:
         volume = scene.open()
         transfer = scene.transfer_for(volume)
         series = len(scenes) > 1
-        streaked, moments = _blur(args, scene.settings)
+        how, _ = kind(scene.settings, False, only_pre(volume, scene.threshold), volume.samples.size)
+        streaked, moments = _blur(args, scene.settings, how == "pre")
         only = None if series else _splats(scene, volume, transfer, _streaks(streaked, moments, scene.settings))
         subject = only or volume
         count = args.frames or (len(scenes) * args.hold if series else FRAMES)
@@ -195,12 +198,12 @@ def _splats(scene: Scene, volume: Volume, transfer: Transfer, moving: bool) -> S
     return splats
 
 
-def _blur(args: argparse.Namespace, settings: Settings) -> tuple[bool, int | None]:
+def _blur(args: argparse.Namespace, settings: Settings, before: bool) -> tuple[bool, int | None]:
     """Whether frames are streaked, and how many images each averages. Streaks are exact for sums, but values classified
     after reconstruction have none; where matter occludes matter, the mean of sharp images has less error in the same
-    time, and maximum blending has no streaks.
+    time, and maximum blending has no streaks. before: whether stills show voxels that are classified.
     """
-    sums = BLENDS[settings.blend].unbounded and settings.classification != "post"
+    sums = BLENDS[settings.blend].unbounded and before
     chosen = args.motion is not None or settings.motion != MOTIONS[0] or sums
     streaked = chosen and settings.motion != "off" and BLENDS[settings.blend].join != "max"
     if args.moments is not None:
