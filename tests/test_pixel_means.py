@@ -7,12 +7,13 @@ import itertools
 import numpy as np
 import pytest
 from noise import noise, views
+from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.splat.plan.resolve import MOST_SAMPLES
 from splatgl.truth.pixel_means import pixel_means
 
-AUTO = sg.Settings(antialias="auto")
+AUTO = SPLATS.but(antialias="auto")
 
 
 @pytest.mark.parametrize("k", [1, 2, 3, 4, 7])
@@ -77,8 +78,8 @@ def test_auto_is_nearer_to_many_samples(renderer: sg.Renderer) -> None:
     volume = sg.scenes.ball(14)
     splats = sg.extract(volume, sg.default_transfer(volume), classification="pre")
     camera = sg.Camera.orbit(volume, 20, 10, size=(40, 40))
-    settings = {"auto": AUTO, "paper": sg.Settings(), "off": sg.Settings(antialias="off")}
-    truth = renderer.render(splats, camera, sg.Settings(antialias="supersample", samples=16)).pixels
+    settings = {"auto": AUTO, "paper": SPLATS, "off": SPLATS.but(antialias="off")}
+    truth = renderer.render(splats, camera, SPLATS.but(antialias="supersample", samples=16)).pixels
     off = {
         name: np.sqrt(((renderer.render(splats, camera, s).pixels - truth) ** 2).mean()) for name, s in settings.items()
     }

@@ -287,8 +287,10 @@ def test_intervals_of_opacity() -> None:
     def found(*points: tuple[float, float]) -> list[list[float]]:
         return opaque_intervals(sg.Transfer(list(points))).tolist()
 
-    assert found((0, 0), (1, 0.5), (2, 0), (3, 0), (4, 0.1)) == [[0, 2], [3, np.inf]]
-    assert found((0, 0.5), (1, 0)) == [[-np.inf, 1]] and found((0, 0.2)) == [[-np.inf, np.inf]]
+    # ends of zero opacity are not in them
+    above, below = float(np.nextafter(3, 4)), float(np.nextafter(2, 0))
+    assert found((1, 0), (1, 0.5), (2, 0), (3, 0), (4, 0.1)) == [[1, below], [above, np.inf]]
+    assert found((0, 0.5), (1, 0)) == [[-np.inf, float(np.nextafter(1, 0))]] and found((0, 0.2)) == [[-np.inf, np.inf]]
     assert found((0, 0), (1, 0)) == []
 
 
@@ -339,7 +341,7 @@ def test_what_extraction_refuses(renderer: sg.Renderer) -> None:
         (
             sg.Volume(cells()),
             {"classification": "after"},
-            "^classification: expected pre, post or post-all, got 'after'$",
+            "^classification: expected auto, pre, post or post-all, got 'after'$",
         ),
     ):
         with pytest.raises(sg.InputError, match=said) as error:
@@ -354,8 +356,8 @@ def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     np.save("noise.npy", cells().astype(np.float32))
     asked = ["render", "noise.npy", "--points", "0.45:0,0.6:0.8", "--size", "32"]
     assert main([*asked, "--classification", "post", "--sheets", "2", "--steps", "2", "-o", "post.npy"]) == 0
-    assert main([*asked, "--compositing", "sheets", "-o", "sheets.npy"]) == 0
-    assert main([*asked, "-o", "splats.npy"]) == 0
+    assert main([*asked, "--classification", "pre", "-o", "sheets.npy"]) == 0
+    assert main([*asked, "--compositing", "splats", "-o", "splats.npy"]) == 0
     post, sheets, splats = (np.load(f"{name}.npy") for name in ("post", "sheets", "splats"))
     assert post[..., 3].max() > 0.5 and np.abs(post - splats).max() > 0.05 and np.abs(sheets - splats).max() > 1e-3
 

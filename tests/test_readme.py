@@ -229,7 +229,7 @@ def test_snippets(block: Block, here: Path, monkeypatch: pytest.MonkeyPatch) -> 
     exec(compile(block.text, str(block.path), "exec"), names)
     # one that defines a test is run by test_plugin.py
     if block.path == TOP:
-        assert (here / "out.png").exists() and names["image"].info["error_bound"] < 1 / 255
+        assert (here / "out.png").exists() and names["image"].info["classification"] == "post"
 
 
 def test_the_first_snippet_is_ten_lines() -> None:

@@ -226,7 +226,7 @@ def test_supersampling_and_background() -> None:
     splats = scattered(300, 5.0)
     camera = sg.Camera.orbit(splats, 30, 20, size=(20, 15))
     found = render(splats, camera, SPLATS.but(antialias="supersample", samples=3)).pixels
-    fine = render(splats, camera.resized((60, 45))).pixels
+    fine = render(splats, camera.resized((60, 45)), SPLATS).pixels
     assert np.abs(found - pixel_means(fine, 3)).max() < 1e-14
     # by 1/24 of the differences across a pixel's edges from the plain mean
     assert 1e-4 < np.abs(found - fine.reshape(15, 3, 20, 3, 4).mean(axis=(1, 3))).max() < 0.1

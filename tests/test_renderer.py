@@ -43,14 +43,14 @@ def test_bad_settings(asked: dict, message: str) -> None:
 def test_plan_leaves_out_what_is_not_needed(letter: sg.Splats) -> None:
     near = sg.Camera.orbit(letter, size=(400, 400))
     far = sg.Camera.orbit(letter, size=(40, 40))
-    assert not plan(letter, near).program.seen.antialias
-    assert plan(letter, far).program.seen.antialias
+    assert not plan(letter, near, SPLATS).program.seen.antialias
+    assert plan(letter, far, SPLATS).program.seen.antialias
     assert not plan(letter, far, SPLATS.but(antialias="off")).program.seen.antialias
-    assert plan(letter, far).program.seen.cubic
-    assert plan(letter, far).program.look.shading
+    assert plan(letter, far, SPLATS).program.seen.cubic
+    assert plan(letter, far, SPLATS).program.look.shading
     assert not plan(letter, far, SPLATS.but(blend="mip")).program.look.shading
     assert plan(letter, near.parallel(letter)).program.align == "grid"
-    assert "widening of voxels left out" in plan(letter, near).explain()
+    assert "widening of voxels left out" in plan(letter, near, SPLATS).explain()
     # supersampling moves z_k to the finer pixel
     assert not plan(letter, far, SPLATS.but(antialias="supersample", samples=10)).program.seen.antialias
 

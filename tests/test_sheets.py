@@ -19,7 +19,7 @@ from splatgl.splat.plan.settings import Technique
 from splatgl.splat.sheets.sheets import Sheets
 from splatgl.truth.integral import ray_integral
 
-EXACT = sg.Settings(compositing="sheets", tolerance=1e-6)
+EXACT = sg.Settings(compositing="sheets", antialias="paper", tolerance=1e-6)
 COUNTS = (2, 3, 4)
 TECHNIQUES = ("tiles", "quads")
 
@@ -211,7 +211,7 @@ def test_without_compute_shaders_quads_draw_sheets(renderer: sg.Renderer, monkey
 
 @pytest.mark.parametrize("name", ["cloud", "ball"])
 def test_sheets_are_nearer_to_the_ray_integral(name: str) -> None:
-    splats, settings = overlapping(name), sg.Settings(antialias="off")
+    splats, settings = overlapping(name), sg.Settings(compositing="splats", antialias="off")
     camera = sg.Camera.orbit(splats, 30, 20, size=(48, 48))
     truth = ray_integral(splats, camera).pixels
 
@@ -228,7 +228,7 @@ def test_sheets_are_nearer_to_the_ray_integral(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["cloud", "ball"])
 def test_nothing_pops_where_the_order_s_axis_changes(renderer: sg.Renderer, name: str) -> None:
-    splats, settings = overlapping(name), sg.Settings(antialias="off")
+    splats, settings = overlapping(name), sg.Settings(compositing="splats", antialias="off")
     sides = [sg.Camera.orbit(splats, 45 + off, 0, size=(48, 48)) for off in (-1e-3, 1e-3)]
     assert order_for(splats, sides[0]).axis != order_for(splats, sides[1]).axis
     moved = np.abs(np.subtract(*[ray_integral(splats, side).pixels for side in sides])).max()

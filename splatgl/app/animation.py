@@ -25,8 +25,8 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.gl.renderer import Renderer
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.order import order_for
 from splatgl.splat.extraction.extract import only_pre
+from splatgl.splat.extraction.order import order_for
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.motion.blur import MOTIONS
 from splatgl.splat.motion.motion import flow_of

@@ -80,7 +80,7 @@ def _transfer() -> Transfer:
 
 
 def _splats(spacing: float) -> Splats:
-    return extract(ball(RADIUS, (spacing,) * 3), _transfer())
+    return extract(ball(RADIUS, (spacing,) * 3), _transfer(), classification="pre")
 
 
 def _camera(size: int, fov: float = FOV) -> Camera:
@@ -105,9 +105,11 @@ def radial(renderer: Renderer, full: bool) -> Iterator[Pair]:
 
 def _tables(renderer: Renderer, kind: Footprint, sizes: tuple[int, ...]) -> Iterator[Pair]:
     splats, camera = _splats(1.0), _camera(SIZE)
-    right = reference.render(splats, camera, Settings(antialias="off")).pixels
+    right = reference.render(splats, camera, Settings.like("0.1", antialias="off")).pixels
     for size in sizes:
-        settings = Settings(antialias="off", footprint=kind, table_size=size, align="exact", occlusion="off")
+        settings = Settings.like(
+            "0.1", antialias="off", footprint=kind, table_size=size, align="exact", occlusion="off"
+        )
         yield size, _rmse(renderer.render(splats, camera, settings).pixels, right)
 
 
@@ -118,7 +120,7 @@ def voxels(renderer: Renderer, full: bool) -> Iterator[Pair]:
     inner = closest < INNER * RADIUS
     right = _depths(closest)[inner]
     for count in (4, 6, 8, 12, 16, *((24, 32, 48, 64) if full else ())):
-        settings = Settings(blend="xray", antialias="off")
+        settings = Settings.like("0.1", blend="xray", antialias="off")
         drawn = renderer.render(_splats(RADIUS / count), camera, settings).pixels[..., 3]
         yield count, _rmse(drawn[inner].astype(np.float64), right)
 
@@ -150,7 +152,7 @@ def distance(renderer: Renderer, full: bool) -> Iterator[Pair]:
     """Voxels along the ball's radius, all beyond z_k, against the float64 reference: exact to second order in depth."""
     camera = _camera(6)
     for count in (4, 6, 8, 12, *((16, 24, 32) if full else ())):
-        splats, settings = _splats(RADIUS / count), Settings(attenuation="opacity", occlusion="off")
+        splats, settings = _splats(RADIUS / count), Settings.like("0.1", attenuation="opacity", occlusion="off")
         right = reference.render(splats, camera, settings).pixels
         yield count, _rmse(renderer.render(splats, camera, settings).pixels, right)
 
@@ -159,7 +161,7 @@ def picture(renderer: Renderer, full: bool) -> Iterator[Pair]:
     """Pixels along a side, all splats beyond z_k, against supersampling: the blur of stretched splats."""
     splats = _splats(0.25 if full else 0.4)
     for size in (8, 12, 16, 24, *((32, 48, 64) if full else ())):
-        camera, settings = _camera(size), Settings(occlusion="off", attenuation="optical-depth")
+        camera, settings = _camera(size), Settings.like("0.1", occlusion="off", attenuation="optical-depth")
         right = renderer.render(splats, camera, settings.but(antialias="supersample", samples=16)).pixels
         yield size, _rmse(renderer.render(splats, camera, settings).pixels.astype(np.float64), right)
 
@@ -168,7 +170,7 @@ def samples(renderer: Renderer, full: bool) -> Iterator[Pair]:
     """Samples along an axis of a pixel, against many more, voxels smaller than pixels."""
     splats, camera = _splats(0.5), _camera(12)
     counts = (1, 2, 3, 4, 6, 8, *((12, 16) if full else ()))
-    most = Settings(antialias="supersample", samples=48, occlusion="off")
+    most = Settings.like("0.1", antialias="supersample", samples=48, occlusion="off")
     right = renderer.render(splats, camera, most).pixels.astype(np.float64)
     for count in counts:
         yield count, _rmse(renderer.render(splats, camera, most.but(samples=count)).pixels, right)
