@@ -21,9 +21,10 @@ uniform sampler2D half_table;  // share of a chord's integral from the eye on: o
 // F/F(0) by the squared distance, in voxels
 float radial(float d2) {
     if (FOOTPRINT == FOOTPRINT_SINGLE) {
-        const vec4 a = vec4(POLYNOMIALS_0), scale = vec4(POLYNOMIALS_1);
-        float s = clamp(d2 * scale.x, 0.0, 1.0), u = 1.0 - s;
-        return max(u * u * u * (a.x + s * (a.y + s * (a.z + s * a.w))), 0.0);
+        const vec4 a = vec4(POLYNOMIALS_0), b = vec4(POLYNOMIALS_1), c = vec4(POLYNOMIALS_2);
+        float s = clamp(d2 * c.y, 0.0, 1.0), u = 1.0 - s, near = max(c.x - s, 0.0);
+        float whole = a.x + s * (a.y + s * (a.z + s * (a.w + s * (b.x + s * b.y))));
+        return u * u * u * whole + near * near * near * (b.z + s * b.w);
     }
     if (FOOTPRINT == FOOTPRINT_POLYNOMIAL) {
         // literal coefficients: a software renderer reloads a uniform on every use

@@ -63,7 +63,8 @@ struct Until {
 };
 
 uvec4 class_texel(int cell) {
-    return texelFetch(class_table, ivec2(cell % TABLE_ROW, cell / TABLE_ROW), 0);
+    uint at = uint(cell);
+    return texelFetch(class_table, ivec2(at % uint(TABLE_ROW), at / uint(TABLE_ROW)), 0);
 }
 
 Until class_until(float place) {
@@ -87,7 +88,7 @@ Until class_until(float place) {
 vec4 class_mean(Until first, Until last) {
     // differences of whole numbers are exact
     vec4 between = vec4(ivec4(last.below - first.below)) * class_unit + (last.above - first.above);
-    return first.cell == last.cell ? first.mean : max(between / (last.place - first.place), vec4(0.0));
+    return first.cell == last.cell ? first.mean : max(between * (1.0 / (last.place - first.place)), vec4(0.0));
 }
 
 float weight_at(int end) {
@@ -151,7 +152,7 @@ void close_sheet(int row, int current) {
     if (STEPS == 0) light[row] = over(light[row], sum0[row], vec3(0.0), 1.0, vec3(0.0));
     else {
         bool valid = masses[row].x >= LEAST_MASS;
-        vec4 mean = valid ? sum0[row] / masses[row].x : before[row];
+        vec4 mean = valid ? sum0[row] * (1.0 / masses[row].x) : before[row];
         bool some = valid || known[row] > 0.0;
         vec4 start = known[row] > 0.0 ? before[row] : mean;
         // the part within the box, and its values' places

@@ -110,7 +110,7 @@ void main() {
     int next = next_base(at, end);
     while (at < end || (mine.w == 1u && holding > 0)) {
         if (holding <= 0) current = max(next, current);
-        while (at < end && next <= current) {
+        do {
             // the gather's corners in the list's order; beyond the list's end the first repeats, without weight
             uint group = at & ~3u;
             uvec4 names = textureGather(list, (vec2(listed_at(group)) + 1.0) * scale).wzxy;
@@ -125,12 +125,12 @@ void main() {
                 weights[i] = now ? sheet_weights(four[i].last - float(current)) : vec4(0.0);
                 passed += uint(now);
             }
-            at = passed;
             EACH(ADD)
-            next = next_base(at, end);
             // a sheet more than it reaches ends the last segment
-            holding = SHEETS + 1;
-        }
+            if (passed > at) holding = SHEETS + 1;
+            at = passed;
+            next = next_base(at, end);
+        } while (at < end && next <= current);
         // a list that continues may hold more of this sheet
         if (at >= end && mine.w == 0u) break;
         EACH(CLOSE)

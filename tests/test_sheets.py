@@ -15,6 +15,7 @@ from splatgl.gl import portions, sheet_order, sheet_quads, sheet_tiles, tiles
 from splatgl.gl.portions import Interrupted
 from splatgl.splat.extraction.order import order_for
 from splatgl.splat.kernel.kernels import KERNELS, depth_deviation, kernel
+from splatgl.splat.plan import occlusion_policy, tiling
 from splatgl.splat.plan.settings import Technique
 from splatgl.splat.sheets.sheets import Sheets
 from splatgl.truth.integral import ray_integral
@@ -154,10 +155,16 @@ def test_tiles_end_where_almost_no_light_passes(renderer: sg.Renderer, monkeypat
     settings = sg.Settings(compositing="sheets", sheets=3)
     whole = renderer.render(splats, camera, settings.but(occlusion="off"), verify_bound=False).pixels
     cutoff = renderer.plan(splats, camera, settings).hiding.cutoff
-    for most in (2**20, 200):
+    listed: list[int] = []
+    count = tiles.Tiles._count
+    monkeypatch.setattr(tiles.Tiles, "_count", lambda self, plan, n: listed.append(n) or count(self, plan, n))
+    monkeypatch.setattr(occlusion_policy, "SOLID", 0.0)
+    for most, many, batches in ((2**20, 10**9, 1), (200, 10**9, -(-len(splats) // 200)), (2**20, 1000, 3)):
         monkeypatch.setattr(tiles, "MOST", most)
+        monkeypatch.setattr(tiling, "MANY_IN_SHEETS", many)
+        listed.clear()
         ended = renderer.render(splats, camera, settings, verify_bound=False).pixels
-        assert 0 < np.abs(ended - whole).max() <= 1.01 * cutoff + 3e-6
+        assert 0 < np.abs(ended - whole).max() <= 1.01 * cutoff + 3e-6 and len(listed) == batches
 
 
 @pytest.mark.parametrize("technique", TECHNIQUES)

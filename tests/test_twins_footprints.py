@@ -87,6 +87,23 @@ def test_radial_footprints(name: str, tolerance: float, twin: Twin, rng: np.rand
     assert np.abs(found - radial(shape, d2)).max() < (1e-5 if plan.program.footprint == "radial" else 5e-5)
 
 
+@pytest.mark.parametrize("name", ["crawfis-max", "b-spline"])
+def test_weights_of_values(name: str, twin: Twin, rng: np.random.Generator) -> None:
+    """By 4e−4 of the peak, and near the rim by 8e−4 of themselves."""
+    volume = sg.Volume(np.random.default_rng(3).random((6, 6, 6)))
+    splats = sg.extract(volume, sg.Transfer([(0, 0), (1, 0.9)]), classification="post", kernel=name)
+    plan = sg.plan(splats, views(splats)["fitted"], sg.Settings(), tiles=True)
+    assert plan.program.footprint == "single"
+    d2 = rng.uniform(0, 1.1 * kernel(name).radius ** 2, COUNT)
+    found, right = (
+        twin("footprint_eval.glsl", "result.x = radial(x)", plan, splats, x=d2)[:, 0],
+        radial(kernel(name), d2),
+    )
+    assert np.abs(found - right).max() < 4.1e-4 and found.min() > -1e-6
+    some = right > 0.01
+    assert some.any() and np.abs(found[some] / right[some] - 1).max() < 8.1e-4
+
+
 def test_footprints_of_table_1(twin: Twin, rng: np.random.Generator) -> None:
     """Between a table's 256² texels, by 2e−4 of the peak; a corner of a quad beyond its table is 0."""
     splats = noise()

@@ -67,12 +67,12 @@ def _polynomials(program: Program) -> dict[str, str]:
     """The coefficients in the five vectors of footprint_eval.glsl."""
     if program.footprint == "single":
         numbers = [*single_polynomial(program.kernel), kernel(program.kernel).radius ** -2]
-        return {"POLYNOMIALS_0": f"vec4({', '.join(map(repr, numbers[:4]))})", "POLYNOMIALS_1": f"vec4({numbers[4]!r})"}
-    if program.footprint != "polynomial":
+    elif program.footprint == "polynomial":
+        fitted = polynomials(program.kernel)
+        assert fitted is not None
+        numbers = [*fitted.inner, *fitted.outer, fitted.split, kernel(program.kernel).radius ** -2]
+    else:
         return {}
-    fitted = polynomials(program.kernel)
-    assert fitted is not None
-    numbers = [*fitted.inner, *fitted.outer, fitted.split, kernel(program.kernel).radius ** -2]
     vectors = np.pad(np.array(numbers, np.float32), (0, -len(numbers) % 4)).reshape(-1, 4).tolist()
     return {f"POLYNOMIALS_{n}": f"vec4({', '.join(map(repr, vector))})" for n, vector in enumerate(vectors)}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import moderngl
 import numpy as np
@@ -17,6 +18,7 @@ from splatgl.gl.tables import CLASS_UNIT, HALF_LINE_UNIT, Tables
 from splatgl.gl.target import Target
 from splatgl.gl.tiles import LIST_UNIT, LISTS, OPEN, Tiles, bands_of, set_uniforms
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.plan.occlusion_policy import cuts
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.plan.tiling import ROWS
 
@@ -63,7 +65,8 @@ class SheetTiles(Tiles):
         for window in bands_of(plan.window, MOST_PIXELS):
             self.kept = None
             band = self.begin(window)
-            self.gather(target, plan, texels, (0, self.count), band, ask=portions.ask)
+            for which in pairwise(cuts(self.count, plan.hiding.depth_batches)):
+                self.gather(target, plan, texels, which, band, ask=portions.ask)
 
     def _draw(self, target: Target, plan: Plan, texels: Texels, which: Range) -> None:
         self.last = which[1] == self.count

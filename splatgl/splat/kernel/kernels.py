@@ -259,14 +259,21 @@ def polynomials(name: str) -> Polynomials | None:
 
 @lru_cache(maxsize=8)
 def single_polynomial(name: str) -> tuple[float, ...]:
-    """c of (1 − s)³ (c[0] + c[1] s + c[2] s² + c[3] s³), s = D²/R², within 8e−4 of F/F(0) for the cubic kernels.
+    """c of (1 − s)³ (c[0] + … + c[5] s⁵) + max(c[8] − s, 0)³ (c[6] + c[7] s), s = D²/R², within 4e−4 of F/F(0) for two
+    cubics, and a relative 8e−4 down to F/F(0) = 0.01; c[8] is the first knot's s.
 
     Weights of means need no more: an error moves a mean by that share of its values' differences.
     """
-    shape, s = kernel(name), _CHEBYSHEV
+    shape = kernel(name)
+    knot = (shape.knots[0] / shape.radius) ** 2
+    s = np.concatenate([knot * _CHEBYSHEV, knot + (1 - knot) * _CHEBYSHEV])
     value = shape.footprint(np.sqrt(s) * shape.radius) / shape.footprint(np.zeros(()))
-    basis = ((1 - s) ** 3)[:, None] * s[:, None] ** np.arange(SINGLE_TERMS)
-    return tuple(map(float, _evenly(basis, value)))
+    whole = ((1 - s) ** 3)[:, None] * s[:, None] ** np.arange(SINGLE_TERMS)
+    near = (np.maximum(knot - s, 0.0) ** 3)[:, None] * s[:, None] ** np.arange(NEAR_TERMS)
+    # where mass is small, an error weighs more
+    share = 1 / np.maximum(value, SINGLE_LEAST)
+    found = _evenly(np.concatenate([whole, near], axis=1) * share[:, None], value * share)
+    return (*map(float, found), knot)
 
 
 def _evenly(basis: np.ndarray, value: np.ndarray | float = 1.0) -> np.ndarray:
@@ -309,7 +316,8 @@ def _cubic_integral(piece: tuple[float, float, float, float], d: np.ndarray, t: 
 
 # terms of the two polynomials, s at which the second begins, and s up to which it is fitted
 INNER_TERMS, OUTER_TERMS, SPLIT, END = 8, 7, 0.3, 0.998
-SINGLE_TERMS = 4
+# of the single one, of its part before the first knot, and F/F(0) down to which its error is relative
+SINGLE_TERMS, NEAR_TERMS, SINGLE_LEAST = 6, 2, 0.03
 # iterations of reweighted least squares
 REWEIGHTED = 30
 # Chebyshev nodes in [0, 1]: least-squares fits there are nearly minimax

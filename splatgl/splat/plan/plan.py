@@ -205,7 +205,7 @@ def plan(
     hiding = Hiding()
     if kind == "tiles" and blend.ordered and settings.occlusion != "off":
         cutoff = SHARE * settings.tolerance / max(splats.brightest, 1.0)
-        hiding = Hiding(depth_batches(splats, view, bounds) if quick else 1, cutoff)
+        hiding = Hiding(depth_batches(splats, view, bounds, resolved.sheets is not None), cutoff)
     program = Program(
         technique=kind,
         look=resolved.look,

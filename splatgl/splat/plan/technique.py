@@ -13,8 +13,8 @@ from splatgl.splat.plan.suited import by_distance, nearest_first
 
 # polynomials have an error of 4e−5 of the footprint: accurate enough from this tolerance on
 POLYNOMIAL_TOLERANCE = 1e-3
-# a single one for weights of values has an error of 8e−4; where mass is small, means are off by 20 times as much
-SINGLE_TOLERANCE = 1e-2
+# a single one for weights of values has an error of 4e−4, small where mass is small
+SINGLE_TOLERANCE = 3e-3
 
 
 @dataclass(frozen=True)
@@ -90,9 +90,9 @@ def footprint(drawn: str, shape: Kernel, settings: Settings, means: bool = False
     if not by_distance(settings):
         return "table"
     quick = drawn == "tiles" and settings.table_size is None and settings.tolerance >= POLYNOMIAL_TOLERANCE
-    if quick and means and settings.tolerance >= SINGLE_TOLERANCE:
-        return "single"
-    return "polynomial" if quick and polynomials(shape.name) is not None else "radial"
+    if not quick or polynomials(shape.name) is None:
+        return "radial"
+    return "single" if means and settings.tolerance >= SINGLE_TOLERANCE else "polynomial"
 
 
 def combinations() -> list[tuple[str, ...]]:

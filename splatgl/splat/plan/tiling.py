@@ -19,6 +19,8 @@ COLUMNS, ROWS = 8, 8
 MOST_PIXELS = 2**24
 # solid volumes of more than MANY splats are drawn in BATCHES depth batches
 MANY, BATCHES = 1_000_000, 6
+# within sheets, which take longer, and of which the open ones are kept between batches
+MANY_IN_SHEETS, SHEET_BATCHES = 200_000, 3
 # most splats placed at a time: one texel each in three to seven textures
 MOST = 2**20
 # most halvings of an optical depth before its polynomial: an opacity over 1 − 2⁻³² counts as 1
@@ -27,9 +29,12 @@ MOST_DOUBLINGS = 5
 SLANTED = 1.5
 
 
-def depth_batches(splats: Splats, view: View, bounds: ScreenBounds) -> int:
-    """Number of depth batches: most splats of solid volumes lie behind terminated tiles."""
-    return BATCHES if len(splats) >= MANY and solid(splats, view, bounds) else 1
+def depth_batches(splats: Splats, view: View, bounds: ScreenBounds, sheets: bool) -> int:
+    """Number of depth batches: most splats of solid volumes lie behind terminated tiles. sheets: whether they add up
+    within sheets.
+    """
+    many, batches = (MANY_IN_SHEETS, SHEET_BATCHES) if sheets else (MANY, BATCHES)
+    return batches if len(splats) >= many and solid(splats, view, bounds) else 1
 
 
 def exp_doublings(splats: Splats, shape: Kernel, attenuation: str) -> int:
