@@ -172,7 +172,7 @@ def field_integral(
 def _free(volume: Volume, post: PostClassified) -> np.ndarray:
     """Distances of voxels to those that may be near an opaque point."""
     u = post.relative(np.where(np.isfinite(volume.samples), volume.samples, np.nan))
-    return distances(spread(needed(u, u, 2, post.wanted)[0], np.arange(-1, 2)))
+    return distances(spread(needed(u, 2, post.wanted)[0], np.arange(-1, 2)))
 
 
 def _steps(rays: Rays, steps: int) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,11 @@ which only blends of one value see.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +23,10 @@ from splatgl.splat.kernel.kernels import Kernel
 
 # steps of the prefilter, after which means of coefficients are near the samples
 PREFILTERED = {"b-spline": 4}
+# integer types up to this many bytes take their record values from a table
+TABLE_BYTES = 2
+# voxels smoothed, and records filled, at a time
+CHUNK_VOXELS, RECORDS = 1 << 18, 1 << 16
 # planes around a slab that a step of the prefilter reads, and that differences read
 STEP_HALO, GRADIENT_HALO = 1, 2
 
@@ -39,19 +47,70 @@ def extract_post(
     world = np.linalg.inv(volume.world_from_index) * grid.mean_spacing
     chunks = []
     for slab in progress(slabs, count) if progress else slabs:
-        u = post.relative(np.where(np.isfinite(slab.samples), slab.samples, np.nan))
+        u = values_of(post, slab.samples)
         own = slice(slab.before, slab.before + slab.stop - slab.start)
-        keep, c = needed(u, prefiltered(u, kernel, steps), around, post.wanted)
-        keep = keep[own] & np.isfinite(u[own])
-        z, y, x = np.nonzero(keep)
-        records = np.zeros(len(z), SAMPLE)
-        records["position"] = np.stack([x, y, z + slab.start], axis=1)
-        records["value"] = c[own][keep]
-        records["gradient"] = gradients(u, x, y, z + slab.before) @ world
+        keep, near = needed(u, around, post.wanted)
+        places = np.nonzero(keep[own] & np.isfinite(u[own]))
+        records = np.zeros(len(places[0]), SAMPLE)
+        if len(records):
+            # a missing sample's value comes from its neighbours
+            margin, inside = steps * STEP_HALO + 1, (places[0] + slab.before, *places[1:])
+            box = tuple(slice(max(int(i.min()) - margin, 0), int(i.max()) + margin + 1) for i in inside)
+            values = Values(u, prefiltered(u[box], kernel, steps), near, tuple(part.start for part in box))
+            in_parts(len(records), RECORDS, partial(_fill, records, values, inside, slab.start - slab.before, world))
         chunks.append(records)
     records = np.concatenate(chunks)
     cells = records["position"].astype(np.int32)
     return assemble(records, cells, grid, grid.mean_spacing, volume.name).classified_after(post)
+
+
+class Values(NamedTuple):
+    """u: of the samples. c: coefficients, from the place `start` on. near: see `needed`."""
+
+    u: np.ndarray
+    c: np.ndarray
+    near: np.ndarray
+    start: tuple[int, ...]
+
+
+def _fill(
+    records: np.ndarray,
+    values: Values,
+    places: tuple[np.ndarray, ...],
+    shift: int,
+    world: np.ndarray,
+    part: slice,
+) -> None:
+    """Fills some records, of the voxels at `places` (z, y, x) of a slab whose first plane is `shift`."""
+    z, y, x = (each[part] for each in places)
+    found = records[part]
+    found["position"] = np.stack([x, y, z + shift], axis=1)
+    value = values.c[z - values.start[0], y - values.start[1], x - values.start[2]]
+    # the outermost only contribute beside others: on their own they must not be opaque
+    outer = ~values.near[z, y, x]
+    value[outer] = np.clip(value[outer], *extremes(values.u, x[outer], y[outer], z[outer]))
+    found["value"] = value
+    found["gradient"] = gradients(values.u, x, y, z) @ world
+
+
+def in_parts(count: int, size: int, work: Callable[[slice], None]) -> None:
+    """Does the work on `count` things, `size` at a time, side by side: small temporaries stay in the cache."""
+    parts = [slice(start, min(start + size, count)) for start in range(0, count, size)]
+    if len(parts) == 1:
+        work(parts[0])
+        return
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(work, parts))
+
+
+def values_of(post: PostClassified, samples: np.ndarray) -> np.ndarray:
+    """Record values of samples [...], float32; NaN where a sample is not finite."""
+    if samples.dtype.kind in "bui" and samples.dtype.itemsize <= TABLE_BYTES:
+        kind = samples.dtype if samples.dtype.kind != "b" else np.dtype(np.uint8)
+        # in the order of the samples' bits
+        table = post.relative(np.arange(2 ** (8 * kind.itemsize)).astype(kind.newbyteorder("=")))
+        return np.take(table, samples.astype(kind.newbyteorder("="), copy=False).view(f"u{kind.itemsize}"))
+    return post.relative(samples if samples.dtype.kind in "bui" else np.where(np.isfinite(samples), samples, np.nan))
 
 
 def prefiltered(u: np.ndarray, kernel: Kernel, steps: int) -> np.ndarray:
@@ -79,76 +138,91 @@ def _around(u: np.ndarray, finite: np.ndarray) -> np.ndarray:
 
 
 def _smoothed(c: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Sum over 3×3×3 neighbours by `weights` of how many coordinates differ."""
+    """Sum over 3×3×3 neighbours by `weights` of how many coordinates differ; in chunks of planes, side by side."""
     w0, w1, w2, w3 = weights
-    beside = _beside(c, 2)
-    same, one, two = w0 * c + w1 * beside, w1 * c + w2 * beside, w2 * c + w3 * beside
-    same, one = same + _beside(one, 1), one + _beside(two, 1)
-    return np.asarray(same + _beside(one, 0))
+    total = np.empty_like(c)
+    planes = max(1, CHUNK_VOXELS // max(c[0].size, 1))
+
+    def smooth(some: slice) -> None:
+        first = max(some.start - 1, 0)
+        part, own = c[first : some.stop + 1], slice(some.start - first, some.stop - first)
+        term, beside = np.empty_like(part), _beside(part, 2, np.empty_like(part))
+        same, one, two = part * w0, part * w1, part * w2
+        same += np.multiply(beside, w1, out=term)
+        one += np.multiply(beside, w2, out=term)
+        two += np.multiply(beside, w3, out=term)
+        same += _beside(one, 1, term)
+        one += _beside(two, 1, term)
+        np.add(same[own], _beside(one, 0, term)[own], out=total[some])
+
+    in_parts(len(c), planes, smooth)
+    return total
 
 
-def _beside(a: np.ndarray, axis: int) -> np.ndarray:
-    """The sum of both neighbours along an axis, edges replicated."""
-    a = np.moveaxis(a, axis, 0)
-    total = np.empty_like(a)
-    total[1:-1] = a[:-2] + a[2:]
+def _beside(a: np.ndarray, axis: int, total: np.ndarray) -> np.ndarray:
+    """`total`, set to the sum of both neighbours along an axis, edges replicated."""
+    a, sums = np.moveaxis(a, axis, 0), np.moveaxis(total, axis, 0)
+    np.add(a[:-2], a[2:], out=sums[1:-1])
     if len(a) > 1:
-        total[0], total[-1] = a[0] + a[1], a[-2] + a[-1]
+        sums[0], sums[-1] = a[0] + a[1], a[-2] + a[-1]
     else:
-        total[0] = 2 * a[0]
-    return np.moveaxis(total, 0, axis)
+        sums[0] = 2 * a[0]
+    return total
 
 
-def needed(u: np.ndarray, c: np.ndarray, around: int, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the interval of u around a voxel meets one of `wanted` [n, 2], bool; and c, changed for the outermost.
+def needed(u: np.ndarray, around: int, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where the interval of u around a voxel meets one of `wanted` [n, 2], bool; and where that of its 26 neighbours
+    does.
 
-    around 1: over its 26 neighbours; 2: also those two steps along one axis, whose shares of points that the voxel
-    reaches matter. Those only contribute beside others: on their own they must not be opaque, so that their
-    coefficients are kept within the interval of their 26 neighbours.
+    around 1: over these; 2: also over those two steps along one axis, whose shares of points that the voxel reaches
+    matter.
     """
-    low, high = u, u
-    for axis in range(3):
-        low, high = _extreme(low, axis, np.fmin), _extreme(high, axis, np.fmax)
-    near = _meets(low, high, wanted)
-    if around == 1:
-        return near, c
-    keep = near.copy()
-    for axis in range(3):
-        keep |= _meets(_extreme(low, axis, np.fmin), _extreme(high, axis, np.fmax), wanted)
-    return keep, c if c is u else np.where(near, c, np.clip(c, low, high))
+    keep, near = np.zeros(u.shape, bool), np.zeros(u.shape, bool)
+    for start, end in wanted.astype(np.float64).tolist():
+        above, below = u >= np.float64(start), u <= np.float64(end)
+        for axis in range(3):
+            above, below = _dilated(above, axis), _dilated(below, axis)
+        near |= above & below
+        for axis in range(3) if around > 1 else ():
+            keep |= _dilated(above, axis) & _dilated(below, axis)
+    return keep | near, near
 
 
-def _meets(low: np.ndarray, high: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    found = np.zeros(low.shape, bool)
-    with np.errstate(invalid="ignore"):
-        for start, end in wanted:
-            found |= (high >= start) & (low <= end)
-    return found
-
-
-def _extreme(a: np.ndarray, axis: int, choose: np.ufunc) -> np.ndarray:
-    """The extreme of each and its neighbours along an axis."""
-    a = np.moveaxis(a, axis, 0)
-    found = a.copy()
-    choose(found[1:], a[:-1], out=found[1:])
-    choose(found[:-1], a[1:], out=found[:-1])
+def _dilated(mask: np.ndarray, axis: int) -> np.ndarray:
+    """Where it, or a neighbour along an axis, is True."""
+    a = np.moveaxis(mask, axis, 0)
+    found = a.copy(order="K")
+    found[1:] |= a[:-1]
+    found[:-1] |= a[1:]
     return np.moveaxis(found, 0, axis)
+
+
+def extremes(u: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The smallest and the largest u [N] among each voxel and its 26 neighbours."""
+    low, high = np.full(len(x), np.inf, u.dtype), np.full(len(x), -np.inf, u.dtype)
+    for step in np.ndindex(3, 3, 3):
+        at = (np.clip(i + n - 1, 0, size - 1) for i, n, size in zip((z, y, x), step, u.shape, strict=True))
+        value = u[tuple(at)]
+        np.fmin(low, value, out=low)
+        np.fmax(high, value, out=high)
+    return low, high
 
 
 def gradients(u: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray, order: int = 4) -> np.ndarray:
     """[N, 3] per grid step along x, y, z: differences of that order, 4 or 2; central ones where a sample is missing,
     one-sided ones at the edges.
     """
-    center = u[z, y, x].astype(np.float64)
+    flat = u.ravel()
+    base = (z * u.shape[1] + y) * u.shape[2] + x
+    center = flat[base].astype(np.float64)
     gradient = np.zeros((len(center), 3))
-    for axis, index in enumerate((x, y, z)):
+    for axis, (index, stride) in enumerate(((x, 1), (y, u.shape[2]), (z, u.shape[1] * u.shape[2]))):
         last = u.shape[2 - axis] - 1
         at = {}
         for step in (-2, -1, 1, 2):
-            place = [z, y, x]
-            place[2 - axis] = np.clip(index + step, 0, last)
-            value = u[tuple(place)].astype(np.float64)
-            at[step] = np.where((index + step >= 0) & (index + step <= last), value, np.nan)
+            value = flat[base + (np.clip(index + step, 0, last) - index) * stride].astype(np.float64)
+            value[(index + step < 0) | (index + step > last)] = np.nan
+            at[step] = value
         finite = {step: np.isfinite(value) for step, value in at.items()}
         low, high = np.where(finite[-1], at[-1], center), np.where(finite[1], at[1], center)
         first = (high - low) / np.maximum(finite[-1].astype(int) + finite[1], 1)
