@@ -173,12 +173,23 @@ def test_the_voxels_kept_suffice(kernel: str, monkeypatch: pytest.MonkeyPatch) -
     r = np.linalg.norm(np.indices((20, 20, 20)) - 9.5, axis=0)
     volume = sg.Volume(1 / (1 + np.exp((r - 5) / 0.8)))
     few = sg.extract(volume, RAMP, classification="post", kernel=kernel)
-    monkeypatch.setattr(extraction, "needed", lambda u, c, around, wanted: (np.ones(u.shape, bool), c))
+    monkeypatch.setattr(extraction, "needed", lambda u, *_: (np.ones(u.shape, bool),) * 2)
     every = sg.extract(volume, RAMP, classification="post", kernel=kernel)
     assert len(few) < 0.5 * len(every) == 0.5 * volume.samples.size
     camera = sg.Camera.orbit(volume, 30, 20, size=(32, 24))
     pictures = [sg.reference.render(splats, camera, EXACT).pixels for splats in (few, every)]
     assert pictures[1].max() > 0.5 and np.abs(pictures[0] - pictures[1]).max() < 1e-3
+
+
+def test_records_do_not_depend_on_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the volume, of what is smoothed at a time, of the records filled at a time."""
+    holes = cells().copy()
+    holes[3:6, 4:7, 5:8] = np.nan
+    right = sg.extract(sg.Volume(holes), RAMP, classification="post").records.tobytes()
+    monkeypatch.setattr(extraction, "CHUNK_VOXELS", 1)
+    monkeypatch.setattr(extraction, "RECORDS", 37)
+    for slab in (None, 1, 4):
+        assert sg.extract(sg.Volume(holes), RAMP, slab=slab, classification="post").records.tobytes() == right
 
 
 def test_values_of_any_size_draw_the_same() -> None:
