@@ -63,6 +63,13 @@ VOLUMES: dict[str, tuple[str, dict[str, Any], dict[str, Any], dict[str, Any]]] =
         {"points": ((170, 0), (240, 0.7)), "colormap": "fire", "window": (0, 450)},
         {"azimuth": 30, "elevation": 20, "zoom": 1.3},
     ),
+    "neuron": ("neuron_a_409x415x119.tif", {}, {}, {"zoom": 1.4}),
+    "hurricane Isabel, wind": (
+        "isabel/isabel_windspeed_t30.nrrd",
+        {},
+        {"points": ((22, 0), (45, 0.6)), "colormap": "inferno", "window": (15, 70)},
+        {"azimuth": 20, "elevation": 50, "zoom": 1.3},
+    ),
 }
 
 

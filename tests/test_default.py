@@ -103,25 +103,28 @@ def test_what_is_made_of_splats_is_not_extracted_again(splats: sg.Splats) -> Non
     assert all(each.source is None and suited(each, SPLATS, False) is each for each in made)
 
 
-@pytest.mark.parametrize("why", ["threshold", "colours of its own", "many values"])
+@pytest.mark.parametrize("why", ["threshold", "colours of its own", "many values", "values from"])
 def test_volumes_of_which_voxels_are_classified(
     renderer: sg.Renderer, volume: sg.Volume, camera: sg.Camera, monkeypatch: pytest.MonkeyPatch, why: str
 ) -> None:
-    threshold, said = 0.0, why
+    threshold, said, transfer = 0.0, why, TRANSFER
     if why == "threshold":
         threshold = 0.05
     elif why == "many values":
         monkeypatch.setattr(extraction, "MOST_KEPT", 100)
         monkeypatch.setattr(suiting, "MOST_KEPT", 100)
         said = "more than 100 values"
+    elif why == "values from":
+        volume = sg.Volume(volume.samples.astype(np.float64) * 1e-310)
+        transfer = sg.Transfer([(0.3e-310, 0.0), (0.8e-310, 0.6)])
     else:
         volume = replace(volume, color=np.full((*volume.shape, 3), 200, np.uint8))
-    splats = sg.extract(volume, TRANSFER, threshold)
+    splats = sg.extract(volume, transfer, threshold)
     image = renderer.render(splats, camera)
     assert image.info["classification"] == "pre" and image.info["sheets"] == 3
-    before = sg.extract(volume, TRANSFER, threshold, classification="pre")
+    before = sg.extract(volume, transfer, threshold, classification="pre")
     assert np.array_equal(renderer.render(before, camera).pixels, image.pixels)
-    assert len(extracted(volume, TRANSFER, sg.Settings(), threshold)) == len(before)
+    assert len(extracted(volume, transfer, sg.Settings(), threshold)) == len(before)
     assert f"reconstruction left out: {said}" in renderer.plan(splats, camera).explain()
 
 

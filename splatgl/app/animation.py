@@ -76,7 +76,7 @@ class Animation:
         volume = scene.open()
         transfer = scene.transfer_for(volume)
         series = len(scenes) > 1
-        how, _ = kind(scene.settings, False, only_pre(volume, scene.threshold), volume.samples.size)
+        how, _ = kind(scene.settings, False, only_pre(volume, transfer, scene.threshold), volume.samples.size)
         streaked, moments = _blur(args, scene.settings, how == "pre")
         only = None if series else _splats(scene, volume, transfer, _streaks(streaked, moments, scene.settings))
         subject = only or volume

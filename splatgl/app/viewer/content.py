@@ -154,7 +154,7 @@ class Content:
         """
         # pre where it is all that volume or settings allow
         asked = settings.but(classification="auto") if settings.classification == "post" else settings
-        found = kind(asked, moving, only_pre(self.volume, self.threshold), self.volume.samples.size)
+        found = kind(asked, moving, only_pre(self.volume, self.transfer, self.threshold), self.volume.samples.size)
         if found == self.kind:
             return self
         other = self.beside.get(found[0] != "pre")
@@ -164,7 +164,7 @@ class Content:
 
     def only_before(self, settings: Settings, moving: bool) -> str | None:
         """What takes splats that are classified before reconstruction; None if these settings don't."""
-        return only_pre(self.volume, self.threshold) or one_by_one(settings, moving)
+        return only_pre(self.volume, self.transfer, self.threshold) or one_by_one(settings, moving)
 
     def home(self, size: tuple[int, int]) -> Pose:
         """The scene's initial view, with its pivot at the scene's middle."""

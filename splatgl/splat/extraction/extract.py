@@ -12,7 +12,7 @@ import numpy as np
 
 from splatgl.data.errors import InputError, expected
 from splatgl.data.volume import Slab, Volume
-from splatgl.splat.classification.post import PostClassified
+from splatgl.splat.classification.post import PostClassified, active_range
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.post import extract_post
 from splatgl.splat.extraction.pre import extract_pre
@@ -23,6 +23,8 @@ from splatgl.splat.kernel.kernels import kernel as kernel_named
 SLAB_VOXELS = 1 << 22
 # kernel of values that are classified after reconstruction: its means are nearest to known fields
 POST_KERNEL = "b-spline"
+# ranges of values over which the steps of a table are numbers of float64
+LEAST_SPAN, MOST_SPAN = 1e-290, 1e300
 # largest ratio between reference length and spacing, either way: both fit float32
 MOST_UNIT = 1e30
 
@@ -45,7 +47,7 @@ class Source:
     @property
     def only_pre(self) -> str | None:
         """What takes splats that are classified before reconstruction; None if both kinds can be extracted."""
-        return only_pre(self.volume, self.threshold)
+        return only_pre(self.volume, self.transfer, self.threshold)
 
     def splats(self, classification: str, kernel: str) -> Splats:
         """The splats for that classification, and for that kernel if they are classified after; extracted once."""
@@ -88,7 +90,7 @@ def extract(
         raise expected("unit", f"a length within {MOST_UNIT:g} of the spacing, {spacing:g}", f"{unit:g}")
     depth, height, width = volume.shape
     planes = slab or max(1, SLAB_VOXELS // (height * width))
-    why = only_pre(volume, threshold)
+    why = only_pre(volume, transfer, threshold)
     if classification == "pre" or (classification == "auto" and why):
         found = extract_pre(volume, transfer, threshold, planes, progress)
     elif why:
@@ -103,8 +105,11 @@ def extract(
     return replace(found, source=Source(volume, transfer, threshold, slab))
 
 
-def only_pre(volume: Volume, threshold: float) -> str | None:
+def only_pre(volume: Volume, transfer: Transfer, threshold: float) -> str | None:
     """What takes splats that are classified before reconstruction; None if both kinds can be extracted."""
     if threshold > 0:
         return "threshold"
+    low, high = active_range(transfer)
+    if low < high and not LEAST_SPAN <= high - low <= MOST_SPAN:
+        return f"values from {low:g} to {high:g}"
     return "colours of its own" if volume.color is not None else None

@@ -69,7 +69,7 @@ def extracted(
 
     Raises InputError as `extract`.
     """
-    how, kernel = kind(settings, moving, only_pre(volume, threshold), volume.samples.size)
+    how, kernel = kind(settings, moving, only_pre(volume, transfer, threshold), volume.samples.size)
     found = extract(volume, transfer, threshold, progress=progress, classification=how, kernel=kernel)
     if settings.classification != "auto" or moving:
         return found
