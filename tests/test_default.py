@@ -86,6 +86,8 @@ def test_pictures_extract_others_once(renderer: sg.Renderer, volume: sg.Volume, 
     first, again = (suited(splats, SPLATS, False) for _ in range(2))
     assert first is again and first.post is None and suited(splats, sg.Settings(), False) is splats
     assert suited(first, sg.Settings(), False) is first
+    own = extracted(volume, TRANSFER, sg.Settings(order="back-to-front"))
+    assert own.post is None and suited(own, sg.Settings(), False).post is not None
     assert suited(splats, sg.Settings(blend="mip"), False) is not suited(splats, sg.Settings(), False)
 
 
@@ -123,8 +125,9 @@ def test_volumes_of_which_voxels_are_classified(
     image = renderer.render(splats, camera)
     assert image.info["classification"] == "pre" and image.info["sheets"] == 3
     before = sg.extract(volume, transfer, threshold, classification="pre")
+    again = extracted(volume, transfer, sg.Settings(), threshold)
+    assert suited(again, sg.Settings(), False) is again and len(again) == len(before)
     assert np.array_equal(renderer.render(before, camera).pixels, image.pixels)
-    assert len(extracted(volume, transfer, sg.Settings(), threshold)) == len(before)
     assert f"reconstruction left out: {said}" in renderer.plan(splats, camera).explain()
 
 

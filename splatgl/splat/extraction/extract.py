@@ -35,13 +35,14 @@ Progress = Callable[[Iterator[Slab], int], Iterator[Slab]]
 class Source:
     """Where splats come from, so that pictures which take others of the same volume can extract them.
 
-    made: those that are extracted, by classification and kernel.
+    many: whether values would be more than MOST_KEPT. made: those that are extracted, by classification and kernel.
     """
 
     volume: Volume
     transfer: Transfer
     threshold: float
     slab: int | None = None
+    many: bool = False
     made: dict[tuple[str, str], Splats] = field(default_factory=dict)
 
     @property
@@ -100,9 +101,10 @@ def extract(
         found = extract_post(volume, post, kernel_named(kernel), planes, progress)
     if classification != "auto":
         return found
-    if found.post is not None and len(found) > MOST_KEPT:
+    many = found.post is not None and len(found) > MOST_KEPT
+    if many:
         found = extract_pre(volume, transfer, threshold, planes, progress)
-    return replace(found, source=Source(volume, transfer, threshold, slab))
+    return replace(found, source=Source(volume, transfer, threshold, slab, many))
 
 
 def only_pre(volume: Volume, transfer: Transfer, threshold: float) -> str | None:

@@ -73,9 +73,10 @@ def extracted(
     found = extract(volume, transfer, threshold, progress=progress, classification=how, kernel=kernel)
     if settings.classification != "auto" or moving:
         return found
-    if how == "post" and len(found) > MOST_KEPT:
+    many = how == "post" and len(found) > MOST_KEPT
+    if many:
         found = extract(volume, transfer, threshold, progress=progress, classification="pre")
-    return replace(found, source=Source(volume, transfer, threshold))
+    return replace(found, source=Source(volume, transfer, threshold, many=many))
 
 
 def suited(splats: Splats, settings: Settings, moving: bool) -> Splats:
@@ -88,8 +89,7 @@ def suited(splats: Splats, settings: Settings, moving: bool) -> Splats:
         return splats
     how, kernel = kind(settings, moving, source.only_pre, source.volume.samples.size)
     if post is None:
-        # `extract` chose so: values would be too many
-        serves = how == "pre" or (how == "post" and settings.classification == "auto")
+        serves = how == "pre" or (how == "post" and source.many and settings.classification == "auto")
     else:
         serves = how != "pre" and post.kernel == kernel and (how == "post" or post.every)
     return splats if serves else source.splats(how, kernel)
