@@ -4,6 +4,7 @@
 .venv/bin/python scripts/pictures.py gallery visible_male_128x256x256_uint8.raw neuron.tif stent.nrrd  # real data
 .venv/bin/python scripts/pictures.py classification visible_male_128x256x256_uint8.raw
 .venv/bin/python scripts/pictures.py side-by-side     # real volumes, by VTK as well: for minutes
+.venv/bin/python scripts/pictures.py side-by-side "head, MRI"  # one of them, larger
 .venv/bin/python scripts/pictures.py window head.nii  # the viewer's window
 .venv/bin/python scripts/pictures.py report nerve     # error against run time, for minutes on a quiet machine
 .venv/bin/python scripts/pictures.py tables           # of methods in splatgl/truth/README.md, of techniques in gl's
@@ -132,7 +133,7 @@ def main() -> None:
         gallery(*sys.argv[2:])
         return
     if sys.argv[1:2] == ["side-by-side"]:
-        side_by_side(FOLDER / "side_by_side.png", *sys.argv[2:])
+        side_by_side(FOLDER / ("first.png" if len(sys.argv) == 3 else "side_by_side.png"), *sys.argv[2:])
         return
     if sys.argv[1:2] == ["tables"]:
         tables()

@@ -24,8 +24,9 @@ from splatgl.app.scene import Scene, View
 from splatgl.truth.field import field_integral
 from splatgl.truth.report.peers import Peer
 
-# pixels of a picture, samples along each side of a pixel, samples a voxel of the field, height of the letters' row
-SIDE, SAMPLES, STEPS, HEAD = 144, 2, 2, 20
+# pixels of a picture, and of one volume's; samples along each side of a pixel, samples a voxel of the field, height of
+# the letters' row
+SIDE, LARGE, SAMPLES, STEPS, HEAD = 144, 240, 2, 2, 20
 COLORS = 256
 BLACK = (0.0, 0.0, 0.0)
 FIELDS = ("b-spline", "trilinear")
@@ -96,17 +97,18 @@ def side_by_side(target: Path, *names: str) -> None:
         sys.exit(f"{folder}: expected the volumes, {', '.join(missing)} missing")
     if not find_spec("vtk"):
         print("VTK left out: not installed (pip install splatgl[bench])")
+    side = LARGE if len(chosen) == 1 else SIDE
     subjects, fields, rows = {}, {}, []
     with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool, sg.Renderer() as renderer:
         for label, (file, load, transfer, view) in chosen.items():
-            scene = Scene(str(Path(folder) / file), load, transfer, View(size=(SIDE, SIDE), **view))
+            scene = Scene(str(Path(folder) / file), load, transfer, View(size=(side, side), **view))
             volume = scene.open()
             content = volume, scene.transfer_for(volume), scene.view.camera(volume, volume)
             subjects[label] = content
             fields[label] = [pool.submit(field_integral, *content, name, STEPS, SAMPLES) for name in FIELDS]
         for label, content in subjects.items():
             rows.append(_compared(label, drawn(renderer, *content), fields[label]))
-    Pillow.fromarray(np.concatenate([_head(), *rows])).quantize(COLORS).save(target, optimize=True)
+    Pillow.fromarray(np.concatenate([_head(side), *rows])).quantize(COLORS).save(target, optimize=True)
 
 
 def _compared(label: str, pictures: dict[str, np.ndarray], fields: list[Future[sg.Image]]) -> np.ndarray:
@@ -126,15 +128,17 @@ def _row(label: str, pictures: dict[str, np.ndarray]) -> np.ndarray:
     return np.concatenate([_bar(0, [label], row.shape[1]), row])
 
 
-def _head() -> np.ndarray:
+def _head(side: int) -> np.ndarray:
     """uint8 [HEAD, W, 3]: the columns' names."""
     names = [BEFORE, AFTER, *(PEERS if find_spec("vtk") else ()), FIELD]
-    return _bar(48, names, SIDE * len(names))
+    return _bar(48, names, side * len(names))
 
 
 def _bar(gray: int, words: list[str], width: int) -> np.ndarray:
     """uint8 [HEAD, width, 3]: a word for each picture below."""
     picture = Pillow.new("RGB", (width, HEAD), (gray,) * 3)
     for column, word in enumerate(words):
-        ImageDraw.Draw(picture).text((SIDE * column + 4, 2), word, (230, 230, 230), ImageFont.load_default(12))
+        ImageDraw.Draw(picture).text(
+            (width // len(words) * column + 4, 2), word, (230, 230, 230), ImageFont.load_default(12)
+        )
     return np.asarray(picture)
