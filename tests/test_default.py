@@ -11,6 +11,7 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.app.cli import main
+from splatgl.app.scene import View
 from splatgl.splat.extraction import extract as extraction
 from splatgl.splat.plan import suited as suiting
 from splatgl.splat.plan.suited import extracted, suited
@@ -103,6 +104,19 @@ def test_what_is_made_of_splats_is_not_extracted_again(splats: sg.Splats) -> Non
         flow.moved(splats, -0.5),
     )
     assert all(each.source is None and suited(each, SPLATS, False) is each for each in made)
+
+
+def test_a_view_is_fitted_to_what_is_visible(splats: sg.Splats) -> None:
+    """Values around opaque ones do not move the camera away; nor do those where all are transparent."""
+    place = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0)
+    ball = sg.Volume((place < 5).astype(np.float32))
+    after, before = (sg.extract(ball, TRANSFER, classification=how) for how in ("post", "pre"))
+    assert len(after) > len(before) == len(after.visible) and before.visible is before
+    first, second = (View(size=(20, 20)).camera(ball, each) for each in (after, before))
+    assert np.array_equal(first.eye, second.eye) and np.array_equal(first.eye_from_world, second.eye_from_world)
+    assert splats.post is not None
+    clear = splats.classified_after(splats.post.recolored(sg.Transfer([(0.3, 0.0), (0.8, 0.0)])))
+    assert clear.visible is clear
 
 
 @pytest.mark.parametrize("why", ["threshold", "colours of its own", "many values", "values from"])

@@ -79,7 +79,7 @@ class Animation:
         how, _ = kind(scene.settings, False, only_pre(volume, transfer, scene.threshold), volume.samples.size)
         streaked, moments = _blur(args, scene.settings, how == "pre")
         only = None if series else _splats(scene, volume, transfer, _streaks(streaked, moments, scene.settings))
-        subject = only or volume
+        subject = only.visible if only else volume
         count = args.frames or (len(scenes) * args.hold if series else FRAMES)
         if args.keyframes:
             found = keyframes(Path(args.keyframes), scene.view, volume, subject)

@@ -64,7 +64,8 @@ class View:
     height: float | None = None
 
     def camera(self, volume: Volume, subject: Bounded) -> Camera:
-        """The camera; an orbit is fitted to `subject`."""
+        """The camera; an orbit is fitted to what is visible of `subject`."""
+        subject = subject.visible if isinstance(subject, Splats) else subject
         hints = volume.hints
         fov = _first(self.fov, hints.fov, FOV)
         orbits = any(x is not None for x in (self.azimuth, self.elevation, self.zoom))

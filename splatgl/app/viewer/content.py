@@ -97,7 +97,7 @@ class Content:
     @property
     def subject(self) -> Bounded:
         """The object that a default view is fitted to."""
-        return self.finest if len(self.finest) else self.volume
+        return self.finest.visible if len(self.finest) else self.volume
 
     def at(self, stride: int) -> Splats:
         """The splats at a stride; opacities are per the finest volume's spacing at every stride."""

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatgl.data.errors import expected
-from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
 from splatgl.splat.classification.post import PostClassified
+from splatgl.splat.extraction.points import checked_points, checked_spacing
 from splatgl.splat.extraction.records import RECORD
 
 if TYPE_CHECKING:
@@ -115,8 +115,8 @@ class Splats:
         round(p / spacing) give the order; ties keep the input's. Non-finite and transparent points
         are dropped. Raises InputError for other shapes, negative numbers and those beyond float32's range.
         """
-        points, colors, extinctions = _checked_points(points, colors, extinctions)
-        scale = _checked_spacing(spacing)
+        points, colors, extinctions = checked_points(points, colors, extinctions)
+        scale = checked_spacing(spacing)
         with np.errstate(invalid="ignore", over="ignore"):
             cells = np.rint(points / scale)
         keep = np.isfinite(cells).all(axis=1) & np.isfinite(colors).all(axis=1)
@@ -170,6 +170,17 @@ class Splats:
         unit = post.transfer.unit or self.grid.mean_spacing
         made = replace(self, post=post, unit=unit, shaded=post.transfer.shading, source=None)
         return self._shared(made, {"index_bounds", "outline"})
+
+    @cached_property
+    def visible(self) -> Splats:
+        """Those whose own sample is opaque, which a view is fitted to: classified after, transparent ones are beside.
+
+        All, if there is none.
+        """
+        if self.post is None:
+            return self
+        opaque = self.depths > 0
+        return self.part(opaque) if opaque.any() else self
 
     @cached_property
     def depths(self) -> np.ndarray:
@@ -325,26 +336,3 @@ def _bucketed(coordinate: np.ndarray) -> np.ndarray:
     """
     narrow = len(coordinate) and np.iinfo(np.int16).min <= coordinate.min() and coordinate.max() <= 32767
     return np.argsort(coordinate.astype(np.int16) if narrow else coordinate, kind="stable")
-
-
-def _checked_points(points: object, colors: object, extinctions: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    p, c, e = (np.asarray(array, dtype=np.float64) for array in (points, colors, extinctions))
-    if p.ndim != 2 or p.shape[1] != 3:
-        raise expected("points", "shape [N, 3]", p.shape)
-    if c.shape != p.shape:
-        raise expected("colors", f"shape {p.shape}", c.shape)
-    if e.shape != (len(p),):
-        raise expected("extinctions", f"shape {(len(p),)}", e.shape)
-    if (c < 0).any() or (e < 0).any():
-        raise expected("colors and extinctions", "numbers of at least 0", min(c.min(), e.min()))
-    return p, c, e
-
-
-def _checked_spacing(spacing: float | Sequence[float]) -> np.ndarray:
-    scale = np.asarray(spacing, dtype=np.float64)
-    if scale.shape not in ((), (3,)) or not ((scale >= LEAST_LENGTH) & (scale <= MOST_LENGTH)).all():
-        within = f"from {LEAST_LENGTH:g} to {MOST_LENGTH:g}"
-        raise expected("spacing", f"a positive number or three (x, y, z), {within}", spacing)
-    if scale.max() > MOST_OBLONG * scale.min():
-        raise expected("spacing", f"three numbers (x, y, z) within a factor of {MOST_OBLONG:g}", spacing)
-    return np.broadcast_to(scale, (3,))
