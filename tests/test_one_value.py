@@ -122,7 +122,9 @@ def test_quads_in_bands_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest
             with pytest.raises(Interrupted):
                 renderer.render(splats, camera, settings, interrupted=partial(next, answers))
             found = renderer.render(splats, camera, settings, verify_bound=False).pixels
-            assert renderer.passes.techniques["sheets in quads"].ring.sums[0].size == (camera.size[0], rows)
+            drawing = renderer.passes.techniques["sheets in quads"]
+            assert isinstance(drawing, sheet_quads.SheetQuads) and drawing.ring is not None
+            assert drawing.ring.sums[0].size == (camera.size[0], rows)
         assert whole[..., 3].max() > 0.2 and np.abs(found - whole).max() < 1e-5
 
 
