@@ -632,7 +632,7 @@ def test_light_beyond_z_k_is_tinted(after: Content, renderer: sg.Renderer) -> No
     painter, state = Painter(cast(Screen, Kept()), renderer, ()), State.of(after, SIZE)
     state = replace(state, settings=POST.but(antialias="paper", background=(0.1, 0.1, 0.4)))
     shares = []
-    for notches in (0.0, -5.0, -8.0, -12.0):
+    for notches in (0.0, -5.0, -9.5, -12.0):
         seen_from = replace(state, pose=wheeled(state.pose, (60.0, 40.0), notches))
         plain = renderer.render(after.at(1), seen_from.pose.camera, sg.Settings(antialias="paper")).pixels
         frame = painter.draw(replace(seen_from, beyond=True), after, FULL, False, lambda: False)

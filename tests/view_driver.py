@@ -136,8 +136,10 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
     elif what == "shot":
         np.save(ask["path"], viewer.shot())
     elif what == "reset":
-        viewer.state = viewer.state.opened(viewer.content)
-        viewer.state = type(viewer.state).of(viewer.content, viewer._size())
+        content, scene = viewer.content, viewer.content.scene
+        content = content.following(content.transfer, scene.threshold, scene.settings)
+        viewer.state = viewer.state.opened(content)
+        viewer.state = type(viewer.state).of(content, viewer._size())
         viewer.closed = False
         mouse.DOUBLE = DOUBLE
         until(viewer, lambda: settled(viewer))

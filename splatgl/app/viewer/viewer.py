@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -314,6 +315,9 @@ class Viewer:
         elif self.state.base == old.transfer:
             self.state = replace(self.state, base=content.transfer)
         self._take(content)
+        # contents of a volume refer to each other
+        del old
+        gc.collect()
         self._touch()
 
     def _take(self, content: Content) -> None:
