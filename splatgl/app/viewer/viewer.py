@@ -307,16 +307,15 @@ class Viewer:
 
     def _opened(self, news: News) -> None:
         """Takes a loaded file; a reloaded one keeps its view unless its scene file changed."""
-        content, old = news.content, self.content
+        content, scene, transfer = news.content, self.content.scene, self.content.transfer
         if news.reopen is not None:
             self.files.turn_to(news, self.now())
-        if news.reopen is not None or content.scene != old.scene:
+        if news.reopen is not None or content.scene != scene:
             self.state = self.state.opened(content)
-        elif self.state.base == old.transfer:
+        elif self.state.base == transfer:
             self.state = replace(self.state, base=content.transfer)
         self._take(content)
-        # contents of a volume refer to each other
-        del old
+        # contents of the volume before refer to each other
         gc.collect()
         self._touch()
 

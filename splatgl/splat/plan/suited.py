@@ -70,13 +70,13 @@ def extracted(
     Raises InputError as `extract`.
     """
     how, kernel = kind(settings, moving, only_pre(volume, transfer, threshold), volume.samples.size)
+    if settings.classification == "auto" and how == "post":
+        # or voxels, if values are too many
+        return extract(volume, transfer, threshold, progress=progress, kernel=kernel)
     found = extract(volume, transfer, threshold, progress=progress, classification=how, kernel=kernel)
     if settings.classification != "auto" or moving:
         return found
-    many = how == "post" and len(found) > MOST_KEPT
-    if many:
-        found = extract(volume, transfer, threshold, progress=progress, classification="pre")
-    return replace(found, source=Source(volume, transfer, threshold, many=many))
+    return replace(found, source=Source(volume, transfer, threshold))
 
 
 def suited(splats: Splats, settings: Settings, moving: bool) -> Splats:
