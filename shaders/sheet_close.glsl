@@ -14,6 +14,7 @@ uniform vec2 class_scale;       // a value's place in the table is x value + y
 uniform float class_unit;       // of the table's integrals, per cell
 uniform vec4 class_before;      // beyond its ends
 uniform vec4 class_behind;
+uniform vec2 class_seen;        // the places between which there is any matter
 uniform vec2 weight_scale;      // a gradient's place in the table of weights is x |gradient| + y
 uniform vec3 box_low;           // the volume's box from the eye, index axes
 uniform vec3 box_high;
@@ -24,6 +25,10 @@ vec4 masses[ROWS];
 // of a pixel: the value and gradient on the sheet before, or 0; whether there is one
 vec4 before[ROWS];
 float known[ROWS];
+// of the sheet that was taken last: the value and gradient before it; classified before, its sum; whether it is between
+// two sheets, or one of them at least
+vec4 start[ROWS];
+bool some[ROWS];
 // or, until all sheets are closed, of blends of one value: it, or their sum by length, and the length
 vec4 light[ROWS];
 // of a pixel's ray: its ends in the box, in sheets from the first; reference lengths per sheet; unit world direction
@@ -147,37 +152,50 @@ vec4 shown(vec4 light) {
     return light.y > 0.0 ? over(vec4(0.0), matter, vec3(0.0), 1.0, vec3(0.0)) : vec4(0.0);
 }
 
-// Composites the nearest open sheet of a pixel, number `current`, and opens another.
-void close_sheet(int row, int current) {
-    if (STEPS == 0) light[row] = over(light[row], sum0[row], vec3(0.0), 1.0, vec3(0.0));
-    else {
+// Takes the nearest open sheet's values and opens another; classified after, true if its matter can be seen.
+bool take_sheet(int row) {
+    bool seen = true;
+    start[row] = STEPS == 0 ? sum0[row] : before[row];
+    if (STEPS > 0) {
         bool valid = masses[row].x >= LEAST_MASS;
         vec4 mean = valid ? sum0[row] * (1.0 / masses[row].x) : before[row];
-        bool some = valid || known[row] > 0.0;
-        vec4 start = known[row] > 0.0 ? before[row] : mean;
-        // the part within the box, and its values' places
-        vec2 inside = clamp(ends[row] - float(current - 1), 0.0, 1.0);
-        vec2 place = vec2(start.a, mean.a - start.a) * class_scale.x + vec2(class_scale.y, 0.0);
-        Until begin = class_until(place.x + inside.x * place.y);
-        for (int i = 0; i < STEPS; i++) {
-            vec2 part = clamp(vec2(float(i), float(i + 1)) / float(STEPS), inside.x, inside.y);
-            float length_ = some ? part.y - part.x : 0.0;
-            float middle = 0.5 * (part.x + part.y);
-            if (ONE_VALUE) light[row] = joined(light[row], mix(start.a, mean.a, middle), length_);
-            else {
-                Until end = class_until(place.x + part.y * place.y);
-                vec4 matter = class_mean(begin, end);
-                begin = end;
-                vec3 gradient = mix(start.rgb, mean.rgb, middle);
-                light[row] = over(light[row], matter, gradient, length_ * lengths[row], toward[row]);
-            }
-        }
+        if (known[row] == 0.0) start[row] = mean;
+        some[row] = valid || known[row] > 0.0;
         before[row] = mean;
         known[row] = valid ? 1.0 : 0.0;
+        vec2 places = vec2(start[row].a, mean.a) * class_scale.x + class_scale.y;
+        bool within = max(places.x, places.y) >= class_seen.x && min(places.x, places.y) <= class_seen.y;
+        seen = some[row] && (ONE_VALUE || within);
     }
     sum0[row] = sum1[row];
     sum1[row] = SHEETS > 2 ? sum2[row] : vec4(0.0);
     sum2[row] = SHEETS > 3 ? sum3[row] : vec4(0.0);
     sum3[row] = vec4(0.0);
     masses[row] = vec4(masses[row].yzw, 0.0);
+    return seen;
+}
+
+// Composites the sheet that was taken last, number `current`, or what lies between it and the one before.
+void close_sheet(int row, int current) {
+    if (STEPS == 0) light[row] = over(light[row], start[row], vec3(0.0), 1.0, vec3(0.0));
+    else {
+        vec4 near = start[row], mean = before[row];
+        // the part within the box, and its values' places
+        vec2 inside = clamp(ends[row] - float(current - 1), 0.0, 1.0);
+        vec2 place = vec2(near.a, mean.a - near.a) * class_scale.x + vec2(class_scale.y, 0.0);
+        Until begin = class_until(place.x + inside.x * place.y);
+        for (int i = 0; i < STEPS; i++) {
+            vec2 part = clamp(vec2(float(i), float(i + 1)) / float(STEPS), inside.x, inside.y);
+            float length_ = some[row] ? part.y - part.x : 0.0;
+            float middle = 0.5 * (part.x + part.y);
+            if (ONE_VALUE) light[row] = joined(light[row], mix(near.a, mean.a, middle), length_);
+            else {
+                Until end = class_until(place.x + part.y * place.y);
+                vec4 matter = class_mean(begin, end);
+                begin = end;
+                vec3 gradient = mix(near.rgb, mean.rgb, middle);
+                light[row] = over(light[row], matter, gradient, length_ * lengths[row], toward[row]);
+            }
+        }
+    }
 }

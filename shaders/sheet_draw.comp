@@ -3,6 +3,7 @@
 // Classified before (STEPS 0), a sheet holds extinction · colour and extinction; after, gradient and value by mass.
 // Twin of splatgl/truth/sheets.py.
 // switch CARRIED 0
+// extension GL_ARB_shader_group_vote
 #constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;
 #include "tile_splat.glsl"
@@ -76,7 +77,8 @@ void write_ring(uint tile, int row) {
 
 // The first sheet of a list's entry.
 int next_base(uint at, uint end) {
-    uint n = texelFetch(list, listed_at(min(at, end - 1u)), 0).r;
+    at = min(at, end - 1u);
+    uint n = texelFetch(list, listed_at(at), 0)[at & 3u];
     return sheet_base(uintBitsToFloat(texelFetch(matters, texel_of(n), 0).w));
 }
 
@@ -85,9 +87,19 @@ int next_base(uint at, uint end) {
 #define BEGIN(row) ray[row] = ray_of(first + vec2(0.0, row)); open_pixel(row);
 #define RESUME(row) light[row] = imageLoad(target, AT(row)); read_ring(tile, row);
 #define ADD(row) add_four(row, four, ray[row], weights);
-#define CLOSE(row) close_sheet(row, current);
+#define TAKE(row) if (take_sheet(row)) seen = true;
+#define CLOSE(row) close_sheet(row, current - 1);
 #define KEEP(row) write_ring(tile, row);
 #define END(row) imageStore(target, AT(row), mine.w == 1u ? shown(light[row]) : light[row]);
+
+// Whether it is so in any of the tile's columns, which stay together then; anything is right, but slower.
+bool any_column(bool so) {
+#ifdef GL_ARB_shader_group_vote
+    return anyInvocationARB(so);
+#else
+    return true;
+#endif
+}
 
 void main() {
     uvec4 mine = lists[gl_WorkGroupID.x];
@@ -106,36 +118,42 @@ void main() {
         holding = int(RING(KEPT, 1));
     }
     float least = 0.0;
-    vec2 scale = 1.0 / vec2(textureSize(list, 0));
     int next = next_base(at, end);
     while (at < end || (mine.w == 1u && holding > 0)) {
-        if (holding <= 0) current = max(next, current);
+        bool seen = false, waits = false;
         do {
-            // the gather's corners in the list's order; beyond the list's end the first repeats, without weight
-            uint group = at & ~3u;
-            uvec4 names = textureGather(list, (vec2(listed_at(group)) + 1.0) * scale).wzxy;
-            Joined four[4] = Joined[4](read_splat(names.x), read_splat(group + 1u < end ? names.y : names.x),
-                                       read_splat(group + 2u < end ? names.z : names.x),
-                                       read_splat(group + 3u < end ? names.w : names.x));
-            vec4 weights[4];
-            uint passed = at;
-            for (uint i = 0u; i < 4u; i++) {
-                uint n = group + i;
-                bool now = n >= at && n < end && sheet_base(four[i].last) <= current;
-                weights[i] = now ? sheet_weights(four[i].last - float(current)) : vec4(0.0);
-                passed += uint(now);
-            }
-            EACH(ADD)
-            // a sheet more than it reaches ends the last segment
-            if (passed > at) holding = SHEETS + 1;
-            at = passed;
-            next = next_base(at, end);
-        } while (at < end && next <= current);
-        // a list that continues may hold more of this sheet
-        if (at >= end && mine.w == 0u) break;
+            if (holding <= 0) current = max(next, current);
+            do {
+                // in the list's order; beyond its end the first repeats, without weight
+                uint group = at & ~3u;
+                uvec4 names = texelFetch(list, listed_at(group), 0);
+                Joined four[4] = Joined[4](read_splat(names.x), read_splat(group + 1u < end ? names.y : names.x),
+                                           read_splat(group + 2u < end ? names.z : names.x),
+                                           read_splat(group + 3u < end ? names.w : names.x));
+                vec4 weights[4];
+                uint passed = at;
+                for (uint i = 0u; i < 4u; i++) {
+                    uint n = group + i;
+                    bool now = n >= at && n < end && sheet_base(four[i].last) <= current;
+                    weights[i] = now ? sheet_weights(four[i].last - float(current)) : vec4(0.0);
+                    passed += uint(now);
+                }
+                EACH(ADD)
+                // a sheet more than it reaches ends the last segment
+                if (passed > at) holding = SHEETS + 1;
+                at = passed;
+                next = next_base(at, end);
+            } while (at < end && next <= current);
+            // a list that continues may hold more of this sheet
+            waits = at >= end && mine.w == 0u;
+            if (waits) break;
+            EACH(TAKE)
+            seen = any_column(seen);
+            current++;
+            holding--;
+        } while (!seen && (at < end || holding > 0));
+        if (waits) break;
         EACH(CLOSE)
-        current++;
-        holding--;
         if (JOIN != JOIN_OVER) continue;
         least = min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
                     min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));

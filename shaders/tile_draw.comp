@@ -45,17 +45,16 @@ void main() {
     EACH(BEGIN)
     // equal for all splats unless bent: only parallel views use this path with antialiasing
     coverage = table_quad(vec3(0.0)).coverage;
-    vec2 scale = 1.0 / vec2(textureSize(list, 0));
     float least = 0.0;
     for (; at < end; at += 4u) {
-        uvec4 four = textureGather(list, (vec2(listed_at(at)) + 1.0) * scale);
+        uvec4 four = texelFetch(list, listed_at(at), 0);
         // all four are read before the first is blended, to hide latency; beyond the list's end the first repeats with
         // zero depth
         Joined next[4];
-        next[0] = read_scaled(four.w);
-        next[1] = read_scaled(at + 1u < end ? four.z : four.w);
-        next[2] = read_scaled(at + 2u < end ? four.x : four.w);
-        next[3] = read_scaled(at + 3u < end ? four.y : four.w);
+        next[0] = read_scaled(four.x);
+        next[1] = read_scaled(at + 1u < end ? four.y : four.x);
+        next[2] = read_scaled(at + 2u < end ? four.z : four.x);
+        next[3] = read_scaled(at + 3u < end ? four.w : four.x);
         if (at + 1u >= end) next[1].splat.a = 0.0;
         if (at + 2u >= end) next[2].splat.a = 0.0;
         if (at + 3u >= end) next[3].splat.a = 0.0;

@@ -10,7 +10,7 @@ layout(local_size_x = LANES) in;
 
 layout(std430, binding = 0) buffer Cursors { uint cursors[]; };  // per run and tile: the count, or the next position
 layout(std430, binding = 1) buffer Done { uint done[]; };        // splats done per run
-layout(r32ui, binding = 0) writeonly uniform uimage2D list;
+layout(std430, binding = 6) writeonly buffer Listed { uint listed[]; };
 uniform usampler2D bounds;
 
 uniform uint count;
@@ -49,7 +49,7 @@ void main() {
         uint slot = column + (touched ? uint(it.tile.y * tiles.x + it.tile.x) : nobody);
         uint place = cursors[slot];
         if (COUNTING == 0) {
-            imageStore(list, listed_at(min(place, unread)), uvec4(n));
+            listed[min(place, unread)] = n;
             touched = touched && place != NOWHERE;
         }
         cursors[slot] = place + uint(touched);

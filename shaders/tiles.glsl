@@ -8,7 +8,7 @@
 #constant COLUMNS  // pixels of a tile
 #constant ROWS
 #constant ABREAST  // splats along a row of the textures
-#constant LISTED   // and along one of the list
+#constant LISTED   // and fours of entries along one of the list
 #constant PIXEL_MARGIN
 // half side, or height, of a splat that touches no tile, and height of one that touches all
 #define UNSEEN -1e9
@@ -39,10 +39,9 @@ vec3 unpacked_color(uvec2 words) {
     return vec3(low.x, (words.x >> 21) | ((words.y >> 21) << 11), low.y) / COLOR_STEPS;
 }
 
-// Four entries of the list form a square of texels, for one textureGather.
+// The texel of the list with an entry and the others of its four.
 ivec2 listed_at(uint n) {
-    uint four = n / 4u;
-    return ivec2(int(four % LISTED) * 2 + int(n & 1u), int(four / LISTED) * 2 + int((n >> 1) & 1u));
+    return ivec2(int(n / 4u % LISTED), int(n / 4u / LISTED));
 }
 
 // D² = (t.x x + t.y y)² + (t.z y)² at pixel offsets (x, y): two squares, so that long ellipses lose no digits.

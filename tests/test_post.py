@@ -15,7 +15,7 @@ import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.gl import sheet_order, sheet_tiles, tiles
 from splatgl.gl.sheet_quads import by_first_sheet
-from splatgl.splat.classification.post import PostClassified, opaque_intervals
+from splatgl.splat.classification.post import CELLS, PostClassified, opaque_intervals
 from splatgl.splat.extraction import post as extraction
 from splatgl.splat.motion.motion import Motion
 from splatgl.splat.plan.settings import Technique
@@ -144,6 +144,24 @@ def test_batches_draw_the_same(
             parts = [renderer.render(splats, camera, settings).pixels for _ in range(2)]
         assert (whole == renderer.render(splats, camera, settings).pixels).all() and (parts[0] == parts[1]).all()
         assert whole[..., 3].max() > 0.5 and np.abs(whole - parts[0]).max() <= changed
+
+
+@pytest.mark.parametrize("points", [RAMP.points, [(0.4, 0), (0.45, 0.5), (0.5, 0)], [(0.4, 0.3), (0.5, 0)]], ids=str)
+def test_transparent_sheets_are_passed_over(
+    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, points: list[tuple[float, float]]
+) -> None:
+    """Bit for bit what classifying them gives; a narrower range of places would show."""
+    splats = sg.extract(sg.Volume(cells()), sg.Transfer(points), classification="post-all")
+    seen, camera = splats.post.seen, eyes(splats)["fitted"]
+    pictures = []
+    for low, high in (seen, (-np.inf, np.inf), (seen[0] + CELLS / 3, seen[1] - CELLS / 3)):
+        with monkeypatch.context() as patched:
+            patched.setitem(vars(splats.post), "seen", (low, high))
+            pictures.append(renderer.render(splats, camera, EXACT).pixels)
+    assert (pictures[0] == pictures[1]).all() and np.abs(pictures[0] - pictures[2]).max() > 0.01
+    # the table's outermost cells with any matter are within
+    matter = np.flatnonzero((np.diff(splats.post.table[0][:, 3].astype(int)) != 0))
+    assert seen[0] <= matter[0] and matter[-1] + 1 <= seen[1]
 
 
 def test_another_transfer_function_is_drawn(renderer: sg.Renderer) -> None:

@@ -21,6 +21,7 @@ SWITCH = re.compile(r"^// switch (\w+) (\w+)\s*$")
 # line numbers of llvmpipe/Mesa ("0:12(3): error"), NVIDIA ("0(12) : error") and AMD/Intel ("ERROR: 0:12:")
 ERROR_LINE = re.compile(r"\b0[:(](\d+)")
 VERSION_LINE = re.compile(r"^// version (\d+)\s*$")
+EXTENSION_LINE = re.compile(r"^// extension (\w+)$")
 VERSION = 330
 
 
@@ -60,7 +61,8 @@ def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozen
         raise ShaderError(f"{name}: no such switch: {', '.join(sorted(unknown))}; it has {', '.join(declared)}")
     values = {switch: _literal(switches.get(switch, default)) for switch, default in declared.items()}
     version = max([VERSION, *(int(match[1]) for _, text in lines if (match := VERSION_LINE.match(text)))])
-    head = [f"#version {version} core", *(f"#define {switch} {value}" for switch, value in values.items())]
+    used = [f"#extension {match[1]} : enable" for _, text in lines if (match := EXTENSION_LINE.match(text))]
+    head = [f"#version {version} core", *used, *(f"#define {switch} {value}" for switch, value in values.items())]
     places = [f"{name}: switches"] * len(head) + [place for place, _ in lines]
     return ShaderText("\n".join([*head, *(text for _, text in lines)]) + "\n", tuple(places))
 

@@ -100,4 +100,5 @@ def class_uniforms(post: PostClassified) -> dict[str, object]:
         "class_unit": post.table[1],
         "class_before": tuple(before),
         "class_behind": tuple(behind),
+        "class_seen": post.seen,
     }

@@ -39,7 +39,7 @@ ROUNDS = 60_000
 MOST_TILES, ENTRIES = 65_535, 2**20
 # texture units of placed splats, the list, and records with their order; storage buffer bindings; the image unit
 PLACED_UNIT, LIST_UNIT, RECORDS_UNIT = 8, 5, 5
-CURSORS, DONE, LISTS, OPEN, BLOCKS, IMAGE = 0, 1, 2, 3, 4, 0
+CURSORS, DONE, LISTS, OPEN, BLOCKS, LISTED_BUFFER, IMAGE = 0, 1, 2, 3, 4, 6, 0
 # textures of a placed splat; the last four serve footprints beyond a quadratic form
 PLACED = ("bounds", "heads", "shapes", "matters", "bends", "cubics", "mixeds")
 
@@ -210,14 +210,16 @@ class Tiles:
 
     def _list(self, plan: Plan, count: int, total: int) -> None:
         # plus an entry that is never read
-        height = ((total + 4) // (LISTED * 4) + 1) * 2
+        height = (total + 4) // (LISTED * 4) + 1
+        listed = self._buffer(LISTED_BUFFER, height * LISTED * 16)
+        self._run(plan, count, {"COUNTING": False}, total + 4)
         if self.list is None or self.list.height < height:
             if self.list is not None:
                 self.list.release()
-            self.list = self.ctx.texture((LISTED * 2, height), 1, dtype="u4")
+            self.list = self.ctx.texture((LISTED, height), 4, dtype="u4")
             self.list.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self.list.bind_to_image(IMAGE, read=False, write=True)
-        self._run(plan, count, {"COUNTING": False}, total + 4)
+        # copied, as llvmpipe reads textures faster than buffers and writes buffers faster than images
+        self.list.write(listed, viewport=(0, 0, LISTED, height))
 
     def _run(self, plan: Plan, count: int, switches: dict[str, bool], unread: int = 0) -> None:
         """Lists all splats, at most ROUNDS iterations a dispatch. unread: a list entry that is never read."""

@@ -110,6 +110,14 @@ class PostClassified:
         return self.integral.table(CELLS)
 
     @cached_property
+    def seen(self) -> tuple[float, float]:
+        """Places in the table, in cells, between which there is any matter; infinite where there is beyond its ends."""
+        some = np.flatnonzero((np.diff(self.table[0].astype(np.int64), axis=0) != 0).any(axis=1))
+        before, behind = (self.integral.outside != 0).any(axis=1)
+        low, high = (some[0], some[-1] + 1) if some.size else (CELLS, 0)
+        return -np.inf if before else float(low), np.inf if behind else float(high)
+
+    @cached_property
     def weights(self) -> tuple[np.ndarray, float, float]:
         """float32 [WEIGHTS + 1]: weights at gradients from the second number, values per world length, in steps of the
         third.
