@@ -297,6 +297,10 @@ def test_rows_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
         assert main([*asked, "--check", rows]) == 0
         assert ("drawn in float64" in capsys.readouterr().out) == bool(told)
     assert main([*asked, "--check", "25"]) == 2 and "expected 0 to 24 rows, got 25" in capsys.readouterr().err
+    # beside its own error, how far it is from the field; coarser sheets are farther
+    assert main([*asked, "--field"]) == 0 and "off the field itself by at most" in capsys.readouterr().out
+    assert main([*asked, "--field", "--like", "0.1"]) == 2
+    assert "expected values classified after reconstruction" in capsys.readouterr().err
     # a picture that is wrong is told from one that is right
     monkeypatch.setattr("splatgl.truth.check.render_rows", lambda splats, camera, *_: np.full((2, 24, 4), 0.5))
     assert main([*asked, "--check", "2"]) == 0

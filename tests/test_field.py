@@ -14,7 +14,8 @@ from noise import GRIDS, LOOKS, inside, views
 import splatgl as sg
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.kernel.kernels import kernel
-from splatgl.truth.field import field_integral, kernel_field, trilinear_field
+from splatgl.splat.plan.suited import suited
+from splatgl.truth.field import field_integral, kept_field_integral, kernel_field, trilinear_field
 
 STEP = 1e-5
 
@@ -201,3 +202,21 @@ def test_unknown_fields_and_numbers_below_one(changes: dict, said: str) -> None:
     case = known("balls", 1)
     with pytest.raises(sg.InputError, match=said):
         field_integral(case.volume, case.transfer, case.camera(), **changes)
+
+
+@pytest.mark.parametrize("blend", ["composite", "mip"])
+def test_pixels_of_kept_values(blend: str, renderer: sg.Renderer) -> None:
+    """The field of what is kept is that of all samples where it is opaque, and tells coarse sheets from fine."""
+    volume = sg.scenes.ball(12)
+    transfer, camera = sg.default_transfer(volume), sg.Camera.orbit(volume, 30, 20, size=(40, 30))
+    splats, settings = sg.extract(volume, transfer), sg.Settings(blend=blend, antialias="off")
+    pixels = np.flatnonzero(np.random.default_rng(1).random(1200) < 0.2)
+    kept = suited(splats, settings, moving=False)
+    found = kept_field_integral(kept, camera, pixels, blend=blend)
+    right = field_integral(volume, transfer, camera, "b-spline", 4, blend=blend).pixels.reshape(-1, 4)[pixels]
+    assert right.max() > 0.5 and np.abs(found - right).max() < 1e-3
+    off = []
+    for chosen in (settings, settings.but(sheets=2, steps=1)):
+        image = sg.check(renderer.render(splats, camera, chosen), splats, camera, chosen, rows=8, field=True)
+        off.append(image.info["checked"]["field"]["rmse"])
+    assert 0 < off[0] < 0.02 and (blend == "mip" or off[0] < 0.5 * off[1])

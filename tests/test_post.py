@@ -160,7 +160,7 @@ def test_transparent_sheets_are_passed_over(
             pictures.append(renderer.render(splats, camera, EXACT).pixels)
     assert (pictures[0] == pictures[1]).all() and np.abs(pictures[0] - pictures[2]).max() > 0.01
     # the table's outermost cells with any matter are within
-    matter = np.flatnonzero((np.diff(splats.post.table[0][:, 3].astype(int)) != 0))
+    matter = np.flatnonzero(np.diff(splats.post.table[0][:, 3].astype(int)) != 0)
     assert seen[0] <= matter[0] and matter[-1] + 1 <= seen[1]
 
 

@@ -48,6 +48,9 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         metavar="ROWS",
         help=f"compare rows of pixels with float64 ({CHECKED} if no bound is known)",
     )
+    parser.add_argument(
+        "--field", action="store_true", help="also compare pixels of them with the field that the picture stands for"
+    )
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     add_drawing(parser)
     parser.set_defaults(run=run)
@@ -72,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
             print(renderer.plan(splats, camera, scene.settings).explain())
         image = renderer.render(splats, camera, scene.settings)
         rows = args.check if args.check is not None else CHECKED * (image.info["error_bound"] is None)
-        image = check(image, splats, camera, scene.settings, rows)
+        image = check(image, splats, camera, scene.settings, max(rows, CHECKED * args.field), args.field)
         if args.explain:
             print(f"{_accuracy(image)}, against the float64 reference of the same splats")
         if args.savings:
@@ -123,7 +126,12 @@ def _accuracy(image: Image) -> str:
     if not isinstance(checked, dict):
         return told
     rows = f"{len(checked['rows'])} rows drawn in float64"
-    return f"{told}\noff by at most {checked['largest']:.2g}, RMSE {checked['rmse']:.2g}, in {rows}"
+    told += f"\noff by at most {checked['largest']:.2g}, RMSE {checked['rmse']:.2g}, in {rows}"
+    field = checked.get("field")
+    if field is None:
+        return told
+    far = f"off the field itself by at most {field['largest']:.2g}, RMSE {field['rmse']:.2g}"
+    return f"{told}\n{far}, in {field['pixels']} pixels"
 
 
 def nothing(scene: Scene, volume: Volume) -> InputError:

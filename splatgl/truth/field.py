@@ -20,7 +20,7 @@ from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.classification.shading import AMBIENT, DIFFUSE
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.post import PREFILTERED, gradients, needed, prefiltered
-from splatgl.splat.extraction.splats import Grid
+from splatgl.splat.extraction.splats import Grid, Splats
 from splatgl.splat.kernel.kernels import Kernel
 from splatgl.splat.kernel.kernels import kernel as kernel_named
 from splatgl.splat.plan.blend_mode import BLENDS
@@ -34,6 +34,8 @@ from splatgl.truth.rays import Rays
 RAYS, POINTS = 1 << 14, 1 << 12
 # voxels around a point that it reads, in each direction
 REACH = 2
+# steps per voxel through the field of kept values
+STEPS = 4
 
 # value [P] and world gradient [P, 3] at grid positions [3, P]
 Field = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -45,19 +47,21 @@ def kernel_field(volume: Volume, shape: Kernel, post: PostClassified) -> Field:
     c = prefiltered(u, shape, PREFILTERED.get(shape.name, 0))
     terms = _terms(volume, u, c, post)
 
-    def at(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        sums = np.zeros((places.shape[1], 5))
-        first = np.floor(places).astype(np.int64)
-        for dz in range(-1, 3):
-            for dy in range(-1, 3):
-                for dx in range(-1, 3):
-                    cell = first + np.array([[dx], [dy], [dz]])
-                    weight = shape.value(np.linalg.norm(places - cell, axis=0))
-                    sums += weight[:, None] * _taken(terms, cell)
-        mean = sums[:, 1:] / np.where(sums[:, :1] > 0, sums[:, :1], 1.0)
-        return np.where(sums[:, 0] > 0, post.value(mean[:, 0]), np.nan), mean[:, 1:] * post.span
+    return partial(_kernel_mean, shape, post, partial(_taken, terms))
 
-    return at
+
+def _kernel_mean(
+    shape: Kernel, post: PostClassified, taken: Callable[[np.ndarray], np.ndarray], places: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """A field's value and gradient at places [3, P]; taken: 1, coefficient and world gradient [P, 5] of cells."""
+    sums = np.zeros((places.shape[1], 5))
+    first = np.floor(places).astype(np.int64)
+    for step in np.ndindex(4, 4, 4):
+        cell = first + np.array(step)[:, None] - 1
+        weight = shape.value(np.linalg.norm(places - cell, axis=0))
+        sums += weight[:, None] * taken(cell)
+    mean = sums[:, 1:] / np.where(sums[:, :1] > 0, sums[:, :1], 1.0)
+    return np.where(sums[:, 0] > 0, post.value(mean[:, 0]), np.nan), mean[:, 1:] * post.span
 
 
 def trilinear_field(volume: Volume, post: PostClassified) -> Field:
@@ -124,6 +128,33 @@ class Marched:
         return found
 
 
+@dataclass(frozen=True, eq=False)
+class Fine:
+    """samples × samples rays in each pixel of a camera, clipped to the box of `shape` voxels."""
+
+    view: View
+    camera: Camera
+    samples: int
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def of(cls, grid: Grid, camera: Camera, samples: int, shape: tuple[int, int, int]) -> Fine:
+        """Without antialiasing of its own."""
+        fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
+        return cls(View.of(grid, fine, kernel_named("b-spline"), antialias=False), fine, samples, shape)
+
+    def means(self, marched: Marched, pixels: np.ndarray, steps: int, blend: str) -> np.ndarray:
+        """float64 [P, 4]: means over pixels [P], numbered row by row from the top."""
+        wide = self.camera.size[0]
+        y, x = np.divmod(pixels, wide // self.samples)
+        row, column = np.divmod(np.arange(self.samples**2), self.samples)
+        rays = ((y[:, None] * self.samples + row) * wide + x[:, None] * self.samples + column).ravel()
+        march = _march if BLENDS[blend].ordered else partial(_one_value, BLENDS[blend].join)
+        groups = np.split(rays, range(RAYS, len(rays), RAYS))
+        drawn = [march(marched, Rays.of(self.view, self.camera, self.shape, group), steps) for group in groups]
+        return np.asarray(np.concatenate(drawn).reshape(len(pixels), -1, 4).mean(axis=1))
+
+
 def field_integral(
     volume: Volume,
     transfer: Transfer,
@@ -154,19 +185,36 @@ def field_integral(
         field = trilinear_field(volume, post) if name == "trilinear" else kernel_field(volume, shape, post)
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
     free = _free(volume, post) if name != "formula" else np.zeros(volume.shape, np.uint8)
-    unit = transfer.unit or grid.mean_spacing
+    unit, (width, height) = transfer.unit or grid.mean_spacing, camera.size
     marched = Marched(field, transfer, free, grid.mean_spacing, unit, transfer.shading)
-    fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
-    view = View.of(grid, fine, shape, antialias=False)
-    pixels = np.arange(fine.size[0] * fine.size[1])
-    groups = np.split(pixels, range(RAYS, len(pixels), RAYS))
-    march = _march if BLENDS[blend].ordered else partial(_one_value, BLENDS[blend].join)
-    rays = (Rays.of(view, fine, post.shape, group) for group in groups)
-    drawn = np.concatenate([march(marched, some, steps_per_voxel) for some in rays])
-    picture = drawn.reshape(camera.size[1], samples, camera.size[0], samples, 4).mean(axis=(1, 3))
+    fine = Fine.of(grid, camera, samples, post.shape)
+    drawn = fine.means(marched, np.arange(width * height), steps_per_voxel, blend)
+    picture = drawn.reshape(height, width, 4)
     seconds = round(time.perf_counter() - started, 6)
     info = {"scene": volume.name, "field": name, "steps_per_voxel": steps_per_voxel, "samples": samples}
     return Image(picture, {**info, "blend": blend, "renderer": "float64 field integral", "seconds": seconds})
+
+
+def kept_field_integral(
+    splats: Splats, camera: Camera, pixels: np.ndarray, samples: int = 1, blend: str = "composite"
+) -> np.ndarray:
+    """float64 [P, 4]: the picture of the field of values kept for classification after reconstruction, at pixels [P],
+    row by row from the top: `field_integral` with its kernel, without what extraction leaves out.
+    """
+    post, records = splats.post, splats.records
+    assert post is not None
+    x, y, z = np.rint(records["position"]).astype(np.int64).T
+    near = np.zeros(post.shape[::-1], bool)
+    near[z, y, x] = True
+    # the entry after the last is of voxels that were left out
+    entry = np.full(tuple(size + 2 * REACH for size in near.shape), len(records), np.int32)
+    entry[z + REACH, y + REACH, x + REACH] = np.arange(len(records), dtype=np.int32)
+    terms = np.column_stack([np.ones(len(records)), records["value"], records["gradient"] / splats.grid.mean_spacing])
+    terms = np.concatenate([terms, np.zeros((1, 5))])
+    field = partial(_kernel_mean, kernel_named(post.kernel), post, lambda cell: terms[_taken(entry, cell)])
+    free = distances(spread(near, np.arange(-1, 2)))
+    marched = Marched(field, post.transfer, free, splats.grid.mean_spacing, splats.unit, post.transfer.shading)
+    return Fine.of(splats.grid, camera, samples, post.shape).means(marched, pixels, STEPS, blend)
 
 
 def _free(volume: Volume, post: PostClassified) -> np.ndarray:
