@@ -214,7 +214,7 @@ def test_pixels_of_kept_values(blend: str, renderer: sg.Renderer) -> None:
     kept = suited(splats, settings, moving=False)
     found = kept_field_integral(kept, camera, pixels, blend=blend)
     right = field_integral(volume, transfer, camera, "b-spline", 4, blend=blend).pixels.reshape(-1, 4)[pixels]
-    assert right.max() > 0.5 and np.abs(found - right).max() < 1e-3
+    assert right.max() > 0.3 and np.abs(found - right).max() < 1e-3
     off = []
     for chosen in (settings, settings.but(sheets=2, steps=1)):
         image = sg.check(renderer.render(splats, camera, chosen), splats, camera, chosen, rows=8, field=True)
