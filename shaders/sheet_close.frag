@@ -32,7 +32,7 @@ void main() {
         before[0] = known[0] > 0.0 ? texelFetch(sums_before, pixel, 0) / mass : vec4(0.0);
         set_ray(0);
     }
-    take_sheet(0);
+    take_sheet(0, sheet);
     close_sheet(0, sheet);
     fragment = light[0];
     if (ONE_VALUE) {

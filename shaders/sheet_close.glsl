@@ -152,8 +152,9 @@ vec4 shown(vec4 light) {
     return light.y > 0.0 ? over(vec4(0.0), matter, vec3(0.0), 1.0, vec3(0.0)) : vec4(0.0);
 }
 
-// Takes the nearest open sheet's values and opens another; classified after, true if its matter can be seen.
-bool take_sheet(int row) {
+// Takes the values of the nearest open sheet, number `current`, and opens another; classified after, true if matter
+// before it can be seen.
+bool take_sheet(int row, int current) {
     bool seen = true;
     start[row] = STEPS == 0 ? sum0[row] : before[row];
     if (STEPS > 0) {
@@ -165,7 +166,9 @@ bool take_sheet(int row) {
         known[row] = valid ? 1.0 : 0.0;
         vec2 places = vec2(start[row].a, mean.a) * class_scale.x + class_scale.y;
         bool within = max(places.x, places.y) >= class_seen.x && min(places.x, places.y) <= class_seen.y;
-        seen = some[row] && (ONE_VALUE || within);
+        // the part before it, which ends at the sheet, within the box
+        bool inside = ends[row].x < float(current) && ends[row].y > float(current - 1);
+        seen = some[row] && inside && (ONE_VALUE || within);
     }
     sum0[row] = sum1[row];
     sum1[row] = SHEETS > 2 ? sum2[row] : vec4(0.0);

@@ -87,7 +87,8 @@ int next_base(uint at, uint end) {
 #define BEGIN(row) ray[row] = ray_of(first + vec2(0.0, row)); open_pixel(row);
 #define RESUME(row) light[row] = imageLoad(target, AT(row)); read_ring(tile, row);
 #define ADD(row) add_four(row, four, ray[row], weights);
-#define TAKE(row) if (take_sheet(row)) seen = true;
+#define TAKE(row) if (take_sheet(row, current)) seen = true;
+#define SPAN(row) span = vec2(min(span.x, ends[row].x), max(span.y, ends[row].y));
 #define CLOSE(row) close_sheet(row, current - 1);
 #define KEEP(row) write_ring(tile, row);
 #define END(row) imageStore(target, AT(row), mine.w == 1u ? shown(light[row]) : light[row]);
@@ -119,8 +120,20 @@ void main() {
     }
     float least = 0.0;
     int next = next_base(at, end);
+    // the volume's box along the rays, in sheets; its nearest splats may be before it
+    vec2 span = vec2(-1e9, 1e9);
+    if (STEPS > 0) {
+        span = vec2(1e9, -1e9);
+        EACH(SPAN)
+        for (uint then = (at & ~3u) + 4u; then < end; then += 4u) {
+            int base = next_base(then, end);
+            if (any_column(float(base + SHEETS - 1) >= floor(span.x))) break;
+            at = then;
+            next = base;
+        }
+    }
     while (at < end || (mine.w == 1u && holding > 0)) {
-        bool seen = false, waits = false;
+        bool seen = false, waits = false, behind = false;
         do {
             if (holding <= 0) current = max(next, current);
             do {
@@ -151,9 +164,15 @@ void main() {
             seen = any_column(seen);
             current++;
             holding--;
-        } while (!seen && (at < end || holding > 0));
+            behind = STEPS > 0 && !any_column(float(current - 1) < span.y);
+        } while (!seen && !behind && (at < end || holding > 0));
         if (waits) break;
         EACH(CLOSE)
+        if (behind) {
+            // of this tile, nothing more is in the box
+            least = 2.0;
+            break;
+        }
         if (JOIN != JOIN_OVER) continue;
         least = min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
                     min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));

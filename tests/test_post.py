@@ -164,6 +164,25 @@ def test_transparent_sheets_are_passed_over(
     assert seen[0] <= matter[0] and matter[-1] + 1 <= seen[1]
 
 
+@pytest.mark.parametrize("grid", ["cubes", "8:1"])
+def test_what_lies_beside_the_box_is_passed_over(
+    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, grid: str
+) -> None:
+    """Kernels reach beyond the box, rays do not: tiles beside it are not listed, and the same bits are drawn."""
+    splats, listed = matter(grid), []
+    count, right = tiles.Tiles._count, sheet_tiles.beside_box
+    monkeypatch.setattr(tiles.Tiles, "_count", lambda *given: listed.append(count(*given)) or listed[-1])
+    for name, camera in eyes(splats).items():
+        pictures, entries = [], []
+        for beside in (right, lambda *_: np.zeros(1, bool)):
+            listed.clear()
+            monkeypatch.setattr(sheet_tiles, "beside_box", beside)
+            pictures.append(renderer.render(splats, camera.resized((96, 72)), EXACT).pixels)
+            entries.append(sum(len(found) for found in listed if found is not None))
+        assert (pictures[0] == pictures[1]).all() and pictures[0].max() > 0.1
+        assert entries[0] < entries[1] if name == "fitted" else entries[0] <= entries[1]
+
+
 def test_another_transfer_function_is_drawn(renderer: sg.Renderer) -> None:
     """The table that a renderer keeps is that of the splats drawn."""
     splats = matter()

@@ -319,7 +319,7 @@ def test_light_over_sheets(steps: int, renderer: sg.Renderer, twin: Twin, rng: n
     expression = """
         open_pixel(0); masses[0] = vec4(m, 0.0, 0.0); sum0[0] = a; sum1[0] = b;
         ends[0] = e.xy; lengths[0] = e.z; toward[0] = t;
-        for (int n = 0; n < 3; n++) if (take_sheet(0)) close_sheet(0, n);
+        for (int n = 0; n < 3; n++) if (take_sheet(0, n)) close_sheet(0, n);
         result = light[0]
     """
     ordered = np.roll(sums[..., 1:], -1, axis=2) if steps else sums
@@ -352,7 +352,7 @@ def test_one_value_of_sheets(blend: str, renderer: sg.Renderer, twin: Twin, rng:
     rays, sheets = some_rays(rng), plan.resolved.sheets
     expression = """
         open_pixel(0); masses[0] = vec4(m, 0.0, 0.0); sum0[0] = a; sum1[0] = b; ends[0] = e;
-        for (int n = 0; n < 3; n++) if (take_sheet(0)) close_sheet(0, n);
+        for (int n = 0; n < 3; n++) if (take_sheet(0, n)) close_sheet(0, n);
         result = shown(light[0])
     """
     ordered, ends = np.roll(sums[..., 1:], -1, axis=2), np.stack([rays.near, rays.far], axis=1) / sheets.thickness

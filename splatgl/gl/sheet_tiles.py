@@ -20,7 +20,8 @@ from splatgl.gl.tiles import LIST_UNIT, LISTS, OPEN, Tiles, bands_of, set_unifor
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.occlusion_policy import cuts
 from splatgl.splat.plan.plan import Plan
-from splatgl.splat.plan.tiling import ROWS
+from splatgl.splat.plan.tiling import COLUMNS, ROWS
+from splatgl.splat.view.box_outline import beside_box
 
 # buffer binding of open sheets
 RINGS = 5
@@ -65,6 +66,8 @@ class SheetTiles(Tiles):
         for window in bands_of(plan.window, MOST_PIXELS):
             self.kept = None
             band = self.begin(window)
+            if splats.post is not None:
+                band.closed |= beside_box(plan.view, splats.post.shape, window, (COLUMNS, ROWS))
             for which in pairwise(cuts(self.count, plan.hiding.depth_batches)):
                 self.gather(target, plan, texels, which, band, ask=portions.ask)
 
