@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -218,5 +219,6 @@ def test_pixels_of_kept_values(blend: str, renderer: sg.Renderer) -> None:
     off = []
     for chosen in (settings, settings.but(sheets=2, steps=1)):
         image = sg.check(renderer.render(splats, camera, chosen), splats, camera, chosen, rows=8, field=True)
-        off.append(image.info["checked"]["field"]["rmse"])
+        checked: Any = image.info["checked"]
+        off.append(checked["field"]["rmse"])
     assert 0 < off[0] < 0.02 and (blend == "mip" or off[0] < 0.5 * off[1])

@@ -19,6 +19,7 @@ from splatgl.splat.classification.post import CELLS, PostClassified, opaque_inte
 from splatgl.splat.extraction import post as extraction
 from splatgl.splat.motion.motion import Motion
 from splatgl.splat.plan.settings import Technique
+from splatgl.splat.view.box_outline import beside_box
 
 EXACT = sg.Settings(tolerance=1e-6, antialias="off")
 RAMP = sg.Transfer([(0.45, 0), (0.6, 0.8)], colormap="hot", shading=True)
@@ -170,7 +171,7 @@ def test_what_lies_beside_the_box_is_passed_over(
 ) -> None:
     """Kernels reach beyond the box, rays do not: tiles beside it are not listed, and the same bits are drawn."""
     splats, listed = matter(grid), []
-    count, right = tiles.Tiles._count, sheet_tiles.beside_box
+    count, right = tiles.Tiles._count, beside_box
     monkeypatch.setattr(tiles.Tiles, "_count", lambda *given: listed.append(count(*given)) or listed[-1])
     for name, camera in eyes(splats).items():
         pictures, entries = [], []
