@@ -91,7 +91,7 @@ int next_base(uint at, uint end) {
 #define SPAN(row) span = vec2(min(span.x, ends[row].x), max(span.y, ends[row].y));
 #define CLOSE(row) close_sheet(row, current - 1);
 #define KEEP(row) write_ring(tile, row);
-#define END(row) imageStore(target, AT(row), mine.w == 1u ? shown(light[row]) : light[row]);
+#define END(row) imageStore(target, AT(row), mine.w == 1u || least > opaque ? shown(light[row]) : light[row]);
 
 // Whether it is so in any of the tile's columns, which stay together then; anything is right, but slower.
 bool any_column(bool so) {
