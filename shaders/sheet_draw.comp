@@ -91,7 +91,7 @@ int next_base(uint at, uint end) {
 #define SPAN(row) span = vec2(min(span.x, ends[row].x), max(span.y, ends[row].y));
 #define CLOSE(row) close_sheet(row, current - 1);
 #define KEEP(row) write_ring(tile, row);
-#define END(row) imageStore(target, AT(row), mine.w == 1u || least > opaque ? shown(light[row]) : light[row]);
+#define END(row) imageStore(target, AT(row), mine.w == 1u ? shown(light[row]) : light[row]);
 
 // Whether it is so in any of the tile's columns, which stay together then; anything is right, but slower.
 bool any_column(bool so) {
@@ -169,8 +169,8 @@ void main() {
         if (waits) break;
         EACH(CLOSE)
         if (behind) {
-            // of this tile, nothing more is in the box
-            least = 2.0;
+            // nothing more is in the box; one value is shown of it when the list is complete
+            if (mine.w == 1u || !ONE_VALUE) least = 2.0;
             break;
         }
         if (JOIN != JOIN_OVER) continue;
@@ -179,12 +179,11 @@ void main() {
         if (least > opaque) break;
     }
     EACH(END)
-    if (least <= opaque) {
-        open[tile] = 1u;
-        if (mine.w == 0u) {
-            EACH(KEEP)
-            RING(KEPT, 0) = float(current);
-            RING(KEPT, 1) = float(holding);
-        }
+    if (least <= opaque) open[tile] = 1u;
+    // of all columns, as those that have ended go on with the others
+    if (mine.w == 0u) {
+        EACH(KEEP)
+        RING(KEPT, 0) = float(current);
+        RING(KEPT, 1) = float(holding);
     }
 }

@@ -132,7 +132,7 @@ def test_quads_in_bands_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest
 def test_batches_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, blend: str) -> None:
     """What is kept of a pixel between two portions is classified once, at the end."""
     splats = every(cells())
-    settings = EXACT.but(blend=blend, sheets=2, steps=1)
+    settings = EXACT.but(blend=blend, sheets=3, steps=1)
     # tiles of the larger picture leave the box before their list ends
     for view, size in (("fitted", (48, 36)), ("close", (48, 36)), ("fitted", (144, 108))):
         camera = eyes(splats)[view].resized(size)
