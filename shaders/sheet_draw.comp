@@ -75,11 +75,13 @@ void write_ring(uint tile, int row) {
     RING(24, row) = known[row];
 }
 
-// The first sheet of a list's entry.
-int next_base(uint at, uint end) {
+// The four entries of a list around one, and its first sheet.
+int next_base(uint at, uint end, out uvec4 names) {
     at = min(at, end - 1u);
-    uint n = texelFetch(list, listed_at(at), 0)[at & 3u];
-    return sheet_base(uintBitsToFloat(texelFetch(matters, texel_of(n), 0).w));
+    names = texelFetch(list, listed_at(at), 0);
+    uint n = names[at & 3u];
+    ivec2 texel = texel_of(n);
+    return sheet_base(uintBitsToFloat(PACKED == 1 ? texelFetch(shapes, texel, 0).w : texelFetch(matters, texel, 0).w));
 }
 
 #define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)
@@ -93,12 +95,12 @@ int next_base(uint at, uint end) {
 #define KEEP(row) write_ring(tile, row);
 #define END(row) imageStore(target, AT(row), mine.w == 1u ? shown(light[row]) : light[row]);
 
-// Whether it is so in any of the tile's columns, which stay together then; anything is right, but slower.
+// Whether it is so in any column of the subgroup, which stay together then; without votes, each goes on by itself.
 bool any_column(bool so) {
 #ifdef GL_ARB_shader_group_vote
     return anyInvocationARB(so);
 #else
-    return true;
+    return so;
 #endif
 }
 
@@ -119,17 +121,20 @@ void main() {
         holding = int(RING(KEPT, 1));
     }
     float least = 0.0;
-    int next = next_base(at, end);
+    uvec4 names;
+    int next = next_base(at, end, names);
     // the volume's box along the rays, in sheets; its nearest splats may be before it
     vec2 span = vec2(-1e9, 1e9);
     if (STEPS > 0) {
         span = vec2(1e9, -1e9);
         EACH(SPAN)
         for (uint then = (at & ~3u) + 4u; then < end; then += 4u) {
-            int base = next_base(then, end);
+            uvec4 then_names;
+            int base = next_base(then, end, then_names);
             if (any_column(float(base + SHEETS - 1) >= floor(span.x))) break;
             at = then;
             next = base;
+            names = then_names;
         }
     }
     while (at < end || (mine.w == 1u && holding > 0)) {
@@ -139,7 +144,6 @@ void main() {
             do {
                 // in the list's order; beyond its end the first repeats, without weight
                 uint group = at & ~3u;
-                uvec4 names = texelFetch(list, listed_at(group), 0);
                 Joined four[4] = Joined[4](read_splat(names.x), read_splat(group + 1u < end ? names.y : names.x),
                                            read_splat(group + 2u < end ? names.z : names.x),
                                            read_splat(group + 3u < end ? names.w : names.x));
@@ -155,7 +159,7 @@ void main() {
                 // a sheet more than it reaches ends the last segment
                 if (passed > at) holding = SHEETS + 1;
                 at = passed;
-                next = next_base(at, end);
+                next = next_base(at, end, names);
             } while (at < end && next <= current);
             // a list that continues may hold more of this sheet
             waits = at >= end && mine.w == 0u;
@@ -176,7 +180,7 @@ void main() {
         if (JOIN != JOIN_OVER) continue;
         least = min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
                     min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
-        if (least > opaque) break;
+        if (!any_column(least <= opaque)) break;
     }
     EACH(END)
     if (least <= opaque) open[tile] = 1u;

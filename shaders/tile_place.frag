@@ -17,6 +17,7 @@ uniform usampler2D rest;      // the last
 uniform usampler2D order;     // indices of records
 uniform uint first;           // range of the drawing order, end exclusive
 uniform uint end;
+uniform float reach;          // share of a footprint's radius within which it is drawn for certain
 layout(std430, binding = 4) readonly buffer Blocks { uint blocks[]; };  // visible blocks of the drawing order
 
 layout(location = 0) out uvec4 bounds;
@@ -72,7 +73,7 @@ void main() {
     bool around = ALIGN == ALIGN_EXACT && v.z <= AROUND_EYE * frame.depth_reach;
     float half_side = drawn && !around ? it.half_side : UNSEEN;
     vec3 triangle = triangle_of(it.to_local);
-    Extent extent = extent_of(triangle, form_radius(v, it.center, half_side, triangle));
+    Extent extent = extent_of(triangle, reach * form_radius(v, it.center, half_side, triangle));
     vec2 words = packed_extent(extent);
     // where it is wider than a picture can be
     float middle = unpacked_extent(words).width < 65504.0 ? it.center.x : frame.image_center.x;
@@ -85,7 +86,7 @@ void main() {
     out_mixed = floatBitsToUint(mixed);
     if (SHEETS > 0) matter.w = floatBitsToUint(sheet_place(in_position));
     if (!BENT) shape = uvec4(floatBitsToUint(triangle), 0u);
-    if (!FULL) {
+    if (!FULL && PACKED == 0) {
         uvec2 color = packed_color(splat.rgb / style.brightest);
         head.w = color.x;
         shape.w = color.y;
@@ -99,5 +100,10 @@ void main() {
             head.w = floatBitsToUint(AROUND);
             shape.x = floatBitsToUint(i.z);
         } else shape.xy = floatBitsToUint(vec2(AROUND, i.z));
+    }
+    if (PACKED == 1) {
+        uvec4 words = packed_gradient(splat.rgb, shape.xyz);
+        shape = uvec4(words.xyz, matter.w);
+        head.w = words.w;
     }
 }

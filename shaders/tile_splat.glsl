@@ -59,7 +59,9 @@ Joined read_splat(uint n) {
         it.half_side = uintBitsToFloat(head.w);
         it.around = it.half_side < 0.0;
     } else {
-        it.splat = vec4(unpacked_color(uvec2(head.w, shape.w)) * style.brightest, 0.0);
+        uvec2 color = uvec2(head.w, shape.w);
+        it.splat.rgb = PACKED == 1 ? unpacked_gradient(uvec4(shape.xyz, head.w)) : unpacked_color(color) * style.brightest;
+        it.last = it.shape.w;
         it.around = it.shape.x < 0.0;
     }
     if (BENT) {

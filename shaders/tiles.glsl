@@ -1,8 +1,10 @@
 // Tiles of pixels and placed splats, shared by the passes that list splats by tile and draw the tiles.
-// A splat is one texel in each of several textures: bounds: its centre and its ellipse's extent, if visible; heads: its centre, optical depth, and half of its colour or half its side; shapes: the
-// triangular root of its quadratic form and the rest of its colour, or to_local. If full also matters: its colour, or
-// gradient, and coverage, or place in sheets; if bent, further textures of footprint terms.
+// A splat is one texel in each of several textures: bounds: its centre and its ellipse's extent, if visible; heads: its
+// centre, optical depth, and half of its colour or half its side; shapes: the triangular root of its quadratic form and
+// the rest of its colour, or to_local. If full also matters: its colour, or gradient, and coverage, or place in sheets;
+// if bent, further textures of footprint terms. If packed, its gradient and place in sheets are where the colour was.
 // switch SHEETS 0
+// switch PACKED 0
 // version 430
 #include "varyings.glsl"
 #constant COLUMNS  // pixels of a tile
@@ -18,7 +20,7 @@
 // whether a footprint is more than a quadratic form
 const bool BENT = ANTIALIAS == 1 && ALIGN == ALIGN_EXACT;
 // whether colour and shape take whole texels
-const bool FULL = BENT || SHEETS > 0;
+const bool FULL = BENT || (SHEETS > 0 && PACKED == 0);
 
 uniform ivec2 origin;   // the first tile's first pixel
 uniform ivec2 tiles;    // along x and y
@@ -37,6 +39,23 @@ uvec2 packed_color(vec3 color) {
 vec3 unpacked_color(uvec2 words) {
     uvec2 low = words & 0x1fffffu;
     return vec3(low.x, (words.x >> 21) | ((words.y >> 21) << 11), low.y) / COLOR_STEPS;
+}
+
+// A gradient in a word and the last bytes of three others, which are off by 2⁻¹⁵ of themselves: the power of two above its
+// largest component, and the components over it, of 17 bits.
+#define LOWEST 104u
+uvec4 packed_gradient(vec3 gradient, uvec3 others) {
+    vec3 size = abs(gradient);
+    uint power = clamp(floatBitsToUint(max(size.x, max(size.y, size.z))) >> 23, LOWEST, LOWEST + 31u);
+    ivec3 parts = ivec3(clamp(round(gradient * uintBitsToFloat((269u - power) << 23)), -65535.0, 65535.0));
+    uvec3 high = uvec3(parts >> 8) & 0x1ffu;
+    uint word = high.x | (high.y << 9) | (high.z << 18) | ((power - LOWEST) << 27);
+    return uvec4((others & 0xffffff00u) | (uvec3(parts) & 0xffu), word);
+}
+
+vec3 unpacked_gradient(uvec4 words) {
+    ivec3 parts = ivec3(uvec3(words.w << 23, words.w << 14, words.w << 5) & 0xff800000u) >> 15;
+    return vec3(parts | ivec3(words.xyz & 0xffu)) * uintBitsToFloat(((words.w >> 27) + (LOWEST - 15u)) << 23);
 }
 
 // The texel of the list with an entry and the others of its four.

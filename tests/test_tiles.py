@@ -10,7 +10,7 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.gl import tiles
-from splatgl.splat.kernel.kernels import kernel, polynomials
+from splatgl.splat.kernel.kernels import kernel, polynomials, single_reach
 from splatgl.splat.plan import occlusion_policy, tiling
 from splatgl.splat.view import block_culling
 from splatgl.splat.view.block_culling import BLOCK, Frustum, boxes, shown
@@ -161,6 +161,16 @@ def test_polynomials_are_close_to_the_footprint() -> None:
     right = shape.footprint(np.sqrt(s) * shape.radius) / shape.footprint(np.zeros(()))
     assert np.abs(fitted(s) / right - 1).max() < 5e-5
     assert fitted(np.ones(1)) == 0 and fitted(np.full(1, 2.0)) == 0
+
+
+@pytest.mark.parametrize("name", ["b-spline", "crawfis-max", "gaussian"])
+def test_what_single_footprints_may_leave_out(name: str) -> None:
+    """Two in ten thousand of a kernel's mass lie beyond their reach along lines, and no less."""
+    shape, reach = kernel(name), single_reach(name)
+    across = (np.arange(2000) + 0.5) / 1000 * shape.radius - shape.radius
+    far = np.hypot(across[:, None], across)
+    mass = shape.footprint(far)
+    assert 1e-4 < mass[far > reach * shape.radius].sum() / mass.sum() < 2.1e-4
 
 
 def test_an_order_asked_for_again_is_read_in_turn(renderer: sg.Renderer) -> None:

@@ -68,6 +68,21 @@ def unpacked_color(words: np.ndarray) -> np.ndarray:
     return np.stack([low[0], high[0] + high[1] * 2**11, low[1]]) / (2**21 - 1)
 
 
+def packed_gradient(gradient: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """uint32 [4, N]: the last bytes of 17 bits a component in those of three others; powers of two from −23 to 8."""
+    power = np.clip(np.frexp(np.abs(gradient).max(axis=0))[1], -22, 9).astype(np.int64)
+    parts = np.clip(np.rint(np.ldexp(gradient, 16 - power)), -65535, 65535).astype(np.int64)
+    high = (parts >> 8) % 512
+    word = high[0] + high[1] * 2**9 + high[2] * 2**18 + (power + 22) * 2**27
+    return np.concatenate([others // 256 * 256 + parts % 256, word[None]])
+
+
+def unpacked_gradient(words: np.ndarray) -> np.ndarray:
+    high = np.stack([words[3] % 2**9, words[3] // 2**9 % 2**9, words[3] // 2**18 % 2**9])
+    parts = ((high + 256) % 512 - 256) * 256 + words[:3] % 256
+    return np.asarray(np.ldexp(parts.astype(float), words[3] // 2**27 - 22 - 16))
+
+
 def weight(samples: int) -> np.ndarray:
     """Of samples −1 to `samples` in a pixel's mean, times `samples`: what a mean is of one sample alone."""
     means = []
@@ -211,6 +226,27 @@ def test_colours_of_tiles(twin: Twin, rng: np.random.Generator) -> None:
     found = twin("tiles.glsl", expression, a=halves.T)[:, :3].T
     assert np.abs(found - unpacked_color(words)).max() < 1e-7
     assert np.abs(found - color).max() < 3.5e-7
+
+
+def test_gradients_of_tiles(twin: Twin, rng: np.random.Generator) -> None:
+    """To 2⁻¹⁶ of the power of two above the largest component; what lends its last bytes keeps 15 bits."""
+    gradient = rng.normal(size=(3, COUNT)) * 10.0 ** rng.uniform(-6, 2, COUNT)
+    gradient[:, :4] = [[0, 1, -2, 1e-30], [0, 0, 2, 0], [0, 0, -2, 0]]
+    others = rng.uniform(0.01, 100, (3, COUNT)).astype(np.float32)
+    words = packed_gradient(gradient.astype(np.float32), others.view(np.uint32).astype(np.int64))
+    above = 2.0 ** np.clip(np.frexp(np.abs(gradient).max(axis=0))[1], -22, 9)
+    assert (np.abs(unpacked_gradient(words) - gradient) <= 1.01 * 2.0**-16 * above).all()
+    given = {"a": gradient.T, "b": others.T}
+    packed = "uvec4 w = packed_gradient(a, floatBitsToUint(b)); "
+    for half in ("w & 0xffffu", "w >> 16"):
+        found = twin("tiles.glsl", packed + f"result = vec4({half})", **given).T
+        right = words % 2**16 if "&" in half else words // 2**16
+        # what is rounded in the middle may go either way
+        assert (found == right).mean() > 0.999
+    found = twin("tiles.glsl", packed + "result.xyz = unpacked_gradient(w)", **given)[:, :3].T
+    assert (np.abs(found - gradient) <= 1.01 * 2.0**-16 * above).all()
+    kept = twin("tiles.glsl", packed + "result.xyz = uintBitsToFloat(w.xyz)", **given)[:, :3].T
+    assert np.abs(kept / others - 1).max() < 2.0**-15
 
 
 @pytest.mark.parametrize("samples", [1, 2, 3, 5])

@@ -23,6 +23,7 @@ from splatgl.gl.program import Programs
 from splatgl.gl.tables import HALF_LINE_UNIT
 from splatgl.gl.target import Target
 from splatgl.splat.extraction.splats import MOST_KEPT, Splats
+from splatgl.splat.kernel.kernels import single_reach
 from splatgl.splat.plan.occlusion_policy import cuts
 from splatgl.splat.plan.plan import Plan, Program
 from splatgl.splat.plan.tiling import COLUMNS, MOST, MOST_PIXELS, ROWS
@@ -165,7 +166,10 @@ class Tiles:
         return count
 
     def _placing(self, plan: Plan, switches: dict[str, bool]) -> moderngl.Program:
-        return self.programs.for_screen("tile_place.frag", plan.program, switches)
+        program = self.programs.for_screen("tile_place.frag", plan.program, switches)
+        single = plan.program.footprint == "single"
+        set_uniforms(program, reach=single_reach(plan.kernel.name) if single else 1.0)
+        return program
 
     def _make_placed(self, number: int, height: int) -> None:
         old = self.framebuffer, *self.placed
@@ -301,7 +305,7 @@ def _textures(program: Program) -> int:
     """Number of textures of placed splats; see BENT in tiles.glsl."""
     if program.seen.antialias and program.align == "exact":
         return 5 if program.seen.cubic else 7
-    return 4 if program.look.sheets else 3
+    return 4 if program.look.sheets and not program.packed else 3
 
 
 def set_uniforms(program: moderngl.Program | moderngl.ComputeShader, **values: object) -> None:

@@ -276,6 +276,15 @@ def single_polynomial(name: str) -> tuple[float, ...]:
     return (*map(float, found), knot)
 
 
+@lru_cache(maxsize=8)
+def single_reach(name: str) -> float:
+    """Share of the radius beyond which a kernel has SINGLE_TAIL of its mass, about single_polynomial's own error."""
+    shape = kernel(name)
+    d = np.linspace(0.0, shape.radius, 2000)
+    mass = np.cumsum(shape.footprint(d) * d)
+    return float(d[np.searchsorted(mass, mass[-1] * (1 - SINGLE_TAIL))] / shape.radius)
+
+
 def _evenly(basis: np.ndarray, value: np.ndarray | float = 1.0) -> np.ndarray:
     """Coefficients of the near-minimax fit of `value` by basis [N, terms]."""
     value, weight = np.broadcast_to(value, len(basis)), np.ones(len(basis))
@@ -318,6 +327,7 @@ def _cubic_integral(piece: tuple[float, float, float, float], d: np.ndarray, t: 
 INNER_TERMS, OUTER_TERMS, SPLIT, END = 8, 7, 0.3, 0.998
 # of the single one, of its part before the first knot, and F/F(0) down to which its error is relative
 SINGLE_TERMS, NEAR_TERMS, SINGLE_LEAST = 6, 2, 0.03
+SINGLE_TAIL = 2e-4
 # iterations of reweighted least squares
 REWEIGHTED = 30
 # Chebyshev nodes in [0, 1]: least-squares fits there are nearly minimax

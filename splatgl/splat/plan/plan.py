@@ -64,6 +64,12 @@ class Program:
     flow: bool = False
     exp_doublings: int = MOST_DOUBLINGS
 
+    @property
+    def packed(self) -> bool:
+        """Whether tiles keep a gradient's components to nine bits, as coarse as a single polynomial."""
+        bent = self.seen.antialias and self.align == "exact"
+        return self.technique == "tiles" and self.look.steps > 0 and self.footprint == "single" and not bent
+
 
 @dataclass(frozen=True)
 class Plan:
