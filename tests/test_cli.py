@@ -299,10 +299,33 @@ def test_rows_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     assert main([*asked, "--check", "25"]) == 2 and "expected 0 to 24 rows, got 25" in capsys.readouterr().err
     # beside its own error, how far it is from the field; coarser sheets are farther
     assert main([*asked, "--field"]) == 0 and "off the field itself by at most" in capsys.readouterr().out
-    assert main([*asked, "--field", "--like", "0.1"]) == 2
-    assert "expected values classified after reconstruction" in capsys.readouterr().err
+    # of a picture that has fewer rows, all
+    assert main([*asked, "--size", "24x1", "--points", "0:0.5,1:0.5"]) == 0 and "1 row " in capsys.readouterr().out
     # a picture that is wrong is told from one that is right
     monkeypatch.setattr("splatgl.truth.check.render_rows", lambda splats, camera, *_: np.full((2, 24, 4), 0.5))
     assert main([*asked, "--check", "2"]) == 0
     checked = sg.Image.load("x.png").info["checked"]
     assert checked["largest"] > 0.3
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        (["--field", "--like", "0.1"], "values classified after reconstruction, got voxels classified before (class"),
+        (["--field", "--threshold", "0.1"], "reconstruction, got voxels classified before (threshold)"),
+        (["--field", "--classification", "pre"], "reconstruction, got voxels classified before (classification pre)"),
+        (["--field", "--blend", "xray"], "blend of --field: expected composite or mip or minip or mean, got xray"),
+        (["--field", "--check", "0"], "--check: expected 1 to 24 rows with --field, got 0"),
+        (["--check", "25"], "--check: expected 0 to 24 rows, got 25"),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_checked_is_refused_before_drawing(
+    options: list[str], why: str, here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def draw(*_: object, **__: object) -> None:
+        raise AssertionError("drawn")
+
+    monkeypatch.setattr("splatgl.gl.renderer.Renderer.render", draw)
+    assert main(["render", "noise.npy", "--size", "24", "-o", "x.png", *options]) == 2
+    assert why in said(capsys) and not Path("x.png").exists()

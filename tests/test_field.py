@@ -222,3 +222,23 @@ def test_pixels_of_kept_values(blend: str, renderer: sg.Renderer) -> None:
         checked: Any = image.info["checked"]
         off.append(checked["field"]["rmse"])
     assert 0 < off[0] < 0.02 and (blend == "mip" or off[0] < 0.5 * off[1])
+
+
+@pytest.mark.parametrize(
+    ("settings", "rows", "said"),
+    [
+        (sg.Settings(compositing="splats"), None, "got voxels classified before \\(compositing splats\\)"),
+        (sg.Settings(classification="pre"), None, "got voxels classified before \\(classification pre\\)"),
+        (sg.Settings(blend="xray"), None, "blend of --field: expected composite or mip or minip or mean, got xray"),
+        (sg.Settings(), 0, "--check: expected 1 to 6 rows with --field, got 0"),
+    ],
+    ids=str,
+)
+def test_a_field_that_is_no_picture_is_refused_before_work(
+    settings: sg.Settings, rows: int | None, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    volume = sg.scenes.ball(6)
+    splats, camera = sg.extract(volume, sg.default_transfer(volume)), sg.Camera.orbit(volume, size=(8, 6))
+    monkeypatch.setattr("splatgl.truth.check.render_rows", lambda *_: pytest.fail("rows are drawn"))
+    with pytest.raises(sg.InputError, match=said):
+        sg.check(sg.Image(np.ones((6, 8, 4), np.float32)), splats, camera, settings, rows, field=True)

@@ -23,13 +23,11 @@ from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.view.camera import Camera
-from splatgl.truth.check import check
+from splatgl.truth.check import check, refuse
 from splatgl.truth.compare_read import read
 
 # delay of the progress bar in seconds
 PATIENCE = 1.0
-# rows of pixels compared with float64 where no error bound is known
-CHECKED = 2
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
@@ -46,10 +44,12 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         "--check",
         type=int,
         metavar="ROWS",
-        help=f"compare rows of pixels with float64 ({CHECKED} if no bound is known)",
+        help="compare rows of pixels with float64 (two with --field, or if no bound is known; 0: none)",
     )
     parser.add_argument(
-        "--field", action="store_true", help="also compare pixels of them with the field that the picture stands for"
+        "--field",
+        action="store_true",
+        help="also compare pixels of these rows, at least one, with the field that the picture stands for",
     )
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     add_drawing(parser)
@@ -70,12 +70,13 @@ def run(args: argparse.Namespace) -> int:
     if not len(splats):
         raise nothing(scene, volume)
     camera = scene.view.camera(volume, splats)
+    refuse(splats, camera, scene.settings, args.check, args.field)
     with Renderer(args.backend, args.device, args.gpu) as renderer:
         if args.explain:
             print(renderer.plan(splats, camera, scene.settings).explain())
         image = renderer.render(splats, camera, scene.settings)
-        rows = args.check if args.check is not None else CHECKED * (image.info["error_bound"] is None)
-        image = check(image, splats, camera, scene.settings, max(rows, CHECKED * args.field), args.field)
+        if args.check is not None or args.field or image.info["error_bound"] is None:
+            image = check(image, splats, camera, scene.settings, args.check, args.field)
         if args.explain:
             print(f"{_accuracy(image)}, against the float64 reference of the same splats")
         if args.savings:
@@ -125,7 +126,7 @@ def _accuracy(image: Image) -> str:
     told = f"{known}: the tolerance {tolerance:.3g} is {'' if info['tolerance_met'] else missed}met"
     if not isinstance(checked, dict):
         return told
-    rows = f"{len(checked['rows'])} rows drawn in float64"
+    rows = f"{len(checked['rows'])} row{'s' * (len(checked['rows']) != 1)} drawn in float64"
     told += f"\noff by at most {checked['largest']:.2g}, RMSE {checked['rmse']:.2g}, in {rows}"
     field = checked.get("field")
     if field is None:

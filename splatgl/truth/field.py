@@ -36,6 +36,8 @@ RAYS, POINTS = 1 << 14, 1 << 12
 REACH = 2
 # steps per voxel through the field of kept values
 STEPS = 4
+# blends of a field's picture
+FIELD_BLENDS = tuple(name for name, mode in BLENDS.items() if not mode.unbounded)
 
 # value [P] and world gradient [P, 3] at grid positions [3, P]
 Field = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -129,8 +131,10 @@ class Marched:
 
 
 @dataclass(frozen=True, eq=False)
-class Fine:
-    """samples × samples rays in each pixel of a camera, clipped to the box of `shape` voxels."""
+class PixelRays:
+    """samples × samples rays in each pixel of a picture, clipped to the box of `shape` voxels; each is a pixel of
+    `camera`.
+    """
 
     view: View
     camera: Camera
@@ -138,7 +142,7 @@ class Fine:
     shape: tuple[int, int, int]
 
     @classmethod
-    def of(cls, grid: Grid, camera: Camera, samples: int, shape: tuple[int, int, int]) -> Fine:
+    def of(cls, grid: Grid, camera: Camera, samples: int, shape: tuple[int, int, int]) -> PixelRays:
         """Without antialiasing of its own."""
         fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
         return cls(View.of(grid, fine, kernel_named("b-spline"), antialias=False), fine, samples, shape)
@@ -174,21 +178,20 @@ def field_integral(
     for name, count in (("steps_per_voxel", steps_per_voxel), ("samples", samples)):
         if count < 1:
             raise expected(name, "a number of at least 1", count)
-    known = [name for name, mode in BLENDS.items() if mode.ordered or mode.one_value]
-    if blend not in known:
-        raise expected("blend", " or ".join(known), blend)
+    if blend not in FIELD_BLENDS:
+        raise expected("blend", " or ".join(FIELD_BLENDS), blend)
     name = field if isinstance(field, str) else "formula"
     shape = kernel_named("b-spline" if name in ("trilinear", "formula") else name)
-    depth, height, width = volume.shape
-    post = PostClassified.of(transfer, shape.name, (width, height, depth))
+    post = PostClassified.of(transfer, shape.name, volume.shape[::-1])
     if isinstance(field, str):
         field = trilinear_field(volume, post) if name == "trilinear" else kernel_field(volume, shape, post)
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
     free = _free(volume, post) if name != "formula" else np.zeros(volume.shape, np.uint8)
-    unit, (width, height) = transfer.unit or grid.mean_spacing, camera.size
+    unit = transfer.unit or grid.mean_spacing
     marched = Marched(field, transfer, free, grid.mean_spacing, unit, transfer.shading)
-    fine = Fine.of(grid, camera, samples, post.shape)
-    drawn = fine.means(marched, np.arange(width * height), steps_per_voxel, blend)
+    width, height = camera.size
+    rays = PixelRays.of(grid, camera, samples, post.shape)
+    drawn = rays.means(marched, np.arange(width * height), steps_per_voxel, blend)
     picture = drawn.reshape(height, width, 4)
     seconds = round(time.perf_counter() - started, 6)
     info = {"scene": volume.name, "field": name, "steps_per_voxel": steps_per_voxel, "samples": samples}
@@ -204,17 +207,17 @@ def kept_field_integral(
     post, records = splats.post, splats.records
     assert post is not None
     x, y, z = np.rint(records["position"]).astype(np.int64).T
-    near = np.zeros(post.shape[::-1], bool)
-    near[z, y, x] = True
+    kept = np.zeros(post.shape[::-1], bool)
+    kept[z, y, x] = True
     # the entry after the last is of voxels that were left out
-    entry = np.full(tuple(size + 2 * REACH for size in near.shape), len(records), np.int32)
+    entry = np.full(tuple(size + 2 * REACH for size in kept.shape), len(records), np.int32)
     entry[z + REACH, y + REACH, x + REACH] = np.arange(len(records), dtype=np.int32)
     terms = np.column_stack([np.ones(len(records)), records["value"], records["gradient"] / splats.grid.mean_spacing])
     terms = np.concatenate([terms, np.zeros((1, 5))])
     field = partial(_kernel_mean, kernel_named(post.kernel), post, lambda cell: terms[_taken(entry, cell)])
-    free = distances(spread(near, np.arange(-1, 2)))
+    free = distances(spread(kept, np.arange(-1, 2)))
     marched = Marched(field, post.transfer, free, splats.grid.mean_spacing, splats.unit, post.transfer.shading)
-    return Fine.of(splats.grid, camera, samples, post.shape).means(marched, pixels, STEPS, blend)
+    return PixelRays.of(splats.grid, camera, samples, post.shape).means(marched, pixels, STEPS, blend)
 
 
 def _free(volume: Volume, post: PostClassified) -> np.ndarray:

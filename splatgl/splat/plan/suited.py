@@ -95,10 +95,19 @@ def suited(splats: Splats, settings: Settings, moving: bool) -> Splats:
     return splats if serves else source.splats(how, kernel)
 
 
+def classified_before(splats: Splats, settings: Settings, moving: bool) -> str | None:
+    """What takes voxels that are classified before, for a picture with these settings; None if it takes values."""
+    if suited(splats, settings, moving).post is not None:
+        return None
+    source = splats.source
+    if source is None or settings.classification != "auto":
+        return "classification pre"
+    return source.only_pre or one_by_one(settings, moving) or f"more than {MOST_KEPT:,} values"
+
+
 def values_left_out(splats: Splats, settings: Settings, moving: bool) -> list[str]:
     """A note on why `auto` classifies voxels instead of reconstructed values, if it does."""
-    source = splats.source
-    if source is None or settings.classification != "auto" or suited(splats, settings, moving).post is not None:
+    if splats.source is None or settings.classification != "auto":
         return []
-    why = source.only_pre or one_by_one(settings, moving) or f"more than {MOST_KEPT:,} values"
-    return [f"classification after reconstruction left out: {why}; the picture would be another"]
+    why = classified_before(splats, settings, moving)
+    return [f"classification after reconstruction left out: {why}; the picture would be another"] if why else []
