@@ -9,7 +9,6 @@ from splatgl.app.frames import Frames
 from splatgl.app.movie import need, write_movie
 from splatgl.app.options import add_drawing, add_source, numbers
 from splatgl.data.errors import expected
-from splatgl.gl.renderer import Renderer
 
 FPS = 30.0
 MAX_FRAMES, MAX_MOMENTS = 1_000_000, 4096
@@ -59,6 +58,8 @@ def run(args: argparse.Namespace) -> int:
     frames.sweep(wanted)
     todo = [n for n in wanted if not (args.resume and frames.done(n))]
     if todo:
+        from splatgl.gl.renderer import Renderer
+
         with Renderer(args.backend, args.device, args.gpu) as renderer:
             animation.draw(renderer, frames, todo, args.quiet)
     if frames.movie:

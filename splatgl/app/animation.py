@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from splatgl.app.track import Track, Turning, keyframes, turning
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
-from splatgl.gl.renderer import Renderer
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.extract import only_pre
 from splatgl.splat.extraction.order import order_for
@@ -33,7 +32,9 @@ from splatgl.splat.motion.motion import flow_of
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import kind
-from splatgl.truth.temporal import Moments, Shorter, moments
+
+if TYPE_CHECKING:
+    from splatgl.gl.renderer import Renderer
 
 FULL_TURN = 360.0
 # default number of frames per turn
@@ -153,6 +154,8 @@ class Animation:
 
     def _frame(self, renderer: Renderer, splats: Splats, flow: np.ndarray | None, frame: int) -> Image:
         """The image of a frame, blurred by streaks, by averaging moments, or by both."""
+        from splatgl.truth.temporal import Moments, Shorter, moments
+
         camera, settings = self.track.camera(frame), self.scenes[0].settings
         motion = self.track.motion(frame)
         motion = replace(motion, flow=flow) if flow is not None else motion
@@ -166,6 +169,8 @@ class Animation:
     @cached_property
     def _steady(self) -> int | None:
         """Moments per frame of a rotation: those of the fastest frame. None where more than the angle changes."""
+        from splatgl.truth.temporal import moments
+
         if self.only is None or self.flow is not None or not isinstance(self.track, Turning):
             return None
         shutter, turn = self.scenes[0].settings.shutter, self.track.turn

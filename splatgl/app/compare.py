@@ -10,17 +10,19 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from splatgl.app.output import check_output
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image, write_whole
-from splatgl.truth import compare_pictures
 from splatgl.truth.compare_read import Picture, alike, pairs, read, read_mask
-from splatgl.truth.compare_report import PICTURED, Case, case, case_alone, page
 from splatgl.truth.metrics import need_flip
 from splatgl.truth.verdict import Tolerance, Verdict, judge
+
+if TYPE_CHECKING:
+    from splatgl.truth.compare_report import Case
 
 SAME, DIFFERENT, UNUSABLE = 0, 1, 2
 METRICS = ("maximum", "rmse", "psnr", "bias", "share", "unmatched", "ssim", "flip")
@@ -167,17 +169,23 @@ def _asked(args: argparse.Namespace) -> Asked:
 
 
 def _diff(actual: Image, right: Image, asked: Asked) -> bytes:
+    from splatgl.truth import compare_pictures
+
     difference = compare_pictures.largest(actual, right, asked.mask)
     return compare_pictures.png(compare_pictures.heat(difference))
 
 
 def _page(outcomes: list[Outcome], asked: Asked, title: str) -> str:
     """HTML report: unusable pairs first, then the largest differences; only pairs shown with images are read again."""
+    from splatgl.truth.compare_report import PICTURED, page
+
     ranked = sorted(outcomes, key=lambda o: -o.verdict.comparison.rmse if o.verdict else -math.inf)
     return page([_case(outcome, asked, i < PICTURED) for i, outcome in enumerate(ranked)], title)
 
 
 def _case(outcome: Outcome, asked: Asked, pictured: bool) -> Case:
+    from splatgl.truth.compare_report import case, case_alone
+
     if outcome.verdict is None:
         return case_alone(outcome.name, "unusable", outcome.error)
     if outcome.verdict.same or not pictured:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 
-from splatgl.app.options import add_source, scene_from_source
-
 
 def add_info_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl info`."""
+    from splatgl.app.options import add_source
+
     add_source(parser)
     parser.set_defaults(run=_info)
 
@@ -22,6 +22,7 @@ def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
 
 def _info(args: argparse.Namespace) -> int:
     from splatgl.app.info import describe
+    from splatgl.app.options import scene_from_source
 
     print(describe(scene_from_source(args).open()))
     return 0

@@ -6,25 +6,25 @@ import argparse
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from splatgl import __version__
-from splatgl.app.compare import DIFFERENT, SAME, check_against, check_apart
 from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import check_output
-from splatgl.app.savings import savings
 from splatgl.app.scene import Scene
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
 from splatgl.data.volume import Slab, Volume
-from splatgl.gl.renderer import Renderer
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.view.camera import Camera
-from splatgl.truth.check import check, refuse
-from splatgl.truth.compare_read import read
+
+# what draws and compares is imported once there is something to draw: bad input is told at once
+if TYPE_CHECKING:
+    from splatgl.splat.extraction.splats import Splats
+    from splatgl.splat.view.camera import Camera
+    from splatgl.truth.compare_read import Picture
 
 # delay of the progress bar in seconds
 PATIENCE = 1.0
@@ -61,14 +61,47 @@ def run(args: argparse.Namespace) -> int:
     scene = scene_from(args)
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
     check_output(output)
-    reference = read(args.ref) if args.ref else None
-    if reference is not None:
-        check_apart(output, Path(args.ref))
+    reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()
     transfer = scene.transfer_for(volume)
     splats = scene.splats(volume, transfer, None if args.quiet else _bar)
     if not len(splats):
         raise nothing(scene, volume)
+    image, camera = _drawn(args, scene, volume, splats)
+    image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
+    ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
+    ended = 0
+    if reference is not None:
+        from splatgl.app.compare import DIFFERENT, SAME, check_against
+
+        verdict = check_against(image, reference, output, ground)
+        if not (verdict.same and args.quiet):
+            print(verdict)
+        if verdict.same:
+            return SAME
+        ended = DIFFERENT
+    image.save(output, args.bits, ground)
+    if not args.quiet:
+        print(_summary(output, image, splats, camera))
+    return ended
+
+
+def _reference(name: str, output: Path) -> Picture:
+    """The picture to compare with; InputError if it is missing, or would be overwritten."""
+    from splatgl.app.compare import check_apart
+    from splatgl.truth.compare_read import read
+
+    found = read(name)
+    check_apart(output, Path(name))
+    return found
+
+
+def _drawn(args: argparse.Namespace, scene: Scene, volume: Volume, splats: Splats) -> tuple[Image, Camera]:
+    """The image, checked, and its camera; prints what --explain and --savings ask for."""
+    from splatgl.app.savings import savings
+    from splatgl.gl.renderer import Renderer
+    from splatgl.truth.check import check, refuse
+
     camera = scene.view.camera(volume, splats)
     refuse(splats, camera, scene.settings, args.check, args.field)
     with Renderer(args.backend, args.device, args.gpu) as renderer:
@@ -81,18 +114,7 @@ def run(args: argparse.Namespace) -> int:
             print(f"{_accuracy(image)}, against the float64 reference of the same splats")
         if args.savings:
             print("\n".join(savings(renderer, splats, camera, renderer.plan(splats, camera, scene.settings))))
-    image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
-    ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
-    if reference is not None:
-        verdict = check_against(image, reference, output, ground)
-        if not (verdict.same and args.quiet):
-            print(verdict)
-        if verdict.same:
-            return SAME
-    image.save(output, args.bits, ground)
-    if not args.quiet:
-        print(_summary(output, image, splats, camera))
-    return SAME if reference is None else DIFFERENT
+    return image, camera
 
 
 def origin(scene: Scene, transfer: Transfer) -> dict[str, object]:

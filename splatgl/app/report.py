@@ -9,24 +9,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from splatgl import __version__
-from splatgl.app.machine import machine
 from splatgl.app.options import add_backend
-from splatgl.app.report_scene import subjects
 from splatgl.data.errors import InputError, expected
-from splatgl.gl.renderer import Renderer
-from splatgl.gl.target import check_size
 from splatgl.truth.metrics import need_flip
 from splatgl.truth.report.methods import AXES, methods
-from splatgl.truth.report.publish import publish
-from splatgl.truth.report.results import Results
-from splatgl.truth.report.store import NAME, Store
-from splatgl.truth.report.subject import LEVELS, Level, Subject
-from splatgl.truth.report.sweep import Tick
-from splatgl.truth.report.thumbnails import Strip, strip
-from splatgl.truth.report.truths import Truths
-from splatgl.truth.report.work import Task, work
+from splatgl.truth.report.subject import LEVELS, Level
+
+# what measures and writes is imported once there is something to measure: bad input is told at once
+if TYPE_CHECKING:
+    from splatgl.gl.renderer import Renderer
+    from splatgl.truth.report.results import Results
+    from splatgl.truth.report.subject import Subject
+    from splatgl.truth.report.sweep import Tick
+    from splatgl.truth.report.thumbnails import Strip
+    from splatgl.truth.report.work import Task
 
 # default sources
 DEFAULT_SCENES = ("tunnel", "terrain", "nerve")
@@ -65,8 +64,24 @@ def run(args: argparse.Namespace) -> int:
     for name in args.only:
         if name not in known:
             raise expected("--only", "methods or axes of splatgl report --list", repr(name))
-    sources = args.sources or list(DEFAULT_SCENES)
-    folder = _folder(args.output)
+    return _measured(args, level, args.sources or list(DEFAULT_SCENES), _folder(args.output))
+
+
+def _measured(args: argparse.Namespace, level: Level, sources: list[str], folder: Path) -> int:
+    """Measures, writes the report and returns the exit code."""
+    from splatgl.app.report_scene import subjects
+
+    # an unreadable source must neither delete existing results nor leave a folder behind
+    scenes = subjects(sources, level)
+
+    from splatgl.app.machine import machine
+    from splatgl.gl.renderer import Renderer
+    from splatgl.gl.target import check_size
+    from splatgl.truth.report.publish import publish
+    from splatgl.truth.report.results import Results
+    from splatgl.truth.report.store import NAME, Store
+    from splatgl.truth.report.work import Task, work
+
     ended = 0
     with Renderer(args.backend, args.device, args.gpu) as renderer:
         head = {
@@ -79,8 +94,6 @@ def run(args: argparse.Namespace) -> int:
             "peers": args.peers,
             "machine": machine(renderer.info),
         }
-        # an unreadable source must neither delete existing results nor leave a folder behind
-        scenes = subjects(sources, level)
         for scene in scenes:
             check_size(renderer.ctx, scene.camera.size)
         _make(folder)
@@ -103,6 +116,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _strip(renderer: Renderer, subject: Subject, results: Results, task: Task) -> Strip:
+    from splatgl.truth.report.thumbnails import strip
+    from splatgl.truth.report.truths import Truths
+
     scene = next(scene for scene in results.scenes if scene.name == subject.name)
     return strip(renderer, subject, scene, Truths(renderer, subject, task.level, task.folder))
 

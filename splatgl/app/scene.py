@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, fields, replace
 from math import inf
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from splatgl.data.errors import InputError, expected
 from splatgl.data.readers import LoadOptions, load
@@ -26,11 +26,13 @@ from splatgl.data.toml import load_table
 from splatgl.data.volume import Triple, Volume
 from splatgl.splat.classification.presets import default_transfer, preset
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import Progress
-from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import extracted
-from splatgl.splat.view.camera import Bounded, Camera
+
+# extraction and cameras are imported once there is a volume: bad input is told at once
+if TYPE_CHECKING:
+    from splatgl.splat.extraction.extract import Progress
+    from splatgl.splat.extraction.splats import Splats
+    from splatgl.splat.view.camera import Bounded, Camera
 
 # a volume thinner than this fraction of its width is viewed from above
 FLAT = 0.5
@@ -65,6 +67,9 @@ class View:
 
     def camera(self, volume: Volume, subject: Bounded) -> Camera:
         """The camera; an orbit is fitted to what is visible of `subject`."""
+        from splatgl.splat.extraction.splats import Splats
+        from splatgl.splat.view.camera import Camera
+
         subject = subject.visible if isinstance(subject, Splats) else subject
         hints = volume.hints
         fov = _first(self.fov, hints.fov, FOV)
@@ -159,6 +164,8 @@ class Scene:
         self, volume: Volume, transfer: Transfer, progress: Progress | None = None, moving: bool = False
     ) -> Splats:
         """The splats of the scene, classified as its settings say. moving: whether pictures are motion-blurred."""
+        from splatgl.splat.plan.suited import extracted
+
         return extracted(volume, transfer, self.settings, self.threshold, progress, moving)
 
     def transfer_for(self, volume: Volume) -> Transfer:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from splatgl.app.output import check_output
 from splatgl.data.errors import expected
 from splatgl.data.image import write_whole
-from splatgl.gl.renderer import Renderer
 from splatgl.truth.stress import CASES, run_case
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Result
 from splatgl.truth.stress.pages import PAGES
 from splatgl.truth.stress.report import about, as_csv, as_json, as_markdown, heading, line, lines, verdict
+
+if TYPE_CHECKING:
+    from splatgl.gl.renderer import Renderer
 
 # exit code if a bound is violated
 BROKEN = 1
@@ -42,9 +45,12 @@ def run(args: argparse.Namespace) -> int:
         return 0
     files = _files(args)
     chosen = [_case(name) for name in args.case] if args.case else list(CASES.values())
+    explained = _case(args.explain) if args.explain else None
+    from splatgl.gl.renderer import Renderer
+
     with Renderer(args.backend, args.device) as renderer:
-        if args.explain:
-            return _explain(_case(args.explain), renderer)
+        if explained:
+            return _explain(explained, renderer)
         drawn_by = f"{renderer.info.renderer}, OpenGL {renderer.info.version} ({renderer.info.backend})"
         print(f"{drawn_by}\n{heading()}")
         results = []

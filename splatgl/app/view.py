@@ -16,9 +16,6 @@ from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.viewer.bindings import BINDINGS, listing, load_bindings
 from splatgl.app.viewer.pacing import TARGET
 from splatgl.data.errors import InputError, expected
-from splatgl.gl.loader import BackendError
-from splatgl.gl.renderer import Renderer
-from splatgl.gl.screen import GROUNDS
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
@@ -30,10 +27,18 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--watch", action="store_true", help="read the file, or the scene.toml, again when it changes")
     group.add_argument("--folder", default=".", metavar="DIR", help="where pictures and scenes are saved (.)")
     group.add_argument("--frame-time", type=float, default=TARGET * 1e3, metavar="MS", help="while moving (33)")
-    group.add_argument("--ground", choices=GROUNDS, default=GROUNDS[0], metavar="|".join(GROUNDS), help="behind it")
+    group.add_argument("--ground", type=_ground, metavar="black|white|checks", help="behind it")
     group.add_argument("--no-panel", action="store_true", help="without the panel of the extra gui")
     add_drawing(parser, "window")
     parser.set_defaults(run=run)
+
+
+def _ground(text: str) -> str:
+    from splatgl.gl.screen import GROUNDS
+
+    if text not in GROUNDS:
+        raise argparse.ArgumentTypeError(f"expected {' or '.join(GROUNDS)}, got {text!r}")
+    return text
 
 
 class ListBindings(argparse.Action):
@@ -52,8 +57,6 @@ class ListBindings(argparse.Action):
 def run(args: argparse.Namespace) -> int:
     """Opens the window; returns 0 after it closes for any reason."""
     from splatgl.app.viewer.content import Content
-    from splatgl.app.viewer.files import watched
-    from splatgl.app.viewer.viewer import Options, Viewer
 
     folder = Path(args.folder)
     if not folder.is_dir() or not os.access(folder, os.W_OK):
@@ -63,12 +66,18 @@ def run(args: argparse.Namespace) -> int:
     bindings = load_bindings(args.bindings) if args.bindings else BINDINGS
     scene = scene_from(args)
     content = Content.open(scene)
+    # after what may be bad input: these take longer than to tell it
+    from splatgl.app.viewer.files import watched
+    from splatgl.app.viewer.viewer import Options, Viewer
+    from splatgl.gl.loader import BackendError
+    from splatgl.gl.renderer import Renderer
+
     options = Options(
         size=scene.view.size if args.size or args.source.endswith(".toml") else Options().size,
         target=args.frame_time / 1e3,
         folder=folder,
         bindings=bindings,
-        ground=args.ground,
+        ground=args.ground or Options.ground,
         panel=not args.no_panel,
         watched=watched(args.source, scene) if args.watch else (),
         reopen=lambda: scene_from(args),

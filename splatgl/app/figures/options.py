@@ -6,6 +6,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
+from typing import TYPE_CHECKING
 
 from splatgl import __version__
 from splatgl.app.figures.metrics import SHUTTER, numbers
@@ -17,13 +18,15 @@ from splatgl.app.scene import Scene, View
 from splatgl.app.track import Turning
 from splatgl.data.errors import expected
 from splatgl.data.image import Image, write_whole
-from splatgl.gl.renderer import Renderer
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.motion.blur import MOTIONS
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
 from splatgl.truth.figures.tables import PAGE
 from splatgl.truth.temporal import Draw, Moments, moments
+
+if TYPE_CHECKING:
+    from splatgl.gl.renderer import Renderer
 
 MAX_FRAMES, MAX_MOMENTS = 10_000, 4096
 # options of rendered figures only
@@ -61,6 +64,8 @@ def run_picture(args: argparse.Namespace) -> int:
     if args.csv:
         check_output(Path(args.csv), (".csv",))
     scene = _scene(figure, args)
+    from splatgl.gl.renderer import Renderer
+
     with Renderer() as renderer:
         shown = Shown(figure, scene, renderer.render, _blur(renderer, args))
         if drawn:

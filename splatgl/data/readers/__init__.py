@@ -2,23 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from importlib import import_module
 from pathlib import Path
 
 from splatgl.data.errors import InputError, expected
-from splatgl.data.readers import (
-    metaimage,
-    nifti,
-    nrrd_file,
-    numpy_files,
-    raw,
-    terrain,
-    tiff,
-    vti,
-    vtk_legacy,
-    zarr_store,
-)
 from splatgl.data.readers.files import quiet
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.terrain import terrain_from_heights
@@ -29,31 +17,42 @@ __all__ = ["FORMATS", "Format", "LoadOptions", "load", "terrain_from_heights"]
 
 @dataclass(frozen=True)
 class Format:
-    """A format: its name, suffixes, reader, supported options and magic bytes."""
+    """A format: its name, suffixes, reader (module.function), supported options and magic bytes."""
 
     title: str
     suffixes: tuple[str, ...]
-    read: Callable[[Path, LoadOptions], Volume]
+    reader: str
     takes: tuple[str, ...] = ()
     starts: tuple[str, ...] = ()
+
+    @property
+    def folder(self) -> bool:
+        """Whether a volume is a folder."""
+        return self.title == "Zarr"
+
+    def read(self, path: Path, options: LoadOptions) -> Volume:
+        """Reads a volume; only now is the reader imported, so that one format does not wait for all."""
+        module, name = self.reader.split(".")
+        found: Volume = getattr(import_module(f"{__name__}.{module}"), name)(path, options)
+        return found
 
 
 _TERRAIN = ("color", "relief", "levels")
 
 FORMATS = (
-    Format("NumPy", (".npy",), numpy_files.read_npy, starts=("NumPy",)),
-    Format("NumPy archive", (".npz",), numpy_files.read_npz, ("array",), ("ZIP",)),
-    Format("raw", (".raw", ".bin", ".dat"), raw.read, ("shape", "dtype", "header_offset"), ("*",)),
-    Format("NRRD", (".nrrd", ".nhdr"), nrrd_file.read, ("channel", "anywhere"), ("NRRD",)),
-    Format("NIfTI", (".nii",), nifti.read, ("array",)),
-    Format("NIfTI, gzipped", (".nii.gz",), nifti.read, ("array",), ("gzip",)),
-    Format("TIFF", (".tif", ".tiff"), tiff.read, ("array", "channel", *_TERRAIN), ("TIFF",)),
-    Format("MetaImage", (".mha", ".mhd"), metaimage.read, ("channel", "anywhere")),
-    Format("legacy VTK", (".vtk",), vtk_legacy.read, ("array", "channel")),
-    Format("VTK image", (".vti",), vti.read, ("array", "channel")),
-    Format("Zarr", (".zarr",), zarr_store.read, ("array", "channel")),
-    Format("height picture", (".png", ".jpg", ".jpeg"), terrain.read_picture, _TERRAIN, ("PNG", "JPEG")),
-    Format("height table", (".csv",), terrain.read_csv, _TERRAIN),
+    Format("NumPy", (".npy",), "numpy_files.read_npy", starts=("NumPy",)),
+    Format("NumPy archive", (".npz",), "numpy_files.read_npz", ("array",), ("ZIP",)),
+    Format("raw", (".raw", ".bin", ".dat"), "raw.read", ("shape", "dtype", "header_offset"), ("*",)),
+    Format("NRRD", (".nrrd", ".nhdr"), "nrrd_file.read", ("channel", "anywhere"), ("NRRD",)),
+    Format("NIfTI", (".nii",), "nifti.read", ("array",)),
+    Format("NIfTI, gzipped", (".nii.gz",), "nifti.read", ("array",), ("gzip",)),
+    Format("TIFF", (".tif", ".tiff"), "tiff.read", ("array", "channel", *_TERRAIN), ("TIFF",)),
+    Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "anywhere")),
+    Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
+    Format("VTK image", (".vti",), "vti.read", ("array", "channel"), ("XML",)),
+    Format("Zarr", (".zarr",), "zarr_store.read", ("array", "channel")),
+    Format("height picture", (".png", ".jpg", ".jpeg"), "terrain.read_picture", _TERRAIN, ("PNG", "JPEG")),
+    Format("height table", (".csv",), "terrain.read_csv", _TERRAIN),
 )
 """All formats; every one takes `spacing` too."""
 
@@ -122,8 +121,11 @@ def _options(options: LoadOptions | None, given: dict[str, object]) -> LoadOptio
 
 def _format(path: Path) -> Format:
     """The format of a name, or of a folder that holds a Zarr store."""
-    if path.is_dir() and any((path / marker).is_file() for marker in zarr_store.MARKERS):
-        return next(form for form in FORMATS if form.read is zarr_store.read)
+    if path.is_dir():
+        from splatgl.data.readers.zarr_store import MARKERS
+
+        if any((path / marker).is_file() for marker in MARKERS):
+            return next(form for form in FORMATS if form.folder)
     for form in FORMATS:
         if _suffix(path, form):
             return form
@@ -139,7 +141,7 @@ def _suffix(path: Path, form: Format) -> str:
 
 def _check(path: Path, form: Format, options: LoadOptions) -> None:
     """Checks before any reader runs: InputError for no file, no bytes, another format, unsupported options."""
-    folder = form.read is zarr_store.read
+    folder = form.folder
     if not path.exists():
         raise expected("path", "a file", "nothing of that name", "check the path")
     if path.is_dir() != folder or not (folder or path.is_file()):
@@ -151,7 +153,7 @@ def _check(path: Path, form: Format, options: LoadOptions) -> None:
     if refused:
         raise expected("options", f"some of {', '.join(('spacing', *form.takes))} for {form.title}", ", ".join(refused))
     start = None if folder or "*" in form.starts else _start(path)
-    if start and start not in (*form.starts, form.title) and not (start == "XML" and form.read is vti.read):
+    if start and start not in (*form.starts, form.title):
         raise expected("contents", f"{form.title}, as the name says", start, "rename or convert the file")
 
 

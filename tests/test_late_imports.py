@@ -1,0 +1,67 @@
+"""Bad input is told before what draws and compares is imported, which takes longer than everything before it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from splatgl.app.cli import main
+from splatgl.app.viewer.viewer import Options
+from splatgl.gl.screen import GROUNDS
+
+# the exit code, and all that was imported
+TELL = """
+import sys
+from splatgl.app.cli import main
+try:
+    code = main(sys.argv[1:])
+except SystemExit as stop:
+    code = stop.code
+print("\\n", code, *sys.modules)
+"""
+DRAWS, COMPARES = ("moderngl", "splatgl.gl"), ("splatgl.truth", "splatgl.data.readers.tiff")
+NUMBERS = ("numpy", "splatgl.data.readers")
+CASES = {
+    "render missing.nrrd": (*DRAWS, *COMPARES),
+    "render missing.nrrd --size a": (*DRAWS, *COMPARES),
+    "render missing.nrrd -o no/x.png": (*DRAWS, *COMPARES),
+    "render missing.nrrd --ref missing.png": (*DRAWS, "splatgl.truth.check", "splatgl.truth.compare_report"),
+    "render --help": (*DRAWS, *COMPARES),
+    "view missing.nrrd": (*DRAWS, *COMPARES),
+    "view missing.nrrd --frame-time 0": (*DRAWS, *COMPARES),
+    "animate missing.nrrd -o x.gif": (*DRAWS, *COMPARES),
+    "animate missing.nrrd -o x.gif --fps 0": (*DRAWS, *COMPARES),
+    "info missing.nrrd": (*DRAWS, *COMPARES),
+    "compare missing.png missing.png": (*DRAWS, "splatgl.splat", "splatgl.truth.compare_report"),
+    "report missing.nrrd": (*DRAWS, "splatgl.truth.report.publish"),
+    "report --rounds 0": (*DRAWS, "splatgl.truth.report.publish"),
+    "stress --case missing": DRAWS,
+    "stress --explain missing": DRAWS,
+    "figure 999": DRAWS,
+    "figure 5 missing.nrrd -o no/x.png": DRAWS,
+    "doctor --device a": NUMBERS,
+    "--help": NUMBERS,
+}
+
+
+@pytest.mark.parametrize("command", CASES)
+def test_told_before_imports(command: str, tmp_path: Path) -> None:
+    run = [sys.executable, "-c", TELL, *command.split()]
+    told = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, check=True)
+    code, *imported = told.stdout.splitlines()[-1].split()
+    assert (code == "0", len(told.stderr.splitlines())) == ((True, 0) if "--help" in command else (False, 1))
+    late = [name for name in imported if name.startswith(tuple(f"{each}." for each in CASES[command]))]
+    assert late + sorted({*CASES[command]} & {*imported}) == []
+
+
+def test_grounds_are_those_of_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    """They are imported with what draws; the help names them before."""
+    for arguments in (["--help"], ["missing.nrrd", "--ground", "blue"]):
+        with pytest.raises(SystemExit):
+            main(["view", *arguments])
+    told = capsys.readouterr()
+    assert f"--ground {'|'.join(GROUNDS)}" in told.out and f"expected {' or '.join(GROUNDS)}" in told.err
+    assert Options.ground == GROUNDS[0]
