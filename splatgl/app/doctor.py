@@ -77,14 +77,14 @@ def _chosen(backend: str, device: int | None) -> tuple[list[str], bool]:
         f"  vendor {info.vendor}, GLSL {info.glsl}",
         f"  textures up to {info.max_texture_size}², {info.max_samples} samples, "
         f"uniform blocks of {info.max_uniform_block} bytes",
-        *(_check_line(check) for check in checks),
+        *(check_line(check) for check in checks),
         "",
         "float32 pictures are right" if ok else "float32 pictures are WRONG on this driver",
     ]
     return lines, ok
 
 
-def _check_line(check: Check) -> str:
+def check_line(check: Check) -> str:
     """Text of a check; a failed optional check is reported as a property of the target."""
     word = "ok" if check.passed else ("WRONG" if check.required else "coarse")
     return f"  {check.name:18} {word:6} {check.got:.6f}, exact {check.answer:.6f}"
