@@ -54,7 +54,7 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "PEAK": look.blend.peak or look.steps > 0,
         **({"SHEETS": look.sheets, "STEPS": look.steps, "WEIGHTED": look.weighted} if look.sheets else {}),
         "ATTENUATION": f"ATTENUATION_{look.attenuation.upper().replace('-', '_')}",
-        "PACKED": program.packed,
+        **({"PACKED": True} if program.packed else {}),
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",
         "MOTION": f"MOTION_{program.motion.upper()}",
         "FLOW": program.flow,
