@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 
-from splatgl.truth.report.diagram import looks, picture
+from splatgl.truth.report.diagram import _figure, looks, picture
 from splatgl.truth.report.front import Timing
 from splatgl.truth.report.labels import Box, places
-from splatgl.truth.report.methods import TRUTHS, methods
+from splatgl.truth.report.methods import DEFAULT, EXACT, TRUTHS, methods
 from splatgl.truth.report.results import Row, Scene
 
 FRAME = Box(0.0, 0.0, 400.0, 300.0)
@@ -58,6 +59,15 @@ def scene(error: float = 1e-3) -> Scene:
         found = {truth: {"rmse": error / (1 + n)} for truth in TRUTHS}
         rows.append(Row(method.name, "", "", "", timing, found))
     return Scene("made up", {"splats": 10, "size": [8, 8], "note": ""}, tuple(rows))
+
+
+def test_the_legend_names_every_mark() -> None:
+    """The default and exact splats, which have marks of their own, too."""
+    pytest.importorskip("matplotlib")
+    rows = tuple(replace(row, method=name) for row, name in zip(scene().rows, (DEFAULT, EXACT, "2×2"), strict=False))
+    (legend,) = _figure(replace(scene(), rows=rows), HEAD).legends
+    told = {text.get_text() for text in legend.get_texts()}
+    assert {DEFAULT, EXACT} <= told and "" not in told
 
 
 def test_pictures_come_out_the_same() -> None:

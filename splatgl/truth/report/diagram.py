@@ -140,7 +140,7 @@ def _panel(plot: Plot, scene: Scene, truth: str) -> dict[str, Any]:
             for practical, (mark, fill) in PRACTICAL.items():
                 for point in [point for point in on if point.name == practical]:
                     own = Look(mark, "-", BLACK, fill, 6.0)
-                    shown[methods()[practical].label] = _line(plot, [point], own, least, False)
+                    shown[practical] = _line(plot, [point], own, least, False)
                     on.remove(point)
             if on:
                 shown[name] = _line(plot, on, look, least, axis.connected)
