@@ -122,21 +122,17 @@ void main() {
     }
     float least = 0.0;
     uvec4 names;
-    int next = next_base(at, end, names);
     // the volume's box along the rays, in sheets; its nearest splats may be before it
     vec2 span = vec2(-1e9, 1e9);
     if (STEPS > 0) {
         span = vec2(1e9, -1e9);
         EACH(SPAN)
         for (uint then = (at & ~3u) + 4u; then < end; then += 4u) {
-            uvec4 then_names;
-            int base = next_base(then, end, then_names);
-            if (any_column(float(base + SHEETS - 1) >= floor(span.x))) break;
+            if (any_column(float(next_base(then, end, names) + SHEETS - 1) >= floor(span.x))) break;
             at = then;
-            next = base;
-            names = then_names;
         }
     }
+    int next = next_base(at, end, names);
     while (at < end || (mine.w == 1u && holding > 0)) {
         bool seen = false, waits = false, behind = false;
         do {

@@ -41,8 +41,8 @@ vec3 unpacked_color(uvec2 words) {
     return vec3(low.x, (words.x >> 21) | ((words.y >> 21) << 11), low.y) / COLOR_STEPS;
 }
 
-// A gradient in a word and the last bytes of three others, which are off by 2⁻¹⁵ of themselves: the power of two above its
-// largest component, and the components over it, of 17 bits.
+// A gradient in a word and the last bytes of three others, which are off by 2⁻¹⁵ of themselves: the power of two above
+// its largest component, and the components over it, of 17 bits.
 #define LOWEST 104u
 uvec4 packed_gradient(vec3 gradient, uvec3 others) {
     vec3 size = abs(gradient);

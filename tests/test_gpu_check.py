@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -40,18 +40,23 @@ def test_short_form(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert said.endswith("told.json: everything that was checked is right; left out: the tests\n")
 
 
-def test_a_wrong_picture_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def by_quads(monkeypatch: pytest.MonkeyPatch, changed: Callable[[sg.Image], sg.Image]) -> None:
+    """Pictures by quads are what `changed` makes of them."""
     render = sg.Renderer.render
 
-    def wrong(
+    def drawn(
         self: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings, **more: object
     ) -> sg.Image:
         image = render(self, splats, camera, settings, **more)
-        return sg.Image(image.pixels * np.float32(0.9), image.info) if settings.technique == "quads" else image
+        return changed(image) if settings.technique == "quads" else image
 
-    monkeypatch.setattr(sg.Renderer, "render", wrong)
+    monkeypatch.setattr(sg.Renderer, "render", drawn)
+
+
+def test_a_wrong_picture_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    by_quads(monkeypatch, lambda image: sg.Image(image.pixels * np.float32(0.9), image.info))
     assert gpu_check.main(["--short", "--software", "-o", str(tmp_path / "told.json")]) == 1
     assert not json.loads((tmp_path / "told.json").read_text())["right"]
     assert "something is WRONG" in capsys.readouterr().out
@@ -60,16 +65,10 @@ def test_a_wrong_picture_is_told(
 def test_a_picture_that_fails_is_told_with_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    render = sg.Renderer.render
+    def failing(image: sg.Image) -> sg.Image:
+        raise sg.InputError("out of memory")
 
-    def failing(
-        self: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings, **more: object
-    ) -> sg.Image:
-        if settings.technique == "quads":
-            raise sg.InputError("out of memory")
-        return render(self, splats, camera, settings, **more)
-
-    monkeypatch.setattr(sg.Renderer, "render", failing)
+    by_quads(monkeypatch, failing)
     assert gpu_check.main(["--short", "--software", "-o", str(tmp_path / "told.json")]) == 1
     told = json.loads((tmp_path / "told.json").read_text())
     assert told["failed"] == [f"ball {look} 64² by quads: FAILED: out of memory" for look in gpu_check.LOOKS]

@@ -125,6 +125,32 @@ def test_the_error_is_of_the_tolerance_s_size(renderer: sg.Renderer, tolerance: 
 
 
 @pytest.mark.parametrize(
+    ("grid", "view", "changes"),
+    [
+        ("cubes", "inside", {}),
+        ("sheared", "close", {"shading": "off"}),
+        ("8:1", "parallel", {}),
+        ("cubes", "fitted", {"gradient": [(0.02, 0), (0.1, 1)]}),
+    ],
+    ids=str,
+)
+def test_packed_splats_are_their_twins(renderer: sg.Renderer, grid: str, view: str, changes: dict[str, Any]) -> None:
+    """As they are drawn by default: gradients in fewer bits, kernels in fewer tiles, integrals from the eye on."""
+    transfer = replace(RAMP, gradient=changes.get("gradient", ()))
+    placed = {"spacing": (1.0, 1.0, 8.0)} if grid == "8:1" else GRIDS[grid]
+    splats = sg.extract(sg.Volume(cells(), **placed), transfer, classification="post")
+    settings = sg.Settings(antialias="off", technique="tiles", shading=changes.get("shading", "auto"))
+    chosen = renderer.plan(splats, eyes(splats)[view], settings).program
+    assert (
+        chosen.packed
+        and chosen.seen.half_line == (view == "inside")
+        and chosen.look.weighted == ("gradient" in changes)
+    )
+    off = differences(renderer, splats, eyes(splats)[view], settings)
+    assert off.max() < 5e-4 and np.sqrt((off**2).mean()) < 5e-5
+
+
+@pytest.mark.parametrize(
     ("portions", "changed"),
     [
         ([(tiles, "MOST", 100)], 1e-5),

@@ -303,7 +303,7 @@ def _tiles(window: Window) -> tuple[int, int]:
 
 def _textures(program: Program) -> int:
     """Number of textures of placed splats; see BENT in tiles.glsl."""
-    if program.seen.antialias and program.align == "exact":
+    if program.bent:
         return 5 if program.seen.cubic else 7
     return 4 if program.look.sheets and not program.packed else 3
 

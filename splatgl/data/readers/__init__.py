@@ -17,18 +17,16 @@ __all__ = ["FORMATS", "Format", "LoadOptions", "load", "terrain_from_heights"]
 
 @dataclass(frozen=True)
 class Format:
-    """A format: its name, suffixes, reader (module.function), supported options and magic bytes."""
+    """A format: its name, suffixes, reader (module.function), supported options and magic bytes; folder: whether a
+    volume is one.
+    """
 
     title: str
     suffixes: tuple[str, ...]
     reader: str
     takes: tuple[str, ...] = ()
     starts: tuple[str, ...] = ()
-
-    @property
-    def folder(self) -> bool:
-        """Whether a volume is a folder."""
-        return self.title == "Zarr"
+    folder: bool = False
 
     def read(self, path: Path, options: LoadOptions) -> Volume:
         """Reads a volume; only now is the reader imported, so that one format does not wait for all."""
@@ -50,7 +48,7 @@ FORMATS = (
     Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "anywhere")),
     Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
     Format("VTK image", (".vti",), "vti.read", ("array", "channel"), ("XML",)),
-    Format("Zarr", (".zarr",), "zarr_store.read", ("array", "channel")),
+    Format("Zarr", (".zarr",), "zarr_store.read", ("array", "channel"), folder=True),
     Format("height picture", (".png", ".jpg", ".jpeg"), "terrain.read_picture", _TERRAIN, ("PNG", "JPEG")),
     Format("height table", (".csv",), "terrain.read_csv", _TERRAIN),
 )

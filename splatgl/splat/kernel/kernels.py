@@ -278,7 +278,7 @@ def single_polynomial(name: str) -> tuple[float, ...]:
 
 @lru_cache(maxsize=8)
 def single_reach(name: str) -> float:
-    """Share of the radius beyond which a kernel has SINGLE_TAIL of its mass, about single_polynomial's own error."""
+    """Share of the radius beyond which a kernel has SINGLE_TAIL of its mass: less than single_polynomial's error."""
     shape = kernel(name)
     d = np.linspace(0.0, shape.radius, 2000)
     mass = np.cumsum(shape.footprint(d) * d)
@@ -327,6 +327,7 @@ def _cubic_integral(piece: tuple[float, float, float, float], d: np.ndarray, t: 
 INNER_TERMS, OUTER_TERMS, SPLIT, END = 8, 7, 0.3, 0.998
 # of the single one, of its part before the first knot, and F/F(0) down to which its error is relative
 SINGLE_TERMS, NEAR_TERMS, SINGLE_LEAST = 6, 2, 0.03
+# share of a kernel's mass that tiles may leave out with it
 SINGLE_TAIL = 2e-4
 # iterations of reweighted least squares
 REWEIGHTED = 30

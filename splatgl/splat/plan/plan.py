@@ -65,10 +65,14 @@ class Program:
     exp_doublings: int = MOST_DOUBLINGS
 
     @property
+    def bent(self) -> bool:
+        """Whether a footprint is more than a quadratic form; see tiles.glsl."""
+        return self.seen.antialias and self.align == "exact"
+
+    @property
     def packed(self) -> bool:
-        """Whether tiles keep a gradient's components to nine bits, as coarse as a single polynomial."""
-        bent = self.seen.antialias and self.align == "exact"
-        return self.technique == "tiles" and self.look.steps > 0 and self.footprint == "single" and not bent
+        """Whether tiles keep a gradient's components to 17 bits, finer than a single polynomial's weights."""
+        return self.technique == "tiles" and self.look.steps > 0 and self.footprint == "single" and not self.bent
 
 
 @dataclass(frozen=True)
