@@ -108,7 +108,7 @@ def floor(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, chosen: s
     clip[3] = [0, 0, 1, 0]
     program["clip_from_index"].write((clip @ eye).T.astype("f4").tobytes())  # type: ignore[union-attr]
     program["size"] = 2 * chosen.kernel.radius * camera.size[1] / camera.extent
-    places = ctx.buffer(np.ascontiguousarray(splats.records["position"]))
+    places = ctx.buffer(np.ascontiguousarray(splats.positions))
     vertices = ctx.vertex_array(program, [(places, "3f4", "place")])
 
     def frame() -> np.ndarray:

@@ -119,7 +119,7 @@ def voxel_of(rng: Random, splats: sg.Splats) -> np.ndarray:
     """The centre of one splat, world units."""
     if not len(splats):
         return np.zeros(3)
-    place = splats.records["position"][rng.integers(len(splats))].astype(np.float64)
+    place = splats.positions[rng.integers(len(splats))].astype(np.float64)
     return np.asarray(splats.grid.world_from_index @ place + splats.grid.origin)
 
 

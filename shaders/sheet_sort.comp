@@ -8,6 +8,7 @@ layout(local_size_x = LANES) in;
 #include "projection.glsl"
 #include "sheets.glsl"
 #include "tiles.glsl"
+#include "records.glsl"
 
 layout(std430, binding = 0) buffer Cursors { uint cursors[]; };  // per run and sheet: the count, or the next position
 layout(r32ui, binding = 0) writeonly uniform uimage2D order;
@@ -23,7 +24,7 @@ void main() {
     uint n = run * length_;
     uint end = min(n + length_, count);
     for (; n < end; n++) {
-        vec3 position = uintBitsToFloat(texelFetch(records, texel_of(n) * ivec2(2, 1), 0).xyz);
+        vec3 position = record_position(texelFetch(records, texel_of(n) * ivec2(1 + POINTS, 1), 0));
         vec3 v = eye_from_index() * (position - frame.base.xyz) - frame.eye_from_base.xyz;
         bool drawn = reached(v) && v.z > -frame.depth_reach;
         uint sheet = uint(clamp(sheet_base(sheet_place(position)), 0, int(number) - 1));

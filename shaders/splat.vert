@@ -1,6 +1,5 @@
 // One corner of a splat's quad, placed relative to the eye, rotated, stretched, shaded: instances are splats in drawing
 // order, and a triangle strip has four vertices.
-#define ATTRIBUTE in
 #define VARYING out
 #define FLAT flat
 #include "splat_setup.glsl"
@@ -8,6 +7,9 @@
 #constant PIXEL_MARGIN     // see widened_corner
 #constant HALF_LINE_REACH  // a kernel whose centre is nearer than the root of this many R is around the eye
 
+in uvec4 in_first;          // words of the record
+in uvec4 in_second;
+in uvec2 in_rest;
 in vec3 in_flow;            // motion: grid steps in half of the exposure
 uniform int sheet;          // the first of the sheets that share it
 
@@ -27,6 +29,7 @@ vec2 widened_corner(vec2 corner, vec3 v, Quad quad) {
 }
 
 void main() {
+    read_words(in_first, in_second, in_rest);
     // relative to the eye before any rounding
     vec3 local = in_position - frame.base.xyz, before = local, after = local;
     if (FLOW == 1) {

@@ -1,17 +1,11 @@
 // Setup of one splat relative to the eye: its colour and optical depth, for a quad's vertex or the tile lists.
-// ATTRIBUTE and VARYING are defined as `in` and `out` in the vertex shader, FLAT as `flat`; elsewhere as nothing.
+// VARYING is defined as `out` in the vertex shader, FLAT as `flat`; elsewhere as nothing.
 // switch SHADING 0
-// switch STEPS 0
 #include "approximations.glsl"
 #include "attenuation.glsl"
 #include "motion_opacity.glsl"
+#include "records.glsl"
 #include "varyings.glsl"
-
-ATTRIBUTE vec3 in_position;        // grid indices
-ATTRIBUTE float in_optical_depth;  // extinction × mean spacing; classified after: the value
-ATTRIBUTE vec3 in_color;           // linear RGB; classified after: the gradient, world axes
-ATTRIBUTE ivec3 in_normal;         // gradient direction, world axes; zero: unshaded
-ATTRIBUTE int in_runs;             // coded run lengths of matter along the grid's axes
 
 // C = c (0.3 + 0.7 |n·l|), l towards the eye; a zero gradient is unshaded
 float head_light(vec3 v) {

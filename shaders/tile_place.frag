@@ -1,7 +1,6 @@
 // Places splats in drawing order, one per texel of the output textures: the counterpart of a vertex shader's varyings.
 // switch ORDERED 1
 // switch CULLED 0
-#define ATTRIBUTE
 #define VARYING
 #define FLAT
 #include "splat_setup.glsl"
@@ -11,9 +10,8 @@
 #constant BLOCK       // splats that are left out together
 #constant AROUND_EYE  // a kernel that reaches this part of the way to the eye's plane has no place in the picture
 
-// records of 9 words: see splatgl/splat/extraction/records.py
-uniform usampler2D records;   // words 0 to 3 and 4 to 7
-uniform usampler2D rest;      // the last
+uniform usampler2D records;   // the first four words; of points eight, in two texels
+uniform usampler2D rest;      // the last two; of points the last
 uniform usampler2D order;     // indices of records
 uniform uint first;           // range of the drawing order, end exclusive
 uniform uint end;
@@ -29,16 +27,9 @@ layout(location = 5) out uvec4 out_cubic;
 layout(location = 6) out uvec4 out_mixed;
 
 void read_record(uint n) {
-    ivec2 at = texel_of(n);
-    uvec4 a = texelFetch(records, at * ivec2(2, 1), 0);
-    uvec4 b = texelFetch(records, at * ivec2(2, 1) + ivec2(1, 0), 0);
-    int xy = int(b.w), zr = int(texelFetch(rest, at, 0).r);
-    in_position = uintBitsToFloat(a.xyz);
-    in_optical_depth = uintBitsToFloat(a.w);
-    in_color = uintBitsToFloat(b.xyz);
-    // signed halves
-    in_normal = ivec3((xy << 16) >> 16, xy >> 16, (zr << 16) >> 16);
-    in_runs = zr >> 16;
+    ivec2 at = texel_of(n), four = at * ivec2(1 + POINTS, 1);
+    uvec4 second = POINTS == 1 ? texelFetch(records, four + ivec2(1, 0), 0) : uvec4(0u);
+    read_words(texelFetch(records, four, 0), second, texelFetch(rest, at, 0).rg);
 }
 
 // The largest root of a footprint's form within the square around it. Nearer than z_k, the form is D² times the square of

@@ -48,12 +48,12 @@ def test_what_is_behind_a_parallel_view_is_decided_once(renderer: sg.Renderer, g
     splats = noise(grid, size=7)
     rng = np.random.default_rng(4)
     for steps in ([1, 0, 0], [0, -1, 0], [1, 1, 0], [1, -1, 1], [3, 2, 1]):
-        place = splats.records["position"][rng.integers(len(splats))].astype(np.float64)
+        place = splats.positions[rng.integers(len(splats))].astype(np.float64)
         # along the normals of the planes
         normal = np.linalg.inv(splats.grid.world_from_index).T @ np.array(steps, float)
         eye = splats.grid.world_from_index @ place + splats.grid.origin
         camera = sg.Camera.orthographic(eye, eye + normal, rng.normal(size=3), 9.0, (14, 11))
-        before = (splats.records["position"] - place) @ steps >= 0
+        before = (splats.positions - place) @ steps >= 0
         assert len(ahead(splats, camera)) == before.sum() < len(splats)
         for settings in (SPLATS.but(blend="xray"), SPLATS.but(technique="quads"), SPLATS.but(technique="tiles")):
             error, limit = off(renderer, splats, camera, settings)

@@ -119,7 +119,7 @@ def test_reach_knows_what_is_beyond_z_k(sheet: sg.Splats, camera: sg.Camera) -> 
     line = np.flatnonzero(reach.line()[:, 16])
     assert len(line) == 1 and abs(np.abs(depth - 28).argmin() - line[0]) <= 1
     assert reach.line(3).shape == (96, 96) and reach.line(3).any()
-    world = sheet.records["position"].astype(float) + sheet.grid.origin
+    world = sheet.positions.astype(float) + sheet.grid.origin
     beyond = camera.eye_from_points(world)[:, 2] >= 28
     assert share_beyond(sheet, camera) == beyond.mean() and 0.5 < beyond.mean() < 0.9
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.extraction.records import NORMAL_SCALE, RECORD
+from splatgl.splat.extraction.records import COLOR_SCALE, MOST_ALONG, NORMAL_SCALE, VALUE, VOXEL
 
 RAMP = sg.Transfer([(0.2, 0.0), (1.0, 0.9)], colormap="hot")
 
@@ -36,7 +36,7 @@ def test_slabs_do_not_matter(dtype: str, threshold: float) -> None:
 def test_rows_are_compressed_and_sorted() -> None:
     volume = sg.Volume(noise())
     splats = sg.extract(volume, RAMP, classification="pre")
-    position = splats.records["position"]
+    position = splats.positions
     assert (volume.samples[tuple(position[:, ::-1].astype(int).T)] > 0.2).all()
     assert len(splats) == int((volume.samples > 0.2).sum())
     for row in range(len(splats.row_z)):
@@ -51,7 +51,7 @@ def test_threshold_is_strict_and_what_it_drops_is_kept() -> None:
     samples[0, 0] = [0, 10, 20, 30, 20]
     transfer = sg.Transfer([(0, 0.0), (100, 1.0)], unit=2.0, shading=False)
     splats = sg.extract(sg.Volume(samples), transfer, threshold=0.2, classification="pre")
-    assert splats.records["position"][:, 0].tolist() == [3]
+    assert splats.positions[:, 0].tolist() == [3]
     # optical depth of 10, 20 and 20 along x, one voxel each, per 2 world lengths
     assert splats.dropped_depth == pytest.approx(-(np.log1p(-0.1) + 2 * np.log1p(-0.2)) / 2)
     assert splats.records["optical_depth"][0] == pytest.approx(-np.log1p(-0.3) / 2, rel=1e-6)
@@ -63,7 +63,7 @@ def test_gradient_term() -> None:
     samples[:, :, 4:] = 1
     transfer = sg.Transfer([(0.5, 0), (0.5, 0.8)], gradient=[(0.1, 0.0), (0.4, 1.0)])
     splats = sg.extract(sg.Volume(samples), transfer, classification="pre")
-    assert set(splats.records["position"][:, 0]) == {4.0}
+    assert set(splats.positions[:, 0]) == {4.0}
     # twice the voxel, half the gradient: 0.25 per world length is half way up the weight
     wide = sg.extract(sg.Volume(samples, spacing=(2, 2, 2)), transfer, classification="pre")
     assert wide.records["optical_depth"] == pytest.approx(-np.log1p(-0.4), rel=1e-6)
@@ -95,7 +95,7 @@ def test_absent_voxels_and_their_neighbours() -> None:
         sg.Volume(np.broadcast_to(np.arange(7.0), (5, 5, 7)) + 1), sg.Transfer([(0, 0.5)]), classification="pre"
     )
     gaps = {(3, 2, 2), (2, 1, 1), (4, 3, 3)}
-    kept = [n for n, p in enumerate(whole.records["position"].astype(int)) if tuple(p) not in gaps]
+    kept = [n for n, p in enumerate(whole.positions.astype(int)) if tuple(p) not in gaps]
     assert whole.records[kept].tobytes() == splats.records.tobytes()
 
 
@@ -118,7 +118,7 @@ def test_colors_of_a_coloured_volume_are_linear() -> None:
         sg.Volume(np.ones((1, 1, 2)), color=color), sg.Transfer([(0, 0.5)], shading=False), classification="pre"
     )
     # sRGB 188/255 is linear 0.5029
-    assert splats.records["color"][1] == pytest.approx([1, 0.5029, 0], abs=1e-4)
+    assert splats.colors[1] == pytest.approx([1, 0.5029, 0], abs=1e-4)
 
 
 def test_big_volumes_are_read_slab_by_slab() -> None:
@@ -169,4 +169,28 @@ def test_bad_threshold() -> None:
 
 
 def test_record_size_is_stated() -> None:
-    assert RECORD.itemsize == 36
+    assert VOXEL.itemsize == VALUE.itemsize == 24
+
+
+@pytest.mark.parametrize("classification", ["pre", "post"])
+def test_volumes_too_long_for_narrow_records(classification: str, renderer: sg.Renderer) -> None:
+    """Voxels beyond 2^16 along an axis are drawn as those of a short volume are, where they are."""
+    values = np.zeros((3, 4, MOST_ALONG + 9), np.uint8)
+    values[:, :, -8:] = 40 * np.arange(1, 5)[:, None] + 3 * np.arange(8)
+    short = sg.Volume(values[:, :, -16:], origin=(values.shape[2] - 16, 0, 0))
+    camera = sg.Camera.orbit(short, 40, 20, size=(48, 36))
+    found = [sg.extract(v, RAMP, classification=classification) for v in (sg.Volume(values), short)]
+    assert found[0].records.itemsize == 36 and found[1].records.itemsize == 24
+    assert (found[0].positions - found[1].positions == (values.shape[2] - 16, 0, 0)).all()
+    settings = sg.Settings(tolerance=1e-6, antialias="off")
+    pictures = [renderer.render(splats, camera, settings).pixels for splats in found]
+    assert pictures[0][..., 3].max() > 0.05
+    assert np.abs(pictures[0] - pictures[1]).max() < 4e-5
+
+
+def test_stored_colors() -> None:
+    """Colours of voxels are 16-bit fractions: half a step from the transfer function's at most."""
+    values = np.arange(256, dtype=np.uint8).reshape(4, 8, 8)
+    transfer = sg.Transfer([(0, 0.1), (255, 0.9)], colormap="viridis", window=(0, 255))
+    splats = sg.extract(sg.Volume(values), transfer, classification="pre")
+    assert np.abs(splats.colors - transfer.color(values.ravel())).max() <= 0.5001 / COLOR_SCALE

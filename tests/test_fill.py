@@ -32,7 +32,7 @@ def test_runs_of_random_cells() -> None:
     cells = np.random.default_rng(9).random((7, 8, 9)) < 0.6
     splats = matter(cells)
     found = lengths(splats)
-    for (x, y, z), run in zip(splats.records["position"].astype(int), found, strict=True):
+    for (x, y, z), run in zip(splats.positions.astype(int), found, strict=True):
         for axis, (line, at) in enumerate(((cells[z, y, :], x), (cells[z, :, x], y), (cells[:, y, x], z))):
             start = stop = at
             while start > 0 and line[start - 1]:

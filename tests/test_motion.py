@@ -27,7 +27,7 @@ def camera() -> sg.Camera:
 
 
 def world(splats: sg.Splats) -> np.ndarray:
-    return splats.records["position"].astype(float) @ splats.grid.world_from_index.T + splats.grid.origin
+    return splats.positions.astype(float) @ splats.grid.world_from_index.T + splats.grid.origin
 
 
 def slopes(camera: sg.Camera, points: np.ndarray) -> np.ndarray:
@@ -112,7 +112,7 @@ def test_what_stands_still_stays_bit_for_bit(points: sg.Splats, camera: sg.Camer
     from splatgl.splat.kernel.kernels import kernel
     from splatgl.splat.view.view import View
 
-    right = View.of(points.grid, camera, kernel("crawfis-max")).voxels(points.records["position"])
+    right = View.of(points.grid, camera, kernel("crawfis-max")).voxels(points.positions)
     for motion, shutter in ((Motion(), 180), (Motion(spin=(0, 0, 9)), 0), (Motion(flow=np.zeros((40, 3))), 360)):
         found = streaks(points, camera, motion, shutter)
         assert not found.step.any() and not found.length.any()
@@ -149,7 +149,7 @@ def test_flow_is_the_vector_at_each_splats_cell(rng: np.random.Generator) -> Non
     volume = sg.Volume(samples, spacing=(1, 2, 3), origin=(5, 0, 0), vectors=vectors)
     splats = sg.extract(volume, sg.Transfer(points=[(0.4, 0.0), (0.4, 0.5)]), classification="pre")
     found = flow_of(splats, volume, scale=2.0)
-    x, y, z = splats.records["position"].astype(int).T
+    x, y, z = splats.positions.astype(int).T
     assert found == pytest.approx(2 * np.nan_to_num(vectors)[z, y, x])
     # and moves them: half a frame back
     moved = Motion(flow=found).moved(splats, -0.5)

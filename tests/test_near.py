@@ -50,7 +50,7 @@ def test_half_lines_only_where_a_kernel_in_sight_is_near(grid: str, fov: float) 
         camera = sg.Camera.look_at(eye, eye + rng.normal(size=3), rng.normal(size=3), fov, (20, 15))
         chosen = sg.plan(splats, camera, SPLATS)
         view = chosen.view
-        v = view.voxels(splats.records["position"])
+        v = view.voxels(splats.positions)
         some = (v[2] >= -view.reach) & (v[2] <= AROUND_EYE * view.reach)
         expected = bool(Frustum.of(view).reached(v[:, some]).any())
         assert chosen.program.seen.half_line == expected
@@ -67,7 +67,7 @@ def test_a_kernel_that_no_plane_cuts_is_not_left_out(renderer: sg.Renderer) -> N
         camera = sg.Camera.look_at(eye, eye + rng.normal(size=3), rng.normal(size=3), rng.uniform(20, 150), (12, 9))
         right = sg.reference.render(dot, camera, SPLATS.but(blend="xray", antialias="off")).pixels
         chosen = sg.plan(dot, camera, SPLATS.but(blend="xray", antialias="off"))
-        v = chosen.view.voxels(dot.records["position"])
+        v = chosen.view.voxels(dot.positions)
         assert Frustum.of(chosen.view).reached(v)[0] or right.max() == 0
         drawn = renderer.render(dot, camera, SPLATS.but(blend="xray", antialias="off", technique="tiles")).pixels
         assert np.abs(drawn - right).max() <= 5e-4 * max(right.max(), 1e-3)

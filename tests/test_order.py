@@ -23,7 +23,7 @@ def full_grid(rng: np.random.Generator, share: float = 0.6) -> tuple[np.ndarray,
 def wrong_pairs(kept: np.ndarray, splats: sg.Splats, camera: sg.Camera) -> tuple[int, int]:
     """(wrong, all): of each two cells with a common face, the one on the eye's side must come last."""
     rank = np.full(kept.shape, -1)
-    position = splats.records["position"].astype(int)
+    position = splats.positions.astype(int)
     sequence = back_to_front(splats, order_for(splats, camera))
     assert sorted(sequence) == list(range(len(splats)))
     x, y, z = position[sequence].T
@@ -82,7 +82,7 @@ def test_planes_lie_across_the_view() -> None:
     for axis, eye in enumerate(((90.0, 20, 3), (3, 90, 3), (3, 2, -90))):
         order = order_for(splats, sg.Camera.look_at(eye, (3, 2, 2), (0.1, 0.2, 0.3)))
         assert order.axis == axis
-        cells = splats.records["position"][back_to_front(splats, order)][:, axis]
+        cells = splats.positions[back_to_front(splats, order)][:, axis]
         assert len(np.flatnonzero(np.diff(cells))) == splats.index_bounds[1, axis]
 
 

@@ -91,7 +91,7 @@ def test_quads_composite_what_lies_behind_a_gap(renderer: sg.Renderer, count: in
     found = np.concatenate([cells(), cells()[::-1], cells()])
     splats = sg.extract(sg.Volume(found), RAMP, classification="post")
     # cut off where it is opaque
-    depth = splats.records["position"][:, 2]
+    depth = splats.positions[:, 2]
     splats = splats.part((depth < 8) | (depth > 22))
     middle = splats.corners.mean(axis=0)
     side = sg.Camera.look_at(middle + np.array([3.0, 4.0, 36.0]), middle, (0, 1, 0), 30, (40, 30))
@@ -283,7 +283,7 @@ def test_missing_voxels_are_left_out(renderer: sg.Renderer) -> None:
     holes = cells().copy()
     holes[3:6, 4:7, 5:8], holes[0, 0, 0] = np.nan, np.inf
     splats = sg.extract(sg.Volume(holes), RAMP, classification="post")
-    held = splats.records["position"].astype(int)
+    held = splats.positions.astype(int)
     assert len(splats) == len(matter()) - 28
     assert np.isfinite(holes[held[:, 2], held[:, 1], held[:, 0]]).all()
     assert np.isfinite(splats.records["gradient"]).all()

@@ -45,7 +45,7 @@ def test_the_window_holds_all_that_the_reference_reaches(grid: str, parallel: bo
         camera = camera.parallel(splats) if parallel else camera
         window = sg.plan(splats, camera, SPLATS).window
         view = View.of(splats.grid, camera, kernel("crawfis-max"))
-        box = pixel_boxes(view, "row1", view.voxels(splats.records["position"]), camera)
+        box = pixel_boxes(view, "row1", view.voxels(splats.positions), camera)
         reached = (int(box.left[0]), int(box.right[0]), int(box.top[0]), int(box.bottom[0]))
         assert window.x <= reached[0] and reached[1] <= window.x + window.width
         assert window.y <= reached[2] and reached[3] <= window.y + window.height

@@ -75,8 +75,8 @@ def test_one_splat_is_its_line_integral() -> None:
     found = render(splats, camera, SPLATS.but(attenuation="optical-depth")).pixels
     x, y = camera.slopes()
     view = View.of(splats.grid, camera, kernel("crawfis-max"))
-    assert (view.coverage(view.voxels(splats.records["position"])[2]) < 1).all()
-    voxel = view.voxels(splats.records["position"])[:, :, None]
+    assert (view.coverage(view.voxels(splats.positions)[2]) < 1).all()
+    voxel = view.voxels(splats.positions)[:, :, None]
     value = row1(view, voxel, np.stack(np.broadcast_arrays(x[None, :], y[:, None]))).value
     right = -np.expm1(-splats.records["optical_depth"].astype(float) * value)
     assert np.abs(found[..., 3] - right).max() < 1e-13
@@ -168,12 +168,12 @@ def by_hand(splats: sg.Splats, camera: sg.Camera, blend: str) -> np.ndarray:
     ray = np.stack(np.broadcast_arrays(x[None, :], y[:, None]))
     picture = np.zeros((*ray.shape[1:], 4))
     for n in back_to_front(splats, order_for(splats, camera)):
-        voxel = view.voxels(splats.records["position"][n : n + 1])
+        voxel = view.voxels(splats.positions[n : n + 1])
         if not camera.perspective and voxel[2, 0] < 0:
             continue
         found = row1(view, voxel[:, :, None], ray)
         depth = float(splats.records["optical_depth"][n])
-        light = np.append(splats.records["color"][n].astype(float), 1.0)
+        light = np.append(splats.colors[n].astype(float), 1.0)
         if blend == "composite":
             alpha = -np.expm1(-depth * found.value)[..., None]
             picture = light * alpha + (1 - alpha) * picture

@@ -38,7 +38,7 @@ def test_one_splat_is_its_line_integral(spacing: tuple[float, float, float], par
         camera = camera.parallel(splats, 2.0) if parallel else camera
         x, y = (slope / (1 if camera.perspective else splats.grid.mean_spacing) for slope in camera.slopes())
         view = View.of(splats.grid, camera, kernel("crawfis-max"), antialias=False)
-        voxel = view.voxels(splats.records["position"])[:, :, None]
+        voxel = view.voxels(splats.positions)[:, :, None]
         value = row1(view, voxel, np.stack(np.broadcast_arrays(x[None, :], y[:, None]))).value
         found = ray_integral(splats, camera, steps_per_voxel=64).pixels[..., 3]
         assert np.abs(found - -np.expm1(-splats.records["optical_depth"].astype(float) * value)).max() < 2e-5

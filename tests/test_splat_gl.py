@@ -12,7 +12,6 @@ from splatting import SPLATS
 import splatgl as sg
 from splatgl.gl.program import build, splat_switches
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
-from splatgl.splat.extraction.records import GL_FORMAT
 from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.plan.plan import Plan
 
@@ -76,7 +75,7 @@ def test_corners_by_transform_feedback(align: str, direction: np.ndarray, render
     records, out = ctx.buffer(splats.records), ctx.buffer(reserve=count * 4 * 16)
     buffers[0].bind_to_uniform_block(FRAME_BINDING)
     buffers[1].bind_to_uniform_block(STYLE_BINDING)
-    array = ctx.vertex_array(program, [(records, GL_FORMAT.replace("1f4 3f4 3i2 1i2", "16x 6x 2x/i"), "in_position")])
+    array = ctx.vertex_array(program, [(records, "4u4 8x/i", "in_first")])
     array.transform(out, vertices=4, instances=count)
     found = np.frombuffer(out.read(), np.float32).reshape(count, 4, 4)
     corners, gains = corners_in_float64(splats, camera, plan, align)
@@ -95,7 +94,7 @@ def corners_in_float64(splats: sg.Splats, camera: sg.Camera, plan: Plan, align: 
     """
     spacing = splats.grid.mean_spacing
     a = camera.eye_from_world @ splats.grid.world_from_index / spacing
-    world = splats.records["position"] @ splats.grid.world_from_index.T + splats.grid.origin
+    world = splats.positions @ splats.grid.world_from_index.T + splats.grid.origin
     v = camera.eye_from_points(world) / spacing
     corners, gains = np.empty((len(v), 4, 3)), np.empty((len(v), 1))
     for n, place in enumerate(v):

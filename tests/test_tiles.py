@@ -220,7 +220,7 @@ def test_blocks_beyond_the_edges_are_left_out(renderer: sg.Renderer, monkeypatch
 
 def test_a_block_is_left_out_only_if_all_of_it_is_beyond_the_edges(monkeypatch: pytest.MonkeyPatch) -> None:
     splats = noise(size=30)
-    positions = splats.records["position"]
+    positions = splats.positions
     assert len(boxes(positions)) == -(-len(splats) // BLOCK)
     # as small as they are beside a large volume
     few = 8

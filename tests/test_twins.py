@@ -20,6 +20,7 @@ from twins import COUNT, Twin, functions
 import splatgl as sg
 from splatgl.data.color import srgb_from_linear
 from splatgl.splat.classification.shading import head_light
+from splatgl.splat.extraction.records import POINT, POINT_VALUE, VALUE, VOXEL, linear_color, of_points
 from splatgl.splat.extraction.run_lengths import OCTAVES
 from splatgl.splat.integral.attenuation import filled_depth, run_along, run_lengths
 from splatgl.splat.plan.resolve import END_CORRECTION
@@ -55,6 +56,20 @@ def join(light: np.ndarray, color: np.ndarray, value: np.ndarray, how: str) -> n
     if how == "max":
         return np.maximum(light, added)
     return np.asarray(light + added * (1 - light[3] if how == "over" else 1.0))
+
+
+def record_position(records: np.ndarray) -> np.ndarray:
+    return np.asarray(records["position"], np.float64)
+
+
+def read_words(records: np.ndarray) -> np.ndarray:
+    """[N, 11]: place, optical depth or value, colour or gradient, normal, runs; 0 where there is none."""
+    names = records.dtype.names or ()
+    post = "value" in names
+    color = records["gradient"] if post else linear_color(records)
+    found = [record_position(records), records["value" if post else "optical_depth"][:, None], color]
+    found += [np.zeros((len(records), 4)) if post else np.column_stack([records["normal"], records["runs"]])]
+    return np.concatenate(found, axis=1)
 
 
 def packed_color(color: np.ndarray) -> np.ndarray:
@@ -194,7 +209,7 @@ def test_matter_of_splats(grid: str, name: str, twin: Twin) -> None:
     """The depth that fills a splat's pixel as its matter does, by 2e−5 of itself."""
     splats = noise(grid)
     plan = sg.plan(splats, views(splats)[name], SPLATS.but(attenuation="fill"), tiles=True)
-    voxel = plan.view.voxels(splats.records["position"])
+    voxel = plan.view.voxels(splats.positions)
     coverage = plan.view.coverage(voxel[2])
     expression = "in_optical_depth = a.x; in_runs = int(a.y + 0.5); result.x = attenuated_depth(v, a.z)"
     inputs = np.stack([splats.records["optical_depth"], splats.runs, coverage], axis=1)
@@ -207,11 +222,41 @@ def test_light(twin: Twin, rng: np.random.Generator) -> None:
     splats = noise("sheared")
     for camera in (views(splats)["fitted"], views(splats)["parallel"]):
         plan = sg.plan(splats, camera, SPLATS.but(shading="on"))
-        voxel = plan.view.voxels(splats.records["position"])
+        voxel = plan.view.voxels(splats.positions)
         expression = "in_normal = ivec3(round(n)); result.x = head_light(v)"
         normal = splats.records["normal"].astype(np.float64)
         found = twin("splat_setup.glsl", expression, plan, splats, v=voxel.T, n=normal)[:, 0]
         assert np.abs(found - head_light(splats, camera, voxel)).max() < 2e-6
+
+
+@pytest.mark.parametrize("record", [VOXEL, VALUE, POINT, POINT_VALUE])
+def test_records(record: np.dtype, twin: Twin, rng: np.random.Generator) -> None:
+    """Every field comes out of a record's words, colours of voxels to the last digit."""
+    records = np.zeros(COUNT, record)
+    for name in set(record.names or ()) - {"unused"}:
+        field = records[name]
+        kind = np.iinfo(field.dtype) if field.dtype.kind in "iu" else None
+        field[:] = rng.integers(kind.min, kind.max + 1, field.shape) if kind else rng.normal(size=field.shape)
+    # halves of words: floats hold them exactly
+    halves = np.pad(records.view(np.uint16).reshape(COUNT, -1), ((0, 0), (0, 20 - record.itemsize // 2)))
+    inputs = dict(zip("abcde", halves.reshape(COUNT, 5, 4).transpose(1, 0, 2), strict=True))
+    pair = "uvec2({0}.xz + 0.5) + uvec2({0}.yw + 0.5) * 65536u"
+    a, b, c, d, e = (pair.format(name) for name in "abcde")
+    first, second, rest = f"uvec4({a}, {b})", f"uvec4({c}, {d})", f"{e}"
+    state = {"POINTS": of_points(record), "STEPS": int("value" in (record.names or ()))}
+    if not of_points(record):
+        second, rest = "uvec4(0u)", c
+    fields = "vec4(in_position, in_optical_depth)", "vec4(in_color, in_runs)", "vec4(in_normal, 0)"
+    read = [
+        twin("records.glsl", f"read_words({first}, {second}, {rest}); result = {some}", state=state, **inputs)
+        for some in fields
+    ]
+    found, right = np.concatenate([*read[:2], read[2][:, :3]], axis=1), read_words(records)
+    if "value" in (record.names or ()):
+        found[:, 7:] = 0  # without light and runs
+    assert np.abs(found[:, [0, 1, 2, 3, 4, 5, 6, 8, 9, 10, 7]] - right).max() <= (6e-8 if record == VOXEL else 0)
+    place = twin("records.glsl", f"result.xyz = record_position({first})", state=state, **inputs)[:, :3]
+    assert (place == record_position(records)).all()
 
 
 def test_colours_of_tiles(twin: Twin, rng: np.random.Generator) -> None:

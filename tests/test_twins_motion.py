@@ -73,7 +73,7 @@ def test_streaks(name: str, twin: Twin) -> None:
     """Where a path's mean is, and how far it goes, in shares of the way from the eye."""
     splats, view, plan = moving("cubes", name)
     right = streaks(splats, views(splats)[name], MOVE, 180.0)
-    local = splats.records["position"] - frame_block(splats, plan)["base"][:3]
+    local = splats.positions - frame_block(splats, plan)["base"][:3]
     expression = """
         vec3 v = eye_from_index() * l - frame.eye_from_base.xyz;
         Streak found = streak_of(v, eye_point(frame.first_from_index, frame.first_from_base, l),

@@ -108,7 +108,7 @@ def test_places_in_sheets(grid: str, view: str, twin: Twin, rng: np.random.Gener
     assert np.abs(found - right).max() < 2e-5
     # every splat is in a sheet that is counted
     first, last = sheets.range(splats, plan.view)
-    base = sheets.base(sheets.places(plan.view, splats.records["position"]))
+    base = sheets.base(sheets.places(plan.view, splats.positions))
     assert first == state["first_sheet"] and first <= base.min() and base.max() <= last
 
 

@@ -441,8 +441,8 @@ def test_tint(renderer: sg.Renderer) -> None:
     z_k = float(camera.eye_from_points(splats.corners)[:, 2].mean()) + 0.2
     assert share_beyond(splats, camera, z_k) == pytest.approx(0.5, abs=0.05)
     shown = tinted(splats, camera, z_k)
-    changed = (shown.records["color"] != splats.records["color"]).any(axis=1)
-    depth = camera.eye_from_points(splats.records["position"].astype(float))[:, 2]
+    changed = (shown.colors != splats.colors).any(axis=1)
+    depth = camera.eye_from_points(splats.positions.astype(float))[:, 2]
     assert (changed == ((depth > z_k) | (np.abs(depth - z_k) < 0.5))).all()
     # another view tints other splats, in the picture too, whatever was worked out of them before
     _ = splats.records_with_runs, splats.runs

@@ -23,7 +23,7 @@ from splatgl.splat.view.view import View
 COUNT = 2000
 UNITS = {"footprint_table": FOOTPRINT_UNIT, "half_table": HALF_LINE_UNIT, "blur_table": BLUR_UNIT}
 # what a stage declares of its own: storage qualifiers, layouts
-OWN = re.compile(r"^(#define (ATTRIBUTE|VARYING|FLAT)\b|layout\()")
+OWN = re.compile(r"^(#define (VARYING|FLAT)\b|layout\()")
 # a buffer of numbers, which a function reads or writes: here an array of one
 BUFFER = re.compile(r"^layout\(.*\bbuffer \w+ \{ (\w+ \w+)\[\]; \};.*$", re.MULTILINE)
 FUNCTION = re.compile(r"^\w+ (\w+)\([^;{]*\) \{", re.MULTILINE)
@@ -72,7 +72,7 @@ def twin(renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 def _source(folder: Path, files: list[str], expression: str, arrays: Mapping[str, np.ndarray]) -> str:
     """A vertex shader with the files' functions, whose result is what the expression writes."""
-    parts = ["#define ATTRIBUTE\n#define VARYING\n#define FLAT\nvec4 coordinate;"]
+    parts = ["#define VARYING\n#define FLAT\nvec4 coordinate;"]
     for name in files:
         if not name.endswith(".glsl"):
             text = (folder / name).read_text().partition("void main()")[0].replace("gl_FragCoord", "coordinate")

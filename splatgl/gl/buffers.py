@@ -10,7 +10,6 @@ import numpy as np
 
 from splatgl.gl.constants import ABREAST
 from splatgl.gl.draw_order import DrawOrder, Orders, Range, indices
-from splatgl.splat.extraction.records import GL_ATTRIBUTES, GL_FORMAT, RECORD
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.block_culling import boxes
 
@@ -21,13 +20,8 @@ SORTED_BYTES = 2**25
 
 # name, buffer, int or float, moderngl's format, offset and stride in bytes
 Attribute = tuple[str, moderngl.Buffer, str, str, int, int]
-# a record's attributes: int or float, moderngl's format, offset in bytes
-LAYOUTS: dict[str, tuple[str, str, int]] = {
-    name: ("i" if "i" in layout else "f", layout, offset)
-    for name, layout, (_, offset, *_) in zip(
-        GL_ATTRIBUTES, GL_FORMAT.split(), (RECORD.fields or {}).values(), strict=True
-    )
-}
+# attributes of a record's words by fours; in_rest: what is left of them
+WORDS = ("in_first", "in_second")
 
 
 class SplatBuffers:
@@ -63,11 +57,11 @@ class SplatBuffer:
         self.sorted: dict[tuple[bool, bool], Sorted] = {}
         self.textured: Textured | None = None
 
-    def quads(self, program: moderngl.Program, order: DrawOrder, which: Range) -> Sorted:
-        """Splats `which` of the drawing order, as instances."""
+    def quads(self, runs: bool, order: DrawOrder, which: Range) -> Sorted:
+        """Splats `which` of the drawing order, as instances, with runs if `runs`."""
         part = which[0] == 0, which[1] == len(self.splats)
         found = self.sorted.setdefault(part, Sorted(self.ctx, self.splats))
-        found.write(order, "in_runs" in program, which)
+        found.write(order, runs, which)
         return found
 
     def texels(self, runs: bool, order: DrawOrder, which: Range | None = None) -> Texels:
@@ -89,10 +83,12 @@ class Instances:
     def __init__(self, ctx: moderngl.Context) -> None:
         self.ctx = ctx
         self.buffer: moderngl.Buffer | None = None
+        self.record = np.dtype("V0")
         self.arrays: dict[int, moderngl.VertexArray] = {}
 
     def fill(self, records: np.ndarray) -> None:
         """Uploads records in the order in which they are drawn."""
+        self.record = records.dtype
         if self.buffer is None:
             self.buffer = self.ctx.buffer(records)
         else:
@@ -117,7 +113,10 @@ class Instances:
 
     def _attributes(self) -> list[Attribute]:
         assert self.buffer is not None
-        return [(name, self.buffer, *layout, RECORD.itemsize) for name, layout in LAYOUTS.items()]
+        size = self.record.itemsize
+        fours = size // 16
+        found: list[Attribute] = [(WORDS[n], self.buffer, "i", "4u4", 16 * n, size) for n in range(fours)]
+        return [*found, ("in_rest", self.buffer, "i", f"{size // 4 - 4 * fours}u4", 16 * fours, size)]
 
 
 class Sorted(Instances):
@@ -143,14 +142,10 @@ class Sorted(Instances):
         self.fill(np.ascontiguousarray(records[chosen]))
 
 
-# a record's 32-bit words: two texels of four, and the last
-WORDS = 9
-
-
 @dataclass(frozen=True)
 class Texels:
-    """Words 0 to 7 of the records, two texels a splat, and word 8; indices in drawing order, None if the records are
-    sorted or any order will do; boxes around blocks of sorted records.
+    """The first words of the records, and the rest: 4 and 2, or of points 8, in two texels, and 1; indices in drawing
+    order, None if the records are sorted or any order will do; boxes around blocks of sorted records.
     """
 
     records: moderngl.Texture
@@ -183,10 +178,10 @@ class Textured:
             return found
         if self.rest is None or (runs and not self.runs):
             self._release_rest()
-            words = self._words(runs)
+            first, rest = self._words(runs)
             if self.records is None:
-                self.records = self._texture(words[:, :8], 4, 2)
-            self.rest, self.runs = self._texture(words[:, 8:], 1, 1), runs
+                self.records = self._texture(first)
+            self.rest, self.runs = self._texture(rest), runs
         assert self.records is not None
         return Texels(self.records, self.rest, self.orders.of(order))
 
@@ -201,9 +196,8 @@ class Textured:
     def _in_order(self, runs: bool, order: DrawOrder, which: Range) -> Texels:
         self._release_sorted()
         chosen = slice(*which) if order.boxes is None else indices(self.splats, order)[slice(*which)]
-        words = self._words(runs)[chosen]
-        around = boxes(words[:, :3].view(np.float32))
-        return Texels(self._texture(words[:, :8], 4, 2), self._texture(words[:, 8:], 1, 1), None, around)
+        first, rest = (self._texture(words[chosen]) for words in self._words(runs))
+        return Texels(first, rest, None, boxes(self.splats.records["position"][chosen]))
 
     def release(self) -> None:
         """Frees all textures; they are recreated on demand."""
@@ -225,18 +219,23 @@ class Textured:
             self.sorted[1].rest.release()
             self.sorted = None
 
-    def _words(self, runs: bool) -> np.ndarray:
-        return (self.splats.records_with_runs if runs else self.splats.records).view(np.uint32).reshape(-1, WORDS)
+    def _words(self, runs: bool) -> tuple[np.ndarray, np.ndarray]:
+        """The records' first words, a multiple of four, and the rest."""
+        records = self.splats.records_with_runs if runs else self.splats.records
+        words = records.view(np.uint32).reshape(-1, records.itemsize // 4)
+        fours = words.shape[1] // 4 * 4
+        return words[:, :fours], words[:, fours:]
 
     def _listed(self, indices: np.ndarray) -> moderngl.Texture:
-        return self._texture(indices[:, None], 1, 1)
+        return self._texture(indices[:, None])
 
-    def _texture(self, words: np.ndarray, channels: int, each: int) -> moderngl.Texture:
-        """A texture of words [N, channels · each], `each` texels a splat."""
-        height = -(-max(len(words), 1) // ABREAST)
+    def _texture(self, words: np.ndarray) -> moderngl.Texture:
+        """A texture of words [N, n], of up to four a texel."""
+        height, channels = -(-max(len(words), 1) // ABREAST), min(words.shape[1], 4)
         padded = np.zeros((height * ABREAST, words.shape[1]), np.uint32)
         padded[: len(words)] = words
-        texture = self.ctx.texture((ABREAST * each, height), channels, padded, alignment=4, dtype="u4")
+        size = ABREAST * words.shape[1] // channels, height
+        texture = self.ctx.texture(size, channels, padded, alignment=4, dtype="u4")
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         return texture
 

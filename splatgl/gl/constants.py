@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.splat.classification import post
-from splatgl.splat.extraction import run_lengths
+from splatgl.splat.extraction import records, run_lengths
 from splatgl.splat.integral import approximations, attenuation
 from splatgl.splat.motion import blur_table, motion, motion_opacity
 from splatgl.splat.plan import tiling
@@ -27,6 +27,7 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "AROUND_EYE": eye_near.AROUND_EYE,
     "BLOCK": np.uint32(block_culling.BLOCK),
     "CELLS": post.CELLS,
+    "COLOR_SCALE": records.COLOR_SCALE,
     "COLUMNS": tiling.COLUMNS,
     "DENSE": motion_opacity.DENSE,
     "DENSEST": motion_opacity.DENSEST,

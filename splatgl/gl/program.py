@@ -58,6 +58,7 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",
         "MOTION": f"MOTION_{program.motion.upper()}",
         "FLOW": program.flow,
+        "POINTS": program.points,
         "TILED": program.technique == "tiles",
         "DOUBLINGS": program.exp_doublings,
         **_polynomials(program),

@@ -34,7 +34,7 @@ class Quads:
         target.framebuffer.use()
         self.ctx.enable_only(moderngl.BLEND)
         for chunk in chunks((0, len(splats))):
-            quads = self._instances(splats, plan, program, order, chunk)
+            quads = self._instances(splats, plan, order, chunk)
             for begin, end in portions.over(*chunk):
                 vertices = quads.vertices(program, begin - chunk[0])
                 vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=end - begin)
@@ -42,8 +42,6 @@ class Quads:
     def release(self) -> None:
         """No effect: it owns no GL objects."""
 
-    def _instances(
-        self, splats: Splats, plan: Plan, program: moderngl.Program, order: DrawOrder, which: Range
-    ) -> Sorted:
+    def _instances(self, splats: Splats, plan: Plan, order: DrawOrder, which: Range) -> Sorted:
         """Splats `which` of the drawing order."""
-        return self.splats.of(splats).quads(program, order, which)
+        return self.splats.of(splats).quads(plan.program.runs, order, which)

@@ -97,7 +97,7 @@ class SheetQuads:
         if splats.post is not None:
             self.tables.classification(splats).use(CLASS_UNIT)
         chosen, groups = by_first_sheet(splats, sheets, plan.view)
-        records = splats.records_with_runs if "in_runs" in adding else splats.records
+        records = splats.records_with_runs if plan.program.runs else splats.records
         self.instances.fill(records[chosen])
         bands = bands_of(Window(0, 0, *plan.view.size), MOST_PIXELS)
         ring = self._ring(Kind(plan.view.size, bands[0].height, look.sheets, look.steps > 0, look.blend.one_value))
@@ -218,7 +218,7 @@ class Ring:
 
 def by_first_sheet(splats: Splats, sheets: Sheets, view: View) -> tuple[np.ndarray, dict[int, Group]]:
     """Indices of the records in the order of their first sheets, int64 [N]; groups by first sheet, from the first."""
-    positions = splats.records["position"]
+    positions = splats.positions
     first = sheets.range(splats, view)[0]
     # at most MOST_SHEETS: sorted as 16-bit integers by their digits
     base = (sheets.base(sheets.places(view, positions)) - first).astype(np.int16)

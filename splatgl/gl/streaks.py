@@ -25,18 +25,16 @@ class Streaks(Quads):
             self.flowing.release()
         self.flowing = None
 
-    def _instances(
-        self, splats: Splats, plan: Plan, program: moderngl.Program, order: DrawOrder, which: Range
-    ) -> Sorted:
+    def _instances(self, splats: Splats, plan: Plan, order: DrawOrder, which: Range) -> Sorted:
         if not plan.program.flow:
-            return super()._instances(splats, plan, program, order, which)
+            return super()._instances(splats, plan, order, which)
         assert plan.exposure is not None
         if len(splats) > MOST_KEPT:
             raise expected("splats", f"at most {MOST_KEPT:,} that flow", f"{len(splats):,}", "raise the threshold")
         if self.flowing is None or not self.flowing.holds(splats, plan.exposure):
             self.release()
             self.flowing = Flowing(self.ctx, splats, plan.exposure)
-        self.flowing.write(order, "in_runs" in program, which)
+        self.flowing.write(order, plan.program.runs, which)
         return self.flowing
 
 

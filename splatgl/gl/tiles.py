@@ -89,8 +89,7 @@ class Tiles:
         batches = pairwise(cuts(len(splats), plan.hiding.depth_batches))
         bands = [self.begin(window) for window in bands_of(plan.window)]
         for begin, end in (chunk for batch in batches for chunk in chunks(batch)):
-            runs = plan.program.look.attenuation == "fill"
-            texels = self.splats.of(splats).texels(runs, order, None if kept else (begin, end))
+            texels = self.splats.of(splats).texels(plan.program.runs, order, None if kept else (begin, end))
             seen = None if texels.boxes is None else shown(texels.boxes, frustum)
             if seen is not None and seen.all():
                 seen = None

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.image import Image
+from splatgl.splat.extraction.records import as_points
 from splatgl.splat.extraction.splats import Grid, Splats, assemble
 from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.motion.blur import line_area
@@ -75,7 +76,7 @@ class Reach:
         """From an image with depth as its colour."""
         depth = camera.eye_from_points(world(splats))[:, 2]
         far = float(np.abs(depth).max(initial=0.0)) or 1.0
-        records = splats.records.copy()
+        records = as_points(splats.records)
         records["color"] = (depth / far)[:, None]
         records["normal"] = 0
         painted = splats.in_cells(records=records)
@@ -113,7 +114,7 @@ class Reach:
 
 def world(splats: Splats) -> np.ndarray:
     """World positions of splats, [N, 3]."""
-    places = splats.records["position"].astype(np.float64) @ splats.grid.world_from_index.T
+    places = splats.positions.astype(np.float64) @ splats.grid.world_from_index.T
     return np.asarray(places + splats.grid.origin)
 
 

@@ -54,7 +54,7 @@ class Field:
     @classmethod
     def of(cls, splats: Splats, kernel: Kernel, color: np.ndarray) -> Field:
         """Builds the field. InputError for splats off a lattice."""
-        places = splats.records["position"].astype(np.float64)
+        places = splats.positions.astype(np.float64)
         cells = np.rint(places).astype(np.int64)
         low, high = splats.index_bounds.astype(np.int64)
         shape = high - low + 5
@@ -146,8 +146,8 @@ def ray_integral(
     fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
     splats = ahead(suited(splats, settings, moving=False), camera)
     view = View.of(splats.grid, fine, kernel_named(kernel_name(splats, settings)), antialias=False)
-    voxel = view.voxels(splats.records["position"])
-    color = splats.records["color"].astype(np.float64)
+    voxel = view.voxels(splats.positions)
+    color = splats.colors.astype(np.float64)
     if Resolved.of(splats, camera, settings).look.shading:
         color *= head_light(splats, camera, voxel)[:, None]
     field = Field.of(splats, view.kernel, color)

@@ -96,13 +96,13 @@ class _Scene:
         blend, camera = resolved.look.blend, resolved.camera
         self.camera, self.blend = camera, blend
         view = replace(resolved.view, kernel=tabulated(resolved.kernel.name))
-        voxel = view.voxels(splats.records["position"])
+        voxel = view.voxels(splats.positions)
         self.row = Row.of(view, row, voxel, splats.grid)
         self.boxes: Boxes = pixel_boxes(view, self.row.name, voxel, camera)
         self.order = np.arange(len(splats))
         if len(splats) and blend.ordered:
             self.order = back_to_front(splats, order_for(splats, camera))[::-1]
-        self.color = splats.records["color"].astype(np.float64)
+        self.color = splats.colors.astype(np.float64)
         if resolved.look.shading:
             self.color *= head_light(splats, camera, voxel)[:, None]
         depth = splats.records["optical_depth"].astype(np.float64)
@@ -140,7 +140,7 @@ def sheet_scene(splats: Splats, resolved: Resolved) -> SheetScene:
     depth = splats.records["optical_depth"].astype(np.float64)
     if resolved.look.attenuation == "fill":
         view = resolved.view
-        voxel = view.voxels(splats.records["position"])
+        voxel = view.voxels(splats.positions)
         depth = attenuated_depth(splats, view, voxel, view.coverage(voxel[2]))
     return SheetScene(splats, resolved, depth)
 

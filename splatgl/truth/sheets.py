@@ -36,17 +36,17 @@ class SheetScene:
         assert resolved.sheets is not None
         self.resolved, self.sheets, self.camera = resolved, resolved.sheets, resolved.camera
         view = self.view = replace(resolved.view, kernel=tabulated(resolved.kernel.name))
-        voxel = view.voxels(splats.records["position"])
+        voxel = view.voxels(splats.positions)
         self.row = Row.of(view, row, voxel, splats.grid)
         self.boxes: Boxes = pixel_boxes(view, self.row.name, voxel, self.camera)
-        place = self.sheets.places(view, splats.records["position"])
+        place = self.sheets.places(view, splats.positions)
         self.base = self.sheets.base(place)
         self.weights = self.sheets.weights(place, self.base)
         self.first = int(self.base.min()) if len(splats) else 0
         self.many = int(self.base.max()) + self.sheets.count - self.first if len(splats) else 1
         self.field = None
         if depth is not None:
-            color = splats.records["color"].astype(np.float64)
+            color = splats.colors.astype(np.float64)
             if resolved.look.shading:
                 color *= head_light(splats, self.camera, voxel)[:, None]
             self.terms = depth[:, None] * np.concatenate([color, np.ones((len(splats), 1))], axis=1)

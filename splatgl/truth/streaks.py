@@ -88,7 +88,7 @@ class _Drawn:
         order = np.arange(len(splats))
         if blend.ordered:
             order = back_to_front(splats, order_for(splats, paths.camera))[::-1]
-        color = splats.records["color"].astype(np.float64)
+        color = splats.colors.astype(np.float64)
         if resolved.look.shading:
             color *= head_light(splats, paths.camera, paths.middle)[:, None]
         depth = splats.records["optical_depth"].astype(np.float64)

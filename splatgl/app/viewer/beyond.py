@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from splatgl.splat.extraction.records import as_points
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.camera import Camera
 
@@ -18,7 +19,7 @@ def depths(splats: Splats, camera: Camera) -> np.ndarray:
     """Depth [N] of every splat, world units, float32."""
     along = camera.forward @ splats.grid.world_from_index
     start = float(camera.forward @ (splats.grid.origin - camera.eye))
-    return np.asarray(splats.records["position"] @ along.astype(np.float32) + np.float32(start))
+    return np.asarray(splats.positions @ along.astype(np.float32) + np.float32(start))
 
 
 def share_beyond(splats: Splats, camera: Camera, z_k: float) -> float:
@@ -31,7 +32,7 @@ def tinted(splats: Splats, camera: Camera, z_k: float) -> Splats:
     if not len(splats) or not np.isfinite(z_k):
         return splats
     depth = depths(splats, camera)
-    records = splats.records.copy()
+    records = as_points(splats.records)
     beyond = depth > z_k
     records["color"][beyond] += SHARE * (TINT - records["color"][beyond])
     records["color"][np.abs(depth - z_k) < BAND / 2 * splats.grid.mean_spacing] = PLANE

@@ -40,7 +40,7 @@ def picked(splats: Splats, camera: Camera, place: tuple[float, float]) -> np.nda
     axes = eye_from_index(splats.grid, camera).astype(np.float32)
     origin = (camera.eye_from_points(splats.grid.origin) - start) / scale
     unit = direction / np.linalg.norm(direction)
-    points = splats.records["position"] @ axes.T + origin.astype(np.float32)
+    points = splats.positions @ axes.T + origin.astype(np.float32)
     along = points @ unit.astype(np.float32)
     near = np.flatnonzero((along > 0) & ((points * points).sum(axis=1) - along * along < WITHIN**2))
     depth = splats.depths[near].astype(np.float64)

@@ -172,7 +172,7 @@ def cells_of(splats: Splats) -> Cells:
 
 
 def _count(splats: Splats) -> Cells:
-    position, depth = splats.records["position"], splats.records["optical_depth"]
+    position, depth = splats.positions, splats.records["optical_depth"]
     # splats of a cell are adjacent
     first = np.concatenate([[True], np.diff(splats.cell_x) != 0])
     first[splats.row_start[:-1]] = True

@@ -7,9 +7,7 @@ which only blends of one value see.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import NamedTuple
 
@@ -17,7 +15,8 @@ import numpy as np
 
 from splatgl.data.volume import Slab, Volume
 from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.extraction.records import SAMPLE
+from splatgl.splat.extraction.parts import in_parts
+from splatgl.splat.extraction.records import record_type
 from splatgl.splat.extraction.splats import Grid, Splats, assemble
 from splatgl.splat.kernel.kernels import Kernel
 
@@ -51,7 +50,7 @@ def extract_post(
         own = slice(slab.before, slab.before + slab.stop - slab.start)
         keep, near = needed(u, around, post.wanted)
         places = np.nonzero(keep[own] & np.isfinite(u[own]))
-        records = np.zeros(len(places[0]), SAMPLE)
+        records = np.zeros(len(places[0]), record_type(volume.shape, post=True))
         if len(records):
             # a missing sample's value comes from its neighbours
             margin, inside = steps * STEP_HALO + 1, (places[0] + slab.before, *places[1:])
@@ -91,16 +90,6 @@ def _fill(
     value[outer] = np.clip(value[outer], *extremes(values.u, x[outer], y[outer], z[outer]))
     found["value"] = value
     found["gradient"] = gradients(values.u, x, y, z) @ world
-
-
-def in_parts(count: int, size: int, work: Callable[[slice], None]) -> None:
-    """Does the work on `count` things, `size` at a time, side by side: small temporaries stay in the cache."""
-    parts = [slice(start, min(start + size, count)) for start in range(0, count, size)]
-    if len(parts) == 1:
-        work(parts[0])
-        return
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(work, parts))
 
 
 def values_of(post: PostClassified, samples: np.ndarray) -> np.ndarray:

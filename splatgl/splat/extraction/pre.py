@@ -6,43 +6,48 @@ Each splat depends only on its voxel and six neighbours, so the result is bit-id
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Slab, Volume
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.records import NORMAL_SCALE, RECORD
+from splatgl.splat.extraction.parts import in_parts
+from splatgl.splat.extraction.records import NORMAL_SCALE, record_type, stored_color
 from splatgl.splat.extraction.splats import Grid, Splats, assemble
 
 # integer types up to this many bytes use a lookup table over all values
 TABLE_BYTES = 2
+# records made at a time
+RECORDS = 1 << 16
 
 Progress = Callable[[Iterator[Slab], int], Iterator[Slab]]
 
 
 @dataclass(frozen=True, eq=False)
 class Lookup:
-    """opacity(ρ), "may be kept" and linear colour, tabulated for integer types, computed for others."""
+    """opacity(ρ), "may be kept" and the record's colour, tabulated for integer types, computed for others."""
 
     transfer: Transfer
     threshold: float
+    record: np.dtype
     first: int | None
     opacities: np.ndarray
     colors: np.ndarray
 
     @classmethod
-    def of(cls, transfer: Transfer, dtype: np.dtype, threshold: float) -> Lookup:
+    def of(cls, transfer: Transfer, dtype: np.dtype, threshold: float, record: np.dtype) -> Lookup:
         """Tabulates all values of bool and of integers up to TABLE_BYTES; other types get no table."""
         if dtype.kind == "b":
             values = np.array([0, 1])
         elif dtype.kind in "ui" and dtype.itemsize <= TABLE_BYTES:
             values = np.arange(np.iinfo(dtype).min, np.iinfo(dtype).max + 1)
         else:
-            return cls(transfer, threshold, None, np.zeros(0), np.zeros((0, 3)))
-        opacity = np.asarray(transfer.opacity(values))
-        return cls(transfer, threshold, int(values[0]), opacity, np.asarray(transfer.color(values), np.float32))
+            return cls(transfer, threshold, record, None, np.zeros(0), np.zeros((0, 3)))
+        opacity, color = np.asarray(transfer.opacity(values)), stored_color(transfer.color(values), record)
+        return cls(transfer, threshold, record, int(values[0]), opacity, color)
 
     def keeps(self, samples: np.ndarray) -> np.ndarray:
         """Where the value's opacity exceeds the threshold, bool [...]; gradients can only reduce it."""
@@ -57,9 +62,9 @@ class Lookup:
         return np.take(self.opacities, self._entry(values))
 
     def color(self, values: np.ndarray) -> np.ndarray:
-        """Linear RGB of values [...], float32 [..., 3]."""
+        """The record's colour of values [...]: [..., 3]."""
         if self.first is None:
-            return np.asarray(self.transfer.color(values), np.float32)
+            return stored_color(self.transfer.color(values), self.record)
         return np.take(self.colors, self._entry(values), axis=0)
 
     def _entry(self, values: np.ndarray) -> np.ndarray:
@@ -74,7 +79,7 @@ def extract_pre(
     """Splats of all finite voxels with t > threshold, in row order; planes: of a slab."""
     depth = volume.shape[0]
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
-    lookup = Lookup.of(transfer, volume.samples.dtype, threshold)
+    lookup = Lookup.of(transfer, volume.samples.dtype, threshold, record_type(volume.shape, post=False))
     unit = transfer.unit or grid.mean_spacing
     dropped = Dropped(volume.shape) if threshold > 0 else None
 
@@ -82,8 +87,16 @@ def extract_pre(
     slabs = volume.slabs(planes, halo=1)
     chunks: list[np.ndarray] = []
     for part in progress(slabs, -(-depth // planes)) if progress else slabs:
-        chunks.append(_slab_records(volume, part, lookup, unit / grid.mean_spacing, dropped))
-    records = _join(chunks)
+        part = replace(part, samples=np.ascontiguousarray(part.samples))
+        own = part.samples[part.before : part.before + part.stop - part.start]
+        # voxels whose value may exceed the threshold
+        flat = np.flatnonzero(lookup.keeps(own))
+        work = partial(_records, volume, part, flat, lookup, unit / grid.mean_spacing)
+        found = in_parts(len(flat), RECORDS, work)
+        chunks += [records for records, _ in found]
+        if dropped:
+            dropped.add(lookup, own, part.start, flat, [opacity for _, opacity in found])
+    records = _join(chunks, lookup.record)
 
     # rows from the cells; the largest depth left out
     cells = records["position"].astype(np.int32)
@@ -91,16 +104,15 @@ def extract_pre(
     return assemble(records, cells, grid, unit, volume.name, transfer.shading, lost)
 
 
-def _slab_records(
-    volume: Volume, slab: Slab, lookup: Lookup, unit_in_spacings: float, dropped: Dropped | None
-) -> np.ndarray:
+def _records(
+    volume: Volume, slab: Slab, flat: np.ndarray, lookup: Lookup, unit_in_spacings: float, part: slice
+) -> tuple[np.ndarray, np.ndarray]:
+    """The records of some voxels, flat indices of a slab's own, and t of all of them."""
     transfer = lookup.transfer
-    own = slab.samples[slab.before : slab.before + slab.stop - slab.start]
-    _, height, width = own.shape
-
-    # voxels whose value may exceed the threshold
-    flat = np.flatnonzero(lookup.keeps(own))
-    values = np.take(own, flat)
+    _, height, width = slab.samples.shape
+    flat = flat[part] + slab.before * height * width
+    samples = slab.samples.reshape(-1)
+    values = np.take(samples, flat)
     opacity = lookup.opacity(values)
     z, rest = np.divmod(flat, height * width)
     y, x = np.divmod(rest, width)
@@ -108,59 +120,61 @@ def _slab_records(
     # gradients if needed; F(∇, ρ)
     gradient = np.zeros((len(flat), 3))
     if transfer.shading or transfer.gradient:
-        index_gradient = _gradient(slab.samples, x, y, z + slab.before)
-        gradient = index_gradient @ np.linalg.inv(volume.world_from_index)
+        gradient = _gradient(slab.samples, flat, (x, y, z)) @ np.linalg.inv(volume.world_from_index)
     if transfer.gradient:
         opacity = opacity * transfer.weight(np.linalg.norm(gradient, axis=1))
-    if dropped:
-        dropped.add(lookup, own, slab.start, flat, opacity)
+    everyone = opacity
     if transfer.gradient:
         keep = opacity > lookup.threshold
-        flat, values, opacity, gradient = flat[keep], values[keep], opacity[keep], gradient[keep]
+        values, opacity, gradient = values[keep], opacity[keep], gradient[keep]
         x, y, z = x[keep], y[keep], z[keep]
 
     # the records
-    records = np.zeros(len(flat), RECORD)
-    records["position"][:, 0], records["position"][:, 1], records["position"][:, 2] = x, y, z + slab.start
+    records = np.zeros(len(values), lookup.record)
+    z += slab.start - slab.before
+    records["position"][:, 0], records["position"][:, 1], records["position"][:, 2] = x, y, z
     records["optical_depth"] = transfer.extinction(opacity, unit_in_spacings)
     if volume.color is not None:
-        linear = linear_from_srgb(np.arange(256) / 255).astype(np.float32)
-        records["color"] = linear[volume.color[z + slab.start, y, x]]
+        linear = linear_from_srgb(np.arange(256) / 255)
+        records["color"] = stored_color(linear, lookup.record)[volume.color[z, y, x]]
     else:
         records["color"] = lookup.color(values)
     if transfer.shading:
         records["normal"] = _snorm(gradient)
-    return records
+    return records, everyone
 
 
-def _gradient(samples: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+def _gradient(samples: np.ndarray, flat: np.ndarray, places: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
     """[N, 3] per grid step along x, y, z: central where both neighbours exist, else one-sided, else 0."""
-    center = samples[z, y, x].astype(np.float64)
-    gradient = np.empty((len(center), 3))
-    for axis, (index, count) in enumerate(((x, samples.shape[2]), (y, samples.shape[1]), (z, samples.shape[0]))):
-        steps = []
-        for step in (-1, 1):
-            at = np.clip(index + step, 0, count - 1)
-            where = (z, y, at) if axis == 0 else (z, at, x) if axis == 1 else (at, y, x)
-            neighbour = samples[where].astype(np.float64)
-            steps.append((neighbour, (at != index) & np.isfinite(neighbour)))
-        (low, has_low), (high, has_high) = steps
-        low, high = np.where(has_low, low, center), np.where(has_high, high, center)
-        gradient[:, axis] = (high - low) / np.maximum(has_low.astype(int) + has_high, 1)
+    values = samples.reshape(-1)
+    center = np.take(values, flat).astype(np.float64)
+    gradient = np.empty((len(flat), 3))
+    depth, height, width = samples.shape
+    for axis, (index, count, stride) in enumerate(
+        zip(places, (width, height, depth), (1, width, height * width), strict=True)
+    ):
+        low_there, high_there = index > 0, index < count - 1
+        low = np.take(values, np.where(low_there, flat - stride, flat)).astype(np.float64)
+        high = np.take(values, np.where(high_there, flat + stride, flat)).astype(np.float64)
+        if values.dtype.kind == "f":
+            low_there, high_there = low_there & np.isfinite(low), high_there & np.isfinite(high)
+            low, high = np.where(low_there, low, center), np.where(high_there, high, center)
+        gradient[:, axis] = (high - low) / np.maximum(low_there.astype(np.int8) + high_there, 1)
     return gradient
 
 
 def _snorm(gradient: np.ndarray) -> np.ndarray:
     """Unit vectors as 16-bit fractions; zero and tiny gradients give zero."""
-    largest = np.abs(gradient).max(axis=1, keepdims=True)
+    x, y, z = np.abs(gradient.T)
+    largest = np.maximum(np.maximum(x, y), z)[:, None]
     scaled = gradient / np.where(largest > 0, largest, 1.0)
-    length = np.linalg.norm(scaled, axis=1, keepdims=True)
+    length = np.sqrt(np.einsum("ij,ij->i", scaled, scaled))[:, None]
     return np.rint(scaled / np.where(length > 0, length, 1.0) * NORMAL_SCALE).astype(np.int16)
 
 
-def _join(chunks: list[np.ndarray]) -> np.ndarray:
+def _join(chunks: list[np.ndarray], record: np.dtype) -> np.ndarray:
     """Concatenates the chunks; frees each after copying, to limit peak memory."""
-    records = np.empty(sum(map(len, chunks)), RECORD)
+    records = np.empty(sum(map(len, chunks)), record)
     stop = len(records)
     while chunks:
         chunk = chunks.pop()
@@ -176,8 +190,9 @@ class Dropped:
         d, h, w = shape
         self.sums = [np.zeros((h, w)), np.zeros((d, w)), np.zeros((d, h))]
 
-    def add(self, lookup: Lookup, own: np.ndarray, start: int, flat: np.ndarray, opacity: np.ndarray) -> None:
-        """Adds one slab: all of `own`, less the voxels kept at `flat` with opacity t."""
+    def add(self, lookup: Lookup, own: np.ndarray, start: int, flat: np.ndarray, parts: list[np.ndarray]) -> None:
+        """Adds one slab: all of `own`, less the voxels kept at `flat` with opacity t, in parts."""
+        opacity = np.concatenate([*parts, np.zeros(0)])
         left = lookup.opacity(own)
         if lookup.transfer.gradient:
             # voxels dropped by value count in full (an upper bound); the others with their t

@@ -16,12 +16,12 @@ import numpy as np
 from splatgl.data.errors import expected
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.extraction.points import checked_points, checked_spacing
-from splatgl.splat.extraction.records import RECORD
+from splatgl.splat.extraction.records import COLOR_SCALE, POINT, linear_color
 
 if TYPE_CHECKING:
     from splatgl.splat.extraction.extract import Source
 
-# most splats kept on the GPU, 600 MB of records: the limit of texture rows
+# most splats kept on the GPU, 400 MB of voxels' records: the limit of texture rows
 MOST_KEPT = 2**24
 # largest colour and optical depth: their sums fit float32
 BRIGHTEST = 1e30
@@ -77,7 +77,7 @@ class Lattice:
 class Splats:
     """Splats in row order: z, then y, then x ascending.
 
-    records [N] of RECORD; of SAMPLE if `post` classifies them. cell_x int32 [N]: each splat's cell along x.
+    records [N]: see records.py; of values if `post` classifies them. cell_x int32 [N]: each splat's cell along x.
     row_z, row_y int32 [M]: the non-empty rows; row_start int64 [M+1] into the records.
     unit: reference length of opacities, world units. shaded: whether the transfer function shades.
     dropped_depth: largest optical depth that the threshold removed from one axis line. source: of all splats of a
@@ -131,11 +131,21 @@ class Splats:
         depths = extinctions[order] * grid.mean_spacing
         if max(depths.max(initial=0.0), colors.max(initial=0.0)) > BRIGHTEST:
             raise expected("colors and extinctions", f"at most {BRIGHTEST:g}, per spacing", "larger ones")
-        records = np.zeros(len(points), RECORD)
+        records = np.zeros(len(points), POINT)
         records["position"] = ((points - grid.origin) / scale)[order]
         records["optical_depth"] = depths
         records["color"] = colors[order]
         return assemble(records, cells[order], grid, unit=grid.mean_spacing, name="points")
+
+    @property
+    def positions(self) -> np.ndarray:
+        """Grid indices (x, y, z) [N, 3], float32."""
+        return np.asarray(self.records["position"], np.float32)
+
+    @property
+    def colors(self) -> np.ndarray:
+        """Linear RGB [N, 3], float32, of splats that are classified before reconstruction."""
+        return linear_color(self.records)
 
     @cached_property
     def index_bounds(self) -> np.ndarray:
@@ -159,7 +169,8 @@ class Splats:
         """Points [N, 3], world units, around all splats: the ends of all rows, half a voxel outwards."""
         if not len(self):
             return self.corners
-        ends = self.records["position"][np.concatenate([self.row_start[:-1], self.row_start[1:] - 1])]
+        last = np.concatenate([self.row_start[:-1], self.row_start[1:] - 1])
+        ends = self.records["position"][last].astype(np.float64)
         middle = self.index_bounds.mean(axis=0)
         # both signs, since an end at the middle has no outward direction
         outwards = [ends + np.where(side(ends, middle), 0.5, -0.5) for side in (np.greater, np.greater_equal)]
@@ -204,7 +215,8 @@ class Splats:
         """The largest colour component, linear light; 1, where colour maps end, if classified after reconstruction."""
         if self.post is not None:
             return 1.0
-        return float(self.records["color"].max(initial=0.0))
+        brightest = float(self.records["color"].max(initial=0))
+        return brightest if self.records.dtype == POINT else brightest / COLOR_SCALE
 
     @cached_property
     def runs(self) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
+from splatgl.splat.extraction.records import as_points
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.settings import FULL_SHUTTER, Settings
 from splatgl.splat.view.camera import Camera
@@ -81,7 +82,7 @@ class Motion:
         """The splats moved by their flow to that time; they keep their cells, and thus their order."""
         if self.flow is None or at == 0:
             return splats
-        records = splats.records.copy()
+        records = as_points(splats.records)
         records["position"] += at * _in_cells(splats, self.flow)
         return splats.in_cells(records)
 
@@ -205,7 +206,7 @@ def flow_of(splats: Splats, volume: Volume, scale: float = 1.0) -> np.ndarray:
     same = np.allclose(splats.grid.world_from_index, volume.world_from_index)
     if not (same and np.allclose(splats.grid.origin, volume.origin)):
         raise expected("splats", f"the grid of {volume.name or 'the volume'}", "another one", "extract them from it")
-    cells = np.rint(splats.records["position"]).astype(np.intp)
+    cells = np.rint(splats.positions).astype(np.intp)
     if len(cells) and (cells.min() < 0 or (cells.max(axis=0) >= np.array(volume.shape[::-1])).any()):
         raise expected("splats", "cells of the volume", "some outside", "extract them from it")
     x, y, z = cells.T
@@ -216,7 +217,7 @@ def flow_of(splats: Splats, volume: Volume, scale: float = 1.0) -> np.ndarray:
 def eye_point(splats: Splats, view: Camera, flow: np.ndarray | None, at: float, extent: float) -> np.ndarray:
     """[3, N] in the eye axes of that time, mean spacings; x and y scaled to a camera of that extent."""
     grid = splats.grid
-    offset = splats.records["position"].astype(np.float64) - grid.index_from_world(view.eye)
+    offset = splats.positions.astype(np.float64) - grid.index_from_world(view.eye)
     if flow is not None:
         offset += at * _in_cells(splats, flow)
     points = eye_from_index(grid, view) @ offset.T

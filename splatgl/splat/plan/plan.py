@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from splatgl.splat.bound.footprint_error import Lookup
+from splatgl.splat.extraction.records import of_points
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.kernels import Kernel
 from splatgl.splat.motion.motion import Exposure, Motion
@@ -50,8 +51,8 @@ class Program:
     """Compile-time choices, the key of the program cache.
 
     footprint: its source, table, radial, polynomial or single (polynomial). kernel: the one whose polynomials
-    are compiled in. motion: form of streaks. flow: whether splats have velocities of their own. exp_doublings: see
-    optics.glsl.
+    are compiled in. motion: form of streaks. flow: whether splats have velocities of their own. points: whether their
+    places are not those of voxels; see records.py. exp_doublings: see optics.glsl.
     """
 
     technique: str
@@ -62,7 +63,13 @@ class Program:
     kernel: str = ""
     motion: str = "off"
     flow: bool = False
+    points: bool = False
     exp_doublings: int = MOST_DOUBLINGS
+
+    @property
+    def runs(self) -> bool:
+        """Whether opacities depend on the runs of matter around splats."""
+        return self.look.attenuation == "fill" and (self.seen.antialias or self.motion != "off")
 
     @property
     def bent(self) -> bool:
@@ -225,6 +232,7 @@ def plan(
         kernel=shape.name if TABLE_SIZES[read] == 1 else "",
         motion=settings.motion if exposure else "off",
         flow=exposure is not None and exposure.flow is not None,
+        points=of_points(splats.records.dtype),
         exp_doublings=exp_doublings(splats, shape, resolved.look.attenuation) if quick else MOST_DOUBLINGS,
     )
     return Plan(

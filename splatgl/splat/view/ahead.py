@@ -34,5 +34,5 @@ def _cut(splats: Splats, camera: Camera, slack: float) -> Splats:
     """The splats without those behind the eye by more than `slack`, world units."""
     normal = camera.forward @ splats.grid.world_from_index
     offset = camera.forward @ (splats.grid.origin - camera.eye)
-    kept = splats.records["position"].astype(np.float64) @ normal + offset >= -slack
+    kept = splats.positions @ normal + offset >= -slack
     return splats if kept.all() else splats.part(kept)

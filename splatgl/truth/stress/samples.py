@@ -105,12 +105,11 @@ def broken(bench: Bench) -> list[Check]:
     gap[4] = np.nan
     shaded = transfer(((-1.0, 0.4), (1.0, 0.4)), shading=True)
     whole, cut = voxels(Volume(ramp), shaded), voxels(Volume(gap), shaded)
-    kept = whole.records["position"][:, 2] != 4
+    kept = whole.positions[:, 2] != 4
     normals = cut.records["normal"].astype(np.float64) - whole.records["normal"][kept]
     checks.append(check("gradients at a gap", normals, 0.0, 0.0))
     camera = _orbit(Volume(ramp))
-    places, depths, colors = (cut.records[name].astype(np.float64) for name in ("position", "optical_depth", "color"))
-    without = dots(places, depths, colors)
+    without = dots(cut.positions, cut.depths, cut.colors)
     drawn, right = bench.draw(cut, camera, shading="off"), bench.draw(without, camera)
     checks.append(check("an all-NaN slice", drawn, right, 1e-6, bench.paper(cut, camera, shading="off")))
     nothing = _drawn(bench, Volume(np.full((3, 4, 5), np.nan)), look)
