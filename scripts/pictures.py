@@ -6,7 +6,7 @@
 .venv/bin/python scripts/pictures.py side-by-side     # real volumes, by VTK as well: for minutes
 .venv/bin/python scripts/pictures.py side-by-side "head, MRI"  # one of them, larger
 .venv/bin/python scripts/pictures.py window head.nii  # the viewer's window
-.venv/bin/python scripts/pictures.py report nerve     # error against run time, for minutes on a quiet machine
+.venv/bin/python scripts/pictures.py report nerve     # error against run time, with VTK if it is there; for minutes
 .venv/bin/python scripts/pictures.py tables           # of methods in splatgl/truth/README.md, of techniques in gl's
 """
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import re
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -112,8 +113,9 @@ def report(source: str) -> None:
     """The diagram of error against run time of `splatgl report --full`, with fewer colours."""
     from splatgl.app.cli import main as splatgl
 
+    peers = ["--peers"] if find_spec("vtk") else []
     with TemporaryDirectory() as folder:
-        if splatgl(["report", source, "--full", "-o", folder]):
+        if splatgl(["report", source, "--full", *peers, "-o", folder]):
             sys.exit("no report")
         (drawn,) = (path for path in Path(folder).glob("*.png") if path.stem != CONVERGENCE)
         Pillow.open(drawn).convert("RGB").quantize(COLORS).save(FOLDER / "report.png", optimize=True)

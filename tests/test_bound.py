@@ -15,6 +15,7 @@ from splatgl.splat.bound.footprint_error import ULP
 from splatgl.splat.bound.ray_overlap import cells_of, ray_overlap
 from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.plan.resolve import Resolved
+from splatgl.splat.view.screen_bounds import Window
 from splatgl.truth import streaks
 from splatgl.truth.pairs import values
 from splatgl.truth.reference import _Scene
@@ -174,7 +175,7 @@ def met(splats: sg.Splats, camera: sg.Camera) -> tuple[float, float]:
     pixels = camera.size[0] * camera.size[1]
     count, depth = np.zeros(pixels), np.zeros(pixels)
     length, share = splats.records["optical_depth"], scene.row.coverage()
-    for found in values(scene.row, scene.boxes, scene.order, (0, camera.size[1]), camera):
+    for found in values(scene.row, scene.boxes, scene.order, Window(0, 0, *camera.size), camera):
         count += np.bincount(found.pixel, minlength=pixels)
         weight = length[found.splat] * share[found.splat]
         depth += np.bincount(found.pixel, weight * (1.0 if splats.grid.cubic else 0.0), minlength=pixels)

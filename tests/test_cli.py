@@ -224,7 +224,7 @@ def test_explain(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["render", "noise.npy", "--size", "16", "--explain"]) == 0
     told = capsys.readouterr().out
     assert "align exact" in told and "3 share a splat, classified after reconstruction" in told
-    assert re.search(r"off by at most \S+, RMSE \S+, in 2 rows drawn in float64, against", told)
+    assert re.search(r"off by at most \S+, RMSE \S+, in 256 pixels drawn in float64, against", told)
     assert main(["render", "noise.npy", "--size", "16", "--explain", "--like", "0.1"]) == 0
     told = capsys.readouterr().out
     assert re.search(r"error bound \S+: the tolerance 0.00392 is met, against", told)
@@ -288,21 +288,24 @@ def test_rows_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     asked = ["render", "noise.npy", "--size", "24", "-o", "x.png"]
     assert main(asked) == 0
     assert re.search(
-        r"not known to be met\noff by at most \S+, RMSE \S+, in 2 rows drawn in float64", capsys.readouterr().out
+        r"not known to be met\noff by at most \S+, RMSE \S+, in 384 pixels drawn in float64", capsys.readouterr().out
     )
     checked: Any = sg.Image.load("x.png").info["checked"]
-    assert 0 < checked["rmse"] < checked["largest"] < 0.02 and len(checked["rows"]) == 2
+    assert 0 < checked["rmse"] < checked["largest"] < 0.02 and len(checked["windows"]) == 6
     assert main([*asked, "--like", "0.1"]) == 0 and "drawn in float64" not in capsys.readouterr().out
-    for rows, told in (("5", "5 rows"), ("0", None)):
+    for rows, told in (("5", "120 pixels"), ("0", "")):
         assert main([*asked, "--check", rows]) == 0
-        assert ("drawn in float64" in capsys.readouterr().out) == bool(told)
+        said = capsys.readouterr().out
+        assert ("drawn in float64" in said) == bool(told) and told in said
     assert main([*asked, "--check", "25"]) == 2 and "expected 0 to 24 rows, got 25" in capsys.readouterr().err
     # beside its own error, how far it is from the field; coarser sheets are farther
     assert main([*asked, "--field"]) == 0 and "off the field itself by at most" in capsys.readouterr().out
-    # of a picture that has fewer rows, all
-    assert main([*asked, "--size", "24x1", "--points", "0:0.5,1:0.5"]) == 0 and "1 row " in capsys.readouterr().out
+    # of a small picture, all
+    assert (
+        main([*asked, "--size", "24x1", "--points", "0:0.5,1:0.5"]) == 0 and " in 8 pixels " in capsys.readouterr().out
+    )
     # a picture that is wrong is told from one that is right
-    monkeypatch.setattr("splatgl.truth.check.render_rows", lambda splats, camera, *_: np.full((2, 24, 4), 0.5))
+    monkeypatch.setattr("splatgl.truth.check.render_windows", lambda *_: [np.full((1, 24, 4), 0.5)] * 2)
     assert main([*asked, "--check", "2"]) == 0
     checked = sg.Image.load("x.png").info["checked"]
     assert checked["largest"] > 0.3

@@ -239,6 +239,6 @@ def test_a_field_that_is_no_picture_is_refused_before_work(
 ) -> None:
     volume = sg.scenes.ball(6)
     splats, camera = sg.extract(volume, sg.default_transfer(volume)), sg.Camera.orbit(volume, size=(8, 6))
-    monkeypatch.setattr("splatgl.truth.check.render_rows", lambda *_: pytest.fail("rows are drawn"))
+    monkeypatch.setattr("splatgl.truth.check.render_windows", lambda *_: pytest.fail("pixels are drawn"))
     with pytest.raises(sg.InputError, match=said):
         sg.check(sg.Image(np.ones((6, 8, 4), np.float32)), splats, camera, settings, rows, field=True)

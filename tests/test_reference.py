@@ -12,12 +12,13 @@ from splatgl.splat.extraction.order import back_to_front, order_for
 from splatgl.splat.integral.line_integral import row1
 from splatgl.splat.integral.table1 import ROWS, Splat
 from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 from splatgl.truth import pairs
 from splatgl.truth.blend import ADD, Band, Part, Sum
 from splatgl.truth.extent import Boxes
 from splatgl.truth.pixel_means import pixel_means
-from splatgl.truth.reference import render, render_rows
+from splatgl.truth.reference import render, render_windows
 
 PEAK = float(kernel("crawfis-max").footprint(np.zeros(())))
 # extinctions of a near and a far splat, and their colours, exact in float32
@@ -300,12 +301,17 @@ def test_letter_reads_as_drawn() -> None:
 
 @pytest.mark.parametrize("compositing", ["splats", "sheets"])
 @pytest.mark.parametrize("antialias", ["off", "auto", "supersample"])
-def test_rows_are_those_of_the_picture(antialias: str, compositing: str) -> None:
+def test_windows_are_those_of_the_picture(antialias: str, compositing: str) -> None:
     splats = sg.extract(
         sg.Volume(np.random.default_rng(3).random((6, 6, 6))), sg.Transfer([(0.4, 0), (1, 0.8)]), classification="pre"
     )
     camera = sg.Camera.orbit(splats, 30, 20, size=(20, 16), zoom=1.6)
     settings = SPLATS.but(antialias=antialias, samples=3, compositing=compositing, background=(0.1, 0.2, 0.3))
-    rows, whole = [0, 7, 15], render(splats, camera, settings).pixels
-    assert np.ptp(whole[rows]) > 0.3
-    assert np.abs(render_rows(splats, camera, settings, rows) - whole[rows]).max() < 1e-12
+    windows, whole = (
+        [Window(0, 7, 20, 1), Window(0, 0, 3, 2), Window(9, 6, 5, 4), Window(17, 13, 3, 3)],
+        render(splats, camera, settings),
+    )
+    parts = [whole.pixels[w.y : w.y + w.height, w.x : w.x + w.width] for w in windows]
+    assert min(np.ptp(parts[0]), np.ptp(parts[2])) > 0.3
+    for found, part in zip(render_windows(splats, camera, settings, windows), parts, strict=True):
+        assert found.shape == part.shape and np.abs(found - part).max() < 1e-12

@@ -15,7 +15,7 @@ def main(source: str, target: str) -> None:
     with sg.Renderer() as renderer:
         image = sg.check(renderer.render(splats, camera), splats, camera)
     image.save(target)
-    print(f"{len(splats):,} splats; off by at most {image.info['checked']['largest']:.2g} in the rows checked")
+    print(f"{len(splats):,} splats; off by at most {image.info['checked']['largest']:.2g} in what was checked")
 
 
 if __name__ == "__main__":

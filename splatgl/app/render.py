@@ -44,12 +44,12 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         "--check",
         type=int,
         metavar="ROWS",
-        help="compare rows of pixels with float64 (two with --field, or if no bound is known; 0: none)",
+        help="compare as many rows with float64 (0: none; default: some squares, with --field or without a bound)",
     )
     parser.add_argument(
         "--field",
         action="store_true",
-        help="also compare pixels of these rows, at least one, with the field that the picture stands for",
+        help="also compare some of these pixels with the field that the picture stands for",
     )
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     add_drawing(parser)
@@ -148,8 +148,8 @@ def _accuracy(image: Image) -> str:
     told = f"{known}: the tolerance {tolerance:.3g} is {'' if info['tolerance_met'] else missed}met"
     if not isinstance(checked, dict):
         return told
-    rows = f"{len(checked['rows'])} row{'s' * (len(checked['rows']) != 1)} drawn in float64"
-    told += f"\noff by at most {checked['largest']:.2g}, RMSE {checked['rmse']:.2g}, in {rows}"
+    told += f"\noff by at most {checked['largest']:.2g}, RMSE {checked['rmse']:.2g}, in {checked['pixels']} pixels"
+    told += " drawn in float64"
     field = checked.get("field")
     if field is None:
         return told

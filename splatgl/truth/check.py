@@ -1,4 +1,4 @@
-"""Rows of an image compared with the float64 reference: its error where no bound is known."""
+"""Parts of an image compared with the float64 reference: its error where no bound is known."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import classified_before, suited
 from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.screen_bounds import Window
 from splatgl.truth.field import FIELD_BLENDS, kept_field_integral
-from splatgl.truth.reference import render_rows
+from splatgl.truth.reference import render_windows
 
-# rows, unless their number is given
-CHECKED = 2
+# squares of pixels, unless a number of rows is given, and the pixels of their sides
+SQUARES, SIDE = 6, 8
 # most pixels marched through the field, and rays along the sides of one that is antialiased
 FIELD_PIXELS, FIELD_SAMPLES = 64, 4
 
@@ -27,29 +28,33 @@ def check(
     rows: int | None = None,
     field: bool = False,
 ) -> Image:
-    """The image of `Renderer.render` with `info["checked"]`: its rows, and the largest and the mean error in them.
+    """The image of `Renderer.render` with `info["checked"]`: what was compared, the largest and the mean error there.
 
-    rows: as many rows of pixels, spread over what is in the image, are drawn in float64 (CHECKED, or all if it has
-    fewer); of an empty one, none.
-    field: also compares pixels of these rows with the field that the picture stands for, values reconstructed and
+    SQUARES of SIDE pixels, spread over what is in the image, are drawn in float64; of an empty one, none. rows: as
+    many rows of pixels instead.
+    field: also compares some of these pixels with the field that the picture stands for, values reconstructed and
     classified at every point of their rays: `info["checked"]["field"]`. Raises InputError as `refuse`.
     """
     settings = settings or Settings()
     refuse(splats, camera, settings, rows, field)
-    count = min(CHECKED, camera.size[1]) if rows is None else rows
-    some = np.flatnonzero(image.pixels[..., 3].max(axis=1) > 0)
-    if count == 0 or not len(some):
+    seen = image.pixels[..., 3] > 0
+    if rows == 0 or not seen.any():
         return image
-    chosen = np.unique(some[((np.arange(count) + 0.5) / count * len(some)).astype(int)])
-    off = image.pixels[chosen] - render_rows(splats, camera, settings, chosen.tolist())
-    checked: dict[str, object] = {"rows": chosen.tolist(), **_errors(off)}
+    windows = _squares(seen) if rows is None else _rows(seen, rows)
+    right = render_windows(splats, camera, settings, windows)
+    parts = [image.pixels[w.y : w.y + w.height, w.x : w.x + w.width] for w in windows]
+    off = np.concatenate([(part - each).reshape(-1, 4) for part, each in zip(parts, right, strict=True)])
+    checked: dict[str, object] = {"windows": [w.box for w in windows], "pixels": len(off), **_errors(off)}
     if field:
+        inside = np.zeros_like(seen)
+        for w in windows:
+            inside[w.y : w.y + w.height, w.x : w.x + w.width] = True
+        shown = np.flatnonzero(seen & inside)
+        pixels = shown[np.linspace(0, len(shown) - 1, min(FIELD_PIXELS, len(shown))).astype(int)]
         drawn = suited(splats, settings, moving=False)
-        shown = np.argwhere(image.pixels[chosen, :, 3] > 0)
-        row, column = shown[np.linspace(0, len(shown) - 1, min(FIELD_PIXELS, len(shown))).astype(int)].T
         samples = 1 if settings.antialias == "off" else FIELD_SAMPLES
-        right = kept_field_integral(drawn, camera, chosen[row] * camera.size[0] + column, samples, settings.blend)
-        checked["field"] = {"pixels": len(row), **_errors(image.pixels[chosen[row], column] - right)}
+        far = image.pixels.reshape(-1, 4)[pixels] - kept_field_integral(drawn, camera, pixels, samples, settings.blend)
+        checked["field"] = {"pixels": len(pixels), **_errors(far)}
     return Image(image.pixels, {**image.info, "checked": checked})
 
 
@@ -67,6 +72,26 @@ def refuse(splats: Splats, camera: Camera, settings: Settings, rows: int | None,
     why = classified_before(splats, settings, moving=False)
     if why:
         raise expected("--field", "values classified after reconstruction", f"voxels classified before ({why})")
+
+
+def _rows(seen: np.ndarray, count: int) -> list[Window]:
+    """Rows of pixels, spread over those in which something is seen."""
+    rows = _spread(np.flatnonzero(seen.any(axis=1)), count)
+    return [Window(0, row, seen.shape[1], 1) for row in rows.tolist()]
+
+
+def _squares(seen: np.ndarray) -> list[Window]:
+    """Squares of a grid, spread over those in which something is seen; cut off at the picture's edges."""
+    height, width = seen.shape
+    padded = np.pad(seen, ((0, -height % SIDE), (0, -width % SIDE)))
+    down, across = padded.shape[0] // SIDE, padded.shape[1] // SIDE
+    cells = _spread(np.argwhere(padded.reshape(down, SIDE, across, SIDE).any(axis=(1, 3))) * SIDE, SQUARES)
+    return [Window(x, y, min(SIDE, width - x), min(SIDE, height - y)) for y, x in cells.tolist()]
+
+
+def _spread(found: np.ndarray, count: int) -> np.ndarray:
+    """So many of them at equal steps; all, if there are fewer."""
+    return found[np.unique(((np.arange(count) + 0.5) / count * len(found)).astype(int))]
 
 
 def _errors(off: np.ndarray) -> dict[str, float]:

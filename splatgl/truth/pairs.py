@@ -1,4 +1,4 @@
-"""(Splat, pixel) pairs: the splats that overlap pixels of a band of the image, and their values.
+"""(Splat, pixel) pairs: the splats that overlap pixels of a window of the image, and their values.
 
 No loop over splats: boxes are unrolled into rows, rows into pixels.
 """
@@ -16,6 +16,7 @@ from splatgl.splat.integral.line_integral import Integral, row1
 from splatgl.splat.integral.quads import Quads, on_quads, table_quad
 from splatgl.splat.integral.table1 import ROWS, Splat
 from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 from splatgl.truth.extent import Boxes
 
@@ -27,7 +28,7 @@ QUAD_ROWS = {"row4": "ray", "row5": "grid"}
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """Pairs by splat, in drawing order. splat int [P], pixel int [P] (row-major in the band), integral [P]."""
+    """Pairs by splat, in drawing order. splat int [P], pixel int [P] (row-major in the window), integral [P]."""
 
     splat: np.ndarray
     pixel: np.ndarray
@@ -72,20 +73,21 @@ class Row:
         return found
 
 
-def values(row: Row, boxes: Boxes, order: np.ndarray, band: tuple[int, int], camera: Camera) -> Iterator[Values]:
-    """Pairs in image rows band[0] ≤ j < band[1], splats in the given order, in chunks."""
+def values(row: Row, boxes: Boxes, order: np.ndarray, window: Window, camera: Camera) -> Iterator[Values]:
+    """Pairs in a window of the image, splats in the given order, in chunks."""
     across, down = ((np.arange(count) + 0.5 - count / 2) * row.view.pitch for count in camera.size)
-    top, bottom = np.maximum(boxes.top, band[0]), np.minimum(boxes.bottom, band[1])
-    seen = order[((boxes.right > boxes.left) & (bottom > top))[order]]
-    count = (boxes.right - boxes.left)[seen] * (bottom - top)[seen]
+    top, bottom = np.maximum(boxes.top, window.y), np.minimum(boxes.bottom, window.y + window.height)
+    left, right = np.maximum(boxes.left, window.x), np.minimum(boxes.right, window.x + window.width)
+    seen = order[((right > left) & (bottom > top))[order]]
+    count = (right - left)[seen] * (bottom - top)[seen]
     for chunk in np.split(seen, _cuts(count)):
         lines, line = _unroll(top[chunk], bottom[chunk])
         owner = chunk[lines]
-        spans, column = _unroll(boxes.left[owner], boxes.right[owner])
+        spans, column = _unroll(left[owner], right[owner])
         splat, line = owner[spans], line[spans]
         found = row.on(splat, np.stack([across[column], down[line]]))
         hit = np.flatnonzero(found.value > 0)
-        pixel = (line[hit] - band[0]) * camera.size[0] + column[hit]
+        pixel = (line[hit] - window.y) * window.width + column[hit] - window.x
         yield Values(splat[hit], pixel, Integral(found.value[hit], found.peak[hit]))
 
 

@@ -23,6 +23,7 @@ from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import suited
 from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 from splatgl.truth.blend import ADD, Band, Part, pixels
 from splatgl.truth.extent import Boxes, pixel_boxes
@@ -62,27 +63,35 @@ def render(
     # in bands; all samples of a pixel are in the same band
     height = max(1, scene.band_height() // resolved.samples) * resolved.samples
     bands = [(top, min(top + height, fine.size[1])) for top in range(0, fine.size[1], height)]
-    drawn = [scene.band(band) for band in (progress(iter(bands), len(bands)) if progress else bands)]
+    told = progress(iter(bands), len(bands)) if progress else bands
+    drawn = [scene.part(Window(0, top, fine.size[0], end - top)) for top, end in told]
     picture = _mean(np.concatenate(drawn), resolved)
     return Image(picture, _provenance(splats, camera, resolved, row, time.perf_counter() - started))
 
 
-def render_rows(splats: Splats, camera: Camera, settings: Settings, rows: Sequence[int]) -> np.ndarray:
-    """Rows of pixels of the same image, float64 [n, W, 4]: enough to check another image of many splats."""
+def render_windows(splats: Splats, camera: Camera, settings: Settings, windows: Sequence[Window]) -> list[np.ndarray]:
+    """Windows of pixels of the same image, float64 [h, w, 4]: enough to check another image of many splats."""
     splats = ahead(suited(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
     scene, k = _scene(splats, resolved, "row1"), resolved.samples
+    if not resolved.averaged:
+        return [_mean(part, resolved) for part in scene.parts(windows)]
+    fine = [_samples(window, resolved) for window in windows]
     found = []
-    for row in rows:
-        # a mean reads the nearest samples of the pixels beside
-        lines = np.arange(row * k, (row + 1) * k)
-        if resolved.averaged:
-            lines = np.concatenate([[lines[0] - 1] * k, lines, [lines[-1] + 1] * k])
-        lines = np.clip(lines, 0, camera.size[1] * k - 1)
-        drawn = {line: scene.band((line, line + 1)) for line in np.unique(lines).tolist()}
-        picture = _mean(np.concatenate([drawn[line] for line in lines.tolist()]), resolved)
-        found.append(picture[len(picture) // 2])
-    return np.stack(found)
+    for window, near, drawn in zip(windows, fine, scene.parts(fine), strict=True):
+        left, top = (window.x - 1) * k, (window.y - 1) * k
+        right, bottom = left + (window.width + 2) * k, top + (window.height + 2) * k
+        beyond = ((near.y - top, bottom - near.y - near.height), (near.x - left, right - near.x - near.width), (0, 0))
+        found.append(_mean(np.pad(drawn, beyond, mode="edge"), resolved)[1:-1, 1:-1])
+    return found
+
+
+def _samples(window: Window, resolved: Resolved) -> Window:
+    """The samples of a window's pixels, and the nearest beside them, which their means read."""
+    k, (width, height) = resolved.samples, resolved.camera.size
+    left, top = max(window.x * k - 1, 0), max(window.y * k - 1, 0)
+    right, bottom = (window.x + window.width) * k + 1, (window.y + window.height) * k + 1
+    return Window(left, top, min(right, width) - left, min(bottom, height) - top)
 
 
 def _scene(splats: Splats, resolved: Resolved, row: str) -> _Scene | SheetScene:
@@ -90,7 +99,7 @@ def _scene(splats: Splats, resolved: Resolved, row: str) -> _Scene | SheetScene:
 
 
 class _Scene:
-    """Data shared by all bands: positions, boxes, order and colours of all splats."""
+    """Data shared by all windows: positions, boxes, order and colours of all splats."""
 
     def __init__(self, splats: Splats, resolved: Resolved, row: str) -> None:
         blend, camera = resolved.look.blend, resolved.camera
@@ -116,14 +125,17 @@ class _Scene:
         """Rows of pixels drawn together."""
         return max(1, BAND // self.camera.size[0])
 
-    def band(self, band: tuple[int, int]) -> np.ndarray:
-        """float64 [rows, width, 4]."""
-        width = self.camera.size[0]
-        gathered = Band.empty((band[1] - band[0]) * width)
-        for found in values(self.row, self.boxes, self.order, band, self.camera):
+    def part(self, window: Window) -> np.ndarray:
+        """A window of the picture, float64 [h, w, 4]."""
+        gathered = Band.empty(window.height * window.width)
+        for found in values(self.row, self.boxes, self.order, window, self.camera):
             if len(found.splat):
                 ADD[self.blend.join](gathered, self._part(found))
-        return pixels(gathered, self.blend).reshape(-1, width, 4)
+        return pixels(gathered, self.blend).reshape(window.height, window.width, 4)
+
+    def parts(self, windows: Sequence[Window]) -> list[np.ndarray]:
+        """Windows of the picture."""
+        return [self.part(window) for window in windows]
 
     def _part(self, found: Values) -> Part:
         value = found.integral.value

@@ -7,6 +7,7 @@ that is classified.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from splatgl.splat.kernel.tabulated import tabulated
 from splatgl.splat.plan.blend_mode import BlendMode
 from splatgl.splat.plan.resolve import Resolved
 from splatgl.splat.sheets.sheets import LEAST_MASS, Sheets, index_direction
+from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 from splatgl.truth.blend import classified, joined, joined_value
 from splatgl.truth.extent import Boxes, pixel_boxes
@@ -26,10 +28,12 @@ from splatgl.truth.rays import Rays
 
 # floats of the sums of a band of pixels
 MOST_SUMS = 2**24
+# opacity behind which light is less than rounding
+OPAQUE = 1 - 1e-15
 
 
 class SheetScene:
-    """Data shared by all bands: positions, sheets and what each splat adds to them."""
+    """Data shared by all windows: positions, sheets and what each splat adds to them."""
 
     def __init__(self, splats: Splats, resolved: Resolved, depth: np.ndarray | None, row: str = "row1") -> None:
         """depth [N]: attenuated optical depths of splats classified before; None: classified after."""
@@ -59,18 +63,34 @@ class SheetScene:
         """Rows of pixels whose sums fit into MOST_SUMS."""
         return max(MOST_SUMS // (max(self.many, 1) * self.terms.shape[1] * self.camera.size[0]), 1)
 
-    def band(self, band: tuple[int, int]) -> np.ndarray:
-        """float64 [rows, width, 4]."""
-        width = self.camera.size[0]
-        pixels = (band[1] - band[0]) * width
-        sums = np.zeros((pixels * self.many, self.terms.shape[1]))
-        for found in values(self.row, self.boxes, np.arange(len(self.base)), band, self.camera):
+    def part(self, window: Window) -> np.ndarray:
+        """A window of the picture, float64 [h, w, 4]."""
+        return self.parts([window])[0]
+
+    def parts(self, windows: Sequence[Window]) -> list[np.ndarray]:
+        """Windows of the picture, float64 [h, w, 4]; small ones together, as the sheets of all are passed in turn."""
+        sizes = [w.width * w.height for w in windows]
+        if len(windows) > 1 and sum(sizes) * self.many * self.terms.shape[1] > MOST_SUMS:
+            return [self.part(window) for window in windows]
+        sums = np.concatenate([self._sums(window) for window in windows])
+        found = composited(sums) if self.field is None else self._classified(sums, windows)
+        ends = np.cumsum(sizes)[:-1]
+        return [part.reshape(w.height, w.width, 4) for part, w in zip(np.split(found, ends), windows, strict=True)]
+
+    def _sums(self, window: Window) -> np.ndarray:
+        """[P, sheets, terms] of a window's pixels."""
+        sums = np.zeros((window.width * window.height * self.many, self.terms.shape[1]))
+        for found in values(self.row, self.boxes, np.arange(len(self.base)), window, self.camera):
             self._add(sums, found)
-        sums = sums.reshape(pixels, self.many, -1)
-        if self.field is None:
-            return composited(sums).reshape(-1, width, 4)
-        rays = Rays.of(self.view, self.camera, self.field.post.shape, np.arange(band[0] * width, band[1] * width))
-        return self.field.composited(sums, rays, self.first, self.sheets).reshape(-1, width, 4)
+        return sums.reshape(-1, self.many, self.terms.shape[1])
+
+    def _classified(self, sums: np.ndarray, windows: Sequence[Window]) -> np.ndarray:
+        assert self.field is not None
+        width = self.camera.size[0]
+        rows = [np.arange(w.y, w.y + w.height)[:, None] * width + np.arange(w.x, w.x + w.width) for w in windows]
+        places = np.concatenate([each.ravel() for each in rows])
+        rays = Rays.of(self.view, self.camera, self.field.post.shape, places)
+        return self.field.composited(sums, rays, self.first, self.sheets)
 
     def _add(self, sums: np.ndarray, found: Values) -> None:
         value, splat = found.integral.value, found.splat
@@ -128,7 +148,9 @@ class _Field:
             mean = padded[:, n, 1:] / np.where(valid, mass, 1.0)[:, None]
             mean = np.where(valid[:, None], mean, before)
             start = np.where(known[:, None], before, mean)
-            some = np.flatnonzero(valid | known)
+            # what is behind matter that hides everything is not seen
+            open_ = (light[:, 3] < OPAQUE) | self.blend.one_value | self.blend.unbounded
+            some = np.flatnonzero((valid | known) & open_)
             # the part within the box
             low, high = (np.clip(end[some] - (first + n - 1), 0.0, 1.0) for end in (near, far))
             for i in range(sheets.steps):

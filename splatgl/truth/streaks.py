@@ -24,6 +24,7 @@ from splatgl.splat.plan.blend_mode import BLENDS, BlendMode
 from splatgl.splat.plan.resolve import AVERAGED, Resolved
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 from splatgl.truth.blend import ADD, Band, Part, pixels
 from splatgl.truth.extent import Boxes, pixel_ends
@@ -56,7 +57,9 @@ def render(
     # the same bands as in the reference
     width, height = camera.size
     rows = max(1, BAND // width)
-    picture = np.concatenate([drawn.band((top, min(top + rows, height))) for top in range(0, height, rows)])
+    picture = np.concatenate(
+        [drawn.part(Window(0, top, width, min(rows, height - top))) for top in range(0, height, rows)]
+    )
     if settings.background is not None and not BLENDS[settings.blend].unbounded:
         picture = picture + (1 - picture[..., 3:]) * np.array([*settings.background, 1.0])
     info = {"scene": splats.name, "blend": settings.blend, "motion": shape, "shutter": shutter}
@@ -104,18 +107,17 @@ class _Drawn:
                 coverage = coverage * energy_gain(view.kernel, lengths)
         return cls(row, _boxes(view, paths), paths.camera, blend, order, color, depth, coverage, isolated)
 
-    def band(self, band: tuple[int, int]) -> np.ndarray:
-        """float64 [rows, width, 4]."""
-        width = self.camera.size[0]
-        gathered = Band.empty((band[1] - band[0]) * width)
-        for found in values(self.row, self.boxes, self.order, band, self.camera):
+    def part(self, window: Window) -> np.ndarray:
+        """A window of the picture, float64 [h, w, 4]."""
+        gathered = Band.empty(window.height * window.width)
+        for found in values(self.row, self.boxes, self.order, window, self.camera):
             s = found.splat
             if len(s):
                 depth = self.depth[s] * found.integral.value
                 if self.isolated.any():
                     depth = dwelt_depth(depth, self.depth[s] * found.integral.peak, self.isolated[s])
                 ADD[self.blend.join](gathered, Part(found.pixel, depth, self.color[s], self.coverage[s]))
-        return pixels(gathered, self.blend).reshape(-1, width, 4)
+        return pixels(gathered, self.blend).reshape(window.height, window.width, 4)
 
 
 def length_of(view: View, paths: Streaks) -> np.ndarray:

@@ -113,7 +113,7 @@ def caption(scene: Scene, truth: str) -> str:
         return f"nothing comes below {number(gist.least)}"
     if truth == "field" and gist.nearest and all(gist.field):
         exact, own = map(number, gist.field)
-        return f"the default is {own} away, exact splats {exact}, {gist.nearest.name} {number(gist.nearest.error)}"
+        return f"the default is {own} away, exact splats {exact}"
     return ""
 
 
