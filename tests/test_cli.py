@@ -224,7 +224,7 @@ def test_explain(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["render", "noise.npy", "--size", "16", "--explain"]) == 0
     told = capsys.readouterr().out
     assert "align exact" in told and "3 share a splat, classified after reconstruction" in told
-    assert re.search(r"off by at most \S+, RMSE \S+, in 256 pixels drawn in float64, against", told)
+    assert re.search(r"off by at most \S+, RMSE \S+, in 160 pixels drawn in float64, against", told)
     assert main(["render", "noise.npy", "--size", "16", "--explain", "--like", "0.1"]) == 0
     told = capsys.readouterr().out
     assert re.search(r"error bound \S+: the tolerance 0.00392 is met, against", told)
@@ -288,10 +288,10 @@ def test_rows_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     asked = ["render", "noise.npy", "--size", "24", "-o", "x.png"]
     assert main(asked) == 0
     assert re.search(
-        r"not known to be met\noff by at most \S+, RMSE \S+, in 384 pixels drawn in float64", capsys.readouterr().out
+        r"not known to be met\noff by at most \S+, RMSE \S+, in 160 pixels drawn in float64", capsys.readouterr().out
     )
     checked: Any = sg.Image.load("x.png").info["checked"]
-    assert 0 < checked["rmse"] < checked["largest"] < 0.02 and len(checked["windows"]) == 6
+    assert 0 < checked["rmse"] < checked["largest"] < 0.02 and len(checked["windows"]) == 10
     assert main([*asked, "--like", "0.1"]) == 0 and "drawn in float64" not in capsys.readouterr().out
     for rows, told in (("5", "120 pixels"), ("0", "")):
         assert main([*asked, "--check", rows]) == 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from noise import GRIDS, noise, views
 from splatting import SPLATS
 
 import splatgl as sg
@@ -12,11 +13,12 @@ from splatgl.splat.extraction.order import back_to_front, order_for
 from splatgl.splat.integral.line_integral import row1
 from splatgl.splat.integral.table1 import ROWS, Splat
 from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.plan.resolve import Resolved
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 from splatgl.truth import pairs
 from splatgl.truth.blend import ADD, Band, Part, Sum
-from splatgl.truth.extent import Boxes
+from splatgl.truth.extent import Boxes, pixel_boxes, reaching
 from splatgl.truth.pixel_means import pixel_means
 from splatgl.truth.reference import render, render_windows
 
@@ -315,3 +317,23 @@ def test_windows_are_those_of_the_picture(antialias: str, compositing: str) -> N
     assert min(np.ptp(parts[0]), np.ptp(parts[2])) > 0.3
     for found, part in zip(render_windows(splats, camera, settings, windows), parts, strict=True):
         assert found.shape == part.shape and np.abs(found - part).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ["fitted", "close", "wide", "parallel", "far", "parallel, far"])
+@pytest.mark.parametrize("grid", GRIDS)
+def test_only_splats_that_reach_a_window_are_drawn(grid: str, name: str) -> None:
+    """No splat whose box meets the window is left out, and few others are kept."""
+    splats = noise(grid)
+    camera = views(splats)[name]
+    resolved = Resolved.of(splats, camera, SPLATS)
+    view, camera = resolved.view, resolved.camera
+    boxes = pixel_boxes(view, "row1", view.voxels(splats.positions), camera)
+    width, height = camera.size
+    kept = []
+    for window in (Window(width // 2, height // 2, 2, 1), Window(0, 0, 3, 2), Window(0, height // 3, width, 1)):
+        meet = (boxes.right > boxes.left) & (boxes.right > window.x) & (boxes.left < window.x + window.width)
+        meet &= (boxes.bottom > window.y) & (boxes.top < window.y + window.height)
+        found = reaching(splats, view, [window])
+        assert not (meet & ~found).any()
+        kept.append(found.mean())
+    assert min(kept) < 0.6 or "far" in name

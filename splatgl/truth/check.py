@@ -15,7 +15,7 @@ from splatgl.truth.field import FIELD_BLENDS, kept_field_integral
 from splatgl.truth.reference import render_windows
 
 # squares of pixels, unless a number of rows is given, and the pixels of their sides
-SQUARES, SIDE = 6, 8
+SQUARES, SIDE = 10, 4
 # most pixels marched through the field, and rays along the sides of one that is antialiased
 FIELD_PIXELS, FIELD_SAMPLES = 64, 4
 

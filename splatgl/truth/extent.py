@@ -5,16 +5,22 @@ Lengths in mean spacings, eye axes; boxes are of slopes (perspective) or of eye 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.view.block_culling import STRETCHED
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.ellipse import smallest_axis
+from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 
 # relative enlargement of a box against rounding
 MARGIN = 1e-9
+# splats looked at together: their temporaries stay in the cache
+SOME = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,3 +131,33 @@ def _widened(view: View, row: str, voxel: np.ndarray, corner: np.ndarray) -> tup
         half = half * np.sqrt(1 + corner @ corner) * length / np.sqrt((length - radius) * (length + radius))
     ends = np.stack([voxel[:2] / near, voxel[:2] / (z + view.reach)])
     return ends.min(axis=0) - half, ends.max(axis=0) + half
+
+
+def reaching(splats: Splats, view: View, windows: Sequence[Window]) -> np.ndarray:
+    """Which splats may reach one of the windows of the picture, bool [N]: those near enough to all of its sides."""
+    records = splats.records["position"]
+    parts = (records[start : start + SOME] for start in range(0, len(records), SOME))
+    return np.concatenate([np.zeros(0, bool), *(_reaching(part, view, windows) for part in parts)])
+
+
+def _reaching(positions: np.ndarray, view: View, windows: Sequence[Window]) -> np.ndarray:
+    v = view.voxels(positions)
+    # a ball around the kernel; beyond z_k footprints grow with depth
+    reach = view.kernel.radius * np.linalg.norm(view.eye_from_index, 2)
+    widest = STRETCHED * view.kernel.radius * view.pitch * view.antialias
+    depth = np.ones(len(positions))
+    if view.perspective:
+        depth = np.where(v[2] > 0, v[2], 1.0)
+        steepest = float(np.abs(np.array(view.size) / 2 + 1).max()) * view.pitch
+        # from a plane through the eye to a point: the difference of slopes, times depth, over this
+        reach, widest = reach * np.hypot(1.0, steepest), widest * np.hypot(1.0, steepest)
+    half = np.maximum(reach / depth, widest)
+    found = np.zeros(len(positions), bool)
+    places, half = v[:2] / depth / view.pitch, half / view.pitch
+    for window in windows:
+        x, y = window.x + (window.width - view.size[0]) / 2, window.y + (window.height - view.size[1]) / 2
+        near = np.flatnonzero(np.abs(places[0] - x) <= half + (window.width / 2 + 1))
+        found[near[np.abs(places[1, near] - y) <= half[near] + (window.height / 2 + 1)]] = True
+    if view.perspective:
+        found = np.where(v[2] > 0, found, v[2] > -reach)
+    return found

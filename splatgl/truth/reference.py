@@ -26,7 +26,7 @@ from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 from splatgl.truth.blend import ADD, Band, Part, pixels
-from splatgl.truth.extent import Boxes, pixel_boxes
+from splatgl.truth.extent import Boxes, pixel_boxes, reaching
 from splatgl.truth.pairs import Row, Values, values
 from splatgl.truth.pixel_means import pixel_means
 from splatgl.truth.sheets import SheetScene
@@ -73,10 +73,12 @@ def render_windows(splats: Splats, camera: Camera, settings: Settings, windows: 
     """Windows of pixels of the same image, float64 [h, w, 4]: enough to check another image of many splats."""
     splats = ahead(suited(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
-    scene, k = _scene(splats, resolved, "row1"), resolved.samples
+    k = resolved.samples
+    fine = [_samples(window, resolved) for window in windows] if resolved.averaged else list(windows)
+    some = reaching(splats, resolved.view, fine)
+    scene = _scene(splats.part(some, among_all=resolved.look.attenuation == "fill"), resolved, "row1")
     if not resolved.averaged:
-        return [_mean(part, resolved) for part in scene.parts(windows)]
-    fine = [_samples(window, resolved) for window in windows]
+        return [_mean(part, resolved) for part in scene.parts(fine)]
     found = []
     for window, near, drawn in zip(windows, fine, scene.parts(fine), strict=True):
         left, top = (window.x - 1) * k, (window.y - 1) * k

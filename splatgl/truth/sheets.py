@@ -79,10 +79,10 @@ class SheetScene:
 
     def _sums(self, window: Window) -> np.ndarray:
         """[P, sheets, terms] of a window's pixels."""
-        sums = np.zeros((window.width * window.height * self.many, self.terms.shape[1]))
+        sums = np.zeros((self.terms.shape[1], window.width * window.height * self.many))
         for found in values(self.row, self.boxes, np.arange(len(self.base)), window, self.camera):
             self._add(sums, found)
-        return sums.reshape(-1, self.many, self.terms.shape[1])
+        return sums.T.reshape(-1, self.many, len(sums))
 
     def _classified(self, sums: np.ndarray, windows: Sequence[Window]) -> np.ndarray:
         assert self.field is not None
@@ -96,11 +96,12 @@ class SheetScene:
         value, splat = found.integral.value, found.splat
         if self.field is not None:
             value = value / found.integral.peak
-        for j, weight in enumerate(self.weights):
-            entry = found.pixel * self.many + self.base[splat] + j - self.first
-            term = (weight[splat] * value)[:, None] * self.terms[splat]
-            for k in range(sums.shape[1]):
-                sums[:, k] += np.bincount(entry, term[:, k], len(sums))
+        entry = found.pixel * self.many + self.base[splat] - self.first
+        shares = [weight[splat] * value for weight in self.weights]
+        for total, term in zip(sums, self.terms.T, strict=True):
+            own = term[splat]
+            for j, share in enumerate(shares):
+                total += np.bincount(entry + j, share * own, len(total))
 
 
 def composited(sums: np.ndarray) -> np.ndarray:
