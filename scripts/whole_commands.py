@@ -28,6 +28,7 @@ from bench_rows import tell
 
 import splatgl as sg
 from splatgl.app.scene import Scene
+from splatgl.data.color import srgb_from_linear
 from splatgl.splat.classification.shading import AMBIENT, DIFFUSE
 
 FILES = (
@@ -51,10 +52,21 @@ reader = next(made for ending, made in readers.items() if job["file"].endswith(e
 reader.SetFileName(job["file"])
 if job["file"].endswith(".raw"):
     reader.SetFileDimensionality(3)
+    reader.SetFileLowerLeft(1)
     reader.SetDataExtent(*(n for count in job["shape"] for n in (0, count - 1)))
     reader.SetDataScalarTypeToUnsignedChar()
+if job["file"].endswith(".tif"):
+    reader.SetOrientationType(1)
 reader.Update()
 image = reader.GetOutput()
+if job["file"].endswith(".nii.gz") and reader.GetRescaleSlope() not in (0, 1):
+    scaled = vtk.vtkImageShiftScale()
+    scaled.SetInputData(image)
+    scaled.SetScale(reader.GetRescaleSlope())
+    scaled.SetShift(reader.GetRescaleIntercept() / reader.GetRescaleSlope())
+    scaled.SetOutputScalarTypeToFloat()
+    scaled.Update()
+    image = scaled.GetOutput()
 image.SetSpacing(*job["spacing"])
 image.SetOrigin(0, 0, 0)
 opacity, color = vtk.vtkPiecewiseFunction(), vtk.vtkColorTransferFunction()
@@ -83,6 +95,10 @@ matrix = vtk.vtkMatrix4x4()
 matrix.DeepCopy(job["matrix"])
 volume.SetUserMatrix(matrix)
 renderer.AddVolume(volume)
+light = vtk.vtkLight()
+light.SetLightTypeToHeadlight()
+light.SetAmbientColor(1.0, 1.0, 1.0)
+renderer.AddLight(light)
 window.SetOffScreenRendering(1)
 window.SetAlphaBitPlanes(1)
 window.SetMultiSamples(0)
@@ -130,6 +146,7 @@ def vtk_job(path: Path, size: int, output: Path) -> dict[str, Any]:
     low, high = float(np.nanmin(volume.samples)), float(np.nanmax(volume.samples))
     nodes = sorted({low, high, *(value for value, _ in transfer.points)})
     values = np.linspace(low, high, COLORS)
+    shown = srgb_from_linear(transfer.color(values)).tolist()
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = volume.direction, volume.origin
     return {
@@ -140,7 +157,7 @@ def vtk_job(path: Path, size: int, output: Path) -> dict[str, Any]:
         "spacing": list(volume.spacing),
         "matrix": matrix.ravel().tolist(),
         "opacity": [(value, float(transfer.opacity(value))) for value in nodes],
-        "color": [(value, *rgb) for value, rgb in zip(values.tolist(), transfer.color(values).tolist(), strict=True)],
+        "color": [(value, *rgb) for value, rgb in zip(values.tolist(), shown, strict=True)],
         "unit": transfer.unit or min(volume.spacing),
         "shaded": transfer.shading,
         "light": (AMBIENT, DIFFUSE),
