@@ -41,11 +41,14 @@ def stored_color(color: np.ndarray, record: np.dtype) -> np.ndarray:
     return np.rint(np.clip(color, 0, 1) * COLOR_SCALE).astype(np.uint16)
 
 
+def color_scale(record: np.dtype) -> float:
+    """What a record holds for a colour of 1."""
+    return 1.0 if record == POINT else COLOR_SCALE
+
+
 def linear_color(records: np.ndarray) -> np.ndarray:
     """Linear RGB [N, 3] of records, float32."""
-    if records.dtype == POINT:
-        return np.asarray(records["color"])
-    return records["color"] / np.float32(COLOR_SCALE)
+    return np.asarray(records["color"] / np.float32(color_scale(records.dtype)))
 
 
 def as_points(records: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 from splatgl.data.errors import expected
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.extraction.points import checked_points, checked_spacing
-from splatgl.splat.extraction.records import COLOR_SCALE, POINT, linear_color
+from splatgl.splat.extraction.records import POINT, color_scale, linear_color
 
 if TYPE_CHECKING:
     from splatgl.splat.extraction.extract import Source
@@ -215,8 +215,7 @@ class Splats:
         """The largest colour component, linear light; 1, where colour maps end, if classified after reconstruction."""
         if self.post is not None:
             return 1.0
-        brightest = float(self.records["color"].max(initial=0))
-        return brightest if self.records.dtype == POINT else brightest / COLOR_SCALE
+        return float(self.records["color"].max(initial=0)) / color_scale(self.records.dtype)
 
     @cached_property
     def runs(self) -> np.ndarray:
