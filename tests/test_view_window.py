@@ -67,9 +67,10 @@ def display() -> Iterator[str]:
 
 
 class Window:
-    """A viewer in a process of its own, and the hands at it."""
+    """A viewer in a process of its own, alone on a display of its own, and the hands at it."""
 
-    def __init__(self, display: str, source: Path, folder: Path, **options: Any) -> None:
+    def __init__(self, source: Path, folder: Path, **options: Any) -> None:
+        self.server, display = start_display()
         self.environment = {**os.environ, "DISPLAY": display}
         asked = json.dumps({"size": SIZE, "backend": "egl", "panel": False} | options)
         command = [sys.executable, str(DRIVER), str(source), str(folder), asked]
@@ -130,6 +131,8 @@ class Window:
             self.process.stdin.write('{"do": "end"}\n')
             self.process.stdin.flush()
         _, errors = self.process.communicate(timeout=PATIENCE)
+        self.server.terminate()
+        self.server.wait(PATIENCE)
         assert self.process.returncode == 0 and not errors, errors
 
     def _read(self) -> Told:
@@ -137,6 +140,7 @@ class Window:
         line = self.process.stdout.readline() if ready else ""
         if not line:
             self.process.kill()
+            self.server.kill()
         assert line, self.process.communicate()[1] or "no answer"
         return json.loads(line)
 
@@ -151,8 +155,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def shared_window(display: str, folder: Path) -> Iterator[Window]:
-    window = Window(display, folder / "blob.npy", folder)
+def shared_window(folder: Path) -> Iterator[Window]:
+    window = Window(folder / "blob.npy", folder)
     yield window
     window.end()
 
@@ -369,11 +373,11 @@ def test_the_reference_beside_it(window: Window) -> None:
 
 
 @pytest.fixture
-def values(display: str, folder: Path) -> Iterator[Window]:
+def values(folder: Path) -> Iterator[Window]:
     """A window with a scene that is classified after reconstruction."""
     scene = 'volume = "blob.npy"\n[transfer]\npoints = [[4.0, 0.0], [30.0, 0.6]]\ncolormap = "hot"\n'
     (folder / "post.toml").write_text(scene + '[settings]\nclassification = "post"\nantialias = "off"\n')
-    window = Window(display, folder / "post.toml", folder, size=(400, 300))
+    window = Window(folder / "post.toml", folder, size=(400, 300))
     yield window
     window.end()
 
@@ -480,9 +484,9 @@ def test_dropped_files(window: Window, folder: Path) -> None:
     assert window.drop(folder / "blob.npy")["splats"] == first
 
 
-def test_watching(display: str, tmp_path: Path) -> None:
+def test_watching(tmp_path: Path) -> None:
     np.save(tmp_path / "v.npy", blob().samples)
-    window = Window(display, tmp_path / "v.npy", tmp_path, watched=[str(tmp_path / "v.npy")], target=1e-6)
+    window = Window(tmp_path / "v.npy", tmp_path, watched=[str(tmp_path / "v.npy")], target=1e-6)
     # with no time at all for a frame, what moves is coarse (as coarse as is quickest), and what rests is not
     window.hands("mousemove", 100, 90, "key", "space")
     moving = window.until(lambda told: any("moving: " in line for line in told["hud lines"]))
@@ -520,9 +524,9 @@ def test_memory_stays(window: Window, folder: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def panel(display: str, folder: Path) -> Iterator[Window]:
+def panel(folder: Path) -> Iterator[Window]:
     pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
-    window = Window(display, folder / "blob.npy", folder, size=(600, 400), panel=True)
+    window = Window(folder / "blob.npy", folder, size=(600, 400), panel=True)
     yield window
     window.end()
 

@@ -6,6 +6,7 @@ python view_driver.py SOURCE FOLDER '{"backend": "egl", …}'
 from __future__ import annotations
 
 import ctypes
+import ctypes.util
 import json
 import os
 import queue
@@ -81,6 +82,16 @@ def settled(viewer: Viewer) -> bool:
     return still and not viewer.jobs.busy and not viewer.reference.jobs.busy
 
 
+def arrived(viewer: Viewer) -> None:
+    """Waits for all that hands have done so far: the X server answers after it has sent those events."""
+    glfw = viewer.window.glfw
+    name = ctypes.util.find_library("X11")
+    assert name
+    library = ctypes.CDLL(name)
+    library.XSync.argtypes = [ctypes.c_void_p, ctypes.c_int]
+    library.XSync(glfw.get_x11_display(), 0)
+
+
 def until(viewer: Viewer, reached: Any) -> None:
     end = time.monotonic() + PATIENCE
     while not reached() and not viewer.closed and time.monotonic() < end:
@@ -109,9 +120,8 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
     """Does one thing and says how the window is then."""
     what = ask["do"]
     if what == "settle":
-        # what the hands did may still be on its way through the X server
-        for _ in range(5):
-            viewer.step(0.01)
+        arrived(viewer)
+        viewer.step(0.0)
         until(viewer, lambda: settled(viewer))
         # what a thread had just finished
         viewer.step(0.0)
@@ -141,6 +151,8 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         viewer.state = viewer.state.opened(content)
         viewer.state = type(viewer.state).of(content, viewer._size())
         viewer.closed = False
+        # the press before is not the first of a double click
+        viewer.mouse = mouse.Mouse()
         mouse.DOUBLE = DOUBLE
         until(viewer, lambda: settled(viewer))
     elif what == "turn":
