@@ -27,6 +27,8 @@ WHOLE = 3
 # otherwise, an object that covers at most this share of the faces counts as foreground
 COVERED = 0.25
 RUNGS = 3
+# values beyond are scaled: sums of squares of others fit float64
+LARGE = 1e150
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ def _sample(volume: Volume) -> np.ndarray:
     planes = np.unique(np.linspace(0, depth - 1, PLANES).round().astype(int))
     step = max(1, int(np.ceil(np.sqrt(len(planes) * height * width / VALUES))))
     y, x = (np.unique(np.append(np.arange(0, n, step), n - 1)) for n in (height, width))
-    return np.stack([np.asarray(volume.samples[z])[np.ix_(y, x)].astype(np.float64) for z in planes])
+    return np.stack([np.asarray(volume.samples[int(z)])[np.ix_(y, x)].astype(np.float64) for z in planes])
 
 
 def _with_outstanding(volume: Volume, lowest: float) -> np.ndarray:
@@ -119,6 +121,10 @@ def _ladder(values: np.ndarray) -> tuple[Cut, ...]:
 
 def _otsu(values: np.ndarray) -> Cut:
     """The cut that splits sorted values into two classes of the largest between-class variance (Otsu 1979)."""
+    # a span, and sums, that float64 holds
+    if not max(abs(values[0]), abs(values[-1])) < LARGE:
+        cut = _otsu(values / LARGE)
+        return Cut(cut.value * LARGE, cut.below * LARGE, cut.above * LARGE)
     end = float(np.percentile(values, HISTOGRAM_END))
     end = end if end > values[0] else float(values[-1])
     counts, edges = np.histogram(np.minimum(values, end), BINS, (float(values[0]), end))
