@@ -1,12 +1,15 @@
-"""Frame times, compared with a lower bound, with all features enabled, and with VTK if installed.
+"""Frame times and errors, beside a lower bound and, if it is installed, VTK.
 
-    .venv/bin/python scripts/bench_frames.py [--data FOLDER] [--rounds N] [--csv FILE] [--curves]
+    .venv/bin/python scripts/bench_frames.py [--data FOLDER] [--rounds N] [--only WORD] [--csv FILE] [--curves]
 
-The lower bound draws as many points of the same size into the same target with shaders that compute nothing. VTK
-(extra `bench`) casts rays at half-voxel steps through the same volume, with the same camera, opacities and
-pixels. "sheets" composites the same splats by sheets, "after" values classified after reconstruction, one sample a
-pixel. Variants are interleaved in random order; times are wall clock around a finished frame, for splats including
-readback. Every image of the planned frames is compared with the float64 reference. Compare ratios.
+"0.1" draws splats as `--like 0.1` does; the lower bound draws as many points of the same size into the same target with
+shaders that compute nothing. "one sample" is the default with one sample a pixel. VTK (extra `bench`) casts rays at
+half-voxel steps through the same volume, with the same camera, opacities and pixels. Variants are interleaved in random
+order; times are wall clock around a finished frame with its pixels read back. Compare ratios.
+
+Errors are RMSE from one truth, in pixels spread over the matter, of 4×4 rays each: the field of the values, classified
+at every point; of volumes with colours of their own the integral of their splats' field. Of X-rays relative to the
+brightest.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +33,9 @@ from bench_rows import tell
 import splatgl as sg
 from splatgl.app.scene import Scene, View
 from splatgl.gl.target import Target
-from splatgl.splat.plan.suited import extracted
+from splatgl.splat.plan.suited import extracted, suited
+from splatgl.truth.field import kept_field_integral
+from splatgl.truth.integral import ray_integral_at
 from splatgl.truth.report.peers import Peer
 
 FLOOR_VERTEX = """#version 330
@@ -40,10 +45,12 @@ void main() { gl_Position = clip_from_index * vec4(place, 1.0); gl_PointSize = s
 FLOOR_FRAGMENT = "#version 330\nout vec4 light; void main() { light = vec4(0.01); }"
 # seconds per variant: some are a hundred times as slow, so each gets as many rounds as fit into this
 LONGEST = 8.0
-# kernels of values classified after reconstruction
-KERNELS = ("crawfis-max", "b-spline")
+# pixels that are compared with the truth
+PIXELS = 256
 # splats one by one
 SPLATS = sg.Settings.like("0.1")
+
+Frame = Callable[[], Any] | Peer
 
 
 @dataclass(frozen=True)
@@ -66,24 +73,24 @@ class Row:
 
 @dataclass(frozen=True)
 class Case:
-    """A scene with camera and settings; vtk: points of an opacity function in the volume's values."""
+    """A scene and its blend; peers: whether VTK can draw it."""
 
     name: str
     volume: sg.Volume
     transfer: sg.Transfer
-    splats: sg.Splats
-    settings: sg.Settings
-    peers: bool
+    blend: str = "composite"
+
+    @cached_property
+    def splats(self) -> sg.Splats:
+        """Voxels, classified before."""
+        return sg.extract(self.volume, self.transfer, classification="pre")
+
+    @property
+    def peers(self) -> bool:
+        return self.blend == "composite" and self.volume.color is None
 
 
-def case(
-    name: str,
-    source: str,
-    settings: sg.Settings | None = None,
-    peers: bool = False,
-    every: int = 1,
-    **transfer: object,
-) -> Case:
+def case(name: str, source: str, blend: str = "composite", every: int = 1, **transfer: object) -> Case:
     """every: of that many slices one is used."""
     scene = Scene(source, transfer=transfer)
     volume = scene.open()
@@ -91,9 +98,24 @@ def case(
         x, y, z = volume.spacing
         samples = np.ascontiguousarray(volume.samples[::every])
         volume = sg.Volume(samples, (x, y, z * every), volume.origin, volume.direction, frame=volume.frame)
-    chosen = scene.transfer_for(volume)
-    splats = sg.extract(volume, chosen, classification="pre")
-    return Case(name, volume, chosen, splats, settings or SPLATS, peers)
+    return Case(name, volume, scene.transfer_for(volume), blend)
+
+
+class Right:
+    """Pixels of a case's true picture."""
+
+    def __init__(self, chosen: Case, camera: sg.Camera, drawn: sg.Splats, image: sg.Image) -> None:
+        """drawn: the splats of `image`, the default picture."""
+        seen = np.flatnonzero(image.pixels[..., 3] > 0)
+        self.pixels = seen[np.linspace(0, len(seen) - 1, min(PIXELS, len(seen))).astype(int)]
+        settings = sg.Settings(blend=chosen.blend)
+        march = ray_integral_at if drawn.post is None else kept_field_integral
+        self.light = march(drawn, camera, self.pixels, settings=settings, samples=4)
+        self.one = self.light.max() if chosen.blend == "xray" else 1.0
+
+    def error(self, image: sg.Image) -> str:
+        off = image.pixels.reshape(-1, 4)[self.pixels] - self.light
+        return f"off by {np.sqrt((off**2).mean()) / self.one:.2g}"
 
 
 def floor(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, chosen: sg.Plan) -> Callable[[], np.ndarray]:
@@ -122,72 +144,58 @@ def floor(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, chosen: s
     return frame
 
 
-def ways(renderer: sg.Renderer, chosen: Case, size: int) -> dict[str, Callable[[], Any] | Peer]:
-    camera = View(size=(size, size)).camera(chosen.volume, chosen.splats)
-    plan = renderer.plan(chosen.splats, camera, chosen.settings)
-    everything = plan.forced(technique="quads", cubic=False, antialias=True, attenuation="fill", half_line=True)
-    found: dict[str, Callable[[], Any] | Peer] = {
-        "planned": lambda: renderer.render(chosen.splats, camera, chosen.settings, verify_bound=False),
-        "floor": floor(renderer, chosen.splats, camera, plan),
+def ways(renderer: sg.Renderer, chosen: Case, camera: sg.Camera) -> tuple[dict[str, Frame], Right]:
+    """What draws the case, and its truth."""
+    old, own = SPLATS.but(blend=chosen.blend), sg.Settings(blend=chosen.blend)
+    splats = extracted(chosen.volume, chosen.transfer, own)
+
+    def draw(some: sg.Splats, settings: sg.Settings) -> Frame:
+        return partial(renderer.render, some, camera, settings, verify_bound=False)
+
+    found: dict[str, Frame] = {
+        "0.1": draw(chosen.splats, old),
+        "floor": floor(renderer, chosen.splats, camera, renderer.plan(chosen.splats, camera, old)),
+        "default": draw(splats, own),
+        "one sample": draw(splats, own.but(antialias="supersample", samples=1)),
     }
-    if everything.program.align == "exact":
-        found["everything on"] = lambda: renderer.passes.draw(chosen.splats, everything)
-    own = sg.Settings(blend=chosen.settings.blend)
-    default = partial(renderer.render, extracted(chosen.volume, chosen.transfer, own), camera, own, verify_bound=False)
-    found["default"] = default
-    if chosen.settings.blend == "composite":
-        sheets = chosen.settings.but(compositing="sheets")
-        found["sheets"] = lambda: renderer.render(chosen.splats, camera, sheets, verify_bound=False)
-    for kernel in KERNELS if chosen.peers else ():
-        splats = sg.extract(chosen.volume, chosen.transfer, classification="post", kernel=kernel)
-        once = sg.Settings(antialias="off")
-        found[f"after, {kernel}"] = partial(renderer.render, splats, camera, once, verify_bound=False)
     if chosen.peers and importlib.util.find_spec("vtk") is None:
         print("VTK left out: not installed (pip install splatgl[bench])")
     elif chosen.peers:
-        for name, mapper in (("VTK CPU", "cpu"), ("VTK GPU mapper", "gpu")):
-            found[name] = Peer(mapper, (chosen.volume, chosen.transfer), camera, chosen.settings)
-    return found
+        twice = own.but(antialias="supersample", samples=2)
+        for name, mapper, asked in (("VTK CPU", "cpu", own), ("VTK CPU 2×2", "cpu", twice), ("VTK OpenGL", "gpu", own)):
+            found[name] = Peer(mapper, (chosen.volume, chosen.transfer), camera, asked)
+    image = renderer.render(splats, camera, own, verify_bound=False)
+    return found, Right(chosen, camera, suited(splats, own, moving=False), image)
 
 
-def seconds(frame: Callable[[], Any] | Peer) -> float:
-    """Seconds of one finished frame; a peer times itself, in its own process."""
+def timed(frame: Frame) -> tuple[sg.Image | None, float]:
+    """A finished frame and its seconds; a peer times itself, in its own process. The floor has no picture."""
     if isinstance(frame, Peer):
-        return frame.frame()[1]
+        return frame.frame()
     started = time.perf_counter()
-    frame()
-    return time.perf_counter() - started
+    image = frame()
+    return image if isinstance(image, sg.Image) else None, time.perf_counter() - started
 
 
 def measure(renderer: sg.Renderer, chosen: Case, size: int, rounds: int) -> Iterator[Row]:
     """Measures all variants of a scene, interleaved in random order."""
-    todo = ways(renderer, chosen, size)
+    camera = View(size=(size, size)).camera(chosen.volume, chosen.splats)
+    todo, right = ways(renderer, chosen, camera)
+    images = {name: timed(frame)[0] for name, frame in todo.items()}
     times: dict[str, list[float]] = {name: [] for name in todo}
-    for frame in todo.values():
-        seconds(frame)
     turns = [name for name in todo for _ in range(rounds)]
     random.Random(1).shuffle(turns)
     for name in turns:
         if sum(times[name]) < LONGEST:
-            times[name].append(seconds(todo[name]))
+            times[name].append(timed(todo[name])[1])
     for frame in todo.values():
         if isinstance(frame, Peer):
             frame.close()
-    base = statistics.median(times["planned"])
+    base = statistics.median(times["default"])
     for name, found in times.items():
-        median = statistics.median(found)
-        note = f"{median / base:.2f} × planned" if name != "planned" else error(renderer, chosen, size)
+        median, image = statistics.median(found), images[name]
+        note = f"{median / base:.2f} × default" + (f", {right.error(image)}" if image else "")
         yield Row(chosen.name, size, name, len(chosen.splats), median, min(found), max(found), note)
-
-
-def error(renderer: sg.Renderer, chosen: Case, size: int) -> str:
-    """The planned image's maximum error and its bound."""
-    camera = View(size=(size, size)).camera(chosen.volume, chosen.splats)
-    drawn = renderer.render(chosen.splats, camera, chosen.settings)
-    right = sg.reference.render(chosen.splats, camera, chosen.settings).pixels
-    off = float(np.abs(drawn.pixels - right).max())
-    limit = drawn.info["error_bound"]
-    return f"error {off:.1e}, bound {limit:.1e}" + ("" if off <= limit else ": BROKEN")  # type: ignore[operator]
 
 
 def ball(count: int) -> Case:
@@ -197,8 +205,7 @@ def ball(count: int) -> Case:
     inside = (np.sqrt(x * x + y * y + z * z) < edge / 2) * np.random.default_rng(1).random((edge, edge, edge))
     transfer = sg.Transfer([(0, 0), (1, 0.05)], shading=False)
     volume = sg.Volume(inside.astype(np.float32))
-    splats = sg.extract(volume, transfer, classification="pre")
-    return Case(f"ball {count / 1e6:g} M", volume, transfer, splats, SPLATS, False)
+    return Case(f"ball {count / 1e6:g} M", volume, transfer)
 
 
 def curves(renderer: sg.Renderer, rounds: int) -> Iterator[Row]:
@@ -219,42 +226,53 @@ def _planned(renderer: sg.Renderer, chosen: Case, camera: sg.Camera, rounds: int
     times = []
     for _ in range(rounds + 1):
         started = time.perf_counter()
-        renderer.render(chosen.splats, camera, chosen.settings, verify_bound=False)
+        renderer.render(chosen.splats, camera, SPLATS, verify_bound=False)
         times.append(time.perf_counter() - started)
     later = times[1:]
     yield Row(
-        chosen.name, camera.size[1], "planned", len(chosen.splats), statistics.median(later), min(later), max(later), ""
+        chosen.name, camera.size[1], "0.1", len(chosen.splats), statistics.median(later), min(later), max(later), ""
     )
 
 
-def all_rows(data: Path | None, rounds: int, with_curves: bool) -> Iterator[Row]:
+def cases(data: Path | None) -> Iterator[Case]:
+    """Scenes of every shape: cubic and long voxels, sparse and solid, with colours of their own."""
+    for name in ("tunnel", "terrain", "nerve"):
+        yield case(name, name)
+    if data is not None:
+        head, male = str(data / "head_mri_160x232x160.nii.gz"), str(data / "visible_male_128x256x256_uint8.raw")
+        yield case("stent, X-ray", str(data / "stent_ct_128x128x256.nrrd"), "xray")
+        yield case("neuron", str(data / "neuron_a_409x415x119.tif"))
+        yield case("male, bone", male, preset="ct-bone")
+        yield case("male", male)
+        yield case("MRI, 8:1", head, every=8)
+        yield case("lung CT", str(data / "lung_ct_115x157x129.mha"))
+        yield case("tooth", str(data / "tooth.nhdr"))
+
+
+def all_rows(data: Path | None, rounds: int, only: str) -> Iterator[Row]:
     with sg.Renderer() as renderer:
         print(renderer.info)
-        if with_curves:
-            yield from curves(renderer, rounds)
-            return
-        yield from measure(renderer, case("tunnel", "tunnel"), 512, rounds)
-        yield from measure(renderer, case("terrain", "terrain"), 512, rounds)
-        if data is not None:
-            stent = str(data / "stent_ct_128x128x256.nrrd")
-            yield from measure(renderer, case("stent, X-ray", stent, SPLATS.but(blend="xray")), 512, rounds)
-            male = str(data / "visible_male_128x256x256_uint8.raw")
-            neuron = str(data / "neuron_a_409x415x119.tif")
-            head = str(data / "head_mri_160x232x160.nii.gz")
-            for size in (512, 1024):
-                yield from measure(renderer, case("MRI, 8:1", head, peers=True, every=8), size, rounds)
-                yield from measure(renderer, case("male, bone", male, peers=True, preset="ct-bone"), size, rounds)
-                yield from measure(renderer, case("neuron", neuron, peers=True), size, rounds)
+        for chosen in cases(data):
+            if only in chosen.name:
+                for size in (512, 1024):
+                    yield from measure(renderer, chosen, size, rounds)
+
+
+def all_curves(rounds: int) -> Iterator[Row]:
+    with sg.Renderer() as renderer:
+        yield from curves(renderer, rounds)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=os.environ.get("SPLATGL_DATA"), help="folder of real volumes")
     parser.add_argument("--rounds", type=int, default=7, help="times each way is measured (7)")
+    parser.add_argument("--only", default="", metavar="WORD", help="scenes whose name has this word")
     parser.add_argument("--curves", action="store_true", help="instead: time over splats and over pixels")
     parser.add_argument("--csv", type=Path, help="also write the rows here")
     args = parser.parse_args()
-    tell(all_rows(args.data and Path(args.data), args.rounds, args.curves), args.csv)
+    found = all_curves(args.rounds) if args.curves else all_rows(args.data and Path(args.data), args.rounds, args.only)
+    tell(found, args.csv)
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from splatgl.data.volume import Volume as Volume
     from splatgl.gl.portions import Interrupted as Interrupted
     from splatgl.gl.renderer import Renderer as Renderer
+    from splatgl.gl.slabs import render_slabs as render_slabs
     from splatgl.splat.classification.presets import default_transfer as default_transfer
     from splatgl.splat.classification.presets import preset as preset
     from splatgl.splat.classification.transfer import Transfer as Transfer
@@ -61,6 +62,7 @@ _PUBLIC = {
     "load": "splatgl.data.readers",
     "plan": "splatgl.splat.plan.plan",
     "preset": "splatgl.splat.classification.presets",
+    "render_slabs": "splatgl.gl.slabs",
     "register_kernel": "splatgl.splat.kernel.kernels",
 }
 _MODULES = {"reference": "splatgl.truth.reference", "scenes": "splatgl.data.scenes"}

@@ -317,7 +317,6 @@ def test_rows_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
         (["--field", "--like", "0.1"], "values classified after reconstruction, got voxels classified before (class"),
         (["--field", "--threshold", "0.1"], "reconstruction, got voxels classified before (threshold)"),
         (["--field", "--classification", "pre"], "reconstruction, got voxels classified before (classification pre)"),
-        (["--field", "--blend", "xray"], "blend of --field: expected composite or mip or minip or mean, got xray"),
         (["--field", "--check", "0"], "--check: expected 1 to 24 rows with --field, got 0"),
         (["--check", "25"], "--check: expected 0 to 24 rows, got 25"),
     ],

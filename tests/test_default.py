@@ -19,7 +19,7 @@ from splatgl.truth.field import field_integral
 
 TRANSFER = sg.Transfer([(0.3, 0.0), (0.8, 0.6)], colormap="hot", window=(0.0, 1.0))
 DRAWN = ("classification", "kernel", "sheets", "samples")
-TURNING = sg.Motion(spin=(0.0, 0.0, 4.0))
+TURNING = sg.Motion(spin=(0.0, 0.0, 30.0))
 
 
 @pytest.fixture(scope="module")
@@ -75,11 +75,24 @@ def test_settings_choose_the_splats(
     assert right.info["classification"] == drawn[0] and right.info["splats"] == len(own)
 
 
-def test_motion_blur_takes_splats(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera) -> None:
+def test_a_moving_picture_is_classified_as_a_still(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera) -> None:
+    """It is the mean of stills while the shutter is open; streaks are of voxels, for who asks for them."""
     image = renderer.render(splats, camera, motion=TURNING)
-    assert image.info["classification"] == "pre" and image.info["motion"] == "exact"
+    assert image.info["classification"] == "post" and image.info["motion"] == "moments"
+    count = image.info["moments"]
+    assert isinstance(count, int) and count > 2 and image.info["eye"] == [float(x) for x in camera.eye]
+    times = [-0.5 * (n + 0.5) / count for n in range(count)]
+    stills = [renderer.render(splats, TURNING.view(camera, at)).pixels.astype(float) for at in times]
+    assert np.abs(image.pixels - np.mean(stills, axis=0)).max() < 1e-6
+    assert np.abs(image.pixels - stills[0]).max() > 0.02
+    explained = renderer.plan(splats, camera, motion=TURNING).explain()
+    assert f"the mean of pictures at {count} times, shutter 180°" in explained
+    streaks = renderer.render(splats, camera, sg.Settings(motion="exact"), TURNING)
+    assert streaks.info["classification"] == "pre" and streaks.info["motion"] == "exact"
     unblurred = renderer.render(splats, camera, sg.Settings(motion="off"), TURNING)
-    assert unblurred.info["classification"] == "post"
+    assert unblurred.info["classification"] == "post" and "motion" not in unblurred.info
+    for settings in (sg.Settings(), sg.Settings(motion="exact")):
+        assert renderer.render(splats, camera, settings.but(shutter=0), TURNING).info.get("motion") is None
 
 
 def test_pictures_extract_others_once(renderer: sg.Renderer, volume: sg.Volume, camera: sg.Camera) -> None:

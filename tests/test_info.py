@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import splatgl as sg
 from splatgl.app import info
 from splatgl.app.info import WIDTH, describe, histogram, measure
 from splatgl.data.readers import load
@@ -100,4 +102,14 @@ def test_a_mapped_file_is_read_slab_by_slab(tmp_path: Path) -> None:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert "mapped from the file" in text and "67,108,864" in text
-    assert peak < 40 * 2**20
+    # the sample that the default transfer function is made of
+    assert peak < 80 * 2**20
+
+
+def test_what_render_would_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Estimated splats and memory, and whether they fit; nothing of volumes with colours of their own."""
+    volume = sg.scenes.ball(20)
+    assert re.search(r"to render +about [\d,]+ splats, [\d.]+ MiB of [\d.]+ GiB: whole", describe(volume))
+    monkeypatch.setattr("splatgl.app.info.budget", lambda: 1000)
+    assert re.search(r"of 1000 bytes: in \d+ bricks", describe(volume))
+    assert "to render" not in describe(sg.Volume(volume.samples, color=np.zeros((*volume.shape, 3), np.uint8)))

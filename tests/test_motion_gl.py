@@ -14,9 +14,9 @@ from splatgl.app.cli import main
 from splatgl.gl.program import build, splat_switches
 from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.motion.blur import MOTIONS
+from splatgl.splat.motion.moments import Moments
 from splatgl.truth import streaks
 from splatgl.truth.pixel_means import pixel_means
-from splatgl.truth.temporal import Moments
 
 COUNT = 90
 SPACINGS = {"cubes": 1.0, "1:2:0.4": (1.0, 2.0, 0.4)}
@@ -202,12 +202,15 @@ def test_the_plan_says_what_it_leaves_out(renderer: sg.Renderer) -> None:
     assert (chosen.program.technique, chosen.program.align, chosen.hiding.depth_batches) == ("streaks", "exact", 1)
     for words in ("align hybrid left out", "motion blur exact, shutter 180°", "error bound is to straight streaks"):
         assert words in chosen.explain()
-    # a maximum has no blur
-    mip = renderer.render(splats, camera, XRAY.but(blend="mip"), motion).pixels
-    assert (mip == renderer.render(splats, camera, SPLATS.but(blend="mip")).pixels).all()
-    assert "the mean of maxima" in renderer.plan(splats, camera, XRAY.but(blend="mip"), motion).explain()
-    # who gives a motion and no settings wants it blurred
-    assert renderer.render(splats, camera, SPLATS, motion=motion).info["motion"] == "exact"
+    # a maximum has no streaks
+    mip = SPLATS.but(blend="mip", moments=3)
+    right = Moments(renderer.render, motion, 180, 3)(splats, camera, mip.but(motion="off", moments=None)).pixels
+    assert np.array_equal(renderer.render(splats, camera, mip, motion).pixels, right.astype(np.float32))
+    left = renderer.plan(splats, camera, mip.but(motion="exact"), motion)
+    assert left.moments == 3 and "motion exact left out: mip of a streak is none of its moments" in left.explain()
+    # who gives a motion and no settings wants it blurred: sums by streaks, others by moments
+    for blend, form in (("xray", "exact"), ("composite", "moments")):
+        assert renderer.render(splats, camera, SPLATS.but(blend=blend), motion=motion).info["motion"] == form
     with pytest.raises(sg.InputError, match=r"^shutter: expected an angle"):
         SPLATS.but(shutter=361)
 

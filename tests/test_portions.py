@@ -53,10 +53,11 @@ def test_too_many_that_flow_are_refused(renderer: sg.Renderer, monkeypatch: pyte
     """Their flow is kept beside their records, whole."""
     splats = noise(size=8, opacity=0.5)
     flow = sg.Motion(flow=np.full((len(splats), 3), 0.1))
-    renderer.render(splats, views(splats)["fitted"], SPLATS, motion=flow)
+    settings = SPLATS.but(motion="exact")
+    renderer.render(splats, views(splats)["fitted"], settings, motion=flow)
     monkeypatch.setattr(streaks, "MOST_KEPT", len(splats) - 1)
     with pytest.raises(sg.InputError, match=r"^splats: expected at most \d+ that flow, got \d+; raise the"):
-        renderer.render(splats, views(splats)["fitted"], SPLATS, motion=flow)
+        renderer.render(splats, views(splats)["fitted"], settings, motion=flow)
 
 
 def test_portions_grow_and_shrink_with_the_time_they_take(

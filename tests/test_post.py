@@ -217,7 +217,7 @@ def test_what_lies_beside_the_box_is_passed_over(
         for beside in (right, lambda *_: np.zeros(1, bool)):
             listed.clear()
             monkeypatch.setattr(sheet_tiles, "beside_box", beside)
-            pictures.append(renderer.render(splats, camera.resized((96, 72)), EXACT).pixels)
+            pictures.append(renderer.render(splats, camera.resized((192, 144)), EXACT).pixels)
             entries.append(sum(len(found) for found in listed if found is not None))
         assert (pictures[0] == pictures[1]).all() and pictures[0].max() > 0.1
         assert entries[0] < entries[1] if name == "fitted" else entries[0] <= entries[1]
@@ -435,8 +435,9 @@ def test_what_extraction_refuses(renderer: sg.Renderer) -> None:
         with pytest.raises(sg.InputError, match=said) as error:
             sg.extract(asked, RAMP, **{"classification": "post", **given})
         assert "\n" not in str(error.value)
-    with pytest.raises(sg.InputError, match=r"^motion blur takes splats that are classified before"):
-        renderer.render(matter(), eyes(matter())["fitted"], motion=Motion(velocity=(0.1, 0, 0)))
+    moves = Motion(velocity=(0.1, 0, 0))
+    with pytest.raises(sg.InputError, match=r"^streaks take splats that are classified before"):
+        renderer.render(matter(), eyes(matter())["fitted"], sg.Settings(motion="exact"), moves)
 
 
 def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

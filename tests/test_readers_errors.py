@@ -174,7 +174,7 @@ def test_tiff_cut_short(tmp_path: Path, keep: float, options: dict[str, object])
 def test_zarr_of_missing_chunks_is_refused(tmp_path: Path) -> None:
     zarr = pytest.importorskip("zarr")
     zarr.create_array(tmp_path / "a.zarr", shape=(9000, 9000, 9000), chunks=(500, 500, 500), dtype="u1")
-    with pytest.raises(InputError, match="compressed bytes, which hold"):
+    with pytest.raises(InputError, match="chunks: expected at most"):
         load(tmp_path / "a.zarr")
 
 

@@ -90,3 +90,14 @@ def test_ome_zarr_level_channel_and_grid(tmp_path: Path, version: int) -> None:
     assert (finest.spacing, finest.origin, finest.unit) == (SPACING, (90, 60, 30), "um")
     np.testing.assert_array_equal(coarse.samples, F[::2, ::2, ::2])
     assert coarse.spacing == (3.0, 4.5, 6.0)
+    for level, right in enumerate((finest, coarse)):
+        found = load(tmp_path / "letter.ome.zarr", channel=1, level=level)
+        np.testing.assert_array_equal(found.samples, right.samples)
+        assert found.spacing == right.spacing
+    for given, said in (
+        ({"level": 2}, "level: expected a number from 0 to 1, got 2"),
+        ({"level": 0, "array": "1"}, "level: expected a multiscale image, and no array, got 0"),
+        ({"level": -1}, "level: expected zero or more, got -1"),
+    ):
+        with pytest.raises(InputError, match=said):
+            load(tmp_path / "letter.ome.zarr", channel=1, **given)

@@ -8,9 +8,9 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.data.image import Image
+from splatgl.splat.motion.moments import MOST, Moments, Shorter, moments
 from splatgl.splat.motion.motion import Motion
 from splatgl.truth import streaks
-from splatgl.truth.temporal import MOST, Moments, Shorter, moments
 
 XRAY = SPLATS.but(blend="xray")
 SPIN = Motion(spin=(0, 0, 8))

@@ -24,9 +24,9 @@ MOVE = sg.Motion(spin=(0, 3, 20), velocity=(0.4, 0, 0))
 BOTH = "bool widened = PERSPECTIVE == 0 || is_widened(v); Inner inner = inner_of(v, widened);"
 
 
-def moving(grid: str, name: str, **change: object) -> tuple[sg.Splats, View, Plan]:
+def moving(grid: str, name: str, motion: str = "exact", **change: object) -> tuple[sg.Splats, View, Plan]:
     splats = noise(grid)
-    plan = sg.plan(splats, views(splats)[name], SPLATS.but(tolerance=1e-6, **change), MOVE)
+    plan = sg.plan(splats, views(splats)[name], SPLATS.but(tolerance=1e-6, motion=motion, **change), MOVE)
     assert plan.exposure is not None
     return splats, plan.view, plan
 

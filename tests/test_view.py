@@ -550,12 +550,14 @@ def test_splats_are_classified_as_the_settings_say(after: Content) -> None:
     assert after.counts[0] == len(after.at(1)) and after.at(1).post.kernel == "b-spline"
     assert after.classified(POST) is after and after.only_before(POST, False) is None
     assert after.classified(POST.but(blend="xray")) is after
-    before = after.classified(POST, moving=True)
+    assert after.classified(POST, moving=True) is after
+    streaked = POST.but(motion="exact")
+    before = after.classified(streaked, moving=True)
     assert before.at(1).post is None and len(before.at(1)) < len(after.at(1)) and not before.after
-    assert before.classified(POST, moving=True) is before and before.classified(POST) is after
+    assert before.classified(streaked, moving=True) is before and before.classified(POST) is after
     every = after.classified(POST.but(blend="mip"))
     assert every.at(1).post is not None and len(every.at(1)) == after.volume.samples.size
-    assert after.classified(PRE) is before and before.only_before(POST, True) == "motion blur"
+    assert after.classified(PRE) is before and before.only_before(streaked, True) == "motion exact"
     other = after.classified(POST.but(kernel="crawfis-max"))
     assert other.at(1).post is not None and other.at(1).post.kernel == "crawfis-max"
 
@@ -603,11 +605,11 @@ def test_the_window_draws_values_and_what_they_cannot_be(after: Content, rendere
         other = replace(state, settings=POST.but(blend=blend))
         frame = painter.draw(other, after.classified(other.settings), FULL, False, lambda: False)
         assert (frame.info["classification"], frame.info["blend"]) == ("post", blend)
-    blurred, before = replace(state, blur="exact"), after.classified(POST, moving=True)
+    blurred, before = replace(state, blur="exact"), after.classified(POST.but(motion="exact"), moving=True)
     painter.draw(blurred, before, FULL, True, lambda: False)
     blurred = replace(blurred, pose=blurred.pose.spun(5.0, np.array([0.0, 0.0, 1.0])))
     frame = painter.draw(blurred, before, FULL, True, lambda: False)
-    assert frame.blurred and any("motion blur takes" in line for line in said_of(blurred, before, frame))
+    assert frame.blurred and any("motion exact takes" in line for line in said_of(blurred, before, frame))
 
 
 def said_of(state: State, content: Content, frame: hud.Frame) -> tuple[str, ...]:

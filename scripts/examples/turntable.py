@@ -18,7 +18,7 @@ def main(source: str, folder: str, frames: str) -> None:
     with sg.Renderer() as renderer:
         for n in range(int(frames)):
             camera = sg.Camera.orbit(volume, azimuth=n * step, elevation=15, size=(320, 320))
-            image = renderer.render(splats, camera, sg.Settings(motion="exact"), motion=sg.Motion(camera=before))
+            image = renderer.render(splats, camera, motion=sg.Motion(camera=before))
             image.save(Path(folder) / f"{n:04}.png")
             before = camera
 

@@ -11,7 +11,7 @@ from splatgl.app.options import add_drawing, add_source, numbers
 from splatgl.data.errors import expected
 
 FPS = 30.0
-MAX_FRAMES, MAX_MOMENTS = 1_000_000, 4096
+MAX_FRAMES = 1_000_000
 # a GIF frame lasts at most 655 s
 MIN_FPS, MAX_FPS = 0.01, 1000.0
 # maximum degrees or time units per frame: beyond it sines lose all precision
@@ -78,7 +78,7 @@ def _check(args: argparse.Namespace) -> None:
     given = [f"--{name}" for name in ("turntable", "spin", "keyframes") if getattr(args, name) is not None]
     if len(given) > 1:
         raise expected("animate", "one of --turntable, --spin and --keyframes", " and ".join(given))
-    for name, low, high in (("frames", 1, MAX_FRAMES), ("hold", 1, MAX_FRAMES), ("moments", 1, MAX_MOMENTS)):
+    for name, low, high in (("frames", 1, MAX_FRAMES), ("hold", 1, MAX_FRAMES)):
         value = getattr(args, name)
         if value is not None and not low <= value <= high:
             raise expected(f"--{name}", f"a whole number from {low} to {high}", value)

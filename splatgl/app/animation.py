@@ -22,16 +22,13 @@ from splatgl.app.series import read_ahead, volumes
 from splatgl.app.track import Track, Turning, keyframes, turning
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
-from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import only_pre
 from splatgl.splat.extraction.order import order_for
 from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.motion.blur import MOTIONS
+from splatgl.splat.motion.moments import moments
 from splatgl.splat.motion.motion import flow_of
 from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import kind
+from splatgl.splat.plan.suited import blur
 
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer
@@ -52,9 +49,8 @@ Matter = tuple[Splats, np.ndarray | None]
 @dataclass(frozen=True, eq=False)
 class Animation:
     """scenes: one per volume, with a common transfer function. numbers: the frames to render, of `count`; each volume
-    of a series is shown for `hold` frames. streaked: each image has motion blur, as the settings say, over its part of
-    the exposure. moments: images averaged per frame; None: as many as needed.
-    flow: displacement of splats along the volume's vectors per frame, for motion blur only.
+    of a series is shown for `hold` frames. flow: displacement of splats along the volume's vectors per frame, for
+    motion blur only.
     """
 
     scenes: list[Scene]
@@ -63,8 +59,6 @@ class Animation:
     count: int
     numbers: range
     hold: int = 1
-    streaked: bool = True
-    moments: int | None = 1
     flow: float | None = None
     bits: int = 8
     only: Splats | None = None
@@ -77,9 +71,9 @@ class Animation:
         volume = scene.open()
         transfer = scene.transfer_for(volume)
         series = len(scenes) > 1
-        how, _ = kind(scene.settings, False, only_pre(volume, transfer, scene.threshold), volume.samples.size)
-        streaked, moments = _blur(args, scene.settings, how == "pre")
-        only = None if series else _splats(scene, volume, transfer, _streaks(streaked, moments, scene.settings))
+        only = None if series else scene.splats(volume, transfer, moving=scene.settings.shutter > 0)
+        if only is not None and not len(only):
+            raise nothing(scene, volume)
         subject = only.visible if only else volume
         count = args.frames or (len(scenes) * args.hold if series else FRAMES)
         if args.keyframes:
@@ -93,10 +87,10 @@ class Animation:
         if last >= count:
             raise expected("--only", f"frames from 0 to {count - 1}", f"{first}-{last}")
         numbers = range(first, last + 1)
-        if args.flow is not None and args.moments is None and scene.settings.motion == "off":
+        settings = scene.settings
+        if args.flow is not None and settings.motion == "off" and settings.moments is None:
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
-        asked = (args.hold, streaked, moments, args.flow, args.bits)
-        return cls(scenes, transfer, track, count, numbers, *asked, only)
+        return cls(scenes, transfer, track, count, numbers, args.hold, args.flow, args.bits, only)
 
     def shown(self, frame: int) -> int:
         """Index of the volume shown in a frame; a series repeats."""
@@ -108,9 +102,8 @@ class Animation:
         files = [(s.volume, Path(s.volume).stat().st_size if Path(s.volume).is_file() else 0) for s in self.scenes]
         cameras = [self.track.camera(n) for n in {0, self.count // 2, self.count - 1}]
         views = [(c.eye.tolist(), c.eye_from_world.tolist(), c.size, c.extent, c.perspective) for c in cameras]
-        blur = (self.streaked, self.moments, self.flow)
         drawn = (self.scenes[0].settings, self.scenes[0].threshold, self.scenes[0].load, self.transfer.to_toml())
-        return mark_of(files, drawn, views, self.count, self.hold, blur, self.bits)
+        return mark_of(files, drawn, views, self.count, self.hold, self.flow, self.bits)
 
     def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool) -> None:
         """Renders and saves the frames; the next volume of a series is read in parallel."""
@@ -149,31 +142,27 @@ class Animation:
             return self.only, None
         scene = self.scenes[number]
         volume = scene.open()
-        splats = scene.splats(volume, self.transfer, moving=_streaks(self.streaked, self.moments, scene.settings))
+        splats = scene.splats(volume, self.transfer, moving=scene.settings.shutter > 0)
         return splats, None if self.flow is None else flow_of(splats, volume, self.flow)
 
     def _frame(self, renderer: Renderer, splats: Splats, flow: np.ndarray | None, frame: int) -> Image:
-        """The image of a frame, blurred by streaks, by averaging moments, or by both."""
-        from splatgl.truth.temporal import Moments, Shorter, moments
-
+        """The image of a frame, with motion blur as the settings say."""
         camera, settings = self.track.camera(frame), self.scenes[0].settings
         motion = self.track.motion(frame)
         motion = replace(motion, flow=flow) if flow is not None else motion
-        if self.moments == 1 or motion.still or settings.shutter == 0:
-            return renderer.render(splats, camera, settings, motion)
-        count = self.moments or self._steady or moments(splats, camera, motion, settings.shutter)
-        kind = Shorter if self.streaked else Moments
-        image = kind(renderer.render, motion, settings.shutter, count)(splats, camera, settings)
-        return Image(image.pixels.astype(np.float32), image.info)
+        return renderer.render(splats, camera, settings.but(moments=settings.moments or self._steady), motion)
 
     @cached_property
     def _steady(self) -> int | None:
-        """Moments per frame of a rotation: those of the fastest frame. None where more than the angle changes."""
-        from splatgl.truth.temporal import moments
-
+        """Moments per frame of a rotation: those of the fastest frame. None where more than the angle changes, and for
+        other kinds of motion blur.
+        """
+        settings = self.scenes[0].settings
         if self.only is None or self.flow is not None or not isinstance(self.track, Turning):
             return None
-        shutter, turn = self.scenes[0].settings.shutter, self.track.turn
+        if blur(self.only, settings) != "moments" or settings.shutter == 0:
+            return None
+        shutter, turn = settings.shutter, self.track.turn
         cameras = [self.track.camera(n) for n in np.linspace(0, self.count - 1, LOOKS)]
         return max(moments(self.only, camera, turn, shutter) for camera in cameras)
 
@@ -194,31 +183,6 @@ def scaled(image: Image, top: float) -> Image:
     if isinstance(error := info.get("error_bound"), float):
         info["error_bound"] = error / top
     return Image(image.pixels / np.float32(top), info)
-
-
-def _splats(scene: Scene, volume: Volume, transfer: Transfer, moving: bool) -> Splats:
-    splats = scene.splats(volume, transfer, moving=moving)
-    if not len(splats):
-        raise nothing(scene, volume)
-    return splats
-
-
-def _blur(args: argparse.Namespace, settings: Settings, before: bool) -> tuple[bool, int | None]:
-    """Whether frames are streaked, and how many images each averages. Streaks are exact for sums, but values classified
-    after reconstruction have none; where matter occludes matter, the mean of sharp images has less error in the same
-    time, and maximum blending has no streaks. before: whether stills show voxels that are classified.
-    """
-    sums = BLENDS[settings.blend].unbounded and before
-    chosen = args.motion is not None or settings.motion != MOTIONS[0] or sums
-    streaked = chosen and settings.motion != "off" and BLENDS[settings.blend].join != "max"
-    if args.moments is not None:
-        return streaked, args.moments
-    return streaked, 1 if streaked or settings.motion == "off" else None
-
-
-def _streaks(streaked: bool, moments: int | None, settings: Settings) -> bool:
-    """Whether images are motion-blurred themselves, which takes splats classified before."""
-    return settings.shutter > 0 and BLENDS[settings.blend].join != "max" and (streaked or moments == 1)
 
 
 def _degrees(args: argparse.Namespace, count: int, series: bool) -> float:

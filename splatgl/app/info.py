@@ -7,8 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatgl.app.sizes import size_of
+from splatgl.data.errors import InputError
 from splatgl.data.readers.files import is_mapped
 from splatgl.data.volume import Volume
+from splatgl.splat.bricks.estimate import budget, need
+from splatgl.splat.bricks.within import bricks_of, fits
+from splatgl.splat.classification.presets import default_transfer
+from splatgl.splat.plan.settings import Settings
 
 WIDTH = 78
 """Columns of the page: fits a terminal of 80."""
@@ -18,6 +24,9 @@ BINS = 16
 
 SLAB_SAMPLES = 2**20
 """Samples looked at together: a mapped file is never read whole; their bins and copies take some 30 MiB."""
+
+SIZE = (512, 512)
+"""Pixels of the picture whose memory is told."""
 
 _LABEL = 11
 _EIGHTHS = " ▏▎▍▌▋▊▉"
@@ -47,6 +56,7 @@ def describe(volume: Volume) -> str:
     statistics = measure(volume)
     lines = [*_grid_lines(volume), *_sample_lines(volume, statistics)]
     if statistics.finite:
+        lines += _drawing_lines(volume)
         lines += ["", *_bars(histogram(volume, statistics))]
     return "\n".join(line[:WIDTH].rstrip() for line in [_fit(volume.name) or "volume", *lines])
 
@@ -59,8 +69,8 @@ def measure(volume: Volume) -> Statistics:
             low, high = min(low, float(values.min())), max(high, float(values.max()))
             total, finite = total + float(values.sum(dtype=np.float64)), finite + values.size
     if not finite:
-        return Statistics(np.nan, np.nan, np.nan, 0, volume.samples.size)
-    return Statistics(low, high, total / finite, finite, volume.samples.size - finite)
+        return Statistics(np.nan, np.nan, np.nan, 0, volume.count)
+    return Statistics(low, high, total / finite, finite, volume.count - finite)
 
 
 def histogram(volume: Volume, statistics: Statistics) -> Histogram:
@@ -107,15 +117,36 @@ def _grid_lines(volume: Volume) -> list[str]:
 def _sample_lines(volume: Volume, statistics: Statistics) -> list[str]:
     dtype = volume.samples.dtype
     order = ", big-endian" if dtype.byteorder == ">" else ""
-    where = "mapped from the file" if is_mapped(volume.samples) else "in memory"
-    lines = [_line("samples", f"{dtype.name}{order}   {_bytes(volume.samples.nbytes)}, {where}")]
+    where = "read in parts"
+    if isinstance(volume.samples, np.ndarray):
+        where = "mapped from the file" if is_mapped(volume.samples) else "in memory"
+    lines = [_line("samples", f"{dtype.name}{order}   {size_of(volume.count * dtype.itemsize)}, {where}")]
     if statistics.finite:
         span = f"{_number(statistics.low)} … {_number(statistics.high)}"
         lines.append(_line("range", f"{span}   mean {_number(statistics.mean)}"))
     if statistics.not_finite:
-        lines.append(_line("not finite", f"{statistics.not_finite:,} of {volume.samples.size:,}"))
+        lines.append(_line("not finite", f"{statistics.not_finite:,} of {volume.count:,}"))
     extras = [name for name, array in (("colour", volume.color), ("vectors", volume.vectors)) if array is not None]
     return [*lines, _line("also", " and ".join(extras) + " per voxel")] if extras else lines
+
+
+def _drawing_lines(volume: Volume) -> list[str]:
+    """What `splatgl render` does by default; nothing of volumes that are drawn as voxels, classified before, nor of
+    those whose values no default transfer function spans.
+    """
+    try:
+        transfer = default_transfer(volume)
+    except InputError:
+        return []
+    bricks = bricks_of(volume, transfer, Settings())
+    if bricks is None:
+        return []
+    most = budget()
+    wanted = need(bricks, 4 * SIZE[0] * SIZE[1], 0)
+    many = fits(bricks, SIZE, most)
+    how = "whole" if many is None else f"in {len(bricks.low):,} bricks"
+    told = f"about {wanted.splats:,} splats, {size_of(wanted.bytes)} of {size_of(most)}: {how}"
+    return [_line("to render", told)]
 
 
 def _bars(values: Histogram) -> list[str]:
@@ -152,10 +183,3 @@ def _number(value: float) -> str:
     if float(value).is_integer() and abs(value) < 1e15:
         return str(int(value))
     return f"{value:.6g}"
-
-
-def _bytes(count: int) -> str:
-    size, units = float(count), ["bytes", "KiB", "MiB", "GiB", "TiB"]
-    while size >= 1024 and len(units) > 1:
-        size, units = size / 1024, units[1:]
-    return f"{size:.0f} {units[0]}" if units[0] == "bytes" else f"{size:.1f} {units[0]}"

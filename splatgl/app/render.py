@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from splatgl import __version__
 from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import check_output
 from splatgl.app.scene import Scene
+from splatgl.app.sizes import bytes_of, size_of
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
 from splatgl.data.volume import Slab, Volume
@@ -23,7 +25,6 @@ from splatgl.splat.plan.blend_mode import BLENDS
 # what draws and compares is imported once there is something to draw: bad input is told at once
 if TYPE_CHECKING:
     from splatgl.splat.extraction.splats import Splats
-    from splatgl.splat.view.camera import Camera
     from splatgl.truth.compare_read import Picture
 
 # delay of the progress bar in seconds
@@ -51,6 +52,12 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="also compare some of these pixels with the field that the picture stands for",
     )
+    parser.add_argument(
+        "--memory",
+        type=bytes_of,
+        metavar="SIZE",
+        help="draw in bricks what needs more, such as 4GiB (half of what is free)",
+    )
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     add_drawing(parser)
     parser.set_defaults(run=run)
@@ -64,10 +71,12 @@ def run(args: argparse.Namespace) -> int:
     reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()
     transfer = scene.transfer_for(volume)
-    splats = scene.splats(volume, transfer, None if args.quiet else _bar)
-    if not len(splats):
-        raise nothing(scene, volume)
-    image, camera = _drawn(args, scene, volume, splats)
+    image = _in_bricks(args, scene, volume, transfer)
+    if image is None:
+        splats = scene.splats(volume, transfer, None if args.quiet else _bar)
+        if not len(splats):
+            raise nothing(scene, volume)
+        image = _drawn(args, scene, volume, splats)
     image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
     ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     ended = 0
@@ -82,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
         ended = DIFFERENT
     image.save(output, args.bits, ground)
     if not args.quiet:
-        print(_summary(output, image, splats, camera))
+        print(_summary(output, image))
     return ended
 
 
@@ -96,8 +105,42 @@ def _reference(name: str, output: Path) -> Picture:
     return found
 
 
-def _drawn(args: argparse.Namespace, scene: Scene, volume: Volume, splats: Splats) -> tuple[Image, Camera]:
-    """The image, checked, and its camera; prints what --explain and --savings ask for."""
+def _in_bricks(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer) -> Image | None:
+    """The image, drawn brick by brick, if it needs more than --memory; else None."""
+    from splatgl.splat.bricks.estimate import budget
+    from splatgl.splat.bricks.opaque import Opaque
+    from splatgl.splat.bricks.within import bricks_of, fits
+
+    bricks = None if scene.threshold else bricks_of(volume, transfer, scene.settings)
+    if bricks is None:
+        return None
+    most = budget() if args.memory is None else args.memory
+    need = fits(bricks, scene.view.size, most)
+    if need is None:
+        return None
+    for name in ("check", "field", "savings"):
+        if getattr(args, name):
+            fix = "give more --memory, or a part of the volume"
+            raise expected(f"--{name}", f"a picture that fits into {size_of(most)}", size_of(need.bytes), fix)
+    if not args.quiet:
+        told = f"about {need.splats:,} splats need {size_of(need.bytes)}, more than {size_of(most)}"
+        if need.bytes <= most:
+            told = f"about {need.splats:,} splats are more than are drawn at once"
+        print(f"{told}: drawn in {len(bricks.low):,} bricks, nearest first")
+    from splatgl.gl.renderer import Renderer
+
+    camera = scene.view.camera(volume, Opaque(volume, transfer))
+    with Renderer(args.backend, args.device, args.gpu) as renderer, _brick_bar(args.quiet) as bar:
+        if args.explain:
+            print(renderer.plan(bricks.whole, camera, scene.settings).explain())
+        image = renderer.render_bricks(bricks, camera, scene.settings, bar, bands=need.bands(most))
+    if not image.info["splats"]:
+        raise nothing(scene, volume)
+    return image
+
+
+def _drawn(args: argparse.Namespace, scene: Scene, volume: Volume, splats: Splats) -> Image:
+    """The image, checked; prints what --explain and --savings ask for."""
     from splatgl.app.savings import savings
     from splatgl.gl.renderer import Renderer
     from splatgl.truth.check import check, refuse
@@ -114,7 +157,7 @@ def _drawn(args: argparse.Namespace, scene: Scene, volume: Volume, splats: Splat
             print(f"{_accuracy(image)}, against the float64 reference of the same splats")
         if args.savings:
             print("\n".join(savings(renderer, splats, camera, renderer.plan(splats, camera, scene.settings))))
-    return image, camera
+    return image
 
 
 def origin(scene: Scene, transfer: Transfer) -> dict[str, object]:
@@ -127,11 +170,11 @@ def origin(scene: Scene, transfer: Transfer) -> dict[str, object]:
     }
 
 
-def _summary(output: Path, image: Image, splats: Splats, camera: Camera) -> str:
-    info = image.info
+def _summary(output: Path, image: Image) -> str:
+    info, (height, width, _) = image.info, image.pixels.shape
     return "\n".join(
         [
-            f"{output}: {camera.size[0]}×{camera.size[1]}, {len(splats):,} splats in {info['seconds']:.2f} s",
+            f"{output}: {width}×{height}, {info['splats']:,} splats in {info['seconds']:.2f} s",
             f"{info['blend']}, {info['kernel']}, align {info['align']}, {info['footprint']}, target {info['target']}",
             f"by {info['renderer']} ({info['backend']})",
             *([] if info["tolerance_met"] and "checked" not in info else [_accuracy(image)]),
@@ -148,12 +191,14 @@ def _accuracy(image: Image) -> str:
     told = f"{known}: the tolerance {tolerance:.3g} is {'' if info['tolerance_met'] else missed}met"
     if not isinstance(checked, dict):
         return told
-    told += f"\noff by at most {checked['largest']:.2g}, RMSE {checked['rmse']:.2g}, in {checked['pixels']} pixels"
+    # sums have no largest value of their own
+    of = f" of {image.pixels.max():.3g}" if BLENDS[str(info["blend"])].unbounded else ""
+    told += f"\noff by at most {checked['largest']:.2g}{of}, RMSE {checked['rmse']:.2g}, in {checked['pixels']} pixels"
     told += " drawn in float64"
     field = checked.get("field")
     if field is None:
         return told
-    far = f"off the field itself by at most {field['largest']:.2g}, RMSE {field['rmse']:.2g}"
+    far = f"off the field itself by at most {field['largest']:.2g}{of}, RMSE {field['rmse']:.2g}"
     return f"{told}\n{far}, in {field['pixels']} pixels"
 
 
@@ -178,3 +223,23 @@ def _bar(slabs: Iterator[Slab], count: int) -> Iterator[Slab]:
     except ImportError:
         return slabs
     return iter(tqdm(slabs, "extracting", total=count, unit="slab", delay=PATIENCE, leave=False))
+
+
+@contextmanager
+def _brick_bar(quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
+    """What is told of bricks that are done: a progress bar, if tqdm is installed and stderr is a terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        yield None
+        return
+    with tqdm(desc="drawing", unit="brick", delay=PATIENCE, leave=False) as bar:
+
+        def done(count: int, total: int) -> None:
+            bar.total = total
+            bar.update(count - bar.n)
+
+        yield done

@@ -1,15 +1,18 @@
-"""`Volume`: samples on an affine grid, and its slabs with a halo; memory-mapped data is not copied."""
+"""`Volume`: samples on an affine grid, its slabs and boxes with a halo; data in files is read in parts."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from splatgl.data.errors import expected
 
 Triple = tuple[float, float, float]
+Places = tuple[int, int, int]
 # limits in world units: float64 holds the fourth powers of these and of far larger distances
 LEAST_LENGTH, MOST_LENGTH = 1e-40, 1e40
 # maximum ratio of a voxel's sides: float32 holds its square, and distances in either
@@ -57,14 +60,15 @@ class Slab:
 class Volume:
     """Samples on an affine grid: world = direction · diag(spacing) · (x, y, z) + origin.
 
-    samples: [D, H, W] (z, y, x), any real dtype, possibly memory-mapped.
+    samples: [D, H, W] (z, y, x), any real dtype: an array, possibly memory-mapped, or what has shape, dtype and slices
+    that become arrays (of Zarr, HDF5, Dask), which is read in parts.
     spacing, origin: (x, y, z) in world units. direction: [3, 3], its columns the unit axes of x, y, z.
     unit: name of the world's unit of length ("mm", "um", ""). frame: "LPS", "RAS" or None.
     color: uint8 [D, H, W, 3] sRGB, or None. vectors: [D, H, W, 3] along world x, y, z, or None.
     Raises InputError for samples that are not 3-D real numbers and for an impossible grid.
     """
 
-    samples: np.ndarray
+    samples: Any
     spacing: Triple = (1.0, 1.0, 1.0)
     origin: Triple = (0.0, 0.0, 0.0)
     direction: np.ndarray = field(default_factory=lambda: np.eye(3))
@@ -76,8 +80,9 @@ class Volume:
     hints: Hints = field(default_factory=Hints)
 
     def __post_init__(self) -> None:
-        samples = self.samples if isinstance(self.samples, np.ndarray) else np.asarray(self.samples)
-        if samples.ndim != 3 or samples.dtype.kind not in "buif":
+        parts = all(hasattr(self.samples, name) for name in ("shape", "dtype", "__getitem__"))
+        samples = self.samples if parts else np.asarray(self.samples)
+        if len(samples.shape) != 3 or samples.dtype.kind not in "buif":
             raise expected("samples", "a 3-D array [z, y, x] of real numbers", f"{samples.dtype} {samples.shape}")
         if min(samples.shape) < 1:
             raise expected("samples", "at least one voxel along each axis", f"shape {samples.shape}")
@@ -95,7 +100,12 @@ class Volume:
     def shape(self) -> tuple[int, int, int]:
         """(D, H, W): the number of voxels along z, y, x."""
         d, h, w = self.samples.shape
-        return d, h, w
+        return int(d), int(h), int(w)
+
+    @property
+    def count(self) -> int:
+        """The number of voxels."""
+        return math.prod(self.shape)
 
     @property
     def world_from_index(self) -> np.ndarray:
@@ -126,7 +136,13 @@ class Volume:
         for start in range(0, planes, depth):
             stop = min(start + depth, planes)
             first, last = max(start - halo, 0), min(stop + halo, planes)
-            yield Slab(start, stop, start - first, self.samples[first:last])
+            yield Slab(start, stop, start - first, np.asarray(self.samples[first:last]))
+
+    def box(self, low: Places, high: Places, halo: int) -> tuple[np.ndarray, Places]:
+        """The samples of voxels low ≤ (z, y, x) < high, and up to `halo` more on each side; the place of the first."""
+        first = tuple(max(start - halo, 0) for start in low)
+        last = tuple(min(stop + halo, size) for stop, size in zip(high, self.shape, strict=True))
+        return np.asarray(self.samples[tuple(map(slice, first, last))]), (first[0], first[1], first[2])
 
 
 def _triple(what: str, value: Sequence[float]) -> Triple:

@@ -220,24 +220,67 @@ class Textured:
             self.sorted = None
 
     def _words(self, runs: bool) -> tuple[np.ndarray, np.ndarray]:
-        """The records' first words, a multiple of four, and the rest."""
-        records = self.splats.records_with_runs if runs else self.splats.records
-        words = records.view(np.uint32).reshape(-1, records.itemsize // 4)
-        fours = words.shape[1] // 4 * 4
-        return words[:, :fours], words[:, fours:]
+        return _words(self.splats.records_with_runs if runs else self.splats.records)
 
     def _listed(self, indices: np.ndarray) -> moderngl.Texture:
         return self._texture(indices[:, None])
 
     def _texture(self, words: np.ndarray) -> moderngl.Texture:
-        """A texture of words [N, n], of up to four a texel."""
-        height, channels = -(-max(len(words), 1) // ABREAST), min(words.shape[1], 4)
-        padded = np.zeros((height * ABREAST, words.shape[1]), np.uint32)
-        padded[: len(words)] = words
-        size = ABREAST * words.shape[1] // channels, height
-        texture = self.ctx.texture(size, channels, padded, alignment=4, dtype="u4")
-        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        return texture
+        return _filled(self.ctx, words)
+
+
+class Rewritten:
+    """Records of one set of splats after another, in textures that are kept, and grow on demand."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self.ctx = ctx
+        self.textures: list[moderngl.Texture] = []
+
+    def texels(self, records: np.ndarray) -> Texels:
+        """Those of the records, in their own order; they are as before until the next."""
+        words = _words(records)
+        if not self.textures or self.textures[0].height < _rows(records):
+            self.release()
+            self.textures = [_filled(self.ctx, each) for each in words]
+        else:
+            for texture, each in zip(self.textures, words, strict=True):
+                texture.write(_padded(each), (0, 0, texture.width, _rows(records)), alignment=4)
+        first, rest = self.textures
+        return Texels(first, rest, None)
+
+    def release(self) -> None:
+        """Frees the textures."""
+        for texture in self.textures:
+            texture.release()
+        self.textures = []
+
+
+def _words(records: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The records' first words, a multiple of four, and the rest."""
+    words = records.view(np.uint32).reshape(-1, records.itemsize // 4)
+    fours = words.shape[1] // 4 * 4
+    return words[:, :fours], words[:, fours:]
+
+
+def _rows(things: np.ndarray) -> int:
+    """Rows of a texture that holds so many."""
+    return -(-max(len(things), 1) // ABREAST)
+
+
+def _padded(words: np.ndarray) -> np.ndarray:
+    """The words [N, n] and zeros, to whole rows of a texture."""
+    padded = np.zeros((_rows(words) * ABREAST, words.shape[1]), np.uint32)
+    padded[: len(words)] = words
+    return padded
+
+
+def _filled(ctx: moderngl.Context, words: np.ndarray) -> moderngl.Texture:
+    """A texture of words [N, n], of up to four a texel."""
+    channels = min(words.shape[1], 4)
+    size = ABREAST * words.shape[1] // channels, _rows(words)
+    texture = ctx.texture(size, channels, _padded(words), alignment=4, dtype="u4")
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture
 
 
 def _release(arrays: dict[int, moderngl.VertexArray], *buffers: moderngl.Buffer | None) -> None:

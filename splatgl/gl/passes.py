@@ -15,7 +15,7 @@ from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
 from splatgl.gl.quads import Quads
 from splatgl.gl.sheet_quads import SheetQuads
-from splatgl.gl.sheet_tiles import SheetTiles
+from splatgl.gl.sheet_tiles import Batches, SheetTiles
 from splatgl.gl.streaks import Streaks
 from splatgl.gl.tables import Tables
 from splatgl.gl.target import Target, Targets
@@ -52,11 +52,12 @@ class Passes:
         owned.callback(self.frame.release)
         self.whole: dict[int, moderngl.VertexArray] = {}
         self.tiles = Tiles(ctx, self.programs, self.splats, self._whole)
+        self.sheets = SheetTiles(ctx, self.programs, self.splats, self._whole, self.tables)
         self.techniques: dict[str, Technique] = {
             "quads": Quads(ctx, self.programs, self.splats),
             "tiles": self.tiles,
             "sheets in quads": SheetQuads(ctx, self.programs, self._whole, self.tables, self.frame),
-            "sheets in tiles": SheetTiles(ctx, self.programs, self.splats, self._whole, self.tables),
+            "sheets in tiles": self.sheets,
             "streaks": Streaks(ctx, self.programs, self.splats),
         }
         self.style = ctx.buffer(reserve=STYLE.itemsize)
@@ -70,10 +71,15 @@ class Passes:
             technique.release()
 
     def draw(
-        self, splats: Splats, plan: Plan, role: str = "draw", interrupted: Callable[[], bool] | None = None
+        self,
+        splats: Splats,
+        plan: Plan,
+        role: str = "draw",
+        interrupted: Callable[[], bool] | None = None,
+        batches: Batches | None = None,
     ) -> np.ndarray:
         """float32 [H, W, 4]. role: name under which the target is cached. interrupted: called between portions; raises
-        Interrupted if it returns True.
+        Interrupted if it returns True. batches: of what is drawn instead of `splats`, which stand for all of it.
         """
         if plan.exposure is None:
             splats = ahead(splats, plan.resolved.camera)
@@ -81,19 +87,24 @@ class Passes:
         target.clear()
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         if len(splats):
-            self._draw_splats(target, splats, plan, portions)
+            self._draw_splats(target, splats, plan, portions, batches)
         # a sum has no background
         background = plan.resolved.background if not plan.program.look.blend.unbounded else None
         if plan.resolved.averaged or background is not None:
             return self._resolve(target, plan, background).read()
         return target.read(plan.window)
 
-    def _draw_splats(self, target: Target, splats: Splats, plan: Plan, portions: Portions) -> None:
+    def _draw_splats(
+        self, target: Target, splats: Splats, plan: Plan, portions: Portions, batches: Batches | None
+    ) -> None:
         self.frame.write(frame_block(splats, plan).tobytes())
         self.style.write(style_block(splats, plan).tobytes())
         self.frame.bind_to_uniform_block(FRAME_BINDING)
         self.style.bind_to_uniform_block(STYLE_BINDING)
         self.tables.use(plan)
+        if batches is not None:
+            self.sheets.draw_batches(target, splats, plan, batches, portions)
+            return
         look = plan.program.look
         boxes = order_for(splats, plan.resolved.camera) if look.blend.ordered and not look.sheets else None
         order = DrawOrder(boxes, boxes is not None and plan.order == "front-to-back")

@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import partial
 from types import TracebackType
 from typing import Any
 
 import moderngl
 import numpy as np
 
-from splatgl.data.errors import InputError
+from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
 from splatgl.gl.context import check_process, context_info, current, inherited, open_context
 from splatgl.gl.passes import Passes
+from splatgl.gl.sheet_tiles import Batches
 from splatgl.gl.target import check_size
 from splatgl.splat.bound.bound import bound
+from splatgl.splat.bricks.bricks import Bricks, Seen
+from splatgl.splat.extraction.post import post_splats
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.motion.moments import Moments, Shorter
 from splatgl.splat.motion.motion import Motion
 from splatgl.splat.plan.plan import Plan, plan
 from splatgl.splat.plan.settings import FULL_SHUTTER, Settings
-from splatgl.splat.plan.suited import suited
+from splatgl.splat.plan.suited import one_by_one, suited
 from splatgl.splat.view.camera import Camera
 
 # the finest form, table and target, against which coarser ones are measured
@@ -91,25 +96,31 @@ class Renderer:
 
         In `xray` A is Σ τ and RGB Σ τ·colour, unclamped.
 
-        motion: of the scene since the previous frame; blurred as `settings.motion` says, or, without settings, exactly,
-        while the shutter is open, up to now. Its error bound is to straight streaks, and None near the eye and for long
-        voxels beyond z_k. verify_bound: if the bound exceeds the tolerance, render again with the finest form and
-        measure. `info["tolerance_met"]`: whether the error bound is known and within the tolerance, which for X-rays is
-        relative to the brightest component. interrupted: called between portions of the drawing; if it returns True,
-        Interrupted is raised, and later pictures are unaffected. Raises InputError for a size beyond OpenGL's, for the
-        flow of other splats, and in a process that was forked after the renderer was opened.
+        motion: of the scene since the previous frame; blurred as `settings.motion` says, while the shutter is open, up
+        to now. The error bound of a mean of moments is to the mean of their float64 references; that of streaks to
+        straight ones, and None near the eye and for long voxels beyond z_k. verify_bound: if the bound exceeds the
+        tolerance, render again with the finest form and measure. `info["tolerance_met"]`: whether the error bound is
+        known and within the tolerance, which for X-rays is relative to the brightest component. interrupted: called
+        between portions of the drawing; if it returns True, Interrupted is raised, and later pictures are unaffected.
+        Raises InputError for a size beyond OpenGL's, for the flow of other splats, and in a process that was forked
+        after the renderer was opened.
         """
         check_process(self.ctx)
         started = time.perf_counter()
         chosen = self.plan(splats, camera, settings, motion)
         splats = suited(splats, settings or Settings(), chosen.exposure is not None)
+        if chosen.moments and motion is not None:
+            asked = (settings or Settings()).but(moments=None, **({} if chosen.exposure else {"motion": "off"}))
+            draw = partial(self.render, verify_bound=verify_bound, interrupted=interrupted)
+            mean = (Shorter if chosen.exposure else Moments)(draw, motion, asked.shutter, chosen.moments)
+            found = mean(splats, camera, asked)
+            told = self._provenance(splats, camera, chosen, time.perf_counter() - started)
+            return Image(found.pixels.astype(np.float32), {**found.info, **told})
         with current(self.ctx):
             check_size(self.ctx, chosen.view.size)
             pixels = self._draw(splats, chosen, interrupted=interrupted)
         seconds = time.perf_counter() - started
         provenance = self._provenance(splats, camera, chosen, seconds)
-        if chosen.exposure is not None:
-            provenance |= {"motion": chosen.program.motion, "shutter": chosen.exposure.frames * FULL_SHUTTER}
         brightest = _brightest(pixels, chosen)
         own = bound(splats, chosen, brightest)
         error = own.total if own else None
@@ -118,6 +129,54 @@ class Renderer:
             error = min(error, self._verified(splats, camera, settings or Settings(), chosen, pixels))
         met = error is not None and bool(error <= allowed)
         return Image(pixels, {**provenance, "error_bound": error, "tolerance_met": met})
+
+    def render_bricks(
+        self,
+        bricks: Bricks,
+        camera: Camera,
+        settings: Settings | None = None,
+        progress: Callable[[int, int], None] | None = None,
+        interrupted: Callable[[], bool] | None = None,
+        bands: int = 1,
+    ) -> Image:
+        """The picture of `render`, of values classified after reconstruction, extracted while it is drawn: only some
+        bricks are in memory at a time.
+
+        progress: called with the bricks that are done, and their number. bands: of rows, drawn one after another, each
+        of which has fewer splats waiting. Raises InputError for what takes other splats than values in sheets, or
+        quads, and for a parallel view from within the volume.
+        """
+        check_process(self.ctx)
+        started = time.perf_counter()
+        whole, before = bricks.whole, 0
+        bricks.found.clear()
+        refuse_bricks(whole, camera, settings or Settings())
+        chosen = self.plan(whole, camera, settings)
+        if chosen.program.technique != "tiles":
+            raise expected("a volume in bricks", "an OpenGL with compute shaders, technique auto or tiles", "quads")
+        if bricks.reached(chosen.view):
+            chosen = chosen.forced(half_line=True)
+
+        def batches(seen: Seen) -> Iterator[Splats]:
+            nonlocal before
+            assert chosen.resolved.sheets is not None
+            for records, done in bricks.batches(chosen.resolved.sheets, chosen.view, seen):
+                yield post_splats(bricks.volume, bricks.post, records)
+                if progress:
+                    progress(before + done, bands * len(bricks.low))
+            before += len(bricks.low)
+
+        with current(self.ctx):
+            check_size(self.ctx, chosen.view.size)
+            pixels = self._draw(whole, chosen, interrupted=interrupted, batches=Batches(batches, bands))
+        told = self._provenance(whole, camera, chosen, time.perf_counter() - started)
+        told |= {
+            "splats": sum(bricks.found.values()),
+            "bricks": len(bricks.low),
+            "error_bound": None,
+            "tolerance_met": False,
+        }
+        return Image(pixels, told)
 
     def _verified(self, splats: Splats, camera: Camera, settings: Settings, chosen: Plan, pixels: np.ndarray) -> float:
         """Difference to the picture of the finest form, table and target, plus its bound; inf if it is the same."""
@@ -130,11 +189,16 @@ class Renderer:
         return apart + own.total if own else float("inf")
 
     def _draw(
-        self, splats: Splats, chosen: Plan, role: str = "draw", interrupted: Callable[[], bool] | None = None
+        self,
+        splats: Splats,
+        chosen: Plan,
+        role: str = "draw",
+        interrupted: Callable[[], bool] | None = None,
+        batches: Batches | None = None,
     ) -> np.ndarray:
         """The pixels; InputError if OpenGL ran out of memory or lost its context."""
         try:
-            pixels = self.passes.draw(splats, chosen, role, interrupted)
+            pixels = self.passes.draw(splats, chosen, role, interrupted, batches)
         except moderngl.Error as error:
             raise self._failure(splats, chosen, str(error)) from error
         problem = self.ctx.error
@@ -185,6 +249,7 @@ class Renderer:
             "backend": self.info.backend,
             "opengl": self.info.version,
             "seconds": round(seconds, 6),
+            **_blur(chosen),
         }
 
 
@@ -192,6 +257,22 @@ def _kind(chosen: Plan) -> tuple[object, ...]:
     """The choices that decide how coarse a picture is."""
     program = chosen.program
     return program.align, program.footprint, chosen.target, chosen.lookup.size, chosen.lookup.bits
+
+
+def refuse_bricks(whole: Splats, camera: Camera, settings: Settings) -> None:
+    """InputError for a picture that can't be drawn while its splats are extracted; whole: stands for them."""
+    why = one_by_one(settings, moving=False)
+    if settings.classification == "pre" or why:
+        raise expected("a volume in bricks", "values classified after reconstruction", why or "classification pre")
+    if not camera.perspective and camera.eye_from_points(whole.corners)[:, 2].min() < 0:
+        raise expected("a volume in bricks", "a parallel view from outside", "an eye whose plane cuts the volume")
+
+
+def _blur(chosen: Plan) -> dict[str, object]:
+    """How a moving picture is blurred; empty for others."""
+    if chosen.exposure is not None:
+        return {"motion": chosen.program.motion, "shutter": chosen.exposure.frames * FULL_SHUTTER}
+    return {"motion": "moments"} if chosen.moments else {}
 
 
 def _brightest(pixels: np.ndarray, chosen: Plan) -> float:

@@ -45,6 +45,13 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
     return found
 
 
+def sheet_span(splats: Splats, plan: Plan) -> int:
+    """How many sheets the splats may belong to."""
+    assert plan.resolved.sheets is not None
+    first, last = plan.resolved.sheets.range(splats, plan.view)
+    return last - first + 1
+
+
 class SheetOrder:
     """Reuses its buffer and texture between pictures; they grow on demand."""
 
@@ -60,11 +67,11 @@ class SheetOrder:
                 part.release()
         self.cursors, self.order = None, None
 
-    def sorted(self, splats: Splats, plan: Plan, texels: Texels, uniforms: Uniforms) -> tuple[Texels, int]:
-        """The same records with their order by first sheet, and how many of them may be visible."""
-        assert plan.resolved.sheets is not None
-        first, last = plan.resolved.sheets.range(splats, plan.view)
-        number, count = last - first + 1, len(splats)
+    def sorted(self, count: int, number: int, plan: Plan, texels: Texels, uniforms: Uniforms) -> tuple[Texels, int]:
+        """The same records with their order by first sheet, and how many of them may be visible.
+
+        count: of splats. number: of sheets.
+        """
         runs = max(LEAST_RUNS, -(-count // (MOST_RUN * LANES)) * LANES)
         size = runs * (number + 1) * 4
         cursors = self._cursors(size)

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import SplatBuffers, Texels
+from splatgl.gl.buffers import Rewritten, SplatBuffers, Texels
 from splatgl.gl.constants import LANES
 from splatgl.gl.draw_order import DrawOrder, Range
 from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
-from splatgl.gl.sheet_order import SheetOrder, sheet_uniforms
+from splatgl.gl.sheet_order import SheetOrder, sheet_span, sheet_uniforms
 from splatgl.gl.tables import CLASS_UNIT, HALF_LINE_UNIT, Tables
 from splatgl.gl.target import Target
-from splatgl.gl.tiles import LIST_UNIT, LISTS, OPEN, Tiles, bands_of, set_uniforms
-from splatgl.splat.extraction.splats import Splats
+from splatgl.gl.tiles import LIST_UNIT, LISTS, OPEN, Band, Tiles, bands_of, set_uniforms
+from splatgl.splat.bricks.bricks import Seen
+from splatgl.splat.extraction.splats import Splats, corners_of
 from splatgl.splat.plan.occlusion_policy import cuts
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.plan.tiling import COLUMNS, ROWS
+from splatgl.splat.view.block_culling import Frustum, shown
 from splatgl.splat.view.box_outline import beside_box
+from splatgl.splat.view.screen_bounds import Window, screen_bounds
 
 # buffer binding of open sheets
 RINGS = 5
@@ -31,6 +36,17 @@ RING = 26
 MOST_ENTRIES = 30_000
 # most pixels per band: open sheets of pictures drawn in several passes take 4 RING bytes a pixel
 MOST_PIXELS = 2**20
+
+
+@dataclass(frozen=True)
+class Batches:
+    """Splats that are drawn while they are extracted. bands: of rows of the picture, drawn one after another.
+
+    of: gives their batches, nearest first, given what tells whether a box of voxels may still be seen in the band.
+    """
+
+    of: Callable[[Seen], Iterator[Splats]]
+    bands: int = 1
 
 
 class SheetTiles(Tiles):
@@ -45,7 +61,7 @@ class SheetTiles(Tiles):
         tables: Tables,
     ) -> None:
         super().__init__(ctx, programs, splats, whole)
-        self.tables, self.order = tables, SheetOrder(ctx, programs)
+        self.tables, self.order, self.batch = tables, SheetOrder(ctx, programs), Rewritten(ctx)
         self.uniforms: dict[str, object] = {}
         # splats of the picture; whether those being drawn are its last; tiles whose open sheets are kept
         self.count, self.last = 0, False
@@ -55,26 +71,72 @@ class SheetTiles(Tiles):
         """Frees all buffers and textures; they are recreated on demand."""
         super().release()
         self.order.release()
+        self.batch.release()
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: is not used."""
         texels = self.splats.of(splats).texels(plan.program.look.attenuation == "fill", DrawOrder(None, True))
         self.uniforms = sheet_uniforms(splats, plan)
-        texels, self.count = self.order.sorted(splats, plan, texels, self.uniforms)
+        texels, count = self.order.sorted(len(splats), sheet_span(splats, plan), plan, texels, self.uniforms)
+        for window in bands_of(plan.window, MOST_PIXELS):
+            band = self._begin(splats, plan, window)
+            for which in pairwise(cuts(count, plan.hiding.depth_batches)):
+                self.count = count
+                self.gather(target, plan, texels, which, band, ask=portions.ask)
+
+    def draw_batches(self, target: Target, whole: Splats, plan: Plan, batches: Batches, portions: Portions) -> None:
+        """Composites batches of splats, no sheet of which comes before those of the batch before.
+
+        whole: stands for all of them.
+        """
+        self.uniforms = sheet_uniforms(whole, plan)
+        (window,) = bands_of(plan.window, sys.maxsize)
+        rows = -(-window.height // ROWS)
+        for part in bands_of(window, -(-rows // batches.bands) * ROWS * window.width):
+            self._draw_band(target, whole, plan, batches, portions, part)
+
+    def _draw_band(
+        self, target: Target, whole: Splats, plan: Plan, batches: Batches, portions: Portions, window: Window
+    ) -> None:
+        band = self._begin(whole, plan, window)
+        across = -(-window.width // COLUMNS)
+        frustum = Frustum.of(plan.view)
+
+        def seen(low: np.ndarray, high: np.ndarray) -> bool:
+            if not shown(np.concatenate([low + high, high - low])[None] / 2, frustum)[0]:
+                return False
+            x, y, width, height = screen_bounds(corners_of(low, high), plan.view).window.box
+            x, y = x - window.x, y - window.y
+            tiles = band.closed.reshape(-1, across)
+            rows = slice(max(y, 0) // ROWS, max(-(-(y + height) // ROWS), 0))
+            return not tiles[rows, max(x, 0) // COLUMNS : max(-(-(x + width) // COLUMNS), 0)].all()
+
+        span = sheet_span(whole, plan)
+        for splats in batches.of(seen):
+            texels = self.batch.texels(splats.records)
+            texels, count = self.order.sorted(len(splats), span, plan, texels, self.uniforms)
+            self.count = count + 1
+            self.gather(target, plan, texels, (0, count), band, ask=portions.ask)
+        self.last = True
+        self._flush(target, plan)
+
+    def _begin(self, splats: Splats, plan: Plan, window: Window) -> Band:
+        """A new band; tiles beside the volume's box are closed."""
+        self.kept, band = None, self.begin(window)
         if splats.post is not None:
             self.tables.classification(splats).use(CLASS_UNIT)
-        for window in bands_of(plan.window, MOST_PIXELS):
-            self.kept = None
-            band = self.begin(window)
-            if splats.post is not None:
-                band.closed |= beside_box(plan.view, splats.post.shape, window, (COLUMNS, ROWS))
-            for which in pairwise(cuts(self.count, plan.hiding.depth_batches)):
-                self.gather(target, plan, texels, which, band, ask=portions.ask)
+            band.closed |= beside_box(plan.view, splats.post.shape, window, (COLUMNS, ROWS))
+        return band
 
     def _draw(self, target: Target, plan: Plan, texels: Texels, which: Range) -> None:
         self.last = which[1] == self.count
         super()._draw(target, plan, texels, which)
-        if self.last and self.kept is not None and self.kept.any():
+        if self.last:
+            self._flush(target, plan)
+
+    def _flush(self, target: Target, plan: Plan) -> None:
+        """Composites the sheets that are still open."""
+        if self.kept is not None and self.kept.any():
             tile = np.flatnonzero(self.kept)
             lists = np.stack([tile, *np.zeros((3, len(tile)), np.int64)], axis=1).astype(np.uint32)
             self._add_up(target, plan, lists, True)

@@ -289,10 +289,11 @@ def _dispatches(lists: np.ndarray) -> list[np.ndarray]:
 
 
 def bands_of(window: Window, most: int = MOST_PIXELS) -> list[Window]:
-    """The window in bands of rows, at most `most` pixels each."""
-    height = max(most // max(window.width, 1) // ROWS, 1) * ROWS
-    last = window.y + window.height
-    return [Window(window.x, top, window.width, min(height, last - top)) for top in range(window.y, last, height)]
+    """The window in bands of rows, at most `most` pixels each; a pixel is in the same tile whatever the window."""
+    left, top = window.x // COLUMNS * COLUMNS, window.y // ROWS * ROWS
+    width, last = window.x + window.width - left, window.y + window.height
+    height = max(most // max(width, 1) // ROWS, 1) * ROWS
+    return [Window(left, first, width, min(height, last - first)) for first in range(top, last, height)]
 
 
 def _tiles(window: Window) -> tuple[int, int]:

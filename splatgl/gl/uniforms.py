@@ -10,6 +10,7 @@ from splatgl.splat.integral.quads import NEAR
 from splatgl.splat.motion.blur import line_area
 from splatgl.splat.motion.motion import Exposure
 from splatgl.splat.plan.plan import Plan
+from splatgl.splat.sheets.sheets import counted_box
 from splatgl.splat.view.block_culling import Frustum
 from splatgl.splat.view.camera import FAR
 from splatgl.splat.view.view import eye_from_index
@@ -114,7 +115,7 @@ def _add_path(block: np.ndarray, splats: Splats, plan: Plan, exposure: Exposure)
 
 def base_of(splats: Splats, eye: np.ndarray) -> np.ndarray:
     """[3]: frame.base, the voxel nearest to the eye, grid indices."""
-    return np.asarray(np.clip(np.rint(eye), *np.rint(splats.index_bounds)))
+    return np.asarray(np.clip(np.rint(eye), *np.rint(counted_box(splats))))
 
 
 def style_block(splats: Splats, plan: Plan) -> np.ndarray:

@@ -15,9 +15,9 @@ from splatgl.splat.extraction.records import as_points
 from splatgl.splat.extraction.splats import Grid, Splats, assemble
 from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.motion.blur import line_area
+from splatgl.splat.motion.moments import Draw
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
-from splatgl.truth.temporal import Draw
 
 # samples a pixel, along each axis
 TIMES = 4

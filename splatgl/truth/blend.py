@@ -12,6 +12,7 @@ import numpy as np
 
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.blend_mode import BlendMode
+from splatgl.splat.plan.resolve import Resolved
 
 # largest opacity below 1: bounds paper's attenuation of an opaque splat not widened except by rounding
 ALMOST_ONE = 1.0 - 2.0**-53
@@ -137,6 +138,13 @@ def classified(transfer: Transfer, value: np.ndarray) -> np.ndarray:
     """[P, 4]: colour · opacity, and opacity over the reference length, of values [P]; 0 of NaN."""
     opacity = np.asarray(transfer.opacity(value))[:, None]
     return np.concatenate([transfer.color(value) * opacity, opacity], axis=1)
+
+
+def over_background(drawn: np.ndarray, resolved: Resolved) -> np.ndarray:
+    """Pictures [..., 4] over the background of the settings, which sums have none of."""
+    if resolved.background is None or resolved.look.blend.unbounded:
+        return drawn
+    return np.asarray(drawn + (1 - drawn[..., 3:]) * np.array([*resolved.background, 1.0]))
 
 
 def _by_pixel(pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

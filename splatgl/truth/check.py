@@ -7,13 +7,16 @@ import numpy as np
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import classified_before, suited
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.screen_bounds import Window
-from splatgl.truth.field import FIELD_BLENDS, kept_field_integral
+from splatgl.truth.field import kept_field_integral
 from splatgl.truth.reference import render_windows
 
+# a pixel that differs by less from the background shows nothing else
+UNSEEN = 1e-6
 # squares of pixels, unless a number of rows is given, and the pixels of their sides
 SQUARES, SIDE = 10, 4
 # most pixels marched through the field, and rays along the sides of one that is antialiased
@@ -37,7 +40,7 @@ def check(
     """
     settings = settings or Settings()
     refuse(splats, camera, settings, rows, field)
-    seen = image.pixels[..., 3] > 0
+    seen = _seen(image.pixels, settings)
     if rows == 0 or not seen.any():
         return image
     windows = _squares(seen) if rows is None else _rows(seen, rows)
@@ -53,25 +56,30 @@ def check(
         pixels = shown[np.linspace(0, len(shown) - 1, min(FIELD_PIXELS, len(shown))).astype(int)]
         drawn = suited(splats, settings, moving=False)
         samples = 1 if settings.antialias == "off" else FIELD_SAMPLES
-        far = image.pixels.reshape(-1, 4)[pixels] - kept_field_integral(drawn, camera, pixels, samples, settings.blend)
+        far = image.pixels.reshape(-1, 4)[pixels] - kept_field_integral(drawn, camera, pixels, samples, settings)
         checked["field"] = {"pixels": len(pixels), **_errors(far)}
     return Image(image.pixels, {**image.info, "checked": checked})
 
 
 def refuse(splats: Splats, camera: Camera, settings: Settings, rows: int | None, field: bool) -> None:
     """InputError, before any drawing, for what `check` can't compare: fewer rows than none, more than the picture has,
-    and a field of no rows, of voxels classified before, or of a blend that sums.
+    and a field of no rows, or of voxels classified before.
     """
     least, height = int(field), camera.size[1]
     if rows is not None and not least <= rows <= height:
         raise expected("--check", f"{least} to {height} rows" + " with --field" * field, rows)
     if not field:
         return
-    if settings.blend not in FIELD_BLENDS:
-        raise expected("blend of --field", " or ".join(FIELD_BLENDS), settings.blend)
     why = classified_before(splats, settings, moving=False)
     if why:
         raise expected("--field", "values classified after reconstruction", f"voxels classified before ({why})")
+
+
+def _seen(pixels: np.ndarray, settings: Settings) -> np.ndarray:
+    """bool [H, W]: where something lies before the background."""
+    if settings.background is None or BLENDS[settings.blend].unbounded:
+        return np.asarray(pixels[..., 3] > 0)
+    return np.asarray((np.abs(pixels[..., :3] - np.array(settings.background)) > UNSEEN).any(axis=-1))
 
 
 def _rows(seen: np.ndarray, count: int) -> list[Window]:

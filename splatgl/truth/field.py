@@ -24,10 +24,13 @@ from splatgl.splat.extraction.splats import Grid, Splats
 from splatgl.splat.kernel.kernels import Kernel
 from splatgl.splat.kernel.kernels import kernel as kernel_named
 from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.resolve import Resolved
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.view import View
-from splatgl.truth.blend import classified, joined, joined_value
-from splatgl.truth.integral import OPAQUE, distances, spread
+from splatgl.truth.blend import classified, joined, joined_value, over_background
+from splatgl.truth.integral import OPAQUE, distances, samples_of, spread
 from splatgl.truth.rays import Rays
 
 # rays and points per batch
@@ -36,8 +39,6 @@ RAYS, POINTS = 1 << 14, 1 << 12
 REACH = 2
 # steps per voxel through the field of kept values
 STEPS = 4
-# blends of a field's picture
-FIELD_BLENDS = tuple(name for name, mode in BLENDS.items() if not mode.unbounded)
 
 # value [P] and world gradient [P, 3] at grid positions [3, P]
 Field = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -45,7 +46,7 @@ Field = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 def kernel_field(volume: Volume, shape: Kernel, post: PostClassified) -> Field:
     """The kernels' normalised sum of coefficients, and of gradients, of all finite samples; NaN beyond their reach."""
-    u = post.relative(np.where(np.isfinite(volume.samples), volume.samples, np.nan))
+    u = _values(volume, post)
     c = prefiltered(u, shape, PREFILTERED.get(shape.name, 0))
     terms = _terms(volume, u, c, post)
 
@@ -68,7 +69,7 @@ def _kernel_mean(
 
 def trilinear_field(volume: Volume, post: PostClassified) -> Field:
     """What ray casters interpolate: samples, and central differences of them."""
-    u = post.relative(np.where(np.isfinite(volume.samples), volume.samples, np.nan))
+    u = _values(volume, post)
     terms = _terms(volume, u, u, post, order=2)
     last = np.array(u.shape[::-1])[:, None] - 1
 
@@ -83,6 +84,12 @@ def trilinear_field(volume: Volume, post: PostClassified) -> Field:
         return post.value(sums[:, 1]), sums[:, 2:] * post.span
 
     return at
+
+
+def _values(volume: Volume, post: PostClassified) -> np.ndarray:
+    """Record values of all samples; NaN where one is not finite."""
+    samples = np.asarray(volume.samples)
+    return post.relative(np.where(np.isfinite(samples), samples, np.nan))
 
 
 def _terms(volume: Volume, u: np.ndarray, c: np.ndarray, post: PostClassified, order: int = 4) -> np.ndarray:
@@ -149,11 +156,9 @@ class PixelRays:
 
     def means(self, marched: Marched, pixels: np.ndarray, steps: int, blend: str) -> np.ndarray:
         """float64 [P, 4]: means over pixels [P], numbered row by row from the top."""
-        wide = self.camera.size[0]
-        y, x = np.divmod(pixels, wide // self.samples)
-        row, column = np.divmod(np.arange(self.samples**2), self.samples)
-        rays = ((y[:, None] * self.samples + row) * wide + x[:, None] * self.samples + column).ravel()
-        march = _march if BLENDS[blend].ordered else partial(_one_value, BLENDS[blend].join)
+        rays = samples_of(pixels, self.camera.size[0] // self.samples, self.samples)
+        mode = BLENDS[blend]
+        march = partial(_one_value, mode.join) if mode.one_value else partial(_march, mode.unbounded)
         groups = np.split(rays, range(RAYS, len(rays), RAYS))
         drawn = [march(marched, Rays.of(self.view, self.camera, self.shape, group), steps) for group in groups]
         return np.asarray(np.concatenate(drawn).reshape(len(pixels), -1, 4).mean(axis=1))
@@ -172,14 +177,15 @@ def field_integral(
 
     field: "trilinear", a kernel's name, or a function from grid positions [3, P] to values [P] and world gradients
     [P, 3]. Midpoint rule, steps of 1/steps_per_voxel in index space; samples × samples rays a pixel. Rays are clipped
-    to the volume's box. blend: composite, or one of one value. Raises InputError for numbers below 1 and others.
+    to the volume's box. Composites are shaded as the transfer function says. Raises InputError for numbers below 1 and
+    unknown blends.
     """
     started = time.perf_counter()
     for name, count in (("steps_per_voxel", steps_per_voxel), ("samples", samples)):
         if count < 1:
             raise expected(name, "a number of at least 1", count)
-    if blend not in FIELD_BLENDS:
-        raise expected("blend", " or ".join(FIELD_BLENDS), blend)
+    if blend not in BLENDS:
+        raise expected("blend", " or ".join(BLENDS), blend)
     name = field if isinstance(field, str) else "formula"
     shape = kernel_named("b-spline" if name in ("trilinear", "formula") else name)
     post = PostClassified.of(transfer, shape.name, volume.shape[::-1])
@@ -188,7 +194,8 @@ def field_integral(
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
     free = _free(volume, post) if name != "formula" else np.zeros(volume.shape, np.uint8)
     unit = transfer.unit or grid.mean_spacing
-    marched = Marched(field, transfer, free, grid.mean_spacing, unit, transfer.shading)
+    shading = transfer.shading and BLENDS[blend].ordered
+    marched = Marched(field, transfer, free, grid.mean_spacing, unit, shading)
     width, height = camera.size
     rays = PixelRays.of(grid, camera, samples, post.shape)
     drawn = rays.means(marched, np.arange(width * height), steps_per_voxel, blend)
@@ -199,11 +206,14 @@ def field_integral(
 
 
 def kept_field_integral(
-    splats: Splats, camera: Camera, pixels: np.ndarray, samples: int = 1, blend: str = "composite"
+    splats: Splats, camera: Camera, pixels: np.ndarray, samples: int = 1, settings: Settings | None = None
 ) -> np.ndarray:
     """float64 [P, 4]: the picture of the field of values kept for classification after reconstruction, at pixels [P],
     row by row from the top: `field_integral` with its kernel, without what extraction leaves out.
+
+    Blend, shading and background are the settings'.
     """
+    settings = settings or Settings()
     post, records = splats.post, splats.records
     assert post is not None
     x, y, z = np.rint(records["position"]).astype(np.int64).T
@@ -216,13 +226,15 @@ def kept_field_integral(
     terms = np.concatenate([terms, np.zeros((1, 5))])
     field = partial(_kernel_mean, kernel_named(post.kernel), post, lambda cell: terms[_taken(entry, cell)])
     free = distances(spread(kept, np.arange(-1, 2)))
-    marched = Marched(field, post.transfer, free, splats.grid.mean_spacing, splats.unit, post.transfer.shading)
-    return PixelRays.of(splats.grid, camera, samples, post.shape).means(marched, pixels, STEPS, blend)
+    resolved = Resolved.of(ahead(splats, camera), camera, settings)
+    marched = Marched(field, post.transfer, free, splats.grid.mean_spacing, splats.unit, resolved.look.shading)
+    drawn = PixelRays.of(splats.grid, camera, samples, post.shape).means(marched, pixels, STEPS, settings.blend)
+    return over_background(drawn, resolved)
 
 
 def _free(volume: Volume, post: PostClassified) -> np.ndarray:
     """Distances of voxels to those that may be near an opaque point."""
-    u = post.relative(np.where(np.isfinite(volume.samples), volume.samples, np.nan))
+    u = _values(volume, post)
     return distances(spread(needed(u, 2, post.wanted)[0], np.arange(-1, 2)))
 
 
@@ -246,8 +258,8 @@ def _one_value(join: str, marched: Marched, rays: Rays, steps: int) -> np.ndarra
     return classified(marched.transfer, joined_value(light, join))
 
 
-def _march(marched: Marched, rays: Rays, steps: int) -> np.ndarray:
-    """float64 [P, 4]: the integral along the rays."""
+def _march(sums: bool, marched: Marched, rays: Rays, steps: int) -> np.ndarray:
+    """float64 [P, 4]: the integral along the rays; sums: of extinction and of extinction times colour."""
     slabs, step = _steps(rays, steps)
     length = step * rays.stretch
     light, depth = np.zeros((len(slabs), 3)), np.zeros(len(slabs))
@@ -260,9 +272,9 @@ def _march(marched: Marched, rays: Rays, steps: int) -> np.ndarray:
         some = np.flatnonzero(free == 0)
         found = marched.light(places[:, some], rays.toward[on[some]])
         through = found[:, 3] * length[on[some]]
-        passed = np.exp(-depth[on[some]]) * -np.expm1(-through)
+        passed = through if sums else np.exp(-depth[on[some]]) * -np.expm1(-through)
         light[on[some]] += passed[:, None] * found[:, :3]
         depth[on[some]] += through
         slab[on] += np.maximum(np.ceil((free.astype(np.int64) - 1) / step[on]), 1).astype(np.int64)
-        on = on[(slab[on] < slabs[on]) & (depth[on] < OPAQUE)]
-    return np.column_stack([light, -np.expm1(-depth)])
+        on = on[(slab[on] < slabs[on]) & (sums | (depth[on] < OPAQUE))]
+    return np.column_stack([light, depth if sums else -np.expm1(-depth)])

@@ -9,9 +9,9 @@ import numpy as np
 
 from splatgl.splat.extraction.order import order_for
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.motion.moments import Draw
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
-from splatgl.truth.temporal import Draw
 
 # degrees between the two frames compared for popping
 CLOSE = 0.01

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from splatgl.splat.plan.suited import suited
 from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.view import View
+from splatgl.truth.blend import over_background
 
 # maximum number of cells in the lookup table of the splats' box, 4 bytes each
 MAX_CELLS = 1 << 27
@@ -32,6 +34,8 @@ NEIGHBOURS = np.arange(-1, 3)
 RAYS, POINTS = 1 << 16, 1 << 11
 # maximum leap through empty space, cells
 LEAP = 12
+# whose splats are voxels, classified before
+BEFORE: dict[str, Any] = {"classification": "pre", "compositing": "splats"}
 # opaque optical depth: exp(−40) is below float64's rounding of 1
 OPAQUE = 40.0
 
@@ -137,7 +141,27 @@ def ray_integral(
     their lattice.
     """
     started = time.perf_counter()
-    settings = (settings or Settings()).but(classification="pre", compositing="splats")
+    settings = (settings or Settings()).but(**BEFORE)
+    splats = suited(splats, settings, moving=False)
+    pixels = np.arange(camera.size[0] * camera.size[1])
+    drawn = ray_integral_at(splats, camera, pixels, settings, steps_per_voxel, samples)
+    seconds = round(time.perf_counter() - started, 6)
+    name = kernel_name(splats, settings)
+    info = {"scene": splats.name, "kernel": name, "steps_per_voxel": steps_per_voxel, "samples": samples}
+    told = {**info, "blend": "composite", "renderer": "float64 ray integral", "seconds": seconds}
+    return Image(drawn.reshape(camera.size[1], camera.size[0], 4), told)
+
+
+def ray_integral_at(
+    splats: Splats,
+    camera: Camera,
+    pixels: np.ndarray,
+    settings: Settings | None = None,
+    steps_per_voxel: int = 8,
+    samples: int = 1,
+) -> np.ndarray:
+    """float64 [P, 4]: pixels [P] of `ray_integral`, numbered row by row from the top."""
+    settings = (settings or Settings()).but(**BEFORE)
     if settings.blend != "composite":
         raise expected("blend", "composite, whose integral this is", settings.blend)
     for name, count in (("steps_per_voxel", steps_per_voxel), ("samples", samples)):
@@ -148,18 +172,22 @@ def ray_integral(
     view = View.of(splats.grid, fine, kernel_named(kernel_name(splats, settings)), antialias=False)
     voxel = view.voxels(splats.positions)
     color = splats.colors.astype(np.float64)
-    if Resolved.of(splats, camera, settings).look.shading:
+    resolved = Resolved.of(splats, camera, settings)
+    if resolved.look.shading:
         color *= head_light(splats, camera, voxel)[:, None]
     field = Field.of(splats, view.kernel, color)
 
-    groups = np.split(np.arange(fine.size[0] * fine.size[1]), range(RAYS, fine.size[0] * fine.size[1], RAYS))
+    rays = samples_of(pixels, camera.size[0], samples)
+    groups = np.split(rays, range(RAYS, len(rays), RAYS))
     drawn = np.concatenate([_march(field, view, fine, group, steps_per_voxel) for group in groups])
-    picture = drawn.reshape(camera.size[1], samples, camera.size[0], samples, 4).mean(axis=(1, 3))
-    if settings.background is not None:
-        picture = picture + (1 - picture[..., 3:]) * np.array([*settings.background, 1.0])
-    seconds = round(time.perf_counter() - started, 6)
-    info = {"scene": splats.name, "kernel": view.kernel.name, "steps_per_voxel": steps_per_voxel, "samples": samples}
-    return Image(picture, {**info, "blend": "composite", "renderer": "float64 ray integral", "seconds": seconds})
+    return over_background(drawn.reshape(len(pixels), -1, 4).mean(axis=1), resolved)
+
+
+def samples_of(pixels: np.ndarray, width: int, samples: int) -> np.ndarray:
+    """Numbers of samples × samples samples in each of the pixels [P] of a picture that wide, pixel by pixel."""
+    y, x = np.divmod(pixels, width)
+    row, column = np.divmod(np.arange(samples**2), samples)
+    return np.asarray(((y[:, None] * samples + row) * (width * samples) + x[:, None] * samples + column).ravel())
 
 
 def _march(field: Field, view: View, camera: Camera, pixel: np.ndarray, steps: int) -> np.ndarray:

@@ -25,7 +25,7 @@ from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
-from splatgl.truth.blend import ADD, Band, Part, pixels
+from splatgl.truth.blend import ADD, Band, Part, over_background, pixels
 from splatgl.truth.extent import Boxes, pixel_boxes, reaching
 from splatgl.truth.pairs import Row, Values, values
 from splatgl.truth.pixel_means import pixel_means
@@ -172,10 +172,7 @@ def attenuated_depth(splats: Splats, view: View, voxel: np.ndarray, coverage: np
 
 def _mean(samples: np.ndarray, resolved: Resolved) -> np.ndarray:
     """The mean of each pixel's samples, over the background."""
-    mean = pixel_means(samples, resolved.samples) if resolved.averaged else samples
-    if resolved.background is None or resolved.look.blend.unbounded:
-        return np.asarray(mean)
-    return np.asarray(mean + (1 - mean[..., 3:]) * np.array([*resolved.background, 1.0]))
+    return over_background(pixel_means(samples, resolved.samples) if resolved.averaged else samples, resolved)
 
 
 def _provenance(splats: Splats, camera: Camera, resolved: Resolved, row: str, seconds: float) -> dict[str, object]:

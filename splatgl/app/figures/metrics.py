@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.app.figures.render import Shown
+from splatgl.splat.motion.moments import Moments
 from splatgl.splat.motion.motion import streaks
 from splatgl.truth.aliasing import (
     Reach,
@@ -17,7 +18,6 @@ from splatgl.truth.aliasing import (
 )
 from splatgl.truth.figures.tables import Table
 from splatgl.truth.flicker import flicker, popping
-from splatgl.truth.temporal import Moments
 
 # configurations for aliasing: blend mode, kernel, and attenuations beyond z_k, of which X-rays have one
 KINDS = (

@@ -20,15 +20,16 @@ from splatgl.data.errors import expected
 from splatgl.data.image import Image, write_whole
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.motion.blur import MOTIONS
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.motion.moments import Draw, moments
+from splatgl.splat.plan.settings import MAX_MOMENTS, Settings
+from splatgl.splat.plan.suited import blur
 from splatgl.splat.view.camera import Camera
 from splatgl.truth.figures.tables import PAGE
-from splatgl.truth.temporal import Draw, Moments, moments
 
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer
 
-MAX_FRAMES, MAX_MOMENTS = 10_000, 4096
+MAX_FRAMES = 10_000
 # options of rendered figures only
 ONLY = ("source", "color", "size", "spin", "frames", "motion", "moments")
 
@@ -91,13 +92,12 @@ def _blur(renderer: Renderer, args: argparse.Namespace) -> Motioned | None:
 
     def blurred(draw: Draw, track: Turning) -> Draw:
         def one(splats: Splats, camera: Camera, settings: Settings) -> Image:
-            if args.motion or settings.blend == "xray":
-                return renderer.render(splats, camera, settings.but(motion=args.motion or MOTIONS[0]), track.turn)
-            # a strip's view is narrow: use the count for the whole image
-            whole = replace(camera, size=(camera.size[1], camera.size[1]))
-            return Moments(draw, track.turn, SHUTTER, moments(splats, whole, track.turn, SHUTTER))(
-                splats, camera, settings
-            )
+            asked = settings.but(motion=args.motion or "auto")
+            if blur(splats, asked) == "moments":
+                # a strip's view is narrow: use the count for the whole image
+                whole = replace(camera, size=(camera.size[1], camera.size[1]))
+                asked = asked.but(moments=moments(splats, whole, track.turn, SHUTTER))
+            return renderer.render(splats, camera, asked, track.turn)
 
         return one
 

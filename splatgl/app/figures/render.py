@@ -14,11 +14,11 @@ from splatgl.app.track import Turning, turning
 from splatgl.data.volume import Volume
 from splatgl.splat.extraction.extract import extract
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.motion.moments import Draw, Moments
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
 from splatgl.truth.aliasing import Reach
 from splatgl.truth.flicker import strip
-from splatgl.truth.temporal import Draw, Moments
 
 VARIANTS = ("standard", "antialiased", "motion-blurred", "motion-blurred and antialiased")
 ANTIALIAS = ("off", "paper")

@@ -54,7 +54,7 @@ class Content:
         volumes = [volume]
         for _ in STRIDES[1:]:
             last = volumes[-1]
-            volumes.append(coarser(last) if last.samples.size > SMALL else last)
+            volumes.append(coarser(last) if last.count > SMALL else last)
         content = cls(scene, tuple(volumes), scene.transfer_for(volume), scene.threshold).classified(scene.settings)
         return replace(content, before=tuple(len(content.skin(stride)) for stride in STRIDES), beside={})
 
@@ -154,7 +154,7 @@ class Content:
         """
         # pre where it is all that volume or settings allow
         asked = settings.but(classification="auto") if settings.classification == "post" else settings
-        found = kind(asked, moving, only_pre(self.volume, self.transfer, self.threshold), self.volume.samples.size)
+        found = kind(asked, moving, only_pre(self.volume, self.transfer, self.threshold), self.volume.count)
         if found == self.kind:
             return self
         other = self.beside.get(found[0] != "pre")

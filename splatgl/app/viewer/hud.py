@@ -66,7 +66,7 @@ def progress(state: State, frame: Frame | None) -> str:
 
 def _splats(content: Content, frame: Frame) -> list[str]:
     """Numbers of drawn and total splats, and why the rest are omitted."""
-    kept, total = len(content.finest), content.volume.samples.size
+    kept, total = len(content.finest), content.volume.count
     if frame.level.stride > 1 or not content.whole:
         return [f"of {total:,} voxels, blocks of {frame.level.stride}^3 are drawn"]
     left = (
@@ -83,7 +83,8 @@ def _instead(state: State, content: Content) -> list[str]:
     """Why splats are classified before reconstruction although the settings ask for after."""
     if content.after or state.settings.classification != "post":
         return []
-    return [f"{content.only_before(state.settings, True)} takes splats classified before reconstruction: so they are"]
+    why = content.only_before(state.moving, True)
+    return [f"{why} takes splats classified before reconstruction: so they are"]
 
 
 def _pace(state: State, frame: Frame, busy: str | None) -> list[str]:

@@ -42,8 +42,8 @@ ABOUT = {
     "shading": "C = c (0.3 + 0.7 |n l|), a light at the eye.",
     "order": "Read from the rows of splats, without a sort.",
     "technique": "How splats are drawn: quads, or gathered by tiles of pixels.",
-    "motion": "Blur while the view is turned. exact: the mean of the footprint along its path; energy: half discs and "
-    "a rectangle with its energy kept; paper: Eq. 11.",
+    "motion": "Blur while the view is turned. moments: mean of pictures; exact: mean of the footprint along its "
+    "path; energy: half discs and a rectangle with its energy kept; paper: Eq. 11.",
     "occlusion": "Pixels that next to nothing passes any more are closed to what lies behind.",
 }
 

@@ -34,7 +34,7 @@ VIEWS = {
 OPACITY_STEP, THRESHOLD_STEP = 1.25, 1.5
 LOWEST, HIGHEST = 0.001, 0.99
 # motion blur modes of a rotating view
-BLURS = ("off", *MOTIONS)
+BLURS = ("off", "moments", *MOTIONS)
 # settings cycled by a key, and their messages
 CYCLES = {
     "blend": "",
@@ -74,6 +74,11 @@ class State:
     def of(cls, content: Content, size: tuple[int, int]) -> State:
         """Initial state of a content: its home view at `size` pixels, its settings and transfer function."""
         return cls(content.home(size), content.scene.settings, content.transfer, content.threshold)
+
+    @property
+    def moving(self) -> Settings:
+        """The settings while the view is turned."""
+        return self.settings.but(motion=self.blur)
 
     @property
     def transfer(self) -> Transfer:

@@ -236,7 +236,7 @@ class Viewer:
     def _extract(self, blurs: bool) -> None:
         """Takes the content that the state asks for; extracts its finest splats in the worker thread, at rest."""
         state = self.state
-        content = self.content.following(state.transfer, state.threshold, state.settings, blurs)
+        content = self.content.following(state.transfer, state.threshold, state.moving, blurs)
         unfinished = self._unfinished()
         if content is not self.content:
             self._take(content)
@@ -248,7 +248,7 @@ class Viewer:
 
     def _unfinished(self) -> Content | None:
         """The content whose finest splats still have to be extracted, if any: that on show, or that of its motion."""
-        moving = self.content.classified(self.state.settings, self.state.blur != "off")
+        moving = self.content.classified(self.state.moving, True)
         waiting = [content for content in (self.content, moving) if not content.whole and not content.heavy]
         return waiting[0] if waiting and not self.jobs.busy else None
 

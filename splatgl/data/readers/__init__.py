@@ -48,7 +48,7 @@ FORMATS = (
     Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "anywhere")),
     Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
     Format("VTK image", (".vti",), "vti.read", ("array", "channel"), ("XML",)),
-    Format("Zarr", (".zarr",), "zarr_store.read", ("array", "channel"), folder=True),
+    Format("Zarr", (".zarr",), "zarr_store.read", ("array", "channel", "level"), folder=True),
     Format("height picture", (".png", ".jpg", ".jpeg"), "terrain.read_picture", _TERRAIN, ("PNG", "JPEG")),
     Format("height table", (".csv",), "terrain.read_csv", _TERRAIN),
 )

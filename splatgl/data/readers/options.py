@@ -21,6 +21,7 @@ _TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "header_offset": ((int,), "a whole number of bytes"),
     "array": ((str, int), "a name or a number"),
     "channel": ((int,), "a whole number"),
+    "level": ((int,), "a whole number"),
     "color": ((str, Path), "the path of a picture"),
     "relief": ((int, float), "a positive height in world units"),
     "levels": ((int,), "a whole number"),
@@ -36,7 +37,7 @@ class LoadOptions:
     shape: voxels along (x, y, z), x fastest; dtype: "uint8", "uint16be", ">u2"; header_offset: bytes to skip (raw).
     spacing: (x, y, z) in world units, overrides what the file says.
     array: name of the array (npz, VTK, zarr) or number of the time point (NIfTI, TIFF).
-    channel: number of the channel of a file with several samples per voxel.
+    channel: number of the channel of a file with several samples per voxel. level: of a multiscale image, 0 the finest.
     color: path of the colour picture of a height map; relief: the world height that the map spans;
     levels: voxel levels of the terrain.
     anywhere: the data of a detached header may lie outside its folder; only for trusted headers.
@@ -49,6 +50,7 @@ class LoadOptions:
     header_offset: int = 0
     array: str | int | None = None
     channel: int | None = None
+    level: int | None = None
     color: str | Path | None = None
     relief: float | None = None
     levels: int = DEFAULT_LEVELS
@@ -69,8 +71,10 @@ class LoadOptions:
             sample_type(self.dtype)
         if self.header_offset < 0:
             raise expected("header_offset", "zero or more bytes", self.header_offset)
-        if self.channel is not None and self.channel < 0:
-            raise expected("channel", "zero or more", self.channel)
+        for name in ("channel", "level"):
+            value = getattr(self, name)
+            if value is not None and value < 0:
+                raise expected(name, "zero or more", value)
         if self.levels < 2:
             raise expected("levels", "two or more voxel levels", self.levels)
         if self.relief is not None and not 0 < self.relief < np.inf:

@@ -51,8 +51,11 @@ def _check_link(link: Path, root: Path) -> None:
         raise expected(link.name, "a file inside the store", "a link, pipe or device", "replace it by the file")
 
 
-def check_array(path: Path, array: Any) -> None:
-    """Raises InputError for codecs not known to be safe, and for chunks too large for their files."""
+def check_array(path: Path, array: Any, whole: bool = True) -> None:
+    """Raises InputError for codecs not known to be safe, and for chunks too large for their files.
+
+    whole: whether all of it is to be read at once.
+    """
     # 1. the codecs
     names = [_name(codec) for codec in _codecs(array)]
     refused = [name for name in names if name not in (*_COMPRESSORS, *_FILTERS)]
@@ -63,7 +66,8 @@ def check_array(path: Path, array: Any) -> None:
     # 2. the chunks on disk must be able to hold the array: one that is missing costs nothing to write
     files = [file for file in (path / array.path).rglob("*") if file.is_file()]
     stored = sum(file.stat().st_size for file in files)
-    require_plausible(byte_count(array.shape, array.dtype), stored, bounded=False)
+    if whole:
+        require_plausible(byte_count(array.shape, array.dtype), stored, bounded=False)
     chunk = byte_count(array.chunks, array.dtype)
     if min(array.chunks) < 1 or chunk > MAX_BYTES:
         raise expected("chunks", f"at most {MAX_BYTES} bytes each", f"{chunk} {array.chunks}", "save smaller ones")

@@ -1,7 +1,7 @@
-"""Zarr (format 2 and 3) arrays, groups and OME-Zarr images through zarr; the chosen array is read whole.
+"""Zarr (format 2 and 3) arrays, groups and OME-Zarr images through zarr; a large array is read in parts.
 
-A multiscale image gives its finest level unless `array` names another; spacing, origin and unit come from the
-level's coordinate transformations (OME-Zarr 0.4 and 0.5).
+A multiscale image gives its finest level unless `level` or `array` names another; spacing, origin and unit come from
+the level's coordinate transformations (OME-Zarr 0.4 and 0.5).
 """
 
 from __future__ import annotations
@@ -13,11 +13,15 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.errors import InputError, expected, missing_extra
-from splatgl.data.readers.files import library, selection
+from splatgl.data.readers.chunked import Chunked
+from splatgl.data.readers.files import byte_count, library, selection
 from splatgl.data.readers.grid import unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.zarr_checks import check_array, check_files
 from splatgl.data.volume import Triple, Volume
+
+WHOLE = 2**28
+"""Most bytes of samples that are read at once."""
 
 MARKERS = ("zarr.json", ".zarray", ".zgroup")
 """A folder with one of these files is a Zarr store."""
@@ -26,7 +30,7 @@ Multiscale = Mapping[str, Any]
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of a Zarr store; `channel` picks one channel. The samples are a numpy array, read whole."""
+    """The volume of a Zarr store; `channel` picks one channel. Samples of over WHOLE bytes are read in parts."""
     try:
         import zarr
     except ImportError:
@@ -45,8 +49,10 @@ def read(path: Path, options: LoadOptions) -> Volume:
         # 2. its samples
         names = _axis_names(multiscale, len(node.shape))
         index = _index(node.shape, names, options)
-        check_array(path, node)
-        samples = np.asarray(node[index])
+        lazy = Chunked(path.name, node, index)
+        whole = byte_count(lazy.shape, lazy.dtype) <= WHOLE
+        check_array(path, node, whole)
+        samples: Any = np.asarray(node[index]) if whole else lazy
         # 3. its grid
         if multiscale is None:
             return Volume(samples)
@@ -61,13 +67,19 @@ def _multiscale(group: Any) -> Multiscale | None:
 
 
 def _level(group: Any, multiscale: Multiscale | None, options: LoadOptions) -> Any:
-    """The array called `array`, else the first level, else the only array of the group."""
+    """The array called `array`, else that level, the first unless given, else the only array of the group."""
     import zarr
 
     name = options.array
     names = [key for key, _ in group.arrays()]
-    if name is None and multiscale is not None:
-        name = multiscale["datasets"][0]["path"]
+    levels = [entry["path"] for entry in multiscale["datasets"]] if multiscale is not None else []
+    if options.level is not None and (name is not None or options.level >= len(levels)):
+        this = (
+            f"a number from 0 to {len(levels) - 1}" if levels and name is None else "a multiscale image, and no array"
+        )
+        raise expected("level", this, options.level)
+    if name is None and levels:
+        name = levels[options.level or 0]
     if name is None and len(names) == 1:
         name = names[0]
     node = group.get(name) if name is not None else None

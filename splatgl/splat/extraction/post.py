@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from splatgl.data.volume import Slab, Volume
+from splatgl.data.volume import Places, Slab, Volume
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.extraction.parts import in_parts
 from splatgl.splat.extraction.records import record_type
@@ -39,28 +39,55 @@ def extract_post(
 
     planes: of a slab; records do not depend on it.
     """
-    steps, around = PREFILTERED.get(kernel.name, 0), int(kernel.radius)
-    slabs = volume.slabs(planes, halo=steps * STEP_HALO + max(around, GRADIENT_HALO))
+    slabs = volume.slabs(planes, halo=halo_of(kernel))
     count = -(-volume.shape[0] // planes)
-    grid = Grid(volume.world_from_index, np.asarray(volume.origin))
-    world = np.linalg.inv(volume.world_from_index) * grid.mean_spacing
     chunks = []
     for slab in progress(slabs, count) if progress else slabs:
-        u = values_of(post, slab.samples)
-        own = slice(slab.before, slab.before + slab.stop - slab.start)
-        keep, near = needed(u, around, post.wanted)
-        places = np.nonzero(keep[own] & np.isfinite(u[own]))
-        records = np.zeros(len(places[0]), record_type(volume.shape, post=True))
-        if len(records):
-            # a missing sample's value comes from its neighbours
-            margin, inside = steps * STEP_HALO + 1, (places[0] + slab.before, *places[1:])
-            box = tuple(slice(max(int(i.min()) - margin, 0), int(i.max()) + margin + 1) for i in inside)
-            values = Values(u, prefiltered(u[box], kernel, steps), near, tuple(part.start for part in box))
-            in_parts(len(records), RECORDS, partial(_fill, records, values, inside, slab.start - slab.before, world))
-        chunks.append(records)
-    records = np.concatenate(chunks)
+        own = (slice(slab.before, slab.before + slab.stop - slab.start), slice(None), slice(None))
+        chunks.append(post_records(volume, post, kernel, slab.samples, (slab.start - slab.before, 0, 0), own))
+    return post_splats(volume, post, np.concatenate(chunks))
+
+
+def post_splats(volume: Volume, post: PostClassified, records: np.ndarray) -> Splats:
+    """The splats of records of a volume's voxels."""
+    grid = Grid(volume.world_from_index, np.asarray(volume.origin))
     cells = records["position"].astype(np.int32)
     return assemble(records, cells, grid, grid.mean_spacing, volume.name).classified_after(post)
+
+
+def halo_of(kernel: Kernel) -> int:
+    """Samples around a box on which the records of its voxels depend."""
+    return PREFILTERED.get(kernel.name, 0) * STEP_HALO + max(int(kernel.radius), GRADIENT_HALO)
+
+
+def post_records(
+    volume: Volume,
+    post: PostClassified,
+    kernel: Kernel,
+    samples: np.ndarray,
+    first: Places,
+    own: tuple[slice, slice, slice],
+) -> np.ndarray:
+    """Records, in row order, of the finite voxels that `post` wants among `own` of a part of a volume's samples.
+
+    first: place (z, y, x) of the part's first sample; it has a halo of `halo_of` around `own` within the volume.
+    """
+    steps = PREFILTERED.get(kernel.name, 0)
+    u = values_of(post, samples)
+    keep, near = needed(u, int(kernel.radius), post.wanted)
+    places = np.nonzero(keep[own] & np.isfinite(u[own]))
+    records = np.zeros(len(places[0]), record_type(volume.shape, post=True))
+    if not len(records):
+        return records
+    # a missing sample's value comes from its neighbours
+    margin = steps * STEP_HALO + 1
+    inside = tuple(place + (part.start or 0) for place, part in zip(places, own, strict=True))
+    box = tuple(slice(max(int(i.min()) - margin, 0), int(i.max()) + margin + 1) for i in inside)
+    values = Values(u, prefiltered(u[box], kernel, steps), near, tuple(part.start for part in box))
+    spacing = Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
+    world = np.linalg.inv(volume.world_from_index) * spacing
+    in_parts(len(records), RECORDS, partial(_fill, records, values, inside, first, world))
+    return records
 
 
 class Values(NamedTuple):
@@ -76,14 +103,14 @@ def _fill(
     records: np.ndarray,
     values: Values,
     places: tuple[np.ndarray, ...],
-    shift: int,
+    first: Places,
     world: np.ndarray,
     part: slice,
 ) -> None:
-    """Fills some records, of the voxels at `places` (z, y, x) of a slab whose first plane is `shift`."""
+    """Fills some records, of the voxels at `places` (z, y, x) of a part whose first voxel lies at `first`."""
     z, y, x = (each[part] for each in places)
     found = records[part]
-    found["position"] = np.stack([x, y, z + shift], axis=1)
+    found["position"] = np.stack([x + first[2], y + first[1], z + first[0]], axis=1)
     value = values.c[z - values.start[0], y - values.start[1], x - values.start[2]]
     # the outermost only contribute beside others: on their own they must not be opaque
     outer = ~values.near[z, y, x]

@@ -18,7 +18,7 @@ from splatgl.splat.kernel.kernels import Kernel, unit_rule
 POINT = 1e-4 / np.sqrt(2.0)
 # points between two knots, where F is smooth in the angle: 1e−12 of the area
 QUADRATURE_ORDER = 32
-# the values of Settings.motion, except "off"
+# the values of Settings.motion that are streaks
 MOTIONS = ("exact", "energy", "paper")
 
 

@@ -15,7 +15,7 @@ from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
 from splatgl.splat.extraction.records import as_points
 from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.plan.settings import FULL_SHUTTER, Settings
+from splatgl.splat.plan.settings import FULL_SHUTTER
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.rigid import Rigid
 from splatgl.splat.view.view import eye_from_index
@@ -123,10 +123,10 @@ class Exposure:
     flow: np.ndarray | None
 
     @classmethod
-    def of(cls, camera: Camera, settings: Settings, motion: Motion | None) -> Exposure | None:
-        """The exposure; None for a still: no motion, a closed shutter, or blur turned off."""
-        frames = exposure(settings.shutter)
-        if settings.motion == "off" or motion is None or motion.still or frames == 0:
+    def of(cls, camera: Camera, shutter: float, motion: Motion | None) -> Exposure | None:
+        """The exposure; None for a still: no motion, or a closed shutter."""
+        frames = exposure(shutter)
+        if motion is None or motion.still or frames == 0:
             return None
         flow = motion.flow if motion.flow is not None and motion.flow.any() else None
         return cls(motion.view(camera, -frames), motion.view(camera, -frames / 2), camera, frames, flow)

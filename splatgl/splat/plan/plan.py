@@ -17,11 +17,12 @@ from splatgl.splat.kernel.kernels import Kernel
 from splatgl.splat.motion.motion import Exposure, Motion
 from splatgl.splat.plan.alignment import alignment
 from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.blurring import Blurred
 from splatgl.splat.plan.occlusion_policy import SHARE, Hiding
 from splatgl.splat.plan.resolve import Look, Resolved
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import suited, values_left_out
-from splatgl.splat.plan.technique import TECHNIQUES, Asked, footprint, technique
+from splatgl.splat.plan.technique import Asked, footprint, technique
 from splatgl.splat.plan.tiling import MOST_DOUBLINGS, depth_batches, exp_doublings
 from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.camera import Camera
@@ -87,7 +88,7 @@ class Plan:
     """The plan of a picture. order: back-to-front or front-to-back. notes: omitted steps with reasons, a line each.
 
     z_s: depth where `hybrid` switches, world units. window: the pixels, or samples, that splats reach. exposure: that
-    of a motion-blurred picture.
+    of streaks. moments: pictures that it is the mean of, planned for the middle of the exposure; 0: none.
     """
 
     program: Program
@@ -100,6 +101,7 @@ class Plan:
     hiding: Hiding
     notes: tuple[str, ...]
     exposure: Exposure | None = None
+    moments: int = 0
 
     @property
     def kernel(self) -> Kernel:
@@ -138,7 +140,7 @@ class Plan:
             self.window,
             self.hiding,
         )
-        return self.program, drawn, self.exposure
+        return self.program, drawn, self.exposure, self.moments
 
     @property
     def table(self) -> str:
@@ -202,12 +204,12 @@ def plan(
     """
     settings = settings or Settings()
     notes: list[str] = []
-    settings, exposure = _exposed(splats, camera, settings, motion, notes)
+    blurred = Blurred.of(splats, camera, settings, motion, notes)
+    settings, camera, exposure = blurred.settings, blurred.camera, blurred.exposure
     notes += values_left_out(splats, settings, exposure is not None)
     splats = suited(splats, settings, exposure is not None)
-    if exposure is None:
-        splats = ahead(splats, camera)
-    resolved = Resolved.of(splats, exposure.middle if exposure else camera, settings, moving=exposure is not None)
+    splats = splats if exposure else ahead(splats, camera)
+    resolved = Resolved.of(splats, camera, settings, moving=exposure is not None)
     notes += resolved.notes
     shape, view, blend = resolved.kernel, resolved.view, resolved.look.blend
     align, z_s = alignment(splats, view, settings, notes)
@@ -247,31 +249,8 @@ def plan(
         hiding,
         tuple(notes),
         exposure,
+        blurred.moments,
     )
-
-
-def _exposed(
-    splats: Splats, camera: Camera, settings: Settings, motion: Motion | None, notes: list[str]
-) -> tuple[Settings, Exposure | None]:
-    """The settings adapted to streaks, whose align is exact, and the exposure, None for a still."""
-    found = Exposure.of(camera, settings, motion)
-    if settings.motion == "off":
-        if motion is not None and not motion.still:
-            notes.append("motion blur left out: the setting motion is off; the picture would be another")
-        return settings, None
-    if found is None:
-        notes.append("motion blur left out: nothing moves; the picture is the same")
-        return settings, None
-    why = TECHNIQUES["streaks"](Asked(settings, True, None))
-    if why:
-        notes.append(f"motion blur left out: {why}; the picture would be another")
-        return settings, None
-    if settings.align not in ("auto", "exact"):
-        notes.append(f"align {settings.align} left out: streaks are exact")
-    drawn = f"motion blur {settings.motion}, shutter {settings.shutter:g}°, on quads"
-    notes.append(f"{drawn}; its error bound is to straight streaks")
-    notes.append(f"streaks are straight: where paths bend most they are off by {found.bend(splats):.2g} pixels")
-    return settings.but(align="exact"), found
 
 
 def _half_line(splats: Splats, view: View, align: str, exposure: Exposure | None, notes: list[str]) -> bool:

@@ -170,7 +170,9 @@ def _check_classification(splats: Splats, settings: Settings, moving: bool) -> N
             'render with --classification post, extract with classification="post-all"'
         )
     if post and moving:
-        raise InputError("motion blur takes splats that are classified before reconstruction; extract them so")
+        raise InputError(
+            "streaks take splats that are classified before reconstruction: extract them so, or use motion auto"
+        )
     if post and blend.one_value and settings.shading == "on":
         raise expected("shading", f"auto or off, as {blend.name} shows values, not surfaces", "on")
 

@@ -18,7 +18,7 @@ Footprint = Literal["auto", "table"]
 Target = Literal["rgba32f", "rgba16f", "rgba8", "auto"]
 Technique = Literal["auto", "quads", "tiles"]
 Shading = Literal["auto", "on", "off"]
-Motions = Literal["exact", "energy", "paper", "off"]
+Motions = Literal["auto", "moments", "exact", "energy", "paper", "off"]
 Occlusion = Literal["auto", "off"]
 Order = Literal["auto", "back-to-front", "front-to-back"]
 Compositing = Literal["auto", "sheets", "splats"]
@@ -41,6 +41,8 @@ MAX_TABLE_SIZE = 4096
 MAX_SAMPLES = 64
 # a shutter that never closes, in degrees
 FULL_SHUTTER = 360.0
+# pictures that a moving one is the mean of, at most
+MAX_MOMENTS = 4096
 # sheets that share a splat, and most parts between two
 LEAST_SHEETS, MOST_SHEETS, MOST_STEPS = 2, 4, 8
 
@@ -70,8 +72,10 @@ class Settings:
     OpenGL, and for sheets; never with table footprints, another target than rgba32f, or back to front).
     occlusion auto | off (tiles terminate once the transmittance is below a share of the tolerance).
     target rgba32f | rgba16f | rgba8 | auto. shading auto (as the transfer function says) | on | off.
-    motion exact (the mean of the footprint along its path) | energy | paper [M98 Eq. 11] | off: motion blur;
-    shutter: its opening time, in degrees of a frame's 360.
+    motion auto (exact for X-rays of voxels, else moments) | moments (the mean of pictures while the shutter is open) |
+    exact (the mean of the footprint along its path) | energy | paper [M98 Eq. 11] | off: motion blur.
+    moments: number of pictures, each streaked over its part of the paths by exact, energy and paper; None: as many as
+    the paths ask for, one of streaks. shutter: its opening time, in degrees of a frame's 360.
     order auto | back-to-front | front-to-back. tolerance: largest allowed error, linear light.
     background: None (transparent) or a linear RGB triple. Raises InputError for anything else.
     """
@@ -93,7 +97,8 @@ class Settings:
     target: Target = "rgba32f"
     technique: Technique = "auto"
     shading: Shading = "auto"
-    motion: Motions = "exact"
+    motion: Motions = "auto"
+    moments: int | None = None
     shutter: float = 180.0
     order: Order = "auto"
     occlusion: Occlusion = "auto"
@@ -109,6 +114,8 @@ class Settings:
             _check_number("sheets", self.sheets, LEAST_SHEETS, MOST_SHEETS)
         if self.steps is not None:
             _check_number("steps", self.steps, 1, MOST_STEPS)
+        if self.moments is not None:
+            _check_number("moments", self.moments, 1, MAX_MOMENTS)
         if self.table_size is not None:
             _check_number("table_size", self.table_size, 2, MAX_TABLE_SIZE)
         if self.table_bits not in (8, 16, 32):

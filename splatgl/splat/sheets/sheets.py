@@ -12,14 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.extraction.splats import Splats, corners_of
 from splatgl.splat.kernel.kernels import Kernel, depth_deviation
 from splatgl.splat.view.view import View
 
 # share of a constant field's sums below which a sheet holds no value on a ray
 LEAST_MASS = 0.02
-# most sheets of a picture; beyond, splats are composited one by one
-MOST_SHEETS = 2**15
+# most sheets of a picture; beyond, splats are composited one by one; and the longest side of a volume, in voxels, whose
+# sheets are all counted
+MOST_SHEETS, LONGEST = 2**15, 2**13
 
 
 @dataclass(frozen=True)
@@ -68,16 +69,25 @@ class Sheets:
         return i @ index_direction(view) / self.thickness
 
     def range(self, splats: Splats, view: View) -> tuple[int, int]:
-        """Least and largest base of all splats, from the box around them."""
-        corners = splats.corners_in_grid()
-        places = self.places(view, corners)
+        """Least and largest base of all splats, from the box in which they are counted."""
+        low, high = counted_box(splats)
+        places = self.places(view, corners_of(low, high))
         if view.perspective:
-            low, high = splats.index_bounds
             nearest = np.clip(view.eye_index, low, high)
             places = np.append(places, self.places(view, nearest[None]))
         # a float32's rounding may move a splat into the next
         first, last = self.base(np.array([places.min(), places.max()]))
         return int(first) - 1, int(last) + 1
+
+
+def counted_box(splats: Splats) -> np.ndarray:
+    """[2, 3]: lowest and highest grid indices around all splats; of values around all voxels, so that the numbers of
+    each are the same whichever others are drawn, but in volumes so long that they would be too many.
+    """
+    bounds = splats.index_bounds
+    if splats.post is None or not len(splats) or max(splats.post.shape) > LONGEST:
+        return bounds
+    return np.stack([np.minimum(bounds[0], 0.0), np.maximum(bounds[1], np.array(splats.post.shape) - 1.0)])
 
 
 def index_direction(view: View) -> np.ndarray:

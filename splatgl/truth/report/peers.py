@@ -52,7 +52,16 @@ class Peer:
         self.pipe, theirs = spawn.Pipe()
         samples = settings.samples if settings.antialias == "supersample" else 1
         fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
-        scene = (volume.samples, volume.spacing, volume.origin, volume.direction, transfer, shaded, fine, samples)
+        scene = (
+            np.asarray(volume.samples),
+            volume.spacing,
+            volume.origin,
+            volume.direction,
+            transfer,
+            shaded,
+            fine,
+            samples,
+        )
         self.process = spawn.Process(target=_serve, args=(theirs, MAPPERS[mapper], scene), daemon=True)
         self.process.start()
 

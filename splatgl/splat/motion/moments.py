@@ -1,4 +1,4 @@
-"""Reference for motion blur: the mean of many moments while the shutter is open."""
+"""Motion blur of any picture: the mean of its moments while the shutter is open; of many, the reference of streaks."""
 
 from __future__ import annotations
 

@@ -1,0 +1,79 @@
+"""`Chunked`: three axes of an array in a store, read in parts; the last decoded chunks are kept."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Sequence
+from itertools import product
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.readers.files import library
+
+KEPT_BYTES = 2**27
+"""Bytes of decoded chunks that are kept."""
+
+Key = int | slice | tuple[int | slice, ...]
+
+
+class Chunked:
+    """Samples [D, H, W] of a Zarr array: what `index` leaves free of it. Slices of it are numpy arrays.
+
+    Raises InputError, which begins with the store's path, if a part can't be read.
+    """
+
+    def __init__(self, name: str, array: Any, index: Sequence[int | slice]) -> None:
+        self.name, self.array, self.index = name, array, tuple(index)
+        axes = [axis for axis, place in enumerate(self.index) if isinstance(place, slice)]
+        self.shape = tuple(int(array.shape[axis]) for axis in axes)
+        self.chunks = tuple(int(array.chunks[axis]) for axis in axes)
+        self.dtype = np.dtype(array.dtype)
+        self.kept: OrderedDict[tuple[int, ...], np.ndarray] = OrderedDict()
+        self.lock = Lock()
+
+    def __getitem__(self, key: Key) -> np.ndarray:
+        given = key if isinstance(key, tuple) else (key,)
+        whole = given + (slice(None),) * (3 - len(given))
+        asked = [
+            range(size)[place] if isinstance(place, slice) else range(place, place + 1)
+            for size, place in zip(self.shape, whole, strict=True)
+        ]
+        # all from the first to the last
+        ranges = [range(min(each), max(each) + 1) if len(each) else range(0) for each in asked]
+        found = np.empty([len(each) for each in ranges], self.dtype)
+        touched = [
+            range(each.start // chunk, (each.stop - 1) // chunk + 1) if len(each) else range(0)
+            for each, chunk in zip(ranges, self.chunks, strict=True)
+        ]
+        for place in product(*touched):
+            low = [n * chunk for n, chunk in zip(place, self.chunks, strict=True)]
+            high = [min(a + chunk, size) for a, chunk, size in zip(low, self.chunks, self.shape, strict=True)]
+            first = [max(a, each.start) for a, each in zip(low, ranges, strict=True)]
+            last = [min(b, each.stop) for b, each in zip(high, ranges, strict=True)]
+            to = tuple(slice(a - each.start, b - each.start) for a, b, each in zip(first, last, ranges, strict=True))
+            of = tuple(slice(a - start, b - start) for a, b, start in zip(first, last, low, strict=True))
+            found[to] = self._chunk(place, low, high)[of]
+        return found[
+            tuple(
+                slice(None, None, each.step) if isinstance(place, slice) else 0
+                for place, each in zip(whole, asked, strict=True)
+            )
+        ]
+
+    def _chunk(self, place: tuple[int, ...], low: list[int], high: list[int]) -> np.ndarray:
+        with self.lock:
+            if place in self.kept:
+                self.kept.move_to_end(place)
+                return self.kept[place]
+        free = iter(map(slice, low, high))
+        with library(f"Zarr, chunk {', '.join(map(str, place))} of {self.name}"):
+            chunk = np.asarray(self.array[tuple(next(free) if isinstance(at, slice) else at for at in self.index)])
+        with self.lock:
+            self.kept[place] = chunk
+            most = max(KEPT_BYTES // max(math.prod(self.chunks) * self.dtype.itemsize, 1), 1)
+            while len(self.kept) > most:
+                self.kept.popitem(last=False)
+        return chunk

@@ -1,0 +1,49 @@
+"""Pictures of volumes within a budget of memory: at once if they fit, else brick by brick, nearest first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
+
+from splatgl.data.image import Image
+from splatgl.data.readers import load
+from splatgl.data.volume import Volume
+from splatgl.gl.renderer import Renderer
+from splatgl.splat.bricks.estimate import budget
+from splatgl.splat.bricks.within import bricks_of, fits
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.plan.suited import extracted
+from splatgl.splat.view.camera import Camera
+
+# given how many bricks are done, and their number
+Progress = Callable[[int, int], None]
+
+
+def render_slabs(
+    source: Volume | str | Path,
+    transfer: Transfer,
+    camera: Camera,
+    settings: Settings | None = None,
+    memory: int | None = None,
+    progress: Progress | None = None,
+    renderer: Renderer | None = None,
+) -> Image:
+    """The picture of a volume, or of a file, of any size: `Renderer.render` of its splats.
+
+    If extracting and drawing all splats is estimated to take more than `memory` bytes (default: half of what is
+    available), they are extracted brick by brick, nearest first, and drawn at once: `info["bricks"]` is their number, 0
+    if the volume was drawn whole. progress: called with the bricks that are done, and their number. renderer: one that
+    is open. Raises InputError for pictures in bricks that take voxels classified before.
+    """
+    settings = settings or Settings()
+    volume = source if isinstance(source, Volume) else load(source)
+    bricks = bricks_of(volume, transfer, settings)
+    most = budget() if memory is None else memory
+    many = fits(bricks, camera.size, most) if bricks else None
+    with nullcontext(renderer) if renderer else Renderer() as drawing:
+        if bricks is None or many is None:
+            image = drawing.render(extracted(volume, transfer, settings), camera, settings)
+            return Image(image.pixels, {**image.info, "bricks": 0})
+        return drawing.render_bricks(bricks, camera, settings, progress, bands=many.bands(most))

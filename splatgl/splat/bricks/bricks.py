@@ -1,0 +1,168 @@
+"""Extraction brick by brick, nearest first: splats for pictures by sheets of volumes that memory can't hold.
+
+Sheets are spheres around the eye. Once no brick is left that could hold a splat of a sheet, that sheet is complete, and
+its splats are given out, in batches whose sheets never come before those of the batch before. Records are those of the
+whole volume, as each brick is read with the halo that they depend on.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from splatgl.data.volume import Places, Volume
+from splatgl.splat.classification.post import PostClassified
+from splatgl.splat.extraction.post import halo_of, post_records, post_splats
+from splatgl.splat.extraction.records import record_type
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.kernel.kernels import Kernel
+from splatgl.splat.kernel.kernels import kernel as kernel_named
+from splatgl.splat.sheets.sheets import Sheets
+from splatgl.splat.view.eye_near import AROUND_EYE
+from splatgl.splat.view.view import View
+
+# voxels along a brick's sides
+SIDE = 64
+# splats of a batch at least, but for the last
+BATCH = 1 << 19
+# bricks of each processor that are extracted ahead
+AHEAD = 2
+# sheets by which float32 may place a splat before float64
+SLACK = 1
+
+# records, and the first sheet of each, which never falls
+Found = tuple[np.ndarray, np.ndarray]
+# whether anything of a box of voxels, from low to high (x, y, z), can be seen
+Seen = Callable[[np.ndarray, np.ndarray], bool]
+
+
+@dataclass(frozen=True, eq=False)
+class Bricks:
+    """A volume in boxes of voxels. low, high int64 [B, 3]: of their own voxels low ≤ (x, y, z) < high.
+
+    found: splats of those bricks that were extracted for a picture.
+    """
+
+    volume: Volume
+    post: PostClassified
+    low: np.ndarray
+    high: np.ndarray
+    found: dict[int, int] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, volume: Volume, post: PostClassified, side: int = SIDE) -> Bricks:
+        """All of the volume in bricks of `side` voxels."""
+        size = np.array(volume.shape[::-1])
+        count = -(-size // side)
+        low = np.stack(np.unravel_index(np.arange(count.prod()), count), axis=1) * side
+        return cls(volume, post, low, np.minimum(low + side, size))
+
+    @property
+    def kernel(self) -> Kernel:
+        """The kernel that the values are for."""
+        return kernel_named(self.post.kernel)
+
+    @property
+    def whole(self) -> Splats:
+        """Two splats at the corners of the volume's box: what a plan needs to know of all of them."""
+        records = np.zeros(2, record_type(self.volume.shape, post=True))
+        records["position"][1] = self.high.max(axis=0) - 1
+        return post_splats(self.volume, self.post, records)
+
+    def _ahead(self, order: list[int], sheets: Sheets, view: View, seen: Seen) -> Iterator[Found]:
+        """What is in those bricks in turn, some of them extracted ahead, side by side; nothing if one is not seen."""
+
+        def work(brick: int) -> Found:
+            records = self.records(brick)
+            self.found[brick] = len(records)
+            base = sheets.base(sheets.places(view, records["position"])).astype(np.int32)
+            by_sheet = np.argsort(base, kind="stable")
+            return records[by_sheet], base[by_sheet]
+
+        nothing = np.zeros(0, record_type(self.volume.shape, post=True)), np.zeros(0, np.int32)
+        workers = os.cpu_count() or 1
+        waiting: deque[Future[Found] | None] = deque()
+        with ThreadPoolExecutor(workers) as pool:
+            try:
+                for brick in order:
+                    wanted = seen(self.low[brick], self.high[brick] - 1)
+                    waiting.append(pool.submit(work, brick) if wanted else None)
+                    if len(waiting) > AHEAD * workers:
+                        first = waiting.popleft()
+                        yield first.result() if first else nothing
+                while waiting:
+                    first = waiting.popleft()
+                    yield first.result() if first else nothing
+            finally:
+                # a picture that is given up waits for none
+                for each in waiting:
+                    if each:
+                        each.cancel()
+
+    def records(self, brick: int) -> np.ndarray:
+        """The records of one brick, in row order."""
+        low, high = (_places(ends[brick]) for ends in (self.low, self.high))
+        samples, first = self.volume.box(low, high, halo_of(self.kernel))
+        if not self._wanted(samples):
+            return np.zeros(0, record_type(self.volume.shape, post=True))
+        z, y, x = (slice(a - f, b - f) for a, b, f in zip(low, high, first, strict=True))
+        return post_records(self.volume, self.post, self.kernel, samples, first, (z, y, x))
+
+    def _wanted(self, samples: np.ndarray) -> bool:
+        """Whether the interval of the samples meets a value that is wanted."""
+        finite = samples if samples.dtype.kind in "bui" else samples[np.isfinite(samples)]
+        if not finite.size:
+            return False
+        low, high = self.post.relative(np.array([finite.min(), finite.max()]))
+        return bool(((self.post.wanted[:, 0] <= high) & (self.post.wanted[:, 1] >= low)).any())
+
+    def reached(self, view: View) -> bool:
+        """Whether the eye may be in a kernel, or a kernel cross its plane in the picture."""
+        nearest = np.clip(view.eye_index, 0, self.high.max(axis=0) - 1)
+        away = float(np.linalg.norm(view.eye_index - nearest))
+        return view.perspective and away < (AROUND_EYE + 1) * view.kernel.radius
+
+    def nearest(self, sheets: Sheets, view: View) -> np.ndarray:
+        """int64 [B]: the first sheet of the nearest place within each brick."""
+        if view.perspective:
+            return sheets.base(sheets.places(view, np.clip(view.eye_index, self.low, self.high - 1)))
+        ends = np.stack([self.low, self.high - 1])
+        corners = [ends[[x, y, z], :, [0, 1, 2]].T for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+        return sheets.base(np.min([sheets.places(view, corner) for corner in corners], axis=0))
+
+    def batches(self, sheets: Sheets, view: View, seen: Seen) -> Iterator[tuple[np.ndarray, int]]:
+        """Records of batches, and how many bricks were done with. seen: asked of a brick before it is read."""
+        nearest = self.nearest(sheets, view)
+        order = np.argsort(nearest, kind="stable")
+        # records in the order of their sheets, and these
+        waiting: list[tuple[np.ndarray, np.ndarray]] = []
+        for n, found in enumerate(self._ahead(order.tolist(), sheets, view, seen)):
+            waiting += [found] if len(found[0]) else []
+            last = n + 1 == len(order)
+            limit = np.iinfo(np.int32).max if last else int(nearest[order[n + 1]]) - SLACK
+            ready = [int(np.searchsorted(base, limit)) for _, base in waiting]
+            if sum(ready) < BATCH and not last:
+                continue
+            nothing = np.zeros(0, record_type(self.volume.shape, post=True))
+            batch = np.concatenate([nothing, *(each[:end] for (each, _), end in zip(waiting, ready, strict=True))])
+            waiting = [_behind(*found, end) for found, end in zip(waiting, ready, strict=True) if end < len(found[0])]
+            yield batch, n + 1
+            del batch
+
+
+def _behind(records: np.ndarray, base: np.ndarray, end: int) -> Found:
+    """Those from `end` on; copied where that frees more than half of what they are part of."""
+    whole = len(records) if records.base is None else len(records.base)
+    if 2 * (len(records) - end) < whole:
+        return records[end:].copy(), base[end:].copy()
+    return records[end:], base[end:]
+
+
+def _places(place: np.ndarray) -> Places:
+    x, y, z = place.tolist()
+    return z, y, x

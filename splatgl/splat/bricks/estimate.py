@@ -1,0 +1,97 @@
+"""How much memory a picture of values takes, before anything but some small boxes is read; and how much there is."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatgl.data.readers.files import is_mapped
+from splatgl.splat.bricks.bricks import SIDE, Bricks
+from splatgl.splat.extraction.splats import MOST_KEPT
+
+# peak bytes of extraction and drawing together, measured from 0.5 to 10 million splats: of each, and of others by
+# OpenGL and numpy
+EACH, FIXED = 180, 300 << 20
+# in bricks: what is taken in any case, the least for what waits, bytes of a splat that waits, and most bands
+BRICKS, LEAST, WAITING, MOST_BANDS = 450 << 20, 64 << 20, 64, 16
+# bytes of a sample of the picture: target, resolved, read back, and open sheets
+SAMPLE = 160
+# boxes that are read for an estimate, the voxels along their sides, and the steps of their places, as shares of the
+# volume's sides: the R sequence of three dimensions, which leaves no gaps (Roberts 2018)
+PROBES, PROBE_SIDE, STEPS = 64, 24, (0.8191725134, 0.6710436067, 0.5497004779)
+# share of what is available now that is used unless a budget is given
+SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class Need:
+    """splats: estimated number. bytes: estimated peak of extracting and drawing all of them at once.
+
+    waiting: of splats in bricks, of which some must wait for others to be drawn. samples: of the picture.
+    """
+
+    splats: int
+    bytes: int
+    waiting: int
+    samples: int
+
+    def bands(self, memory: int) -> int:
+        """Into how many bands of rows a picture in bricks is split, so that it takes about that many bytes."""
+        room = max(memory - BRICKS, LEAST)
+        return int(np.clip(-(-(self.waiting + SAMPLE * self.samples) // room), 1, MOST_BANDS))
+
+
+def need(bricks: Bricks, pixels: int, enough: int) -> Need:
+    """The estimate; if all voxels are within `enough` bytes and MOST_KEPT, that of all, without reading.
+
+    pixels: of the picture, all samples.
+    """
+    volume = bricks.volume
+    kept = isinstance(volume.samples, np.ndarray) and is_mapped(volume.samples)
+    other = FIXED + SAMPLE * pixels + (0 if kept else volume.count * volume.samples.dtype.itemsize)
+    size = np.array(volume.shape[::-1])
+    # a layer of bricks' diagonals across the volume, half of which is drawn on average
+    layer = int(np.sort(size)[1:].prod() * min(SIDE, int(size.min())))
+    most = Need(volume.count, other + EACH * volume.count, WAITING * layer, pixels)
+    if most.bytes <= enough and volume.count <= MOST_KEPT:
+        return most
+    place = (0.5 + np.outer(np.arange(PROBES), STEPS)) % 1.0
+    low = (place * np.maximum(size - PROBE_SIDE, 0)).round().astype(np.int64)
+    probes = Bricks(volume, bricks.post, low, np.minimum(low + PROBE_SIDE, size))
+    found = sum(len(probes.records(n)) for n in range(PROBES))
+    share = found / float((probes.high - low).prod(axis=1).sum())
+    splats = int(np.ceil(share * volume.count))
+    return Need(splats, other + EACH * splats, int(WAITING * share * layer), pixels)
+
+
+def budget() -> int:
+    """SHARE of the bytes that this process may still take, by the system and by its control group."""
+    free = [_available(), *(limit - used for limit, used in _groups())]
+    return int(SHARE * max(min(free), 0))
+
+
+def _available() -> int:
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        (line,) = (line for line in lines if line.startswith("MemAvailable:"))
+        return int(line.split()[1]) << 10
+    except (OSError, ValueError):
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
+def _groups() -> list[tuple[int, int]]:
+    """Limit and use of the control group's memory, of either version."""
+    found = []
+    root = Path("/sys/fs/cgroup")
+    for limit, used in (
+        ("memory.max", "memory.current"),
+        ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"),
+    ):
+        try:
+            found.append((int((root / limit).read_text()), int((root / used).read_text())))
+        except (OSError, ValueError):
+            continue
+    return found

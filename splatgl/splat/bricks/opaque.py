@@ -1,0 +1,65 @@
+"""Where the opaque samples of a volume are, which a view is fitted to: found slab by slab, without splats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from splatgl.data.volume import Slab, Volume
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.pre import Lookup
+from splatgl.splat.extraction.records import record_type
+from splatgl.splat.extraction.splats import Grid, Splats, assemble
+
+# voxels looked at together
+SLAB_VOXELS = 1 << 22
+# most voxels that are looked at for a view; of more, the volume's box is taken
+MOST = 1 << 31
+
+
+@dataclass(frozen=True, eq=False)
+class Opaque:
+    """What a camera asks of a subject; the volume is only read if it does."""
+
+    volume: Volume
+    transfer: Transfer
+
+    @property
+    def corners(self) -> np.ndarray:
+        """The eight corners [8, 3], world units, of the box of opaque samples; of all, if there is none."""
+        return self.volume.corners if self._ends is None else self._ends.corners
+
+    @property
+    def outline(self) -> np.ndarray:
+        """Points [N, 3], world units, whose hull contains them."""
+        return self.volume.outline if self._ends is None else self._ends.outline
+
+    @cached_property
+    def _ends(self) -> Splats | None:
+        """The first and the last opaque sample of each row, as splats."""
+        volume = self.volume
+        if volume.count > MOST:
+            return None
+        record = record_type(volume.shape, post=False)
+        lookup = Lookup.of(self.transfer, volume.samples.dtype, 0.0, record)
+        _, height, width = volume.shape
+        slabs = volume.slabs(max(1, SLAB_VOXELS // (height * width)), halo=0)
+        found = np.concatenate([_row_ends(slab, lookup) for slab in slabs])
+        if not len(found):
+            return None
+        records = np.zeros(len(found), record)
+        records["position"] = found
+        grid = Grid(volume.world_from_index, np.asarray(volume.origin))
+        return assemble(records, found, grid, grid.mean_spacing, volume.name)
+
+
+def _row_ends(slab: Slab, lookup: Lookup) -> np.ndarray:
+    """int32 [N, 3] (x, y, z), in row order: the ends of the rows' opaque samples."""
+    opaque = lookup.keeps(np.ascontiguousarray(slab.samples))
+    z, y = np.nonzero(opaque.any(axis=2))
+    rows = opaque[z, y]
+    first, last = rows.argmax(axis=1), rows.shape[1] - 1 - rows[:, ::-1].argmax(axis=1)
+    ends = np.stack([np.stack([x, y, z + slab.start], axis=1) for x in (first, last)], axis=1)
+    return ends.reshape(-1, 3).astype(np.int32)
