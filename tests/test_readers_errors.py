@@ -173,9 +173,14 @@ def test_tiff_cut_short(tmp_path: Path, keep: float, options: dict[str, object])
 
 def test_zarr_of_missing_chunks_is_refused(tmp_path: Path) -> None:
     zarr = pytest.importorskip("zarr")
-    zarr.create_array(tmp_path / "a.zarr", shape=(9000, 9000, 9000), chunks=(500, 500, 500), dtype="u1")
+    zarr.create_array(tmp_path / "a.zarr", shape=(9000, 9000, 9000), chunks=(5, 5, 5), dtype="u1")
     with pytest.raises(InputError, match="chunks: expected at most"):
         load(tmp_path / "a.zarr")
+    # where each is large, and none is stored, they cost nothing
+    zarr.create_array(tmp_path / "b.zarr", shape=(9000, 9000, 9000), chunks=(500,) * 3, dtype="u1", fill_value=7)
+    volume = load(tmp_path / "b.zarr")
+    found = volume.samples[4000:4600, 8, :3]
+    assert found.shape == (600, 3) and (found == 7).all() and not volume.samples.kept
 
 
 @pytest.mark.parametrize(

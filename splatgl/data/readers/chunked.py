@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
 from threading import Lock
 from typing import Any
@@ -17,16 +17,18 @@ KEPT_BYTES = 2**27
 """Bytes of decoded chunks that are kept."""
 
 Key = int | slice | tuple[int | slice, ...]
+Holds = Callable[[Sequence[int]], bool]
 
 
 class Chunked:
     """Samples [D, H, W] of a Zarr array: what `index` leaves free of it. Slices of it are numpy arrays.
 
+    holds: whether something is stored for the chunk of the sample at a place of the array; it may raise InputError.
     Raises InputError, which begins with the store's path, if a part can't be read.
     """
 
-    def __init__(self, name: str, array: Any, index: Sequence[int | slice]) -> None:
-        self.name, self.array, self.index = name, array, tuple(index)
+    def __init__(self, name: str, array: Any, index: Sequence[int | slice], holds: Holds = lambda _: True) -> None:
+        self.name, self.array, self.index, self.holds = name, array, tuple(index), holds
         axes = [axis for axis, place in enumerate(self.index) if isinstance(place, slice)]
         self.shape = tuple(int(array.shape[axis]) for axis in axes)
         self.chunks = tuple(int(array.chunks[axis]) for axis in axes)
@@ -68,9 +70,14 @@ class Chunked:
             if place in self.kept:
                 self.kept.move_to_end(place)
                 return self.kept[place]
-        free = iter(map(slice, low, high))
+        # of all axes: where the chunk begins, and what is taken of it
+        free, begins = iter(map(slice, low, high)), iter(low)
+        part = tuple(next(free) if isinstance(at, slice) else at for at in self.index)
         with library(f"Zarr, chunk {', '.join(map(str, place))} of {self.name}"):
-            chunk = np.asarray(self.array[tuple(next(free) if isinstance(at, slice) else at for at in self.index)])
+            if not self.holds([next(begins) if isinstance(at, slice) else at for at in self.index]):
+                empty = np.asarray(self.array.fill_value or 0, self.dtype)
+                return np.broadcast_to(empty, [b - a for a, b in zip(low, high, strict=True)])
+            chunk = np.asarray(self.array[part])
         with self.lock:
             self.kept[place] = chunk
             most = max(KEPT_BYTES // max(math.prod(self.chunks) * self.dtype.itemsize, 1), 1)

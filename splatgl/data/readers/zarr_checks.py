@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,13 +52,43 @@ def _check_link(link: Path, root: Path) -> None:
         raise expected(link.name, "a file inside the store", "a link, pipe or device", "replace it by the file")
 
 
-def check_array(path: Path, array: Any, whole: bool = True) -> None:
+_LEAST_PARTS = 2**12
+"""Samples of a chunk from which reading parts takes no longer for their number."""
+
+
+class ChunkFiles:
+    """The files of an array's chunks, each checked before it is decoded."""
+
+    def __init__(self, path: Path, array: Any) -> None:
+        self.folder, self.metadata = path / array.path, array.metadata
+        self.shape = array.shards or array.chunks
+        self.bytes = byte_count(array.chunks, array.dtype)
+        names = _names(array)
+        # a shard's chunks are read one by one, each as its codec's ratio allows
+        self.compressors = [name for name in names if name in _COMPRESSORS] if "sharding_indexed" not in names else []
+
+    def holds(self, place: Sequence[int]) -> bool:
+        """Whether there is a file for the chunk that holds the sample at `place`. InputError if it may not be decoded."""
+        key = tuple(at // size for at, size in zip(place, self.shape, strict=True))
+        file = self.folder / self.metadata.encode_chunk_key(key)
+        there = file.is_file()
+        if there:
+            self.check(file)
+        return there
+
+    def check(self, file: Path) -> None:
+        """Raises InputError if the chunk expands beyond its size."""
+        for name in self.compressors:
+            _check_chunk(file, name, self.bytes)
+
+
+def check_array(path: Path, array: Any, whole: bool = True) -> ChunkFiles:
     """Raises InputError for codecs not known to be safe, and for chunks too large for their files.
 
-    whole: whether all of it is to be read at once.
+    whole: whether all of it is to be read at once; else each chunk's file is still to be checked.
     """
     # 1. the codecs
-    names = [_name(codec) for codec in _codecs(array)]
+    names = _names(array)
     refused = [name for name in names if name not in (*_COMPRESSORS, *_FILTERS)]
     compressors = [name for name in names if name in _COMPRESSORS]
     if refused or len(compressors) > 1:
@@ -74,13 +105,19 @@ def check_array(path: Path, array: Any, whole: bool = True) -> None:
     # 3. and each costs time
     count = math.prod(-(-size // part) for size, part in zip(array.shape, array.chunks, strict=True))
     most = _FREE_CHUNKS + _CHUNKS_PER_FILE * len(files) + stored // _INDEX_BYTES
-    if count > most:
+    if count > most and (whole or math.prod(array.chunks) < _LEAST_PARTS):
         raise expected("chunks", f"at most {most} for {len(files)} files", count, "save larger ones")
-    # 4. none may expand beyond its size; a shard's chunks are read one by one, each as its codec's ratio allows
-    if compressors and "sharding_indexed" not in names:
+    # 4. none may expand beyond its size
+    found = ChunkFiles(path, array)
+    if whole:
         for file in files:
             if file.name[:1] != "." and file.name != "zarr.json":
-                _check_chunk(file, compressors[0], chunk)
+                found.check(file)
+    return found
+
+
+def _names(array: Any) -> list[str]:
+    return [_name(codec) for codec in _codecs(array)]
 
 
 def _codecs(array: Any) -> list[Any]:

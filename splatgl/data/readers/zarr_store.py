@@ -49,10 +49,10 @@ def read(path: Path, options: LoadOptions) -> Volume:
         # 2. its samples
         names = _axis_names(multiscale, len(node.shape))
         index = _index(node.shape, names, options)
-        lazy = Chunked(path.name, node, index)
-        whole = byte_count(lazy.shape, lazy.dtype) <= WHOLE
-        check_array(path, node, whole)
-        samples: Any = np.asarray(node[index]) if whole else lazy
+        free = [size for size, at in zip(node.shape, index, strict=True) if isinstance(at, slice)]
+        whole = byte_count(free, node.dtype) <= WHOLE
+        files = check_array(path, node, whole)
+        samples: Any = np.asarray(node[index]) if whole else Chunked(path.name, node, index, files.holds)
         # 3. its grid
         if multiscale is None:
             return Volume(samples)
