@@ -30,7 +30,7 @@ def add_source(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--spacing", type=numbers(3), metavar="X,Y,Z", help="voxel spacing, where the file has none")
     group.add_argument("--array", metavar="NAME", help="which array of a file that holds several (VTK, npz, Zarr)")
     group.add_argument("--channel", type=int, metavar="N", help="which channel of a multi-channel TIFF")
-    group.add_argument("--level", type=int, metavar="N", help="level of a multiscale OME-Zarr image, 0 the finest (0)")
+    group.add_argument("--level", type=int, metavar="N", help="level of a multiscale OME-Zarr image, 0 the finest (measured)")
     group.add_argument("--color", metavar="PICTURE", help="colour picture laid over a height map")
     group.add_argument(
         "--anywhere", action="store_true", default=None, help="a detached header's data may lie outside its folder"

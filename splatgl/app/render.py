@@ -24,7 +24,9 @@ from splatgl.splat.plan.blend_mode import BLENDS
 
 # what draws and compares is imported once there is something to draw: bad input is told at once
 if TYPE_CHECKING:
+    from splatgl.gl.levels import Level
     from splatgl.splat.extraction.splats import Splats
+    from splatgl.splat.view.camera import Camera
     from splatgl.truth.compare_read import Picture
 
 # delay of the progress bar in seconds
@@ -71,13 +73,17 @@ def run(args: argparse.Namespace) -> int:
     reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()
     transfer = scene.transfer_for(volume)
-    image = _in_bricks(args, scene, volume, transfer)
+    camera, level = None, 0
+    if volume.coarser:
+        camera, chosen = _level(args, scene, volume, transfer)
+        volume, transfer, level = chosen.volume, chosen.transfer, chosen.number
+    image = _in_bricks(args, scene, volume, transfer, camera)
     if image is None:
         splats = scene.splats(volume, transfer, None if args.quiet else _bar)
         if not len(splats):
             raise nothing(scene, volume)
-        image = _drawn(args, scene, volume, splats)
-    image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
+        image = _drawn(args, scene, splats, camera or scene.view.camera(volume, splats))
+    image = Image(image.pixels, {**image.info, "level": level, **origin(scene, transfer)})
     ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     ended = 0
     if reference is not None:
@@ -105,7 +111,25 @@ def _reference(name: str, output: Path) -> Picture:
     return found
 
 
-def _in_bricks(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer) -> Image | None:
+def _level(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer) -> tuple[Camera, Level]:
+    """The camera, and the level of a multiscale image that it takes."""
+    from splatgl.gl.levels import just_finer, level_for
+    from splatgl.gl.renderer import Renderer
+    from splatgl.splat.bricks.opaque import Opaque
+
+    camera = scene.view.camera(volume, Opaque(volume, transfer))
+    if just_finer(volume, camera) == 0:
+        return camera, level_for(volume, transfer, camera, scene.settings)
+    with Renderer(args.backend, args.device, args.gpu) as renderer:
+        found = level_for(volume, transfer, camera, scene.settings, renderer)
+    if not args.quiet:
+        print(found)
+    return camera, found
+
+
+def _in_bricks(
+    args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer, camera: Camera | None
+) -> Image | None:
     """The image, drawn brick by brick, if it needs more than --memory; else None."""
     from splatgl.splat.bricks.estimate import budget
     from splatgl.splat.bricks.opaque import Opaque
@@ -129,7 +153,7 @@ def _in_bricks(args: argparse.Namespace, scene: Scene, volume: Volume, transfer:
         print(f"{told}: drawn in {len(bricks.low):,} bricks, nearest first")
     from splatgl.gl.renderer import Renderer
 
-    camera = scene.view.camera(volume, Opaque(volume, transfer))
+    camera = camera or scene.view.camera(volume, Opaque(volume, transfer))
     with Renderer(args.backend, args.device, args.gpu) as renderer, _brick_bar(args.quiet) as bar:
         if args.explain:
             print(renderer.plan(bricks.whole, camera, scene.settings).explain())
@@ -139,13 +163,12 @@ def _in_bricks(args: argparse.Namespace, scene: Scene, volume: Volume, transfer:
     return image
 
 
-def _drawn(args: argparse.Namespace, scene: Scene, volume: Volume, splats: Splats) -> Image:
+def _drawn(args: argparse.Namespace, scene: Scene, splats: Splats, camera: Camera) -> Image:
     """The image, checked; prints what --explain and --savings ask for."""
     from splatgl.app.savings import savings
     from splatgl.gl.renderer import Renderer
     from splatgl.truth.check import check, refuse
 
-    camera = scene.view.camera(volume, splats)
     refuse(splats, camera, scene.settings, args.check, args.field)
     with Renderer(args.backend, args.device, args.gpu) as renderer:
         if args.explain:

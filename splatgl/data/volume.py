@@ -65,6 +65,7 @@ class Volume:
     spacing, origin: (x, y, z) in world units. direction: [3, 3], its columns the unit axes of x, y, z.
     unit: name of the world's unit of length ("mm", "um", ""). frame: "LPS", "RAS" or None.
     color: uint8 [D, H, W, 3] sRGB, or None. vectors: [D, H, W, 3] along world x, y, z, or None.
+    coarser: the same in fewer voxels, finer first: the further levels of a multiscale image.
     Raises InputError for samples that are not 3-D real numbers and for an impossible grid.
     """
 
@@ -78,6 +79,7 @@ class Volume:
     color: np.ndarray | None = None
     vectors: np.ndarray | None = None
     hints: Hints = field(default_factory=Hints)
+    coarser: tuple[Volume, ...] = ()
 
     def __post_init__(self) -> None:
         parts = all(hasattr(self.samples, name) for name in ("shape", "dtype", "__getitem__"))

@@ -9,6 +9,7 @@ from pathlib import Path
 from splatgl.data.image import Image
 from splatgl.data.readers import load
 from splatgl.data.volume import Volume
+from splatgl.gl.levels import level_for
 from splatgl.gl.renderer import Renderer
 from splatgl.splat.bricks.estimate import budget
 from splatgl.splat.bricks.within import bricks_of, fits
@@ -30,7 +31,8 @@ def render_slabs(
     progress: Progress | None = None,
     renderer: Renderer | None = None,
 ) -> Image:
-    """The picture of a volume, or of a file, of any size: `Renderer.render` of its splats.
+    """The picture of a volume, or of a file, of any size: `Renderer.render` of its splats, at the level of
+    `level_for`, whose number is `info["level"]`.
 
     If extracting and drawing all splats is estimated to take more than `memory` bytes (default: half of what is
     available), they are extracted brick by brick, nearest first, and drawn at once: `info["bricks"]` is their number, 0
@@ -39,11 +41,14 @@ def render_slabs(
     """
     settings = settings or Settings()
     volume = source if isinstance(source, Volume) else load(source)
-    bricks = bricks_of(volume, transfer, settings)
     most = budget() if memory is None else memory
-    many = fits(bricks, camera.size, most) if bricks else None
     with nullcontext(renderer) if renderer else Renderer() as drawing:
+        level = level_for(volume, transfer, camera, settings, drawing)
+        bricks = bricks_of(level.volume, level.transfer, settings)
+        many = fits(bricks, camera.size, most) if bricks else None
+        told = {"level": level.number, "bricks": 0}
         if bricks is None or many is None:
-            image = drawing.render(extracted(volume, transfer, settings), camera, settings)
-            return Image(image.pixels, {**image.info, "bricks": 0})
-        return drawing.render_bricks(bricks, camera, settings, progress, bands=many.bands(most))
+            image = drawing.render(extracted(level.volume, level.transfer, settings), camera, settings)
+            return Image(image.pixels, {**image.info, **told})
+        image = drawing.render_bricks(bricks, camera, settings, progress, bands=many.bands(most))
+        return Image(image.pixels, {**told, **image.info})

@@ -100,7 +100,10 @@ def _load(path: Path, options: LoadOptions) -> Volume:
     _check(path, form, options)
     volume = form.read(path, options)
     name = path.name[: -len(_suffix(path, form))].removesuffix(".ome")
-    return replace(volume, name=name, spacing=options.spacing or volume.spacing)
+    if options.spacing is not None:
+        # a file that does not know its spacing does not know that of its levels
+        volume = replace(volume, spacing=options.spacing, coarser=())
+    return replace(volume, name=name)
 
 
 def _one_line(path: Path, message: str) -> InputError:

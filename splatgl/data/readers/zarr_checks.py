@@ -68,7 +68,7 @@ class ChunkFiles:
         self.compressors = [name for name in names if name in _COMPRESSORS] if "sharding_indexed" not in names else []
 
     def holds(self, place: Sequence[int]) -> bool:
-        """Whether there is a file for the chunk that holds the sample at `place`. InputError if it may not be decoded."""
+        """Whether there is a file for the chunk of the sample at `place`. InputError if it must not be decoded."""
         key = tuple(at // size for at, size in zip(place, self.shape, strict=True))
         file = self.folder / self.metadata.encode_chunk_key(key)
         there = file.is_file()

@@ -7,6 +7,7 @@ the level's coordinate transformations (OME-Zarr 0.4 and 0.5).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,9 @@ from splatgl.data.volume import Triple, Volume
 WHOLE = 2**28
 """Most bytes of samples that are read at once."""
 
+WHOLE_LEVEL = 0
+"""The same of coarser levels, of which most pictures take one or none."""
+
 MARKERS = ("zarr.json", ".zarray", ".zgroup")
 """A folder with one of these files is a Zarr store."""
 
@@ -30,34 +34,47 @@ Multiscale = Mapping[str, Any]
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of a Zarr store; `channel` picks one channel. Samples of over WHOLE bytes are read in parts."""
+    """The volume of a Zarr store, with its coarser levels; `channel` picks one channel. Samples of over WHOLE bytes are
+    read in parts.
+    """
     try:
         import zarr
     except ImportError:
         raise missing_extra("Zarr stores", "zarr", "readers") from None
     # all text in a store is untrusted: any failure is attributed to the file
     with library("Zarr"):
-        # 1. the array, and what OME's metadata say of it
         check_files(path)
-        node = zarr.open(path, mode="r")
-        multiscale: Multiscale | None = None
-        if isinstance(node, zarr.Group):
-            multiscale = _multiscale(node)
-            node = _level(node, multiscale, options)
-        if min(node.shape, default=0) < 1 or node.dtype.kind not in "buif":
-            raise expected("array", "real numbers along at least three axes", f"{node.dtype} {node.shape}")
-        # 2. its samples
-        names = _axis_names(multiscale, len(node.shape))
-        index = _index(node.shape, names, options)
-        free = [size for size, at in zip(node.shape, index, strict=True) if isinstance(at, slice)]
-        whole = byte_count(free, node.dtype) <= WHOLE
-        files = check_array(path, node, whole)
-        samples: Any = np.asarray(node[index]) if whole else Chunked(path.name, node, index, files.holds)
-        # 3. its grid
-        if multiscale is None:
-            return Volume(samples)
-        spacing, origin = _grid(multiscale, node.path.rsplit("/", 1)[-1], names)
-        return Volume(samples, spacing, origin, unit=_unit(multiscale))
+        group = zarr.open(path, mode="r")
+        if not isinstance(group, zarr.Group):
+            return _volume(path, group, None, options)
+        multiscale = _multiscale(group)
+        found = _volume(path, _level(group, multiscale, options), multiscale, options)
+        if multiscale is None or options.array is not None or options.level is not None:
+            return found
+        others = [group.get(entry["path"]) for entry in multiscale["datasets"][1:]]
+        levels = [_volume(path, node, multiscale, options, WHOLE_LEVEL) for node in others if node is not None]
+        return replace(found, coarser=tuple(levels))
+
+
+def _volume(
+    path: Path, node: Any, multiscale: Multiscale | None, options: LoadOptions, most: int | None = None
+) -> Volume:
+    """The volume of an array. most: bytes of samples that are read at once, WHOLE unless given."""
+    # 1. the array
+    if min(node.shape, default=0) < 1 or node.dtype.kind not in "buif":
+        raise expected("array", "real numbers along at least three axes", f"{node.dtype} {node.shape}")
+    # 2. its samples
+    names = _axis_names(multiscale, len(node.shape))
+    index = _index(node.shape, names, options)
+    free = [size for size, at in zip(node.shape, index, strict=True) if isinstance(at, slice)]
+    whole = byte_count(free, node.dtype) <= (WHOLE if most is None else most)
+    files = check_array(path, node, whole)
+    samples: Any = np.asarray(node[index]) if whole else Chunked(path.name, node, index, files.holds)
+    # 3. its grid
+    if multiscale is None:
+        return Volume(samples)
+    spacing, origin = _grid(multiscale, node.path.rsplit("/", 1)[-1], names)
+    return Volume(samples, spacing, origin, unit=_unit(multiscale))
 
 
 def _multiscale(group: Any) -> Multiscale | None:

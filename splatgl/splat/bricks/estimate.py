@@ -22,6 +22,8 @@ SAMPLE = 160
 # boxes that are read for an estimate, the voxels along their sides, and the steps of their places, as shares of the
 # volume's sides: the R sequence of three dimensions, which leaves no gaps (Roberts 2018)
 PROBES, PROBE_SIDE, STEPS = 64, 24, (0.8191725134, 0.6710436067, 0.5497004779)
+# share of the most splats that the GPU keeps up to which an estimate of them is trusted
+SURE = 0.9
 # share of what is available now that is used unless a budget is given
 SHARE = 0.5
 
@@ -45,7 +47,7 @@ class Need:
 
 
 def need(bricks: Bricks, pixels: int, enough: int) -> Need:
-    """The estimate; if all voxels are within `enough` bytes and MOST_KEPT, that of all, without reading.
+    """The estimate; if all voxels are within `enough` bytes and what the GPU keeps, that of all, without reading.
 
     pixels: of the picture, all samples.
     """
@@ -56,15 +58,20 @@ def need(bricks: Bricks, pixels: int, enough: int) -> Need:
     # a layer of bricks' diagonals across the volume, half of which is drawn on average
     layer = int(np.sort(size)[1:].prod() * min(SIDE, int(size.min())))
     most = Need(volume.count, other + EACH * volume.count, WAITING * layer, pixels)
-    if most.bytes <= enough and volume.count <= MOST_KEPT:
+    if most.bytes <= enough and volume.count <= SURE * MOST_KEPT:
         return most
-    place = (0.5 + np.outer(np.arange(PROBES), STEPS)) % 1.0
-    low = (place * np.maximum(size - PROBE_SIDE, 0)).round().astype(np.int64)
+    low = spread(np.maximum(size - PROBE_SIDE, 0), PROBES)
     probes = Bricks(volume, bricks.post, low, np.minimum(low + PROBE_SIDE, size))
     found = sum(len(probes.records(n)) for n in range(PROBES))
     share = found / float((probes.high - low).prod(axis=1).sum())
     splats = int(np.ceil(share * volume.count))
     return Need(splats, other + EACH * splats, int(WAITING * share * layer), pixels)
+
+
+def spread(most: np.ndarray, count: int) -> np.ndarray:
+    """int64 [count, 3]: places from 0 to `most` (x, y, z), spread evenly however many are used."""
+    place = (0.5 + np.outer(np.arange(count), STEPS)) % 1.0
+    return np.asarray((place * most).round().astype(np.int64))
 
 
 def budget() -> int:

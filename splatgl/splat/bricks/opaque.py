@@ -15,8 +15,9 @@ from splatgl.splat.extraction.splats import Grid, Splats, assemble
 
 # voxels looked at together
 SLAB_VOXELS = 1 << 22
-# most voxels that are looked at for a view; of more, the volume's box is taken
-MOST = 1 << 31
+# most voxels that are looked at for a view, and of an image of several levels, few of which a picture may take; of
+# more, the volume's box is taken
+MOST, MOST_OF_LEVELS = 1 << 31, 1 << 28
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ class Opaque:
     def _ends(self) -> Splats | None:
         """The first and the last opaque sample of each row, as splats."""
         volume = self.volume
-        if volume.count > MOST:
+        if volume.count > (MOST_OF_LEVELS if volume.coarser else MOST):
             return None
         record = record_type(volume.shape, post=False)
         lookup = Lookup.of(self.transfer, volume.samples.dtype, 0.0, record)

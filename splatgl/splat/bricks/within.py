@@ -5,7 +5,7 @@ from __future__ import annotations
 from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
 from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.bricks.estimate import Need, need
+from splatgl.splat.bricks.estimate import SURE, Need, need
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.extract import POST_KERNEL, only_pre
@@ -13,9 +13,6 @@ from splatgl.splat.extraction.splats import MOST_KEPT
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import one_by_one
-
-# share of the most splats that the GPU keeps up to which an estimate of them is trusted
-SURE = 0.9
 
 
 def bricks_of(volume: Volume, transfer: Transfer, settings: Settings) -> Bricks | None:

@@ -17,6 +17,8 @@ PLANES, VALUES = 32, 1 << 21
 SPARSE = 0.95
 # sparse volumes with fewer other values than this in the sample are read whole
 FEW = 2000
+# most voxels of those, and of the level of a multiscale image that is sampled, if one has as few
+MOST_WHOLE, MOST_OF_LEVEL = 1 << 31, 1 << 27
 BINS = 256
 # percentile of the values where the histogram ends, so that a few outliers don't stretch its bins
 HISTOGRAM_END = 99.9
@@ -78,13 +80,14 @@ class Statistics:
 
 def statistics(volume: Volume) -> Statistics:
     """The statistics of a volume's finite values; of a sparse one, all non-background values count."""
+    volume = next((level for level in (volume, *volume.coarser) if level.count <= MOST_OF_LEVEL), volume)
     sample = _sample(volume)
     finite = np.sort(sample[np.isfinite(sample)])
     if len(finite) == 0:
         return Statistics(finite, 1.0, (), 0)
     outstanding = finite[finite > finite[0]]
     background = 1.0 - len(outstanding) / len(finite)
-    if background >= SPARSE and len(outstanding) < FEW:
+    if background >= SPARSE and len(outstanding) < FEW and volume.count <= MOST_WHOLE:
         finite = _with_outstanding(volume, float(finite[0]))
     cuts = _ladder(finite)
     return Statistics(finite, background, cuts, _whole(sample, cuts))

@@ -1,0 +1,188 @@
+"""Which level of a multiscale image a picture takes: one that is no further from the finest than is allowed.
+
+Means of values lose what is thinner than their voxels, and are classified as something else. So a coarser level is
+drawn only if it is right in boxes of this volume, under this transfer function and camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatgl.data.image import Image
+from splatgl.data.volume import Places, Volume
+from splatgl.gl.renderer import Renderer
+from splatgl.splat.bricks.estimate import spread
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.splats import Grid
+from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.plan.suited import extracted
+from splatgl.splat.view.camera import Camera
+
+# boxes that are compared, and of how many places one is drawn at most, as the others are empty
+BOXES, PLACES = 8, 512
+# coarse voxels along a box's sides, and finest ones at least and at most
+COARSE_SIDE, FINE_SIDES = 8, (32, 128)
+# samples along a pixel of what both are compared with, and pixels beyond a box
+SAMPLES, MARGIN = 8, 4
+# how much further a coarser level may be: that few boxes tell no better
+SLACK = 1.05
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """A level for a picture. number: 0 is the finest. transfer: its opacities stated per length of the finest.
+
+    off: RMSE of that level and of those that were tried before it, by number, in `boxes` boxes from the finest level,
+    supersampled. allowed: the most that a coarser one may be off.
+    """
+
+    number: int
+    volume: Volume
+    transfer: Transfer
+    off: dict[int, float]
+    allowed: float
+    boxes: int
+
+    def __str__(self) -> str:
+        """What was measured, in one line."""
+        tried = ", ".join(f"level {number} by {off:.2g}" for number, off in sorted(self.off.items()))
+        size = "×".join(map(str, self.volume.shape[::-1]))
+        if not self.boxes:
+            return f"level {self.number}, {size}"
+        return f"level {self.number}, {size}: in {self.boxes} boxes off by RMSE: {tried}; allowed {self.allowed:.2g}"
+
+
+def level_for(
+    volume: Volume, transfer: Transfer, camera: Camera, settings: Settings, renderer: Renderer | None = None
+) -> Level:
+    """The coarsest level whose voxels are finer than a pixel wherever they are [M98 Eq. 3], and which in boxes of this
+    volume is no further from the finest level, supersampled, than that is, drawn with these settings, or than their
+    tolerance. renderer: one that is open.
+    """
+    finest = Level(0, replace(volume, coarser=()), transfer, {}, 0.0, 0)
+    coarsest = just_finer(volume, camera)
+    if coarsest == 0:
+        return finest
+    if renderer is None:
+        with Renderer() as opened:
+            return level_for(volume, transfer, camera, settings, opened)
+    # opacities stay those of the finest voxels
+    spacing = Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
+    transfer = replace(transfer, unit=transfer.unit or spacing)
+    boxes = list(_boxes(volume, coarsest, transfer, camera, settings, renderer))
+    if not boxes:
+        return finest
+    fine = replace(finest, transfer=transfer, boxes=len(boxes))
+    # of a sum, the tolerance is relative to the brightest
+    one = max(float(box.right.pixels.max()) for box in boxes) if BLENDS[settings.blend].unbounded else 1.0
+    own = _rmse([(box.image, box.right) for box in boxes])
+    off, allowed = {0: own}, max(SLACK * own, settings.tolerance * one)
+    for number in range(coarsest, 0, -1):
+        chosen = replace(volume.coarser[number - 1], name=volume.name, hints=volume.hints, frame=volume.frame)
+        drawn = [_drawn(_cut(chosen, *box.ends), transfer, box.camera, settings, renderer) for box in boxes]
+        off[number] = _rmse([(image, box.right) for image, box in zip(drawn, boxes, strict=True)])
+        if off[number] <= allowed:
+            return Level(number, chosen, transfer, off, allowed, len(boxes))
+    return replace(fine, off=off, allowed=allowed)
+
+
+def just_finer(volume: Volume, camera: Camera) -> int:
+    """The coarsest level whose voxels' sides are at most a pixel at the volume's nearest depth; 0: the finest."""
+    nearest = float(camera.eye_from_points(volume.corners)[:, 2].min())
+    pixel = float(camera.pixel_pitch(max(nearest, 0.0)))
+    fine = [max(level.spacing) <= pixel for level in volume.coarser]
+    return fine.index(False) if False in fine else len(fine)
+
+
+@dataclass(frozen=True, eq=False)
+class _Box:
+    """A box of the volume seen by a camera: its ends in the world, drawn with the settings, and supersampled."""
+
+    ends: tuple[np.ndarray, np.ndarray]
+    camera: Camera
+    image: Image
+    right: Image
+
+
+def _boxes(
+    volume: Volume, coarsest: int, transfer: Transfer, camera: Camera, settings: Settings, renderer: Renderer
+) -> Iterator[_Box]:
+    """Up to BOXES boxes in which something is drawn, spread over the volume; they are cut between coarse voxels."""
+    size, sides = np.array(volume.shape[::-1]), np.array(volume.coarser[coarsest - 1].spacing) / volume.spacing
+    step = np.maximum(np.rint(sides).astype(np.int64), 1)
+    side = np.minimum(np.maximum(np.clip(COARSE_SIDE * step, *FINE_SIDES), step), size)
+    found = 0
+    for low in spread(size - side, PLACES) // step * step:
+        part = _part(volume, low, low + side)
+        ends = np.stack([low - 0.5, low + side - 0.5]) @ volume.world_from_index.T + volume.origin
+        near = _toward(camera, part)
+        if near is None:
+            continue
+        image = _drawn(part, transfer, near, settings, renderer)
+        if image.pixels.any():
+            right = _drawn(part, transfer, near, settings.but(antialias="supersample", samples=SAMPLES), renderer)
+            yield _Box((ends[0], ends[1]), near, image, right)
+            found += 1
+            if found == BOXES:
+                return
+
+
+def _toward(camera: Camera, part: Volume) -> Camera | None:
+    """A small picture of a part, with pixels as large as the camera's; None if it is not all before the eye."""
+    pitch, away = camera.extent / camera.size[1], part.center - camera.eye
+    middle = camera.eye_from_points(part.center)
+    if middle[2] <= 0:
+        return None
+    if camera.perspective:
+        up = -camera.eye_from_world[1]
+        if abs(away @ up) > 0.99 * np.linalg.norm(away):
+            up = camera.forward
+        near = Camera.look_at(camera.eye, part.center, up, size=(1, 1))
+    else:
+        eye = camera.eye + camera.eye_from_world[:2].T @ middle[:2]
+        near = replace(camera, eye=eye)
+    corners = near.eye_from_points(part.corners)
+    if corners[:, 2].min() <= 0:
+        return None
+    widest = np.abs(corners[:, :2] / corners[:, 2:] if camera.perspective else corners[:, :2]).max()
+    side = 2 * (int(np.ceil(widest / pitch)) + MARGIN)
+    return replace(near, size=(side, side), extent=pitch * side)
+
+
+def _cut(volume: Volume, low: np.ndarray, high: np.ndarray) -> Volume:
+    """The voxels of a volume between two places of the world."""
+    ends = (np.stack([low, high]) - volume.origin) @ np.linalg.inv(volume.world_from_index).T + 0.5
+    first, last = np.clip(np.rint(np.sort(ends, axis=0)), 0, volume.shape[::-1]).astype(np.int64)
+    return _part(volume, np.minimum(first, np.array(volume.shape[::-1]) - 1), np.maximum(last, first + 1))
+
+
+def _part(volume: Volume, low: np.ndarray, high: np.ndarray) -> Volume:
+    """The voxels low ≤ (x, y, z) < high of a volume, as one of its own."""
+    samples, _ = volume.box(_places(low), _places(high), 0)
+    color = None
+    if volume.color is not None:
+        color = volume.color[tuple(slice(a, b) for a, b in zip(_places(low), _places(high), strict=True))]
+    x, y, z = (volume.world_from_index @ low + volume.origin).tolist()
+    return replace(volume, samples=samples, color=color, vectors=None, origin=(x, y, z), coarser=())
+
+
+def _places(place: np.ndarray) -> Places:
+    x, y, z = place.tolist()
+    return z, y, x
+
+
+def _drawn(part: Volume, transfer: Transfer, camera: Camera, settings: Settings, renderer: Renderer) -> Image:
+    splats = extracted(part, transfer, settings)
+    if not len(splats):
+        return Image(np.zeros((*camera.size[::-1], 4), np.float32), {})
+    return renderer.render(splats, camera, settings, verify_bound=False)
+
+
+def _rmse(pairs: list[tuple[Image, Image]]) -> float:
+    """Over the pixels that either of a pair shows."""
+    off = [(a.pixels - b.pixels)[(a.pixels.any(axis=2)) | (b.pixels.any(axis=2))] for a, b in pairs]
+    return float(np.sqrt((np.concatenate(off) ** 2).mean()))
