@@ -12,6 +12,7 @@ import numpy as np
 from splatgl.app.scene import Scene, View
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.readers import LoadOptions
+from splatgl.data.readers.remote import is_address
 from splatgl.splat.classification.presets import PRESETS
 from splatgl.splat.plan.settings import LIKE, Settings, choices
 
@@ -20,7 +21,9 @@ NAMED_COLORS = {"black": "#000000", "white": "#ffffff", "gray": "#808080"}
 
 def add_source(parser: argparse.ArgumentParser) -> None:
     """Adds the source and the reader options."""
-    parser.add_argument("source", help="a volume file, a built-in scene (tunnel, terrain, nerve), or a scene.toml")
+    parser.add_argument(
+        "source", help="a volume file or its address, a built-in scene (tunnel, terrain, nerve), or a scene.toml"
+    )
     group = parser.add_argument_group("reading")
     group.add_argument("--shape", type=_integers(3), metavar="X,Y,Z", help="voxels along x, y, z of a headerless file")
     group.add_argument(
@@ -30,7 +33,9 @@ def add_source(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--spacing", type=numbers(3), metavar="X,Y,Z", help="voxel spacing, where the file has none")
     group.add_argument("--array", metavar="NAME", help="which array of a file that holds several (VTK, npz, Zarr)")
     group.add_argument("--channel", type=int, metavar="N", help="which channel of a multi-channel TIFF")
-    group.add_argument("--level", type=int, metavar="N", help="level of a multiscale OME-Zarr image, 0 the finest (measured)")
+    group.add_argument(
+        "--level", type=int, metavar="N", help="level of a multiscale OME-Zarr image, 0 the finest (measured)"
+    )
     group.add_argument("--color", metavar="PICTURE", help="colour picture laid over a height map")
     group.add_argument(
         "--anywhere", action="store_true", default=None, help="a detached header's data may lie outside its folder"
@@ -110,7 +115,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 def scene_from_source(args: argparse.Namespace) -> Scene:
     """The scene from the source and reader options."""
     path = Path(args.source)
-    scene = Scene.from_toml(path) if path.suffix == ".toml" else Scene(args.source)
+    scene = Scene.from_toml(path) if path.suffix == ".toml" and not is_address(args.source) else Scene(args.source)
     reading = _given(args, *(f.name for f in fields(LoadOptions)))
     return replace(scene, load={**scene.load, **reading})
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from splatgl.data.errors import InputError, expected
 from splatgl.data.readers import LoadOptions, load
+from splatgl.data.readers.remote import is_address
 from splatgl.data.scenes import SCENES
 from splatgl.data.toml import load_table
 from splatgl.data.volume import Triple, Volume
@@ -117,7 +118,7 @@ class Scene:
         if "volume" not in table:
             raise expected(path, "the key volume", ", ".join(table) or "an empty file")
         source = table["volume"]
-        if source not in SCENES:
+        if source not in SCENES and not is_address(source):
             source = str(path.parent / source)
         camera = table.get("camera", {})
         _check_keys(f"{path} [camera]", camera, {f.name for f in fields(View)})
@@ -180,7 +181,9 @@ class Scene:
 
 
 def _relative(path: str, folder: Path) -> str:
-    """A file's path in a scene in `folder`: relative if below it, else absolute."""
+    """A file's path in a scene in `folder`: relative if below it, else absolute; an address as it is."""
+    if is_address(path):
+        return path
     place = Path(path).resolve()
     near = place.relative_to(folder.resolve()).as_posix() if place.is_relative_to(folder.resolve()) else str(place)
     # a file may have the name of a built-in scene

@@ -9,6 +9,7 @@ from pathlib import Path
 from splatgl.data.errors import InputError, expected
 from splatgl.data.readers.files import quiet
 from splatgl.data.readers.options import LoadOptions
+from splatgl.data.readers.remote import Remote, is_address, name_of
 from splatgl.data.readers.terrain import terrain_from_heights
 from splatgl.data.volume import Volume
 
@@ -77,16 +78,18 @@ _STARTS = {
 
 
 def load(path: str | Path, options: LoadOptions | None = None, **given: object) -> Volume:
-    """Loads the volume in a file (or Zarr folder); the suffix selects the reader.
+    """Loads the volume in a file or Zarr folder, or behind an address (https, s3, gs); the suffix selects the reader.
 
-    path: see `FORMATS` for the endings; a 2-D picture or CSV becomes a terrain. Further keywords are fields of
-    `LoadOptions`. Samples that can be memory-mapped are; the name is the file's stem. Raises InputError, which begins
-    with the path, for a file or an option that makes no volume.
+    path: see `FORMATS` for the endings; an address without one is a Zarr store, whose chunks are read when needed. A
+    2-D picture or CSV becomes a terrain. Further keywords are fields of `LoadOptions`. Samples that can be
+    memory-mapped are; the name is the file's stem. Raises InputError, which begins with the path, for a file or an
+    option that makes no volume.
     """
-    path = Path(path)
+    path = path if is_address(path) else Path(path)
     try:
         with quiet():
-            return _load(path, _options(options, given))
+            asked = _options(options, given)
+            return _load_remote(str(path), asked) if is_address(path) else _load(Path(path), asked)
     except InputError as error:
         raise _one_line(path, str(error)) from error.__cause__
     except OSError as error:
@@ -98,15 +101,32 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: object) 
 def _load(path: Path, options: LoadOptions) -> Volume:
     form = _format(path)
     _check(path, form, options)
-    volume = form.read(path, options)
-    name = path.name[: -len(_suffix(path, form))].removesuffix(".ome")
+    return _named(form.read(path, options), path.name, form, options)
+
+
+def _load_remote(address: str, options: LoadOptions) -> Volume:
+    """The volume behind an address: a copy of the file, or of the parts of a Zarr store that are needed."""
+    from splatgl.data.readers import zarr_store
+
+    name, remote = name_of(address), Remote(address)
+    if any(_suffix(Path(name), form) for form in FORMATS if not form.folder):
+        return _load(remote.file(), options)
+    (form,) = (form for form in FORMATS if form.folder)
+    _refuse(form, options)
+    volume = zarr_store.read(remote.store(), options, remote)
+    return _named(volume, name, form, options)
+
+
+def _named(volume: Volume, name: str, form: Format, options: LoadOptions) -> Volume:
+    """The volume as the file's name and the options have it."""
     if options.spacing is not None:
         # a file that does not know its spacing does not know that of its levels
         volume = replace(volume, spacing=options.spacing, coarser=())
-    return replace(volume, name=name)
+    suffix = _suffix(Path(name), form)
+    return replace(volume, name=(name[: -len(suffix)] if suffix else name).removesuffix(".ome"))
 
 
-def _one_line(path: Path, message: str) -> InputError:
+def _one_line(path: Path | str, message: str) -> InputError:
     """The error as one line that begins with the path; text from a damaged header is shortened and sanitized."""
     short = message if len(message) <= LINE_LIMIT else message[: LINE_LIMIT - 1] + "…"
     return InputError("".join(c if c.isprintable() else "?" for c in f"{path}: {short}"))
@@ -150,12 +170,17 @@ def _check(path: Path, form: Format, options: LoadOptions) -> None:
         raise expected("path", "a Zarr folder" if folder else "a file", got)
     if not folder and path.stat().st_size == 0:
         raise expected("file", "data", "0 bytes", "the file is empty")
-    refused = sorted(options.given - {"spacing", *form.takes})
-    if refused:
-        raise expected("options", f"some of {', '.join(('spacing', *form.takes))} for {form.title}", ", ".join(refused))
+    _refuse(form, options)
     start = None if folder or "*" in form.starts else _start(path)
     if start and start not in (*form.starts, form.title):
         raise expected("contents", f"{form.title}, as the name says", start, "rename or convert the file")
+
+
+def _refuse(form: Format, options: LoadOptions) -> None:
+    """InputError for options that the format doesn't support."""
+    refused = sorted(options.given - {"spacing", *form.takes})
+    if refused:
+        raise expected("options", f"some of {', '.join(('spacing', *form.takes))} for {form.title}", ", ".join(refused))
 
 
 def _start(path: Path) -> str | None:

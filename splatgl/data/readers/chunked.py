@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
 from threading import Lock
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -17,18 +17,27 @@ KEPT_BYTES = 2**27
 """Bytes of decoded chunks that are kept."""
 
 Key = int | slice | tuple[int | slice, ...]
-Holds = Callable[[Sequence[int]], bool]
+
+
+class Files(Protocol):
+    """What lies behind an array's chunks, named by the place of any sample of theirs."""
+
+    def ready(self, places: Iterable[Sequence[int]]) -> None:
+        """Called before chunks are read, with all that are."""
+
+    def holds(self, place: Sequence[int]) -> bool:
+        """Whether anything is stored for a chunk; may raise InputError."""
+        ...
 
 
 class Chunked:
     """Samples [D, H, W] of a Zarr array: what `index` leaves free of it. Slices of it are numpy arrays.
 
-    holds: whether something is stored for the chunk of the sample at a place of the array; it may raise InputError.
     Raises InputError, which begins with the store's path, if a part can't be read.
     """
 
-    def __init__(self, name: str, array: Any, index: Sequence[int | slice], holds: Holds = lambda _: True) -> None:
-        self.name, self.array, self.index, self.holds = name, array, tuple(index), holds
+    def __init__(self, name: str, array: Any, index: Sequence[int | slice], files: Files) -> None:
+        self.name, self.array, self.index, self.files = name, array, tuple(index), files
         axes = [axis for axis, place in enumerate(self.index) if isinstance(place, slice)]
         self.shape = tuple(int(array.shape[axis]) for axis in axes)
         self.chunks = tuple(int(array.chunks[axis]) for axis in axes)
@@ -50,6 +59,9 @@ class Chunked:
             range(each.start // chunk, (each.stop - 1) // chunk + 1) if len(each) else range(0)
             for each, chunk in zip(ranges, self.chunks, strict=True)
         ]
+        with self.lock:
+            missing = [place for place in product(*touched) if place not in self.kept]
+        self.files.ready(self._begin(place) for place in missing)
         for place in product(*touched):
             low = [n * chunk for n, chunk in zip(place, self.chunks, strict=True)]
             high = [min(a + chunk, size) for a, chunk, size in zip(low, self.chunks, self.shape, strict=True)]
@@ -65,16 +77,20 @@ class Chunked:
             )
         ]
 
+    def _begin(self, place: tuple[int, ...]) -> list[int]:
+        """Where a chunk begins, along all axes of the array."""
+        free = iter(n * chunk for n, chunk in zip(place, self.chunks, strict=True))
+        return [next(free) if isinstance(at, slice) else at for at in self.index]
+
     def _chunk(self, place: tuple[int, ...], low: list[int], high: list[int]) -> np.ndarray:
         with self.lock:
             if place in self.kept:
                 self.kept.move_to_end(place)
                 return self.kept[place]
-        # of all axes: where the chunk begins, and what is taken of it
-        free, begins = iter(map(slice, low, high)), iter(low)
+        free = iter(map(slice, low, high))
         part = tuple(next(free) if isinstance(at, slice) else at for at in self.index)
         with library(f"Zarr, chunk {', '.join(map(str, place))} of {self.name}"):
-            if not self.holds([next(begins) if isinstance(at, slice) else at for at in self.index]):
+            if not self.files.holds(self._begin(place)):
                 empty = np.asarray(self.array.fill_value or 0, self.dtype)
                 return np.broadcast_to(empty, [b - a for a, b in zip(low, high, strict=True)])
             chunk = np.asarray(self.array[part])

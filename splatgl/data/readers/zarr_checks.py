@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import os
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from splatgl.data.errors import expected
 from splatgl.data.readers.files import CHUNK_BYTES, DEFLATE_RATIO, MAX_BYTES, byte_count, require_plausible
+
+Fetch = Callable[[Sequence[str]], None]
 
 _COMPRESSORS = ("zlib", "gzip", "blosc", "zstd", "lz4")
 
@@ -57,24 +59,31 @@ _LEAST_PARTS = 2**12
 
 
 class ChunkFiles:
-    """The files of an array's chunks, each checked before it is decoded."""
+    """The files of an array's chunks, each checked before it is decoded. fetch: brings files of the store here."""
 
-    def __init__(self, path: Path, array: Any) -> None:
-        self.folder, self.metadata = path / array.path, array.metadata
+    def __init__(self, path: Path, array: Any, fetch: Fetch = lambda _: None) -> None:
+        self.path, self.folder, self.metadata, self.fetch = path, path / array.path, array.metadata, fetch
         self.shape = array.shards or array.chunks
         self.bytes = byte_count(array.chunks, array.dtype)
         names = _names(array)
         # a shard's chunks are read one by one, each as its codec's ratio allows
         self.compressors = [name for name in names if name in _COMPRESSORS] if "sharding_indexed" not in names else []
 
+    def ready(self, places: Iterable[Sequence[int]]) -> None:
+        """Brings the files of the chunks of the samples at those places here."""
+        self.fetch(sorted({self._file(place).relative_to(self.path).as_posix() for place in places}))
+
     def holds(self, place: Sequence[int]) -> bool:
         """Whether there is a file for the chunk of the sample at `place`. InputError if it must not be decoded."""
-        key = tuple(at // size for at, size in zip(place, self.shape, strict=True))
-        file = self.folder / self.metadata.encode_chunk_key(key)
+        file = self._file(place)
         there = file.is_file()
         if there:
             self.check(file)
         return there
+
+    def _file(self, place: Sequence[int]) -> Path:
+        key = tuple(at // size for at, size in zip(place, self.shape, strict=True))
+        return self.folder / str(self.metadata.encode_chunk_key(key))
 
     def check(self, file: Path) -> None:
         """Raises InputError if the chunk expands beyond its size."""
@@ -82,10 +91,11 @@ class ChunkFiles:
             _check_chunk(file, name, self.bytes)
 
 
-def check_array(path: Path, array: Any, whole: bool = True) -> ChunkFiles:
+def check_array(path: Path, array: Any, whole: bool = True, fetch: Fetch = lambda _: None) -> ChunkFiles:
     """Raises InputError for codecs not known to be safe, and for chunks too large for their files.
 
-    whole: whether all of it is to be read at once; else each chunk's file is still to be checked.
+    whole: whether all of it is to be read at once; else each chunk's file is still to be checked. fetch: as of
+    ChunkFiles.
     """
     # 1. the codecs
     names = _names(array)
@@ -108,7 +118,7 @@ def check_array(path: Path, array: Any, whole: bool = True) -> ChunkFiles:
     if count > most and (whole or math.prod(array.chunks) < _LEAST_PARTS):
         raise expected("chunks", f"at most {most} for {len(files)} files", count, "save larger ones")
     # 4. none may expand beyond its size
-    found = ChunkFiles(path, array)
+    found = ChunkFiles(path, array, fetch)
     if whole:
         for file in files:
             if file.name[:1] != "." and file.name != "zarr.json":

@@ -18,6 +18,7 @@ from splatgl.data.readers.chunked import Chunked
 from splatgl.data.readers.files import byte_count, library, selection
 from splatgl.data.readers.grid import unit_name
 from splatgl.data.readers.options import LoadOptions
+from splatgl.data.readers.remote import METADATA, Remote
 from splatgl.data.readers.zarr_checks import check_array, check_files
 from splatgl.data.volume import Triple, Volume
 
@@ -33,9 +34,9 @@ MARKERS = ("zarr.json", ".zarray", ".zgroup")
 Multiscale = Mapping[str, Any]
 
 
-def read(path: Path, options: LoadOptions) -> Volume:
+def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volume:
     """The volume of a Zarr store, with its coarser levels; `channel` picks one channel. Samples of over WHOLE bytes are
-    read in parts.
+    read in parts. remote: what `path` is a copy of; its files are fetched when they are needed.
     """
     try:
         import zarr
@@ -46,20 +47,29 @@ def read(path: Path, options: LoadOptions) -> Volume:
         check_files(path)
         group = zarr.open(path, mode="r")
         if not isinstance(group, zarr.Group):
-            return _volume(path, group, None, options)
+            return _volume(path, group, None, options, remote)
         multiscale = _multiscale(group)
-        found = _volume(path, _level(group, multiscale, options), multiscale, options)
+        levels = multiscale["datasets"] if multiscale else []
+        if remote:
+            names = [entry["path"] for entry in levels] + ([options.array] if options.array else [])
+            remote.fetch([f"{name}/{each}" for name in names for each in METADATA])
+        found = _volume(path, _level(group, multiscale, options), multiscale, options, remote)
         if multiscale is None or options.array is not None or options.level is not None:
             return found
-        others = [group.get(entry["path"]) for entry in multiscale["datasets"][1:]]
-        levels = [_volume(path, node, multiscale, options, WHOLE_LEVEL) for node in others if node is not None]
-        return replace(found, coarser=tuple(levels))
+        others = [group.get(entry["path"]) for entry in levels[1:]]
+        coarser = [_volume(path, node, multiscale, options, remote, WHOLE_LEVEL) for node in others if node is not None]
+        return replace(found, coarser=tuple(coarser))
 
 
 def _volume(
-    path: Path, node: Any, multiscale: Multiscale | None, options: LoadOptions, most: int | None = None
+    path: Path,
+    node: Any,
+    multiscale: Multiscale | None,
+    options: LoadOptions,
+    remote: Remote | None,
+    most: int | None = None,
 ) -> Volume:
-    """The volume of an array. most: bytes of samples that are read at once, WHOLE unless given."""
+    """The volume of an array. most: bytes of samples that are read at once, WHOLE unless given; of a copy none."""
     # 1. the array
     if min(node.shape, default=0) < 1 or node.dtype.kind not in "buif":
         raise expected("array", "real numbers along at least three axes", f"{node.dtype} {node.shape}")
@@ -67,9 +77,9 @@ def _volume(
     names = _axis_names(multiscale, len(node.shape))
     index = _index(node.shape, names, options)
     free = [size for size, at in zip(node.shape, index, strict=True) if isinstance(at, slice)]
-    whole = byte_count(free, node.dtype) <= (WHOLE if most is None else most)
-    files = check_array(path, node, whole)
-    samples: Any = np.asarray(node[index]) if whole else Chunked(path.name, node, index, files.holds)
+    whole = remote is None and byte_count(free, node.dtype) <= (WHOLE if most is None else most)
+    files = check_array(path, node, whole, *([remote.fetch] if remote else []))
+    samples: Any = np.asarray(node[index]) if whole else Chunked(path.name, node, index, files)
     # 3. its grid
     if multiscale is None:
         return Volume(samples)

@@ -1,0 +1,171 @@
+"""Volumes behind an address (https, s3, gs, and others of fsspec): files are kept in a folder of this machine.
+
+A single file is fetched whole. Of a Zarr store the metadata are, and chunks once they are needed; the copy is read as
+any store is.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from splatgl.data.errors import InputError, expected, missing_extra
+
+# times that something is asked for, seconds between the first two, which double, and seconds for a connection and
+# between two parts of an answer
+TIMES, WAIT, CONNECT, ANSWER = 4, 0.5, 10.0, 30.0
+# files of a Zarr store that tell what is in it
+METADATA = ("zarr.json", ".zgroup", ".zattrs", ".zarray")
+# most bytes of such a file, and of a message
+MOST_METADATA, MOST_SAID = 1 << 26, 120
+
+_ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
+
+
+def is_address(source: str | Path) -> bool:
+    """Whether a source is an address, not a path."""
+    return isinstance(source, str) and bool(_ADDRESS.match(source))
+
+
+def name_of(address: str) -> str:
+    """The name of what an address leads to: its last part."""
+    return address.split("?")[0].split("#")[0].rstrip("/").rsplit("/", 1)[-1]
+
+
+def cache_folder() -> Path:
+    """Where fetched files are kept: SPLATGL_CACHE, else splatgl in the user's cache folder."""
+    own = os.environ.get("SPLATGL_CACHE")
+    return Path(own) if own else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "splatgl"
+
+
+class Remote:
+    """What lies behind an address, and its copy in `folder`. Raises InputError if nothing answers."""
+
+    def __init__(self, address: str) -> None:
+        try:
+            import fsspec
+        except ImportError:
+            raise missing_extra("addresses", "fsspec", "remote") from None
+        scheme = address.split("://")[0]
+        options: dict[str, Any] = {"skip_instance_cache": True}
+        if scheme in ("http", "https"):
+            try:
+                import aiohttp
+            except ImportError:
+                raise missing_extra(f"{scheme} addresses", "aiohttp", "remote") from None
+            limit = aiohttp.ClientTimeout(total=None, sock_connect=CONNECT, sock_read=ANSWER)
+            options["client_kwargs"] = {"timeout": limit}
+        try:
+            self.files, self.root = fsspec.url_to_fs(address, **options)
+        except ImportError as error:
+            fix = f"pip install 'splatgl[remote]': {_said(error)}"
+            raise InputError(f"{scheme} addresses need the extra remote, {fix}") from None
+        except ValueError as error:
+            raise expected("address", "one that fsspec knows", scheme, _said(error)) from None
+        digest = hashlib.sha256(address.encode()).hexdigest()[:16]
+        self.folder = cache_folder() / f"{digest}-{re.sub(r'[^A-Za-z0-9._-]', '_', name_of(address))[:60]}"
+        self.absent: set[str] = set()
+
+    def path(self, name: str) -> Path:
+        """Where the copy of a file of the store is; InputError for a name outside it."""
+        found = self.folder / name
+        if ".." in Path(name).parts or not found.resolve().is_relative_to(self.folder.resolve()):
+            raise expected("name", "one inside the store", name)
+        return found
+
+    def fetch(self, names: Sequence[str], again: bool = False) -> None:
+        """Fetches those files of a store that are there, side by side. again: also those that were fetched before."""
+        waiting = [name for name in names if again or not (name in self.absent or self.path(name).is_file())]
+        for name, data in self._asked(waiting).items():
+            if data is None:
+                self.absent.add(name)
+            else:
+                _write(self.path(name), data)
+
+    def file(self) -> Path:
+        """The copy of the single file, fetched unless one of the same size and tag is there."""
+        told = self._tried(lambda: self.files.info(self.root))
+        tag = "".join(str(told.get(key, "")) for key in ("size", "ETag", "Last-Modified", "LastModified", "mtime"))
+        place = self.folder / hashlib.sha256(tag.encode()).hexdigest()[:16] / name_of(self.root)
+        if not place.is_file():
+            shutil.rmtree(self.folder, ignore_errors=True)
+            place.parent.mkdir(parents=True)
+            part = place.with_name(f".{place.name}.part")
+            self._tried(lambda: self.files.get_file(self.root, str(part)))
+            part.replace(place)
+        return place
+
+    def store(self) -> Path:
+        """The copy of the Zarr store, with the metadata of it and of its arrays; chunks are fetched when needed."""
+        before = {name: _read(self.path(name)) for name in METADATA}
+        self.fetch(METADATA, again=True)
+        after = {name: _read(self.path(name)) if name not in self.absent else None for name in METADATA}
+        if not any(after.values()):
+            raise expected("address", "a file, or a Zarr store", "none", "check it")
+        if any(before.values()) and before != after:
+            # another image: its chunks are not those
+            shutil.rmtree(self.folder, ignore_errors=True)
+            for name, data in after.items():
+                if data is not None:
+                    _write(self.path(name), data)
+        return self.folder
+
+    def _asked(self, names: Sequence[str]) -> dict[str, bytes | None]:
+        """What is in those files, None for those that are not there."""
+        found: dict[str, bytes | None] = {}
+        addresses = {f"{self.root.rstrip('/')}/{name}": name for name in names}
+
+        def ask() -> None:
+            missing = [address for address, name in addresses.items() if name not in found]
+            failed = None
+            for address, data in self.files.cat(missing, on_error="return").items() if missing else ():
+                if isinstance(data, FileNotFoundError):
+                    found[addresses[address]] = None
+                elif isinstance(data, BaseException):
+                    failed = data
+                else:
+                    found[addresses[address]] = data
+            if failed:
+                raise failed
+
+        self._tried(ask)
+        return found
+
+    def _tried(self, ask: Any) -> Any:
+        """The answer, after some attempts; InputError if there is none."""
+        for attempt in range(TIMES):
+            try:
+                return ask()
+            except FileNotFoundError:
+                raise expected("address", "a file, or a Zarr store", "nothing there", "check it") from None
+            except PermissionError as error:
+                raise InputError(f"refused: {_said(error)}") from None
+            except Exception as error:
+                # whatever a library of such a service raises
+                if attempt + 1 == TIMES:
+                    raise InputError(f"no answer in {TIMES} attempts: {_said(error)}") from None
+                time.sleep(WAIT * 2**attempt)
+        raise AssertionError
+
+
+def _said(error: BaseException) -> str:
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if len(text) <= MOST_SAID else text[: MOST_SAID - 1] + "…"
+
+
+def _read(path: Path) -> bytes | None:
+    return path.read_bytes() if path.is_file() and path.stat().st_size <= MOST_METADATA else None
+
+
+def _write(path: Path, data: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+        file.write(data)
+    os.replace(file.name, path)
