@@ -583,6 +583,19 @@ def view(display: str, source: Path) -> subprocess.Popen[str]:
     return process
 
 
+def test_a_volume_larger_than_memory(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every so many voxels at once, then as small means as fit, in the same view; another file is not replaced."""
+    samples = blob(64).samples
+    np.save(folder / "large.npy", samples)
+    window = Window(folder / "large.npy", folder, free=947 << 20)
+    told = window.until(lambda told: any("means of" in line for line in told["hud lines"]))
+    assert any("means of 2^3 voxels: smaller ones need more than" in line for line in told["hud lines"])
+    assert told["splats"] < samples.size / 7
+    other = window.drop(folder / "blob.npy")
+    assert not any("voxels: " in line for line in window.ask("settle")["hud lines"]) and other["splats"] > 0
+    window.end()
+
+
 def test_ctrl_c(display: str, folder: Path) -> None:
     process = view(display, folder / "blob.npy")
     process.send_signal(signal.SIGINT)

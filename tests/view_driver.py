@@ -14,13 +14,14 @@ import sys
 import threading
 import time
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from splatgl.app.scene import Scene
-from splatgl.app.viewer import mouse
+from splatgl.app.viewer import mouse, portion
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.viewer import Options, Viewer
 from splatgl.data.errors import InputError
@@ -171,6 +172,9 @@ def main() -> None:
     lines: queue.Queue[str] = queue.Queue()
     threading.Thread(target=lambda: [lines.put(line) for line in sys.stdin], daemon=True).start()
     backend = asked.pop("backend", "window")
+    if "free" in asked:
+        # bytes of memory that contents may take
+        portion.budget = partial(int, asked.pop("free"))
     scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
     with Renderer(backend) as renderer:
         viewer = Viewer(Content.open(scene), renderer, Options(folder=Path(folder), reopen=lambda: scene, **asked))

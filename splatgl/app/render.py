@@ -73,17 +73,17 @@ def run(args: argparse.Namespace) -> int:
     reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()
     transfer = scene.transfer_for(volume)
-    camera, level = None, 0
+    camera, told = None, {}
     if volume.coarser:
         camera, chosen = _level(args, scene, volume, transfer)
-        volume, transfer, level = chosen.volume, chosen.transfer, chosen.number
+        volume, transfer, told = chosen.volume, chosen.transfer, {"level": chosen.number}
     image = _in_bricks(args, scene, volume, transfer, camera)
     if image is None:
         splats = scene.splats(volume, transfer, None if args.quiet else _bar)
         if not len(splats):
             raise nothing(scene, volume)
         image = _drawn(args, scene, splats, camera or scene.view.camera(volume, splats))
-    image = Image(image.pixels, {**image.info, "level": level, **origin(scene, transfer)})
+    image = Image(image.pixels, {**image.info, **told, **origin(scene, transfer)})
     ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     ended = 0
     if reference is not None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from splatgl.app.scene import FOV, Scene
 from splatgl.app.viewer.pacing import STRIDES
+from splatgl.app.viewer.portion import Portion, portion
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.skin import skinned
 from splatgl.data.coarse import coarser
@@ -30,6 +31,7 @@ FEW = 200_000
 class Content:
     """volumes: one for each of STRIDES, finest first. Splats are extracted on demand.
 
+    portion: what of the scene's volume they are.
     kind: classification and kernel that splats are extracted for. before: `counts` of the content that
     this one replaces. beside: contents that differ in kind alone, by `after`.
     """
@@ -43,19 +45,36 @@ class Content:
     made: dict[int, Splats] = field(default_factory=dict)
     skins: dict[int, Splats] = field(default_factory=dict)
     beside: dict[bool, Content] = field(default_factory=dict)
+    portion: Portion | None = None
 
     def __post_init__(self) -> None:
         self.beside[self.after] = self
 
     @classmethod
     def open(cls, scene: Scene) -> Content:
-        """Reads the volume and extracts the splats of all strides. Raises InputError as the readers do."""
+        """Reads the volume, or a stand-in, and extracts the splats of all strides; InputError as the readers raise."""
         volume = scene.open()
+        transfer = scene.transfer_for(volume)
+        shown = portion(volume, transfer, scene.settings)
+        if shown.told or shown.finer:
+            # opacities stay those of the finest voxels
+            transfer = replace(transfer, unit=transfer.unit or _spacing(volume))
+        return cls._of(scene, shown, transfer)
+
+    def finer(self) -> Content:
+        """The content of the portion that replaces this one's, which is read now."""
+        assert self.portion and self.portion.finer
+        return self._of(self.scene, self.portion.finer(), self.transfer)
+
+    @classmethod
+    def _of(cls, scene: Scene, shown: Portion, transfer: Transfer) -> Content:
+        volume = shown.volume
         volumes = [volume]
         for _ in STRIDES[1:]:
             last = volumes[-1]
-            volumes.append(coarser(last) if last.count > SMALL else last)
-        content = cls(scene, tuple(volumes), scene.transfer_for(volume), scene.threshold).classified(scene.settings)
+            half = next(iter(last.coarser), None) or (coarser(last) if last.count > SMALL else last)
+            volumes.append(half)
+        content = cls(scene, tuple(volumes), transfer, scene.threshold, portion=shown).classified(scene.settings)
         return replace(content, before=tuple(len(content.skin(stride)) for stride in STRIDES), beside={})
 
     @property
@@ -71,7 +90,7 @@ class Content:
     @property
     def spacing(self) -> float:
         """The finest volume's mean spacing, world units: the default unit length of opacities."""
-        return Grid(self.volume.world_from_index, np.asarray(self.volume.origin)).mean_spacing
+        return _spacing(self.volume)
 
     @property
     def whole(self) -> bool:
@@ -145,7 +164,8 @@ class Content:
             for stride, splats in after.made.copy().items()
             if splats.post is not None and splats.post.holds(transfer)
         }
-        return Content(self.scene, self.volumes, transfer, threshold, after.kind, self.counts, made, made.copy())
+        kept = (after.kind, self.counts, made, made.copy())
+        return Content(self.scene, self.volumes, transfer, threshold, *kept, portion=self.portion)
 
     def classified(self, settings: Settings, moving: bool = False) -> Content:
         """The content as a picture with these settings takes it; others of the same transfer function are kept.
@@ -183,6 +203,11 @@ class Content:
         """Radius of the volume's bounding box, world units."""
         corners = self.volume.corners
         return float(np.linalg.norm(corners - corners.mean(axis=0), axis=1).max())
+
+
+def _spacing(volume: Volume) -> float:
+    """Mean spacing, world units."""
+    return Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
 
 
 def _fov(camera: Camera) -> float:

@@ -18,11 +18,19 @@ Reopen = Callable[[], Scene]
 
 @dataclass(frozen=True, eq=False)
 class News:
-    """Content loaded by the worker thread. reopen: for a newly opened file, `path`, the function that reloads it."""
+    """Content loaded by the worker thread. reopen: for a newly opened file, `path`, the function that reloads it.
+
+    finer: whether it is a finer portion of a content with the same scene.
+    """
 
     content: Content
     reopen: Reopen | None = None
     path: str = ""
+    finer: bool = False
+
+    def stale(self, shown: Content) -> bool:
+        """Whether this is a portion of what is no longer shown."""
+        return self.finer and self.content.scene is not shown.scene
 
 
 class Files:
@@ -39,6 +47,11 @@ class Files:
             return Scene.from_toml(Path(path)) if path.endswith(".toml") else Scene(path, settings=settings)
 
         self.jobs.submit(f"opening {Path(path).name}", lambda: News(Content.open(scene()), scene, path))
+
+    def refine(self, content: Content) -> None:
+        """Reads the finer portion of what a content shows, if there is one."""
+        if content.portion and content.portion.finer:
+            self.jobs.submit("reading finer voxels", lambda: News(content.finer(), finer=True))
 
     def look(self, now: float) -> None:
         """Reloads the file if it has changed."""

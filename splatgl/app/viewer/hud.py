@@ -65,7 +65,12 @@ def progress(state: State, frame: Frame | None) -> str:
 
 
 def _splats(content: Content, frame: Frame) -> list[str]:
-    """Numbers of drawn and total splats, and why the rest are omitted."""
+    """What of the volume is shown, numbers of drawn and total splats, and why the rest are omitted."""
+    told = content.portion.told if content.portion else ""
+    return ([told] if told else []) + _numbers(content, frame)
+
+
+def _numbers(content: Content, frame: Frame) -> list[str]:
     kept, total = len(content.finest), content.volume.count
     if frame.level.stride > 1 or not content.whole:
         return [f"of {total:,} voxels, blocks of {frame.level.stride}^3 are drawn"]

@@ -30,6 +30,8 @@ def scene_of(state: State, content: Content) -> Scene:
     if settings.classification == "post" and not content.following(state.transfer, state.threshold, settings).after:
         settings = settings.but(classification="pre")
     shown = replace(content.scene, transfer=table, view=state.pose.view(), settings=settings)
+    if content.portion and content.portion.level is not None:
+        shown = replace(shown, load={**shown.load, "level": content.portion.level})
     return replace(shown, threshold=state.threshold)
 
 

@@ -6,6 +6,7 @@ import gc
 import time
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +77,8 @@ class Viewer:
             raise
         self.mouse = Mouse()
         self.files = Files(self.jobs, self.options.watched, self.options.reopen, self.now())
-        self.refiner = Refiner(content.counts, self._pixels(), self.options.target)
+        self.files.refine(content)
+        self.refiner = Refiner(content.counts, prod(self._size()), self.options.target)
         self.touched = self.ticked = self.now()
         # input counter: a full-quality frame in progress is cancelled when it changes
         self.asked = 0
@@ -300,7 +302,7 @@ class Viewer:
             self.state = replace(self.state, message=str(done.error) or "not enough memory")
         elif done.error is not None:
             raise done.error
-        elif isinstance(done.result, News):
+        elif isinstance(done.result, News) and not done.result.stale(self.content):
             self._opened(done.result)
         else:
             self._take(self.content)
@@ -315,6 +317,7 @@ class Viewer:
         elif self.state.base == transfer:
             self.state = replace(self.state, base=content.transfer)
         self._take(content)
+        self.files.refine(content)
         # contents of the volume before refer to each other
         gc.collect()
         self._touch()
@@ -322,16 +325,13 @@ class Viewer:
     def _take(self, content: Content) -> None:
         """Sets the displayed content."""
         self.content = content
-        self.refiner.renew(content.counts, self._pixels())
+        self.refiner.renew(content.counts, prod(self._size()))
         self.refresh()
 
     def _touch(self) -> None:
         self.asked += 1
         self.touched = self.now()
         self.refresh()
-
-    def _pixels(self) -> int:
-        return self._size()[0] * self._size()[1]
 
     def _size(self) -> tuple[int, int]:
         width, height = self.window.size
