@@ -123,9 +123,9 @@ class Bricks:
 
     def reached(self, view: View) -> bool:
         """Whether the eye may be in a kernel, or a kernel cross its plane in the picture."""
-        nearest = np.clip(view.eye_index, 0, self.high.max(axis=0) - 1)
-        away = float(np.linalg.norm(view.eye_index - nearest))
-        return view.perspective and away < (AROUND_EYE + 1) * view.kernel.radius
+        forward = view.eye_from_index[2]
+        nearest = np.where(forward > 0, 0, self.high.max(axis=0) - 1)
+        return view.perspective and bool(forward @ (nearest - view.eye_index) <= AROUND_EYE * view.reach)
 
     def nearest(self, sheets: Sheets, view: View) -> np.ndarray:
         """int64 [B]: the first sheet of the nearest place within each brick."""
