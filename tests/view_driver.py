@@ -174,7 +174,7 @@ def main() -> None:
     backend = asked.pop("backend", "window")
     if "free" in asked:
         # bytes of memory that contents may take
-        portion.budget = partial(int, asked.pop("free"))
+        vars(portion)["budget"] = partial(int, asked.pop("free"))
     scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
     with Renderer(backend) as renderer:
         viewer = Viewer(Content.open(scene), renderer, Options(folder=Path(folder), reopen=lambda: scene, **asked))
