@@ -84,6 +84,12 @@ def _animate() -> Callable[[argparse.ArgumentParser], None]:
     return add_parser
 
 
+def _pyramid() -> Callable[[argparse.ArgumentParser], None]:
+    from splatgl.app.pyramid import add_parser
+
+    return add_parser
+
+
 def _compare() -> Callable[[argparse.ArgumentParser], None]:
     from splatgl.app.compare import add_parser
 
@@ -132,6 +138,7 @@ COMMANDS: dict[str, tuple[str, Callable[[], Callable[[argparse.ArgumentParser], 
     "animate": ("draw a turning volume, keyframes or a series in time into frames or a movie", _animate),
     "compare": ("tell whether two pictures, or folders of them, are the same, and what changed", _compare),
     "info": ("tell what is in a volume file", _info),
+    "pyramid": ("write a volume, classified, with coarser levels that keep thin things", _pyramid),
     "doctor": ("tell what this machine draws with, and whether it draws right", _doctor),
     "report": ("tell what accuracy costs: error against run time of every method", _report),
     "figure": ("draw a figure of the paper, or tell which of its claims hold", _figure),

@@ -120,19 +120,24 @@ def scene_from_source(args: argparse.Namespace) -> Scene:
     return replace(scene, load={**scene.load, **reading})
 
 
+def scene_from_transfer(args: argparse.Namespace) -> Scene:
+    """The scene from the source, reader and transfer function options."""
+    scene = scene_from_source(args)
+    threshold = scene.threshold if args.threshold is None else args.threshold
+    transfer = {**scene.transfer, **_transfer_file(args.transfer), **_given(args, *TRANSFER)}
+    return replace(scene, transfer=transfer, threshold=threshold)
+
+
 def scene_from(args: argparse.Namespace) -> Scene:
     """The scene from all options; they override a scene.toml."""
-    scene = scene_from_source(args)
+    scene = scene_from_transfer(args)
     settings = Settings.paper() if args.paper else scene.settings
     if args.like is not None:
         settings = Settings.like(args.like, **settings.given)
-    threshold = scene.threshold if args.threshold is None else args.threshold
     return replace(
         scene,
-        transfer={**scene.transfer, **_transfer_file(args.transfer), **_given(args, *TRANSFER)},
         view=replace(scene.view, **_given(args, *(f.name for f in fields(View)))),
         settings=settings.but(**_given(args, *(f.name for f in fields(Settings)))),
-        threshold=threshold,
     )
 
 

@@ -64,7 +64,7 @@ class Volume:
     that become arrays (of Zarr, HDF5, Dask), which is read in parts.
     spacing, origin: (x, y, z) in world units. direction: [3, 3], its columns the unit axes of x, y, z.
     unit: name of the world's unit of length ("mm", "um", ""). frame: "LPS", "RAS" or None.
-    color: uint8 [D, H, W, 3] sRGB, or None. vectors: [D, H, W, 3] along world x, y, z, or None.
+    color: uint8 [D, H, W, 3] sRGB, also read in parts, or None. vectors: [D, H, W, 3] along world x, y, z, or None.
     coarser: the same in fewer voxels, finer first: the further levels of a multiscale image.
     Raises InputError for samples that are not 3-D real numbers and for an impossible grid.
     """
@@ -76,7 +76,7 @@ class Volume:
     unit: str = ""
     name: str = ""
     frame: str | None = None
-    color: np.ndarray | None = None
+    color: Any = None
     vectors: np.ndarray | None = None
     hints: Hints = field(default_factory=Hints)
     coarser: tuple[Volume, ...] = ()

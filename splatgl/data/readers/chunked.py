@@ -31,7 +31,7 @@ class Files(Protocol):
 
 
 class Chunked:
-    """Samples [D, H, W] of a Zarr array: what `index` leaves free of it. Slices of it are numpy arrays.
+    """A Zarr array, or what `index` leaves free of it, as samples [D, H, W]. Slices of it are numpy arrays.
 
     Raises InputError, which begins with the store's path, if a part can't be read.
     """
@@ -47,7 +47,7 @@ class Chunked:
 
     def __getitem__(self, key: Key) -> np.ndarray:
         given = key if isinstance(key, tuple) else (key,)
-        whole = given + (slice(None),) * (3 - len(given))
+        whole = given + (slice(None),) * (len(self.shape) - len(given))
         asked = [
             range(size)[place] if isinstance(place, slice) else range(place, place + 1)
             for size, place in zip(self.shape, whole, strict=True)

@@ -20,7 +20,7 @@ from splatgl.data.readers.grid import unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.remote import METADATA, Remote
 from splatgl.data.readers.zarr_checks import check_array, check_files
-from splatgl.data.volume import Triple, Volume
+from splatgl.data.volume import Hints, Triple, Volume
 
 WHOLE = 2**28
 """Most bytes of samples that are read at once."""
@@ -47,18 +47,37 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
         check_files(path)
         group = zarr.open(path, mode="r")
         if not isinstance(group, zarr.Group):
-            return _volume(path, group, None, options, remote)
+            return _volume(path, group, None, options, remote, WHOLE)
         multiscale = _multiscale(group)
         levels = multiscale["datasets"] if multiscale else []
         if remote:
             names = [entry["path"] for entry in levels] + ([options.array] if options.array else [])
             remote.fetch([f"{name}/{each}" for name in names for each in METADATA])
-        found = _volume(path, _level(group, multiscale, options), multiscale, options, remote)
-        if multiscale is None or options.array is not None or options.level is not None:
-            return found
-        others = [group.get(entry["path"]) for entry in levels[1:]]
-        coarser = [_volume(path, node, multiscale, options, remote, WHOLE_LEVEL) for node in others if node is not None]
-        return replace(found, coarser=tuple(coarser))
+        nodes = [_level(group, multiscale, options)]
+        if multiscale is not None and options.array is None and options.level is None:
+            others = [group.get(entry["path"]) for entry in levels[1:]]
+            nodes += [node for node in others if node is not None]
+        found = [
+            _classified(path, group, node, _volume(path, node, multiscale, options, remote, most), remote)
+            for node, most in zip(nodes, (WHOLE, *(WHOLE_LEVEL for _ in nodes[1:])), strict=True)
+        ]
+        return replace(found[0], coarser=tuple(found[1:]))
+
+
+def _classified(path: Path, group: Any, node: Any, volume: Volume, remote: Remote | None) -> Volume:
+    """The volume, with the colours and the look of a level of a pyramid, if it is one."""
+    told = group.attrs.asdict().get("splatgl")
+    if not told:
+        return volume
+    name = f"{told['color']}/{node.path.rsplit('/', 1)[-1]}"
+    if remote:
+        remote.fetch([f"{name}/{each}" for each in METADATA])
+    color = group[name]
+    files = check_array(path, color, False, *([remote.fetch] if remote else []))
+    hints = Hints(points=((0.0, 0.0), (1.0, 1.0)), unit=float(told["unit"]), shading=bool(told["shading"]))
+    shade = Chunked(path.name, color, [slice(None)] * 4, files)
+    kept = {"direction": np.array(told["direction"]), "frame": told["frame"], "hints": hints}
+    return replace(volume, color=shade if isinstance(volume.samples, Chunked) else shade[:], **kept)
 
 
 def _volume(
@@ -67,9 +86,9 @@ def _volume(
     multiscale: Multiscale | None,
     options: LoadOptions,
     remote: Remote | None,
-    most: int | None = None,
+    most: int,
 ) -> Volume:
-    """The volume of an array. most: bytes of samples that are read at once, WHOLE unless given; of a copy none."""
+    """The volume of an array. most: bytes of samples that are read at once; of a copy none are."""
     # 1. the array
     if min(node.shape, default=0) < 1 or node.dtype.kind not in "buif":
         raise expected("array", "real numbers along at least three axes", f"{node.dtype} {node.shape}")
@@ -77,7 +96,7 @@ def _volume(
     names = _axis_names(multiscale, len(node.shape))
     index = _index(node.shape, names, options)
     free = [size for size, at in zip(node.shape, index, strict=True) if isinstance(at, slice)]
-    whole = remote is None and byte_count(free, node.dtype) <= (WHOLE if most is None else most)
+    whole = remote is None and byte_count(free, node.dtype) <= most
     files = check_array(path, node, whole, *([remote.fetch] if remote else []))
     samples: Any = np.asarray(node[index]) if whole else Chunked(path.name, node, index, files)
     # 3. its grid

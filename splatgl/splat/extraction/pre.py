@@ -91,7 +91,8 @@ def extract_pre(
         own = part.samples[part.before : part.before + part.stop - part.start]
         # voxels whose value may exceed the threshold
         flat = np.flatnonzero(lookup.keeps(own))
-        work = partial(_records, volume, part, flat, lookup, unit / grid.mean_spacing)
+        color = None if volume.color is None or not len(flat) else np.asarray(volume.color[part.start : part.stop])
+        work = partial(_records, volume, part, color, flat, lookup, unit / grid.mean_spacing)
         found = in_parts(len(flat), RECORDS, work)
         chunks += [records for records, _ in found]
         if dropped:
@@ -105,9 +106,15 @@ def extract_pre(
 
 
 def _records(
-    volume: Volume, slab: Slab, flat: np.ndarray, lookup: Lookup, unit_in_spacings: float, part: slice
+    volume: Volume,
+    slab: Slab,
+    color: np.ndarray | None,
+    flat: np.ndarray,
+    lookup: Lookup,
+    unit_in_spacings: float,
+    part: slice,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The records of some voxels, flat indices of a slab's own, and t of all of them."""
+    """The records of some voxels, flat indices of a slab's own, and t of all of them. color: of the slab's own."""
     transfer = lookup.transfer
     _, height, width = slab.samples.shape
     flat = flat[part] + slab.before * height * width
@@ -131,14 +138,15 @@ def _records(
 
     # the records
     records = np.zeros(len(values), lookup.record)
-    z += slab.start - slab.before
-    records["position"][:, 0], records["position"][:, 1], records["position"][:, 2] = x, y, z
-    records["optical_depth"] = transfer.extinction(opacity, unit_in_spacings)
-    if volume.color is not None:
+    z -= slab.before
+    if color is not None:
         linear = linear_from_srgb(np.arange(256) / 255)
-        records["color"] = stored_color(linear, lookup.record)[volume.color[z, y, x]]
+        records["color"] = stored_color(linear, lookup.record)[color[z, y, x]]
     else:
         records["color"] = lookup.color(values)
+    z += slab.start
+    records["position"][:, 0], records["position"][:, 1], records["position"][:, 2] = x, y, z
+    records["optical_depth"] = transfer.extinction(opacity, unit_in_spacings)
     if transfer.shading:
         records["normal"] = _snorm(gradient)
     return records, everyone
