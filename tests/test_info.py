@@ -111,5 +111,21 @@ def test_what_render_would_do(monkeypatch: pytest.MonkeyPatch) -> None:
     volume = sg.scenes.ball(20)
     assert re.search(r"to render +about [\d,]+ splats, [\d.]+ MiB of [\d.]+ GiB: whole", describe(volume))
     monkeypatch.setattr("splatgl.app.info.budget", lambda: 1000)
-    assert re.search(r"of 1000 bytes: in \d+ bricks", describe(volume))
+    assert re.search(r"of 1000 bytes: \d+ bricks", describe(volume))
     assert "to render" not in describe(sg.Volume(volume.samples, color=np.zeros((*volume.shape, 3), np.uint8)))
+
+
+def test_levels_are_told_and_a_coarse_one_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from test_levels import with_levels, write
+
+    samples = np.zeros((24, 20, 16), np.uint8)
+    samples[::2, ::2, ::2] = 8
+    volume = with_levels(sg.Volume(samples), 2)
+    write(tmp_path / "v.zarr", volume)
+    told = describe(sg.load(tmp_path / "v.zarr"))
+    assert "  levels     0: 16 × 20 × 24\n             1: 8 × 10 × 12\n             2: 4 × 5 × 6\n" in told
+    assert "measured" not in told and "0 … 8" in told
+    monkeypatch.setattr(info, "MOST", 1000)
+    told = describe(sg.load(tmp_path / "v.zarr"))
+    assert "measured   level 1: range, mean and values below" in told and "1 … 1   mean 1" in told
+    assert "chunks 16 × 16 × 16" in describe(sg.load(tmp_path / "v.zarr").coarser[0])

@@ -25,6 +25,9 @@ BINS = 16
 SLAB_SAMPLES = 2**20
 """Samples looked at together: a mapped file is never read whole; their bins and copies take some 30 MiB."""
 
+MOST = 2**28
+"""Voxels of a level that is measured, if another has fewer."""
+
 SIZE = (512, 512)
 """Pixels of the picture whose memory is told."""
 
@@ -52,12 +55,16 @@ class Histogram:
 
 
 def describe(volume: Volume) -> str:
-    """The page of text for a volume, at most 78 columns wide; reads the samples slab by slab, twice."""
-    statistics = measure(volume)
-    lines = [*_grid_lines(volume), *_sample_lines(volume, statistics)]
+    """The page of text for a volume, at most 78 columns wide; reads the samples slab by slab, twice, those of a large
+    image with levels at a coarser one.
+    """
+    levels = [volume, *volume.coarser]
+    number = next((n for n, level in enumerate(levels) if level.count <= MOST), len(levels) - 1)
+    statistics = measure(levels[number])
+    lines = [*_grid_lines(volume), *_level_lines(levels, number), *_sample_lines(volume, statistics)]
     if statistics.finite:
         lines += _drawing_lines(volume)
-        lines += ["", *_bars(histogram(volume, statistics))]
+        lines += ["", *_bars(histogram(levels[number], statistics))]
     return "\n".join(line[:WIDTH].rstrip() for line in [_fit(volume.name) or "volume", *lines])
 
 
@@ -114,10 +121,19 @@ def _grid_lines(volume: Volume) -> list[str]:
     return [*lines, _line("frame", frames.get(volume.frame or "", "not stated"))]
 
 
+def _level_lines(levels: list[Volume], looked: int) -> list[str]:
+    """The sizes of a multiscale image's levels, and which one is measured, if it is not the finest."""
+    if len(levels) == 1:
+        return []
+    lines = [_line("levels" * (not n), f"{n}: {_times(level.shape[::-1])}") for n, level in enumerate(levels)]
+    return [*lines, _line("measured", f"level {looked}: range, mean and values below")] if looked else lines
+
+
 def _sample_lines(volume: Volume, statistics: Statistics) -> list[str]:
     dtype = volume.samples.dtype
     order = ", big-endian" if dtype.byteorder == ">" else ""
-    where = "read in parts"
+    chunks = getattr(volume.samples, "chunks", None)
+    where = "read in parts" + (f", chunks {_times(chunks[::-1])}" if chunks else "")
     if isinstance(volume.samples, np.ndarray):
         where = "mapped from the file" if is_mapped(volume.samples) else "in memory"
     lines = [_line("samples", f"{dtype.name}{order}   {size_of(volume.count * dtype.itemsize)}, {where}")]
@@ -125,7 +141,8 @@ def _sample_lines(volume: Volume, statistics: Statistics) -> list[str]:
         span = f"{_number(statistics.low)} … {_number(statistics.high)}"
         lines.append(_line("range", f"{span}   mean {_number(statistics.mean)}"))
     if statistics.not_finite:
-        lines.append(_line("not finite", f"{statistics.not_finite:,} of {volume.count:,}"))
+        looked = statistics.finite + statistics.not_finite
+        lines.append(_line("not finite", f"{statistics.not_finite:,} of {looked:,}"))
     extras = [name for name, array in (("colour", volume.color), ("vectors", volume.vectors)) if array is not None]
     return [*lines, _line("also", " and ".join(extras) + " per voxel")] if extras else lines
 
@@ -144,9 +161,10 @@ def _drawing_lines(volume: Volume) -> list[str]:
     most = budget()
     wanted = need(bricks, 4 * SIZE[0] * SIZE[1], 0)
     many = fits(bricks, SIZE, most)
-    how = "whole" if many is None else f"in {len(bricks.low):,} bricks"
+    how = "whole" if many is None else f"{len(bricks.low):,} bricks"
     told = f"about {wanted.splats:,} splats, {size_of(wanted.bytes)} of {size_of(most)}: {how}"
-    return [_line("to render", told)]
+    level = "level 0; render takes the coarsest level that is right"
+    return [_line("to render", told), *([_line("", level)] if volume.coarser else [])]
 
 
 def _bars(values: Histogram) -> list[str]:
