@@ -14,6 +14,14 @@ import splatgl as sg
 from splatgl.gl.context import current
 
 
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Tests leave the user's cache alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SPLATGL_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
 @pytest.fixture(scope="session")
 def session_renderer() -> Iterator[sg.Renderer]:
     with sg.Renderer() as renderer:

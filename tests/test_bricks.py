@@ -308,6 +308,45 @@ def test_a_large_store_is_read_in_parts(
     assert np.abs(found - right).max() < 1e-5
 
 
+def test_chunks_that_show_nothing_are_read_once(
+    tmp_path: Path, renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Extents of chunks are kept between runs, until anything in the store changes."""
+    zarr = pytest.importorskip("zarr")
+    monkeypatch.setenv("SPLATGL_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(zarr_store, "WHOLE", 1000)
+    samples = np.full((32, 32, 32), 3, np.float32)
+    samples[:8, :8, :8] = np.nan
+    samples[24:, 24:, 24:] = 200
+    array = zarr.create_array(tmp_path / "v.zarr", data=samples, chunks=(8, 8, 8))
+    transfer = sg.Transfer([(100, 0.0), (200, 0.9)])
+    read: list[tuple[int, ...]] = []
+    ask = Chunked._chunk
+    monkeypatch.setattr(Chunked, "_chunk", lambda self, place, *ends: read.append(place) or ask(self, place, *ends))
+
+    def drawn() -> np.ndarray:
+        read.clear()
+        volume = sg.load(tmp_path / "v.zarr")
+        bricks = in_bricks(volume, transfer, ALL, 8)
+        image = renderer.render_bricks(bricks, sg.Camera.orbit(volume, size=(20, 20)), ALL)
+        volume.samples.extents.save()
+        return image.pixels
+
+    first = drawn()
+    assert set(read) == set(np.ndindex(4, 4, 4)) and first.max() > 0.1
+    # the last chunk, and those within the halos of bricks that it is in the halo of
+    assert np.array_equal(drawn(), first) and set(read) == {(z + 1, y + 1, x + 1) for z, y, x in np.ndindex(3, 3, 3)}
+    array[8:16, :8, :8] = 150
+    second = drawn()
+    assert not np.array_equal(second, first) and set(read) == set(np.ndindex(4, 4, 4))
+    # one that is damaged, and a folder that can't be written, are as none
+    (file,) = (tmp_path / "cache" / "extents").glob(f"{sg.load(tmp_path / 'v.zarr').samples.extents.file.name}")
+    file.write_bytes(file.read_bytes()[:50])
+    assert np.array_equal(drawn(), second) and len(set(read)) == 64
+    monkeypatch.setenv("SPLATGL_CACHE", str(tmp_path / "v.zarr" / "zarr.json" / "x"))
+    assert np.array_equal(drawn(), second)
+
+
 def test_a_damaged_chunk_is_told_in_one_line(
     store: tuple[Path, np.ndarray], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

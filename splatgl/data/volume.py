@@ -140,11 +140,21 @@ class Volume:
             first, last = max(start - halo, 0), min(stop + halo, planes)
             yield Slab(start, stop, start - first, np.asarray(self.samples[first:last]))
 
+    def extent(self, low: Places, high: Places, halo: int) -> np.ndarray | None:
+        """Two samples between which all finite ones of `box` lie, none if there are none; None if not known yet."""
+        first, last = self._around(low, high, halo)
+        known = getattr(self.samples, "extent", None)
+        return known(first, last) if known else None
+
     def box(self, low: Places, high: Places, halo: int) -> tuple[np.ndarray, Places]:
         """The samples of voxels low ≤ (z, y, x) < high, and up to `halo` more on each side; the place of the first."""
-        first = tuple(max(start - halo, 0) for start in low)
-        last = tuple(min(stop + halo, size) for stop, size in zip(high, self.shape, strict=True))
-        return np.asarray(self.samples[tuple(map(slice, first, last))]), (first[0], first[1], first[2])
+        first, last = self._around(low, high, halo)
+        return np.asarray(self.samples[tuple(map(slice, first, last))]), first
+
+    def _around(self, low: Places, high: Places, halo: int) -> tuple[Places, Places]:
+        z, y, x = (max(start - halo, 0) for start in low)
+        d, h, w = (min(stop + halo, size) for stop, size in zip(high, self.shape, strict=True))
+        return (z, y, x), (d, h, w)
 
 
 def _triple(what: str, value: Sequence[float]) -> Triple:

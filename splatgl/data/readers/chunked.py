@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 from itertools import product
 from threading import Lock
 from typing import Any, Protocol
 
 import numpy as np
 
+from splatgl.data.readers.extents import MOST, Extents
 from splatgl.data.readers.files import library
 
 KEPT_BYTES = 2**27
@@ -21,6 +23,10 @@ Key = int | slice | tuple[int | slice, ...]
 
 class Files(Protocol):
     """What lies behind an array's chunks, named by the place of any sample of theirs."""
+
+    def tag(self) -> str:
+        """What changes with the contents."""
+        ...
 
     def ready(self, places: Iterable[Sequence[int]]) -> None:
         """Called before chunks are read, with all that are."""
@@ -44,6 +50,21 @@ class Chunked:
         self.dtype = np.dtype(array.dtype)
         self.kept: OrderedDict[tuple[int, ...], np.ndarray] = OrderedDict()
         self.lock = Lock()
+
+    @cached_property
+    def extents(self) -> Extents | None:
+        """Of the chunks that were read, now or before; None of colours, and of very many."""
+        if len(self.shape) != 3:
+            return None
+        counts = tuple(-(-size // chunk) for size, chunk in zip(self.shape, self.chunks, strict=True))
+        return Extents(counts, self.dtype, f"{self.index} {self.files.tag()}") if math.prod(counts) <= MOST else None
+
+    def extent(self, low: Sequence[int], high: Sequence[int]) -> np.ndarray | None:
+        """[2]: a range that holds all finite samples from low to below high, [0] if there are none; None if one is not
+        known without reading.
+        """
+        touched = (range(a // n, -(-b // n)) for a, b, n in zip(low, high, self.chunks, strict=True))
+        return self.extents.of(product(*touched)) if self.extents else None
 
     def __getitem__(self, key: Key) -> np.ndarray:
         given = key if isinstance(key, tuple) else (key,)
@@ -92,9 +113,14 @@ class Chunked:
         with library(f"Zarr, chunk {', '.join(map(str, place))} of {self.name}"):
             if not self.files.holds(self._begin(place)):
                 empty = np.asarray(self.array.fill_value or 0, self.dtype)
-                return np.broadcast_to(empty, [b - a for a, b in zip(low, high, strict=True)])
+                chunk = np.broadcast_to(empty, [b - a for a, b in zip(low, high, strict=True)])
+                if self.extents:
+                    self.extents.add(place, chunk)
+                return chunk
             chunk = np.asarray(self.array[part])
         with self.lock:
+            if self.extents:
+                self.extents.add(place, chunk)
             self.kept[place] = chunk
             most = max(KEPT_BYTES // max(math.prod(self.chunks) * self.dtype.itemsize, 1), 1)
             while len(self.kept) > most:

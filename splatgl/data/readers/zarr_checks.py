@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from splatgl.data.errors import expected
+from splatgl.data.readers.extents import tag_of
 from splatgl.data.readers.files import CHUNK_BYTES, DEFLATE_RATIO, MAX_BYTES, byte_count, require_plausible
 
 Fetch = Callable[[Sequence[str]], None]
@@ -61,7 +62,7 @@ _LEAST_PARTS = 2**12
 class ChunkFiles:
     """The files of an array's chunks, each checked before it is decoded. fetch: brings files of the store here."""
 
-    def __init__(self, path: Path, array: Any, fetch: Fetch = lambda _: None) -> None:
+    def __init__(self, path: Path, array: Any, fetch: Fetch | None = None) -> None:
         self.path, self.folder, self.metadata, self.fetch = path, path / array.path, array.metadata, fetch
         self.shape = array.shards or array.chunks
         self.bytes = byte_count(array.chunks, array.dtype)
@@ -69,9 +70,16 @@ class ChunkFiles:
         # a shard's chunks are read one by one, each as its codec's ratio allows
         self.compressors = [name for name in names if name in _COMPRESSORS] if "sharding_indexed" not in names else []
 
+    def tag(self) -> str:
+        """What changes with the array's contents; of a copy, which grows, its place and metadata."""
+        if self.fetch is None:
+            return tag_of(self.folder)
+        return f"{self.folder.resolve()} {sorted(self.metadata.to_dict().items())}"
+
     def ready(self, places: Iterable[Sequence[int]]) -> None:
         """Brings the files of the chunks of the samples at those places here."""
-        self.fetch(sorted({self._file(place).relative_to(self.path).as_posix() for place in places}))
+        if self.fetch is not None:
+            self.fetch(sorted({self._file(place).relative_to(self.path).as_posix() for place in places}))
 
     def holds(self, place: Sequence[int]) -> bool:
         """Whether there is a file for the chunk of the sample at `place`. InputError if it must not be decoded."""
@@ -91,7 +99,7 @@ class ChunkFiles:
             _check_chunk(file, name, self.bytes)
 
 
-def check_array(path: Path, array: Any, whole: bool = True, fetch: Fetch = lambda _: None) -> ChunkFiles:
+def check_array(path: Path, array: Any, whole: bool = True, fetch: Fetch | None = None) -> ChunkFiles:
     """Raises InputError for codecs not known to be safe, and for chunks too large for their files.
 
     whole: whether all of it is to be read at once; else each chunk's file is still to be checked. fetch: as of

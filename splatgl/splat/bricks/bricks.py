@@ -107,9 +107,13 @@ class Bricks:
     def records(self, brick: int) -> np.ndarray:
         """The records of one brick, in row order."""
         low, high = (_places(ends[brick]) for ends in (self.low, self.high))
-        samples, first = self.volume.box(low, high, halo_of(self.kernel))
+        halo, nothing = halo_of(self.kernel), np.zeros(0, record_type(self.volume.shape, post=True))
+        ends = self.volume.extent(low, high, halo)
+        if ends is not None and not self._wanted(ends):
+            return nothing
+        samples, first = self.volume.box(low, high, halo)
         if not self._wanted(samples):
-            return np.zeros(0, record_type(self.volume.shape, post=True))
+            return nothing
         z, y, x = (slice(a - f, b - f) for a, b, f in zip(low, high, first, strict=True))
         return post_records(self.volume, self.post, self.kernel, samples, first, (z, y, x))
 
