@@ -13,6 +13,7 @@ import splatgl as sg
 from splatgl.app.scene import Scene
 from splatgl.app.viewer import portion as portions
 from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.files import News
 from splatgl.app.viewer.portion import every, portion
 from splatgl.app.viewer.saving import scene_of
 from splatgl.app.viewer.state import State
@@ -110,3 +111,17 @@ def test_a_level_is_saved_with_its_scene(
     found = scene_of(State.of(content, (20, 16)), content)
     assert found.load == {"level": 1} and found.open().shape == content.volume.shape
     assert np.array_equal(found.splats(found.open(), found.transfer_for(found.open())).records, content.at(1).records)
+
+
+def test_a_finer_portion_of_what_is_no_longer_shown_is_not_taken(
+    volume: sg.Volume, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    allow(volume.count / 60, monkeypatch)
+    np.save(tmp_path / "v.npy", volume.samples)
+    scenes = [Scene(str(tmp_path / "v.npy"), transfer={"points": SOFT.points}) for _ in range(2)]
+    shown, other = (Content.open(scene) for scene in scenes)
+    news = News(shown.finer(), finer=True)
+    edited = shown.changed(sg.Transfer([(0.3, 0.0), (0.8, 0.1)]), 0.0)
+    assert [news.stale(content) for content in (shown, edited, other)] == [False, False, True]
+    # another file is taken whatever is shown
+    assert not News(other).stale(shown)
