@@ -389,3 +389,17 @@ def test_templates(here: Path) -> None:
 def test_a_scaled_x_ray_scales_its_bound() -> None:
     image = scaled(sg.Image(np.full((2, 2, 4), 3.0, np.float32), {"error_bound": 0.5}), 4.0)
     assert image.info["error_bound"] == 0.125 and (image.pixels == 0.75).all()
+
+
+def test_a_volume_beyond_memory_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from splatgl.app import animation
+
+    monkeypatch.chdir(tmp_path)
+    np.save("v.npy", np.random.default_rng(1).random((20, 20, 20)))
+    monkeypatch.setattr(animation, "budget", lambda: 1 << 20)
+    assert main(["animate", "v.npy", "-o", "frames", "--frames", "2", "--size", "8"]) == 2
+    error = capsys.readouterr().err
+    assert "v.npy: expected a volume that fits into 1.0 MiB" in error and error.count("\n") == 1
+    assert not Path("frames").exists()

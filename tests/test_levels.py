@@ -68,7 +68,7 @@ def test_smooth_volumes_take_a_coarser_level(smooth: sg.Volume, renderer: sg.Ren
     # opacities are those of the finest voxels' length
     assert found.transfer.unit == pytest.approx(1.2 ** (1 / 3))
     image = sg.render_slabs(smooth, SOFT, camera, renderer=renderer)
-    assert image.info["level"] == found.number
+    assert image.info["level"] == found.number and image.info["level_rmse"] == found.off[found.number]
     settings = Settings(antialias="supersample", samples=8)
     right = renderer.render(sg.extract(smooth, SOFT), camera, settings, verify_bound=False)
     assert np.sqrt(((image.pixels - right.pixels) ** 2).mean()) < 0.01 < right.pixels.max()
@@ -82,6 +82,18 @@ def test_thin_things_take_the_finest_level(opacity: float, threads: sg.Volume, r
     found = level_for(threads, transfer, camera, Settings(), renderer)
     assert found.number == 0 and set(found.off) == set(range(just_finer(threads, camera) + 1))
     assert all(found.off[number] > found.allowed for number in found.off if number)
+
+
+def test_boxes_end_between_coarse_voxels(renderer: sg.Renderer) -> None:
+    """A linear ramp, of which levels of any step are means: no level is off because its boxes are others."""
+    ramp = np.tile(np.linspace(0, 1, 150, dtype=np.float32), (75, 75, 1))
+    coarse = ramp.reshape(25, 3, 25, 3, 10, 15).mean(axis=(1, 3, 5))
+    level = sg.Volume(coarse, spacing=(15, 3, 3), origin=(7, 1, 1))
+    volume = sg.Volume(ramp, coarser=(level,))
+    transfer = sg.Transfer([(-1.0, 0.02), (2.0, 0.02)], shading=False)
+    camera = sg.Camera.orbit(volume, 20, 10, size=(8, 8))
+    found = level_for(volume, transfer, camera, Settings(), renderer)
+    assert found.number == 1 and found.off[1] < 0.02
 
 
 def test_nothing_in_sight_takes_the_finest_level(smooth: sg.Volume, renderer: sg.Renderer) -> None:
@@ -131,6 +143,7 @@ def test_levels_of_a_store(
     assert main([*asked, "-o", "auto.npy"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("level ") and "off by RMSE" in said and not said.startswith("level 0")
+    assert f"drawn in float64, of level {said[6]}'s voxels" in said
     assert main([*asked, "-o", "finest.npy", "--level", "0", "--quiet"]) == 0
     auto, finest = np.load("auto.npy"), np.load("finest.npy")
     assert not np.array_equal(auto, finest) and np.sqrt(((auto - finest) ** 2).mean()) < 0.01

@@ -142,6 +142,15 @@ def test_another_image_behind_the_same_address(server: Server, folder: Path, sto
     assert found.spacing == (1, 1, 3) and np.array_equal(found.samples[:], other.samples)
 
 
+def test_arrays_of_another_size_behind_the_same_address(
+    server: Server, folder: Path, store: None, volume: sg.Volume
+) -> None:
+    sg.load(server("v.ome.zarr")).samples[:]
+    write(folder / "v.ome.zarr", with_levels(sg.Volume(1 - volume.samples[:24], spacing=volume.spacing), 2))
+    found = sg.load(server("v.ome.zarr"))
+    assert np.array_equal(found.samples[:], 1 - volume.samples[:24])
+
+
 def test_failures_are_tried_again(server: Server, store: None, volume: sg.Volume, monkeypatch: Any) -> None:
     monkeypatch.setattr(remote, "ANSWER", 0.2)
     server.faults = {"/v.ome.zarr/.zattrs": ["500", "503"], "/v.ome.zarr/0/0.0.0": ["stall", "500", "429"]}

@@ -19,9 +19,12 @@ from splatgl.app.options import scene_from
 from splatgl.app.render import PATIENCE, nothing, origin
 from splatgl.app.scene import Scene
 from splatgl.app.series import read_ahead, volumes
+from splatgl.app.sizes import size_of
 from splatgl.app.track import Track, Turning, keyframes, turning
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
+from splatgl.splat.bricks.estimate import budget
+from splatgl.splat.bricks.within import bricks_of, fits
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.order import order_for
 from splatgl.splat.extraction.splats import Splats
@@ -31,6 +34,7 @@ from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.suited import blur
 
 if TYPE_CHECKING:
+    from splatgl.data.volume import Volume
     from splatgl.gl.renderer import Renderer
 
 FULL_TURN = 360.0
@@ -71,6 +75,7 @@ class Animation:
         volume = scene.open()
         transfer = scene.transfer_for(volume)
         series = len(scenes) > 1
+        _check_fits(volume, transfer, scene)
         only = None if series else scene.splats(volume, transfer, moving=scene.settings.shutter > 0)
         if only is not None and not len(only):
             raise nothing(scene, volume)
@@ -203,3 +208,13 @@ def _bar(total: int, quiet: bool) -> Any:
     except ImportError:
         return nullcontext()
     return tqdm(total=total, desc="drawing", unit="frame", delay=PATIENCE, leave=False)
+
+
+def _check_fits(volume: Volume, transfer: Transfer, scene: Scene) -> None:
+    """InputError for a volume whose splats need more memory than there is: frames are not drawn in bricks."""
+    bricks = None if scene.threshold else bricks_of(volume, transfer, scene.settings)
+    most = budget()
+    wanted = fits(bricks, scene.view.size, most) if bricks and most > 0 else None
+    if wanted and wanted.bytes > most:
+        fix = "choose a coarser --level" if volume.coarser else "animate a part of it, or render frames one by one"
+        raise expected(scene.volume, f"a volume that fits into {size_of(most)}", size_of(wanted.bytes), fix)

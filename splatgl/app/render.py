@@ -73,10 +73,10 @@ def run(args: argparse.Namespace) -> int:
     reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()
     transfer = scene.transfer_for(volume)
-    camera, told = None, {}
+    camera, told = None, dict[str, object]()
     if volume.coarser:
         camera, chosen = _level(args, scene, volume, transfer)
-        volume, transfer, told = chosen.volume, chosen.transfer, {"level": chosen.number}
+        volume, transfer, told = chosen.volume, chosen.transfer, chosen.info
     image = _in_bricks(args, scene, volume, transfer, camera)
     if image is None:
         splats = scene.splats(volume, transfer, None if args.quiet else _bar)
@@ -218,6 +218,8 @@ def _accuracy(image: Image) -> str:
     of = f" of {image.pixels.max():.3g}" if BLENDS[str(info["blend"])].unbounded else ""
     told += f"\noff by at most {checked['largest']:.2g}{of}, RMSE {checked['rmse']:.2g}, in {checked['pixels']} pixels"
     told += " drawn in float64"
+    if info.get("level"):
+        told += f", of level {info['level']}'s voxels"
     field = checked.get("field")
     if field is None:
         return told

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -142,19 +142,34 @@ class Volume:
 
     def extent(self, low: Places, high: Places, halo: int) -> np.ndarray | None:
         """Two samples between which all finite ones of `box` lie, none if there are none; None if not known yet."""
-        first, last = self._around(low, high, halo)
+        first, last = self.around(low, high, halo)
         known = getattr(self.samples, "extent", None)
         return known(first, last) if known else None
 
     def box(self, low: Places, high: Places, halo: int) -> tuple[np.ndarray, Places]:
         """The samples of voxels low ≤ (z, y, x) < high, and up to `halo` more on each side; the place of the first."""
-        first, last = self._around(low, high, halo)
+        first, last = self.around(low, high, halo)
         return np.asarray(self.samples[tuple(map(slice, first, last))]), first
 
-    def _around(self, low: Places, high: Places, halo: int) -> tuple[Places, Places]:
+    def part(self, low: Places, high: Places) -> Volume:
+        """The voxels low ≤ (z, y, x) < high as a volume of their own, without vectors and coarser levels."""
+        box = tuple(map(slice, low, high))
+        color = None if self.color is None else np.asarray(self.color[box])
+        x, y, z = (self.world_from_index @ np.array(low[::-1]) + self.origin).tolist()
+        samples = np.asarray(self.samples[box])
+        return replace(self, samples=samples, color=color, vectors=None, origin=(x, y, z), coarser=())
+
+    def around(self, low: Places, high: Places, halo: int) -> tuple[Places, Places]:
+        """The ends of a box of voxels with up to `halo` more on each side."""
         z, y, x = (max(start - halo, 0) for start in low)
         d, h, w = (min(stop + halo, size) for stop, size in zip(high, self.shape, strict=True))
         return (z, y, x), (d, h, w)
+
+
+def places(index: np.ndarray) -> Places:
+    """(z, y, x) of a grid index (x, y, z)."""
+    x, y, z = index.tolist()
+    return z, y, x
 
 
 def _triple(what: str, value: Sequence[float]) -> Triple:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.image import Image
-from splatgl.data.volume import Places, Volume
+from splatgl.data.volume import Volume, places
 from splatgl.gl.renderer import Renderer
 from splatgl.splat.bricks.estimate import spread
 from splatgl.splat.classification.transfer import Transfer
@@ -22,8 +22,8 @@ from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import extracted
 from splatgl.splat.view.camera import Camera
 
-# boxes that are compared, and of how many places one is drawn at most, as the others are empty
-BOXES, PLACES = 8, 512
+# boxes that are compared; places, and bytes of the finest level, that are looked at for them, as many are empty
+BOXES, PLACES, MOST_READ = 8, 512, 1 << 28
 # coarse voxels along a box's sides, and finest ones at least and at most
 COARSE_SIDE, FINE_SIDES = 8, (32, 128)
 # samples along a pixel of what both are compared with, and pixels beyond a box
@@ -46,6 +46,11 @@ class Level:
     off: dict[int, float]
     allowed: float
     boxes: int
+
+    @property
+    def info(self) -> dict[str, object]:
+        """For a picture's provenance: the number, and the RMSE from the finest level, None if it was not measured."""
+        return {"level": self.number, "level_rmse": self.off.get(self.number)}
 
     def __str__(self) -> str:
         """What was measured, in one line."""
@@ -114,10 +119,10 @@ def _boxes(
     """Up to BOXES boxes in which something is drawn, spread over the volume; they are cut between coarse voxels."""
     size, sides = np.array(volume.shape[::-1]), np.array(volume.coarser[coarsest - 1].spacing) / volume.spacing
     step = np.maximum(np.rint(sides).astype(np.int64), 1)
-    side = np.minimum(np.maximum(np.clip(COARSE_SIDE * step, *FINE_SIDES), step), size)
-    found = 0
-    for low in spread(size - side, PLACES) // step * step:
-        part = _part(volume, low, low + side)
+    side = np.minimum(np.maximum(np.clip(COARSE_SIDE * step, *FINE_SIDES) // step, 1) * step, size)
+    most, found = MOST_READ // (int(side.prod()) * volume.samples.dtype.itemsize), 0
+    for low in spread(size - side, min(max(most, BOXES), PLACES)) // step * step:
+        part = volume.part(places(low), places(low + side))
         ends = np.stack([low - 0.5, low + side - 0.5]) @ volume.world_from_index.T + volume.origin
         near = _toward(camera, part)
         if near is None:
@@ -157,22 +162,8 @@ def _cut(volume: Volume, low: np.ndarray, high: np.ndarray) -> Volume:
     """The voxels of a volume between two places of the world."""
     ends = (np.stack([low, high]) - volume.origin) @ np.linalg.inv(volume.world_from_index).T + 0.5
     first, last = np.clip(np.rint(np.sort(ends, axis=0)), 0, volume.shape[::-1]).astype(np.int64)
-    return _part(volume, np.minimum(first, np.array(volume.shape[::-1]) - 1), np.maximum(last, first + 1))
-
-
-def _part(volume: Volume, low: np.ndarray, high: np.ndarray) -> Volume:
-    """The voxels low ≤ (x, y, z) < high of a volume, as one of its own."""
-    samples, _ = volume.box(_places(low), _places(high), 0)
-    color = None
-    if volume.color is not None:
-        color = volume.color[tuple(slice(a, b) for a, b in zip(_places(low), _places(high), strict=True))]
-    x, y, z = (volume.world_from_index @ low + volume.origin).tolist()
-    return replace(volume, samples=samples, color=color, vectors=None, origin=(x, y, z), coarser=())
-
-
-def _places(place: np.ndarray) -> Places:
-    x, y, z = place.tolist()
-    return z, y, x
+    first = np.minimum(first, np.array(volume.shape[::-1]) - 1)
+    return volume.part(places(first), places(np.maximum(last, first + 1)))
 
 
 def _drawn(part: Volume, transfer: Transfer, camera: Camera, settings: Settings, renderer: Renderer) -> Image:

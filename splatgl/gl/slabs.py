@@ -32,7 +32,7 @@ def render_slabs(
     renderer: Renderer | None = None,
 ) -> Image:
     """The picture of a volume, or of a file, of any size: `Renderer.render` of its splats, at the level of
-    `level_for`, whose number is `info["level"]`.
+    `level_for`, `info["level"]`.
 
     If extracting and drawing all splats is estimated to take more than `memory` bytes (default: half of what is
     available), they are extracted brick by brick, nearest first, and drawn at once: `info["bricks"]` is their number, 0
@@ -46,7 +46,7 @@ def render_slabs(
         level = level_for(volume, transfer, camera, settings, drawing)
         bricks = bricks_of(level.volume, level.transfer, settings)
         many = fits(bricks, camera.size, most) if bricks else None
-        told = {"level": level.number, "bricks": 0}
+        told = {**level.info, "bricks": 0}
         if bricks is None or many is None:
             image = drawing.render(extracted(level.volume, level.transfer, settings), camera, settings)
             return Image(image.pixels, {**image.info, **told})

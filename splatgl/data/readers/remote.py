@@ -72,6 +72,7 @@ class Remote:
         digest = hashlib.sha256(address.encode()).hexdigest()[:16]
         self.folder = cache_folder() / f"{digest}-{re.sub(r'[^A-Za-z0-9._-]', '_', name_of(address))[:60]}"
         self.absent: set[str] = set()
+        self.metadata: dict[str, bytes | None] = {}
 
     def path(self, name: str) -> Path:
         """Where the copy of a file of the store is; InputError for a name outside it."""
@@ -80,9 +81,9 @@ class Remote:
             raise expected("name", "one inside the store", name)
         return found
 
-    def fetch(self, names: Sequence[str], again: bool = False) -> None:
-        """Fetches those files of a store that are there, side by side. again: also those that were fetched before."""
-        waiting = [name for name in names if again or not (name in self.absent or self.path(name).is_file())]
+    def fetch(self, names: Sequence[str]) -> None:
+        """Fetches those files of a store that are there and not here yet, side by side."""
+        waiting = [name for name in names if not (name in self.absent or self.path(name).is_file())]
         for name, data in self._asked(waiting).items():
             if data is None:
                 self.absent.add(name)
@@ -104,18 +105,24 @@ class Remote:
 
     def store(self) -> Path:
         """The copy of the Zarr store, with the metadata of it and of its arrays; chunks are fetched when needed."""
-        before = {name: _read(self.path(name)) for name in METADATA}
-        self.fetch(METADATA, again=True)
-        after = {name: _read(self.path(name)) if name not in self.absent else None for name in METADATA}
-        if not any(after.values()):
+        if not any(self.renew(METADATA)):
             raise expected("address", "a file, or a Zarr store", "none", "check it")
-        if any(before.values()) and before != after:
-            # another image: its chunks are not those
-            shutil.rmtree(self.folder, ignore_errors=True)
-            for name, data in after.items():
-                if data is not None:
-                    _write(self.path(name), data)
         return self.folder
+
+    def renew(self, names: Sequence[str]) -> list[bytes | None]:
+        """Metadata as they are now, None for those that are not there. Where any changed, the chunks are not theirs,
+        and the copy begins anew.
+        """
+        before = {name: _read(self.path(name)) for name in names}
+        after = self._asked(names)
+        self.metadata |= after
+        self.absent |= {name for name, data in after.items() if data is None}
+        if any(before.values()) and before != after:
+            shutil.rmtree(self.folder, ignore_errors=True)
+        for name, data in self.metadata.items():
+            if data is not None:
+                _write(self.path(name), data)
+        return list(after.values())
 
     def _asked(self, names: Sequence[str]) -> dict[str, bytes | None]:
         """What is in those files, None for those that are not there."""

@@ -52,7 +52,7 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
         levels = multiscale["datasets"] if multiscale else []
         if remote:
             names = [entry["path"] for entry in levels] + ([options.array] if options.array else [])
-            remote.fetch([f"{name}/{each}" for name in names for each in METADATA])
+            remote.renew([f"{name}/{each}" for name in names for each in METADATA])
         nodes = [_level(group, multiscale, options)]
         if multiscale is not None and options.array is None and options.level is None:
             others = [group.get(entry["path"]) for entry in levels[1:]]
@@ -71,7 +71,7 @@ def _classified(path: Path, group: Any, node: Any, volume: Volume, remote: Remot
         return volume
     name = f"{told['color']}/{node.path.rsplit('/', 1)[-1]}"
     if remote:
-        remote.fetch([f"{name}/{each}" for each in METADATA])
+        remote.renew([f"{name}/{each}" for each in METADATA])
     color = group[name]
     files = check_array(path, color, False, *([remote.fetch] if remote else []))
     hints = Hints(points=((0.0, 0.0), (1.0, 1.0)), unit=float(told["unit"]), shading=bool(told["shading"]))

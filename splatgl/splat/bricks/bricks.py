@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from splatgl.data.volume import Places, Volume
+from splatgl.data.volume import Volume, places
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.extraction.post import halo_of, post_records, post_splats
 from splatgl.splat.extraction.records import record_type
@@ -106,7 +106,7 @@ class Bricks:
 
     def records(self, brick: int) -> np.ndarray:
         """The records of one brick, in row order."""
-        low, high = (_places(ends[brick]) for ends in (self.low, self.high))
+        low, high = (places(ends[brick]) for ends in (self.low, self.high))
         halo, nothing = halo_of(self.kernel), np.zeros(0, record_type(self.volume.shape, post=True))
         ends = self.volume.extent(low, high, halo)
         if ends is not None and not self._wanted(ends):
@@ -165,8 +165,3 @@ def _behind(records: np.ndarray, base: np.ndarray, end: int) -> Found:
     if 2 * (len(records) - end) < whole:
         return records[end:].copy(), base[end:].copy()
     return records[end:], base[end:]
-
-
-def _places(place: np.ndarray) -> Places:
-    x, y, z = place.tolist()
-    return z, y, x

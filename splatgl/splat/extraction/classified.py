@@ -27,14 +27,12 @@ Classified = tuple[np.ndarray, np.ndarray]
 
 def classified(volume: Volume, transfer: Transfer, low: Places, high: Places) -> Classified:
     """Opacity float32 [d, h, w] per mean spacing, and sRGB uint8 [d, h, w, 3], of the voxels low ≤ (z, y, x) < high."""
-    samples, first = volume.box(low, high, HALO)
+    first, last = volume.around(low, high, HALO)
+    part = volume.part(first, last)
     inside = tuple(slice(a - f, b - f) for a, b, f in zip(low, high, first, strict=True))
-    box = tuple(slice(f, f + n) for f, n in zip(first, samples.shape, strict=True))
-    color = None if volume.color is None else np.asarray(volume.color[box])
     unit = transfer.unit or Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
-    part = replace(volume, samples=samples, color=color, vectors=None, coarser=())
     splats = extract(part, replace(transfer, unit=unit), classification="pre")
-    opacity, shade = np.zeros(samples.shape, np.float32), np.zeros((*samples.shape, 3), np.uint8)
+    opacity, shade = np.zeros(part.shape, np.float32), np.zeros((*part.shape, 3), np.uint8)
     x, y, z = splats.records["position"].T
     opacity[z, y, x] = -np.expm1(-splats.records["optical_depth"].astype(np.float64))
     shade[z, y, x] = np.rint(srgb_from_linear(splats.colors) * 255)
