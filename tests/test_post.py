@@ -376,10 +376,21 @@ def test_intervals_of_opacity() -> None:
         return opaque_intervals(sg.Transfer(list(points))).tolist()
 
     # ends of zero opacity are not in them
-    above, below = float(np.nextafter(3, 4)), float(np.nextafter(2, 0))
-    assert found((1, 0), (1, 0.5), (2, 0), (3, 0), (4, 0.1)) == [[1, below], [above, np.inf]]
-    assert found((0, 0.5), (1, 0)) == [[-np.inf, float(np.nextafter(1, 0))]] and found((0, 0.2)) == [[-np.inf, np.inf]]
+    (first, below), (above, last) = found((1, 0), (1, 0.5), (2, 0), (3, 0), (4, 0.1))
+    assert (first, last) == (1, np.inf) and 2 - 1e-14 < below < 2 and 3 < above < 3 + 1e-14
+    ((first, last),) = found((0, 0.5), (1, 0))
+    assert first == -np.inf and 1 - 1e-15 < last < 1 and found((0, 0.2)) == [[-np.inf, np.inf]]
     assert found((0, 0), (1, 0)) == []
+
+
+@pytest.mark.parametrize("empty", [0, 255, 7, -1e9, 1e-280], ids=str)
+def test_samples_where_a_ramp_begins_are_left_out(empty: float) -> None:
+    samples = np.full((9, 9, 9), float(empty))
+    samples[4, 4, 4] = empty + (1e-3 if abs(empty) < 1 else 300 * abs(empty))
+    up = sg.extract(sg.Volume(samples), sg.Transfer([(empty, 0), (float(samples.max()), 0.5)]), classification="post")
+    assert 27 <= len(up) <= 125
+    down = sg.Transfer([(-float(samples.max()), 0.5), (-empty, 0)])
+    assert len(sg.extract(sg.Volume(-samples), down, classification="post")) == len(up)
 
 
 def test_which_transfer_functions_the_records_serve() -> None:

@@ -159,7 +159,7 @@ def test_tiles_end_where_almost_no_light_passes(renderer: sg.Renderer, monkeypat
     count = tiles.Tiles._count
     monkeypatch.setattr(tiles.Tiles, "_count", lambda self, plan, n: listed.append(n) or count(self, plan, n))
     monkeypatch.setattr(occlusion_policy, "SOLID", 0.0)
-    for most, many, batches in ((2**20, 10**9, 1), (200, 10**9, -(-len(splats) // 200)), (2**20, 1000, 3)):
+    for most, many, batches in ((2**20, 10**9, 1), (200, 10**9, -(-len(splats) // 100)), (2**20, 1000, 3)):
         monkeypatch.setattr(tiles, "MOST", most)
         monkeypatch.setattr(tiling, "MANY_IN_SHEETS", many)
         listed.clear()

@@ -18,6 +18,9 @@ KEPT, KEPT_BYTES = 3, 2**28
 # largest records, in bytes, that are sorted for tiles when an order repeats: sequential reads are faster
 SORTED_BYTES = 2**25
 
+# words' records uploaded at a time, a multiple of ABREAST
+PART = 2**20
+
 # name, buffer, int or float, moderngl's format, offset and stride in bytes
 Attribute = tuple[str, moderngl.Buffer, str, str, int, int]
 # attributes of a record's words by fours; in_rest: what is left of them
@@ -244,7 +247,7 @@ class Rewritten:
             self.textures = [_filled(self.ctx, each) for each in words]
         else:
             for texture, each in zip(self.textures, words, strict=True):
-                texture.write(_padded(each), (0, 0, texture.width, _rows(records)), alignment=4)
+                _write(texture, each)
         first, rest = self.textures
         return Texels(first, rest, None)
 
@@ -278,9 +281,17 @@ def _filled(ctx: moderngl.Context, words: np.ndarray) -> moderngl.Texture:
     """A texture of words [N, n], of up to four a texel."""
     channels = min(words.shape[1], 4)
     size = ABREAST * words.shape[1] // channels, _rows(words)
-    texture = ctx.texture(size, channels, _padded(words), alignment=4, dtype="u4")
+    texture = ctx.texture(size, channels, alignment=4, dtype="u4")
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    _write(texture, words)
     return texture
+
+
+def _write(texture: moderngl.Texture, words: np.ndarray) -> None:
+    """Writes words [N, n] into a texture's first rows, PART at a time: a copy of all would double them."""
+    for first in range(0, max(len(words), 1), PART):
+        part = _padded(words[first : first + PART])
+        texture.write(part, (0, first // ABREAST, texture.width, len(part) // ABREAST), alignment=4)
 
 
 def _release(arrays: dict[int, moderngl.VertexArray], *buffers: moderngl.Buffer | None) -> None:

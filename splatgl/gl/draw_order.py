@@ -40,7 +40,7 @@ def chunks(which: Range) -> list[Range]:
 
 
 def indices(splats: Splats, order: DrawOrder) -> np.ndarray:
-    """int64 [N]: the records in drawing order."""
+    """[N]: the records in drawing order."""
     assert order.boxes is not None
     kept = _latest.get(splats)
     found = kept[1] if kept and kept[0] == order.boxes else back_to_front(splats, order.boxes)
@@ -50,7 +50,7 @@ def indices(splats: Splats, order: DrawOrder) -> np.ndarray:
 
 
 class Orders:
-    """LRU cache of drawing orders on the GPU. make: creates a texture from indices, uint32 [N]."""
+    """LRU cache of drawing orders on the GPU. make: creates a texture from indices [N]."""
 
     def __init__(self, splats: Splats, make: Callable[[np.ndarray], moderngl.Texture]) -> None:
         self.splats, self.make = splats, make
@@ -65,7 +65,7 @@ class Orders:
             return self.kept[order]
         if len(self.kept) > 1 and (len(self.kept) + 1) * 4 * len(self.splats) > ORDER_BYTES:
             self.kept.popitem(last=False)[1].release()
-        self.kept[order] = self.make(indices(self.splats, order).astype(np.uint32))
+        self.kept[order] = self.make(indices(self.splats, order))
         return self.kept[order]
 
     def release(self) -> None:

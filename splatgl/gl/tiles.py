@@ -119,8 +119,11 @@ class Tiles:
         cancel the picture.
         """
         self.shown, self.ask, self.band = shown, ask, band
-        for begin in range(which[0], which[1] if band.closed.size else which[0], MOST):
-            self._draw(target, plan, texels, (begin, min(begin + MOST, which[1])))
+        begin, end = which
+        # of many, fewer at a time: buffers are to take little beside the splats themselves
+        most = MOST if end - begin <= 2 * MOST else MOST // 2
+        for first in range(begin, end if band.closed.size else begin, most):
+            self._draw(target, plan, texels, (first, min(first + most, end)))
 
     def _draw(self, target: Target, plan: Plan, texels: Texels, which: Range) -> None:
         count = self._place(plan, texels, which)

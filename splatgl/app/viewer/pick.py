@@ -43,7 +43,7 @@ def picked(splats: Splats, camera: Camera, place: tuple[float, float]) -> np.nda
     points = splats.positions @ axes.T + origin.astype(np.float32)
     along = points @ unit.astype(np.float32)
     near = np.flatnonzero((along > 0) & ((points * points).sum(axis=1) - along * along < WITHIN**2))
-    depth = splats.depths[near].astype(np.float64)
+    depth = splats.depths_of(near).astype(np.float64)
     if not depth.any():
         return None
 

@@ -6,6 +6,7 @@ By positions: few splats, or few blocks of them, are counted in screen squares a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -27,6 +28,8 @@ FEW, BLOCK, MOST_BLOCKS = 8192, 8, 2**22
 NEAR = 1 / 3
 # most squares along each axis of the picture
 SQUARES = 512
+# splats counted at a time
+PART = 2**20
 # beyond z_k a footprint reaches at most 2 R pixels: block_culling.STRETCHED
 STRETCHED = 2.0
 
@@ -172,33 +175,46 @@ def cells_of(splats: Splats) -> Cells:
 
 
 def _count(splats: Splats) -> Cells:
-    position, depth = splats.positions, splats.records["optical_depth"]
+    position, depth = splats.records["position"], splats.records["optical_depth"]
     # splats of a cell are adjacent
-    first = np.concatenate([[True], np.diff(splats.cell_x) != 0])
+    first = np.ones(len(splats), bool)
+    np.not_equal(splats.cell_x[1:], splats.cell_x[:-1], out=first[1:])
     first[splats.row_start[:-1]] = True
-    start = np.flatnonzero(first[: len(splats)])
-    planes = [len(np.unique(cells)) for cells in (splats.cell_x, splats.row_y, splats.row_z)]
-    return Cells(
-        bool((position == np.rint(position)).all()),
-        int(np.diff(start, append=len(splats)).max()),
-        float(np.add.reduceat(depth.astype(np.float64), start).max()),
-        np.array(planes, dtype=np.float64),
-        _grouped(position, depth.astype(np.float64), splats.index_bounds),
-    )
+    count, deepest = 1, splats.deepest
+    if not first.all():
+        start = np.flatnonzero(first)
+        count = int(np.diff(start, append=len(splats)).max())
+        deepest = float(np.add.reduceat(depth, start, dtype=np.float64).max())
+    planes = [len(_different(cells)) for cells in (splats.cell_x, splats.row_y, splats.row_z)]
+    aligned = all(bool((part == np.rint(part)).all()) for part in _parts(position))
+    return Cells(aligned, count, deepest, np.array(planes, dtype=np.float64), _grouped(position, depth, splats))
 
 
-def _grouped(position: np.ndarray, depth: np.ndarray, bounds: np.ndarray) -> Groups | None:
+def _parts(values: np.ndarray) -> Iterator[np.ndarray]:
+    """The values, PART at a time: what is computed of them takes little memory."""
+    return (values[first : first + PART] for first in range(0, len(values), PART))
+
+
+def _different(values: np.ndarray) -> np.ndarray:
+    """The different values."""
+    return np.unique(np.concatenate([np.unique(part) for part in _parts(values)]))
+
+
+def _grouped(position: np.ndarray, depth: np.ndarray, splats: Splats) -> Groups | None:
     if len(position) <= FEW:
-        return Groups(position.astype(np.float64), np.zeros(len(position)), np.ones(len(position)), depth)
-    first, last = bounds
+        return Groups(position.astype(np.float64), np.zeros(len(position)), np.ones(len(position)), depth.astype(float))
+    first, last = splats.index_bounds
     wide = np.floor((last - first) / BLOCK) + 1
     if float(wide.prod()) > MOST_BLOCKS:
         return None
-    block = ((position - first.astype(np.float32)) / np.float32(BLOCK)).astype(np.int32)
-    block = np.minimum(block, wide.astype(np.int32) - 1)
     x, y, _ = (int(n) for n in wide)
-    name = (block[:, 2] * y + block[:, 1]) * x + block[:, 0]
-    count, total = np.bincount(name), np.bincount(name, depth)
+    count, total = np.zeros(int(wide.prod()), np.int64), np.zeros(int(wide.prod()))
+    for places, depths in zip(_parts(position), _parts(depth), strict=True):
+        block = ((places - first.astype(np.float32)) / np.float32(BLOCK)).astype(np.int32)
+        block = np.minimum(block, wide.astype(np.int32) - 1)
+        name = (block[:, 2] * y + block[:, 1]) * x + block[:, 0]
+        count += np.bincount(name, minlength=len(count))
+        total += np.bincount(name, depths, minlength=len(count))
     used = np.flatnonzero(count)
     if len(used) > FEW:
         return None

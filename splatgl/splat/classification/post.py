@@ -20,6 +20,8 @@ CELLS, WEIGHTS = 2**14, 2**10
 FURTHEST = 2.0**20
 # least range of a transfer function relative to its largest record value: two float32 numbers in each table cell
 RESOLVED = 2.0**-9
+# share of a transfer function's range by which an interval that ends at zero opacity is shorter, so that float64 tells
+INWARDS = 2.0**-51
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +79,9 @@ class PostClassified:
         furthest = max(abs(low), abs(high))
         resolved = furthest <= FURTHEST and high - low >= RESOLVED * furthest
         starts, ends = self.kept.T
-        return resolved and all(((starts <= a) & (b <= ends)).any() for a, b in opaque_intervals(transfer))
+        slack = 2 * INWARDS * self.span * max(high - low, 1.0)
+        kept = ((starts - slack <= a) & (b <= ends + slack) for a, b in opaque_intervals(transfer))
+        return resolved and all(each.any() for each in kept)
 
     @property
     def fresh(self) -> bool:
@@ -160,7 +164,7 @@ def opaque_intervals(transfer: Transfer) -> np.ndarray:
         else:
             found.append([float(start), float(end)])
     intervals = np.array(found, np.float64).reshape(-1, 2)
-    # an end of zero opacity, which samples outside of objects often have, is not in it
+    # an end of zero opacity, which samples outside of objects often have, is not in it, nor in that of record values
     opaque = transfer.opacity(np.clip(intervals, values[0], values[-1])) > 0
-    inwards = np.nextafter(intervals, intervals[:, ::-1])
-    return np.where(opaque, intervals, inwards)
+    by = np.maximum(np.spacing(np.abs(intervals)), INWARDS * (values[-1] - values[0])) * np.array([1, -1])
+    return np.where(opaque, intervals, intervals + by)

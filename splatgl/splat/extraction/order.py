@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatgl.splat.extraction.lattice import ranges
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.camera import Camera
 
@@ -44,7 +45,7 @@ def order_for(splats: Splats, camera: Camera) -> Order:
 
 
 def back_to_front(splats: Splats, order: Order) -> np.ndarray:
-    """Record indices int64 [N] in drawing order; reversed it is front to back."""
+    """Record indices [N] in drawing order; reversed it is front to back."""
     lattice = splats.lattice(order.axis)
     outer, middle, inner = (order.cell[axis] for axis in lattice.axes)
     planes = _far_first(np.array([0]), np.array([len(lattice.plane)]), _up_to(lattice.plane <= outer))
@@ -54,8 +55,10 @@ def back_to_front(splats: Splats, order: Order) -> np.ndarray:
 
 
 def _up_to(inside: np.ndarray) -> np.ndarray:
-    """Number of inside members among the first 0, 1, … n: int64 [n+1]."""
-    return np.concatenate([[0], np.cumsum(inside)])
+    """Number of inside members among the first 0, 1, … n: [n+1]."""
+    count = np.zeros(len(inside) + 1, np.int32 if len(inside) < 2**31 else np.int64)
+    np.cumsum(inside, out=count[1:])
+    return count
 
 
 def _split_ranges(start: np.ndarray, inside: np.ndarray, chosen: np.ndarray) -> np.ndarray:
@@ -68,7 +71,4 @@ def _far_first(start: np.ndarray, stop: np.ndarray, inside: np.ndarray) -> np.nd
     split = start + inside[stop] - inside[start]
     first = np.stack([stop - 1, start], axis=1).ravel()
     length = np.stack([stop - split, split - start], axis=1).ravel()
-    step = np.tile([-1, 1], len(start))
-    before = np.cumsum(length) - length
-    within = np.arange(length.sum()) - np.repeat(before, length)
-    return np.repeat(first, length) + np.repeat(step, length) * within
+    return ranges(first, length, np.tile([-1, 1], len(start)))

@@ -16,7 +16,7 @@ import numpy as np
 from splatgl.data.volume import Places, Slab, Volume
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.extraction.parts import in_parts
-from splatgl.splat.extraction.records import record_type
+from splatgl.splat.extraction.records import Gathered, record_type
 from splatgl.splat.extraction.splats import Grid, Splats, assemble
 from splatgl.splat.kernel.kernels import Kernel
 
@@ -41,18 +41,17 @@ def extract_post(
     """
     slabs = volume.slabs(planes, halo=halo_of(kernel))
     count = -(-volume.shape[0] // planes)
-    chunks = []
+    gathered = Gathered(record_type(volume.shape, post=True))
     for slab in progress(slabs, count) if progress else slabs:
         own = (slice(slab.before, slab.before + slab.stop - slab.start), slice(None), slice(None))
-        chunks.append(post_records(volume, post, kernel, slab.samples, (slab.start - slab.before, 0, 0), own))
-    return post_splats(volume, post, np.concatenate(chunks))
+        gathered.add(post_records(volume, post, kernel, slab.samples, (slab.start - slab.before, 0, 0), own))
+    return post_splats(volume, post, gathered.records)
 
 
 def post_splats(volume: Volume, post: PostClassified, records: np.ndarray) -> Splats:
     """The splats of records of a volume's voxels."""
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
-    cells = records["position"].astype(np.int32)
-    return assemble(records, cells, grid, grid.mean_spacing, volume.name).classified_after(post)
+    return assemble(records, records["position"], grid, grid.mean_spacing, volume.name).classified_after(post)
 
 
 def halo_of(kernel: Kernel) -> int:

@@ -15,7 +15,7 @@ from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Slab, Volume
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.parts import in_parts
-from splatgl.splat.extraction.records import NORMAL_SCALE, record_type, stored_color
+from splatgl.splat.extraction.records import NORMAL_SCALE, Gathered, record_type, stored_color
 from splatgl.splat.extraction.splats import Grid, Splats, assemble
 
 # integer types up to this many bytes use a lookup table over all values
@@ -85,7 +85,7 @@ def extract_pre(
 
     # one slab at a time
     slabs = volume.slabs(planes, halo=1)
-    chunks: list[np.ndarray] = []
+    gathered = Gathered(lookup.record)
     for part in progress(slabs, -(-depth // planes)) if progress else slabs:
         part = replace(part, samples=np.ascontiguousarray(part.samples))
         own = part.samples[part.before : part.before + part.stop - part.start]
@@ -94,15 +94,14 @@ def extract_pre(
         color = None if volume.color is None or not len(flat) else np.asarray(volume.color[part.start : part.stop])
         work = partial(_records, volume, part, color, flat, lookup, unit / grid.mean_spacing)
         found = in_parts(len(flat), RECORDS, work)
-        chunks += [records for records, _ in found]
+        for records, _ in found:
+            gathered.add(records)
         if dropped:
             dropped.add(lookup, own, part.start, flat, [opacity for _, opacity in found])
-    records = _join(chunks, lookup.record)
 
-    # rows from the cells; the largest depth left out
-    cells = records["position"].astype(np.int32)
+    # the largest depth left out
     lost = dropped.largest() * grid.mean_spacing / unit if dropped else 0.0
-    return assemble(records, cells, grid, unit, volume.name, transfer.shading, lost)
+    return assemble(gathered.records, gathered.records["position"], grid, unit, volume.name, transfer.shading, lost)
 
 
 def _records(
@@ -178,17 +177,6 @@ def _snorm(gradient: np.ndarray) -> np.ndarray:
     scaled = gradient / np.where(largest > 0, largest, 1.0)
     length = np.sqrt(np.einsum("ij,ij->i", scaled, scaled))[:, None]
     return np.rint(scaled / np.where(length > 0, length, 1.0) * NORMAL_SCALE).astype(np.int16)
-
-
-def _join(chunks: list[np.ndarray], record: np.dtype) -> np.ndarray:
-    """Concatenates the chunks; frees each after copying, to limit peak memory."""
-    records = np.empty(sum(map(len, chunks)), record)
-    stop = len(records)
-    while chunks:
-        chunk = chunks.pop()
-        records[stop - len(chunk) : stop] = chunk
-        stop -= len(chunk)
-    return records
 
 
 class Dropped:

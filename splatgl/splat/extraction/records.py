@@ -60,3 +60,16 @@ def as_points(records: np.ndarray) -> np.ndarray:
     if "color" in names:
         made["color"] = linear_color(records)
     return made
+
+
+class Gathered:
+    """Records of one part after another, in an array that grows where it lies: none is held twice."""
+
+    def __init__(self, record: np.dtype) -> None:
+        self.records = np.zeros(0, record)
+
+    def add(self, part: np.ndarray) -> None:
+        """Appends records; `records` that were taken before are no longer valid."""
+        before = len(self.records)
+        self.records.resize(before + len(part), refcheck=False)
+        self.records[before:] = part

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.extraction.splats import Lattice, Splats
+from splatgl.splat.extraction.lattice import Lattice, columns
+from splatgl.splat.extraction.splats import Splats
 
 # five bits an axis: code k stands for a run of 2^(k·OCTAVES) cells, so that 31 is about 1000
 OCTAVES = 0.32
@@ -21,7 +22,7 @@ def packed_runs(splats: Splats) -> np.ndarray:
     """int16 [N]: run lengths along x, y, z, coded, as x + 32 y + 1024 z."""
     runs = np.empty((3, len(splats)), np.int16)
     octaves = np.log2(np.maximum(splats.records["optical_depth"], np.finfo(np.float32).tiny))
-    for axis, lattice in enumerate((splats.lattice(2), splats.lattice(0), splats.columns())):
+    for axis, lattice in enumerate((splats.lattice(2), splats.lattice(0), columns(splats))):
         runs[axis] = _runs_along(lattice, octaves if lattice.index is None else octaves[lattice.index])
     return runs[0] + 32 * runs[1] + 1024 * runs[2]
 

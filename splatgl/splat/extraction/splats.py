@@ -15,6 +15,8 @@ import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.splat.classification.post import PostClassified
+from splatgl.splat.extraction.lattice import Lattice, index_rows, lattice_across
+from splatgl.splat.extraction.parts import in_parts
 from splatgl.splat.extraction.points import checked_points, checked_spacing
 from splatgl.splat.extraction.records import POINT, color_scale, linear_color
 
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 
 # most splats kept on the GPU, 400 MB of voxels' records: the limit of texture rows
 MOST_KEPT = 2**24
+# optical depths computed at a time
+DEPTHS = 2**18
 # largest colour and optical depth: their sums fit float32
 BRIGHTEST = 1e30
 
@@ -56,28 +60,10 @@ class Grid:
 
 
 @dataclass(frozen=True, eq=False)
-class Lattice:
-    """Splats as planes of rows: members are sorted by their cells along axes[0], then [1], then [2].
-
-    index int64 [N]: the members' records; None: the records in their own order.
-    plane [P], row [M], cell [N]: coordinates along the three axes; plane_start [P+1] counts rows,
-    row_start [M+1] members.
-    """
-
-    axes: tuple[int, int, int]
-    index: np.ndarray | None
-    plane: np.ndarray
-    plane_start: np.ndarray
-    row: np.ndarray
-    row_start: np.ndarray
-    cell: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
 class Splats:
     """Splats in row order: z, then y, then x ascending.
 
-    records [N]: see records.py; of values if `post` classifies them. cell_x int32 [N]: each splat's cell along x.
+    records [N]: see records.py; of values if `post` classifies them. cell_x int [N]: each splat's cell along x.
     row_z, row_y int32 [M]: the non-empty rows; row_start int64 [M+1] into the records.
     unit: reference length of opacities, world units. shaded: whether the transfer function shades.
     dropped_depth: largest optical depth that the threshold removed from one axis line. source: of all splats of a
@@ -193,22 +179,36 @@ class Splats:
         opaque = self.depths > 0
         return self.part(opaque) if opaque.any() else self
 
-    @cached_property
-    def depths(self) -> np.ndarray:
-        """Optical depths [N]; of each sample as it is, if classified after reconstruction."""
+    def depths_of(self, which: np.ndarray | slice) -> np.ndarray:
+        """Optical depths, float32, of those splats; of each sample as it is, if classified after reconstruction."""
         if self.post is None:
-            return np.asarray(self.records["optical_depth"])
-        return self.post.extinction(self.records["value"]) * (self.grid.mean_spacing / self.unit)
+            return np.asarray(self.records["optical_depth"][which])
+        depths = self.post.extinction(self.records["value"][which]) * (self.grid.mean_spacing / self.unit)
+        return depths.astype(np.float32)
+
+    @property
+    def depths(self) -> np.ndarray:
+        """Optical depths [N], float32, of all splats."""
+        return np.concatenate([np.zeros(0, np.float32), *in_parts(len(self), DEPTHS, self.depths_of)])
 
     @cached_property
+    def _deepest_and_total(self) -> tuple[float, float]:
+        def found(part: slice) -> tuple[float, float]:
+            depths = self.depths_of(part)
+            return float(depths.max()), float(depths.sum(dtype=np.float64))
+
+        parts = in_parts(len(self), DEPTHS, found)
+        return max((deepest for deepest, _ in parts), default=0.0), sum(total for _, total in parts)
+
+    @property
     def total_depth(self) -> float:
         """Σ optical depths."""
-        return float(self.depths.sum(dtype=np.float64))
+        return self._deepest_and_total[1]
 
-    @cached_property
+    @property
     def deepest(self) -> float:
         """The largest optical depth of one splat."""
-        return float(self.depths.max(initial=0.0))
+        return self._deepest_and_total[0]
 
     @cached_property
     def brightest(self) -> float:
@@ -268,41 +268,12 @@ class Splats:
     def lattice(self, axis: int) -> Lattice:
         """The splats in planes across `axis` (0 is x); computed once."""
         if axis not in self._lattices:
-            self._lattices[axis] = self._make_lattice(axis)
+            self._lattices[axis] = lattice_across(self, axis)
         return self._lattices[axis]
 
     @cached_property
     def _lattices(self) -> dict[int, Lattice]:
         return {}
-
-    def columns(self) -> Lattice:
-        """The splats in planes across y of rows along z, for access to neighbours along z."""
-        count = np.diff(self.row_start)
-        index = _bucketed(self.cell_x)
-        index = index[_bucketed(np.repeat(self.row_y, count)[index])]
-        x, y, z = self.cell_x[index], np.repeat(self.row_y, count)[index], np.repeat(self.row_z, count)[index]
-        row_y, row_x, row_start = index_rows(x, y)
-        plane, plane_start = _groups(row_y)
-        return Lattice((1, 0, 2), index, plane, plane_start, row_x, row_start, z)
-
-    def _make_lattice(self, axis: int) -> Lattice:
-        count = np.diff(self.row_start)
-        if axis == 2:
-            plane, plane_start = _groups(self.row_z)
-            return Lattice((2, 1, 0), None, plane, plane_start, self.row_y, self.row_start, self.cell_x)
-        if axis == 1:
-            # whole rows, bucketed by y; z still ascends
-            rows = _bucketed(self.row_y)
-            row_start = np.concatenate([[0], np.cumsum(count[rows])])
-            index = np.arange(len(self)) + np.repeat(self.row_start[rows] - row_start[:-1], count[rows])
-            plane, plane_start = _groups(self.row_y[rows])
-            return Lattice((1, 2, 0), index, plane, plane_start, self.row_z[rows], row_start, self.cell_x[index])
-        # single splats, bucketed by x; z, then y still ascend
-        index = _bucketed(self.cell_x)
-        x, y, z = self.cell_x[index], np.repeat(self.row_y, count)[index], np.repeat(self.row_z, count)[index]
-        row_x, row_z, row_start = index_rows(z, x)
-        plane, plane_start = _groups(row_x)
-        return Lattice((0, 2, 1), index, plane, plane_start, row_z, row_start, y)
 
 
 def assemble(
@@ -314,36 +285,13 @@ def assemble(
     shaded: bool = False,
     dropped: float = 0.0,
 ) -> Splats:
-    """Splats from records already in row order; cells int [N, 3] (x, y, z)."""
+    """Splats from records already in row order; cells [N, 3] (x, y, z): whole numbers."""
     row_z, row_y, row_start = index_rows(cells[:, 1], cells[:, 2])
-    cell_x = np.ascontiguousarray(cells[:, 0], dtype=np.int32)
-    return Splats(records, cell_x, row_z, row_y, row_start, grid, unit, shaded, dropped, name)
+    return Splats(
+        records, np.ascontiguousarray(cells[:, 0]), row_z, row_y, row_start, grid, unit, shaded, dropped, name
+    )
 
 
 def corners_of(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The eight corners [8, 3] of the box between two [3]."""
     return np.array([[x, y, z] for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])])
-
-
-def index_rows(y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(row_z, row_y, row_start) from the splats' cell y and z in row order."""
-    if not len(y):
-        return np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(1, np.int64)
-    first = np.concatenate([[True], (np.diff(y) != 0) | (np.diff(z) != 0)])
-    start = np.flatnonzero(first)
-    return z[start].astype(np.int32), y[start].astype(np.int32), np.append(start, len(y))
-
-
-def _groups(ascending: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The different values of an ascending array, and where each begins: [P] and int64 [P+1]."""
-    start = np.flatnonzero(np.diff(ascending, prepend=ascending[:1] - 1))
-    return ascending[start], np.append(start, len(ascending))
-
-
-def _bucketed(coordinate: np.ndarray) -> np.ndarray:
-    """int64 [N]: stable sort by coordinate. Computed once per volume, never per view.
-
-    16-bit coordinates, the usual case, use numpy's radix sort.
-    """
-    narrow = len(coordinate) and np.iinfo(np.int16).min <= coordinate.min() and coordinate.max() <= 32767
-    return np.argsort(coordinate.astype(np.int16) if narrow else coordinate, kind="stable")
