@@ -147,9 +147,9 @@ def _in_bricks(
             fix = "give more --memory, or a part of the volume"
             raise expected(f"--{name}", f"a picture that fits into {size_of(most)}", size_of(need.bytes), fix)
     if not args.quiet:
-        told = f"about {need.splats:,} splats need {size_of(need.bytes)}, more than {size_of(most)}"
+        told = f"up to about {need.most:,} splats need {size_of(need.bytes)}, more than {size_of(most)}"
         if need.bytes <= most:
-            told = f"about {need.splats:,} splats are more than are drawn at once"
+            told = f"up to about {need.most:,} splats are more than are drawn at once"
         print(f"{told}: drawn in {len(bricks.low):,} bricks, nearest first")
     from splatgl.gl.renderer import Renderer
 
@@ -160,6 +160,10 @@ def _in_bricks(
         image = renderer.render_bricks(bricks, camera, scene.settings, bar, bands=need.bands(most))
     if not image.info["splats"]:
         raise nothing(scene, volume)
+    if args.check is None:
+        from splatgl.truth.check import check_bricks
+
+        image = check_bricks(image, bricks, camera, scene.settings)
     return image
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
+from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings
@@ -13,7 +14,7 @@ from splatgl.splat.plan.suited import classified_before, suited
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.truth.field import kept_field_integral
-from splatgl.truth.reference import render_windows
+from splatgl.truth.reference import render_windows, render_windows_of
 
 # a pixel that differs by less from the background shows nothing else
 UNSEEN = 1e-6
@@ -44,10 +45,7 @@ def check(
     if rows == 0 or not seen.any():
         return image
     windows = _squares(seen) if rows is None else _rows(seen, rows)
-    right = render_windows(splats, camera, settings, windows)
-    parts = [image.pixels[w.y : w.y + w.height, w.x : w.x + w.width] for w in windows]
-    off = np.concatenate([(part - each).reshape(-1, 4) for part, each in zip(parts, right, strict=True)])
-    checked: dict[str, object] = {"windows": [w.box for w in windows], "pixels": len(off), **_errors(off)}
+    checked = _compared(image, windows, render_windows(splats, camera, settings, windows))
     if field:
         inside = np.zeros_like(seen)
         for w in windows:
@@ -59,6 +57,24 @@ def check(
         far = image.pixels.reshape(-1, 4)[pixels] - kept_field_integral(drawn, camera, pixels, samples, settings)
         checked["field"] = {"pixels": len(pixels), **_errors(far)}
     return Image(image.pixels, {**image.info, "checked": checked})
+
+
+def check_bricks(image: Image, bricks: Bricks, camera: Camera, settings: Settings | None = None) -> Image:
+    """The image of `Renderer.render_bricks` with `info["checked"]`, as `check` compares squares."""
+    settings = settings or Settings()
+    seen = _seen(image.pixels, settings)
+    if not seen.any():
+        return image
+    windows = _squares(seen)
+    checked = _compared(image, windows, render_windows_of(bricks, camera, settings, windows))
+    return Image(image.pixels, {**image.info, "checked": checked})
+
+
+def _compared(image: Image, windows: list[Window], right: list[np.ndarray]) -> dict[str, object]:
+    """What was compared with the right pixels of windows of the image, and the errors."""
+    parts = [image.pixels[w.y : w.y + w.height, w.x : w.x + w.width] for w in windows]
+    off = np.concatenate([(part - each).reshape(-1, 4) for part, each in zip(parts, right, strict=True)])
+    return {"windows": [w.box for w in windows], "pixels": len(off), **_errors(off)}
 
 
 def refuse(splats: Splats, camera: Camera, settings: Settings, rows: int | None, field: bool) -> None:

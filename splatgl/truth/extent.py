@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.block_culling import STRETCHED
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.ellipse import smallest_axis
@@ -133,17 +132,19 @@ def _widened(view: View, row: str, voxel: np.ndarray, corner: np.ndarray) -> tup
     return ends.min(axis=0) - half, ends.max(axis=0) + half
 
 
-def reaching(splats: Splats, view: View, windows: Sequence[Window]) -> np.ndarray:
-    """Which splats may reach one of the windows of the picture, bool [N]: those near enough to all of its sides."""
-    records = splats.records["position"]
-    parts = (records[start : start + SOME] for start in range(0, len(records), SOME))
-    return np.concatenate([np.zeros(0, bool), *(_reaching(part, view, windows) for part in parts)])
+def reaching(positions: np.ndarray, view: View, windows: Sequence[Window], around: float = 0.0) -> np.ndarray:
+    """Which splats may reach one of the windows of the picture, bool [N]: those near enough to all of its sides.
+
+    positions [N, 3]: grid indices; around: of any splats that far, in grid steps, from these.
+    """
+    parts = (positions[start : start + SOME] for start in range(0, len(positions), SOME))
+    return np.concatenate([np.zeros(0, bool), *(_reaching(part, view, windows, around) for part in parts)])
 
 
-def _reaching(positions: np.ndarray, view: View, windows: Sequence[Window]) -> np.ndarray:
+def _reaching(positions: np.ndarray, view: View, windows: Sequence[Window], around: float) -> np.ndarray:
     v = view.voxels(positions)
     # a ball around the kernel; beyond z_k footprints grow with depth
-    reach = view.kernel.radius * np.linalg.norm(view.eye_from_index, 2)
+    reach = (view.kernel.radius + around) * np.linalg.norm(view.eye_from_index, 2)
     widest = STRETCHED * view.kernel.radius * view.pitch * view.antialias
     depth = np.ones(len(positions))
     if view.perspective:

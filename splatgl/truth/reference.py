@@ -13,8 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from splatgl.data.image import Image
+from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.classification.shading import head_light
 from splatgl.splat.extraction.order import back_to_front, order_for
+from splatgl.splat.extraction.post import post_splats
+from splatgl.splat.extraction.records import record_type
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.integral.attenuation import filled_depth
 from splatgl.splat.kernel.tabulated import tabulated
@@ -73,10 +76,35 @@ def render_windows(splats: Splats, camera: Camera, settings: Settings, windows: 
     """Windows of pixels of the same image, float64 [h, w, 4]: enough to check another image of many splats."""
     splats = ahead(suited(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
-    k = resolved.samples
-    fine = [_samples(window, resolved) for window in windows] if resolved.averaged else list(windows)
-    some = reaching(splats, resolved.view, fine)
-    scene = _scene(splats.part(some, among_all=resolved.look.attenuation == "fill"), resolved, "row1")
+    some = reaching(splats.records["position"], resolved.view, _drawn(windows, resolved))
+    return _windows(splats.part(some, among_all=resolved.look.attenuation == "fill"), resolved, windows)
+
+
+def render_windows_of(
+    bricks: Bricks, camera: Camera, settings: Settings, windows: Sequence[Window]
+) -> list[np.ndarray]:
+    """The same, of the splats of a volume in bricks: those bricks are extracted that may reach a window."""
+    resolved = Resolved.of(bricks.whole, camera, settings)
+    fine = _drawn(windows, resolved)
+    half = (bricks.high - 1 - bricks.low) / 2
+    around = float(np.linalg.norm(half, axis=1).max())
+    found = [np.zeros(0, record_type(bricks.volume.shape, post=True))]
+    for brick in np.flatnonzero(reaching(bricks.low + half, resolved.view, fine, around)).tolist():
+        records = bricks.records(brick)
+        found.append(records[reaching(records["position"], resolved.view, fine)])
+    records = np.concatenate(found)
+    records = records[np.lexsort(records["position"].T)]
+    return _windows(ahead(post_splats(bricks.volume, bricks.post, records), camera), resolved, windows)
+
+
+def _drawn(windows: Sequence[Window], resolved: Resolved) -> list[Window]:
+    """The windows as they are drawn, in samples if several are averaged."""
+    return [_samples(window, resolved) for window in windows] if resolved.averaged else list(windows)
+
+
+def _windows(splats: Splats, resolved: Resolved, windows: Sequence[Window]) -> list[np.ndarray]:
+    """Windows of the picture of the splats that reach them."""
+    scene, fine, k = _scene(splats, resolved, "row1"), _drawn(windows, resolved), resolved.samples
     if not resolved.averaged:
         return [_mean(part, resolved) for part in scene.parts(fine)]
     found = []

@@ -13,7 +13,7 @@ import numpy as np
 from splatgl.app.sizes import size_of
 from splatgl.data.coarse import FEWEST, coarser
 from splatgl.data.volume import Volume
-from splatgl.splat.bricks.estimate import SURE, budget, need
+from splatgl.splat.bricks.estimate import budget, need
 from splatgl.splat.bricks.within import bricks_of
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.splats import MOST_KEPT
@@ -98,7 +98,7 @@ def _fits(volume: Volume, transfer: Transfer, settings: Settings, most: int) -> 
     if bricks is None:
         return True
     wanted = need(bricks, PIXELS, most)
-    return wanted.bytes <= most and not (volume.coarser and wanted.splats > SURE * MOST_KEPT)
+    return wanted.bytes <= most and not (volume.coarser and wanted.most > MOST_KEPT)
 
 
 def _nth(step: int) -> str:

@@ -14,7 +14,7 @@ from splatgl.splat.extraction.splats import MOST_KEPT
 
 # peak bytes of extraction and drawing together, measured from 0.5 to 10 million splats: of each, and of others by
 # OpenGL and numpy
-EACH, FIXED = 180, 300 << 20
+EACH, FIXED = 100, 300 << 20
 # in bricks: what is taken in any case, the least for what waits, bytes of a splat that waits, and most bands
 BRICKS, LEAST, WAITING, MOST_BANDS = 450 << 20, 64 << 20, 64, 16
 # bytes of a sample of the picture: target, resolved, read back, and open sheets
@@ -22,20 +22,22 @@ SAMPLE = 160
 # boxes that are read for an estimate, the voxels along their sides, and the steps of their places, as shares of the
 # volume's sides: the R sequence of three dimensions, which leaves no gaps (Roberts 2018)
 PROBES, PROBE_SIDE, STEPS = 64, 24, (0.8191725134, 0.6710436067, 0.5497004779)
-# share of the most splats that the GPU keeps up to which an estimate of them is trusted
-SURE = 0.9
+# standard errors of an estimate by which more splats are reckoned with
+ERRORS = 2.0
 # share of what is available now that is used unless a budget is given
 SHARE = 0.5
 
 
 @dataclass(frozen=True)
 class Need:
-    """splats: estimated number. bytes: estimated peak of extracting and drawing all of them at once.
+    """splats: estimated number. most: what that may be, by its standard error. bytes: peak of extracting and drawing
+    so many at once.
 
     waiting: of splats in bricks, of which some must wait for others to be drawn. samples: of the picture.
     """
 
     splats: int
+    most: int
     bytes: int
     waiting: int
     samples: int
@@ -57,15 +59,17 @@ def need(bricks: Bricks, pixels: int, enough: int) -> Need:
     size = np.array(volume.shape[::-1])
     # a layer of bricks' diagonals across the volume, half of which is drawn on average
     layer = int(np.sort(size)[1:].prod() * min(SIDE, int(size.min())))
-    most = Need(volume.count, other + EACH * volume.count, WAITING * layer, pixels)
-    if most.bytes <= enough and volume.count <= SURE * MOST_KEPT:
-        return most
+    whole = Need(volume.count, volume.count, other + EACH * volume.count, WAITING * layer, pixels)
+    if whole.bytes <= enough and volume.count <= MOST_KEPT:
+        return whole
     low = spread(np.maximum(size - PROBE_SIDE, 0), PROBES)
     probes = Bricks(volume, bricks.post, low, np.minimum(low + PROBE_SIDE, size))
-    found = sum(len(probes.records(n)) for n in range(PROBES))
-    share = found / float((probes.high - low).prod(axis=1).sum())
-    splats = int(np.ceil(share * volume.count))
-    return Need(splats, other + EACH * splats, int(WAITING * share * layer), pixels)
+    voxels = (probes.high - low).prod(axis=1)
+    shares = np.array([len(probes.records(n)) for n in range(PROBES)]) / voxels
+    share = float(np.average(shares, weights=voxels))
+    most = min(share + ERRORS * float(shares.std()) / np.sqrt(PROBES), 1.0)
+    splats, many = (int(np.ceil(part * volume.count)) for part in (share, most))
+    return Need(splats, many, other + EACH * many, int(WAITING * share * layer), pixels)
 
 
 def spread(most: np.ndarray, count: int) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
 from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.bricks.estimate import SURE, Need, need
+from splatgl.splat.bricks.estimate import Need, need
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.extract import POST_KERNEL, only_pre
@@ -32,4 +32,4 @@ def fits(bricks: Bricks, size: tuple[int, int], memory: int) -> Need | None:
         raise expected("memory", "a positive number of bytes", memory)
     # samples are at most 2 × 2 where voxels are not narrower than pixels
     wanted = need(bricks, 4 * size[0] * size[1], memory)
-    return None if wanted.bytes <= memory and wanted.splats <= SURE * MOST_KEPT else wanted
+    return None if wanted.bytes <= memory and wanted.most <= MOST_KEPT else wanted

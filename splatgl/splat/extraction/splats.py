@@ -170,14 +170,22 @@ class Splats:
 
     @cached_property
     def visible(self) -> Splats:
-        """Those whose own sample is opaque, which a view is fitted to: classified after, transparent ones are beside.
-
-        All, if there is none.
+        """What a view is fitted to: classified after, the ends of the rows of those whose own sample is opaque, as
+        transparent ones lie beside; else, or without any, all.
         """
         if self.post is None:
             return self
-        opaque = self.depths > 0
-        return self.part(opaque) if opaque.any() else self
+        opaque = np.flatnonzero(np.concatenate([np.zeros(0, bool), *in_parts(len(self), DEPTHS, self._opaque)]))
+        if not len(opaque):
+            return self
+        row = np.searchsorted(self.row_start, opaque, side="right")
+        ends = np.zeros(len(self), bool)
+        ends[opaque[np.flatnonzero(np.diff(row, prepend=0))]] = True
+        ends[opaque[np.flatnonzero(np.diff(row, append=0))]] = True
+        return self.part(ends)
+
+    def _opaque(self, part: slice) -> np.ndarray:
+        return self.depths_of(part) > 0
 
     def depths_of(self, which: np.ndarray | slice) -> np.ndarray:
         """Optical depths, float32, of those splats; of each sample as it is, if classified after reconstruction."""
@@ -239,12 +247,13 @@ class Splats:
 
     def part(self, keep: np.ndarray, among_all: bool = False) -> Splats:
         """The splats where `keep` [N] is True. among_all: `runs` still counts the others as neighbours."""
-        cells = self.cells[keep]
-        row_z, row_y, row_start = index_rows(cells[:, 1], cells[:, 2])
+        kept = np.flatnonzero(keep)
+        row = np.searchsorted(self.row_start, kept, side="right") - 1
+        row_z, row_y, row_start = index_rows(self.row_y[row], self.row_z[row])
         made = replace(
             self,
             records=self.records[keep],
-            cell_x=np.ascontiguousarray(cells[:, 0]),
+            cell_x=self.cell_x[keep],
             row_z=row_z,
             row_y=row_y,
             row_start=row_start,
