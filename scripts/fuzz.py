@@ -171,7 +171,7 @@ def read(path: Path, kind: str) -> None:
     whole_volume = volume.samples.size <= TOUCH
     planes = volume.shape[0]
     ends = range(planes) if whole_volume else (0, planes - 1)
-    for array in (volume.samples, volume.color, volume.vectors):
+    for array in (volume.samples, volume.color, volume.vectors, *(level.samples for level in volume.coarser)):
         for plane in ends if array is not None and volume.samples[0].size <= TOUCH else ():
             np.sum(array[plane], dtype=np.float64)  # type: ignore[index]
     if whole_volume:

@@ -199,7 +199,13 @@ def ome_tiff() -> list[Seed]:
             "a.ome.tif", lambda path: tifffile.imwrite(path, array, metadata={"axes": order, **axes}, **options)
         )
 
-    return [seed(CUBE, "ZYX"), seed(CUBE[None], "CZYX", compression="zlib", photometric="minisblack")]
+    def pyramid(path: Path) -> None:
+        with tifffile.TiffWriter(path) as file:
+            file.write(CUBE, subifds=1, tile=(16, 16), compression="zlib", metadata={"axes": "ZYX", **axes})
+            file.write(CUBE[:, ::2, ::2], subfiletype=1, tile=(16, 16), compression="zlib")
+
+    plain = seed(CUBE[None], "CZYX", compression="zlib", photometric="minisblack")
+    return [seed(CUBE, "ZYX"), plain, written("a.ome.tif", pyramid)]
 
 
 def zarr_store(version: int) -> list[Seed]:

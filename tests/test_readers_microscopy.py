@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from test_readers_phantom import SPACING, F, check
 
 from splatgl.data.errors import InputError
-from splatgl.data.readers import load
+from splatgl.data.readers import load, tiff
+from splatgl.data.readers.chunked import Chunked
 from splatgl.data.readers.files import is_mapped
 
 # --- TIFF ------------------------------------------------------------------------------------------------------------
@@ -46,6 +48,66 @@ def test_tiff_ome_channels_and_units(tmp_path: Path) -> None:
     np.testing.assert_array_equal(volume.samples, F)
     np.testing.assert_allclose(volume.spacing, SPACING)
     assert (volume.unit, volume.name, is_mapped(volume.samples)) == ("um", "letter", True)
+
+
+def pyramid(path: Path, levels: int = 3, **options: Any) -> np.ndarray:
+    """Writes an OME-TIFF of two channels with coarser levels, means over 2 × 2; returns the second channel."""
+    tifffile = pytest.importorskip("tifffile")
+    full = np.random.default_rng(1).integers(0, 2**16, (2, 7, 96, 80), np.uint16)
+    metadata = {"axes": "CZYX", "PhysicalSizeX": 0.5, "PhysicalSizeY": 0.5, "PhysicalSizeZ": 2}
+    options = {"tile": (32, 32), "compression": "zlib", **options}
+    with tifffile.TiffWriter(path) as file:
+        file.write(full, subifds=levels - 1, metadata=metadata, **options)
+        level = full
+        for _ in range(levels - 1):
+            level = np.rint(level.reshape(2, 7, level.shape[2] // 2, 2, -1, 2).mean(axis=(3, 5))).astype(np.uint16)
+            file.write(level, subfiletype=1, **options)
+    return np.asarray(full[1])
+
+
+@pytest.mark.parametrize("options", [{}, {"compression": None}, {"tile": None, "rowsperstrip": 16}], ids=str)
+def test_multiscale_tiff(tmp_path: Path, options: dict[str, Any]) -> None:
+    """Coarser levels lie in the box of the finest and are read in parts."""
+    full = pyramid(tmp_path / "a.ome.tif", **options)
+    volume = load(tmp_path / "a.ome.tif", channel=1)
+    np.testing.assert_array_equal(volume.samples, full)
+    assert [level.shape for level in volume.coarser] == [(7, 48, 40), (7, 24, 20)]
+    for level, factor in zip(volume.coarser, (2, 4), strict=True):
+        assert isinstance(level.samples, Chunked) and level.spacing == (0.5 * factor, 0.5 * factor, 2)
+        np.testing.assert_allclose(level.corners, volume.corners)
+        means = full.reshape(7, 96 // factor, factor, -1, factor).mean(axis=(2, 4))
+        assert np.abs(level.samples[2:5] - means[2:5]).max() < 1
+        alone = load(tmp_path / "a.ome.tif", channel=1, level=int(np.log2(factor)))
+        assert not alone.coarser and alone.spacing == level.spacing and alone.origin == level.origin
+        np.testing.assert_array_equal(alone.samples, level.samples[:])
+    with pytest.raises(InputError, match=r"a\.ome\.tif: level: expected a number from 0 to 2, got 3"):
+        load(tmp_path / "a.ome.tif", channel=1, level=3)
+
+
+def test_a_large_multiscale_tiff_is_read_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    full = pyramid(tmp_path / "a.ome.tif")
+    monkeypatch.setattr(tiff, "WHOLE", 1000)
+    volume = load(tmp_path / "a.ome.tif", channel=1)
+    assert isinstance(volume.samples, Chunked)
+    np.testing.assert_array_equal(volume.samples[3:5, 20:70, 1:2], full[3:5, 20:70, 1:2])
+    # a tile that became nonsense is told where it is read
+    store = bytearray((tmp_path / "a.ome.tif").read_bytes())
+    with pytest.importorskip("tifffile").TiffFile(tmp_path / "a.ome.tif") as file:
+        start, count = file.pages[9].dataoffsets[4], file.pages[9].databytecounts[4]
+    store[start : start + count] = bytes(count)
+    (tmp_path / "b.ome.tif").write_bytes(store)
+    damaged = load(tmp_path / "b.ome.tif", channel=1)
+    with pytest.raises(InputError, match=r"b\.ome\.tif: cannot be read as TIFF, chunk 2, 1, 1: "):
+        np.asarray(damaged.samples[2])
+    (tmp_path / "b.ome.tif").write_bytes(store[: len(store) // 2])
+    with pytest.raises(InputError, match=r"b\.ome\.tif: "):
+        load(tmp_path / "b.ome.tif", channel=1)
+
+
+def test_only_levels_of_a_multiscale_tiff_are_named(tmp_path: Path) -> None:
+    pytest.importorskip("tifffile").imwrite(tmp_path / "a.tif", F, photometric="minisblack")
+    with pytest.raises(InputError, match="level: expected a multiscale image, got 0"):
+        load(tmp_path / "a.tif", level=0)
 
 
 # --- Zarr ------------------------------------------------------------------------------------------------------------

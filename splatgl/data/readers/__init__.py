@@ -45,7 +45,7 @@ FORMATS = (
     Format("NRRD", (".nrrd", ".nhdr"), "nrrd_file.read", ("channel", "anywhere"), ("NRRD",)),
     Format("NIfTI", (".nii",), "nifti.read", ("array",)),
     Format("NIfTI, gzipped", (".nii.gz",), "nifti.read", ("array",), ("gzip",)),
-    Format("TIFF", (".tif", ".tiff"), "tiff.read", ("array", "channel", *_TERRAIN), ("TIFF",)),
+    Format("TIFF", (".tif", ".tiff"), "tiff.read", ("array", "channel", "level", *_TERRAIN), ("TIFF",)),
     Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "anywhere")),
     Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
     Format("VTK image", (".vti",), "vti.read", ("array", "channel"), ("XML",)),

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from splatgl.data.errors import InputError
 from splatgl.data.readers.extents import MOST, Extents
 from splatgl.data.readers.files import library
 
@@ -39,11 +40,12 @@ class Files(Protocol):
 class Chunked:
     """A Zarr array, or what `index` leaves free of it, as samples [D, H, W]. Slices of it are numpy arrays.
 
-    Raises InputError, which begins with the store's path, if a part can't be read.
+    form: the format of the file that it is in. Raises InputError, which begins with `name`, the file's path or address,
+    if a part can't be read.
     """
 
-    def __init__(self, name: str, array: Any, index: Sequence[int | slice], files: Files) -> None:
-        self.name, self.array, self.index, self.files = name, array, tuple(index), files
+    def __init__(self, name: str, array: Any, index: Sequence[int | slice], files: Files, form: str = "Zarr") -> None:
+        self.name, self.array, self.index, self.files, self.form = name, array, tuple(index), files, form
         axes = [axis for axis, place in enumerate(self.index) if isinstance(place, slice)]
         self.shape = tuple(int(array.shape[axis]) for axis in axes)
         self.chunks = tuple(int(array.chunks[axis]) for axis in axes)
@@ -57,7 +59,8 @@ class Chunked:
         if len(self.shape) != 3:
             return None
         counts = tuple(-(-size // chunk) for size, chunk in zip(self.shape, self.chunks, strict=True))
-        return Extents(counts, self.dtype, f"{self.index} {self.files.tag()}") if math.prod(counts) <= MOST else None
+        tag = f"{self.index} {self.shape} {self.files.tag()}"
+        return Extents(counts, self.dtype, tag) if math.prod(counts) <= MOST else None
 
     def extent(self, low: Sequence[int], high: Sequence[int]) -> np.ndarray | None:
         """[2]: a range that holds all finite samples from low to below high, [0] if there are none; None if one is not
@@ -110,14 +113,17 @@ class Chunked:
                 return self.kept[place]
         free = iter(map(slice, low, high))
         part = tuple(next(free) if isinstance(at, slice) else at for at in self.index)
-        with library(f"Zarr, chunk {', '.join(map(str, place))} of {self.name}"):
-            if not self.files.holds(self._begin(place)):
-                empty = np.asarray(self.array.fill_value or 0, self.dtype)
-                chunk = np.broadcast_to(empty, [b - a for a, b in zip(low, high, strict=True)])
-                if self.extents:
-                    self.extents.add(place, chunk)
-                return chunk
-            chunk = np.asarray(self.array[part])
+        try:
+            with library(f"{self.form}, chunk {', '.join(map(str, place))}"):
+                if not self.files.holds(self._begin(place)):
+                    empty = np.asarray(self.array.fill_value or 0, self.dtype)
+                    chunk = np.broadcast_to(empty, [b - a for a, b in zip(low, high, strict=True)])
+                    if self.extents:
+                        self.extents.add(place, chunk)
+                    return chunk
+                chunk = np.asarray(self.array[part])
+        except InputError as error:
+            raise InputError(f"{self.name}: {error}") from error
         with self.lock:
             if self.extents:
                 self.extents.add(place, chunk)

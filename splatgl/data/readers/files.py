@@ -20,6 +20,9 @@ DEFLATE_RATIO = 1032
 MAX_BYTES = 2**29
 """Most bytes allocated on a file's word alone: where the codec's ratio is unbounded and the file is small."""
 
+WHOLE = 2**28
+"""Most bytes of samples of a store or a multiscale image that are read at once; more are read in parts."""
+
 CHUNK_BYTES = 2**20
 """Bytes inflated or read at a time: small beside a volume, large beside a call's cost."""
 

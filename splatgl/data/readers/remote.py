@@ -49,6 +49,7 @@ class Remote:
     """What lies behind an address, and its copy in `folder`. Raises InputError if nothing answers."""
 
     def __init__(self, address: str) -> None:
+        self.address = address
         try:
             import fsspec
         except ImportError:
@@ -89,6 +90,9 @@ class Remote:
                 self.absent.add(name)
             else:
                 _write(self.path(name), data)
+
+    def __str__(self) -> str:
+        return self.address
 
     def file(self) -> Path:
         """The copy of the single file, fetched unless one of the same size and tag is there."""

@@ -10,15 +10,16 @@ import logging
 import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected, missing_extra
+from splatgl.data.errors import InputError, expected
 from splatgl.data.readers.files import (
     MAX_BYTES,
+    WHOLE,
     byte_count,
     library,
     map_array,
@@ -30,6 +31,7 @@ from splatgl.data.readers.grid import METRES, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.terrain import grey_heights, terrain_of_picture
 from splatgl.data.readers.tiff_checks import check_chain, check_ome
+from splatgl.data.readers.tiff_parts import open_tiff, parts
 from splatgl.data.readers.xml_tree import parse_xml
 from splatgl.data.volume import Triple, Volume
 
@@ -45,9 +47,6 @@ _CODECS = {
 }
 """Compressions of whole numbers as they are: each is told how many bytes a strip may expand to."""
 
-_OTHER_KINDS = ("avs", "bif", "eer", "mmstack", "ndpi", "ndtiff", "philips", "qpi", "scn", "svs")
-"""Kinds of slide scanners' pictures and of series over many files, which are read as plain pages."""
-
 _FREE_PLANES, _PLANES_PER_PAGE = 4096, 64
 """Planes that metadata may state beyond the file's pages, as aborted recordings do; all that are missing read as 0."""
 
@@ -56,7 +55,7 @@ Grid = tuple[Triple, str]
 
 @dataclass(frozen=True)
 class _Series:
-    """The first series according to tifffile; offset: of its samples if they are one uncompressed run."""
+    """A level of the first series according to tifffile; offset: of its samples if they are one uncompressed run."""
 
     axes: str
     shape: tuple[int, ...]
@@ -76,28 +75,52 @@ class _Series:
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of the first series of a TIFF file, or the terrain of a 2-D one.
 
-    `channel` picks one of several channels, `array` the number of a time point. Spacing and unit are those of
-    ImageJ's or OME's metadata, else 1.
+    `channel` picks one of several channels, `array` the number of a time point, `level` one of a multiscale image, of
+    which coarser levels are read in parts. Spacing and unit are those of ImageJ's or OME's metadata, else 1.
     """
-    try:
-        import tifffile
-    except ImportError:
-        raise missing_extra("TIFF files", "tifffile", "readers") from None
     check_chain(path)
     with _complaints(), ExitStack() as stack:
+        tiff = stack.enter_context(open_tiff(path))
         with library("TIFF"):
-            # other files named by OME's metadata are ignored
-            kinds: Any = {f"is_{kind}": False for kind in _OTHER_KINDS}
-            tiff = stack.enter_context(tifffile.TiffFile(path, _multifile=False, **kinds))
             if tiff.ome_metadata:
                 check_ome(parse_xml(tiff.ome_metadata, "OME-XML"))
-            series = _describe(tiff)
-        _check_bytes(path, series)
+            found = [_describe(level, tiff) for level in tiff.series[0].levels]
+        number = options.level or 0
+        if number >= len(found) or (options.level is not None and len(found) == 1):
+            this = f"a number from 0 to {len(found) - 1}" if len(found) > 1 else "a multiscale image"
+            raise expected("level", this, number)
+        for series in found:
+            _check_bytes(path, series)
+        series = found[number]
         z = _stack_axis(series)
-        pixels = _pixels(path, tiff, series)
-    if z is None:
-        return terrain_of_picture(path, grey_heights(np.squeeze(pixels)), options)
-    return Volume(pixels[_index(series, z, options)], series.grid[0], unit=series.grid[1])
+        if z is None:
+            return terrain_of_picture(path, grey_heights(np.squeeze(_pixels(path, tiff, series, number))), options)
+        index = _index(series, z, options)
+        large = len(found) > 1 and series.offset is None and byte_count(series.shape, series.dtype) > WHOLE
+        (samples,) = parts(path, [number], index) if large else [_pixels(path, tiff, series, number)[index]]
+        volume = _on_grid(samples, series, found[0])
+        if options.level is not None or len(found) == 1:
+            return volume
+        others = [n for n, level in enumerate(found) if n and _alike(level, series)]
+        coarser = zip(parts(path, others, index), others, strict=True)
+        return replace(volume, coarser=tuple(_on_grid(samples, found[n], series) for samples, n in coarser))
+
+
+def _alike(level: _Series, finest: _Series) -> bool:
+    """Whether it is the finest one with fewer places along z, y and x."""
+    if level.axes != finest.axes:
+        return False
+    sizes = zip(level.axes, level.shape, finest.shape, strict=True)
+    return all(size == finer or (axis in "ZYX" and size < finer) for axis, size, finer in sizes)
+
+
+def _on_grid(samples: Any, level: _Series, finest: _Series) -> Volume:
+    """The samples of a level, in the box of the finest."""
+    sizes = [dict(zip(series.axes, series.shape, strict=True)) for series in (finest, level)]
+    shrunk = [sizes[0].get(axis, 1) / sizes[1].get(axis, 1) for axis in "XYZ"]
+    x, y, z = (size * factor for size, factor in zip(finest.grid[0], shrunk, strict=True))
+    origin = [(size * (factor - 1)) / 2 for size, factor in zip(finest.grid[0], shrunk, strict=True)]
+    return Volume(samples, (x, y, z), (origin[0], origin[1], origin[2]), unit=finest.grid[1])
 
 
 @contextmanager
@@ -126,8 +149,7 @@ class _FirstError(logging.Handler):
             self.message = record.getMessage()
 
 
-def _describe(tiff: Any) -> _Series:
-    series = tiff.series[0]
+def _describe(series: Any, tiff: Any) -> _Series:
     _check_codec(series)
     pages = [page for page in series.pages if page is not None]
     segments = tuple(pair for page in pages for pair in zip(page.dataoffsets, page.databytecounts, strict=True))
@@ -201,11 +223,11 @@ def _index(series: _Series, z: int, options: LoadOptions) -> tuple[int | slice, 
     return selection(series.shape, extra)
 
 
-def _pixels(path: Path, tiff: Any, series: _Series) -> np.ndarray:
+def _pixels(path: Path, tiff: Any, series: _Series, level: int) -> np.ndarray:
     if series.offset is not None:
         return map_array(path, series.offset, series.dtype, series.shape)
     with library("TIFF"):
-        return np.asarray(tiff.series[0].asarray())
+        return np.asarray(tiff.series[0].levels[level].asarray())
 
 
 def _grid(tiff: Any) -> Grid:

@@ -15,18 +15,15 @@ import numpy as np
 
 from splatgl.data.errors import InputError, expected, missing_extra
 from splatgl.data.readers.chunked import Chunked
-from splatgl.data.readers.files import byte_count, library, selection
+from splatgl.data.readers.files import WHOLE, byte_count, library, selection
 from splatgl.data.readers.grid import unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.remote import METADATA, Remote
 from splatgl.data.readers.zarr_checks import check_array, check_files
 from splatgl.data.volume import Hints, Triple, Volume
 
-WHOLE = 2**28
-"""Most bytes of samples that are read at once."""
-
 WHOLE_LEVEL = 0
-"""The same of coarser levels, of which most pictures take one or none."""
+"""Most bytes of a coarser level that are read at once: most pictures take one of them, or none."""
 
 MARKERS = ("zarr.json", ".zarray", ".zgroup")
 """A folder with one of these files is a Zarr store."""
@@ -75,7 +72,7 @@ def _classified(path: Path, group: Any, node: Any, volume: Volume, remote: Remot
     color = group[name]
     files = check_array(path, color, False, *([remote.fetch] if remote else []))
     hints = Hints(points=((0.0, 0.0), (1.0, 1.0)), unit=float(told["unit"]), shading=bool(told["shading"]))
-    shade = Chunked(path.name, color, [slice(None)] * 4, files)
+    shade = Chunked(str(remote or path), color, [slice(None)] * 4, files)
     kept = {"direction": np.array(told["direction"]), "frame": told["frame"], "hints": hints}
     return replace(volume, color=shade if isinstance(volume.samples, Chunked) else shade[:], **kept)
 
@@ -98,7 +95,7 @@ def _volume(
     free = [size for size, at in zip(node.shape, index, strict=True) if isinstance(at, slice)]
     whole = remote is None and byte_count(free, node.dtype) <= most
     files = check_array(path, node, whole, *([remote.fetch] if remote else []))
-    samples: Any = np.asarray(node[index]) if whole else Chunked(path.name, node, index, files)
+    samples: Any = np.asarray(node[index]) if whole else Chunked(str(remote or path), node, index, files)
     # 3. its grid
     if multiscale is None:
         return Volume(samples)

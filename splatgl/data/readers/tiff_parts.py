@@ -1,0 +1,61 @@
+"""Levels of a multiscale TIFF file as samples that are read in parts, through tifffile and zarr."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from splatgl.data.errors import missing_extra
+from splatgl.data.readers.chunked import Chunked
+from splatgl.data.readers.files import library
+
+OTHER_KINDS = ("avs", "bif", "eer", "mmstack", "ndpi", "ndtiff", "philips", "qpi", "scn", "svs")
+"""Kinds of slide scanners' pictures and of series over many files, which are read as plain pages."""
+
+
+def open_tiff(path: Path) -> Any:
+    """The file in tifffile; other files that OME's metadata name are ignored."""
+    try:
+        import tifffile
+    except ImportError:
+        raise missing_extra("TIFF files", "tifffile", "readers") from None
+    kinds: Any = {f"is_{kind}": False for kind in OTHER_KINDS}
+    with library("TIFF"):
+        return tifffile.TiffFile(path, _multifile=False, **kinds)
+
+
+def parts(path: Path, levels: Iterable[int], index: Sequence[int | slice]) -> list[Chunked]:
+    """What `index` leaves free of those levels of the first series; the file is open for as long as one of them lives.
+
+    index: of each axis of the series.
+    """
+    try:
+        import zarr
+    except ImportError:
+        raise missing_extra("multiscale TIFF files", "zarr", "readers") from None
+    file = _OneFile(path)
+    with library("TIFF"):
+        arrays = [zarr.open_array(file.tiff.series[0].aszarr(level=level), mode="r") for level in levels]
+    return [Chunked(str(path), array, index, file, "TIFF") for array in arrays]
+
+
+class _OneFile:
+    """An open file that holds all chunks."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.tiff = path.resolve(), open_tiff(path)
+        weakref.finalize(self, self.tiff.close)
+
+    def tag(self) -> str:
+        """The path, size and time of the file."""
+        told = self.path.stat()
+        return f"{self.path} {told.st_size} {told.st_mtime_ns}"
+
+    def ready(self, places: Iterable[Sequence[int]]) -> None:
+        """Nothing is to be brought here."""
+
+    def holds(self, place: Sequence[int]) -> bool:
+        """Every chunk is in the file."""
+        return True
