@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.animation import scaled
+from splatgl.app.frame_work import scaled
 from splatgl.app.cli import main
 from splatgl.app.frames import Frames
 from splatgl.app.scene import Scene, View

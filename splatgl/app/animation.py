@@ -6,32 +6,31 @@ import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from splatgl.app.frame_work import FrameView, Matter, Work
 from splatgl.app.frames import Frames, mark_of
 from splatgl.app.options import scene_from
-from splatgl.app.render import PATIENCE, nothing, origin
+from splatgl.app.render import PATIENCE, nothing
 from splatgl.app.scene import Scene
 from splatgl.app.series import read_ahead, volumes
 from splatgl.app.sizes import size_of
 from splatgl.app.track import Track, Turning, keyframes, turning
 from splatgl.data.errors import expected
-from splatgl.data.image import Image
 from splatgl.splat.bricks.estimate import budget
 from splatgl.splat.bricks.within import bricks_of, fits
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.order import order_for
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.motion.moments import moments
-from splatgl.splat.motion.motion import flow_of
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.suited import blur
+from splatgl.splat.view.camera import Camera
 
 if TYPE_CHECKING:
     from splatgl.data.volume import Volume
@@ -40,14 +39,11 @@ if TYPE_CHECKING:
 FULL_TURN = 360.0
 # default number of frames per turn
 FRAMES = 120
-# probe cameras for the maximum of X-ray sums, and the headroom above it
-PROBES, HEADROOM = 6, 1.05
+# probe cameras for the maximum of X-ray sums
+PROBES = 6
 
 # frames sampled to determine the sort axes
 LOOKS = 64
-
-# splats, and their velocities under flow
-Matter = tuple[Splats, np.ndarray | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,21 +108,35 @@ class Animation:
 
     def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool) -> None:
         """Renders and saves the frames; the next volume of a series is read in parallel."""
-        settings = self.scenes[0].settings
-        ground = settings.background if BLENDS[settings.blend].unbounded else None
+        work = self.work(frames, self.work(frames, None).brightest(renderer, self.probes) if self.unbounded else None)
         groups = [(number, list(group)) for number, group in groupby(todo, self.shown)]
-        top = self._brightest(renderer) if BLENDS[settings.blend].unbounded else None
         self._sort(todo)
-        with _bar(len(todo), quiet) as bar:
-            for (number, group), (_, (splats, flow)) in zip(groups, self._matter(groups), strict=True):
-                about = origin(self.scenes[number], self.transfer)
+        with bar(len(todo), quiet) as progress:
+            for (_, group), (_, matter) in zip(groups, self._matter(work, groups), strict=True):
                 for n in group:
-                    image = self._frame(renderer, splats, flow, n)
-                    if top is not None and frames.path(n).suffix.lower() == ".png":
-                        image = scaled(image, top)
-                    frames.save(n, Image(image.pixels, {**image.info, **about}), self.bits, ground)
-                    if bar is not None:
-                        bar.update()
+                    frames.write(n, work.frame(renderer, matter, self.view(n)))
+                    progress.update()
+
+    def work(self, frames: Frames, top: float | None) -> Work:
+        """What all frames have in common. top: common scale of X-ray frames."""
+        settings = self.scenes[0].settings
+        settings = settings.but(moments=settings.moments or self.steady)
+        return Work(self.scenes, self.transfer, settings, frames, self.flow, self.bits, top)
+
+    def view(self, frame: int) -> FrameView:
+        """Where a frame is seen from."""
+        return FrameView(frame, self.shown(frame), self.track.camera(frame), self.track.motion(frame))
+
+    @property
+    def unbounded(self) -> bool:
+        """Whether frames are sums, which share a scale."""
+        return BLENDS[self.scenes[0].settings.blend].unbounded
+
+    @property
+    def probes(self) -> list[tuple[int, Camera]]:
+        """Volumes and cameras that stand for all frames, independent of which are rendered now."""
+        cameras = [self.track.camera(n) for n in np.linspace(0, self.count - 1, PROBES)]
+        return [(n, each) for n in sorted({0, len(self.scenes) // 2, len(self.scenes) - 1}) for each in cameras]
 
     def _sort(self, todo: Sequence[int]) -> None:
         """Sorts a single volume's splats along every axis needed by any frame, before the first frame, so that memory
@@ -138,27 +148,14 @@ class Animation:
         for axis in {order_for(self.only, self.track.camera(n)).axis for n in some}:
             self.only.lattice(axis)
 
-    def _matter(self, groups: Sequence[tuple[int, list[int]]]) -> Iterator[tuple[int, Matter]]:
-        return read_ahead(self._read, [number for number, _ in groups])
+    def _matter(self, work: Work, groups: Sequence[tuple[int, list[int]]]) -> Iterator[tuple[int, Matter]]:
+        def read(number: int) -> Matter:
+            return (self.only, None) if self.only is not None and self.flow is None else work.matter(number)
 
-    def _read(self, number: int) -> Matter:
-        """The splats of one volume, and their velocities."""
-        if self.only is not None and self.flow is None:
-            return self.only, None
-        scene = self.scenes[number]
-        volume = scene.open()
-        splats = scene.splats(volume, self.transfer, moving=scene.settings.shutter > 0)
-        return splats, None if self.flow is None else flow_of(splats, volume, self.flow)
+        return read_ahead(read, [number for number, _ in groups])
 
-    def _frame(self, renderer: Renderer, splats: Splats, flow: np.ndarray | None, frame: int) -> Image:
-        """The image of a frame, with motion blur as the settings say."""
-        camera, settings = self.track.camera(frame), self.scenes[0].settings
-        motion = self.track.motion(frame)
-        motion = replace(motion, flow=flow) if flow is not None else motion
-        return renderer.render(splats, camera, settings.but(moments=settings.moments or self._steady), motion)
-
-    @cached_property
-    def _steady(self) -> int | None:
+    @property
+    def steady(self) -> int | None:
         """Moments per frame of a rotation: those of the fastest frame. None where more than the angle changes, and for
         other kinds of motion blur.
         """
@@ -171,24 +168,6 @@ class Animation:
         cameras = [self.track.camera(n) for n in np.linspace(0, self.count - 1, LOOKS)]
         return max(moments(self.only, camera, turn, shutter) for camera in cameras)
 
-    def _brightest(self, renderer: Renderer) -> float:
-        """Common scale of all X-ray frames, independent of which frames are rendered now."""
-        cameras = [self.track.camera(n) for n in np.linspace(0, self.count - 1, PROBES)]
-        top = 0.0
-        for number in sorted({0, len(self.scenes) // 2, len(self.scenes) - 1}):
-            splats, _ = self._read(number)
-            for camera in cameras:
-                top = max(top, float(renderer.render(splats, camera, self.scenes[0].settings).pixels.max()))
-        return top * HEADROOM or 1.0
-
-
-def scaled(image: Image, top: float) -> Image:
-    """An X-ray scaled for display, so that saving does not normalize it by its own maximum."""
-    info = {**image.info, "blend": "xray over scale", "scale": 1 / top}
-    if isinstance(error := info.get("error_bound"), float):
-        info["error_bound"] = error / top
-    return Image(image.pixels / np.float32(top), info)
-
 
 def _degrees(args: argparse.Namespace, count: int, series: bool) -> float:
     """Rotation of the volume per frame in degrees; an orbiting camera is a volume that rotates the other way."""
@@ -199,14 +178,21 @@ def _degrees(args: argparse.Namespace, count: int, series: bool) -> float:
     return -float(args.turntable if args.turntable is not None else FULL_TURN) / count
 
 
-def _bar(total: int, quiet: bool) -> Any:
+class NoBar:
+    """A progress bar that is not shown."""
+
+    def update(self) -> None:
+        """Does nothing."""
+
+
+def bar(total: int, quiet: bool) -> Any:
     """Progress bar over frames with remaining time, if tqdm is installed and stderr is a terminal."""
     if quiet or not sys.stderr.isatty():
-        return nullcontext()
+        return nullcontext(NoBar())
     try:
         from tqdm import tqdm
     except ImportError:
-        return nullcontext()
+        return nullcontext(NoBar())
     return tqdm(total=total, desc="drawing", unit="frame", delay=PATIENCE, leave=False)
 
 

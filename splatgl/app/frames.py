@@ -12,7 +12,7 @@ from string import Formatter
 
 from splatgl.app.output import check_output
 from splatgl.data.errors import InputError, expected
-from splatgl.data.image import Image
+from splatgl.data.image import Image, write_whole
 
 MOVIES = (".mp4", ".webm", ".gif")
 PICTURES = (".png", ".npy")
@@ -61,9 +61,14 @@ class Frames:
         """The file of frame number `frame`."""
         return Path(self.template.format(frame=frame))
 
-    def save(self, frame: int, image: Image, bits: int, ground: tuple[float, float, float] | None) -> None:
-        """Writes a frame atomically, with the animation's mark."""
-        Image(image.pixels, {**image.info, "frame": frame, "animation": self.mark}).save(self.path(frame), bits, ground)
+    def encoded(self, frame: int, image: Image, bits: int, ground: tuple[float, float, float] | None) -> bytes:
+        """The frame's file, with the animation's mark."""
+        info = {**image.info, "frame": frame, "animation": self.mark}
+        return Image(image.pixels, info).encoded(self.path(frame), bits, ground)
+
+    def write(self, frame: int, data: bytes) -> None:
+        """Writes a frame's file atomically."""
+        write_whole(self.path(frame), data)
 
     def done(self, frame: int) -> bool:
         """Whether the frame exists. InputError if the file belongs to another animation."""

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from splatgl.app.scene import Scene
 from splatgl.app.sizes import bytes_of, size_of
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
-from splatgl.data.volume import Slab, Volume
+from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.blend_mode import BLENDS
 
@@ -243,15 +243,15 @@ def nothing(scene: Scene, volume: Volume) -> InputError:
     )
 
 
-def _bar(slabs: Iterator[Slab], count: int) -> Iterator[Slab]:
-    """Progress bar over slabs, if tqdm is installed and stderr is a terminal."""
+def _bar(parts: Iterator[Any], count: int) -> Iterator[Any]:
+    """Progress bar over parts of a volume, if tqdm is installed and stderr is a terminal."""
     if not sys.stderr.isatty():
-        return slabs
+        return parts
     try:
         from tqdm import tqdm
     except ImportError:
-        return slabs
-    return iter(tqdm(slabs, "extracting", total=count, unit="slab", delay=PATIENCE, leave=False))
+        return parts
+    return iter(tqdm(parts, "extracting", total=count, unit="part", delay=PATIENCE, leave=False))
 
 
 @contextmanager

@@ -39,17 +39,17 @@ class Image:
         is scaled to its maximum in a PNG; the factor is in the file's text. Raises InputError for
         another suffix, and if the file cannot be written.
         """
-        target = Path(path)
-        info = dict(self.info)
-        if target.suffix.lower() == ".npy":
+        write_whole(Path(path), self.encoded(Path(path), bits, background))
+
+    def encoded(self, name: Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> bytes:
+        """What `save` writes into a file of that name."""
+        if name.suffix.lower() == ".npy":
             buffer = io.BytesIO()
             np.save(buffer, self.pixels)
-            data = buffer.getvalue()
-        elif target.suffix.lower() == ".png":
-            data = self._png(info, bits, background)
-        else:
-            raise expected(target, "a name that ends in .png or .npy", repr(target.suffix))
-        write_whole(target, data)
+            return buffer.getvalue()
+        if name.suffix.lower() != ".png":
+            raise expected(name, "a name that ends in .png or .npy", repr(name.suffix))
+        return self._png(dict(self.info), bits, background)
 
     @classmethod
     def load(cls, path: str | Path) -> Image:

@@ -17,7 +17,7 @@ import numpy as np
 
 from splatgl.data.volume import Volume, places
 from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.extraction.post import halo_of, post_records, post_splats
+from splatgl.splat.extraction.post import box_records, post_splats
 from splatgl.splat.extraction.records import record_type
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.kernels import Kernel
@@ -106,24 +106,7 @@ class Bricks:
 
     def records(self, brick: int) -> np.ndarray:
         """The records of one brick, in row order."""
-        low, high = (places(ends[brick]) for ends in (self.low, self.high))
-        halo, nothing = halo_of(self.kernel), np.zeros(0, record_type(self.volume.shape, post=True))
-        ends = self.volume.extent(low, high, halo)
-        if ends is not None and not self._wanted(ends):
-            return nothing
-        samples, first = self.volume.box(low, high, halo)
-        if not self._wanted(samples):
-            return nothing
-        z, y, x = (slice(a - f, b - f) for a, b, f in zip(low, high, first, strict=True))
-        return post_records(self.volume, self.post, self.kernel, samples, first, (z, y, x))
-
-    def _wanted(self, samples: np.ndarray) -> bool:
-        """Whether the interval of the samples meets a value that is wanted."""
-        finite = samples if samples.dtype.kind in "bui" else samples[np.isfinite(samples)]
-        if not finite.size:
-            return False
-        low, high = self.post.relative(np.array([finite.min(), finite.max()]))
-        return bool(((self.post.wanted[:, 0] <= high) & (self.post.wanted[:, 1] >= low)).any())
+        return box_records(self.volume, self.post, self.kernel, places(self.low[brick]), places(self.high[brick]))
 
     def reached(self, view: View) -> bool:
         """Whether the eye may be in a kernel, or a kernel cross its plane in the picture."""

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from splatgl.data.errors import InputError, expected
-from splatgl.data.volume import Slab, Volume
+from splatgl.data.volume import Volume
 from splatgl.splat.classification.post import PostClassified, active_range
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.post import extract_post
@@ -28,7 +29,7 @@ LEAST_SPAN, MOST_SPAN = 1e-290, 1e300
 # largest ratio between reference length and spacing, either way: both fit float32
 MOST_UNIT = 1e30
 
-Progress = Callable[[Iterator[Slab], int], Iterator[Slab]]
+Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +78,8 @@ def extract(
     possible, of at most MOST_KEPT voxels, else pre; a picture whose settings take others extracts those once, from the
     volume, which the splats keep.
 
-    threshold is an opacity per reference length in [0, 1); slab the planes read at a time.
-    progress wraps the iteration over slabs (slabs, their number). Raises InputError for a threshold
+    threshold is an opacity per reference length in [0, 1); slab: planes, or as many voxels, read at a time.
+    progress wraps the iteration over such parts (parts, their number). Raises InputError for a threshold
     outside [0, 1), and for a unit that float32 can't hold in spacings.
     """
     if not 0.0 <= threshold < 1.0:
@@ -98,7 +99,7 @@ def extract(
         raise InputError(f"{volume.name or 'volume'}: {why} take classification pre")
     else:
         post = PostClassified.of(transfer, kernel, (width, height, depth), classification == "post-all")
-        found = extract_post(volume, post, kernel_named(kernel), planes, progress)
+        found = extract_post(volume, post, kernel_named(kernel), planes * height * width, progress)
     if classification != "auto":
         return found
     many = found.post is not None and len(found) > MOST_KEPT

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import NamedTuple
+from itertools import islice
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from splatgl.data.volume import Places, Slab, Volume
+from splatgl.data.volume import Places, Volume
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.extraction.parts import in_parts
 from splatgl.splat.extraction.records import Gathered, record_type
@@ -26,26 +27,73 @@ PREFILTERED = {"b-spline": 4}
 TABLE_BYTES = 2
 # voxels smoothed, and records filled, at a time
 CHUNK_VOXELS, RECORDS = 1 << 18, 1 << 16
+# planes beside which those of a halo take little more
+THICK = 32
 # planes around a slab that a step of the prefilter reads, and that differences read
 STEP_HALO, GRADIENT_HALO = 1, 2
 
-Progress = Callable[[Iterator[Slab], int], Iterator[Slab]]
+# (low, high) of a box of voxels, z, y, x
+Box = tuple[Places, Places]
+Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 
 
 def extract_post(
-    volume: Volume, post: PostClassified, kernel: Kernel, planes: int, progress: Progress | None = None
+    volume: Volume, post: PostClassified, kernel: Kernel, voxels: int, progress: Progress | None = None
 ) -> Splats:
     """Splats of value and gradient, in row order, of all finite voxels that `post` wants.
 
-    planes: of a slab; records do not depend on it.
+    voxels: read at a time, about; records do not depend on it.
     """
-    slabs = volume.slabs(planes, halo=halo_of(kernel))
-    count = -(-volume.shape[0] // planes)
     gathered = Gathered(record_type(volume.shape, post=True))
-    for slab in progress(slabs, count) if progress else slabs:
-        own = (slice(slab.before, slab.before + slab.stop - slab.start), slice(None), slice(None))
-        gathered.add(post_records(volume, post, kernel, slab.samples, (slab.start - slab.before, 0, 0), own))
+    layers = boxes(volume.shape, voxels)
+    count = sum(map(len, layers))
+    all_boxes = (box for layer in layers for box in layer)
+    told = progress(all_boxes, count) if progress else all_boxes
+    for layer in layers:
+        found = [box_records(volume, post, kernel, *box) for box in islice(told, len(layer))]
+        records = np.concatenate(found) if len(found) > 1 else found[0]
+        # row by row in each box: planes of all boxes one after another
+        order = np.argsort(records["position"][:, 2], kind="stable") if len(found) > 1 else slice(None)
+        gathered.add(records[order])
     return post_splats(volume, post, gathered.records)
+
+
+def boxes(shape: tuple[int, int, int], voxels: int) -> list[list[Box]]:
+    """Boxes of whole rows, of about so many voxels, that cover a volume: layers of planes of boxes along y.
+
+    Whole planes, if THICK of them are that many; else as many planes as rows, which have the smallest halo.
+    """
+    depth, height, width = shape
+    rows = min(max(round((voxels / width) ** 0.5), 1), height) if voxels < THICK * height * width else height
+    planes = min(max(voxels // (rows * width), 1), depth)
+    return [
+        [((z, y, 0), (min(z + planes, depth), min(y + rows, height), width)) for y in range(0, height, rows)]
+        for z in range(0, depth, planes)
+    ]
+
+
+def box_records(volume: Volume, post: PostClassified, kernel: Kernel, low: Places, high: Places) -> np.ndarray:
+    """Records, in row order, of the voxels low ≤ (z, y, x) < high that `post` wants; what is known to hold none is not
+    read.
+    """
+    halo, nothing = halo_of(kernel), np.zeros(0, record_type(volume.shape, post=True))
+    ends = volume.extent(low, high, halo)
+    if ends is not None and not _meets(post, ends):
+        return nothing
+    samples, first = volume.box(low, high, halo)
+    if not _meets(post, samples):
+        return nothing
+    z, y, x = (slice(a - f, b - f) for a, b, f in zip(low, high, first, strict=True))
+    return post_records(volume, post, kernel, samples, first, (z, y, x))
+
+
+def _meets(post: PostClassified, samples: np.ndarray) -> bool:
+    """Whether the interval of the samples meets a value that is wanted."""
+    finite = samples if samples.dtype.kind in "bui" else samples[np.isfinite(samples)]
+    if not finite.size:
+        return False
+    low, high = post.relative(np.array([finite.min(), finite.max()]))
+    return bool(((post.wanted[:, 0] <= high) & (post.wanted[:, 1] >= low)).any())
 
 
 def post_splats(volume: Volume, post: PostClassified, records: np.ndarray) -> Splats:

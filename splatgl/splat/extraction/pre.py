@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ TABLE_BYTES = 2
 # records made at a time
 RECORDS = 1 << 16
 
-Progress = Callable[[Iterator[Slab], int], Iterator[Slab]]
+Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 
 
 @dataclass(frozen=True, eq=False)

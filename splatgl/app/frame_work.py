@@ -1,0 +1,89 @@
+"""What the frames of an animation have in common, wherever they are drawn, and drawing one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from splatgl.app.frames import Frames
+from splatgl.app.render import origin
+from splatgl.app.scene import Scene
+from splatgl.data.image import Image
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.motion.motion import Motion, flow_of
+from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.camera import Camera
+
+if TYPE_CHECKING:
+    from splatgl.gl.renderer import Renderer
+
+# room above the brightest of some X-rays
+HEADROOM = 1.05
+
+# splats, and their velocities under flow
+Matter = tuple[Splats, np.ndarray | None]
+
+
+@dataclass(frozen=True, eq=False)
+class FrameView:
+    """A frame's number, that of its volume, its camera, and the motion since the frame before."""
+
+    frame: int
+    volume: int
+    camera: Camera
+    motion: Motion
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """scenes: one per volume. settings: with the moments of all frames. flow: displacement along the volume's vectors
+    per frame. top: common scale of X-ray frames. It holds no splats: they are extracted where they are drawn.
+    """
+
+    scenes: list[Scene]
+    transfer: Transfer
+    settings: Settings
+    frames: Frames
+    flow: float | None
+    bits: int
+    top: float | None
+
+    def matter(self, number: int) -> Matter:
+        """The splats of one volume, and their velocities."""
+        scene = self.scenes[number]
+        volume = scene.open()
+        splats = scene.splats(volume, self.transfer, moving=scene.settings.shutter > 0)
+        return splats, None if self.flow is None else flow_of(splats, volume, self.flow)
+
+    def frame(self, renderer: Renderer, matter: Matter, view: FrameView) -> bytes:
+        """A frame's file, with motion blur as the settings say."""
+        splats, flow = matter
+        motion = view.motion if flow is None else replace(view.motion, flow=flow)
+        image = renderer.render(splats, view.camera, self.settings, motion)
+        if self.top is not None and self.frames.path(view.frame).suffix.lower() == ".png":
+            image = scaled(image, self.top)
+        image = Image(image.pixels, {**image.info, **origin(self.scenes[view.volume], self.transfer)})
+        ground = self.settings.background if BLENDS[self.settings.blend].unbounded else None
+        return self.frames.encoded(view.frame, image, self.bits, ground)
+
+    def brightest(self, renderer: Renderer, probes: Sequence[tuple[int, Camera]]) -> float:
+        """Common scale of all X-ray frames, from still pictures of those volumes and cameras."""
+        top, still, latest = 0.0, self.scenes[0].settings, -1
+        for number, camera in probes:
+            if number != latest:
+                (splats, _), latest = self.matter(number), number
+            top = max(top, float(renderer.render(splats, camera, still).pixels.max()))
+        return top * HEADROOM or 1.0
+
+
+def scaled(image: Image, top: float) -> Image:
+    """An X-ray scaled for display, so that saving does not normalize it by its own maximum."""
+    info = {**image.info, "blend": "xray over scale", "scale": 1 / top}
+    if isinstance(error := info.get("error_bound"), float):
+        info["error_bound"] = error / top
+    return Image(image.pixels / np.float32(top), info)

@@ -1,0 +1,1 @@
+"""Pictures by several processes and machines, through Dask: `render_frames`, `render_slabs`, `over`."""

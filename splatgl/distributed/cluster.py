@@ -1,0 +1,169 @@
+"""Workers of Dask: those of this machine, or of a scheduler elsewhere; and work spread over them.
+
+Scheduling, transport and retries are Dask's. A worker does one thing at a time, in one thread, which owns its OpenGL
+context; it opens files itself.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import platform
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from splatgl import __version__
+from splatgl.data.errors import InputError, expected, missing_extra
+from splatgl.distributed.worker import call
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+# seconds within which a scheduler and its workers must answer
+TIMEOUT = 8.0
+# deaths of workers that one piece of work may cause
+DEATHS = 3
+# most workers that are started on one machine
+MOST = 1024
+
+Found = TypeVar("Found")
+
+
+@contextmanager
+def connected(workers: int | None, scheduler: str | None, tell: Callable[[str], None] = print) -> Iterator[Client]:
+    """A client of that scheduler, or of as many workers on this machine, which end with it.
+
+    tell: called with the dashboard's address. Raises InputError if nothing answers in TIMEOUT seconds, and for workers
+    without splatgl, or with another version of it.
+    """
+    if workers is not None and not 1 <= workers <= MOST:
+        raise expected("--workers", f"a whole number from 1 to {MOST}", workers)
+    try:
+        import dask
+        import distributed
+    except ImportError:
+        raise missing_extra("workers", "distributed", "scale") from None
+    # what is wrong is told in one line
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    with ExitStack() as stack:
+        if scheduler is None:
+            threads = str(max((os.cpu_count() or 1) // (workers or 1), 1))
+            environment = {"LP_NUM_THREADS": threads, **dask.config.get("distributed.nanny.pre-spawn-environ", {})}
+            stack.enter_context(
+                dask.config.set(
+                    {
+                        "distributed.nanny.pre-spawn-environ": environment,
+                        "distributed.scheduler.allowed-failures": DEATHS - 1,
+                    }
+                )
+            )
+            cluster = distributed.LocalCluster(
+                n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=logging.CRITICAL
+            )
+            client = stack.enter_context(distributed.Client(stack.enter_context(cluster)))
+        else:
+            client = stack.enter_context(_client(scheduler))
+            check_workers(client, scheduler)
+        if client.dashboard_link:
+            tell(f"dashboard: {client.dashboard_link}")
+        yield client
+
+
+def _client(scheduler: str) -> Client:
+    from distributed import Client
+
+    try:
+        return Client(scheduler, timeout=TIMEOUT)
+    except Exception as error:
+        raise InputError(f"{scheduler}: no Dask scheduler of this version answers: {_line(error)}") from None
+
+
+def check_workers(client: Client, name: str = "the scheduler") -> None:
+    """InputError without workers, and for those without splatgl, or with another version of it or of Python."""
+    try:
+        client.wait_for_workers(1, timeout=TIMEOUT)
+    except Exception:
+        raise expected(name, "at least one worker", "none", "start some with: dask worker") from None
+    right = about()
+    asked = {
+        address: client.submit(about, workers=[address], allow_other_workers=False, pure=False)
+        for address in addresses(client)
+    }
+    for address, future in asked.items():
+        try:
+            found = future.result(timeout=TIMEOUT)
+        except Exception as error:
+            raise InputError(f"worker {address}: cannot run splatgl: {_line(error)}") from None
+        if found != right:
+            raise expected(f"worker {address}", " and ".join(right), " and ".join(found), "install the same there")
+
+
+def about() -> tuple[str, str]:
+    """What workers and their client must have in common."""
+    return f"splatgl {__version__}", f"Python {'.'.join(platform.python_version_tuple()[:2])}"
+
+
+def addresses(client: Client) -> list[str]:
+    """Addresses of all workers, by their names."""
+    found: dict[str, Any] = client.scheduler_info(n_workers=-1)["workers"]
+    return sorted(found, key=lambda address: str(found[address].get("name", "")))
+
+
+def spread(
+    client: Client, work: Callable[..., Found], items: Iterable[tuple[str, tuple[Any, ...]]]
+) -> Iterator[tuple[str, Found]]:
+    """(name, work(*arguments)) of each item (name, arguments), as they are done; as many at a time as there are
+    workers.
+
+    InputError of the first item that raises one; of an item whose worker died DEATHS times once all others are done.
+    """
+    from distributed import as_completed
+
+    todo, waiting, lost = iter(items), dict[Any, str](), list[InputError]()
+    running = as_completed()
+
+    def more() -> None:
+        # what waits on a worker that dies would be blamed, too
+        while len(waiting) < max(len(addresses(client)), 1):
+            item = next(todo, None)
+            if item is None:
+                return
+            future = client.submit(call, work, *item[1], pure=False)
+            waiting[future] = item[0]
+            running.add(future)
+
+    try:
+        more()
+        for future in running:
+            name = waiting.pop(future)
+            try:
+                found = _result(future, name)
+            except _Died as error:
+                lost.append(InputError(str(error)))
+            else:
+                yield name, found
+            more()
+    finally:
+        client.cancel(list(waiting))
+    if lost:
+        raise lost[0]
+
+
+class _Died(Exception):
+    """Work whose workers died."""
+
+
+def _result(future: Any, name: str) -> Any:
+    from distributed import KilledWorker
+
+    try:
+        return future.result()
+    except KilledWorker as error:
+        times = error.allowed_failures + 1
+        raise _Died(f"{name}: its worker died {times} times, most likely out of memory; try --memory") from None
+
+
+def _line(error: Exception) -> str:
+    """What went wrong, on one line."""
+    return " ".join(f"{error}".split())[:200] or type(error).__name__
