@@ -18,6 +18,7 @@ uniform vec2 class_seen;        // the places between which there is any matter
 uniform vec2 weight_scale;      // a gradient's place in the table of weights is x |gradient| + y
 uniform vec3 box_low;           // the volume's box from the eye, index axes
 uniform vec3 box_high;
+uniform vec2 shell;             // only matter between these is drawn, in sheets from the first
 
 // the open sheets of a pixel, nearest first, and their masses
 vec4 sum0[ROWS], sum1[ROWS], sum2[ROWS], sum3[ROWS];
@@ -52,7 +53,7 @@ void set_ray(int row) {
     // a parallel view begins at its eye's plane, too
     near = max(near, 0.0);
     float offset = PERSPECTIVE == 1 ? 0.0 : dot(start, sheet_direction);
-    ends[row] = (vec2(near, max(far, near)) + offset) / thickness - first_sheet;
+    ends[row] = clamp((vec2(near, max(far, near)) + offset) / thickness - first_sheet, shell.x, shell.y);
     lengths[row] = length(along) / speed * thickness / style.opacity_length;
     mat3 eye_from_world = mat3(frame.eye_from_world[0].xyz, frame.eye_from_world[1].xyz, frame.eye_from_world[2].xyz);
     toward[row] = normalize(along) * eye_from_world;

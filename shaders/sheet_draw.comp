@@ -15,6 +15,7 @@ layout(std430, binding = 3) buffer Open { uint open[]; };              // tiles 
 layout(std430, binding = 5) buffer Rings { float rings[]; };           // open sheets of tiles that continue
 layout(rgba32f, binding = 0) uniform image2D target;
 uniform float opaque;           // opacity at which a tile terminates
+uniform bool partial;           // what is drawn is a part, which shows no value yet
 
 // A splat's share of a pixel, and what it adds to sheets times their weights.
 float valued(Joined it, Ray ray, int row) {
@@ -93,7 +94,7 @@ int next_base(uint at, uint end, out uvec4 names) {
 #define SPAN(row) span = vec2(min(span.x, ends[row].x), max(span.y, ends[row].y));
 #define CLOSE(row) close_sheet(row, current - 1);
 #define KEEP(row) write_ring(tile, row);
-#define END(row) imageStore(target, AT(row), mine.w == 1u ? shown(light[row]) : light[row]);
+#define END(row) imageStore(target, AT(row), mine.w == 1u && !partial ? shown(light[row]) : light[row]);
 
 // Whether it is so in any column of the subgroup, which stay together then; without votes, each goes on by itself.
 bool any_column(bool so) {

@@ -19,14 +19,16 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.2.0.dev0"
 
 if TYPE_CHECKING:
+    from splatgl import distributed as distributed
     from splatgl.data import scenes as scenes
     from splatgl.data.errors import InputError as InputError
     from splatgl.data.image import Image as Image
     from splatgl.data.readers import load as load
     from splatgl.data.volume import Volume as Volume
+    from splatgl.distributed.parts import over as over
+    from splatgl.distributed.slabs import render_slabs as render_slabs
     from splatgl.gl.portions import Interrupted as Interrupted
     from splatgl.gl.renderer import Renderer as Renderer
-    from splatgl.gl.slabs import render_slabs as render_slabs
     from splatgl.splat.classification.presets import default_transfer as default_transfer
     from splatgl.splat.classification.presets import preset as preset
     from splatgl.splat.classification.transfer import Transfer as Transfer
@@ -62,10 +64,15 @@ _PUBLIC = {
     "load": "splatgl.data.readers",
     "plan": "splatgl.splat.plan.plan",
     "preset": "splatgl.splat.classification.presets",
-    "render_slabs": "splatgl.gl.slabs",
+    "over": "splatgl.distributed.parts",
+    "render_slabs": "splatgl.distributed.slabs",
     "register_kernel": "splatgl.splat.kernel.kernels",
 }
-_MODULES = {"reference": "splatgl.truth.reference", "scenes": "splatgl.data.scenes"}
+_MODULES = {
+    "distributed": "splatgl.distributed",
+    "reference": "splatgl.truth.reference",
+    "scenes": "splatgl.data.scenes",
+}
 
 __all__ = ["__version__", *sorted([*_PUBLIC, *_MODULES])]
 

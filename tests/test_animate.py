@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.frame_work import scaled
 from splatgl.app.cli import main
+from splatgl.app.frame_work import scaled
 from splatgl.app.frames import Frames
 from splatgl.app.scene import Scene, View
 from splatgl.app.series import read_ahead, volumes

@@ -15,6 +15,7 @@ from splatgl.app.cli import main
 from splatgl.app.sizes import bytes_of, size_of
 from splatgl.data.readers import chunked, zarr_store
 from splatgl.data.readers.chunked import Chunked
+from splatgl.gl.slabs import render_slabs
 from splatgl.splat.bricks import bricks as bricking
 from splatgl.splat.bricks import estimate, opaque
 from splatgl.splat.bricks.bricks import Bricks
@@ -211,17 +212,15 @@ def test_a_budget_decides(renderer: sg.Renderer, rng: np.random.Generator) -> No
     volume = sg.Volume(noise(rng, (30, 30, 30)))
     camera = cameras(volume)["outside"]
     done: list[tuple[int, int]] = []
-    parts = sg.render_slabs(volume, RAMP, camera, ALL, 1, lambda *told: done.append(told), renderer)
-    whole = sg.render_slabs(volume, RAMP, camera, ALL, 2**40, renderer=renderer)
+    parts = render_slabs(volume, RAMP, camera, ALL, 1, lambda *told: done.append(told), renderer)
+    whole = render_slabs(volume, RAMP, camera, ALL, 2**40, renderer=renderer)
     assert parts.info["bricks"] == 1 and whole.info["bricks"] == 0 and done[-1] == (1, 1)
     assert np.abs(parts.pixels - whole.pixels).max() < 5e-6
-    assert sg.render_slabs(volume, RAMP, camera, renderer=renderer).info["bricks"] == 0
+    assert render_slabs(volume, RAMP, camera, renderer=renderer).info["bricks"] == 0
     # voxels that are classified before are drawn whole
-    assert (
-        sg.render_slabs(volume, RAMP, camera, ALL.but(classification="pre"), 1, renderer=renderer).info["bricks"] == 0
-    )
+    assert render_slabs(volume, RAMP, camera, ALL.but(classification="pre"), 1, renderer=renderer).info["bricks"] == 0
     with pytest.raises(sg.InputError, match=r"^memory: expected a positive number of bytes, got 0"):
-        sg.render_slabs(volume, RAMP, camera, memory=0, renderer=renderer)
+        render_slabs(volume, RAMP, camera, memory=0, renderer=renderer)
 
 
 @pytest.mark.parametrize(

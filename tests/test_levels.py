@@ -15,6 +15,7 @@ from splatgl.data.coarse import coarser
 from splatgl.data.readers.chunked import Chunked
 from splatgl.gl import levels
 from splatgl.gl.levels import just_finer, level_for
+from splatgl.gl.slabs import render_slabs
 from splatgl.splat.plan.settings import Settings
 
 SOFT = sg.Transfer([(0.2, 0.0), (0.8, 0.05)], colormap="hot", shading=False)
@@ -67,7 +68,7 @@ def test_smooth_volumes_take_a_coarser_level(smooth: sg.Volume, renderer: sg.Ren
     assert str(found).startswith(f"level {found.number}, ") and "level 0 by" in str(found)
     # opacities are those of the finest voxels' length
     assert found.transfer.unit == pytest.approx(1.2 ** (1 / 3))
-    image = sg.render_slabs(smooth, SOFT, camera, renderer=renderer)
+    image = render_slabs(smooth, SOFT, camera, renderer=renderer)
     assert image.info["level"] == found.number and image.info["level_rmse"] == found.off[found.number]
     settings = Settings(antialias="supersample", samples=8)
     right = renderer.render(sg.extract(smooth, SOFT), camera, settings, verify_bound=False)

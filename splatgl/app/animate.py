@@ -7,7 +7,9 @@ import argparse
 from splatgl.app.animation import FRAMES, FULL_TURN, Animation
 from splatgl.app.frames import Frames
 from splatgl.app.movie import need, write_movie
+from splatgl.app.on_workers import draw_frames
 from splatgl.app.options import add_drawing, add_source, numbers
+from splatgl.app.worker_options import add_workers, asked, drawing_of
 from splatgl.data.errors import expected
 
 FPS = 30.0
@@ -43,6 +45,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--resume", action="store_true", help="keep the frames that are there already")
     parser.add_argument("--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample (8)")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
+    add_workers(parser)
     add_drawing(parser)
     parser.set_defaults(run=run)
 
@@ -50,6 +53,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Renders the requested frames that do not exist yet; returns 0."""
     _check(args)
+    on_workers = asked(args)
     animation = Animation.of(args)
     frames = Frames.at(args.output, animation.mark)
     if frames.movie:
@@ -57,7 +61,12 @@ def run(args: argparse.Namespace) -> int:
     wanted = animation.numbers
     frames.sweep(wanted)
     todo = [n for n in wanted if not (args.resume and frames.done(n))]
-    if todo:
+    if todo and on_workers:
+        from splatgl.distributed.cluster import connected
+
+        with connected(args.workers, args.scheduler, None if args.quiet else print) as client:
+            draw_frames(client, animation, frames, todo, drawing_of(args), args.quiet)
+    elif todo:
         from splatgl.gl.renderer import Renderer
 
         with Renderer(args.backend, args.device, args.gpu) as renderer:

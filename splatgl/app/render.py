@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import check_output
 from splatgl.app.scene import Scene
 from splatgl.app.sizes import bytes_of, size_of
+from splatgl.app.worker_options import add_workers, asked
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
@@ -61,29 +63,22 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         help="draw in bricks what needs more, such as 4GiB (half of what is free)",
     )
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
+    add_workers(parser)
     add_drawing(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Renders an image and prints a summary; returns 0, or 1 if it differs from --ref."""
+    on_workers = asked(args)
     scene = scene_from(args)
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
     check_output(output)
     reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()
     transfer = scene.transfer_for(volume)
-    camera, told = None, dict[str, object]()
-    if volume.coarser:
-        camera, chosen = _level(args, scene, volume, transfer)
-        volume, transfer, told = chosen.volume, chosen.transfer, chosen.info
-    image = _in_bricks(args, scene, volume, transfer, camera)
-    if image is None:
-        splats = scene.splats(volume, transfer, None if args.quiet else _bar)
-        if not len(splats):
-            raise nothing(scene, volume)
-        image = _drawn(args, scene, splats, camera or scene.view.camera(volume, splats))
-    image = Image(image.pixels, {**image.info, **told, **origin(scene, transfer)})
+    image = _on_workers(args, scene, volume, transfer) if on_workers else _here(args, scene, volume, transfer)
+    image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
     ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     ended = 0
     if reference is not None:
@@ -99,6 +94,44 @@ def run(args: argparse.Namespace) -> int:
     if not args.quiet:
         print(_summary(output, image))
     return ended
+
+
+def _here(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
+    """The image, drawn by this process."""
+    camera, told = None, dict[str, object]()
+    if volume.coarser:
+        camera, chosen = _level(args, scene, volume, transfer)
+        volume, transfer, told = chosen.volume, chosen.transfer, chosen.info
+    image = _in_bricks(args, scene, volume, transfer, camera)
+    if image is None:
+        splats = scene.splats(volume, transfer, None if args.quiet else _bar)
+        if not len(splats):
+            raise nothing(scene, volume)
+        image = _drawn(args, scene, splats, camera or scene.view.camera(volume, splats))
+    return Image(image.pixels, {**image.info, **told})
+
+
+def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
+    """The image, drawn in parts by workers of Dask."""
+    from splatgl.app.on_workers import anywhere
+    from splatgl.app.worker_options import drawing_of
+    from splatgl.distributed.cluster import connected
+    from splatgl.distributed.slabs import Job, draw_parts
+    from splatgl.splat.bricks.opaque import Opaque
+
+    for name in ("check", "field", "savings", "explain"):
+        if getattr(args, name):
+            raise expected(f"--{name}", "a picture that is drawn by this process", "--workers or --scheduler")
+    if scene.threshold:
+        raise expected("--threshold", "none, with --workers or --scheduler", scene.threshold)
+    camera = scene.view.camera(volume, Opaque(volume, transfer))
+    job = Job(uuid4().hex, anywhere(scene).open, transfer, scene.settings, drawing_of(args), camera, args.memory)
+    tell = None if args.quiet else print
+    with connected(args.workers, args.scheduler, tell) as client, _work_bar(args.quiet, "part") as bar:
+        image = draw_parts(client, job, None, bar, args.check is None)
+    if not image.info["splats"]:
+        raise nothing(scene, volume)
+    return image
 
 
 def _reference(name: str, output: Path) -> Picture:
@@ -154,7 +187,7 @@ def _in_bricks(
     from splatgl.gl.renderer import Renderer
 
     camera = camera or scene.view.camera(volume, Opaque(volume, transfer))
-    with Renderer(args.backend, args.device, args.gpu) as renderer, _brick_bar(args.quiet) as bar:
+    with Renderer(args.backend, args.device, args.gpu) as renderer, _work_bar(args.quiet, "brick") as bar:
         if args.explain:
             print(renderer.plan(bricks.whole, camera, scene.settings).explain())
         image = renderer.render_bricks(bricks, camera, scene.settings, bar, bands=need.bands(most))
@@ -255,8 +288,8 @@ def _bar(parts: Iterator[Any], count: int) -> Iterator[Any]:
 
 
 @contextmanager
-def _brick_bar(quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
-    """What is told of bricks that are done: a progress bar, if tqdm is installed and stderr is a terminal."""
+def _work_bar(quiet: bool, unit: str) -> Iterator[Callable[[int, int], None] | None]:
+    """What is told of units that are done: a progress bar, if tqdm is installed and stderr is a terminal."""
     if quiet or not sys.stderr.isatty():
         yield None
         return
@@ -265,7 +298,7 @@ def _brick_bar(quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
     except ImportError:
         yield None
         return
-    with tqdm(desc="drawing", unit="brick", delay=PATIENCE, leave=False) as bar:
+    with tqdm(desc="drawing", unit=unit, delay=PATIENCE, leave=False) as bar:
 
         def done(count: int, total: int) -> None:
             bar.total = total

@@ -31,7 +31,9 @@ Found = TypeVar("Found")
 
 
 @contextmanager
-def connected(workers: int | None, scheduler: str | None, tell: Callable[[str], None] = print) -> Iterator[Client]:
+def connected(
+    workers: int | None, scheduler: str | None, tell: Callable[[str], None] | None = print
+) -> Iterator[Client]:
     """A client of that scheduler, or of as many workers on this machine, which end with it.
 
     tell: called with the dashboard's address. Raises InputError if nothing answers in TIMEOUT seconds, and for workers
@@ -59,13 +61,17 @@ def connected(workers: int | None, scheduler: str | None, tell: Callable[[str], 
                 )
             )
             cluster = distributed.LocalCluster(
-                n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=logging.CRITICAL
+                n_workers=workers,
+                threads_per_worker=1,
+                dashboard_address=":0",
+                silence_logs=logging.CRITICAL,
+                preload=["splatgl.distributed.preload"],
             )
             client = stack.enter_context(distributed.Client(stack.enter_context(cluster)))
         else:
             client = stack.enter_context(_client(scheduler))
             check_workers(client, scheduler)
-        if client.dashboard_link:
+        if tell and client.dashboard_link:
             tell(f"dashboard: {client.dashboard_link}")
         yield client
 
@@ -138,9 +144,9 @@ def spread(
         for future in running:
             name = waiting.pop(future)
             try:
-                found = _result(future, name)
-            except _Died as error:
-                lost.append(InputError(str(error)))
+                found = outcome(future, name)
+            except WorkerDied as error:
+                lost.append(error)
             else:
                 yield name, found
             more()
@@ -150,18 +156,19 @@ def spread(
         raise lost[0]
 
 
-class _Died(Exception):
-    """Work whose workers died."""
+class WorkerDied(InputError):
+    """Work that no worker survived."""
 
 
-def _result(future: Any, name: str) -> Any:
+def outcome(future: Any, name: str) -> Any:
+    """What a future found. name: of the work, for an InputError."""
     from distributed import KilledWorker
 
     try:
         return future.result()
     except KilledWorker as error:
         times = error.allowed_failures + 1
-        raise _Died(f"{name}: its worker died {times} times, most likely out of memory; try --memory") from None
+        raise WorkerDied(f"{name}: its worker died {times} times, most likely out of memory; try --memory") from None
 
 
 def _line(error: Exception) -> str:

@@ -9,6 +9,9 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.data.errors import InputError
+from splatgl.data.volume import Volume
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.plan.settings import Settings
 
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer
@@ -27,6 +30,17 @@ class Drawing:
     gpu: bool = False
 
 
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What is drawn: workers open it themselves. key: names it among those that a worker keeps."""
+
+    key: str
+    open: Callable[[], Volume]
+    transfer: Transfer
+    settings: Settings
+    drawing: Drawing
+
+
 class _Kept:
     """The renderer, and the last thing that was made for a key."""
 
@@ -42,8 +56,20 @@ def _thread() -> ThreadPoolExecutor:
 
 
 def call(work: Callable[..., Found], *arguments: Any) -> Found:
-    """work(*arguments), in the one thread of this process that draws."""
-    return _thread().submit(work, *arguments).result()
+    """work(*arguments), in the one thread of this process that draws. An InputError names the worker."""
+    try:
+        return _thread().submit(work, *arguments).result()
+    except InputError as error:
+        raise InputError(f"{error} (on worker {_address()})") from None
+
+
+def _address() -> str:
+    try:
+        from distributed import get_worker
+
+        return str(get_worker().address)
+    except (ImportError, ValueError):
+        return "here"
 
 
 def renderer(drawing: Drawing) -> Renderer:

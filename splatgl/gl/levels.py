@@ -68,7 +68,7 @@ def level_for(
     volume is no further from the finest level, supersampled, than that is, drawn with these settings, or than their
     tolerance. renderer: one that is open.
     """
-    finest = Level(0, replace(volume, coarser=()), transfer, {}, 0.0, 0)
+    finest = Level(0, level_of(volume, 0), transfer, {}, 0.0, 0)
     coarsest = just_finer(volume, camera)
     if coarsest == 0:
         return finest
@@ -87,12 +87,19 @@ def level_for(
     own = _rmse([(box.image, box.right) for box in boxes])
     off, allowed = {0: own}, max(SLACK * own, settings.tolerance * one)
     for number in range(coarsest, 0, -1):
-        chosen = replace(volume.coarser[number - 1], name=volume.name, hints=volume.hints, frame=volume.frame)
+        chosen = level_of(volume, number)
         drawn = [_drawn(_cut(chosen, *box.ends), transfer, box.camera, settings, renderer) for box in boxes]
         off[number] = _rmse([(image, box.right) for image, box in zip(drawn, boxes, strict=True)])
         if off[number] <= allowed:
             return Level(number, chosen, transfer, off, allowed, len(boxes))
     return replace(fine, off=off, allowed=allowed)
+
+
+def level_of(volume: Volume, number: int) -> Volume:
+    """A level of a multiscale image by itself."""
+    if number == 0:
+        return replace(volume, coarser=())
+    return replace(volume.coarser[number - 1], name=volume.name, hints=volume.hints, frame=volume.frame)
 
 
 def just_finer(volume: Volume, camera: Camera) -> int:

@@ -79,7 +79,8 @@ class Passes:
         batches: Batches | None = None,
     ) -> np.ndarray:
         """float32 [H, W, 4]. role: name under which the target is cached. interrupted: called between portions; raises
-        Interrupted if it returns True. batches: of what is drawn instead of `splats`, which stand for all of it.
+        Interrupted if it returns True. batches: of what is drawn instead of `splats`, which stand for all of it; of a
+        shell, the samples are returned.
         """
         if plan.exposure is None:
             splats = ahead(splats, plan.resolved.camera)
@@ -88,6 +89,21 @@ class Passes:
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         if len(splats):
             self._draw_splats(target, splats, plan, portions, batches)
+        if batches is not None and batches.shell is not None:
+            return target.read(plan.window)
+        return self._read(target, plan)
+
+    def joined(self, samples: np.ndarray, whole: Splats, plan: Plan) -> np.ndarray:
+        """float32 [H, W, 4]: the picture whose parts' samples were joined."""
+        target = self.targets.get("draw", plan.view.size, plan.target)
+        target.texture.write(np.ascontiguousarray(samples, np.float32))
+        if plan.program.look.blend.one_value:
+            self._bind(whole, plan)
+            self.sheets.show(target, whole, plan)
+        return self._read(target, plan)
+
+    def _read(self, target: Target, plan: Plan) -> np.ndarray:
+        """The pixels of samples that are drawn."""
         # a sum has no background
         background = plan.resolved.background if not plan.program.look.blend.unbounded else None
         if plan.resolved.averaged or background is not None:
@@ -97,11 +113,7 @@ class Passes:
     def _draw_splats(
         self, target: Target, splats: Splats, plan: Plan, portions: Portions, batches: Batches | None
     ) -> None:
-        self.frame.write(frame_block(splats, plan).tobytes())
-        self.style.write(style_block(splats, plan).tobytes())
-        self.frame.bind_to_uniform_block(FRAME_BINDING)
-        self.style.bind_to_uniform_block(STYLE_BINDING)
-        self.tables.use(plan)
+        self._bind(splats, plan)
         if batches is not None:
             self.sheets.draw_batches(target, splats, plan, batches, portions)
             return
@@ -110,6 +122,14 @@ class Passes:
         order = DrawOrder(boxes, boxes is not None and plan.order == "front-to-back")
         technique = f"sheets in {plan.program.technique}" if plan.resolved.sheets else plan.program.technique
         self.techniques[technique].draw(target, splats, plan, order, portions)
+
+    def _bind(self, splats: Splats, plan: Plan) -> None:
+        """Uniform blocks and tables of a picture."""
+        self.frame.write(frame_block(splats, plan).tobytes())
+        self.style.write(style_block(splats, plan).tobytes())
+        self.frame.bind_to_uniform_block(FRAME_BINDING)
+        self.style.bind_to_uniform_block(STYLE_BINDING)
+        self.tables.use(plan)
 
     def _resolve(self, drawn: Target, plan: Plan, background: tuple[float, float, float] | None) -> Target:
         program = self.programs.for_screen("resolve.frag")

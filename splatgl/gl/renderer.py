@@ -146,16 +146,55 @@ class Renderer:
         of which has fewer splats waiting. Raises InputError for what takes other splats than values in sheets, or
         quads, and for a parallel view from within the volume.
         """
-        check_process(self.ctx)
         started = time.perf_counter()
-        whole, before = bricks.whole, 0
-        bricks.found.clear()
+        chosen = self.plan_bricks(bricks, camera, settings)
+        pixels = self._draw_bricks(bricks, chosen, progress, interrupted, bands)
+        return self._of_bricks(bricks, camera, chosen, pixels, sum(bricks.found.values()), started)
+
+    def render_part(
+        self, bricks: Bricks, camera: Camera, settings: Settings | None = None, bands: int = 1
+    ) -> np.ndarray:
+        """The samples, float32 [H, W, 4], of what lies in the shell of `Bricks.within`; of blends of one value, that
+        and the length over which it is known. Raises InputError as `render_bricks`.
+        """
+        return self._draw_bricks(bricks, self.plan_bricks(bricks, camera, settings), bands=bands)
+
+    def render_joined(
+        self,
+        bricks: Bricks,
+        camera: Camera,
+        settings: Settings | None,
+        samples: np.ndarray,
+        splats: int,
+    ) -> Image:
+        """The picture whose parts' samples were joined; bricks: all, splats: of all parts."""
+        started = time.perf_counter()
+        chosen = self.plan_bricks(bricks, camera, settings)
+        with current(self.ctx):
+            check_size(self.ctx, chosen.view.size)
+            pixels = self.passes.joined(samples, bricks.whole, chosen)
+        return self._of_bricks(bricks, camera, chosen, pixels, splats, started)
+
+    def plan_bricks(self, bricks: Bricks, camera: Camera, settings: Settings | None) -> Plan:
+        """The plan of a volume in bricks, and of all of its parts. Raises InputError as `render_bricks`."""
+        check_process(self.ctx)
+        whole = bricks.whole
         refuse_bricks(whole, camera, settings or Settings())
         chosen = self.plan(whole, camera, settings)
         if chosen.program.technique != "tiles":
             raise expected("a volume in bricks", "an OpenGL with compute shaders, technique auto or tiles", "quads")
-        if bricks.reached(chosen.view):
-            chosen = chosen.forced(half_line=True)
+        return chosen.forced(half_line=True) if bricks.reached(chosen.view) else chosen
+
+    def _draw_bricks(
+        self,
+        bricks: Bricks,
+        chosen: Plan,
+        progress: Callable[[int, int], None] | None = None,
+        interrupted: Callable[[], bool] | None = None,
+        bands: int = 1,
+    ) -> np.ndarray:
+        before = 0
+        bricks.found.clear()
 
         def batches(seen: Seen) -> Iterator[Splats]:
             nonlocal before
@@ -168,14 +207,15 @@ class Renderer:
 
         with current(self.ctx):
             check_size(self.ctx, chosen.view.size)
-            pixels = self._draw(whole, chosen, interrupted=interrupted, batches=Batches(batches, bands))
-        told = self._provenance(whole, camera, chosen, time.perf_counter() - started)
-        told |= {
-            "splats": sum(bricks.found.values()),
-            "bricks": len(bricks.low),
-            "error_bound": None,
-            "tolerance_met": False,
-        }
+            return self._draw(
+                bricks.whole, chosen, interrupted=interrupted, batches=Batches(batches, bands, bricks.shell)
+            )
+
+    def _of_bricks(
+        self, bricks: Bricks, camera: Camera, chosen: Plan, pixels: np.ndarray, splats: int, started: float
+    ) -> Image:
+        told = self._provenance(bricks.whole, camera, chosen, time.perf_counter() - started)
+        told |= {"splats": splats, "bricks": len(bricks.low), "error_bound": None, "tolerance_met": False}
         return Image(pixels, told)
 
     def _verified(self, splats: Splats, camera: Camera, settings: Settings, chosen: Plan, pixels: np.ndarray) -> float:

@@ -19,6 +19,9 @@ MOST_RUN, LEAST_RUNS = 60_000, 64
 # texture unit of the records, buffer binding of the cursors, and image unit of the order
 RECORDS_UNIT, CURSORS, IMAGE = 5, 0, 0
 
+# of sheets from the first: no end
+EVERYWHERE = (-1e9, 1e9)
+
 Uniforms = dict[str, object]
 
 
@@ -31,6 +34,8 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
         "sheet_direction": tuple(index_direction(view)),
         "thickness": sheets.thickness,
         "first_sheet": float(sheets.range(splats, view)[0]),
+        "shell": EVERYWHERE,
+        "partial": False,
     }
     if post is not None:
         found |= class_uniforms(post)

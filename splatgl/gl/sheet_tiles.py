@@ -19,7 +19,7 @@ from splatgl.gl.sheet_order import SheetOrder, sheet_span, sheet_uniforms
 from splatgl.gl.tables import CLASS_UNIT, HALF_LINE_UNIT, Tables
 from splatgl.gl.target import Target
 from splatgl.gl.tiles import LIST_UNIT, LISTS, OPEN, Band, Tiles, bands_of, set_uniforms
-from splatgl.splat.bricks.bricks import Seen
+from splatgl.splat.bricks.bricks import Seen, Shell
 from splatgl.splat.extraction.splats import Splats, corners_of
 from splatgl.splat.plan.occlusion_policy import cuts
 from splatgl.splat.plan.plan import Plan
@@ -43,10 +43,12 @@ class Batches:
     """Splats that are drawn while they are extracted. bands: of rows of the picture, drawn one after another.
 
     of: gives their batches, nearest first, given what tells whether a box of voxels may still be seen in the band.
+    shell: draws a part of the picture, the samples of what lies between two sheets; see `Bricks.within`.
     """
 
     of: Callable[[Seen], Iterator[Splats]]
     bands: int = 1
+    shell: Shell | None = None
 
 
 class SheetTiles(Tiles):
@@ -90,6 +92,9 @@ class SheetTiles(Tiles):
         whole: stands for all of them.
         """
         self.uniforms = sheet_uniforms(whole, plan)
+        if batches.shell is not None:
+            first = float(str(self.uniforms["first_sheet"]))
+            self.uniforms |= {"shell": tuple(end - first for end in batches.shell), "partial": True}
         (window,) = bands_of(plan.window, sys.maxsize)
         rows = -(-window.height // ROWS)
         for part in bands_of(window, -(-rows // batches.bands) * ROWS * window.width):
@@ -119,6 +124,16 @@ class SheetTiles(Tiles):
             self.gather(target, plan, texels, (0, count), band, ask=portions.ask)
         self.last = True
         self._flush(target, plan)
+
+    def show(self, target: Target, whole: Splats, plan: Plan) -> None:
+        """Shows the values of a target that holds the joined parts of a picture."""
+        self.uniforms = sheet_uniforms(whole, plan)
+        for window in bands_of(plan.window, MOST_PIXELS):
+            self._begin(whole, plan, window)
+            # nothing is left of any tile but what it has to show
+            self._keep()
+            self.kept, self.last = np.ones(self.band.closed.size, bool), True
+            self._flush(target, plan)
 
     def _begin(self, splats: Splats, plan: Plan, window: Window) -> Band:
         """A new band; tiles beside the volume's box are closed."""

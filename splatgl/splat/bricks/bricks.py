@@ -11,7 +11,8 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -35,6 +36,11 @@ AHEAD = 2
 # sheets by which float32 may place a splat before float64
 SLACK = 1
 
+# a sheet beyond all others
+FAR = 2**30
+
+# the sheets between which something lies, as `Sheets.base` counts them
+Shell = tuple[int, int]
 # records, and the first sheet of each, which never falls
 Found = tuple[np.ndarray, np.ndarray]
 # whether anything of a box of voxels, from low to high (x, y, z), can be seen
@@ -45,7 +51,8 @@ Seen = Callable[[np.ndarray, np.ndarray], bool]
 class Bricks:
     """A volume in boxes of voxels. low, high int64 [B, 3]: of their own voxels low ≤ (x, y, z) < high.
 
-    found: splats of those bricks that were extracted for a picture.
+    found: splats of those bricks that were extracted for a picture. shell: of all splats, only those between two sheets
+    are drawn.
     """
 
     volume: Volume
@@ -53,6 +60,7 @@ class Bricks:
     low: np.ndarray
     high: np.ndarray
     found: dict[int, int] = field(default_factory=dict)
+    shell: Shell | None = None
 
     @classmethod
     def of(cls, volume: Volume, post: PostClassified, side: int = SIDE) -> Bricks:
@@ -71,7 +79,7 @@ class Bricks:
     def whole(self) -> Splats:
         """Two splats at the corners of the volume's box: what a plan needs to know of all of them."""
         records = np.zeros(2, record_type(self.volume.shape, post=True))
-        records["position"][1] = self.high.max(axis=0) - 1
+        records["position"][1] = np.array(self.volume.shape[::-1]) - 1
         return post_splats(self.volume, self.post, records)
 
     def _ahead(self, order: list[int], sheets: Sheets, view: View, seen: Seen) -> Iterator[Found]:
@@ -79,8 +87,13 @@ class Bricks:
 
         def work(brick: int) -> Found:
             records = self.records(brick)
-            self.found[brick] = len(records)
             base = sheets.base(sheets.places(view, records["position"])).astype(np.int32)
+            self.found[brick] = len(records)
+            if self.shell is not None:
+                first, last = self.shell
+                self.found[brick] = int(((base >= first) & (base < last)).sum())
+                kept = (base > first - sheets.count) & (base <= last)
+                records, base = records[kept], base[kept]
             by_sheet = np.argsort(base, kind="stable")
             return records[by_sheet], base[by_sheet]
 
@@ -111,16 +124,33 @@ class Bricks:
     def reached(self, view: View) -> bool:
         """Whether the eye may be in a kernel, or a kernel cross its plane in the picture."""
         forward = view.eye_from_index[2]
-        nearest = np.where(forward > 0, 0, self.high.max(axis=0) - 1)
+        nearest = np.where(forward > 0, 0, np.array(self.volume.shape[::-1]) - 1)
         return view.perspective and bool(forward @ (nearest - view.eye_index) <= AROUND_EYE * view.reach)
 
     def nearest(self, sheets: Sheets, view: View) -> np.ndarray:
         """int64 [B]: the first sheet of the nearest place within each brick."""
         if view.perspective:
             return sheets.base(sheets.places(view, np.clip(view.eye_index, self.low, self.high - 1)))
+        return sheets.base(self._corner_places(sheets, view).min(axis=0))
+
+    def _corner_places(self, sheets: Sheets, view: View) -> np.ndarray:
+        """[8, B]: the places in sheets of the corners of each brick."""
         ends = np.stack([self.low, self.high - 1])
         corners = [ends[[x, y, z], :, [0, 1, 2]].T for x in (0, 1) for y in (0, 1) for z in (0, 1)]
-        return sheets.base(np.min([sheets.places(view, corner) for corner in corners], axis=0))
+        return np.stack([sheets.places(view, corner) for corner in corners])
+
+    def within(self, sheets: Sheets, view: View, shell: Shell) -> Bricks:
+        """The bricks that matter to what lies between two sheets, and of them those splats."""
+        furthest = sheets.base(self._corner_places(sheets, view).max(axis=0))
+        kept = (self.nearest(sheets, view) <= shell[1]) & (furthest > shell[0] - sheets.count)
+        return replace(self, low=self.low[kept], high=self.high[kept], found={}, shell=shell)
+
+    def shells(self, sheets: Sheets, view: View, count: int) -> list[Shell]:
+        """The ranges of sheets of `count` parts, or fewer, of about as many bricks each, nearest first."""
+        nearest = np.sort(self.nearest(sheets, view))
+        cuts = np.unique(nearest[np.arange(1, count) * len(nearest) // count])
+        ends = [-FAR, *cuts[cuts > nearest[0]].tolist(), FAR]
+        return list(pairwise(ends))
 
     def batches(self, sheets: Sheets, view: View, seen: Seen) -> Iterator[tuple[np.ndarray, int]]:
         """Records of batches, and how many bricks were done with. seen: asked of a brick before it is read."""

@@ -1,0 +1,10 @@
+"""Loaded by workers that end with their client: Ctrl-C is the client's, which then ends them."""
+
+from __future__ import annotations
+
+import signal
+
+
+def dask_setup(_: object) -> None:
+    """Called by Dask in a worker's main thread."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,177 @@
+"""One picture by several workers: each draws what lies between two sheets, reading what that takes; then they are
+joined, nearest first, as a tree.
+"""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from splatgl.data.errors import InputError, expected
+from splatgl.data.image import Image
+from splatgl.data.readers import load
+from splatgl.data.volume import Volume
+from splatgl.distributed.parts import Part, join
+from splatgl.distributed.worker import Drawing, Subject, call, kept, renderer
+from splatgl.splat.bricks.bricks import Bricks, Shell
+from splatgl.splat.bricks.within import bricks_of
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.extract import only_pre
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.plan.suited import one_by_one
+from splatgl.splat.view.camera import Camera
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from splatgl.splat.plan.plan import Plan
+
+# parts for each worker: those behind others end early, and wait for none
+PARTS = 2
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Job(Subject):
+    """A picture that is drawn in parts. level: of a multiscale image. memory: of a worker, in bytes; None: half of what
+    is free there.
+    """
+
+    camera: Camera
+    memory: int | None = None
+    level: int = 0
+
+
+def render_slabs(
+    source: Volume | str | Path,
+    transfer: Transfer,
+    camera: Camera,
+    settings: Settings | None = None,
+    memory: int | None = None,
+    progress: Progress | None = None,
+    client: Client | None = None,
+) -> Image:
+    """The picture of a volume, or of a file, of any size, at the level of `level_for`: `info["level"]`.
+
+    If extracting and drawing all splats is estimated to take more than `memory` bytes (default: half of what is
+    available), they are extracted brick by brick, nearest first, and drawn at once: `info["bricks"]` is their number, 0
+    if the volume was drawn whole. client: a Dask client, whose workers draw parts of the picture; they open the file
+    themselves, a Volume is sent to them. progress: called with the bricks, or with a client the parts, that are done,
+    and their number. Raises InputError for pictures in bricks that take voxels classified before.
+    """
+    if client is None:
+        from splatgl.gl.slabs import render_slabs as alone
+
+        return alone(source, transfer, camera, settings, memory, progress)
+    volume = None
+    if isinstance(source, Volume):
+        volume, opened = client.scatter(source, broadcast=True), _none
+    else:
+        opened = partial(load, Path(source).resolve() if Path(source).exists() else source)
+    job = Job(uuid.uuid4().hex, opened, transfer, settings or Settings(), Drawing(), camera, memory)
+    return draw_parts(client, job, volume, progress)
+
+
+def _none() -> Volume:
+    raise InputError("the volume was sent to the workers")
+
+
+def draw_parts(
+    client: Client, job: Job, volume: Any = None, progress: Progress | None = None, check: bool = False
+) -> Image:
+    """The picture of a job. volume: a future of one that is sent to the workers. check: compare some squares with
+    float64.
+    """
+    from distributed import as_completed
+
+    from splatgl.distributed.cluster import addresses, outcome
+
+    started, submit = time.perf_counter(), partial(client.submit, call, pure=False)
+    futures = []
+    try:
+        futures.append(submit(_level, job, volume))
+        number, transfer, told = outcome(futures[-1], "the picture")
+        job = replace(job, level=number, transfer=transfer)
+        futures.append(submit(_shells, job, volume, PARTS * max(len(addresses(client)), 1)))
+        how, shells = outcome(futures[-1], "the picture")
+        parts = [submit(_part, job, volume, shell) for shell in shells]
+        names = {part.key: f"part {n} of {len(parts)}" for n, part in enumerate(parts, 1)}
+        futures += parts
+        # as a tree, so that none holds many
+        joined = parts
+        while len(joined) > 1:
+            pairs = [submit(join, how, *joined[n : n + 2]) for n in range(0, len(joined) - 1, 2)]
+            joined = pairs + joined[2 * len(pairs) :]
+            futures += pairs
+        for done, part in enumerate(as_completed(parts), 1):
+            outcome(part, names[part.key])
+            if progress:
+                progress(done, len(parts))
+        futures.append(submit(_finished, job, volume, joined[0], check))
+        image: Image = outcome(futures[-1], "the picture")
+    finally:
+        client.cancel(futures)
+    told |= {"parts": len(shells), "seconds": round(time.perf_counter() - started, 6)}
+    return Image(image.pixels, {**image.info, **told})
+
+
+def _level(job: Job, sent: Volume | None) -> tuple[int, Transfer, dict[str, object]]:
+    """On a worker: the level that the picture takes, its transfer function, and what is told of it."""
+    from splatgl.gl.levels import level_for
+
+    found = level_for(_volume(job, sent), job.transfer, job.camera, job.settings, renderer(job.drawing))
+    return found.number, found.transfer, found.info
+
+
+def _shells(job: Job, sent: Volume | None, count: int) -> tuple[str, list[Shell]]:
+    """On a worker: how the parts are joined, and what they are."""
+    bricks, chosen = _planned(job, sent)
+    assert chosen.resolved.sheets is not None
+    return chosen.program.look.blend.join, bricks.shells(chosen.resolved.sheets, chosen.view, count)
+
+
+def _part(job: Job, sent: Volume | None, shell: Shell) -> Part:
+    """On a worker: a part of the picture."""
+    from splatgl.splat.bricks.estimate import budget, need
+
+    bricks, chosen = _planned(job, sent)
+    assert chosen.resolved.sheets is not None
+    some = bricks.within(chosen.resolved.sheets, chosen.view, shell)
+    most = budget() if job.memory is None else job.memory
+    bands = need(bricks, 4 * job.camera.size[0] * job.camera.size[1], most).bands(most)
+    pixels = renderer(job.drawing).render_part(some, job.camera, job.settings, bands)
+    return Part.of(pixels, sum(some.found.values()))
+
+
+def _finished(job: Job, sent: Volume | None, part: Part, check: bool) -> Image:
+    """On a worker: the picture of all parts together."""
+    from splatgl.truth.check import check_bricks
+
+    bricks, _ = _planned(job, sent)
+    image = renderer(job.drawing).render_joined(bricks, job.camera, job.settings, part.whole, part.splats)
+    return check_bricks(image, bricks, job.camera, job.settings) if check and part.splats else image
+
+
+def _planned(job: Job, sent: Volume | None) -> tuple[Bricks, Plan]:
+    """The volume in bricks, and the plan of the picture. InputError for what takes other splats than values."""
+    from splatgl.gl.levels import level_of
+
+    def make() -> tuple[Bricks, Plan]:
+        volume = level_of(_volume(job, sent), job.level)
+        bricks = bricks_of(volume, job.transfer, job.settings)
+        if bricks is None:
+            why = only_pre(volume, job.transfer, 0.0) or one_by_one(job.settings, moving=False) or "classification pre"
+            raise expected("a picture in parts", "values classified after reconstruction", why, "draw it alone")
+        return bricks, renderer(job.drawing).plan_bricks(bricks, job.camera, job.settings)
+
+    return kept((job.key, job.level), make)
+
+
+def _volume(job: Job, sent: Volume | None) -> Volume:
+    return job.open() if sent is None else sent
