@@ -31,7 +31,7 @@ ROOT = Path(__file__).parents[1]
 TOP = ROOT / "README.md"
 READMES = [TOP, *sorted((ROOT / "splatgl").rglob("README.md"))]
 IDS = [path.relative_to(ROOT).as_posix() for path in READMES]
-ROOMS = ("data", "splat", "gl", "truth", "app", "app/viewer")
+ROOMS = ("data", "splat", "gl", "truth", "distributed", "app", "app/viewer")
 MOST_LINES = 170
 # of code blocks; text is output, and holds no command
 LANGUAGES = ("sh", "python", "toml", "text", "mermaid")
@@ -225,7 +225,7 @@ def test_snippets(block: Block, here: Path, monkeypatch: pytest.MonkeyPatch) -> 
     # what they register is gone with them
     monkeypatch.setattr(kernels, "KERNELS", dict(kernels.KERNELS))
     monkeypatch.setattr("splatgl.splat.plan.settings.KERNELS", kernels.KERNELS)
-    names: dict[str, Any] = {}
+    names: dict[str, Any] = {"__name__": "__main__"}
     exec(compile(block.text, str(block.path), "exec"), names)
     # one that defines a test is run by test_plugin.py
     if block.path == TOP:

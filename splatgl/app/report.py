@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from splatgl import __version__
 from splatgl.app.options import add_backend
+from splatgl.app.worker_options import add_workers, asked, drawing_of
 from splatgl.data.errors import InputError, expected
 from splatgl.truth.metrics import need_flip
 from splatgl.truth.report.methods import AXES, methods
@@ -50,6 +51,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--resume", action="store_true", help="go on with what is in DIR")
     parser.add_argument("--list", action="store_true", help="tell what methods there are, and draw nothing")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
+    add_workers(parser)
     add_backend(parser)
     parser.set_defaults(run=run)
 
@@ -59,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
     if args.list:
         print(listed())
         return 0
+    asked(args)
     level = _level(args)
     known = {*methods(), *AXES}
     for name in args.only:
@@ -101,6 +104,8 @@ def _measured(args: argparse.Namespace, level: Level, sources: list[str], folder
         if not args.resume:
             _forget(folder / KEPT)
         task = Task(level, tuple(args.only), args.peers, _has_flip(), folder / KEPT)
+        if asked(args):
+            _prepare(args, renderer, sources, scenes, task)
         try:
             with _progress(task.steps(len(scenes)), args.quiet) as tick:
                 work(renderer, scenes, task, store, tick)
@@ -113,6 +118,19 @@ def _measured(args: argparse.Namespace, level: Level, sources: list[str], folder
     if not args.quiet:
         print("\n".join(written))
     return ended
+
+
+def _prepare(
+    args: argparse.Namespace, renderer: Renderer, sources: list[str], scenes: list[Subject], task: Task
+) -> None:
+    """Has workers compute truths. They end before anything is timed, which takes the machine for itself."""
+    from splatgl.app.report_workers import prepare
+    from splatgl.distributed.cluster import connected
+
+    with connected(args.workers, args.scheduler, None if args.quiet else print) as client:
+        count = prepare(client, renderer, sources, scenes, task, drawing_of(args))
+    if not args.quiet:
+        print(f"{count} truths by workers; times are measured by this process, after them")
 
 
 def _strip(renderer: Renderer, subject: Subject, results: Results, task: Task) -> Strip:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from splatgl.app.output import check_output
+from splatgl.app.worker_options import add_workers, asked, drawing_of
 from splatgl.data.errors import expected
 from splatgl.data.image import write_whole
 from splatgl.truth.stress import CASES, run_case
 from splatgl.truth.stress.bench import Bench
-from splatgl.truth.stress.case import Case, Result
+from splatgl.truth.stress.case import Case, Check, Result
 from splatgl.truth.stress.pages import PAGES
 from splatgl.truth.stress.report import about, as_csv, as_json, as_markdown, heading, line, lines, verdict
 
 if TYPE_CHECKING:
+    from splatgl.distributed.worker import Drawing
     from splatgl.gl.renderer import Renderer
 
 # exit code if a bound is violated
@@ -35,6 +38,8 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="FILE", help="write everything as JSON")
     parser.add_argument("--backend", default="auto", metavar="NAME", help="auto, egl, osmesa or window")
     parser.add_argument("--device", type=int, metavar="N", help="index of the EGL device")
+    parser.set_defaults(gpu=False)
+    add_workers(parser)
     parser.set_defaults(run=run)
 
 
@@ -46,21 +51,55 @@ def run(args: argparse.Namespace) -> int:
     files = _files(args)
     chosen = [_case(name) for name in args.case] if args.case else list(CASES.values())
     explained = _case(args.explain) if args.explain else None
-    from splatgl.gl.renderer import Renderer
+    tell = lines if args.case and len(chosen) <= FEW else line
+    if asked(args) and not explained:
+        results, drawn_by = _on_workers(args, chosen, tell)
+    else:
+        from splatgl.gl.renderer import Renderer
 
-    with Renderer(args.backend, args.device) as renderer:
-        if explained:
-            return _explain(explained, renderer)
-        drawn_by = f"{renderer.info.renderer}, OpenGL {renderer.info.version} ({renderer.info.backend})"
-        print(f"{drawn_by}\n{heading()}")
-        results = []
-        for case in chosen:
-            results.append(run_case(case, renderer))
-            print(lines(results[-1]) if args.case and len(chosen) <= FEW else line(results[-1]), flush=True)
+        with Renderer(args.backend, args.device) as renderer:
+            if explained:
+                return _explain(explained, renderer)
+            drawn_by = _by(renderer)
+            print(f"{drawn_by}\n{heading()}")
+            results = []
+            for case in chosen:
+                results.append(run_case(case, renderer))
+                print(tell(results[-1]), flush=True)
     print(verdict(results))
     for kind, path in files.items():
         write_whole(path, _text(kind, results, drawn_by).encode())
     return 0 if all(result.ok for result in results) else BROKEN
+
+
+def _by(renderer: Renderer) -> str:
+    return f"{renderer.info.renderer}, OpenGL {renderer.info.version} ({renderer.info.backend})"
+
+
+def _on_workers(
+    args: argparse.Namespace, chosen: list[Case], tell: Callable[[Result], str]
+) -> tuple[list[Result], str]:
+    """The results, in the order of the cases, and by what they were drawn. They are told as they are done."""
+    from splatgl.distributed.cluster import connected, spread
+
+    found, drawn_by = dict[str, Result](), ""
+    with connected(args.workers, args.scheduler) as client:
+        items = ((case.name, (case.name, drawing_of(args))) for case in chosen)
+        for name, (by, checks, pictures, bad, seconds) in spread(client, _case_on_worker, items):
+            if by != drawn_by:
+                drawn_by = by
+                print(f"{by}\n{heading()}")
+            found[name] = Result(CASES[name], checks, pictures, bad, seconds)
+            print(tell(found[name]), flush=True)
+    return [found[case.name] for case in chosen], drawn_by
+
+
+def _case_on_worker(name: str, drawing: Drawing) -> tuple[str, tuple[Check, ...], int, int, float]:
+    """On a worker: by what a case was drawn, and what a Result holds besides the case."""
+    from splatgl.distributed.worker import renderer
+
+    result = run_case(CASES[name], renderer(drawing))
+    return _by(renderer(drawing)), result.checks, result.pictures, result.bad_pixels, result.seconds
 
 
 def _explain(case: Case, renderer: Renderer) -> int:

@@ -11,9 +11,9 @@ import os
 import platform
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from splatgl import __version__
 from splatgl.data.errors import InputError, expected, missing_extra
 from splatgl.distributed.worker import call
 
@@ -107,7 +107,11 @@ def check_workers(client: Client, name: str = "the scheduler") -> None:
 
 def about() -> tuple[str, str]:
     """What workers and their client must have in common."""
-    return f"splatgl {__version__}", f"Python {'.'.join(platform.python_version_tuple()[:2])}"
+    return f"splatgl {_version()}", f"Python {'.'.join(platform.python_version_tuple()[:2])}"
+
+
+def _version() -> str:
+    return str(import_module("splatgl").__version__)
 
 
 def addresses(client: Client) -> list[str]:

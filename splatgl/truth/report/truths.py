@@ -34,6 +34,9 @@ TIGHT = 1e-9
 # a reference of more samples than this takes minutes
 MOST_SAMPLES = {"quick": 1 << 17, "normal": 1 << 19, "full": 1 << 21}
 
+# key, kind and settings of a truth
+Wanted = tuple[str, str, Settings]
+
 
 class Truths:
     """Truths of one scene. folder: cache, or None."""
@@ -48,6 +51,10 @@ class Truths:
 
         Raises InputError if there is none, or if it would take too long.
         """
+        return Image(self.made(*self.wanted(truth, settings)), {"blend": settings.blend})
+
+    def wanted(self, truth: str, settings: Settings) -> Wanted:
+        """Which truth an image with those settings is measured against. Raises InputError as `get`."""
         if truth not in TRUTHS:
             raise expected("truth", " or ".join(TRUTHS), repr(truth))
         names = FIELD if truth == "field" else OPTICS + (FILTERS if truth == "reference" else ())
@@ -65,8 +72,7 @@ class Truths:
             if truth == "field" and self.subject.no_field:
                 raise InputError(self.subject.no_field)
             key = f"{truth} {self.level.samples} {self.level.rays} {self.level.steps} {asked}"
-        pixels = self._made(key, truth, Settings.like("0.1", **asked))
-        return Image(pixels, {"blend": settings.blend})
+        return key, truth, Settings.like("0.1", **asked)
 
     def _check(self, asked: dict[str, Any]) -> None:
         width, height = self.subject.camera.size
@@ -79,19 +85,29 @@ class Truths:
                 "more would take too long: use --full or a smaller --size",
             )
 
-    def _made(self, key: str, truth: str, settings: Settings) -> np.ndarray:
+    def made(self, key: str, truth: str, settings: Settings) -> np.ndarray:
+        """A truth that is `wanted`: kept, from the folder, or computed."""
         if key not in self.kept:
-            name = hashlib.sha256(f"{self.mark} {key}".encode()).hexdigest()[:16]
-            path = self.folder / f"{name}.npy" if self.folder else None
+            path = self.path(key)
             found = _read(path, (*self.subject.camera.size[::-1], 4)) if path else None
             if found is None:
                 found = self._draw(truth, settings)
-                if path is not None:
-                    buffer = io.BytesIO()
-                    np.save(buffer, found)
-                    write_whole(path, buffer.getvalue())
+                self.keep(key, found)
             self.kept[key] = found
         return self.kept[key]
+
+    def path(self, key: str) -> Path | None:
+        """Where a truth is in the folder."""
+        name = hashlib.sha256(f"{self.mark} {key}".encode()).hexdigest()[:16]
+        return self.folder / f"{name}.npy" if self.folder else None
+
+    def keep(self, key: str, pixels: np.ndarray) -> None:
+        """Writes a truth into the folder, if there is one."""
+        path = self.path(key)
+        if path is not None:
+            buffer = io.BytesIO()
+            np.save(buffer, pixels)
+            write_whole(path, buffer.getvalue())
 
     def _draw(self, truth: str, settings: Settings) -> np.ndarray:
         if truth == "field":

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from splatgl.data.errors import expected
+from splatgl.data.errors import InputError, expected
 from splatgl.truth.drawing import Planner
 from splatgl.truth.report.convergence import STUDIES
+from splatgl.truth.report.methods import axis_of
 from splatgl.truth.report.store import Store
 from splatgl.truth.report.subject import Level, Subject
 from splatgl.truth.report.sweep import Sweep, Tick, chosen
-from splatgl.truth.report.truths import Truths
+from splatgl.truth.report.truths import Truths, Wanted
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,19 @@ class Task:
         """Number of progress steps of `work`."""
         count = len(chosen(self.level, self.only, self.peers))
         return scenes * count * (1 + self.level.rounds) + len(STUDIES)
+
+
+def truths_of(truths: Truths, task: Task) -> list[Wanted]:
+    """The different truths of one scene that a report measures against."""
+    subject, found = truths.subject, dict[str, Wanted]()
+    for method in chosen(task.level, task.only, task.peers):
+        for kind in axis_of(method.name).measured:
+            # what has no truth is told when it is measured
+            with suppress(InputError):
+                settings = subject.settings if method.peer else subject.drawn(method)[1]
+                wanted = truths.wanted(kind, settings)
+                found.setdefault(wanted[0], wanted)
+    return list(found.values())
 
 
 def work(renderer: Planner, subjects: Sequence[Subject], task: Task, store: Store, tick: Tick) -> None:
