@@ -156,7 +156,7 @@ def test_work_of_a_worker_that_dies_is_done_again(client: Any, tmp_path: Path) -
 
 def test_work_that_kills_its_workers_is_given_up(client: Any, tmp_path: Path) -> None:
     items = [(f"frame {n}", (str(tmp_path / f"m{n}"), 99 if n == 2 else 0, n)) for n in range(6)]
-    done = []
+    done = list[int]()
     with pytest.raises(sg.InputError, match=r"^frame 2: its worker died 3 times, most likely out of memory; try --mem"):
         done.extend(found for _, found in cluster.spread(client, killing, items))
     assert len((tmp_path / "m2").read_text()) == 3
