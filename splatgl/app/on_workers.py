@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from splatgl.app.animation import Animation, bar
 from splatgl.app.frame_work import FrameView, Work
 from splatgl.app.frames import Frames
-from splatgl.app.scene import Scene
 from splatgl.distributed.worker import Drawing, kept, renderer
 from splatgl.splat.view.camera import Camera
 
@@ -25,7 +23,7 @@ def draw_frames(
     from splatgl.distributed.cluster import spread
 
     work = animation.work(frames, None)
-    work = replace(work, scenes=[anywhere(scene) for scene in work.scenes])
+    work = replace(work, scenes=[scene.anywhere() for scene in work.scenes])
     if animation.unbounded:
         ((_, top),) = spread(client, _brightest, [("the brightest frame", (work, drawing, animation.probes))])
         work = replace(work, top=top)
@@ -34,16 +32,6 @@ def draw_frames(
         for _, (frame, data) in spread(client, _frame, items):
             frames.write(frame, data)
             progress.update()
-
-
-def anywhere(scene: Scene) -> Scene:
-    """The scene with absolute paths, for processes in other folders."""
-    load = {name: _absolute(value) if name == "color" else value for name, value in scene.load.items()}
-    return replace(scene, volume=_absolute(scene.volume), load=load)
-
-
-def _absolute(name: str) -> str:
-    return str(Path(name).resolve()) if Path(name).exists() else name
 
 
 def _frame(work: Work, drawing: Drawing, view: FrameView) -> tuple[int, bytes]:

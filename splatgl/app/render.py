@@ -113,7 +113,6 @@ def _here(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Tran
 
 def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
     """The image, drawn in parts by workers of Dask."""
-    from splatgl.app.on_workers import anywhere
     from splatgl.app.worker_options import drawing_of
     from splatgl.distributed.cluster import connected
     from splatgl.distributed.slabs import Job, draw_parts
@@ -125,7 +124,7 @@ def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer
     if scene.threshold:
         raise expected("--threshold", "none, with --workers or --scheduler", scene.threshold)
     camera = scene.view.camera(volume, Opaque(volume, transfer))
-    job = Job(uuid4().hex, anywhere(scene).open, transfer, scene.settings, drawing_of(args), camera, args.memory)
+    job = Job(uuid4().hex, scene.anywhere().open, transfer, scene.settings, drawing_of(args), camera, args.memory)
     tell = None if args.quiet else print
     with connected(args.workers, args.scheduler, tell) as client, _work_bar(args.quiet, "part") as bar:
         image = draw_parts(client, job, None, bar, args.check is None)

@@ -155,6 +155,12 @@ class Scene:
             lines += [f"{key} = {_toml(f'{name} {key}', value)}" for key, value in given.items()]
         return "\n".join(lines) + "\n"
 
+    def anywhere(self) -> Scene:
+        """The same scene with absolute paths, for processes in other folders."""
+        reading = {name: _absolute(value) if name == "color" else value for name, value in self.load.items()}
+        known = self.volume in SCENES and not self.load
+        return replace(self, volume=self.volume if known else _absolute(self.volume), load=reading)
+
     def open(self) -> Volume:
         """The volume: a built-in scene, or a file through its reader."""
         if self.volume in SCENES and not self.load:
@@ -178,6 +184,11 @@ class Scene:
         base = preset(name, volume) if name else default_transfer(volume)
         _check_keys("transfer", asked, {f.name for f in fields(Transfer)})
         return replace(base, **asked)
+
+
+def _absolute(name: str) -> str:
+    """A file's absolute path; an address as it is."""
+    return name if is_address(name) else str(Path(name).resolve())
 
 
 def _relative(path: str, folder: Path) -> str:

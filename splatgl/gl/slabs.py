@@ -31,14 +31,7 @@ def render_slabs(
     progress: Progress | None = None,
     renderer: Renderer | None = None,
 ) -> Image:
-    """The picture of a volume, or of a file, of any size: `Renderer.render` of its splats, at the level of
-    `level_for`, `info["level"]`.
-
-    If extracting and drawing all splats is estimated to take more than `memory` bytes (default: half of what is
-    available), they are extracted brick by brick, nearest first, and drawn at once: `info["bricks"]` is their number, 0
-    if the volume was drawn whole. progress: called with the bricks that are done, and their number. renderer: one that
-    is open. Raises InputError for pictures in bricks that take voxels classified before.
-    """
+    """`splatgl.distributed.slabs.render_slabs` without workers; renderer: one that is open."""
     settings = settings or Settings()
     volume = source if isinstance(source, Volume) else load(source)
     most = budget() if memory is None else memory
