@@ -259,7 +259,10 @@ def test_a_scheduler_without_workers(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_interrupted_frames_are_whole(saved: Path, tmp_path: Path) -> None:
     """Ctrl-C ends workers and leaves whole frames."""
     pytest.importorskip("distributed")
-    asked = [sys.executable, "-m", "splatgl", "animate", str(saved), "--size", "300", "--frames", "400"]
+    # a shell's background jobs, and what they start, ignore Ctrl-C
+    code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    code += "from splatgl.app.cli import main; sys.exit(main())"
+    asked = [sys.executable, "-c", code, "animate", str(saved), "--size", "300", "--frames", "400"]
     asked += ["-o", str(tmp_path / "f" / "{frame}.npy"), "--workers", "2"]
     process = subprocess.Popen(asked, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
     while not list(tmp_path.glob("f/[0-9]*.npy")) and process.poll() is None:
