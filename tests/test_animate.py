@@ -14,8 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_bricks import noise
 
 import splatgl as sg
+from splatgl.app import animation
 from splatgl.app.cli import main
 from splatgl.app.frame_work import scaled
 from splatgl.app.frames import Frames
@@ -391,15 +393,42 @@ def test_a_scaled_x_ray_scales_its_bound() -> None:
     assert image.info["error_bound"] == 0.125 and (image.pixels == 0.75).all()
 
 
-def test_a_volume_beyond_memory_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("options", [["--moments", "1"], ["--moments", "3"], [], ["--blend", "xray"]], ids=str)
+def test_a_volume_beyond_memory_is_drawn_in_bricks(
+    options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from splatgl.app import animation
+    """Still and moving frames are those of the whole; moments are counted by the bricks' places."""
+    monkeypatch.chdir(tmp_path)
+    np.save("v.npy", noise(np.random.default_rng(1), (20, 20, 20)))
+    asked = ["animate", "v.npy", "--frames", "30", "--only", "3-4", "--size", "24", "--points", "0.45:0,0.6:0.8"]
+    keyed = [*asked, "--keyframes", "k.toml", *options]
+    Path("k.toml").write_text(
+        "[[keyframe]]\nframe = 0\neye = [60, 9, 20]\nlook_at = [10, 10, 10]\n"
+        "[[keyframe]]\nframe = 29\neye = [9, 60, 20]\nlook_at = [10, 10, 10]\n"
+    )
+    assert main([*keyed, "-o", "a/{frame}.npy"]) == 0
+    bricks = []
+    render = sg.Renderer.render_bricks
+    monkeypatch.setattr(sg.Renderer, "render_bricks", lambda *a, **k: bricks.append(1) or render(*a, **k))
+    monkeypatch.setattr(animation, "budget", lambda: 1 << 20)
+    assert main([*keyed, "-o", "b/{frame}.npy"]) == 0
+    count = {"1": 1, "3": 3}.get(options[-1] if options else "", 2)
+    assert len(bricks) >= 2 * count
+    for n in (3, 4):
+        first, second = (np.load(f"{folder}/{n}.npy") for folder in "ab")
+        # sums are exact streaks, if whole
+        allowed = 0.03 * first.max() if "xray" in options else 2e-3
+        assert first.max() > 0.3 and np.abs(first - second).max() < allowed
 
+
+@pytest.mark.parametrize("options", [["--motion", "exact"], ["--flow", "1"]], ids=str)
+def test_what_takes_all_splats_of_a_volume_beyond_memory_is_refused(
+    options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     np.save("v.npy", np.random.default_rng(1).random((20, 20, 20)))
     monkeypatch.setattr(animation, "budget", lambda: 1 << 20)
-    assert main(["animate", "v.npy", "-o", "frames", "--frames", "2", "--size", "8"]) == 2
+    assert main(["animate", "v.npy", "-o", "{frame}.npy", "--frames", "2", "--size", "8", *options]) == 2
     error = capsys.readouterr().err
     assert "v.npy: expected a volume that fits into 1.0 MiB" in error and error.count("\n") == 1
-    assert not Path("frames").exists()
+    assert not list(Path().glob("[0-9]*"))

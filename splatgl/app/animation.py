@@ -23,14 +23,15 @@ from splatgl.app.sizes import size_of
 from splatgl.app.track import Track, Turning, keyframes, turning
 from splatgl.data.errors import expected
 from splatgl.splat.bricks.estimate import budget
+from splatgl.splat.bricks.opaque import Opaque
 from splatgl.splat.bricks.within import bricks_of, fits
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.order import order_for
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.motion.moments import moments
 from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.suited import blur
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.plan.suited import blur, streaked
+from splatgl.splat.view.camera import Bounded, Camera
 
 if TYPE_CHECKING:
     from splatgl.data.volume import Volume
@@ -50,7 +51,7 @@ LOOKS = 64
 class Animation:
     """scenes: one per volume, with a common transfer function. numbers: the frames to render, of `count`; each volume
     of a series is shown for `hold` frames. flow: displacement of splats along the volume's vectors per frame, for
-    motion blur only.
+    motion blur only. bands: of rows, in which volumes are drawn in bricks; 0: whole.
     """
 
     scenes: list[Scene]
@@ -62,6 +63,7 @@ class Animation:
     flow: float | None = None
     bits: int = 8
     only: Splats | None = None
+    bands: int = 0
 
     @classmethod
     def of(cls, args: argparse.Namespace) -> Animation:
@@ -71,11 +73,11 @@ class Animation:
         volume = scene.open()
         transfer = scene.transfer_for(volume)
         series = len(scenes) > 1
-        _check_fits(volume, transfer, scene)
-        only = None if series else scene.splats(volume, transfer, moving=scene.settings.shutter > 0)
+        bands = _bands(volume, transfer, scene, args.flow)
+        only = None if series or bands else scene.splats(volume, transfer, moving=scene.settings.shutter > 0)
         if only is not None and not len(only):
             raise nothing(scene, volume)
-        subject = only.visible if only else volume
+        subject: Bounded = only.visible if only else Opaque(volume, transfer) if bands else volume
         count = args.frames or (len(scenes) * args.hold if series else FRAMES)
         if args.keyframes:
             found = keyframes(Path(args.keyframes), scene.view, volume, subject)
@@ -91,7 +93,7 @@ class Animation:
         settings = scene.settings
         if args.flow is not None and settings.motion == "off" and settings.moments is None:
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
-        return cls(scenes, transfer, track, count, numbers, args.hold, args.flow, args.bits, only)
+        return cls(scenes, transfer, track, count, numbers, args.hold, args.flow, args.bits, only, bands)
 
     def shown(self, frame: int) -> int:
         """Index of the volume shown in a frame; a series repeats."""
@@ -121,7 +123,7 @@ class Animation:
         """What all frames have in common. top: common scale of X-ray frames."""
         settings = self.scenes[0].settings
         settings = settings.but(moments=settings.moments or self.steady)
-        return Work(self.scenes, self.transfer, settings, frames, self.flow, self.bits, top)
+        return Work(self.scenes, self.transfer, settings, frames, self.flow, self.bits, top, self.bands)
 
     def view(self, frame: int) -> FrameView:
         """Where a frame is seen from."""
@@ -196,11 +198,18 @@ def bar(total: int, quiet: bool) -> Any:
     return tqdm(total=total, desc="drawing", unit="frame", delay=PATIENCE, leave=False)
 
 
-def _check_fits(volume: Volume, transfer: Transfer, scene: Scene) -> None:
-    """InputError for a volume whose splats need more memory than there is: frames are not drawn in bricks."""
+def _bands(volume: Volume, transfer: Transfer, scene: Scene, flow: float | None) -> int:
+    """In how many bands of rows a volume is drawn in bricks that does not fit into memory; 0: it does. InputError for
+    what takes all splats at once.
+    """
     bricks = None if scene.threshold else bricks_of(volume, transfer, scene.settings)
     most = budget()
     wanted = fits(bricks, scene.view.size, most) if bricks and most > 0 else None
-    if wanted and wanted.bytes > most:
-        fix = "choose a coarser --level" if volume.coarser else "animate a part of it, or render frames one by one"
+    if wanted is None:
+        return 0
+    if flow is not None or streaked(scene.settings):
+        if wanted.bytes <= most:
+            return 0
+        fix = "leave the flow and the motion out, or choose a coarser --level"
         raise expected(scene.volume, f"a volume that fits into {size_of(most)}", size_of(wanted.bytes), fix)
+    return wanted.bands(most)

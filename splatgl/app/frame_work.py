@@ -12,6 +12,9 @@ from splatgl.app.frames import Frames
 from splatgl.app.render import origin
 from splatgl.app.scene import Scene
 from splatgl.data.image import Image
+from splatgl.gl.slabs import moving_bricks
+from splatgl.splat.bricks.bricks import Bricks
+from splatgl.splat.bricks.within import bricks_of
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.motion.motion import Motion, flow_of
@@ -25,8 +28,8 @@ if TYPE_CHECKING:
 # room above the brightest of some X-rays
 HEADROOM = 1.05
 
-# splats, and their velocities under flow
-Matter = tuple[Splats, np.ndarray | None]
+# splats, or a volume in bricks, and velocities under flow
+Matter = tuple[Splats | Bricks, np.ndarray | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +45,8 @@ class FrameView:
 @dataclass(frozen=True, eq=False)
 class Work:
     """scenes: one per volume. settings: with the moments of all frames. flow: displacement along the volume's vectors
-    per frame. top: common scale of X-ray frames. It holds no splats: they are extracted where they are drawn.
+    per frame. top: common scale of X-ray frames. bands: of rows, in which a volume is drawn in bricks; 0: whole. It
+    holds no splats: they are extracted where they are drawn.
     """
 
     scenes: list[Scene]
@@ -52,19 +56,27 @@ class Work:
     flow: float | None
     bits: int
     top: float | None
+    bands: int = 0
 
     def matter(self, number: int) -> Matter:
         """The splats of one volume, and their velocities."""
         scene = self.scenes[number]
         volume = scene.open()
+        if self.bands:
+            bricks = bricks_of(volume, self.transfer, self.settings)
+            assert bricks is not None
+            return bricks, None
         splats = scene.splats(volume, self.transfer, moving=scene.settings.shutter > 0)
         return splats, None if self.flow is None else flow_of(splats, volume, self.flow)
 
     def frame(self, renderer: Renderer, matter: Matter, view: FrameView) -> bytes:
         """A frame's file, with motion blur as the settings say."""
-        splats, flow = matter
-        motion = view.motion if flow is None else replace(view.motion, flow=flow)
-        image = renderer.render(splats, view.camera, self.settings, motion)
+        subject, flow = matter
+        if isinstance(subject, Bricks):
+            image = moving_bricks(renderer, subject, view.camera, self.settings, view.motion, self.bands)
+        else:
+            motion = view.motion if flow is None else replace(view.motion, flow=flow)
+            image = renderer.render(subject, view.camera, self.settings, motion)
         if self.top is not None and self.frames.path(view.frame).suffix.lower() == ".png":
             image = scaled(image, self.top)
         image = Image(image.pixels, {**image.info, **origin(self.scenes[view.volume], self.transfer)})
@@ -76,8 +88,12 @@ class Work:
         top, still, latest = 0.0, self.scenes[0].settings, -1
         for number, camera in probes:
             if number != latest:
-                (splats, _), latest = self.matter(number), number
-            top = max(top, float(renderer.render(splats, camera, still).pixels.max()))
+                (subject, _), latest = self.matter(number), number
+            if isinstance(subject, Bricks):
+                image = renderer.render_bricks(subject, camera, still, bands=self.bands)
+            else:
+                image = renderer.render(subject, camera, still)
+            top = max(top, float(image.pixels.max()))
         return top * HEADROOM or 1.0
 
 

@@ -6,16 +6,24 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 
+import numpy as np
+
+from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.readers import load
 from splatgl.data.volume import Volume
 from splatgl.gl.levels import level_for
 from splatgl.gl.renderer import Renderer
+from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.bricks.estimate import budget
 from splatgl.splat.bricks.within import bricks_of, fits
 from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.motion.moments import Moments
+from splatgl.splat.motion.motion import Motion
+from splatgl.splat.plan.blurring import Blurred
 from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import extracted
+from splatgl.splat.plan.suited import extracted, streaked
 from splatgl.splat.view.camera import Camera
 
 # given how many bricks are done, and their number
@@ -45,3 +53,25 @@ def render_slabs(
             return Image(image.pixels, {**image.info, **told})
         image = drawing.render_bricks(bricks, camera, settings, progress, bands=many.bands(most))
         return Image(image.pixels, {**told, **image.info})
+
+
+def moving_bricks(
+    renderer: Renderer, bricks: Bricks, camera: Camera, settings: Settings, motion: Motion, bands: int = 1
+) -> Image:
+    """A volume in bricks while the camera, or all of it, moves: the mean of its moments, as `Renderer.render` of moving
+    splats. Raises InputError for streaks and for a flow.
+    """
+    if streaked(settings):
+        raise expected("motion in bricks", "the mean of moments", f"motion {settings.motion}")
+    if motion.flow is not None:
+        raise expected("motion in bricks", "a camera or a volume that moves", "a flow")
+    still = settings.but(motion="off", moments=None)
+
+    def draw(_: Splats, view: Camera, asked: Settings) -> Image:
+        return renderer.render_bricks(bricks, view, asked, bands=bands)
+
+    blurred = Blurred.of(bricks.probes, camera, settings, motion, [])
+    if not blurred.moments:
+        return draw(bricks.probes, camera, still)
+    mean = Moments(draw, motion, settings.shutter, blurred.moments)(bricks.probes, camera, still)
+    return Image(mean.pixels.astype(np.float32), {**mean.info, "motion": "moments"})

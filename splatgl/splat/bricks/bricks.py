@@ -82,6 +82,14 @@ class Bricks:
         records["position"][1] = np.array(self.volume.shape[::-1]) - 1
         return post_splats(self.volume, self.post, records)
 
+    @property
+    def probes(self) -> Splats:
+        """A splat at the first voxel of each brick: places by which paths are measured."""
+        places = self.low[np.lexsort(self.low.T)]
+        records = np.zeros(len(places), record_type(self.volume.shape, post=True))
+        records["position"] = places
+        return post_splats(self.volume, self.post, records)
+
     def _ahead(self, order: list[int], sheets: Sheets, view: View, seen: Seen) -> Iterator[Found]:
         """What is in those bricks in turn, some of them extracted ahead, side by side; nothing if one is not seen."""
 
