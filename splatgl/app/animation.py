@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -110,20 +111,23 @@ class Animation:
 
     def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool) -> None:
         """Renders and saves the frames; the next volume of a series is read in parallel."""
-        work = self.work(frames, self.work(frames, None).brightest(renderer, self.probes) if self.unbounded else None)
+        work = self.work(frames)
+        read = partial(self._read, work)
+        if self.unbounded:
+            work = replace(work, top=work.brightest(renderer, self.probes, read))
         groups = [(number, list(group)) for number, group in groupby(todo, self.shown)]
         self._sort(todo)
         with bar(len(todo), quiet) as progress:
-            for (_, group), (_, matter) in zip(groups, self._matter(work, groups), strict=True):
+            for (_, group), (_, matter) in zip(groups, read_ahead(read, [number for number, _ in groups]), strict=True):
                 for n in group:
                     frames.write(n, work.frame(renderer, matter, self.view(n)))
                     progress.update()
 
-    def work(self, frames: Frames, top: float | None) -> Work:
-        """What all frames have in common. top: common scale of X-ray frames."""
+    def work(self, frames: Frames) -> Work:
+        """What all frames have in common, but for the scale of X-ray frames."""
         settings = self.scenes[0].settings
         settings = settings.but(moments=settings.moments or self.steady)
-        return Work(self.scenes, self.transfer, settings, frames, self.flow, self.bits, top, self.bands)
+        return Work(self.scenes, self.transfer, settings, frames, self.flow, self.bits, bands=self.bands)
 
     def view(self, frame: int) -> FrameView:
         """Where a frame is seen from."""
@@ -150,11 +154,9 @@ class Animation:
         for axis in {order_for(self.only, self.track.camera(n)).axis for n in some}:
             self.only.lattice(axis)
 
-    def _matter(self, work: Work, groups: Sequence[tuple[int, list[int]]]) -> Iterator[tuple[int, Matter]]:
-        def read(number: int) -> Matter:
-            return (self.only, None) if self.only is not None and self.flow is None else work.matter(number)
-
-        return read_ahead(read, [number for number, _ in groups])
+    def _read(self, work: Work, number: int) -> Matter:
+        """The splats of one volume, and their velocities."""
+        return (self.only, None) if self.only is not None and self.flow is None else work.matter(number)
 
     @property
     def steady(self) -> int | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -55,7 +55,7 @@ class Work:
     frames: Frames
     flow: float | None
     bits: int
-    top: float | None
+    top: float | None = None
     bands: int = 0
 
     def matter(self, number: int) -> Matter:
@@ -83,12 +83,14 @@ class Work:
         ground = self.settings.background if BLENDS[self.settings.blend].unbounded else None
         return self.frames.encoded(view.frame, image, self.bits, ground)
 
-    def brightest(self, renderer: Renderer, probes: Sequence[tuple[int, Camera]]) -> float:
-        """Common scale of all X-ray frames, from still pictures of those volumes and cameras."""
+    def brightest(
+        self, renderer: Renderer, probes: Sequence[tuple[int, Camera]], read: Callable[[int], Matter]
+    ) -> float:
+        """Common scale of all X-ray frames, from still pictures of those volumes, which `read` gives, and cameras."""
         top, still, latest = 0.0, self.scenes[0].settings, -1
         for number, camera in probes:
             if number != latest:
-                (subject, _), latest = self.matter(number), number
+                (subject, _), latest = read(number), number
             if isinstance(subject, Bricks):
                 image = renderer.render_bricks(subject, camera, still, bands=self.bands)
             else:

@@ -22,7 +22,7 @@ def draw_frames(
     """Draws frames on workers, each of which opens the files itself, and writes them here, whole."""
     from splatgl.distributed.cluster import spread
 
-    work = animation.work(frames, None)
+    work = animation.work(frames)
     work = replace(work, scenes=[scene.anywhere() for scene in work.scenes])
     if animation.unbounded:
         ((_, top),) = spread(client, _brightest, [("the brightest frame", (work, drawing, animation.probes))])
@@ -42,4 +42,4 @@ def _frame(work: Work, drawing: Drawing, view: FrameView) -> tuple[int, bytes]:
 
 def _brightest(work: Work, drawing: Drawing, probes: list[tuple[int, Camera]]) -> float:
     """On a worker: the common scale of X-ray frames."""
-    return work.brightest(renderer(drawing), probes)
+    return work.brightest(renderer(drawing), probes, work.matter)
