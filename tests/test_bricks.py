@@ -12,9 +12,9 @@ from noise import GRIDS
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.sizes import bytes_of, size_of
 from splatgl.data.readers import chunked, zarr_store
 from splatgl.data.readers.chunked import Chunked
+from splatgl.data.sizes import bytes_of, size_of
 from splatgl.gl.slabs import render_slabs
 from splatgl.splat.bricks import bricks as bricking
 from splatgl.splat.bricks import estimate, opaque

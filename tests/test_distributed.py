@@ -126,6 +126,14 @@ def test_a_picture_in_parts(client: Any, renderer: sg.Renderer, saved: Path, ble
     assert done[-1][0] == done[-1][1] == told.info["parts"] and told.info["level"] == 0
 
 
+def test_memory_is_said_in_words(saved: Path) -> None:
+    camera = sg.Camera.orbit(sg.load(saved), size=(8, 8))
+    found = [sg.render_slabs(saved, RAMP, camera, memory=memory).info["bricks"] for memory in ("1MB", "64GiB", None)]
+    assert found == [1, 0, 0]
+    with pytest.raises(sg.InputError, match=r"^memory: expected a number of bytes, such as 4GiB or 500MB, got 'much'"):
+        sg.render_slabs(saved, RAMP, camera, memory="much")
+
+
 def test_what_workers_refuse_is_told(client: Any, saved: Path, tmp_path: Path) -> None:
     camera = sg.Camera.orbit(sg.load(saved), size=(8, 8))
     with pytest.raises(

@@ -20,9 +20,9 @@ from splatgl.app.options import scene_from
 from splatgl.app.render import PATIENCE, nothing
 from splatgl.app.scene import Scene
 from splatgl.app.series import read_ahead, volumes
-from splatgl.app.sizes import size_of
 from splatgl.app.track import Track, Turning, keyframes, turning
 from splatgl.data.errors import expected
+from splatgl.data.sizes import size_of
 from splatgl.splat.bricks.estimate import budget
 from splatgl.splat.bricks.opaque import Opaque
 from splatgl.splat.bricks.within import bricks_of, fits

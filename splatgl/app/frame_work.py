@@ -12,7 +12,6 @@ from splatgl.app.frames import Frames
 from splatgl.app.render import origin
 from splatgl.app.scene import Scene
 from splatgl.data.image import Image
-from splatgl.gl.slabs import moving_bricks
 from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.bricks.within import bricks_of
 from splatgl.splat.classification.transfer import Transfer
@@ -73,6 +72,8 @@ class Work:
         """A frame's file, with motion blur as the settings say."""
         subject, flow = matter
         if isinstance(subject, Bricks):
+            from splatgl.gl.slabs import moving_bricks
+
             image = moving_bricks(renderer, subject, view.camera, self.settings, view.motion, self.bands)
         else:
             motion = view.motion if flow is None else replace(view.motion, flow=flow)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.app.sizes import size_of
 from splatgl.data.errors import InputError
 from splatgl.data.readers.files import is_mapped
+from splatgl.data.sizes import size_of
 from splatgl.data.volume import Volume
 from splatgl.splat.bricks.estimate import budget, need
 from splatgl.splat.bricks.within import bricks_of, fits

@@ -16,10 +16,10 @@ from splatgl import __version__
 from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import check_output
 from splatgl.app.scene import Scene
-from splatgl.app.sizes import bytes_of, size_of
 from splatgl.app.worker_options import add_workers, asked
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
+from splatgl.data.sizes import bytes_of, size_of
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.blend_mode import BLENDS
@@ -58,7 +58,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--memory",
-        type=bytes_of,
+        type=_bytes,
         metavar="SIZE",
         help="draw in bricks what needs more, such as 4GiB (half of what is free)",
     )
@@ -131,6 +131,13 @@ def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer
     if not image.info["splats"]:
         raise nothing(scene, volume)
     return image
+
+
+def _bytes(text: str) -> int:
+    try:
+        return bytes_of(text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error).removeprefix("memory: ")) from None
 
 
 def _reference(name: str, output: Path) -> Picture:

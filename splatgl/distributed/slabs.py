@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
 from splatgl.data.readers import load
+from splatgl.data.sizes import bytes_of
 from splatgl.data.volume import Volume
 from splatgl.distributed.parts import Part, join
 from splatgl.distributed.worker import Drawing, Subject, call, kept, renderer
@@ -53,18 +54,19 @@ def render_slabs(
     transfer: Transfer,
     camera: Camera,
     settings: Settings | None = None,
-    memory: int | None = None,
+    memory: int | str | None = None,
     progress: Progress | None = None,
     client: Client | None = None,
 ) -> Image:
     """The picture of a volume, or of a file, of any size, at the level of `level_for`: `info["level"]`.
 
-    If extracting and drawing all splats is estimated to take more than `memory` bytes (default: half of what is
-    available), they are extracted brick by brick, nearest first, and drawn at once: `info["bricks"]` is their number, 0
-    if the volume was drawn whole. client: a Dask client, whose workers draw parts of the picture; they open the file
-    themselves, a Volume is sent to them. progress: called with the bricks, or with a client the parts, that are done,
-    and their number. Raises InputError for pictures in bricks that take voxels classified before.
+    If extracting and drawing all splats is estimated to take more than `memory` (bytes, or "4GiB"; default: half of
+    what is available), they are extracted brick by brick, nearest first, and drawn at once: `info["bricks"]` is their
+    number, 0 if the volume was drawn whole. client: a Dask client, whose workers draw parts of the picture; they open
+    the file themselves, a Volume is sent to them. progress: called with the bricks, or with a client the parts, that
+    are done, and their number. Raises InputError for pictures in bricks that take voxels classified before.
     """
+    memory = bytes_of(memory) if isinstance(memory, str) else memory
     if client is None:
         from splatgl.gl.slabs import render_slabs as alone
 

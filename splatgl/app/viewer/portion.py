@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.app.sizes import size_of
 from splatgl.data.coarse import FEWEST, coarser
+from splatgl.data.sizes import size_of
 from splatgl.data.volume import Volume
 from splatgl.splat.bricks.estimate import budget, need
 from splatgl.splat.bricks.within import bricks_of

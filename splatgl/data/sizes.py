@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
 import re
+
+from splatgl.data.errors import expected
 
 
 def bytes_of(text: str) -> int:
-    """Parses a number of bytes: 4GiB, 500MB, 1e9."""
+    """Parses a number of bytes: 4GiB, 500MB, 1e9. Raises InputError for other text."""
     found = re.fullmatch(r"([0-9.]+(?:e[0-9]+)?) *(?:([kmgt])(i?)b?|b?)", text.strip().lower())
     try:
         assert found is not None
         number, unit, binary = found.groups()
         return int(float(number) * (1024 if binary else 1000) ** ("kmgt".index(unit) + 1 if unit else 0))
     except (AssertionError, ValueError):
-        raise argparse.ArgumentTypeError(f"expected a number of bytes, such as 4GiB or 500MB, got {text!r}") from None
+        raise expected("memory", "a number of bytes, such as 4GiB or 500MB", repr(text)) from None
 
 
 def size_of(count: int) -> str:
