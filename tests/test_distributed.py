@@ -142,8 +142,21 @@ def test_what_workers_refuse_is_told(client: Any, saved: Path, tmp_path: Path) -
         render_slabs(saved, RAMP, camera, Settings(classification="pre"), client=client)
     with pytest.raises(sg.InputError, match=r"gone\.npy: path: expected a file, got nothing .* \(on worker tcp://"):
         render_slabs(tmp_path / "gone.npy", RAMP, camera, client=client)
+    store = sg.Volume(Store(np.zeros((4, 4, 4))))
+    with pytest.raises(sg.InputError, match=r"^source: expected a path that workers open, .* got a store; give its"):
+        render_slabs(store, RAMP, camera, client=client)
     with pytest.raises(sg.InputError, match=r"gone\.npy"):
         list(sg.distributed.render_frames(tmp_path / "gone.npy", RAMP, [camera], client))
+
+
+class Store:
+    """What is read in parts."""
+
+    def __init__(self, array: np.ndarray) -> None:
+        self.array, self.shape, self.dtype = array, array.shape, array.dtype
+
+    def __getitem__(self, key: Any) -> np.ndarray:
+        return np.asarray(self.array[key])
 
 
 def killing(marker: str, times: int, value: int) -> int:

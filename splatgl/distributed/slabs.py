@@ -12,6 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
 from splatgl.data.readers import load
@@ -73,6 +75,8 @@ def render_slabs(
         return alone(source, transfer, camera, settings, memory, progress)
     volume = None
     if isinstance(source, Volume):
+        if not isinstance(source.samples, np.ndarray):
+            raise expected("source", "a path that workers open, or samples in memory", "a store", "give its path")
         volume, opened = client.scatter(source, broadcast=True), _none
     else:
         opened = partial(load, Path(source).resolve() if Path(source).exists() else source)
