@@ -20,7 +20,7 @@ from splatgl.splat.bricks import bricks as bricking
 from splatgl.splat.bricks import estimate, opaque
 from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.bricks.opaque import Opaque
-from splatgl.splat.bricks.within import bricks_of
+from splatgl.splat.bricks.within import bricks_of, required_bricks
 from splatgl.splat.plan.settings import Settings
 from splatgl.truth.check import check_bricks
 
@@ -432,3 +432,16 @@ def test_numbers_of_bytes() -> None:
     ):
         assert bytes_of(text) == count
     assert [size_of(count) for count in (12, 2048, 3 << 29)] == ["12 bytes", "2.0 KiB", "1.5 GiB"]
+
+
+def test_what_bricks_do_not_hold() -> None:
+    """Colours of their own, and voxels classified before, are told by name."""
+    plain = sg.Volume(np.ones((4, 4, 4)))
+    own = sg.Volume(np.ones((4, 4, 4)), color=np.zeros((4, 4, 4, 3), np.uint8))
+    for volume, settings, why in (
+        (own, ALL, "colours of"),
+        (plain, ALL.but(classification="pre"), "classification pre"),
+    ):
+        with pytest.raises(sg.InputError, match=f"^a picture in parts: expected values .*, got {why}"):
+            required_bricks(volume, RAMP, settings)
+    assert len(required_bricks(plain, RAMP, ALL).low) == 1

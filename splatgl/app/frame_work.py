@@ -13,7 +13,7 @@ from splatgl.app.render import origin
 from splatgl.app.scene import Scene
 from splatgl.data.image import Image
 from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.bricks.within import bricks_of
+from splatgl.splat.bricks.within import required_bricks
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.motion.motion import Motion, flow_of
@@ -62,9 +62,7 @@ class Work:
         scene = self.scenes[number]
         volume = scene.open()
         if self.bands:
-            bricks = bricks_of(volume, self.transfer, self.settings)
-            assert bricks is not None
-            return bricks, None
+            return required_bricks(volume, self.transfer, self.settings), None
         splats = scene.splats(volume, self.transfer, moving=scene.settings.shutter > 0)
         return splats, None if self.flow is None else flow_of(splats, volume, self.flow)
 

@@ -89,7 +89,7 @@ def check_workers(client: Client, name: str = "the scheduler") -> None:
     """InputError without workers, and for those without splatgl, or with another version of it or of Python."""
     try:
         client.wait_for_workers(1, timeout=TIMEOUT)
-    except Exception:
+    except TimeoutError:
         raise expected(name, "at least one worker", "none", "start some with: dask worker") from None
     right = about()
     asked = {

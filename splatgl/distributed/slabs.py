@@ -22,11 +22,9 @@ from splatgl.data.volume import Volume
 from splatgl.distributed.parts import Part, join
 from splatgl.distributed.worker import Drawing, Subject, call, kept, renderer
 from splatgl.splat.bricks.bricks import Bricks, Shell
-from splatgl.splat.bricks.within import bricks_of
+from splatgl.splat.bricks.within import required_bricks
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import only_pre
 from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import one_by_one
 from splatgl.splat.view.camera import Camera
 
 if TYPE_CHECKING:
@@ -170,10 +168,7 @@ def _planned(job: Job, sent: Volume | None) -> tuple[Bricks, Plan]:
 
     def make() -> tuple[Bricks, Plan]:
         volume = level_of(_volume(job, sent), job.level)
-        bricks = bricks_of(volume, job.transfer, job.settings)
-        if bricks is None:
-            why = only_pre(volume, job.transfer, 0.0) or one_by_one(job.settings, moving=False) or "classification pre"
-            raise expected("a picture in parts", "values classified after reconstruction", why, "draw it alone")
+        bricks = required_bricks(volume, job.transfer, job.settings)
         return bricks, renderer(job.drawing).plan_bricks(bricks, job.camera, job.settings)
 
     return kept((job.key, job.level), make)

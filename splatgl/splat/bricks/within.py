@@ -24,6 +24,15 @@ def bricks_of(volume: Volume, transfer: Transfer, settings: Settings) -> Bricks 
     return Bricks.of(volume, PostClassified.of(transfer, kernel, volume.shape[::-1], every))
 
 
+def required_bricks(volume: Volume, transfer: Transfer, settings: Settings) -> Bricks:
+    """The volume in bricks. InputError for a picture that takes voxels classified before, with what takes them."""
+    found = bricks_of(volume, transfer, settings)
+    if found is None:
+        why = only_pre(volume, transfer, 0.0) or one_by_one(settings, moving=False) or "classification pre"
+        raise expected("a picture in parts", "values classified after reconstruction", why, "draw it whole, alone")
+    return found
+
+
 def fits(bricks: Bricks, size: tuple[int, int], memory: int) -> Need | None:
     """None if all splats of a picture of that size (width, height) fit into that many bytes and the GPU; else what they
     need. InputError for no bytes.
