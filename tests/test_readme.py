@@ -342,7 +342,8 @@ def test_options_exist(path: Path) -> None:
 
 def settings_rows() -> dict[str, list[str]]:
     """The cells of each row of the settings table, by its option."""
-    (table,) = re.findall(r"(?m)^\| option \| values, default first.*\n((?:\|.*\n)+)", TOP.read_text(encoding="utf-8"))
+    text = (ROOT / "splatgl" / "splat" / "README.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"(?m)^\| option \| values, default first.*\n((?:\|.*\n)+)", text)
     rows = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in table.splitlines()[1:]]
     return {cells[0].strip("`"): cells for cells in rows}
 
