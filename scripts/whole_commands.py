@@ -26,9 +26,9 @@ from typing import Any
 import numpy as np
 from bench_rows import tell
 
-import splatgl as sg
 from splatgl.app.scene import Scene
 from splatgl.data.color import srgb_from_linear
+from splatgl.splat.bricks.opaque import Opaque
 from splatgl.splat.classification.shading import AMBIENT, DIFFUSE
 
 FILES = (
@@ -142,7 +142,7 @@ def vtk_job(path: Path, size: int, output: Path) -> dict[str, Any]:
     scene = Scene(str(path))
     volume = scene.open()
     transfer = scene.transfer_for(volume)
-    camera = scene.view.camera(volume, sg.extract(volume, transfer).visible).resized((size, size))
+    camera = scene.view.camera(volume, Opaque(volume, transfer)).resized((size, size))
     low, high = float(np.nanmin(volume.samples)), float(np.nanmax(volume.samples))
     nodes = sorted({low, high, *(value for value, _ in transfer.points)})
     values = np.linspace(low, high, COLORS)

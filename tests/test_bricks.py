@@ -282,6 +282,8 @@ def test_a_view_is_fitted_to_opaque_samples(
     """As it is to splats of voxels; to the volume, where none is opaque, or it is too large to look at."""
     samples: np.ndarray = (noise(rng, (14, 11, 17)) * 255).astype(dtype)
     samples[:4] = samples[:, :, 12:] = 0
+    if dtype is np.float32:
+        samples[0, 0, 0], samples[1, 1, 16] = np.inf, np.nan
     volume, transfer = (
         sg.Volume(samples, spacing=(1.0, 2.0, 0.5), origin=(3, 4, 5)),
         sg.Transfer([(130, 0.0), (150, 1.0)]),

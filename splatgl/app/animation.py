@@ -78,7 +78,8 @@ class Animation:
         only = None if series or bands else scene.splats(volume, transfer, moving=scene.settings.shutter > 0)
         if only is not None and not len(only):
             raise nothing(scene, volume)
-        subject: Bounded = only.visible if only else Opaque(volume, transfer) if bands else volume
+        values = bands or (only is not None and only.post is not None)
+        subject: Bounded = Opaque(volume, transfer) if values else only or volume
         count = args.frames or (len(scenes) * args.hold if series else FRAMES)
         if args.keyframes:
             found = keyframes(Path(args.keyframes), scene.view, volume, subject)

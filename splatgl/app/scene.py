@@ -68,10 +68,12 @@ class View:
 
     def camera(self, volume: Volume, subject: Bounded) -> Camera:
         """The camera; an orbit is fitted to what is visible of `subject`."""
+        from splatgl.splat.bricks.opaque import Opaque
         from splatgl.splat.extraction.splats import Splats
         from splatgl.splat.view.camera import Camera
 
-        subject = subject.visible if isinstance(subject, Splats) else subject
+        if isinstance(subject, Splats) and subject.post is not None:
+            subject = Opaque(volume, subject.post.transfer)
         hints = volume.hints
         fov = _first(self.fov, hints.fov, FOV)
         orbits = any(x is not None for x in (self.azimuth, self.elevation, self.zoom))

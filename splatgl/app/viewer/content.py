@@ -14,6 +14,7 @@ from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.skin import skinned
 from splatgl.data.coarse import coarser
 from splatgl.data.volume import Volume
+from splatgl.splat.bricks.opaque import Opaque
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.extract import extract, only_pre
 from splatgl.splat.extraction.splats import MOST_KEPT, Grid, Splats
@@ -116,7 +117,11 @@ class Content:
     @property
     def subject(self) -> Bounded:
         """The object that a default view is fitted to."""
-        return self.finest.visible if len(self.finest) else self.volume
+        return self._opaque if self.after else self.finest if len(self.finest) else self.volume
+
+    @cached_property
+    def _opaque(self) -> Opaque:
+        return Opaque(self.volume, self.transfer)
 
     def at(self, stride: int) -> Splats:
         """The splats at a stride; opacities are per the finest volume's spacing at every stride."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from splatgl.data.volume import Slab, Volume
+from splatgl.splat.classification.post import opaque_intervals
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.pre import Lookup
 from splatgl.splat.extraction.records import record_type
@@ -22,7 +23,9 @@ MOST, MOST_OF_LEVELS = 1 << 31, 1 << 28
 
 @dataclass(frozen=True, eq=False)
 class Opaque:
-    """What a camera asks of a subject; the volume is only read if it does."""
+    """What a camera asks of a subject; the volume is only read if it does. Splats of values are fitted to these too:
+    what they carry is the kernel's coefficients, and transparent ones lie beside.
+    """
 
     volume: Volume
     transfer: Transfer
@@ -44,10 +47,12 @@ class Opaque:
         if volume.count > (MOST_OF_LEVELS if volume.coarser else MOST):
             return None
         record = record_type(volume.shape, post=False)
-        lookup = Lookup.of(self.transfer, volume.samples.dtype, 0.0, record)
+        keeps = Lookup.of(self.transfer, volume.samples.dtype, 0.0, record).keeps
+        if volume.samples.dtype.kind == "f":
+            keeps = partial(_within, opaque_intervals(self.transfer))
         _, height, width = volume.shape
         slabs = volume.slabs(max(1, SLAB_VOXELS // (height * width)), halo=0)
-        found = np.concatenate([_row_ends(slab, lookup) for slab in slabs])
+        found = np.concatenate([_row_ends(slab, keeps(np.ascontiguousarray(slab.samples))) for slab in slabs])
         if not len(found):
             return None
         records = np.zeros(len(found), record)
@@ -56,9 +61,17 @@ class Opaque:
         return assemble(records, found, grid, grid.mean_spacing, volume.name)
 
 
-def _row_ends(slab: Slab, lookup: Lookup) -> np.ndarray:
+def _within(intervals: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """Where finite samples lie in closed intervals [n, 2], bool; without opacities of all of them."""
+    most = float(np.finfo(samples.dtype).max)
+    found = np.zeros(samples.shape, bool)
+    for low, high in np.clip(intervals, -most, most).tolist():
+        found |= (samples >= low) & (samples <= high)
+    return found
+
+
+def _row_ends(slab: Slab, opaque: np.ndarray) -> np.ndarray:
     """int32 [N, 3] (x, y, z), in row order: the ends of the rows' opaque samples."""
-    opaque = lookup.keeps(np.ascontiguousarray(slab.samples))
     z, y = np.nonzero(opaque.any(axis=2))
     rows = opaque[z, y]
     first, last = rows.argmax(axis=1), rows.shape[1] - 1 - rows[:, ::-1].argmax(axis=1)

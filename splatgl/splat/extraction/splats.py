@@ -168,25 +168,6 @@ class Splats:
         made = replace(self, post=post, unit=unit, shaded=post.transfer.shading, source=None)
         return self._shared(made, {"index_bounds", "outline"})
 
-    @cached_property
-    def visible(self) -> Splats:
-        """What a view is fitted to: classified after, the ends of the rows of those whose own sample is opaque, as
-        transparent ones lie beside; else, or without any, all.
-        """
-        if self.post is None:
-            return self
-        opaque = np.flatnonzero(np.concatenate([np.zeros(0, bool), *in_parts(len(self), DEPTHS, self._opaque)]))
-        if not len(opaque):
-            return self
-        row = np.searchsorted(self.row_start, opaque, side="right")
-        ends = np.zeros(len(self), bool)
-        ends[opaque[np.flatnonzero(np.diff(row, prepend=0))]] = True
-        ends[opaque[np.flatnonzero(np.diff(row, append=0))]] = True
-        return self.part(ends)
-
-    def _opaque(self, part: slice) -> np.ndarray:
-        return self.depths_of(part) > 0
-
     def depths_of(self, which: np.ndarray | slice) -> np.ndarray:
         """Optical depths, float32, of those splats; of each sample as it is, if classified after reconstruction."""
         if self.post is None:
