@@ -28,3 +28,10 @@ float quick_one_minus_exp(float y) {
     for (int k = 0; k < DOUBLINGS; k++) h *= 2.0 - h;
     return h;
 }
+
+// Light that reaches the eye from behind `light`, through matter.
+vec4 behind(vec4 light, vec4 matter) {
+    if (JOIN == JOIN_SUM) return light + matter;
+    float share = matter.a > 1e-30 ? one_minus_exp(matter.a) / matter.a : 1.0;
+    return light + (1.0 - light.a) * share * matter;
+}

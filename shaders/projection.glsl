@@ -50,8 +50,14 @@ Projected projected(vec3 v, Quad quad) {
     return planar_projection(v, quad.axis_1, quad.axis_2, quad.reach);
 }
 
-// Whether a splat, widened or not, may be visible; twin of splatgl/splat/view/block_culling.py.
-bool reached(vec3 v) {
+// Whether a splat, widened or not, may reach pixels between slopes, or lengths: left, upper, right and lower ones.
+bool reaches(vec3 v, vec4 edges) {
     float z = PERSPECTIVE == 1 ? v.z : 1.0;
-    return all(lessThanEqual(abs(v.xy) - frame.edge * z, max(frame.support, frame.stretch * z)));
+    vec2 reach = max(frame.support, frame.stretch * z);
+    return all(lessThanEqual(edges.xy * z - v.xy, reach)) && all(lessThanEqual(v.xy - edges.zw * z, reach));
+}
+
+// Whether it may be visible; twin of splatgl/splat/view/block_culling.py.
+bool reached(vec3 v) {
+    return reaches(v, vec4(-frame.edge, frame.edge));
 }

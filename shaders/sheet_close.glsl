@@ -2,11 +2,50 @@
 // Twin of splatgl/truth/sheets.py.
 // switch SHADING 0
 // switch WEIGHTED 0
+// switch LAYERED 0
 #constant LEAST_MASS  // below which a sheet holds no value
 #constant CELLS       // of the classification table
 #constant TABLE_ROW   // ends of cells along its rows
 #constant WEIGHTS     // cells of the table of weights by gradient, in the rows behind
 #include "sheets.glsl"
+#if LAYERED == 1
+#include "layers.glsl"
+uniform uint layer;             // whose matter is kept,
+uniform uint band;              // of so many pixels,
+uniform uint room;              // in so many pages
+uniform float thin;             // most optical depth of a piece that is joined from several
+uint kept_tile, kept_column;
+// a pixel's matter that is not kept yet, and its ends
+vec4 waiting[ROWS];
+vec2 waiting_ends[ROWS];
+
+// Keeps a pixel's matter for layers_over.comp; beyond the room it is only counted.
+void keep(int row) {
+    if (waiting[row].a < 1e-30) return;
+    uint head = head_of(layer, band, kept_pixel(kept_tile, uint(row), kept_column));
+    uint count = kept_heads[head + 2u], at = count % uint(PAGE - 1);
+    if (at == 0u) {
+        uint page = atomicAdd(kept_heads[0], 1u);
+        if (page >= room) return;
+        if (count == 0u) kept_heads[head] = page;
+        else kept_pages[(kept_heads[head + 1u] + 1u) * uint(PAGE) - 1u].x = page;
+        kept_heads[head + 1u] = page;
+    }
+    kept_pages[kept_heads[head + 1u] * uint(PAGE) + at] = packed_piece(waiting_ends[row], waiting[row], style.brightest);
+    kept_heads[head + 2u] = count + 1u;
+    waiting[row] = vec4(0.0);
+}
+
+// Adds matter between two places, in sheets from the first, to what waits if both are thin.
+void add_matter(int row, vec2 ends, vec4 matter) {
+    if (matter.a < 1e-8) return;
+    bool joins = ends.x <= waiting_ends[row].y && ends.y < waiting_ends[row].x + LONGEST_PIECE;
+    if (waiting[row].a > 0.0 && !(joins && waiting[row].a + matter.a < thin)) keep(row);
+    if (waiting[row].a == 0.0) waiting_ends[row].x = ends.x;
+    waiting_ends[row].y = ends.y;
+    waiting[row] += matter;
+}
+#endif
 
 // extinction · linear RGB, and extinction, per reference length: integrals until the ends of its cells
 uniform usampler2D class_table;
@@ -116,9 +155,8 @@ float weighted(float extinction, float weight) {
     return opacity < 0.05 ? series : -log(1.0 - opacity);
 }
 
-// Light that reaches the eye from behind `light`, through `length_` reference lengths of matter of that emission and
-// extinction, with that gradient.
-vec4 over(vec4 light, vec4 matter, vec3 gradient, float length_, vec3 toward) {
+// `length_` reference lengths of matter of that emission and extinction, with that gradient.
+vec4 lit(vec4 matter, vec3 gradient, float length_, vec3 toward) {
     if (WEIGHTED == 1) {
         float weight = weight_of(gradient);
         matter *= matter.a > 1e-30 ? weighted(matter.a, weight) / matter.a : weight;
@@ -129,9 +167,7 @@ vec4 over(vec4 light, vec4 matter, vec3 gradient, float length_, vec3 toward) {
         float cosine = min(abs(dot(gradient, toward)) * inversesqrt(max(size2, 1e-37)), 1.0);
         matter.rgb *= size2 > 0.0 ? style.ambient + style.diffuse * cosine : 1.0;
     }
-    if (JOIN == JOIN_SUM) return light + matter;
-    float share = matter.a > 1e-30 ? one_minus_exp(matter.a) / matter.a : 1.0;
-    return light + (1.0 - light.a) * share * matter;
+    return matter;
 }
 
 #define ONE_VALUE (JOIN == JOIN_MAX || JOIN == JOIN_MIN || JOIN == JOIN_MEAN)
@@ -150,7 +186,7 @@ vec4 shown(vec4 light) {
     // a cell around it: without steps from cell to cell
     float place = value * class_scale.x + class_scale.y;
     vec4 matter = class_mean(class_until(place - 0.5), class_until(place + 0.5));
-    return light.y > 0.0 ? over(vec4(0.0), matter, vec3(0.0), 1.0, vec3(0.0)) : vec4(0.0);
+    return light.y > 0.0 ? behind(vec4(0.0), lit(matter, vec3(0.0), 1.0, vec3(0.0))) : vec4(0.0);
 }
 
 // Takes the values of the nearest open sheet, number `current`, and opens another; classified after, true if matter
@@ -181,8 +217,12 @@ bool take_sheet(int row, int current) {
 
 // Composites the sheet that was taken last, number `current`, or what lies between it and the one before.
 void close_sheet(int row, int current) {
-    if (STEPS == 0) light[row] = over(light[row], start[row], vec3(0.0), 1.0, vec3(0.0));
-    else {
+    if (STEPS == 0) {
+#if LAYERED == 1
+        add_matter(row, float(current) + vec2(-0.5, 0.5), start[row]);
+#endif
+        light[row] = behind(light[row], start[row]);
+    } else {
         vec4 near = start[row], mean = before[row];
         // the part within the box, and its values' places
         vec2 inside = clamp(ends[row] - float(current - 1), 0.0, 1.0);
@@ -198,7 +238,11 @@ void close_sheet(int row, int current) {
                 vec4 matter = class_mean(begin, end);
                 begin = end;
                 vec3 gradient = mix(near.rgb, mean.rgb, middle);
-                light[row] = over(light[row], matter, gradient, length_ * lengths[row], toward[row]);
+                matter = lit(matter, gradient, length_ * lengths[row], toward[row]);
+#if LAYERED == 1
+                add_matter(row, float(current - 1) + part, matter);
+#endif
+                light[row] = behind(light[row], matter);
             }
         }
     }

@@ -94,6 +94,8 @@ int next_base(uint at, uint end, out uvec4 names) {
 #define SPAN(row) span = vec2(min(span.x, ends[row].x), max(span.y, ends[row].y));
 #define CLOSE(row) close_sheet(row, current - 1);
 #define KEEP(row) write_ring(tile, row);
+#define EMPTY(row) waiting[row] = vec4(0.0);
+#define KEEP_MATTER(row) keep(row);
 #define END(row) imageStore(target, AT(row), mine.w == 1u && !partial ? shown(light[row]) : light[row]);
 
 // Whether it is so in any column of the subgroup, which stay together then; without votes, each goes on by itself.
@@ -111,8 +113,15 @@ void main() {
     ivec2 corner = ivec2(tile % uint(tiles.x), tile / uint(tiles.x)) * ivec2(COLUMNS, ROWS);
     corner += origin + ivec2(gl_LocalInvocationID.x, 0);
     first = vec2(corner) + 0.5;
+#if LAYERED == 1
+    kept_tile = tile;
+    kept_column = gl_LocalInvocationID.x;
+#endif
     Ray ray[ROWS];
     EACH(BEGIN)
+#if LAYERED == 1
+    EACH(EMPTY)
+#endif
     coverage = table_quad(vec3(0.0)).coverage;
     // the nearest open sheet, and how many sheets from it on may hold something
     int current = 0, holding = 0;
@@ -179,6 +188,9 @@ void main() {
                     min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
         if (!any_column(least <= opaque)) break;
     }
+#if LAYERED == 1
+    EACH(KEEP_MATTER)
+#endif
     EACH(END)
     if (least <= opaque) open[tile] = 1u;
     // of all columns, as those that have ended go on with the others

@@ -17,6 +17,7 @@ uniform usampler2D records;
 uniform uint count;
 uniform uint length_;  // of a run
 uniform uint number;   // of sheets; the next slot is of splats beyond the edges
+uniform vec4 edges;    // slopes, or lengths, of the left, upper, right and lower edge of the pixels that are drawn
 
 void main() {
     uint run = gl_GlobalInvocationID.x;
@@ -26,7 +27,7 @@ void main() {
     for (; n < end; n++) {
         vec3 position = record_position(texelFetch(records, texel_of(n) * ivec2(1 + POINTS, 1), 0));
         vec3 v = eye_from_index() * (position - frame.base.xyz) - frame.eye_from_base.xyz;
-        bool drawn = reached(v) && v.z > -frame.depth_reach;
+        bool drawn = reaches(v, edges) && v.z > -frame.depth_reach;
         uint sheet = uint(clamp(sheet_base(sheet_place(position)), 0, int(number) - 1));
         uint slot = column + (drawn ? sheet : number);
         uint place = cursors[slot];

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from splatgl.splat.extraction.splats import Splats as Splats
     from splatgl.splat.kernel.kernels import PiecewiseCubic as PiecewiseCubic
     from splatgl.splat.kernel.kernels import register_kernel as register_kernel
+    from splatgl.splat.layers.layers import Layer as Layer
+    from splatgl.splat.layers.layers import Scene as Scene
     from splatgl.splat.motion.motion import Motion as Motion
     from splatgl.splat.plan.plan import plan as plan
     from splatgl.splat.plan.settings import Settings as Settings
@@ -51,8 +53,10 @@ _PUBLIC = {
     "InputError": "splatgl.data.errors",
     "Interrupted": "splatgl.gl.portions",
     "PiecewiseCubic": "splatgl.splat.kernel.kernels",
+    "Layer": "splatgl.splat.layers.layers",
     "Motion": "splatgl.splat.motion.motion",
     "Renderer": "splatgl.gl.renderer",
+    "Scene": "splatgl.splat.layers.layers",
     "Settings": "splatgl.splat.plan.settings",
     "Splats": "splatgl.splat.extraction.splats",
     "Transfer": "splatgl.splat.classification.transfer",

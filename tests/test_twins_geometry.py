@@ -250,6 +250,13 @@ def test_near_projections(grid: str, twin: Twin, rng: np.random.Generator) -> No
     assert whole.mean() > 0.5 and (beyond > -1e-3).all() and (beyond < 1 + 1e-3).all()
 
 
+def reaches(frustum: Frustum, voxel: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """[2, N]: how far voxels are beyond planes through such slopes, or lengths, and how far they may be."""
+    z = voxel[2] if frustum.view.perspective else np.ones(voxel.shape[1])
+    reach = np.maximum(frustum.support[:, None], frustum.stretch[:, None] * z)
+    return np.maximum(low[:, None] * z - voxel[:2], voxel[:2] - high[:, None] * z), reach
+
+
 def test_what_reaches_into_the_picture(twin: Twin, rng: np.random.Generator) -> None:
     """The GPU's planes are the CPU's, within its margin: it leaves out nothing that the CPU keeps by more."""
     for grid in GRIDS:
@@ -263,6 +270,13 @@ def test_what_reaches_into_the_picture(twin: Twin, rng: np.random.Generator) -> 
             right = frustum.reached(voxel)
             assert not (found & ~right).any()
             assert (found != right).mean() < 0.02
+            # of a part of the picture: between other planes
+            low, high = frustum.edge * [[-0.5, 0.1], [0.2, 0.7]]
+            expression = f"result.x = float(reaches(v, vec4({', '.join(map(str, [*low, *high]))})))"
+            found = twin("projection.glsl", expression, plan, splats, v=voxel.T)[:, 0] > 0
+            beyond, reach = reaches(frustum, voxel, low, high)
+            near = np.abs(beyond - reach).min(axis=0) < 1e-4 * reach.max()
+            assert (found == (beyond <= reach).all(axis=0))[~near].all() and 0 < found.mean() < right.mean()
 
 
 def test_forms_of_tiles(twin: Twin, rng: np.random.Generator) -> None:

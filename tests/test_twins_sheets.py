@@ -20,7 +20,7 @@ from splatgl.splat.sheets.sheets import Sheets
 from splatgl.splat.view.view import View
 from splatgl.truth import blend as blends
 from splatgl.truth.rays import Rays
-from splatgl.truth.sheets import _Field, composited, weighted
+from splatgl.truth.sheets import _Field, _Part, behind, composited, weighted
 
 RAMP = sg.Transfer([(0, 0), (1, 0.9)], colormap="hot", shading=True)
 
@@ -296,8 +296,10 @@ def test_light_over_matter(renderer: sg.Renderer, twin: Twin, rng: np.random.Gen
     length, toward = rng.uniform(0, 2, COUNT), some_rays(rng).toward
     matter = class_mean(field.post, first[:, 0], last[:, 0])
     inputs = {"l": light, "m": matter, "g": (first[:, 1:] + last[:, 1:]) / 2, "a": length, "t": toward}
-    found = twin("sheet_draw.comp", "result = over(l, m, g, a, t)", plan, splats, state, **inputs)
-    right = field._over(light, first, last, length * splats.unit / splats.grid.mean_spacing, toward)
+    found = twin("sheet_draw.comp", "result = behind(l, lit(m, g, a, t))", plan, splats, state, **inputs)
+    along = length * splats.unit / splats.grid.mean_spacing
+    part = _Part(np.arange(COUNT), 0, (np.zeros(COUNT), np.ones(COUNT)), first, last, along, toward)
+    right = behind(light, field.matter(part))
     assert plan.resolved.look.shading and np.abs(found - right).max() < 2e-6
 
 

@@ -18,6 +18,8 @@ ABREAST, LISTED = 1024, 2048
 TABLE_ROW = 128
 # invocations per work group
 LANES = 8
+# pieces of matter of a page, of which the last names the next page
+PAGE = 8
 # cursor of a terminated tile
 NOWHERE = 0xFFFFFFFF
 
@@ -44,6 +46,7 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "NEAREST": motion.NEAREST,
     "NOWHERE": np.uint32(NOWHERE),
     "ONSET": attenuation.ONSET,
+    "PAGE": PAGE,
     "PIXEL_MARGIN": screen_bounds.PIXEL_MARGIN,
     "RIM_GROWTH": attenuation.RIM_GROWTH,
     "RIM_START": attenuation.RIM_START,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import Protocol
 
 import moderngl
@@ -11,6 +12,7 @@ import numpy as np
 
 from splatgl.gl.buffers import SplatBuffers
 from splatgl.gl.draw_order import DrawOrder
+from splatgl.gl.layer_tiles import Drawn, LayerTiles, union
 from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
 from splatgl.gl.quads import Quads
@@ -53,11 +55,13 @@ class Passes:
         self.whole: dict[int, moderngl.VertexArray] = {}
         self.tiles = Tiles(ctx, self.programs, self.splats, self._whole)
         self.sheets = SheetTiles(ctx, self.programs, self.splats, self._whole, self.tables)
+        self.layers = LayerTiles(ctx, self.programs, self.splats, self._whole, self.tables)
         self.techniques: dict[str, Technique] = {
             "quads": Quads(ctx, self.programs, self.splats),
             "tiles": self.tiles,
             "sheets in quads": SheetQuads(ctx, self.programs, self._whole, self.tables, self.frame),
             "sheets in tiles": self.sheets,
+            "layers": self.layers,
             "streaks": Streaks(ctx, self.programs, self.splats),
         }
         self.style = ctx.buffer(reserve=STYLE.itemsize)
@@ -92,6 +96,16 @@ class Passes:
         if batches is not None and batches.shell is not None:
             return target.read(plan.window)
         return self._read(target, plan)
+
+    def draw_layers(self, layers: Sequence[Drawn], interrupted: Callable[[], bool] | None = None) -> np.ndarray:
+        """float32 [H, W, 4]: layers, drawn in sheets and tiles, whose matter is composited together."""
+        plan = layers[0][1]
+        target, scratch = (self.targets.get(role, plan.view.size, plan.target) for role in ("draw", "layer"))
+        target.clear()
+        ahead_ = [(ahead(splats, plan.resolved.camera), plan) for splats, plan in layers]
+        portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
+        self.layers.composite(target, scratch, ahead_, self._bind, portions)
+        return self._read(target, replace(plan, window=union([each.window for _, each in layers])))
 
     def joined(self, samples: np.ndarray, whole: Splats, plan: Plan) -> np.ndarray:
         """float32 [H, W, 4]: the picture whose parts' samples were joined."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial
 from types import TracebackType
@@ -15,6 +15,8 @@ import numpy as np
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
 from splatgl.gl.context import check_process, context_info, current, inherited, open_context
+from splatgl.gl.layer_tiles import Drawn
+from splatgl.gl.layered import render_scene
 from splatgl.gl.passes import Passes
 from splatgl.gl.sheet_tiles import Batches
 from splatgl.gl.target import check_size
@@ -22,6 +24,7 @@ from splatgl.splat.bound.bound import bound
 from splatgl.splat.bricks.bricks import Bricks, Seen
 from splatgl.splat.extraction.post import post_splats
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.layers.layers import Scene
 from splatgl.splat.motion.moments import Moments, Shorter
 from splatgl.splat.motion.motion import Motion
 from splatgl.splat.plan.plan import Plan, plan
@@ -85,7 +88,7 @@ class Renderer:
 
     def render(
         self,
-        splats: Splats,
+        splats: Splats | Scene,
         camera: Camera,
         settings: Settings | None = None,
         motion: Motion | None = None,
@@ -103,10 +106,15 @@ class Renderer:
         known and within the tolerance, which for X-rays is relative to the brightest component. interrupted: called
         between portions of the drawing; if it returns True, Interrupted is raised, and later pictures are unaffected.
         Raises InputError for a size beyond OpenGL's, for the flow of other splats, and in a process that was forked
-        after the renderer was opened.
+        after the renderer was opened; and for a scene of several layers: for motion, and for settings that composite
+        splat by splat. Of these no bound is known.
         """
         check_process(self.ctx)
         started = time.perf_counter()
+        if isinstance(splats, Scene):
+            if motion is not None:
+                raise expected("motion", "none, of a scene of layers", "one")
+            return render_scene(self, splats, camera, settings or Settings(), interrupted)
         chosen = self.plan(splats, camera, settings, motion)
         splats = suited(splats, settings or Settings(), chosen.exposure is not None)
         if chosen.moments and motion is not None:
@@ -114,13 +122,13 @@ class Renderer:
             draw = partial(self.render, verify_bound=verify_bound, interrupted=interrupted)
             mean = (Shorter if chosen.exposure else Moments)(draw, motion, asked.shutter, chosen.moments)
             found = mean(splats, camera, asked)
-            told = self._provenance(splats, camera, chosen, time.perf_counter() - started)
+            told = self.provenance(splats, camera, chosen, time.perf_counter() - started)
             return Image(found.pixels.astype(np.float32), {**found.info, **told})
         with current(self.ctx):
             check_size(self.ctx, chosen.view.size)
             pixels = self._draw(splats, chosen, interrupted=interrupted)
         seconds = time.perf_counter() - started
-        provenance = self._provenance(splats, camera, chosen, seconds)
+        provenance = self.provenance(splats, camera, chosen, seconds)
         brightest = _brightest(pixels, chosen)
         own = bound(splats, chosen, brightest)
         error = own.total if own else None
@@ -129,6 +137,12 @@ class Renderer:
             error = min(error, self._verified(splats, camera, settings or Settings(), chosen, pixels))
         met = error is not None and bool(error <= allowed)
         return Image(pixels, {**provenance, "error_bound": error, "tolerance_met": met})
+
+    def draw_layers(self, layers: Sequence[Drawn], interrupted: Callable[[], bool] | None = None) -> np.ndarray:
+        """The pixels of layers in `composite`; see `render_scene`."""
+        with current(self.ctx):
+            check_size(self.ctx, layers[0][1].view.size)
+            return self._guarded(*layers[0], partial(self.passes.draw_layers, layers, interrupted))
 
     def render_bricks(
         self,
@@ -214,7 +228,7 @@ class Renderer:
     def _of_bricks(
         self, bricks: Bricks, camera: Camera, chosen: Plan, pixels: np.ndarray, splats: int, started: float
     ) -> Image:
-        told = self._provenance(bricks.whole, camera, chosen, time.perf_counter() - started)
+        told = self.provenance(bricks.whole, camera, chosen, time.perf_counter() - started)
         told |= {"splats": splats, "bricks": len(bricks.low), "error_bound": None, "tolerance_met": False}
         return Image(pixels, told)
 
@@ -236,9 +250,12 @@ class Renderer:
         interrupted: Callable[[], bool] | None = None,
         batches: Batches | None = None,
     ) -> np.ndarray:
+        return self._guarded(splats, chosen, partial(self.passes.draw, splats, chosen, role, interrupted, batches))
+
+    def _guarded(self, splats: Splats, chosen: Plan, draw: Callable[[], np.ndarray]) -> np.ndarray:
         """The pixels; InputError if OpenGL ran out of memory or lost its context."""
         try:
-            pixels = self.passes.draw(splats, chosen, role, interrupted, batches)
+            pixels = draw()
         except moderngl.Error as error:
             raise self._failure(splats, chosen, str(error)) from error
         problem = self.ctx.error
@@ -255,7 +272,7 @@ class Renderer:
             "try a smaller picture, fewer samples, or a higher threshold"
         )
 
-    def _provenance(self, splats: Splats, camera: Camera, chosen: Plan, seconds: float) -> dict[str, object]:
+    def provenance(self, splats: Splats, camera: Camera, chosen: Plan, seconds: float) -> dict[str, object]:
         """Scene, plan and driver as plain values that fit into a PNG's text."""
         program = chosen.program
         return {

@@ -13,6 +13,8 @@ from splatgl.gl.uniforms import base_of
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.sheets.sheets import index_direction
+from splatgl.splat.view.screen_bounds import Window
+from splatgl.splat.view.view import View
 
 # most splats of a run: llvmpipe ends a loop after 65535 iterations; and the least runs, for all cores and lanes
 MOST_RUN, LEAST_RUNS = 60_000, 64
@@ -36,6 +38,7 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
         "first_sheet": float(sheets.range(splats, view)[0]),
         "shell": EVERYWHERE,
         "partial": False,
+        "edges": window_edges(view, Window(0, 0, *view.size)),
     }
     if post is not None:
         found |= class_uniforms(post)
@@ -48,6 +51,13 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
             "box_high": tuple(np.array(post.shape) - 0.5 - view.eye_index),
         }
     return found
+
+
+def window_edges(view: View, window: Window) -> tuple[float, ...]:
+    """Slopes, or lengths in mean spacings, of the left, upper, right and lower edge of a window of samples."""
+    x, y, width, height = window.box
+    ends = np.array([[x, y], [x + width, y + height]]) - np.array(view.size) / 2
+    return tuple((ends * view.pitch).ravel().tolist())
 
 
 def sheet_span(splats: Splats, plan: Plan) -> int:

@@ -15,7 +15,7 @@ from splatgl.gl.constants import LANES
 from splatgl.gl.draw_order import DrawOrder, Range
 from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
-from splatgl.gl.sheet_order import SheetOrder, sheet_span, sheet_uniforms
+from splatgl.gl.sheet_order import SheetOrder, sheet_span, sheet_uniforms, window_edges
 from splatgl.gl.tables import CLASS_UNIT, HALF_LINE_UNIT, Tables
 from splatgl.gl.target import Target
 from splatgl.gl.tiles import LIST_UNIT, LISTS, OPEN, Band, Tiles, bands_of, set_uniforms
@@ -77,14 +77,26 @@ class SheetTiles(Tiles):
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: is not used."""
+        texels = self._sorted(splats, plan)
+        for window in bands_of(plan.window, MOST_PIXELS):
+            self._draw_window(target, splats, plan, texels, window, portions)
+
+    def _sorted(self, splats: Splats, plan: Plan, window: Window | None = None) -> Texels:
+        """Splats that may be seen in a window, or anywhere, in the order of sheets; sets `uniforms` and `count`."""
         texels = self.splats.of(splats).texels(plan.program.look.attenuation == "fill", DrawOrder(None, True))
         self.uniforms = sheet_uniforms(splats, plan)
-        texels, count = self.order.sorted(len(splats), sheet_span(splats, plan), plan, texels, self.uniforms)
-        for window in bands_of(plan.window, MOST_PIXELS):
-            band = self._begin(splats, plan, window)
-            for which in pairwise(cuts(count, plan.hiding.depth_batches)):
-                self.count = count
-                self.gather(target, plan, texels, which, band, ask=portions.ask)
+        if window is not None:
+            self.uniforms["edges"] = window_edges(plan.view, window)
+        texels, self.count = self.order.sorted(len(splats), sheet_span(splats, plan), plan, texels, self.uniforms)
+        return texels
+
+    def _draw_window(
+        self, target: Target, splats: Splats, plan: Plan, texels: Texels, window: Window, portions: Portions
+    ) -> None:
+        """Composites a window of the picture; texels: of `_sorted`."""
+        band = self._begin(splats, plan, window)
+        for which in pairwise(cuts(self.count, plan.hiding.depth_batches)):
+            self.gather(target, plan, texels, which, band, ask=portions.ask)
 
     def draw_batches(self, target: Target, whole: Splats, plan: Plan, batches: Batches, portions: Portions) -> None:
         """Composites batches of splats, no sheet of which comes before those of the batch before.

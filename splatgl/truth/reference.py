@@ -21,6 +21,8 @@ from splatgl.splat.extraction.records import record_type
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.integral.attenuation import filled_depth
 from splatgl.splat.kernel.tabulated import tabulated
+from splatgl.splat.layers.layers import Scene, joined
+from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.resolve import Resolved
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import suited
@@ -30,6 +32,7 @@ from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 from splatgl.truth.blend import ADD, Band, Part, over_background, pixels
 from splatgl.truth.extent import Boxes, pixel_boxes, reaching
+from splatgl.truth.layers import LayerScene, layers_of, resolved_layer
 from splatgl.truth.pairs import Row, Values, values
 from splatgl.truth.pixel_means import pixel_means
 from splatgl.truth.sheets import SheetScene
@@ -41,7 +44,7 @@ Progress = Callable[[Iterator[tuple[int, int]], int], Iterator[tuple[int, int]]]
 
 
 def render(
-    splats: Splats,
+    splats: Splats | Scene,
     camera: Camera,
     settings: Settings | None = None,
     row: str = "row1",
@@ -56,20 +59,46 @@ def render(
     """
     started = time.perf_counter()
     settings = settings or Settings()
+    if isinstance(splats, Scene):
+        drawn, settings = layers_of(splats, camera, settings)
+        if len(drawn) > 1:
+            return _render_layers(drawn, camera, settings, progress)
+        splats = (drawn or splats.splats(settings))[0]
     if row != "row1":
         settings = settings.but(classification="pre", compositing="splats")
     splats = ahead(suited(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
-    fine = resolved.camera
-    scene = _scene(splats, resolved, row)
+    picture = _drawn_in_bands(_scene(splats, resolved, row), resolved, progress)
+    return Image(picture, _provenance(splats, camera, resolved, row, time.perf_counter() - started))
 
+
+def _render_layers(layers: Sequence[Splats], camera: Camera, settings: Settings, progress: Progress | None) -> Image:
+    """The same of several layers."""
+    started = time.perf_counter()
+    if BLENDS[settings.blend].ordered:
+        resolved = [resolved_layer(each, camera, settings) for each in layers]
+        scene = LayerScene([sheet_scene(each, found) for each, found in zip(layers, resolved, strict=True)])
+        picture, first = _drawn_in_bands(scene, resolved[0], progress), resolved[0]
+    else:
+        alone = settings.but(background=None)
+        picture = joined([render(each, camera, alone, progress=progress).pixels for each in layers], settings)
+        first = Resolved.of(layers[0], camera, settings)
+    told = _provenance(layers[0], camera, first, "row1", time.perf_counter() - started)
+    names = [each.name for each in layers]
+    return Image(picture, {**told, "layers": names, "splats": sum(map(len, layers))})
+
+
+def _drawn_in_bands(
+    scene: _Scene | SheetScene | LayerScene, resolved: Resolved, progress: Progress | None
+) -> np.ndarray:
+    """The pixels, float64 [H, W, 4]."""
+    fine = resolved.camera
     # in bands; all samples of a pixel are in the same band
     height = max(1, scene.band_height() // resolved.samples) * resolved.samples
     bands = [(top, min(top + height, fine.size[1])) for top in range(0, fine.size[1], height)]
     told = progress(iter(bands), len(bands)) if progress else bands
     drawn = [scene.part(Window(0, top, fine.size[0], end - top)) for top, end in told]
-    picture = _mean(np.concatenate(drawn), resolved)
-    return Image(picture, _provenance(splats, camera, resolved, row, time.perf_counter() - started))
+    return _mean(np.concatenate(drawn), resolved)
 
 
 def render_windows(splats: Splats, camera: Camera, settings: Settings, windows: Sequence[Window]) -> list[np.ndarray]:

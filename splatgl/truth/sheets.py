@@ -7,7 +7,7 @@ that is classified.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from splatgl.splat.kernel.tabulated import tabulated
 from splatgl.splat.plan.blend_mode import BlendMode
 from splatgl.splat.plan.resolve import Resolved
 from splatgl.splat.sheets.sheets import LEAST_MASS, Sheets, index_direction
+from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 from splatgl.truth.blend import classified, joined, joined_value
@@ -41,6 +42,7 @@ class SheetScene:
         self.resolved, self.sheets, self.camera = resolved, resolved.sheets, resolved.camera
         view = self.view = replace(resolved.view, kernel=tabulated(resolved.kernel.name))
         voxel = view.voxels(splats.positions)
+        self.spacing = splats.grid.mean_spacing
         self.row = Row.of(view, row, voxel, splats.grid)
         self.boxes: Boxes = pixel_boxes(view, self.row.name, voxel, self.camera)
         place = self.sheets.places(view, splats.positions)
@@ -86,11 +88,34 @@ class SheetScene:
 
     def _classified(self, sums: np.ndarray, windows: Sequence[Window]) -> np.ndarray:
         assert self.field is not None
-        width = self.camera.size[0]
-        rows = [np.arange(w.y, w.y + w.height)[:, None] * width + np.arange(w.x, w.x + w.width) for w in windows]
-        places = np.concatenate([each.ravel() for each in rows])
+        places = np.concatenate([_pixels(window, self.camera) for window in windows])
         rays = Rays.of(self.view, self.camera, self.field.post.shape, places)
         return self.field.composited(sums, rays, self.first, self.sheets)
+
+    def pieces(self, window: Window) -> Pieces:
+        """What a window's pixels see of the scene, in pieces along their rays."""
+        sums, places = self._sums(window), _pixels(window, self.camera)
+        shape = (1, 1, 1) if self.field is None else self.field.post.shape
+        rays = Rays.of(self.view, self.camera, shape, places)
+        if self.field is None:
+            # a sheet lies in the middle of its matter
+            middle = self.first + np.arange(self.many)[None, :, None] + np.zeros((len(sums), 1, 1))
+            return Pieces(self._depths(rays, middle + np.array([-0.5, 0.5])), sums)
+        every = np.ones(len(sums), bool)
+        number = (self.many + 1) * self.sheets.steps
+        ends, matter = np.zeros((len(sums), number, 2)), np.zeros((len(sums), number, 4))
+        for n, part in enumerate(self.field.parts(sums, rays, self.first, self.sheets, lambda: every)):
+            # a piece for each part, also where nothing is known
+            ends[:, n] = part.sheet + (n % self.sheets.steps) / self.sheets.steps
+            ends[part.pixel, n] = part.sheet + np.stack(part.ends, axis=1)
+            matter[part.pixel, n] = self.field.matter(part)
+        return Pieces(self._depths(rays, ends), matter)
+
+    def _depths(self, rays: Rays, places: np.ndarray) -> np.ndarray:
+        """Distances along rays, world units, of places [P, …] in sheets."""
+        around = (slice(None), *[None] * (places.ndim - 1))
+        offset = np.broadcast_to(ray_offset(self.view, rays), len(places))[around]
+        return np.asarray((places * self.sheets.thickness - offset) * (rays.stretch * self.spacing)[around])
 
     def _add(self, sums: np.ndarray, found: Values) -> None:
         value, splat = found.integral.value, found.splat
@@ -102,6 +127,23 @@ class SheetScene:
             own = term[splat]
             for j, share in enumerate(shares):
                 total += np.bincount(entry + j, share * own, len(total))
+
+
+def _pixels(window: Window, camera: Camera) -> np.ndarray:
+    """Numbers of a window's pixels, row by row."""
+    rows = np.arange(window.y, window.y + window.height)[:, None] * camera.size[0]
+    return np.asarray((rows + np.arange(window.x, window.x + window.width)).ravel())
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Even matter along rays, nearest first. ends [P, N, 2]: world distances from the eye, or from its plane.
+
+    matter [P, N, 4]: emission and optical depth.
+    """
+
+    ends: np.ndarray
+    matter: np.ndarray
 
 
 def composited(sums: np.ndarray) -> np.ndarray:
@@ -133,15 +175,36 @@ class _Field:
 
     def composited(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, 4]: sums [P, sheets, 5] of mass, value and gradient, from sheet `first` on."""
+        light = np.zeros((len(sums), 4))
+
+        def seen() -> np.ndarray:
+            # what is behind matter that hides everything is not seen
+            return (light[:, 3] < OPAQUE) | self.blend.one_value | self.blend.unbounded
+
+        for part in self.parts(sums, rays, first, sheets, seen):
+            at = part.pixel
+            if self.blend.one_value:
+                value = (part.begin[:, 0] + part.end[:, 0]) / 2
+                light[at] = joined(light[at], value, part.ends[1] - part.ends[0], self.blend.join)
+            elif self.blend.unbounded:
+                light[at] += self.matter(part)
+            else:
+                light[at] = behind(light[at], self.matter(part))
+        if not self.blend.one_value:
+            return light
+        return classified(self.post.transfer, self.post.value(joined_value(light, self.blend.join)))
+
+    def parts(
+        self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets, seen: Callable[[], np.ndarray]
+    ) -> Iterator[_Part]:
+        """What lies between two sheets within the volume's box, in `steps` parts, nearest first. seen: tells in which
+        pixels anything more can be seen.
+        """
         pixels = len(sums)
-        light = np.zeros((pixels, 4))
         before = np.zeros((pixels, 4))
         known = np.zeros(pixels, bool)
-        # the rays' ends in sheets; distances in parallel views are from the plane through the eye
-        thick, offset = sheets.thickness, 0.0
-        if not self.view.perspective:
-            offset = index_direction(self.view) @ (rays.start - self.view.eye_index[:, None])
-        near, far, stretch = (rays.near + offset) / thick, (rays.far + offset) / thick, rays.stretch * thick
+        near, far = self.places(rays, rays.near, sheets), self.places(rays, rays.far, sheets)
+        stretch = rays.stretch * sheets.thickness
         padded = np.concatenate([sums, np.zeros((pixels, 1, 5))], axis=1)
         for n in range(padded.shape[1]):
             mass = padded[:, n, 0]
@@ -149,31 +212,22 @@ class _Field:
             mean = padded[:, n, 1:] / np.where(valid, mass, 1.0)[:, None]
             mean = np.where(valid[:, None], mean, before)
             start = np.where(known[:, None], before, mean)
-            # what is behind matter that hides everything is not seen
-            open_ = (light[:, 3] < OPAQUE) | self.blend.one_value | self.blend.unbounded
-            some = np.flatnonzero((valid | known) & open_)
+            some = np.flatnonzero((valid | known) & seen())
             # the part within the box
             low, high = (np.clip(end[some] - (first + n - 1), 0.0, 1.0) for end in (near, far))
             for i in range(sheets.steps):
-                part = [np.clip((i + end) / sheets.steps, low, high) for end in (0, 1)]
-                begin, end = (start[some] * (1 - at[:, None]) + mean[some] * at[:, None] for at in part)
-                if self.blend.one_value:
-                    value = (begin[:, 0] + end[:, 0]) / 2
-                    light[some] = joined(light[some], value, part[1] - part[0], self.blend.join)
-                else:
-                    length = (part[1] - part[0]) * stretch[some]
-                    light[some] = self._over(light[some], begin, end, length, rays.toward[some])
+                ends = [np.clip((i + end) / sheets.steps, low, high) for end in (0, 1)]
+                begin, end = (start[some] * (1 - at[:, None]) + mean[some] * at[:, None] for at in ends)
+                yield _Part(some, first + n - 1, (ends[0], ends[1]), begin, end, stretch[some], rays.toward[some])
             before, known = np.where(valid[:, None], mean, 0.0), valid
-        if not self.blend.one_value:
-            return light
-        return classified(self.post.transfer, self.post.value(joined_value(light, self.blend.join)))
 
-    def _over(
-        self, light: np.ndarray, first: np.ndarray, last: np.ndarray, length: np.ndarray, toward: np.ndarray
-    ) -> np.ndarray:
-        """Light [P, 4] behind which lies matter, `length` mean spacings deep, of values and gradients [P, 4] from
-        `first` to `last`.
-        """
+    def places(self, rays: Rays, distance: np.ndarray, sheets: Sheets) -> np.ndarray:
+        """Distances [P] along rays, index units, in sheets from the eye, or from the plane through it."""
+        return np.asarray((distance + ray_offset(self.view, rays)) / sheets.thickness)
+
+    def matter(self, part: _Part) -> np.ndarray:
+        """[P, 4]: emission and optical depth of a part."""
+        first, last, length = part.begin, part.end, (part.ends[1] - part.ends[0]) * part.stretch
         matter = self.post.integral.mean(self.post.value(first[:, 0]), self.post.value(last[:, 0]))
         gradient = (first[:, 1:] + last[:, 1:]) / 2
         size = np.linalg.norm(gradient, axis=1)
@@ -183,13 +237,41 @@ class _Field:
             matter *= (weighted(extinction, weight) / np.where(extinction > 0, extinction, 1.0))[:, None]
         matter = matter * (length * self.spacing / self.unit)[:, None]
         if self.shading:
-            cosine = np.abs((gradient * toward).sum(axis=1)) / np.where(size > 0, size, 1.0)
+            cosine = np.abs((gradient * part.toward).sum(axis=1)) / np.where(size > 0, size, 1.0)
             matter[:, :3] *= np.where(size > 0, AMBIENT + DIFFUSE * np.minimum(cosine, 1.0), 1.0)[:, None]
-        if self.blend.unbounded:
-            return np.asarray(light + matter)
-        depth = matter[:, 3]
-        share = np.where(depth > 0, -np.expm1(-depth) / np.where(depth > 0, depth, 1.0), 1.0)
-        return np.asarray(light + ((1 - light[:, 3]) * share)[:, None] * matter)
+        return matter
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A part of what lies behind a sheet, of pixels [P]. ends: where it begins and ends, in sheets from that one.
+
+    begin, end [P, 4]: values and gradients there. stretch [P]: mean spacings per sheet. toward: as of Rays.
+    """
+
+    pixel: np.ndarray
+    sheet: int
+    ends: tuple[np.ndarray, np.ndarray]
+    begin: np.ndarray
+    end: np.ndarray
+    stretch: np.ndarray
+    toward: np.ndarray
+
+
+def ray_offset(view: View, rays: Rays) -> np.ndarray | float:
+    """What distances along rays are shorter than those by which sheets are counted: in parallel views these are from
+    the plane through the eye across the rays, in index space.
+    """
+    if view.perspective:
+        return 0.0
+    return np.asarray(index_direction(view) @ (rays.start - view.eye_index[:, None]))
+
+
+def behind(light: np.ndarray, matter: np.ndarray) -> np.ndarray:
+    """Light [P, 4] that reaches the eye from behind `light`, through matter [P, 4]: emission and optical depth."""
+    depth = matter[:, 3]
+    share = np.where(depth > 0, -np.expm1(-depth) / np.where(depth > 0, depth, 1.0), 1.0)
+    return np.asarray(light + ((1 - light[:, 3]) * share)[:, None] * matter)
 
 
 def weighted(extinction: np.ndarray, weight: np.ndarray) -> np.ndarray:

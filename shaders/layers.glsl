@@ -1,0 +1,34 @@
+// What layers hold along each pixel's ray: lists of pages, each of PAGE − 1 pieces of matter and the number of the next.
+// A piece: where it begins, in sheets from the first; red and green; its optical depth; blue and its length.
+// version 430
+#constant LANES
+#constant ROWS
+#constant PAGE
+#define LONGEST_PIECE 16.0
+layout(std430, binding = 7) buffer Pages { uvec4 kept_pages[]; };
+// pages taken; then for each pixel of each layer its first and last page, and how many pieces it has
+layout(std430, binding = 1) buffer Heads { uint kept_heads[]; };
+
+uint head_of(uint layer, uint band, uint pixel) {
+    return 4u * (1u + layer * band + pixel);
+}
+
+uint kept_pixel(uint tile, uint row, uint column) {
+    return (tile * uint(ROWS) + row) * uint(LANES) + column;
+}
+
+uvec4 packed_piece(vec2 ends, vec4 matter, float brightest) {
+    vec3 color = matter.rgb / (matter.a * brightest);
+    uint last = packUnorm2x16(vec2(color.b, (ends.y - ends.x) / LONGEST_PIECE));
+    return uvec4(floatBitsToUint(ends.x), packUnorm2x16(color.rg), floatBitsToUint(matter.a), last);
+}
+
+vec4 matter_of_piece(uvec4 words, float brightest) {
+    vec3 color = vec3(unpackUnorm2x16(words.y), unpackUnorm2x16(words.w).x);
+    return vec4(color * brightest, 1.0) * uintBitsToFloat(words.z);
+}
+
+vec2 ends_of_piece(uvec4 words) {
+    float begin = uintBitsToFloat(words.x);
+    return vec2(begin, begin + unpackUnorm2x16(words.w).y * LONGEST_PIECE);
+}

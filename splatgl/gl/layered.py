@@ -1,0 +1,64 @@
+"""Pictures of scenes of several layers, by a renderer."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from splatgl.data.errors import expected
+from splatgl.data.image import Image
+from splatgl.gl.layer_tiles import Drawn
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.layers.layers import Scene, check_layer, common_samples, joined
+from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.plan.suited import suited
+from splatgl.splat.view.camera import Camera
+
+if TYPE_CHECKING:
+    from splatgl.gl.renderer import Renderer
+
+
+def render_scene(
+    renderer: Renderer,
+    scene: Scene,
+    camera: Camera,
+    settings: Settings,
+    interrupted: Callable[[], bool] | None = None,
+) -> Image:
+    """The picture of all visible layers. In `composite` their extinctions and emissions add up at every depth; in other
+    blends their pictures add up. No error bound is known. Raises InputError for settings that composite splat by splat.
+    """
+    started = time.perf_counter()
+    extracted = scene.splats(settings)
+    splats = [each for each in extracted if len(each)]
+    if len(splats) < 2:
+        return renderer.render((splats or extracted)[0], camera, settings, interrupted=interrupted)
+    if BLENDS[settings.blend].ordered:
+        settings = common_samples(splats, camera, settings)
+        layers = [_planned(renderer, each, camera, settings) for each in splats]
+        pixels = renderer.draw_layers(layers, interrupted)
+        info: Mapping[str, object] = renderer.provenance(layers[0][0], camera, layers[0][1], 0.0)
+    else:
+        alone = settings.but(background=None)
+        found = [renderer.render(each, camera, alone, None, False, interrupted) for each in splats]
+        pixels, info = joined([each.pixels for each in found], settings), found[0].info
+    told = {
+        "scene": " + ".join(each.name for each in splats),
+        "layers": [each.name for each in splats],
+        "splats": sum(map(len, splats)),
+        "background": None if settings.background is None else list(settings.background),
+        "seconds": round(time.perf_counter() - started, 6),
+        "error_bound": None,
+        "tolerance_met": False,
+    }
+    return Image(pixels, {**info, **told})
+
+
+def _planned(renderer: Renderer, splats: Splats, camera: Camera, settings: Settings) -> Drawn:
+    chosen = renderer.plan(splats, camera, settings)
+    check_layer(chosen.resolved, splats.name)
+    if chosen.program.technique != "tiles":
+        raise expected("layers", "an OpenGL with compute shaders, technique auto or tiles", "quads")
+    return suited(splats, settings, moving=False), chosen

@@ -1,0 +1,131 @@
+"""`Scene`: several volumes, each on its grid with its transfer function, in one picture.
+
+Where they overlap, extinctions and emissions add up: the order is right at every depth of every ray.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from splatgl.data.errors import InputError, expected
+from splatgl.data.volume import Volume
+from splatgl.splat.bricks.opaque import Opaque
+from splatgl.splat.classification.presets import default_transfer
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.resolve import Resolved
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.plan.suited import extracted
+from splatgl.splat.view.ahead import ahead
+from splatgl.splat.view.camera import Camera
+
+# most layers of a picture: what a shader keeps of each beside the others
+MOST_LAYERS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A volume and how it is seen. transfer: None: the default one of its values. opacity: factor from 0 to 1 of the
+    transfer function's opacities. threshold: as of `extract`.
+    """
+
+    volume: Volume
+    transfer: Transfer | None = None
+    opacity: float = 1.0
+    visible: bool = True
+    threshold: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.opacity <= 1:
+            raise expected("opacity", "a factor from 0 to 1", self.opacity)
+        transfer = self.transfer or default_transfer(self.volume)
+        points = tuple((value, share * self.opacity) for value, share in transfer.points)
+        object.__setattr__(self, "transfer", replace(transfer, points=points) if self.opacity < 1 else transfer)
+
+    @property
+    def seen(self) -> Transfer:
+        """The transfer function, with the layer's opacity in it."""
+        assert self.transfer is not None
+        return self.transfer
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Layers of one picture, in any order; volumes stand for layers by default. Raises InputError for too many, or for
+    none that is visible.
+    """
+
+    layers: Sequence[Layer | Volume]
+    made: dict[Settings, tuple[Splats, ...]] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        layers = tuple(Layer(each) if isinstance(each, Volume) else each for each in self.layers)
+        object.__setattr__(self, "layers", layers)
+        if not 1 <= len(self.shown) <= MOST_LAYERS:
+            raise expected("layers", f"1 to {MOST_LAYERS} that are visible", len(self.shown))
+
+    @property
+    def shown(self) -> tuple[Layer, ...]:
+        """The visible layers."""
+        return tuple(each for each in self.layers if isinstance(each, Layer) and each.visible and each.opacity > 0)
+
+    def splats(self, settings: Settings) -> tuple[Splats, ...]:
+        """The splats of each visible layer for pictures with these settings; extracted once."""
+        # what they depend on
+        key = Settings().but(
+            blend=settings.blend,
+            kernel=settings.kernel,
+            classification=settings.classification,
+            compositing=settings.compositing,
+        )
+        if key not in self.made:
+            self.made[key] = tuple(extracted(each.volume, each.seen, key, each.threshold) for each in self.shown)
+        return self.made[key]
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Corners [N, 3], world units, of the boxes of opaque samples."""
+        return np.concatenate([each.corners for each in self._subjects])
+
+    @property
+    def outline(self) -> np.ndarray:
+        """Points [N, 3], world units, whose hull contains the opaque samples."""
+        return np.concatenate([each.outline for each in self._subjects])
+
+    @property
+    def _subjects(self) -> list[Opaque]:
+        return [Opaque(each.volume, each.seen) for each in self.shown]
+
+
+def common_samples(layers: Sequence[Splats], camera: Camera, settings: Settings) -> Settings:
+    """The settings with the samples a pixel that the layer which needs the most takes, if they composite together."""
+    if settings.antialias != "auto" or not layers or not BLENDS[settings.blend].ordered:
+        return settings
+    samples = max(Resolved.of(ahead(splats, camera), camera, settings).samples for splats in layers)
+    return settings.but(antialias="supersample", samples=samples)
+
+
+def check_layer(resolved: Resolved, name: str) -> None:
+    """InputError for a layer that composites splat by splat: its order beside other layers is not known."""
+    if resolved.look.blend.ordered and resolved.sheets is None:
+        why = f"; {resolved.notes[-1]}" if resolved.notes else ""
+        raise InputError(f"layer {name or 'without a name'}: layers composite in sheets, not splat by splat{why}")
+
+
+def joined(pictures: Sequence[np.ndarray], settings: Settings) -> np.ndarray:
+    """[H, W, 4]: pictures of layers, on nothing, in blends without an order: sums add up; of others light adds up, and
+    what passes multiplies.
+    """
+    blend = BLENDS[settings.blend]
+    added = np.sum(pictures, axis=0)
+    if blend.unbounded:
+        return np.asarray(added)
+    clear = np.prod([1.0 - each[..., 3] for each in pictures], axis=0)
+    added[..., 3] = 1.0 - clear
+    if settings.background is not None:
+        added = added + clear[..., None] * np.array([*settings.background, 1.0], added.dtype)
+    return np.asarray(added)
