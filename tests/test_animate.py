@@ -352,7 +352,7 @@ def test_movies_need_their_extra(
         (["-o", "a{frame.png"], "a name with {frame} in it"),
         (["-o", "a{frame}.jpg"], "ends in .png or .npy"),
         (["-o", "{frame}/a.png"], "in the file's name alone"),
-        (["-o", "no/where/{frame}.png"], "no/where: cannot be made"),
+        (["-o", "ball.npy/where/{frame}.png"], "expected a folder, got the file"),
         (["-o", "a{frame}.png", "--only", "5-2"], "expected A-B"),
         (["-o", "a{frame}.png", "--only", "8-12", "--frames", "10"], "frames from 0 to 9"),
         (["-o", "a{frame}.png", "--frames", "0"], "--frames: expected a whole number"),
@@ -383,7 +383,7 @@ def test_bad_input_is_one_line(
 
 def test_templates(here: Path) -> None:
     frames = Frames.at("x/{frame:05d}_a.png", "m")
-    assert frames.path(37) == Path("x/00037_a.png") and Path("x").is_dir()
+    assert frames.path(37) == Path("x/00037_a.png") and not Path("x").exists()
     assert Frames.at("x/{frame:3}{frame}.npy", "m").path(37) == Path("x/ 3737.npy")
     assert Frames.at("m.mp4", "m").path(3) == Path("m.mp4.frames/000003.png")
 

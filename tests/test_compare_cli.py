@@ -228,7 +228,7 @@ def test_bad_input_each_in_its_own_words(here: Path, capsys: Said) -> None:
         "full full --diff d.png": "--diff: expected two files, got two folders; use --report for folders",
         "right.png right16.png --diff right16.png": "right16.png: expected another file than those compared",
         "right.png right16.png --mask rgb.png --diff ./rgb.png": "rgb.png: expected another file than those compared",
-        "right.png right.png --report none/r.html": "none/r.html: expected a folder that exists, got no folder none",
+        "right.png right.png --report right.png/r.html": "right.png/r.html: expected a folder, got the file",
         "right.png right.png --report full.html": "full.html: expected a file to write, got a directory",
         "right.png right.png --mask none.png": "none.png: cannot be read: no such file",
         "right.png right.png --max-rmse none": "expected a number from 0, or a fraction such as 2/255, got 'none'",

@@ -58,14 +58,29 @@ def test_xray_is_scaled_to_its_maximum(tmp_path: Path) -> None:
 
 
 def test_unwritable_leaves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "f").touch()
     with pytest.raises(sg.InputError, match="cannot be written"):
-        picture().save(tmp_path / "no" / "a.png")
+        picture().save(tmp_path / "f" / "a.png")
     with pytest.raises(sg.InputError, match=r"a name that ends in \.png or \.npy"):
         picture().save(tmp_path / "a.jpg")
     (tmp_path / "d.png").mkdir()
     with pytest.raises(sg.InputError, match="cannot be written"):
         picture().save(tmp_path / "d.png")
-    assert [p.name for p in tmp_path.iterdir()] == ["d.png"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["d.png", "f"]
+
+
+def test_a_new_folder_is_left_with_a_picture_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    target = tmp_path / "new" / "folder" / "a.png"
+    with monkeypatch.context() as patch:
+        patch.setattr("os.replace", full)
+        with pytest.raises(sg.InputError, match="No space left"):
+            picture().save(target)
+    assert list(tmp_path.iterdir()) == []
+    picture().save(target)
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == [target]
 
 
 def test_an_old_picture_survives_a_failed_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

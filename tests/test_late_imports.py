@@ -27,7 +27,7 @@ NUMBERS = ("numpy", "splatgl.data.readers")
 CASES = {
     "render missing.nrrd": (*DRAWS, *COMPARES),
     "render missing.nrrd --size a": (*DRAWS, *COMPARES),
-    "render missing.nrrd -o no/x.png": (*DRAWS, *COMPARES),
+    "render missing.nrrd -o /dev/null/x.png": (*DRAWS, *COMPARES),
     "render missing.nrrd --ref missing.png": (*DRAWS, "splatgl.truth.check", "splatgl.truth.compare_report"),
     "render --help": (*DRAWS, *COMPARES),
     "view missing.nrrd": (*DRAWS, *COMPARES),
@@ -41,7 +41,7 @@ CASES = {
     "stress --case missing": DRAWS,
     "stress --explain missing": DRAWS,
     "figure 999": DRAWS,
-    "figure 5 missing.nrrd -o no/x.png": DRAWS,
+    "figure 5 missing.nrrd -o /dev/null/x.png": DRAWS,
     "doctor --device a": NUMBERS,
     "--help": NUMBERS,
 }

@@ -124,7 +124,7 @@ def test_the_command(tmp_path: Path, monkeypatch: Any, capsys: Any, threads: sg.
     for given, said in (
         ([*asked, "p.zarr"], "expected a name that is free"),
         ([*asked, "p.tif"], "expected a name that ends in .zarr"),
-        ([*asked, "no/p.zarr"], "expected a folder that exists"),
+        ([*asked, "t.npy/p.zarr"], "expected a folder, got the file"),
         ([*asked, "q.zarr", "--threshold", "0.1"], "--threshold: expected none"),
         (["pyramid", "missing.npy", "-o", "q.zarr"], "missing.npy"),
     ):

@@ -103,7 +103,7 @@ BAD = [
     ("a.mhd", meta(file="b.raw"), "nothing named 'b.raw'"),
     ("a.mhd", meta(file="LIST"), "join the slices in one file"),
     # names
-    ("a.raw", bytes(140), "give shape=x,y,z and dtype"),
+    ("a.raw", bytes(140), "give shape=X,Y,Z and dtype=TYPE"),
     ("a.xyz", bytes(140), "a name that ends in one of .npy, .npz, .raw"),
     ("a.mha", b"", "the file is empty"),
 ]

@@ -9,6 +9,7 @@ from splatgl.app.frames import Frames
 from splatgl.app.movie import need, write_movie
 from splatgl.app.on_workers import draw_frames
 from splatgl.app.options import add_drawing, add_source, numbers
+from splatgl.app.output import check_source
 from splatgl.app.worker_options import add_workers, asked, drawing_of
 from splatgl.data.errors import expected
 
@@ -59,6 +60,9 @@ def run(args: argparse.Namespace) -> int:
     if frames.movie:
         need(frames.movie)
     wanted = animation.numbers
+    sources = [str(scene.volume) for scene in animation.scenes]
+    for n in wanted:
+        check_source(frames.path(n), *sources, args.color)
     frames.sweep(wanted)
     todo = [n for n in wanted if not (args.resume and frames.done(n))]
     if todo and on_workers:

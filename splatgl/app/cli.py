@@ -3,26 +3,58 @@
 from __future__ import annotations
 
 import argparse
+import io
+import os
+import re
+import shlex
 import sys
 from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
 
 from splatgl import __version__
+from splatgl.app.words import nearest, one_line, options_of, worded
 from splatgl.data.errors import InputError, expected
 
 BAD_INPUT = 2
 # exit code of a program interrupted by Ctrl-C
 INTERRUPTED = 130
+# a value that begins with a minus: -30, -160,240, -.5:0,1:1, -inf
+NEGATIVE = re.compile(r"-([0-9.]|inf\b|nan\b)")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command and returns its exit code. Bad input prints one line on standard error."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    for stream in (sys.stdout, sys.stderr):
+        # names of files, × and … in any encoding
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
-        args = _parser(arguments).parse_args(arguments)
+        try:
+            return _run(arguments)
+        finally:
+            # a reader that is gone is told here, not when Python ends
+            sys.stdout.flush()
+    except BrokenPipeError:
+        _discard_output()
+        return 0
+
+
+def _run(arguments: list[str]) -> int:
+    args = None
+    options: dict[str, str] = {}
+    try:
+        arguments = _with_command(arguments)
+        parser = _parser(arguments)
+        args, rest = parser.parse_known_args(arguments)
+        command = _command_of(parser, arguments[0])
+        options = options_of(command)
+        if rest:
+            _refuse_rest(command, rest)
         _refuse_empty(args)
         return int(args.run(args))
     except InputError as error:
-        print(f"splatgl: {error}", file=sys.stderr)
+        print(f"splatgl: {one_line(worded(str(error), options, args))}", file=sys.stderr)
         return BAD_INPUT
     except MemoryError as error:
         print(f"splatgl: not enough memory: {error}; use a smaller volume or a higher --threshold", file=sys.stderr)
@@ -30,28 +62,79 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("splatgl: interrupted", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:
-        return 0
+
+
+def _discard_output() -> None:
+    """Has what is still to be printed go nowhere: Python flushes standard output when it ends, and would complain."""
+    try:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (OSError, ValueError):
+        # standard output is no file
+        return
+
+
+def _with_command(arguments: list[str]) -> list[str]:
+    """The arguments; with `view` before a source that stands alone. InputError for no display, or nothing known."""
+    if not arguments or arguments[0] in COMMANDS:
+        return arguments
+    if arguments[0].startswith("-"):
+        if not any(known.startswith(arguments[0]) for known in ("--help", "--version", "-h")):
+            Parser(prog="splatgl").error(f"expected a command or a file first, got {arguments[0]}")
+        return arguments
+    from splatgl.data.readers.remote import is_address
+    from splatgl.data.scenes import SCENES
+
+    source = arguments[0]
+    if source in SCENES or is_address(source) or os.path.exists(source):
+        if _has_display():
+            return ["view", *arguments]
+        line = shlex.join(["splatgl", "render", source, "-o", "picture.png"])
+        raise expected("display", "one, to open a window", "none", f"{line} draws a picture")
+    near = nearest(source, [*COMMANDS, *SCENES])
+    Parser(prog="splatgl").error(f"{source}: expected a command or a file that is there, got neither{near}")
+
+
+def _has_display() -> bool:
+    """Whether the environment names a display; always on macOS and Windows. gl's own is imported with OpenGL."""
+    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
+def _command_of(parser: argparse.ArgumentParser, name: str) -> argparse.ArgumentParser:
+    (commands,) = (each for each in parser._actions if isinstance(each, argparse._SubParsersAction))
+    found: argparse.ArgumentParser = commands.choices[name]
+    return found
+
+
+def _refuse_rest(command: argparse.ArgumentParser, rest: list[str]) -> NoReturn:
+    """Ends with what is not understood: the first unknown option, else what there is one of."""
+    option = next((each for each in rest if each.startswith("-")), None)
+    if option is not None:
+        command.error(f"unknown option {option}{nearest(option, command._option_string_actions)}")
+    name = command.prog.split()[-1]
+    series = "; splatgl animate draws a series" if name in ("render", "view") else ""
+    command.error(f"expected{OPERANDS.get(name, ' no more')}, got also {' '.join(rest)}{series}")
 
 
 def _refuse_empty(args: argparse.Namespace) -> None:
     """InputError for an empty argument, such as one from an unset shell variable."""
     for name, value in vars(args).items():
         if value == "" or (isinstance(value, list) and "" in value):
-            raise expected(name.replace("_", "-"), "a name", "nothing", "leave it out, or say what it is")
+            raise expected(name, "a name", "nothing", "leave it out, or say what it is")
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser = Parser(
         prog="splatgl",
+        usage="splatgl COMMAND [options] …\n       splatgl FILE        (as splatgl view FILE)",
         description="Volume rendering by texture splats in OpenGL.",
         epilog="splatgl COMMAND --help tells a command's options.",
     )
     parser.add_argument("--version", action="version", version=f"splatgl {__version__}")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, prog="splatgl")
     for name, (about, add) in COMMANDS.items():
         usage = f"splatgl {name} [options]" + OPERANDS.get(name, "")
-        command = commands.add_parser(name, help=about, description=f"{about[0].upper()}{about[1:]}.", usage=usage)
+        told = f"{about[0].upper()}{about[1:]}."
+        command = commands.add_parser(name, help=about, description=told, usage=usage)
         # import and add options for the selected command only
         if name in arguments[:1]:
             add()(command)
@@ -59,11 +142,16 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
 
 
 class Parser(argparse.ArgumentParser):
-    """Argument parser that reports a usage error in one line, as for any bad input."""
+    """Argument parser that reports a usage error in one line, as for any bad input, and takes negative values."""
 
-    def error(self, message: str) -> None:  # type: ignore[override]
+    def __init__(self, *args: Any, **named: Any) -> None:
+        super().__init__(*args, **named)
+        # argparse takes what fits for a value, not an option: its own pattern knows single numbers, no -1,2,3
+        self._negative_number_matcher = NEGATIVE
+
+    def error(self, message: str) -> NoReturn:
         """Exits with BAD_INPUT and one line on stderr."""
-        self.exit(BAD_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
+        self.exit(BAD_INPUT, f"{one_line(f'{self.prog}: {message}; see {self.prog} --help')}\n")
 
 
 def _render() -> Callable[[argparse.ArgumentParser], None]:

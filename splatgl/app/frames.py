@@ -11,7 +11,7 @@ from pathlib import Path
 from string import Formatter
 
 from splatgl.app.output import check_output
-from splatgl.data.errors import InputError, expected
+from splatgl.data.errors import expected
 from splatgl.data.image import Image, write_whole
 
 MOVIES = (".mp4", ".webm", ".gif")
@@ -37,7 +37,7 @@ class Frames:
     def at(cls, output: str, mark: str) -> Frames:
         """For an --output: a template, or a movie name, whose frames are stored in a folder beside it.
 
-        Creates the folder. Raises InputError for any other name.
+        Raises InputError for any other name, and if the frames cannot be written. Their folder is made with the first.
         """
         path = Path(output)
         if path.suffix.lower() in MOVIES:
@@ -50,10 +50,6 @@ class Frames:
             frames = cls(output, mark)
         if "{" in str(folder):
             raise expected(output, "{ } in the file's name alone", "some in a folder's or a movie's name")
-        try:
-            folder.mkdir(exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{folder}: cannot be made: {error.strerror or error}") from error
         check_output(frames.path(0), PICTURES)
         return frames
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.errors import InputError, missing_extra
+from splatgl.data.written import made
 
 # codec and its options; a smaller crf gives a larger file: these values are visually lossless
 CODECS: dict[str, tuple[str, str, dict[str, str]]] = {
@@ -37,11 +38,12 @@ def write_movie(path: Path, pictures: Sequence[Path], fps: float, ground: tuple[
     """
     part = path.with_name(f".{path.name}.part")
     try:
-        if path.suffix.lower() == ".gif":
-            _write_gif(part, pictures, fps, ground)
-        else:
-            _write_video(part, path.suffix.lower(), pictures, fps, ground)
-        os.replace(part, path)
+        with made(path.parent):
+            if path.suffix.lower() == ".gif":
+                _write_gif(part, pictures, fps, ground)
+            else:
+                _write_video(part, path.suffix.lower(), pictures, fps, ground)
+            os.replace(part, path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:

@@ -11,6 +11,7 @@ import numpy as np
 
 from splatgl.app.scene import Scene, View
 from splatgl.data.color import linear_from_srgb
+from splatgl.data.errors import expected
 from splatgl.data.readers import LoadOptions
 from splatgl.data.readers.remote import is_address
 from splatgl.splat.classification.presets import PRESETS
@@ -21,9 +22,8 @@ NAMED_COLORS = {"black": "#000000", "white": "#ffffff", "gray": "#808080"}
 
 def add_source(parser: argparse.ArgumentParser) -> None:
     """Adds the source and the reader options."""
-    parser.add_argument(
-        "source", help="a volume file or its address, a built-in scene (tunnel, terrain, nerve), or a scene.toml"
-    )
+    about = "a volume file or its address, a built-in scene (tunnel, terrain, nerve), or a scene.toml"
+    parser.add_argument("source", metavar="SOURCE", help=about)
     group = parser.add_argument_group("reading")
     group.add_argument("--shape", type=_integers(3), metavar="X,Y,Z", help="voxels along x, y, z of a headerless file")
     group.add_argument(
@@ -115,9 +115,20 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 def scene_from_source(args: argparse.Namespace) -> Scene:
     """The scene from the source and reader options."""
     path = Path(args.source)
+    _refuse_many(args)
     scene = Scene.from_toml(path) if path.suffix == ".toml" and not is_address(args.source) else Scene(args.source)
     reading = _given(args, *(f.name for f in fields(LoadOptions)))
     return replace(scene, load={**scene.load, **reading})
+
+
+def _refuse_many(args: argparse.Namespace) -> None:
+    """InputError for what is no file: standard input, and a pattern where one volume is drawn."""
+    source = args.source
+    if source == "-":
+        raise expected("SOURCE", "a file", "standard input", "save it to a file first")
+    pattern = any(sign in source for sign in "*?[") and not is_address(source)
+    if pattern and not hasattr(args, "more") and not Path(source).exists():
+        raise expected(source, "one file", "a pattern", "splatgl animate draws a series")
 
 
 def scene_from_transfer(args: argparse.Namespace) -> Scene:

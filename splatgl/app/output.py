@@ -1,4 +1,4 @@
-"""Checks that an output file can be written, before any work."""
+"""Checks that an output file can be written, before any work; its folder is made when it is written."""
 
 from __future__ import annotations
 
@@ -14,7 +14,21 @@ def check_output(path: Path, suffixes: tuple[str, ...] = (".png", ".npy")) -> No
         raise expected(path, f"a name that ends in {' or '.join(suffixes)}", repr(path.suffix))
     if path.is_dir():
         raise expected(path, "a file to write", "a directory")
-    if not path.parent.is_dir():
-        raise expected(path, "a folder that exists", f"no folder {path.parent}", "make it first")
-    if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
+    check_folder(path.parent, path)
+    if path.exists() and not os.access(path, os.W_OK):
         raise InputError(f"{path}: cannot be written: permission denied")
+
+
+def check_folder(folder: Path, name: Path | str) -> None:
+    """InputError, which begins with `name`, if a folder is neither one that can be written nor can be made."""
+    there = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
+    if not there.is_dir():
+        raise expected(name, "a folder", f"the file {there}", "choose another name")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"{name}: cannot be written: permission denied")
+
+
+def check_source(path: Path, *sources: str | None) -> None:
+    """InputError if writing `path` would overwrite one of the sources; None is none."""
+    if path.exists() and any(source and os.path.exists(source) and path.samefile(source) for source in sources):
+        raise expected(path, "another file than the source", "the source itself", "name another one with -o")

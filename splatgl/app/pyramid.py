@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 
 from splatgl.app.options import add_source, add_transfer, scene_from_transfer
+from splatgl.app.output import check_folder
 from splatgl.data.errors import InputError, expected, missing_extra
 from splatgl.data.volume import Places, Volume
+from splatgl.data.written import made
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.classified import classified, halved, steps_of
 from splatgl.splat.extraction.splats import Grid
@@ -43,12 +45,14 @@ def run(args: argparse.Namespace) -> int:
         raise expected("--threshold", "none: of a pyramid all voxels are kept", scene.threshold)
     part = output.with_name(f".{output.name}.{os.getpid()}.part")
     try:
-        shapes = write(part, volume, scene.transfer_for(volume))
-        part.rename(output)
+        with made(output.parent):
+            try:
+                shapes = write(part, volume, scene.transfer_for(volume))
+                part.rename(output)
+            finally:
+                shutil.rmtree(part, ignore_errors=True)
     except OSError as error:
         raise InputError(f"{output}: cannot be written: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     if not args.quiet:
         print(f"{output}: " + ", ".join("×".join(map(str, shape[::-1])) for shape in shapes))
     return 0
@@ -64,10 +68,7 @@ def _check(output: Path) -> None:
         raise expected(output, "a name that ends in .zarr", repr(output.suffix))
     if output.exists():
         raise expected(output, "a name that is free", "one that is there", "remove it first")
-    if not output.parent.is_dir():
-        raise expected(output, "a folder that exists", f"no folder {output.parent}", "make it first")
-    if not os.access(output.parent, os.W_OK):
-        raise InputError(f"{output}: cannot be written: permission denied")
+    check_folder(output.parent, output)
 
 
 def write(path: Path, volume: Volume, transfer: Transfer) -> list[Places]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from splatgl import __version__
 from splatgl.app.options import add_drawing, add_source, scene_from
-from splatgl.app.output import check_output
+from splatgl.app.output import check_output, check_source
 from splatgl.app.scene import Scene
 from splatgl.app.worker_options import add_workers, asked
 from splatgl.data.errors import InputError, expected
@@ -74,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
     scene = scene_from(args)
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
     check_output(output)
+    check_source(output, args.source, scene.volume, args.color)
     reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()
     transfer = scene.transfer_for(volume)

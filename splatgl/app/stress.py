@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from splatgl.app.output import check_output
+from splatgl.app.output import check_folder, check_output
 from splatgl.app.worker_options import add_workers, asked, drawing_of
 from splatgl.data.errors import expected
 from splatgl.data.image import write_whole
@@ -125,10 +125,7 @@ def _files(args: argparse.Namespace) -> dict[str, Path]:
         folder = Path(args.output)
         if folder.exists() and not folder.is_dir():
             raise expected(folder, "a folder", "a file", "give another name to --output")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise expected(folder, "a folder that can be made", error.strerror) from error
+        check_folder(folder, folder)
         names = {"markdown": "stress.md", "csv": "stress.csv", "json": "stress.json"}
         wanted = {**{kind: folder / name for kind, name in names.items()}, **wanted}
     suffixes = {"markdown": (".md",), "csv": (".csv",), "json": (".json",)}

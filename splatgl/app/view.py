@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -13,6 +12,7 @@ from types import FrameType
 from typing import Any
 
 from splatgl.app.options import add_drawing, add_source, scene_from
+from splatgl.app.output import check_folder
 from splatgl.app.viewer.bindings import BINDINGS, listing, load_bindings
 from splatgl.app.viewer.pacing import TARGET
 from splatgl.data.errors import InputError, expected
@@ -59,8 +59,7 @@ def run(args: argparse.Namespace) -> int:
     from splatgl.app.viewer.content import Content
 
     folder = Path(args.folder)
-    if not folder.is_dir() or not os.access(folder, os.W_OK):
-        raise expected("--folder", "a folder that can be written", args.folder)
+    check_folder(folder, "--folder")
     if not args.frame_time > 0:
         raise expected("--frame-time", "milliseconds above 0", args.frame_time)
     bindings = load_bindings(args.bindings) if args.bindings else BINDINGS

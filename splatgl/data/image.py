@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import struct
-import tempfile
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,6 +15,7 @@ import numpy as np
 
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.errors import InputError, expected, missing_extra
+from splatgl.data.written import write_whole as write_whole
 
 # the PNG text chunk that holds the provenance as JSON
 KEYWORD = "splatgl"
@@ -106,28 +105,6 @@ class Image:
             raise expected("bits", "8 or 16", bits)
         one = 2**bits - 1
         return np.rint(image.straight() * one).astype(np.uint8 if bits == 8 else np.uint16)
-
-
-def write_whole(target: Path, data: bytes) -> None:
-    """Writes a file atomically: to a temporary name, then renamed."""
-    temporary = ""
-    try:
-        with tempfile.NamedTemporaryFile(dir=target.parent, prefix=f".{target.name}.", delete=False) as file:
-            temporary = file.name
-            file.write(data)
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, target)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from error
-    finally:
-        if temporary and os.path.exists(temporary):
-            os.unlink(temporary)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def _encode(samples: np.ndarray) -> bytes:

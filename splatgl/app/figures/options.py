@@ -12,7 +12,7 @@ from splatgl import __version__
 from splatgl.app.figures.metrics import SHUTTER, numbers
 from splatgl.app.figures.render import PICTURES, Motioned, PictureFigure, Shown, by_moments, picture
 from splatgl.app.options import size
-from splatgl.app.output import check_output
+from splatgl.app.output import check_output, check_source
 from splatgl.app.panels import encoded
 from splatgl.app.scene import Scene, View
 from splatgl.app.track import Turning
@@ -62,6 +62,7 @@ def run_picture(args: argparse.Namespace) -> int:
     drawn = bool(args.output) or not (args.csv or args.text)
     if drawn:
         check_output(output, (".png",))
+        check_source(output, args.source, args.color)
     if args.csv:
         check_output(Path(args.csv), (".csv",))
     scene = _scene(figure, args)

@@ -23,7 +23,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
     needed, there = options.header_offset + byte_count(shape, dtype), path.stat().st_size
     if needed != there:
         this = f"{needed} bytes ({shape[2]}x{shape[1]}x{shape[0]} {dtype.name} after {options.header_offset})"
-        raise expected("size", this, f"{there} bytes", "state the right shape, dtype and header_offset")
+        fix = "give the shape=X,Y,Z, dtype=TYPE and header_offset=BYTES that fit"
+        raise expected("size", this, f"{there} bytes", fix)
     return Volume(map_array(path, options.header_offset, dtype, shape))
 
 
@@ -43,4 +44,4 @@ def _dtype(path: Path, options: LoadOptions) -> np.dtype:
 
 def _fix(path: Path) -> str:
     headers = [header for header in (path.with_suffix(".mhd"), path.with_suffix(".nhdr")) if header.is_file()]
-    return f"load its header {headers[0].name}" if headers else "give shape=x,y,z and dtype"
+    return f"load its header {headers[0].name}" if headers else "give shape=X,Y,Z and dtype=TYPE"

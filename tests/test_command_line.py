@@ -1,0 +1,282 @@
+"""What users type: sources without a command, values below zero, near misses, new folders, messages in its words."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.app.cli import COMMANDS, _command_of, _parser, main
+from splatgl.app.words import options_of, worded
+
+Said = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    np.save("noise.npy", np.random.default_rng(6).random((6, 7, 8)).astype(np.float32))
+    Path("x.raw").write_bytes(b"12345678")
+    np.savez("two.npz", a=np.zeros((3, 4, 5)), b=np.ones((4, 5, 6)))
+    return tmp_path
+
+
+def ended(arguments: list[str]) -> Any:
+    """The exit code, of usage errors too."""
+    try:
+        return main(arguments)
+    except SystemExit as stop:
+        return stop.code
+
+
+def command(name: str) -> argparse.ArgumentParser:
+    return _command_of(_parser([name]), name)
+
+
+# --- without a command -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("source", ["noise.npy", "tunnel", "https://host/v.zarr", "./render"])
+def test_a_source_alone_opens_the_window(source: str, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = []
+    (here / "render").write_text("a file named as a command")
+    monkeypatch.setenv("DISPLAY", ":1")
+    monkeypatch.setattr("splatgl.app.view.run", lambda args: opened.append((args.source, args.azimuth)) or 0)
+    assert main([source, "--azimuth", "-30"]) == 0
+    assert opened == [(source, -30.0)]
+
+
+def test_a_command_stays_one_beside_a_file_of_its_name(here: Path, capsys: Said) -> None:
+    (here / "render").write_text("hello")
+    assert ended(["render"]) == 2
+    assert "required: SOURCE" in capsys.readouterr().err
+
+
+def test_without_a_display_it_says_how_to_render(here: Path, capsys: Said, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    Path("my head.npy").write_bytes(Path("noise.npy").read_bytes())
+    assert main(["my head.npy"]) == 2
+    assert "splatgl render 'my head.npy' -o picture.png" in capsys.readouterr().err
+
+
+NEAR = {
+    "rendr x": "rendr: expected a command or a file that is there, got neither (did you mean render?); see splatgl",
+    "tunel": "(did you mean tunnel?)",
+    "what.nii": "got neither; see splatgl --help",
+    "--size 3 noise.npy": "expected a command or a file first, got --size",
+    "render noise.npy --zom 3": "splatgl render: unknown option --zom (did you mean --zoom?); see splatgl render",
+    "render noise.npy --backgruond=black": "unknown option --backgruond=black (did you mean --background?)",
+    "render noise.npy --qqqqq": "unknown option --qqqqq; see",
+    "render noise.npy two.npz": "expected SOURCE, got also two.npz; splatgl animate draws a series",
+    "doctor 3": "splatgl doctor: expected no more, got also 3",
+    "render -": "SOURCE: expected a file, got standard input; save it to a file first",
+    "render *.npy": "*.npy: expected one file, got a pattern; splatgl animate draws a series",
+}
+
+
+@pytest.mark.parametrize("typed", NEAR)
+def test_near_misses(typed: str, here: Path, capsys: Said) -> None:
+    assert ended(typed.split()) == 2
+    told = capsys.readouterr()
+    assert NEAR[typed] in told.err and told.out == ""
+    assert len(told.err.splitlines()) == 1
+
+
+# --- values ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "name", "found"),
+    [
+        ("--window", "-160,240", "window", (-160, 240)),
+        ("--points", "-500:0,200:.8", "points", ((-500, 0), (200, 0.8))),
+        ("--points", "-.5:0,2:1", "points", ((-0.5, 0), (2, 1))),
+        ("--eye", "-1,2,3", "eye", (-1, 2, 3)),
+        ("--look-at", "-1e3,-2,-3", "look_at", (-1000, -2, -3)),
+        ("--up", "-0,0,-1", "up", (0, 0, -1)),
+        ("--azimuth", "-30", "azimuth", -30),
+        ("--elevation", "-inf", "elevation", -np.inf),
+    ],
+)
+def test_values_below_zero(option: str, value: str, name: str, found: object) -> None:
+    for arguments in ([option, value, "v.npy"], ["v.npy", f"{option}={value}"], ["v.npy", option, value]):
+        assert getattr(_parser(["render"]).parse_args(["render", *arguments]), name) == found
+
+
+def test_no_option_looks_like_a_number() -> None:
+    """Else the values could not be told from it."""
+    for name in COMMANDS:
+        parser = command(name)
+        assert not parser._has_negative_number_optionals
+    assert _parser(["explain-splat"]).parse_args(["explain-splat", "-1,2,100"]) is not None
+
+
+# --- messages --------------------------------------------------------------------------------------------------------
+
+# the command's arguments and the message's beginning, or what it advises
+WORDED = {
+    "x.raw": "x.raw: dtype: expected one in the name (such as _uint8) or as an option, got neither; "
+    "give --shape X,Y,Z and --dtype TYPE",
+    "x.raw --offset -3": "x.raw: --offset: expected zero or more bytes, got -3",
+    "x.raw --shape 2,2,2 --dtype wood": "x.raw: --dtype: expected a real number type",
+    "x.raw --shape 2,2,3 --dtype uint8": "; give the --shape X,Y,Z, --dtype TYPE and --offset BYTES that fit",
+    # the picture's --size is not the file's
+    "x.raw --shape 2,2,3 --dtype uint8 --size 40": "x.raw: size: expected 12 bytes",
+    "two.npz": "pick one with --array NAME; there are: a, b",
+    "two.npz --array c": "two.npz: --array: expected one of a, b, got 'c'",
+    "noise.npy --array c": "noise.npy: options: expected some of --spacing for NumPy, got --array",
+    "noise.npy --spacing 0,1,1": "noise.npy: --spacing: expected three positive numbers",
+    "noise.npy --look-at 1,2,3": "--look-at: expected an eye that looks there, got none; give --eye too",
+    "noise.npy --eye 1,2,3 --look-at 1,2,3": "--look-at: expected a point other than the eye",
+    "noise.npy --table-size -5": "--table-size: expected a whole number from",
+    "noise.npy --z-s -1": "--z-s: expected a depth",
+    "noise.npy --window 5,3": "--window: expected finite low < high",
+    "noise.npy --points 1:2": "--points: expected",
+    "noise.npy --unit -1": "--unit: expected a positive, finite length",
+    "noise.npy --threshold 2": "--threshold: expected an opacity",
+    "noise.npy --like 9": "--like: expected a version",
+    "noise.npy --tolerance 7": "--tolerance: expected a number in",
+    "noise.npy --backend metal": "--backend: expected",
+    "scene.toml": "scene.toml [camera]: look_at: expected 3 finite numbers",
+    "load.toml": "load.toml [load]: header_offset: expected zero or more bytes",
+    # the key of a scene is not the option that was not given; one that was, is
+    "eye.toml": "look_at: expected an eye",
+    "plain.toml --table-size 1": "--table-size: expected a whole number",
+}
+
+
+@pytest.mark.parametrize("typed", WORDED)
+def test_messages_name_options_as_typed(typed: str, here: Path, capsys: Said) -> None:
+    volume = 'volume = "noise.npy"\n'
+    Path("scene.toml").write_text(f"{volume}[camera]\nlook_at = 3\n")
+    Path("eye.toml").write_text(f"{volume}[camera]\nlook_at = [1, 2, 3]\n")
+    Path("load.toml").write_text(f"{volume}[load]\nheader_offset = -1\n")
+    Path("plain.toml").write_text(volume)
+    assert main(["render", *typed.split()]) == 2
+    line = capsys.readouterr().err
+    beginning = "splatgl: " if not WORDED[typed].startswith(("pick", ";")) else ""
+    assert beginning + WORDED[typed] in line
+    assert len(line.splitlines()) == 1
+
+
+def test_names_in_paths_and_quotes_stay() -> None:
+    options = options_of(command("render"))
+    args = _parser(["render"]).parse_args(["render", "array=1.npz", "--array", "a"])
+    for message in (
+        "array=1.npz: contents: expected NumPy archive, as the name says, got PNG",
+        "a: data file: expected a file beside the header, got nothing named 'channel=3'",
+        "look_at.npy: cannot be read",
+    ):
+        assert worded(message, options, args) == message
+
+
+def test_names_of_the_reader_are_those_of_its_options() -> None:
+    from dataclasses import fields
+
+    from splatgl.app.words import READING
+    from splatgl.data.readers import LoadOptions
+
+    known = {field.name for field in fields(LoadOptions)}
+    assert set(READING) <= known
+    assert {*READING} == known & set(options_of(command("render")))
+
+
+# --- files -----------------------------------------------------------------------------------------------------------
+
+
+def test_folders_are_made_with_the_file(here: Path) -> None:
+    assert main(["render", "noise.npy", "--size", "8", "-o", "new/folder/a.png", "--quiet"]) == 0
+    assert sg.Image.load("new/folder/a.png").pixels.shape == (8, 8, 4)
+    assert main(["compare", "new/folder/a.png", "new/folder/a.png", "--diff", "c/d.png", "--report", "e/r.html"]) == 0
+    assert Path("c/d.png").is_file() and Path("e/r.html").is_file()
+    assert main(["figure", "10", "--csv", "f/g/10.csv"]) == 0 and Path("f/g/10.csv").is_file()
+    turn = ["animate", "noise.npy", "--size", "8", "--frames", "2", "--quiet"]
+    assert main([*turn, "-o", "h/i/{frame}.png"]) == 0 and len(list(Path("h/i").iterdir())) == 2
+    assert main([*turn, "-o", "j/turn.gif"]) == 0 and [p.name for p in Path("j").iterdir()] == ["turn.gif"]
+
+
+@pytest.mark.parametrize(
+    "typed",
+    [
+        "render none.npy -o new/a.png",
+        "render noise.npy -o new/a.png --threshold 0.99999",
+        "render noise.npy -o new/a.png --size 0",
+        "animate none.npy -o new/{frame}.png",
+        "animate none.npy -o new/a.gif",
+        "pyramid none.npy -o new/p.zarr",
+        "stress -o new --case none",
+        "figure 5 none.npy -o new/a.png",
+        "compare none.png none.png --report new/a.html",
+    ],
+)
+def test_a_run_that_fails_leaves_no_folder(typed: str, here: Path, capsys: Said) -> None:
+    before = sorted(here.rglob("*"))
+    assert ended(typed.split()) == 2
+    assert sorted(here.rglob("*")) == before
+
+
+@pytest.mark.parametrize("output", ["x.raw/a.png", "x.raw/b/c.png", "/dev/null/a.png"])
+def test_a_folder_that_cannot_be_is_told_before_any_work(output: str, here: Path, capsys: Said) -> None:
+    assert main(["render", "none.npy", "-o", output]) == 2
+    assert f"splatgl: {output}: expected a folder, got the file" in capsys.readouterr().err
+
+
+def test_the_source_is_never_overwritten(here: Path, capsys: Said) -> None:
+    from PIL import Image as Pillow
+
+    Pillow.fromarray(np.arange(64, dtype=np.uint8).reshape(8, 8)).save("height.png")
+    Path("link.png").symlink_to("height.png")
+    Path("s.toml").write_text('volume = "height.png"\n')
+    for typed in (
+        "render height.png",
+        "render height.png -o link.png",
+        "render s.toml -o height.png",
+        "render noise.npy -o noise.npy",
+        "render link.png --color height.png -o height.png",
+        "animate 1.npy -o {frame}.npy --frames 3 --size 8",
+    ):
+        Path("1.npy").write_bytes(Path("noise.npy").read_bytes())
+        before = {path: path.read_bytes() for path in here.iterdir()}
+        assert main(typed.split()) == 2, typed
+        assert "expected another file than the source" in capsys.readouterr().err
+        assert {path: path.read_bytes() for path in here.iterdir()} == before
+    assert main(["render", "height.png", "-o", "picture.png", "--size", "8", "--quiet"]) == 0
+
+
+# --- terminals -------------------------------------------------------------------------------------------------------
+
+
+def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
+    command = [sys.executable, "-m", "splatgl", *arguments]
+    return subprocess.run(command, capture_output=True, env={**os.environ, **environment}, check=False)
+
+
+@pytest.mark.parametrize("name", ["with space.npy", "köpfe.npy", "two\nlines.npy", "-minus.npy", "\udcff.npy"])
+def test_names_of_any_kind(name: str, here: Path) -> None:
+    """In a terminal that knows ASCII alone, too."""
+    Path(name).write_bytes(Path("noise.npy").read_bytes())
+    for environment in ({}, {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "1"}):
+        done = run("render", "--size", "8", f"--output={name[:-4]}.png", "--", name, **environment)
+        assert (done.returncode, done.stderr) == (0, b"")
+        assert Path(f"{name[:-4]}.png").is_file()
+        failed = run("info", "--array", "a", "--", name, **environment)
+        assert failed.returncode == 2 and len(failed.stderr.splitlines()) == 1 and b"--array" in failed.stderr
+
+
+@pytest.mark.parametrize("typed", ["render --help", "info noise.npy", "--help", "compare --help", "doctor"])
+def test_a_reader_that_leaves_is_no_error(typed: str, here: Path) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as pipe:
+        command = [sys.executable, "-m", "splatgl", *typed.split()]
+        done = subprocess.run(command, stdout=pipe, stderr=subprocess.PIPE, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
