@@ -280,3 +280,87 @@ def test_a_reader_that_leaves_is_no_error(typed: str, here: Path) -> None:
         command = [sys.executable, "-m", "splatgl", *typed.split()]
         done = subprocess.run(command, stdout=pipe, stderr=subprocess.PIPE, check=False)
     assert (done.returncode, done.stderr) == (0, b"")
+
+
+# --- what is told ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("typed", "told"),
+    [
+        ("--points 0:0,0.5:0.25,1:1", "opacity 0 at 0, 0.25 at 0.5, 1 at 1; colours gray over 0 … 1"),
+        (
+            "--points 0:0,0.5:0.2,0.6:0.3,2:1 --window -1,3 --colormap hot",
+            "opacity 0 at 0 … 1 at 2 (4 points); colours hot over -1 … 3",
+        ),
+        ("--threshold 0.1 --points 0:0,1:1", "opacity 0 at 0, 1 at 1; colours gray over 0 … 1; threshold 0.1"),
+        ("--preset microscopy", "transfer function: preset microscopy, opacity 0 at"),
+        ("--gradient 0:0,1:1", "; weighted by the gradient"),
+        ("--azimuth -30 --elevation 10", "view: azimuth -30°, elevation 10°, fov 40°"),
+        ("--zoom 2 --fov 30", "view: azimuth 30°, elevation 20°, zoom 2, fov 30°"),
+        ("--eye 20,30,-10", "view: from the eye 20, 30, -10, fov 40°"),
+        ("--height 4", "view: azimuth 30°, elevation 20°, parallel rays"),
+        ("--blend xray", "a.png: 24×16 pixels, xray of "),
+        ("--like 0.1", "within the tolerance 0.00392"),
+        ("--check 2", ", in 48 pixels drawn in float64"),
+        ("--check 0", "; its error is not known"),
+    ],
+)
+def test_the_summary_tells_what_was_drawn(typed: str, told: str, here: Path, capsys: Said) -> None:
+    assert main(["render", "noise.npy", "--size", "24x16", "-o", "a.png", *typed.split()]) == 0
+    page = capsys.readouterr().out
+    assert told in page and len(page.splitlines()) == 4
+    assert not any(word in page for word in ("align", "footprint", "target", "kernel", "technique", "rgba"))
+    assert sg.Image.load("a.png").info["target"]
+
+
+def test_a_scene_tells_its_eye(here: Path, capsys: Said) -> None:
+    assert main(["render", "tunnel", "--size", "8", "-o", "a.png"]) == 0
+    page = capsys.readouterr().out
+    assert "view: from the eye 79.5, 79.5, -8, fov 60°" in page and "colours those of the volume" in page
+
+
+def test_info_lists_what_an_option_picks_from(here: Path, capsys: Said) -> None:
+    """A file that render draws with an option is none that info refuses."""
+    assert main(["info", "x.raw"]) == 0
+    page = capsys.readouterr().out
+    assert "bytes      8\n" in page and "to see it  give --shape X,Y,Z and --dtype TYPE\n" in page
+    assert main(["info", "two.npz"]) == 0
+    page = capsys.readouterr().out
+    assert "a          5 × 4 × 3 float64\n" in page and "b          6 × 5 × 4 float64\n" in page
+    assert "to see it  pick one with --array NAME\n" in page
+    assert main(["info", "two.npz", "--array", "b"]) == 0 and "6 × 5 × 4" in capsys.readouterr().out
+    # what no option mends is an error
+    np.savez("flat.npz", a=np.zeros(3), b=np.zeros(4))
+    Path("a_9x9x9_uint8.raw").write_bytes(b"12345678")
+    for name in ("flat.npz", "a_9x9x9_uint8.raw", "none.npz"):
+        assert main(["info", name]) == 2
+        assert capsys.readouterr().out == ""
+    assert main(["info", "two.npz", "--array", "c"]) == 2
+
+
+def test_info_lists_channels_times_and_arrays_of_stores(here: Path, capsys: Said) -> None:
+    nibabel, zarr = pytest.importorskip("nibabel"), pytest.importorskip("zarr")
+    nibabel.save(nibabel.Nifti1Image(np.zeros((3, 4, 5, 6), np.int16), np.eye(4)), "times.nii")
+    store = zarr.open_group("s.zarr", mode="w")
+    for name, shape in (("one", (3, 4, 5)), ("two", (6, 7, 8))):
+        store.create_array(name, shape=shape, dtype="u1")
+    for name, lines in (
+        ("times.nii", ("0 … 5      along one axis of 3 × 4 × 5 × 6", "pick one with --array 0 … --array 5")),
+        ("s.zarr", ("one        5 × 4 × 3 uint8", "two        8 × 7 × 6 uint8", "pick one with --array NAME")),
+    ):
+        assert main(["info", name]) == 0
+        page = capsys.readouterr().out
+        assert all(line in page for line in lines), page
+
+
+def test_a_choice_is_an_error_with_what_there_is(here: Path) -> None:
+    import pickle
+
+    from splatgl.data.errors import Choice
+
+    with pytest.raises(sg.InputError, match=r"^two\.npz: arrays: expected one 3-D array") as told:
+        sg.load("two.npz")
+    again = pickle.loads(pickle.dumps(told.value))
+    assert isinstance(again, Choice) and str(again) == str(told.value)
+    assert (again.option, [name for name, _ in again.found]) == ("array", ["a", "b"])

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.errors import InputError
+from splatgl.app.words import one_line
+from splatgl.data.errors import Choice, InputError
 from splatgl.data.readers.files import is_mapped
 from splatgl.data.sizes import size_of
 from splatgl.data.volume import Volume
@@ -66,6 +68,15 @@ def describe(volume: Volume) -> str:
         lines += _drawing_lines(volume)
         lines += ["", *_bars(histogram(levels[number], statistics))]
     return "\n".join(line[:WIDTH].rstrip() for line in [_fit(volume.name) or "volume", *lines])
+
+
+def describe_choice(source: str, choice: Choice, message: str) -> str:
+    """The page of text for a file from which an option must pick: what there is, and the option. message: the error's,
+    in the words of the command line.
+    """
+    advice = message.split("; ")[1:2] or [f"--{choice.option}"]
+    lines = [f"  {name:<{_LABEL - 1}} {about}" for name, about in (*choice.found, ("to see it", advice[0]))]
+    return "\n".join(_fit(one_line(line)) for line in (Path(source).name, *lines))
 
 
 def measure(volume: Volume) -> Statistics:

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
+from functools import partial
+
+from splatgl.app.words import options_of, worded
+from splatgl.data.errors import Choice
 
 
 def add_info_parser(parser: argparse.ArgumentParser) -> None:
@@ -10,7 +15,7 @@ def add_info_parser(parser: argparse.ArgumentParser) -> None:
     from splatgl.app.options import add_source
 
     add_source(parser)
-    parser.set_defaults(run=_info)
+    parser.set_defaults(run=partial(_info, options_of(parser)))
 
 
 def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
@@ -20,11 +25,20 @@ def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_doctor)
 
 
-def _info(args: argparse.Namespace) -> int:
-    from splatgl.app.info import describe
+def _info(options: Mapping[str, str], args: argparse.Namespace) -> int:
     from splatgl.app.options import scene_from_source
 
-    print(describe(scene_from_source(args).open()))
+    scene = scene_from_source(args)
+    try:
+        volume = scene.open()
+    except Choice as error:
+        from splatgl.app.info import describe_choice
+
+        print(describe_choice(scene.volume, error, worded(str(error), options, args)))
+        return 0
+    from splatgl.app.info import describe
+
+    print(describe(volume))
     return 0
 
 

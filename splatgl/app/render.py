@@ -16,6 +16,7 @@ from splatgl import __version__
 from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import check_output, check_source
 from splatgl.app.scene import Scene
+from splatgl.app.summary import accuracy, summary
 from splatgl.app.worker_options import add_workers, asked
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
@@ -93,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
         ended = DIFFERENT
     image.save(output, args.bits, ground)
     if not args.quiet:
-        print(_summary(output, image))
+        print(summary(output, image, scene, volume, transfer))
     return ended
 
 
@@ -221,7 +222,7 @@ def _drawn(args: argparse.Namespace, scene: Scene, splats: Splats, camera: Camer
         if args.check is not None or args.field or image.info["error_bound"] is None:
             image = check(image, splats, camera, scene.settings, args.check, args.field)
         if args.explain:
-            print(f"{_accuracy(image)}, against the float64 reference of the same splats")
+            print(f"{accuracy(image)}, against the float64 reference of the same splats")
         if args.savings:
             print("\n".join(savings(renderer, splats, camera, renderer.plan(splats, camera, scene.settings))))
     return image
@@ -235,40 +236,6 @@ def origin(scene: Scene, transfer: Transfer) -> dict[str, object]:
         "threshold": scene.threshold,
         "transfer": transfer.to_toml(),
     }
-
-
-def _summary(output: Path, image: Image) -> str:
-    info, (height, width, _) = image.info, image.pixels.shape
-    return "\n".join(
-        [
-            f"{output}: {width}×{height}, {info['splats']:,} splats in {info['seconds']:.2f} s",
-            f"{info['blend']}, {info['kernel']}, align {info['align']}, {info['footprint']}, target {info['target']}",
-            f"by {info['renderer']} ({info['backend']})",
-            *([] if info["tolerance_met"] and "checked" not in info else [_accuracy(image)]),
-        ]
-    )
-
-
-def _accuracy(image: Image) -> str:
-    """Text of the error bound and whether it meets the tolerance, and of what was compared."""
-    info = image.info
-    error, tolerance, checked = info["error_bound"], info["tolerance"], info.get("checked")
-    known = f"error bound {error:.3g}" if isinstance(error, float) else "no error bound"
-    missed = "not " if isinstance(error, float) else "not known to be "
-    told = f"{known}: the tolerance {tolerance:.3g} is {'' if info['tolerance_met'] else missed}met"
-    if not isinstance(checked, dict):
-        return told
-    # sums have no largest value of their own
-    of = f" of {image.pixels.max():.3g}" if BLENDS[str(info["blend"])].unbounded else ""
-    told += f"\noff by at most {checked['largest']:.2g}{of}, RMSE {checked['rmse']:.2g}, in {checked['pixels']} pixels"
-    told += " drawn in float64"
-    if info.get("level"):
-        told += f", of level {info['level']}'s voxels"
-    field = checked.get("field")
-    if field is None:
-        return told
-    far = f"off the field itself by at most {field['largest']:.2g}{of}, RMSE {field['rmse']:.2g}"
-    return f"{told}\n{far}, in {field['pixels']} pixels"
 
 
 def nothing(scene: Scene, volume: Volume) -> InputError:

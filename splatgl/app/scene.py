@@ -66,6 +66,15 @@ class View:
     orthographic: bool = False
     height: float | None = None
 
+    def orbit(self, volume: Volume) -> tuple[float, float] | None:
+        """Azimuth and elevation about the middle of what is visible; None if the view is that from an eye."""
+        hints = volume.hints
+        orbits = any(x is not None for x in (self.azimuth, self.elevation, self.zoom))
+        if self.eye is not None or (hints.eye is not None and not orbits):
+            return None
+        azimuth, elevation = _default_orbit(volume)
+        return _first(self.azimuth, hints.azimuth, azimuth), _first(self.elevation, hints.elevation, elevation)
+
     def camera(self, volume: Volume, subject: Bounded) -> Camera:
         """The camera; an orbit is fitted to what is visible of `subject`."""
         from splatgl.splat.bricks.opaque import Opaque
@@ -76,19 +85,17 @@ class View:
             subject = Opaque(volume, subject.post.transfer)
         hints = volume.hints
         fov = _first(self.fov, hints.fov, FOV)
-        orbits = any(x is not None for x in (self.azimuth, self.elevation, self.zoom))
-        if self.eye is not None or (hints.eye is not None and not orbits):
+        orbit = self.orbit(volume)
+        if orbit is None:
             target = _first(self.look_at, hints.target if self.eye is None else None, tuple(volume.center))
             up = _first(self.up, hints.up, (0.0, 0.0, 1.0))
             camera = Camera.look_at(_first(self.eye, hints.eye), target, up, fov, self.size)
         else:
             if self.look_at is not None:
                 raise expected("look_at", "an eye that looks there", "none", "give --eye too")
-            azimuth, elevation = _default_orbit(volume)
             camera = Camera.orbit(
                 subject,
-                _first(self.azimuth, hints.azimuth, azimuth),
-                _first(self.elevation, hints.elevation, elevation),
+                *orbit,
                 fov,
                 self.size,
                 _first(self.zoom, 1.0),

@@ -2,9 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 
 class InputError(ValueError):
     """Bad input. The message is one line; the command line prints it and exits with code 2."""
+
+
+class Choice(InputError):
+    """What a file can't be read without: an option that picks one of several things, or tells what the file does not.
+
+    option: the reader option (a field of LoadOptions). found: what there is, a name and a few words each, to be listed
+    by `splatgl info`; the message is complete without them.
+    """
+
+    def __init__(self, message: str, option: str = "", found: Sequence[tuple[str, str]] = ()) -> None:
+        super().__init__(message)
+        self.option = option
+        self.found = tuple(found)
+
+
+def choice(error: InputError, option: str, found: Sequence[tuple[str, str]]) -> Choice:
+    """The error as one that a reader option resolves; found: such as [("a", "3 × 4 × 5 float32"), …]."""
+    return Choice(str(error), option, found)
 
 
 def expected(what: object, this: object, got: object, fix: str = "") -> InputError:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 from importlib import import_module
 from pathlib import Path
 
-from splatgl.data.errors import InputError, expected
+from splatgl.data.errors import Choice, InputError, expected
 from splatgl.data.readers.files import quiet
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.remote import Remote, is_address, name_of
@@ -91,11 +91,11 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: object) 
             asked = _options(options, given)
             return _load_remote(str(path), asked) if is_address(path) else _load(Path(path), asked)
     except InputError as error:
-        raise _one_line(path, str(error)) from error.__cause__
+        raise _one_line(path, error) from error.__cause__
     except OSError as error:
-        raise _one_line(path, f"cannot be read: {error.strerror or error}") from error
+        raise _one_line(path, InputError(f"cannot be read: {error.strerror or error}")) from error
     except MemoryError as error:
-        raise _one_line(path, "needs more memory than there is; use a smaller volume") from error
+        raise _one_line(path, InputError("needs more memory than there is; use a smaller volume")) from error
 
 
 def _load(path: Path, options: LoadOptions) -> Volume:
@@ -126,10 +126,12 @@ def _named(volume: Volume, name: str, form: Format, options: LoadOptions) -> Vol
     return replace(volume, name=(name[: -len(suffix)] if suffix else name).removesuffix(".ome"))
 
 
-def _one_line(path: Path | str, message: str) -> InputError:
+def _one_line(path: Path | str, error: InputError) -> InputError:
     """The error as one line that begins with the path; text from a damaged header is shortened and sanitized."""
+    message = str(error)
     short = message if len(message) <= LINE_LIMIT else message[: LINE_LIMIT - 1] + "…"
-    return InputError("".join(c if c.isprintable() else "?" for c in f"{path}: {short}"))
+    line = "".join(c if c.isprintable() else "?" for c in f"{path}: {short}")
+    return Choice(line, error.option, error.found) if isinstance(error, Choice) else InputError(line)
 
 
 def _options(options: LoadOptions | None, given: dict[str, object]) -> LoadOptions:

@@ -12,7 +12,7 @@ from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
+from splatgl.data.errors import InputError, choice, expected
 
 DEFLATE_RATIO = 1032
 """Most bytes that one byte of deflate data can expand to (zlib's technical notes: 1032:1)."""
@@ -148,7 +148,8 @@ def selection(shape: Sequence[int], extra: Mapping[int, tuple[str, int | None]])
         count = int(shape[axis])
         if entry is None and count > 1:
             fix = f"pick one with {option}=0 … {option}={count - 1}"
-            raise expected("axes", "one sample per voxel", f"{count} along an extra axis", fix)
+            error = expected("axes", "one sample per voxel", f"{count} along an extra axis", fix)
+            raise choice(error, option, [(f"0 … {count - 1}", f"along one axis of {' × '.join(map(str, shape))}")])
         if entry is not None and entry >= count:
             raise expected(option, f"a number from 0 to {count - 1}", entry)
         index[axis] = entry or 0

@@ -10,7 +10,7 @@ from typing import IO
 
 import numpy as np
 
-from splatgl.data.errors import expected
+from splatgl.data.errors import choice, expected
 from splatgl.data.readers.files import byte_count, library, map_array, require_bytes, require_plausible
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Volume
@@ -27,6 +27,11 @@ class _Header:
     fortran: bool
     dtype: np.dtype
     offset: int
+
+    @property
+    def about(self) -> str:
+        """Its size along x, y, z, and its type."""
+        return f"{' × '.join(map(str, self.shape[::-1]))} {self.dtype.name}"
 
     @property
     def is_volume(self) -> bool:
@@ -71,7 +76,8 @@ def _choice(headers: dict[str, _Header], options: LoadOptions) -> str:
     volumes = [name for name, header in headers.items() if header.is_volume]
     if len(volumes) != 1:
         fix = f"pick one with array=NAME; there are: {listed}"
-        raise expected("arrays", "one 3-D array of real numbers", len(volumes), fix)
+        error = expected("arrays", "one 3-D array of real numbers", len(volumes), fix)
+        raise choice(error, "array", [(name, headers[name].about) for name in volumes]) if volumes else error
     return volumes[0]
 
 

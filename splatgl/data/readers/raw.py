@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.errors import expected
+from splatgl.data.errors import InputError, choice, expected
 from splatgl.data.readers.files import byte_count, grid_shape, map_array
 from splatgl.data.readers.options import LoadOptions, sample_type
 from splatgl.data.volume import Volume
@@ -31,15 +31,21 @@ def read(path: Path, options: LoadOptions) -> Volume:
 def _shape(path: Path) -> tuple[int, int, int]:
     found = _SHAPE.search(path.name)
     if found is None:
-        raise expected("shape", "one in the name (such as _128x256x256_) or as an option", "neither", _fix(path))
+        raise _unstated(path, "shape", "_128x256x256_")
     return int(found[1]), int(found[2]), int(found[3])
 
 
 def _dtype(path: Path, options: LoadOptions) -> np.dtype:
     found = options.dtype or _DTYPE.search(path.name)
     if found is None:
-        raise expected("dtype", "one in the name (such as _uint8) or as an option", "neither", _fix(path))
+        raise _unstated(path, "dtype", "_uint8")
     return sample_type(found if isinstance(found, str) else found[0])
+
+
+def _unstated(path: Path, option: str, such: str) -> InputError:
+    """The error for a file of which neither its name nor an option tells the shape or the type."""
+    error = expected(option, f"one in the name (such as {such}) or as an option", "neither", _fix(path))
+    return choice(error, option, [("bytes", f"{path.stat().st_size:,}")])
 
 
 def _fix(path: Path) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.data.errors import expected
+from splatgl.data.errors import choice, expected
 from splatgl.data.readers.options import LoadOptions
 
 
@@ -56,7 +56,8 @@ def _component(chosen: PointArray, options: LoadOptions) -> np.ndarray:
     count = chosen.components
     if options.channel is None and count > 1:
         fix = f"pick one with channel=0 … channel={count - 1}"
-        raise expected("array", "one number per voxel", f"{count} in {chosen.name!r}", fix)
+        error = expected("array", "one number per voxel", f"{count} in {chosen.name!r}", fix)
+        raise choice(error, "channel", [(f"0 … {count - 1}", f"numbers of each voxel in {chosen.name!r}")])
     if options.channel is not None and options.channel >= count:
         raise expected("channel", f"a number from 0 to {count - 1}", options.channel)
     return chosen.read()[..., options.channel or 0]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected, missing_extra
+from splatgl.data.errors import InputError, choice, expected, missing_extra
 from splatgl.data.readers.chunked import Chunked
 from splatgl.data.readers.files import WHOLE, byte_count, library, selection
 from splatgl.data.readers.grid import unit_name
@@ -128,8 +128,14 @@ def _level(group: Any, multiscale: Multiscale | None, options: LoadOptions) -> A
     node = group.get(name) if name is not None else None
     if not isinstance(node, zarr.Array):
         fix = f"pick one with array=NAME; there are: {', '.join(names) or 'none'}"
-        raise expected("array", "the name of one array", repr(name), fix)
+        error = expected("array", "the name of one array", repr(name), fix)
+        raise choice(error, "array", [*map(_about, group.arrays())]) if options.array is None and names else error
     return node
+
+
+def _about(item: tuple[str, Any]) -> tuple[str, str]:
+    """An array's name; its size, with x first, and its type."""
+    return item[0], f"{' × '.join(map(str, item[1].shape[::-1]))} {item[1].dtype.name}"
 
 
 def _axis_names(multiscale: Multiscale | None, count: int) -> list[str]:

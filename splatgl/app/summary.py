@@ -1,0 +1,99 @@
+"""What `splatgl render` tells of a picture that it wrote: four lines at most; --explain tells the rest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from splatgl.app.scene import FOV, Scene
+from splatgl.data.image import Image
+from splatgl.data.volume import Volume
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.plan.blend_mode import BLENDS
+
+SHOWN = 3
+"""Points of a transfer function that fit a line; of more, the first and the last are told."""
+
+
+def summary(output: Path, image: Image, scene: Scene, volume: Volume, transfer: Transfer) -> str:
+    """Size and blend; the transfer function; the view; time and accuracy."""
+    info, (height, width, _) = image.info, image.pixels.shape
+    # without the versions in brackets
+    by = str(info["renderer"]).partition(" (")[0]
+    return "\n".join(
+        [
+            f"{output}: {width}×{height} pixels, {info['blend']} of {info['splats']:,} splats",
+            f"transfer function: {_transfer(scene, volume, transfer)}",
+            f"view: {_view(scene, volume, image)}",
+            f"drawn in {info['seconds']:.2f} s by {by}; {_error(image)}",
+        ]
+    )
+
+
+def _transfer(scene: Scene, volume: Volume, transfer: Transfer) -> str:
+    """The opacities, the colours and what they span, and the threshold."""
+    points = [f"{opacity:g} at {value:g}" for value, opacity in transfer.points]
+    told = ", ".join(points) if len(points) <= SHOWN else f"{points[0]} … {points[-1]} ({len(points)} points)"
+    name = scene.transfer.get("preset")
+    low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+    colours = f"{transfer.colormap} over {low:g} … {high:g}" if volume.color is None else "those of the volume"
+    return (
+        (f"preset {name}, " if name else "")
+        + f"opacity {told}; colours {colours}"
+        + ("; weighted by the gradient" if transfer.gradient else "")
+        + (f"; threshold {scene.threshold:g}" if scene.threshold else "")
+    )
+
+
+def _view(scene: Scene, volume: Volume, image: Image) -> str:
+    """Azimuth and elevation, or the eye; and what of it is not the default."""
+    view, orbit = scene.view, scene.view.orbit(volume)
+    if orbit is not None:
+        told = f"azimuth {orbit[0]:g}°, elevation {orbit[1]:g}°"
+        told += f", zoom {view.zoom:g}" if view.zoom is not None else ""
+    else:
+        eye = image.info["eye"]
+        told = "from the eye " + (", ".join(f"{x:g}" for x in eye) if isinstance(eye, list) else "")
+    if image.info["projection"] == "orthographic":
+        return told + ", parallel rays"
+    fov = next(found for found in (view.fov, volume.hints.fov, FOV) if found is not None)
+    return f"{told}, fov {fov:g}°"
+
+
+def _error(image: Image) -> str:
+    """The error bound, or how far off it is where it was compared."""
+    info = image.info
+    error, checked = info["error_bound"], info.get("checked")
+    if isinstance(checked, dict):
+        return _compared(image).replace("\n", "; ")
+    if not isinstance(error, float):
+        return "its error is not known"
+    met = "within" if info["tolerance_met"] else "above"
+    return f"error at most {error:.2g}, {met} the tolerance {info['tolerance']:.3g}"
+
+
+def accuracy(image: Image) -> str:
+    """Text of the error bound and whether it meets the tolerance, and of what was compared."""
+    info = image.info
+    error, tolerance = info["error_bound"], info["tolerance"]
+    known = f"error bound {error:.3g}" if isinstance(error, float) else "no error bound"
+    missed = "not " if isinstance(error, float) else "not known to be "
+    told = f"{known}: the tolerance {tolerance:.3g} is {'' if info['tolerance_met'] else missed}met"
+    return f"{told}\n{_compared(image)}" if isinstance(info.get("checked"), dict) else told
+
+
+def _compared(image: Image) -> str:
+    """How far the compared pixels are off, and off the field, in a line each."""
+    info = image.info
+    checked = info["checked"]
+    assert isinstance(checked, dict)
+    # sums have no largest value of their own
+    of = f" of {image.pixels.max():.3g}" if BLENDS[str(info["blend"])].unbounded else ""
+    told = f"off by at most {checked['largest']:.2g}{of}, RMSE {checked['rmse']:.2g}, in {checked['pixels']} pixels"
+    told += " drawn in float64"
+    if info.get("level"):
+        told += f", of level {info['level']}'s voxels"
+    field = checked.get("field")
+    if field is None:
+        return told
+    far = f"off the field itself by at most {field['largest']:.2g}{of}, RMSE {field['rmse']:.2g}"
+    return f"{told}\n{far}, in {field['pixels']} pixels"
