@@ -364,3 +364,27 @@ def test_a_choice_is_an_error_with_what_there_is(here: Path) -> None:
     again = pickle.loads(pickle.dumps(told.value))
     assert isinstance(again, Choice) and str(again) == str(told.value)
     assert (again.option, [name for name, _ in again.found]) == ("array", ["a", "b"])
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".tif", ".exr"])
+def test_pictures_of_floats_are_drawn_and_compared(suffix: str, here: Path, capsys: Said) -> None:
+    pytest.importorskip({".npy": "numpy", ".tif": "tifffile", ".exr": "OpenEXR"}[suffix])
+    asked = ["render", "noise.npy", "--size", "16", "--quiet", "--blend", "xray", "-o"]
+    assert main([*asked, f"a{suffix}"]) == 0 and main([*asked, "b.npy"]) == 0
+    assert (sg.Image.load(f"a{suffix}").pixels == np.load("b.npy")).all()
+    assert main(["compare", f"a{suffix}", "b.npy", "--max-difference", "0"]) == 0
+    np.save("c.npy", np.load("b.npy") * np.float32(1.001))
+    assert main(["compare", f"a{suffix}", "c.npy", "--max-difference", "0"]) == 1
+
+
+def test_jpeg_says_what_is_behind(here: Path, capsys: Said) -> None:
+    asked = ["render", "noise.npy", "--size", "16", "-o", "a.jpg"]
+    assert main(asked) == 0 and "splats, on black, as JPEG has no alpha" in capsys.readouterr().out
+    assert main([*asked, "--background", "white"]) == 0 and "on black" not in capsys.readouterr().out
+    assert sg.Image.load("a.jpg").pixels[0, 0].min() > 0.95
+
+
+def test_a_missing_library_is_told_before_any_work(here: Path, capsys: Said, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "OpenEXR", None)
+    assert main(["render", "none.npy", "-o", "a.exr"]) == 2
+    assert "pip install 'splatgl[exr]'" in capsys.readouterr().err

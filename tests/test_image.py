@@ -62,7 +62,7 @@ def test_unwritable_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(sg.InputError, match="cannot be written"):
         picture().save(tmp_path / "f" / "a.png")
     with pytest.raises(sg.InputError, match=r"a name that ends in \.png or \.npy"):
-        picture().save(tmp_path / "a.jpg")
+        picture().save(tmp_path / "a.gif")
     (tmp_path / "d.png").mkdir()
     with pytest.raises(sg.InputError, match="cannot be written"):
         picture().save(tmp_path / "d.png")
@@ -106,3 +106,53 @@ def test_unreadable(tmp_path: Path) -> None:
     np.save(tmp_path / "b.npy", np.zeros((3, 3)))
     with pytest.raises(sg.InputError, match="expected float pixels"):
         sg.Image.load(tmp_path / "b.npy")
+
+
+def test_floats_in_tiff_are_those_of_its_own_library(tmp_path: Path) -> None:
+    import json
+
+    tifffile = pytest.importorskip("tifffile")
+    image = sg.Image(np.random.default_rng(3).random((5, 7, 4)).astype(np.float32) * 3, {"blend": "xray", "n": "é"})
+    image.save(tmp_path / "a.tif")
+    with tifffile.TiffFile(tmp_path / "a.tif") as tiff:
+        page = tiff.pages[0]
+        assert (page.asarray() == image.pixels).all() and page.dtype == np.float32
+        assert [kind.name for kind in page.extrasamples] == ["ASSOCALPHA"]
+        assert json.loads(page.description) == image.info
+    again = sg.Image.load(tmp_path / "a.tif")
+    assert (again.pixels == image.pixels).all() and again.info == image.info
+    # of others, as Pillow reads them
+    tifffile.imwrite(tmp_path / "b.tif", np.full((4, 4, 3), 255, np.uint8), photometric="rgb")
+    assert (sg.Image.load(tmp_path / "b.tif").pixels == 1).all()
+
+
+def test_floats_in_exr_are_those_of_its_own_library(tmp_path: Path) -> None:
+    import json
+
+    library = pytest.importorskip("OpenEXR")
+    image = sg.Image(np.random.default_rng(3).random((5, 7, 4)).astype(np.float32) * 3, {"n": "é"})
+    image.save(tmp_path / "a.exr")
+    part = library.File(str(tmp_path / "a.exr")).parts[0]
+    assert (part.channels["RGBA"].pixels == image.pixels).all() and part.channels["RGBA"].pixels.dtype == np.float32
+    assert json.loads(part.header["splatgl"]) == image.info
+    again = sg.Image.load(tmp_path / "a.exr")
+    assert (again.pixels == image.pixels).all() and again.info == image.info
+    pixels = np.random.default_rng(4).random((3, 4, 3)).astype(np.float32)
+    library.File({}, {"RGB": pixels}).write(str(tmp_path / "b.exr"))
+    assert (sg.Image.load(tmp_path / "b.exr").pixels == np.dstack([pixels, np.ones((3, 4))])).all()
+    (tmp_path / "c.exr").write_bytes((tmp_path / "a.exr").read_bytes()[:200])
+    with pytest.raises(sg.InputError, match=r"c\.exr: cannot be read as a picture"):
+        sg.Image.load(tmp_path / "c.exr")
+
+
+def test_jpeg_is_on_the_background(tmp_path: Path) -> None:
+    from PIL import Image as Pillow
+
+    half = np.zeros((16, 16, 4), np.float32)
+    half[..., 0] = half[..., 3] = 0.5
+    for ground, linear in ((None, (0.5, 0, 0)), ((1.0, 1.0, 1.0), (1.0, 0.5, 0.5))):
+        sg.Image(half, {"n": "é"}).save(tmp_path / "a.jpg", background=ground)
+        with Pillow.open(tmp_path / "a.jpg") as shown:
+            assert shown.mode == "RGB" and b'"n"' in shown.info["comment"]
+            wanted = sg.Image(np.array([[[*linear, 1]]], np.float32)).straight()[0, 0, :3] * 255
+            assert np.abs(np.asarray(shown, float) - wanted).max() <= 3

@@ -30,11 +30,16 @@ def add_source(parser: argparse.ArgumentParser) -> None:
         "--dtype", metavar="TYPE", help="sample type of a headerless file: uint8, int16, >u2, float32, …"
     )
     group.add_argument("--offset", dest="header_offset", type=int, metavar="BYTES", help="skipped in a headerless file")
-    group.add_argument("--spacing", type=numbers(3), metavar="X,Y,Z", help="voxel spacing, where the file has none")
-    group.add_argument("--array", metavar="NAME", help="which array of a file that holds several (VTK, npz, Zarr)")
-    group.add_argument("--channel", type=int, metavar="N", help="which channel of a multi-channel TIFF")
+    about = "voxel spacing, instead of the file's and in its unit"
+    group.add_argument("--spacing", type=numbers(3), metavar="X,Y,Z", help=about)
     group.add_argument(
-        "--level", type=int, metavar="N", help="level of a multiscale OME-Zarr image, 0 the finest (measured)"
+        "--array", metavar="NAME", help="which array, by name (VTK, npz, Zarr), or time, by number (NIfTI, TIFF)"
+    )
+    group.add_argument(
+        "--channel", type=int, metavar="N", help="which of several numbers per voxel, from 0 (not of npy, npz, NIfTI)"
+    )
+    group.add_argument(
+        "--level", type=int, metavar="N", help="level of a multiscale OME-Zarr or TIFF image, 0 the finest (measured)"
     )
     group.add_argument("--color", metavar="PICTURE", help="colour picture laid over a height map")
     group.add_argument(
@@ -62,9 +67,10 @@ def add_transfer(parser: argparse.ArgumentParser) -> None:
 
 def add_backend(parser: argparse.ArgumentParser, default: str = "auto") -> None:
     """Adds the OpenGL backend options."""
-    parser.add_argument("--backend", default=default, metavar="NAME", help=f"auto, egl, osmesa or window ({default})")
-    parser.add_argument("--device", type=int, metavar="N", help="index of the EGL device")
-    parser.add_argument("--gpu", action="store_true", help="fail if only a software renderer is there")
+    group = parser.add_argument_group("OpenGL")
+    group.add_argument("--backend", default=default, metavar="NAME", help=f"auto, egl, osmesa or window ({default})")
+    group.add_argument("--device", type=int, metavar="N", help="which EGL device, from 0; splatgl doctor lists several")
+    group.add_argument("--gpu", action="store_true", help="fail if only a software renderer is there")
 
 
 def add_drawing(parser: argparse.ArgumentParser, default: str = "auto") -> None:

@@ -19,7 +19,8 @@ from splatgl.app.scene import Scene
 from splatgl.app.summary import accuracy, summary
 from splatgl.app.worker_options import add_workers, asked
 from splatgl.data.errors import InputError, expected
-from splatgl.data.image import Image
+from splatgl.data.image import SAVED, Image
+from splatgl.data.picture_files import need
 from splatgl.data.sizes import bytes_of, size_of
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import Transfer
@@ -36,23 +37,32 @@ if TYPE_CHECKING:
 PATIENCE = 1.0
 
 
+EXAMPLES = """examples:
+  splatgl render head.nii.gz -o head.png
+  splatgl render head.nii.gz --preset ct-bone --azimuth 60 --size 800x600 --background black
+  splatgl render head_128x256x256_uint8.raw --window -160,240 --blend xray -o sums.npy"""
+
+
 def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl render`."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = f"{parser.description}\n\n{EXAMPLES}"
     add_source(parser)
-    parser.add_argument("-o", "--output", metavar="FILE", help="picture to write, .png or .npy (default: SOURCE.png)")
+    parser.add_argument("-o", "--output", metavar="FILE", help="a .png, .jpg, .npy, .tif or .exr (SOURCE.png)")
     parser.add_argument(
         "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample of a PNG (8)"
     )
+    group = parser.add_argument_group("accuracy")
     parser.add_argument("--ref", metavar="FILE", help="compare with this picture; write only if it differs, and exit 1")
     parser.add_argument("--explain", action="store_true", help="say what is drawn, what is left out, and why")
-    parser.add_argument("--savings", action="store_true", help="draw with what is left out, and say what that takes")
-    parser.add_argument(
+    group.add_argument("--savings", action="store_true", help="draw with what is left out, and say what that takes")
+    group.add_argument(
         "--check",
         type=int,
         metavar="ROWS",
         help="compare as many rows with float64 (0: none; default: some squares, with --field or without a bound)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--field",
         action="store_true",
         help="also compare some of these pixels with the field that the picture stands for",
@@ -74,7 +84,8 @@ def run(args: argparse.Namespace) -> int:
     on_workers = asked(args)
     scene = scene_from(args)
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
-    check_output(output)
+    check_output(output, SAVED)
+    need(output.suffix.lower())
     check_source(output, args.source, scene.volume, args.color)
     reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()

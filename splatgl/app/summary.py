@@ -6,6 +6,7 @@ from pathlib import Path
 
 from splatgl.app.scene import FOV, Scene
 from splatgl.data.image import Image
+from splatgl.data.picture_files import JPEG
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.blend_mode import BLENDS
@@ -17,11 +18,13 @@ SHOWN = 3
 def summary(output: Path, image: Image, scene: Scene, volume: Volume, transfer: Transfer) -> str:
     """Size and blend; the transfer function; the view; time and accuracy."""
     info, (height, width, _) = image.info, image.pixels.shape
+    clear = info["background"] is None and image.pixels[..., 3].min() < 1
+    behind = ", on black, as JPEG has no alpha" if clear and output.suffix.lower() in JPEG else ""
     # without the versions in brackets
     by = str(info["renderer"]).partition(" (")[0]
     return "\n".join(
         [
-            f"{output}: {width}×{height} pixels, {info['blend']} of {info['splats']:,} splats",
+            f"{output}: {width}×{height} pixels, {info['blend']} of {info['splats']:,} splats{behind}",
             f"transfer function: {_transfer(scene, volume, transfer)}",
             f"view: {_view(scene, volume, image)}",
             f"drawn in {info['seconds']:.2f} s by {by}; {_error(image)}",

@@ -15,10 +15,13 @@ import numpy as np
 
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.errors import InputError, expected, missing_extra
+from splatgl.data.picture_files import EXR, JPEG, TIFF, encode_exr, encode_jpeg, encode_tiff, load_exr, load_tiff
 from splatgl.data.written import write_whole as write_whole
 
 # the PNG text chunk that holds the provenance as JSON
 KEYWORD = "splatgl"
+# endings of the files that are written
+SAVED = (".png", ".npy", *JPEG, *TIFF, *EXR)
 # rows per band: numpy converts samples to 8-byte indices, which should stay in the cache
 BAND_ROWS = 16
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -32,10 +35,10 @@ class Image:
     info: Mapping[str, object] = field(default_factory=dict)
 
     def save(self, path: str | Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> None:
-        """Writes .png (sRGB, straight alpha, 8 or 16 bits) or .npy (the pixels), atomically.
+        """Writes .png (sRGB, straight alpha, 8 or 16 bits), .jpg (sRGB), .npy, .tif or .exr (the pixels), atomically.
 
-        background: linear RGB behind a PNG; None keeps it transparent. An `xray` image
-        is scaled to its maximum in a PNG; the factor is in the file's text. Raises InputError for
+        background: linear RGB behind a PNG or JPEG; None keeps it transparent, black in JPEG. An `xray` image
+        is scaled to its maximum in both; the factor is in the file's text. Raises InputError for
         another suffix, and if the file cannot be written.
         """
         write_whole(Path(path), self.encoded(Path(path), bits, background))
@@ -46,16 +49,31 @@ class Image:
             buffer = io.BytesIO()
             np.save(buffer, self.pixels)
             return buffer.getvalue()
+        if name.suffix.lower() in TIFF:
+            return encode_tiff(self.pixels, self.info)
+        if name.suffix.lower() in EXR:
+            return encode_exr(self.pixels, self.info)
+        if name.suffix.lower() in JPEG:
+            info = dict(self.info)
+            samples = self._samples(info, 8, background or (0.0, 0.0, 0.0))
+            return encode_jpeg(samples, info)
         if name.suffix.lower() != ".png":
-            raise expected(name, "a name that ends in .png or .npy", repr(name.suffix))
+            raise expected(name, f"a name that ends in {' or '.join(SAVED)}", repr(name.suffix))
         return self._png(dict(self.info), bits, background)
 
     @classmethod
     def load(cls, path: str | Path) -> Image:
-        """Reads .npy ([H, W, 4]) or any file that Pillow supports, as linear premultiplied light."""
+        """Reads .npy ([H, W, 4]), .exr, .tif of floats, or what Pillow supports, as linear premultiplied light."""
         source = Path(path)
         if source.suffix.lower() == ".npy":
             return cls(_load_npy(source))
+        if source.suffix.lower() in EXR:
+            _check_file(source)
+            return cls(*load_exr(source))
+        if source.suffix.lower() in TIFF:
+            _check_file(source)
+            if (found := load_tiff(source)) is not None:
+                return cls(*found)
         samples, info = _load_png(source)
         return cls(_from_samples(samples), info)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import PNG_SIGNATURE, Image
+from splatgl.data.picture_files import EXR, TIFF, holds_floats
 
 SUFFIXES = (".png", ".npy")
 # colour type in a PNG's header (PNG specification §11.2.2) and its name; a palette is RGB, or RGBA with tRNS
@@ -29,10 +30,11 @@ class Picture:
 
 
 def read(path: str | Path) -> Picture:
-    """Reads a PNG or NPY file. Raises InputError for missing, truncated and invalid files."""
+    """Reads a PNG, NPY, EXR, TIFF or JPEG file. Raises InputError for missing, truncated and invalid files."""
     source = Path(path)
     image = _loaded(source)
-    if source.suffix.lower() == ".npy":
+    suffix = source.suffix.lower()
+    if suffix in (".npy", *EXR) or (suffix in TIFF and holds_floats(source)):
         return Picture(str(path), image)
     with open(source, "rb") as file:
         header = file.read(HEADER_BYTES)

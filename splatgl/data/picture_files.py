@@ -1,0 +1,157 @@
+"""Pictures in TIFF, OpenEXR and JPEG: linear premultiplied float32 in the first two, 8 bits of sRGB in the last."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.errors import InputError, expected, missing_extra
+
+KEYWORD = "splatgl"
+"""The EXR attribute that holds the provenance as JSON; in TIFF it is the ImageDescription."""
+
+TIFF, EXR, JPEG = (".tif", ".tiff"), (".exr",), (".jpg", ".jpeg")
+QUALITY = 95
+
+Info = Mapping[str, object]
+
+
+def need(suffix: str) -> None:
+    """InputError, before any work, if the library of a suffix is missing."""
+    if suffix in TIFF:
+        _tifffile()
+    elif suffix in EXR:
+        _openexr()
+
+
+def encode_tiff(pixels: np.ndarray, info: Info) -> bytes:
+    """float32 RGBA, alpha associated (premultiplied), deflated; the provenance is the ImageDescription."""
+    buffer = io.BytesIO()
+    _tifffile().imwrite(
+        buffer,
+        pixels.astype(np.float32),
+        photometric="rgb",
+        extrasamples=["assocalpha"],
+        compression="zlib",
+        description=json.dumps(dict(info), ensure_ascii=True),
+        metadata=None,
+    )
+    return buffer.getvalue()
+
+
+def encode_exr(pixels: np.ndarray, info: Info) -> bytes:
+    """float32 RGBA, linear and premultiplied, as OpenEXR has it, compressed without loss."""
+    library = _openexr()
+    header = {
+        "compression": library.ZIP_COMPRESSION,
+        "type": library.scanlineimage,
+        KEYWORD: json.dumps(dict(info), ensure_ascii=True),
+    }
+    buffer = io.BytesIO()
+    library.File(header, {"RGBA": np.ascontiguousarray(pixels, np.float32)}).write(buffer)
+    return buffer.getvalue()
+
+
+def encode_jpeg(samples: np.ndarray, info: Info) -> bytes:
+    """JPEG of opaque sRGB samples, uint8 [H, W, 4]; the provenance is the comment."""
+    from PIL import Image as Pillow
+
+    buffer = io.BytesIO()
+    comment = json.dumps(dict(info), ensure_ascii=True)
+    try:
+        Pillow.fromarray(samples[..., :3]).save(buffer, "JPEG", quality=QUALITY, subsampling=0, comment=comment)
+    except OSError as error:
+        height, width, _ = samples.shape
+        raise expected("JPEG", "at most 65500 pixels a side", f"{width}×{height}", "save as .png") from error
+    return buffer.getvalue()
+
+
+def holds_floats(source: Path) -> bool:
+    """Whether a TIFF holds float32 RGBA with associated alpha, as splatgl writes."""
+    try:
+        library = _tifffile()
+    except InputError:
+        return False
+
+    def read() -> bool:
+        with library.TiffFile(source) as tiff:
+            return _is_ours(tiff.pages[0])
+
+    return bool(_read(source, read))
+
+
+def _is_ours(page: Any) -> bool:
+    four = len(page.shape) == 3 and page.shape[2] == 4
+    return bool(page.dtype == np.float32 and four and tuple(page.extrasamples) == (1,))
+
+
+def load_tiff(source: Path) -> tuple[np.ndarray, dict[str, object]] | None:
+    """Pixels float32 [H, W, 4] and the provenance of a TIFF that splatgl wrote; None for others, and without
+    tifffile.
+    """
+    try:
+        library = _tifffile()
+    except InputError:
+        return None
+
+    def read() -> tuple[np.ndarray, str] | None:
+        with library.TiffFile(source) as tiff:
+            page = tiff.pages[0]
+            return (page.asarray(), page.description) if _is_ours(page) else None
+
+    found = _read(source, read)
+    return None if found is None else (found[0], _table(found[1]))
+
+
+def load_exr(source: Path) -> tuple[np.ndarray, dict[str, object]]:
+    """Pixels float32 [H, W, 4] and the provenance of an EXR with the channels RGB or RGBA."""
+    library = _openexr()
+
+    def read() -> tuple[dict[str, Any], str]:
+        part = library.File(str(source)).parts[0]
+        return {name: channel.pixels for name, channel in part.channels.items()}, str(part.header.get(KEYWORD, ""))
+
+    channels, text = _read(source, read)
+    if "RGBA" not in channels and "RGB" not in channels:
+        raise expected(source, "the channels RGBA or RGB", ", ".join(channels) or "none")
+    pixels = np.asarray(channels.get("RGBA", channels.get("RGB")), np.float32)
+    if pixels.shape[2] == 3:
+        pixels = np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1)
+    return pixels, _table(text)
+
+
+def _read(source: Path, read: Callable[[], Any]) -> Any:
+    """What a library reads; any of its exceptions as InputError."""
+    try:
+        return read()
+    except Exception as error:
+        raise InputError(f"{source}: cannot be read as a picture: {' '.join(str(error).split())}") from error
+
+
+def _table(text: str) -> dict[str, object]:
+    try:
+        found = json.loads(text or "{}")
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _tifffile() -> Any:
+    try:
+        import tifffile
+    except ImportError as error:
+        raise missing_extra("TIFF pictures", "tifffile", "readers") from error
+    return tifffile
+
+
+def _openexr() -> Any:
+    try:
+        import OpenEXR
+    except ImportError as error:
+        raise missing_extra("EXR pictures", "OpenEXR", "exr") from error
+    return OpenEXR
