@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.app.cli import main
+from splatgl.app.layered import layer_option
+from splatgl.app.scene import Scene, View
 from splatgl.gl import layer_tiles
 from splatgl.truth import reference
 
@@ -175,3 +180,98 @@ def test_a_view_shows_all_layers(blocks: sg.Scene) -> None:
     x, y, depth = camera.eye_from_points(blocks.corners).T
     reach = np.abs(np.stack([x, y]) / depth).max()
     assert 0.9 < reach / (camera.extent / 2) <= 1 + 1e-9 and np.ptp(blocks.corners[:, 0]) == pytest.approx(31.45)
+
+
+# --- the command line, and scene files --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def files(field: sg.Scene, tmp_path: Path) -> tuple[str, str]:
+    """Two volumes; an option's value may hold a colon in the path."""
+    for layer, name in zip(field.shown, ("first.npy", "a:b.npy"), strict=True):
+        np.save(tmp_path / name, layer.volume.samples)
+    return str(tmp_path / "first.npy"), str(tmp_path / "a:b.npy")
+
+
+def test_layers_of_the_command_line(
+    renderer: sg.Renderer, files: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The picture is that of Python, compared with float64; a scene file gives the same."""
+    out, (first, second) = tmp_path / "a.npy", files
+    asked = ["render", first, "--points", "0.4:0,0.7:0.6", "--size", "40", "-o", str(out), "--backend", "auto"]
+    assert main([*asked, "--layer", f"{second}:viridis:0.5"]) == 0
+    assert "in 160 pixels drawn in float64" in capsys.readouterr().out
+    volumes = [sg.load(name) for name in files]
+    other = replace(sg.default_transfer(volumes[1]), colormap="viridis")
+    points = sg.Transfer([(0.4, 0), (0.7, 0.6)])
+    scene = sg.Scene([sg.Layer(volumes[0], points), sg.Layer(volumes[1], other, opacity=0.5)])
+    camera = View(size=(40, 40)).camera(volumes[0], scene)
+    pixels = np.load(out)
+    assert np.array_equal(pixels, renderer.render(scene, camera).pixels) and pixels[..., 3].max() > 0.5
+
+    made = Scene(first, transfer={"points": ((0.4, 0.0), (0.7, 0.6))}, view=View(size=(40, 40)))
+    made = replace(made, layers=(Scene(second, transfer={"colormap": "viridis"}, opacity=0.5),))
+    (tmp_path / "scene.toml").write_text(made.to_toml(tmp_path))
+    assert Scene.from_toml(tmp_path / "scene.toml").layers == made.layers
+    assert main(["render", str(tmp_path / "scene.toml"), "-o", str(out), "--check", "0", "--quiet"]) == 0
+    assert np.array_equal(np.load(out), pixels)
+
+
+@pytest.mark.parametrize(
+    ("text", "volume", "transfer", "opacity"),
+    [
+        ("pet.nrrd", "pet.nrrd", {}, 1.0),
+        ("pet.nrrd:hot", "pet.nrrd", {"colormap": "hot"}, 1.0),
+        ("pet.nrrd:CT-Bone:0.3", "pet.nrrd", {"preset": "ct-bone"}, 0.3),
+        ("pet.nrrd::0.3", "pet.nrrd", {}, 0.3),
+        ("pet.nrrd:0.3", "pet.nrrd", {}, 0.3),
+        ("https://a.org/b.zarr:#00ff66", "https://a.org/b.zarr", {"colormap": "#00ff66"}, 1.0),
+        ("https://a.org/b.zarr", "https://a.org/b.zarr", {}, 1.0),
+        ("a.h5:/one/two", "a.h5:/one/two", {}, 1.0),
+    ],
+)
+def test_what_a_layer_is(text: str, volume: str, transfer: dict[str, str], opacity: float) -> None:
+    assert layer_option(text) == Scene(volume, transfer=transfer, opacity=opacity)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--layer", "none.npy"], "none.npy: path: expected a file"),
+        (["--layer", ":1.5"], "expected FILE[:LOOK[:OPACITY]]"),
+        (["--layer", "a:b.npy:nothing"], "colormap: expected one of"),
+        (["--layer", "a:b.npy", "--field"], "--field: expected a picture of one volume"),
+        (["--layer", "a:b.npy", "--workers", "1"], "layers: expected none, with --workers"),
+        (["--layer", "a:b.npy", "--check", "99"], "--check: expected 0 to 40 rows"),
+        (["--layer", "a:b.npy", "--memory", "300KiB"], "a layer that fits into 300"),
+        (["--layer", "a:b.npy", "--technique", "quads"], "layers: expected an OpenGL with compute shaders"),
+    ],
+)
+def test_bad_layers_are_told(
+    files: tuple[str, str],
+    more: list[str],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(Path(files[0]).parent)
+    try:
+        code = main(["render", files[0], "--size", "40", "-o", "out.png", *more])
+    except SystemExit as ended:
+        code = int(str(ended.code))
+    error = capsys.readouterr().err
+    assert code == 2 and said in error and error.count("\n") == 1 and not Path("out.png").exists()
+
+
+def test_bad_layers_of_scene_files_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    for text, said in (
+        ("[[layer]]\nopacity = 0.5", r"\[\[layer\]\] 1: expected the key volume"),
+        ('[[layer]]\nvolume = "a.npy"\nopacity = 2', "opacity: expected a factor from 0 to 1"),
+        ('[[layer]]\nvolume = "a.npy"\nzoom = 2', "expected keys load, opacity, threshold, transfer, volume"),
+        ("layer = [3]", r"\[\[layer\]\] 1: expected a table"),
+        ("layer = 3", "layer: expected list"),
+    ):
+        path.write_text('volume = "tunnel"\n' + text)
+        with pytest.raises(sg.InputError, match=said):
+            Scene.from_toml(path)

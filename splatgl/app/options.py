@@ -148,6 +148,7 @@ def scene_from_transfer(args: argparse.Namespace) -> Scene:
 def scene_from(args: argparse.Namespace) -> Scene:
     """The scene from all options; they override a scene.toml."""
     scene = scene_from_transfer(args)
+    scene = replace(scene, layers=(*scene.layers, *(getattr(args, "layer", None) or ())))
     settings = Settings.paper() if args.paper else scene.settings
     if args.like is not None:
         settings = Settings.like(args.like, **settings.given)

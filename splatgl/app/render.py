@@ -13,6 +13,7 @@ from uuid import uuid4
 import numpy as np
 
 from splatgl import __version__
+from splatgl.app.layered import draw_layers, layer_option
 from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import check_output, check_source
 from splatgl.app.scene import Scene
@@ -53,6 +54,13 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample of a PNG (8)"
     )
     group = parser.add_argument_group("accuracy")
+    parser.add_argument(
+        "--layer",
+        type=layer_option,
+        action="append",
+        metavar="FILE[:LOOK[:OPACITY]]",
+        help="another volume in the picture, with a preset or a colour map, and a factor of its opacities",
+    )
     parser.add_argument("--ref", metavar="FILE", help="compare with this picture; write only if it differs, and exit 1")
     parser.add_argument("--explain", action="store_true", help="say what is drawn, what is left out, and why")
     group.add_argument("--savings", action="store_true", help="draw with what is left out, and say what that takes")
@@ -90,7 +98,8 @@ def run(args: argparse.Namespace) -> int:
     reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()
     transfer = scene.transfer_for(volume)
-    image = _on_workers(args, scene, volume, transfer) if on_workers else _here(args, scene, volume, transfer)
+    draw = _on_workers if on_workers else draw_layers if scene.layers else _here
+    image = draw(args, scene, volume, transfer)
     image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
     ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     ended = 0
@@ -134,8 +143,9 @@ def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer
     for name in ("check", "field", "savings", "explain"):
         if getattr(args, name):
             raise expected(f"--{name}", "a picture that is drawn by this process", "--workers or --scheduler")
-    if scene.threshold:
-        raise expected("--threshold", "none, with --workers or --scheduler", scene.threshold)
+    if scene.threshold or scene.layers:
+        what = "--threshold" if scene.threshold else "layers"
+        raise expected(what, "none, with --workers or --scheduler", scene.threshold or len(scene.layers))
     camera = scene.view.camera(volume, Opaque(volume, transfer))
     job = Job(uuid4().hex, scene.anywhere().open, transfer, scene.settings, drawing_of(args), camera, args.memory)
     tell = None if args.quiet else print

@@ -6,6 +6,7 @@ threshold = 0.0
 [transfer]                      # preset = "…", or points, colormap, window, unit, gradient, shading
 [camera]                        # size, azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
 [settings]                      # as Settings
+[[layer]]                       # more volumes: volume, threshold, opacity, [layer.load], [layer.transfer]
 """
 
 from __future__ import annotations
@@ -45,7 +46,11 @@ KEYS: dict[str, tuple[type, ...]] = {
     "transfer": (dict,),
     "camera": (dict,),
     "settings": (dict,),
+    "opacity": (int, float),
+    "layer": (list,),
 }
+# the keys of a layer
+LAYER = ("volume", "threshold", "load", "transfer", "opacity")
 # number of components of camera keys; the others have one, and `orthographic` is true or false
 VIEW_COUNTS = {"size": 2, "eye": 3, "look_at": 3, "up": 3}
 AZIMUTH, ELEVATION, ELEVATION_FLAT, FOV = 30.0, 20.0, 60.0, 40.0
@@ -107,7 +112,9 @@ class View:
 
 @dataclass(frozen=True)
 class Scene:
-    """A complete description of an image to render."""
+    """A complete description of an image to render. opacity: factor of the transfer function's opacities. layers: more
+    volumes in it, of which view and settings are not read.
+    """
 
     volume: str
     load: Mapping[str, Any] = field(default_factory=dict)
@@ -115,60 +122,87 @@ class Scene:
     view: View = field(default_factory=View)
     settings: Settings = field(default_factory=Settings)
     threshold: float = 0.0
+    opacity: float = 1.0
+    layers: tuple[Scene, ...] = ()
 
     @classmethod
     def from_toml(cls, path: Path) -> Scene:
         """Reads a scene file. Raises InputError for a missing file, bad TOML, and unknown keys."""
         table = load_table(path, "a scene")
-        _check_keys(str(path), table, set(KEYS))
-        for key, kind in KEYS.items():
-            if key in table and not isinstance(table[key], kind):
-                raise expected(f"{path}: {key}", " or ".join(k.__name__ for k in kind), repr(table[key]))
-        if "volume" not in table:
-            raise expected(path, "the key volume", ", ".join(table) or "an empty file")
-        source = table["volume"]
-        if source not in SCENES and not is_address(source):
-            source = str(path.parent / source)
+        scene = cls._of_table(path, str(path), table, set(KEYS))
         camera = table.get("camera", {})
         _check_keys(f"{path} [camera]", camera, {f.name for f in fields(View)})
         with _named(f"{path} [camera]"):
             view = View(**{k: typed(k, v) for k, v in camera.items()})
         with _named(f"{path} [settings]"):
             settings = Settings().but(**table.get("settings", {}))
+        layers = []
+        for number, layer in enumerate(table.get("layer", []), 1):
+            what = f"{path} [[layer]] {number}"
+            if not isinstance(layer, dict):
+                raise expected(what, "a table", repr(layer))
+            layers.append(cls._of_table(path, what, layer, set(LAYER)))
+        return replace(scene, view=view, settings=settings, layers=tuple(layers))
+
+    @classmethod
+    def _of_table(cls, path: Path, what: str, table: Mapping[str, Any], known: set[str]) -> Scene:
+        """The source, transfer function, threshold and opacity of a scene, or of one of its layers."""
+        _check_keys(what, table, known)
+        for key in known & table.keys():
+            if not isinstance(table[key], KEYS[key]) or isinstance(table[key], bool):
+                raise expected(f"{what}: {key}", " or ".join(k.__name__ for k in KEYS[key]), repr(table[key]))
+        if "volume" not in table:
+            raise expected(what, "the key volume", ", ".join(table) or "an empty file")
+        source = table["volume"]
+        if source not in SCENES and not is_address(source):
+            source = str(path.parent / source)
         reading = dict(table.get("load", {}))
         if isinstance(reading.get("color"), str):
             reading["color"] = str(path.parent / reading["color"])
-        with _named(f"{path} [load]"):
+        with _named(f"{what} [load]"):
             _check_keys("load", reading, {f.name for f in fields(LoadOptions)})
             LoadOptions(**reading)
-        scene = cls(source, reading, table.get("transfer", {}), view, settings)
-        return replace(scene, threshold=float(table.get("threshold", 0.0)))
+        if not 0 <= table.get("opacity", 1) <= 1:
+            raise expected(f"{what}: opacity", "a factor from 0 to 1", table["opacity"])
+        scene = cls(source, reading, table.get("transfer", {}))
+        return replace(scene, threshold=float(table.get("threshold", 0.0)), opacity=float(table.get("opacity", 1.0)))
 
     def to_toml(self, folder: Path) -> str:
         """TOML text which `from_toml`, reading it from a file in `folder`, parses to the same scene.
 
         Paths are relative if below `folder`, else absolute. Raises InputError for values that TOML cannot represent.
         """
+        camera = {**_told(self.view), "size": self.view.size}
+        lines = self._lines(folder, "", {"camera": camera, "settings": self.settings.given})
+        for layer in self.layers:
+            lines += ["", "[[layer]]", *layer._lines(folder, "layer.", {})]
+        return "\n".join(lines) + "\n"
+
+    def _lines(self, folder: Path, prefix: str, more: Mapping[str, Mapping[str, Any]]) -> list[str]:
+        """Lines of what `_of_table` reads, and of more tables."""
         known = self.volume in SCENES and not self.load
         reading = dict(self.load)
         if isinstance(reading.get("color"), str):
             reading["color"] = _relative(reading["color"], folder)
         lines = [f"volume = {_toml('volume', self.volume if known else _relative(self.volume, folder))}"]
-        if self.threshold:
-            lines.append(f"threshold = {_toml('threshold', float(self.threshold))}")
-        camera = {**_told(self.view), "size": self.view.size}
-        tables = {"load": reading, "transfer": self.transfer, "camera": camera, "settings": self.settings.given}
-        for name, table in tables.items():
+        for name, value, default in (("threshold", self.threshold, 0.0), ("opacity", self.opacity, 1.0)):
+            if value != default:
+                lines.append(f"{name} = {_toml(name, float(value))}")
+        for name, table in {"load": reading, "transfer": self.transfer, **more}.items():
             given = {key: value for key, value in table.items() if value is not None}
-            lines += ["", f"[{name}]"] if given else []
+            lines += ["", f"[{prefix}{name}]"] if given else []
             lines += [f"{key} = {_toml(f'{name} {key}', value)}" for key, value in given.items()]
-        return "\n".join(lines) + "\n"
+        return lines
 
     def anywhere(self) -> Scene:
         """The same scene with absolute paths, for processes in other folders."""
         reading = {name: _absolute(value) if name == "color" else value for name, value in self.load.items()}
         known = self.volume in SCENES and not self.load
-        return replace(self, volume=self.volume if known else _absolute(self.volume), load=reading)
+        volume, layers = (
+            self.volume if known else _absolute(self.volume),
+            tuple(each.anywhere() for each in self.layers),
+        )
+        return replace(self, volume=volume, load=reading, layers=layers)
 
     def open(self) -> Volume:
         """The volume: a built-in scene, or a file through its reader."""
@@ -189,10 +223,12 @@ class Scene:
         asked = dict(self.transfer)
         name = asked.pop("preset", None)
         if "points" in asked and name is None:
-            return Transfer.from_table(asked)
-        base = preset(name, volume) if name else default_transfer(volume)
-        _check_keys("transfer", asked, {f.name for f in fields(Transfer)})
-        return replace(base, **asked)
+            found = Transfer.from_table(asked)
+        else:
+            base = preset(name, volume) if name else default_transfer(volume)
+            _check_keys("transfer", asked, {f.name for f in fields(Transfer)})
+            found = replace(base, **asked)
+        return found.weakened(self.opacity)
 
 
 def _absolute(name: str) -> str:

@@ -8,6 +8,7 @@ from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.layers.layers import Scene
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import classified_before, suited
@@ -67,6 +68,21 @@ def check_bricks(image: Image, bricks: Bricks, camera: Camera, settings: Setting
         return image
     windows = _squares(seen)
     checked = _compared(image, windows, render_windows_of(bricks, camera, settings, windows))
+    return Image(image.pixels, {**image.info, "checked": checked})
+
+
+def check_layers(
+    image: Image, scene: Scene, camera: Camera, settings: Settings | None = None, rows: int | None = None
+) -> Image:
+    """The image of a scene of layers with `info["checked"]`, as `check` compares squares or rows."""
+    settings = settings or Settings()
+    if rows is not None and not 0 <= rows <= camera.size[1]:
+        raise expected("--check", f"0 to {camera.size[1]} rows", rows)
+    seen = _seen(image.pixels, settings)
+    if rows == 0 or not seen.any():
+        return image
+    windows = _squares(seen) if rows is None else _rows(seen, rows)
+    checked = _compared(image, windows, render_windows(scene, camera, settings, windows))
     return Image(image.pixels, {**image.info, "checked": checked})
 
 

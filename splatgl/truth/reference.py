@@ -101,12 +101,40 @@ def _drawn_in_bands(
     return _mean(np.concatenate(drawn), resolved)
 
 
-def render_windows(splats: Splats, camera: Camera, settings: Settings, windows: Sequence[Window]) -> list[np.ndarray]:
+def render_windows(
+    splats: Splats | Scene, camera: Camera, settings: Settings, windows: Sequence[Window]
+) -> list[np.ndarray]:
     """Windows of pixels of the same image, float64 [h, w, 4]: enough to check another image of many splats."""
+    if isinstance(splats, Scene):
+        drawn, settings = layers_of(splats, camera, settings)
+        if len(drawn) > 1:
+            return _layer_windows(drawn, camera, settings, windows)
+        splats = (drawn or splats.splats(settings))[0]
     splats = ahead(suited(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
+    return _windows(_scene(_reaching(splats, resolved, windows), resolved, "row1"), resolved, windows)
+
+
+def _layer_windows(
+    layers: Sequence[Splats], camera: Camera, settings: Settings, windows: Sequence[Window]
+) -> list[np.ndarray]:
+    """The same of several layers."""
+    if not BLENDS[settings.blend].ordered:
+        alone = settings.but(background=None)
+        parts = [render_windows(each, camera, alone, windows) for each in layers]
+        return [joined(part, settings) for part in zip(*parts, strict=True)]
+    resolved = [resolved_layer(each, camera, settings) for each in layers]
+    near = [_reaching(each, found, windows) for each, found in zip(layers, resolved, strict=True)]
+    some = [(each, found) for each, found in zip(near, resolved, strict=True) if len(each)]
+    if not some:
+        return _windows(sheet_scene(near[0], resolved[0]), resolved[0], windows)
+    return _windows(LayerScene([sheet_scene(*each) for each in some]), resolved[0], windows)
+
+
+def _reaching(splats: Splats, resolved: Resolved, windows: Sequence[Window]) -> Splats:
+    """The splats that may reach windows of pixels."""
     some = reaching(splats.records["position"], resolved.view, _drawn(windows, resolved))
-    return _windows(splats.part(some, among_all=resolved.look.attenuation == "fill"), resolved, windows)
+    return splats.part(some, among_all=resolved.look.attenuation == "fill")
 
 
 def render_windows_of(
@@ -123,7 +151,8 @@ def render_windows_of(
         found.append(records[reaching(records["position"], resolved.view, fine)])
     records = np.concatenate(found)
     records = records[np.lexsort(records["position"].T)]
-    return _windows(ahead(post_splats(bricks.volume, bricks.post, records), camera), resolved, windows)
+    splats = ahead(post_splats(bricks.volume, bricks.post, records), camera)
+    return _windows(_scene(splats, resolved, "row1"), resolved, windows)
 
 
 def _drawn(windows: Sequence[Window], resolved: Resolved) -> list[Window]:
@@ -131,9 +160,11 @@ def _drawn(windows: Sequence[Window], resolved: Resolved) -> list[Window]:
     return [_samples(window, resolved) for window in windows] if resolved.averaged else list(windows)
 
 
-def _windows(splats: Splats, resolved: Resolved, windows: Sequence[Window]) -> list[np.ndarray]:
-    """Windows of the picture of the splats that reach them."""
-    scene, fine, k = _scene(splats, resolved, "row1"), _drawn(windows, resolved), resolved.samples
+def _windows(
+    scene: _Scene | SheetScene | LayerScene, resolved: Resolved, windows: Sequence[Window]
+) -> list[np.ndarray]:
+    """Windows of the picture of a scene."""
+    fine, k = _drawn(windows, resolved), resolved.samples
     if not resolved.averaged:
         return [_mean(part, resolved) for part in scene.parts(fine)]
     found = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +52,12 @@ class Transfer:
         if not isinstance(self.colormap, str):
             raise expected("transfer colormap", "a name", repr(self.colormap))
         colormap(self.colormap)
+
+    def weakened(self, factor: float) -> Transfer:
+        """The same with opacities times a factor from 0 to 1."""
+        if factor == 1:
+            return self
+        return replace(self, points=tuple((value, opacity * factor) for value, opacity in self.points))
 
     def opacity(self, values: ArrayLike) -> np.ndarray:
         """F's value part, float64, the shape of values: opacity per `unit`; 0 where a value is not finite."""

@@ -6,7 +6,7 @@ Where they overlap, extinctions and emissions add up: the order is right at ever
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -43,8 +43,7 @@ class Layer:
         if not 0 <= self.opacity <= 1:
             raise expected("opacity", "a factor from 0 to 1", self.opacity)
         transfer = self.transfer or default_transfer(self.volume)
-        points = tuple((value, share * self.opacity) for value, share in transfer.points)
-        object.__setattr__(self, "transfer", replace(transfer, points=points) if self.opacity < 1 else transfer)
+        object.__setattr__(self, "transfer", transfer.weakened(self.opacity))
 
     @property
     def seen(self) -> Transfer:

@@ -1,0 +1,92 @@
+"""Pictures of several volumes: `--layer`, and scene files with layers."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from typing import TYPE_CHECKING
+
+from splatgl.app.scene import Scene
+from splatgl.data.errors import expected
+from splatgl.data.image import Image
+from splatgl.data.sizes import size_of
+from splatgl.data.volume import Volume
+from splatgl.splat.classification.presets import PRESETS
+from splatgl.splat.classification.transfer import Transfer
+
+if TYPE_CHECKING:
+    from splatgl.splat.layers.layers import Layer
+
+# a preset or a colour map behind a file's name
+LOOK = re.compile(r"#?[\w-]+")
+
+
+def layer_option(text: str) -> Scene:
+    """An argparse type: the layer of FILE[:LOOK[:OPACITY]]; LOOK: a preset or a colour map."""
+    source, look, opacity = text, "", 1.0
+    head, colon, last = source.rpartition(":")
+    if colon and (number := _number(last)) is not None:
+        source, opacity = head, number
+        head, colon, last = source.rpartition(":")
+    if colon and (not last or LOOK.fullmatch(last)):
+        source, look = head, last
+    if not source or not 0 <= opacity <= 1:
+        told = f"expected FILE[:LOOK[:OPACITY]] with an opacity from 0 to 1, got {text!r}"
+        raise argparse.ArgumentTypeError(told)
+    kind = "preset" if look.lower() in PRESETS else "colormap"
+    return Scene(source, transfer={kind: look.lower() if kind == "preset" else look} if look else {}, opacity=opacity)
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def opened(scene: Scene) -> list[tuple[Volume, Transfer]]:
+    """The volumes of a scene's layers with their transfer functions. Raises InputError that names the file."""
+    volumes = [layer.open() for layer in scene.layers]
+    return [(volume, layer.transfer_for(volume)) for volume, layer in zip(volumes, scene.layers, strict=True)]
+
+
+def draw_layers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
+    """The image of a scene of several layers; the first is `volume`, whose view it has by default."""
+    from splatgl.gl.renderer import Renderer
+    from splatgl.splat.layers.layers import Layer
+    from splatgl.splat.layers.layers import Scene as Layers
+    from splatgl.truth.check import check_layers
+
+    for name in ("field", "savings"):
+        if getattr(args, name):
+            raise expected(f"--{name}", "a picture of one volume", "layers")
+    found = [(volume, transfer), *opened(scene)]
+    layers = [
+        Layer(each, how, threshold=source.threshold)
+        for (each, how), source in zip(found, (scene, *scene.layers), strict=True)
+    ]
+    for layer in layers:
+        _check_fits(args, scene, layer)
+    drawn = Layers(layers)
+    camera = scene.view.camera(volume, drawn)
+    with Renderer(args.backend, args.device, args.gpu) as renderer:
+        if args.explain:
+            for splats in drawn.splats(scene.settings):
+                print(f"{splats.name}:\n{renderer.plan(splats, camera, scene.settings).explain()}")
+        image = renderer.render(drawn, camera, scene.settings)
+    if not image.info["splats"]:
+        raise expected(scene.volume, "layers with an opacity", "none", "set the points to the values that matter")
+    return check_layers(image, drawn, camera, scene.settings, args.check)
+
+
+def _check_fits(args: argparse.Namespace, scene: Scene, layer: Layer) -> None:
+    """InputError for a layer that is drawn in bricks alone."""
+    from splatgl.splat.bricks.estimate import budget
+    from splatgl.splat.bricks.within import bricks_of, fits
+
+    bricks = None if layer.threshold else bricks_of(layer.volume, layer.seen, scene.settings)
+    most = budget() if args.memory is None else args.memory
+    need = fits(bricks, scene.view.size, most) if bricks else None
+    if need is not None:
+        name = layer.volume.name or "layer"
+        raise expected(name, f"a layer that fits into {size_of(most)}", size_of(need.bytes), "use a smaller volume")
