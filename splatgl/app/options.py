@@ -53,6 +53,12 @@ def add_transfer(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("transfer function (default: chosen from the data)")
     group.add_argument("--preset", metavar="NAME", help=", ".join(PRESETS))
     group.add_argument("--transfer", metavar="FILE.toml", help="a transfer function saved before")
+    group.add_argument(
+        "--only-labels",
+        type=only_labels,
+        metavar="N[:A],N…",
+        help="which labels of a segmentation are shown (all: every one); A: a factor of their opacity",
+    )
     group.add_argument("--points", type=_pairs, metavar="V:A,V:A…", help="opacity A at value V, linear between")
     group.add_argument("--gradient", type=_pairs, metavar="G:W,G:W…", help="weight W at gradient G: t = F(∇, ρ)")
     group.add_argument(
@@ -142,13 +148,19 @@ def scene_from_transfer(args: argparse.Namespace) -> Scene:
     scene = scene_from_source(args)
     threshold = scene.threshold if args.threshold is None else args.threshold
     transfer = {**scene.transfer, **_transfer_file(args.transfer), **_given(args, *TRANSFER)}
-    return replace(scene, transfer=transfer, threshold=threshold)
+    layers = (*scene.layers, *(getattr(args, "layer", None) or ()))
+    if getattr(args, "labels", None) is not None:
+        layers = (*layers, Scene(args.labels, transfer={"only_labels": args.only_labels or ()}))
+    elif args.only_labels is not None:
+        transfer["only_labels"] = args.only_labels
+    if layers and not hasattr(args, "layer"):
+        raise expected("layers", "none", len(layers), "splatgl render draws them")
+    return replace(scene, transfer=transfer, threshold=threshold, layers=layers)
 
 
 def scene_from(args: argparse.Namespace) -> Scene:
     """The scene from all options; they override a scene.toml."""
     scene = scene_from_transfer(args)
-    scene = replace(scene, layers=(*scene.layers, *(getattr(args, "layer", None) or ())))
     settings = Settings.paper() if args.paper else scene.settings
     if args.like is not None:
         settings = Settings.like(args.like, **settings.given)
@@ -209,6 +221,15 @@ def _pairs(text: str) -> tuple[tuple[float, float], ...]:
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected pairs V:A separated by commas, got {text!r}") from None
     return pairs
+
+
+def only_labels(text: str) -> tuple[tuple[int, float], ...]:
+    """Parses N or N:A, separated by commas: labels, and factors of their opacities; none for "all"."""
+    try:
+        pairs = [part.partition(":") for part in text.split(",")] if text != "all" else []
+        return tuple((int(number), float(factor or 1)) for number, _, factor in pairs)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected labels N or N:A separated by commas, got {text!r}") from None
 
 
 def size(text: str) -> tuple[int, int]:

@@ -61,6 +61,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         metavar="FILE[:LOOK[:OPACITY]]",
         help="another volume in the picture, with a preset or a colour map, and a factor of its opacities",
     )
+    parser.add_argument("--labels", metavar="FILE", help="a segmentation that is laid over the volume")
     parser.add_argument("--ref", metavar="FILE", help="compare with this picture; write only if it differs, and exit 1")
     parser.add_argument("--explain", action="store_true", help="say what is drawn, what is left out, and why")
     group.add_argument("--savings", action="store_true", help="draw with what is left out, and say what that takes")

@@ -26,7 +26,7 @@ from splatgl.data.readers.remote import is_address
 from splatgl.data.scenes import SCENES
 from splatgl.data.toml import load_table
 from splatgl.data.volume import Triple, Volume
-from splatgl.splat.classification.presets import default_transfer, preset
+from splatgl.splat.classification.presets import default_transfer, label_transfer, preset
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.settings import Settings
 
@@ -222,6 +222,10 @@ class Scene:
         """The transfer function: the data's own or a preset's, overridden by the scene's options."""
         asked = dict(self.transfer)
         name = asked.pop("preset", None)
+        if "only_labels" in asked:
+            _check_keys("transfer of labels", asked, {"only_labels", "unit", "shading"})
+            base = label_transfer(volume, [(int(n), float(f)) for n, f in asked.pop("only_labels")] or None)
+            return replace(base, **asked).weakened(self.opacity)
         if "points" in asked and name is None:
             found = Transfer.from_table(asked)
         else:

@@ -34,6 +34,10 @@ def summary(output: Path, image: Image, scene: Scene, volume: Volume, transfer: 
 
 def _transfer(scene: Scene, volume: Volume, transfer: Transfer) -> str:
     """The opacities, the colours and what they span, and the threshold."""
+    if transfer.labels:
+        names = {label.number: label.name for label in volume.labels or ()}
+        labels = [f"{number} {names.get(number, '')}".strip() + f" {color}" for number, color, _ in transfer.labels]
+        return f"labels {', '.join(labels[:SHOWN])}" + (f", … ({len(labels)})" if len(labels) > SHOWN else "")
     points = [f"{opacity:g} at {value:g}" for value, opacity in transfer.points]
     told = ", ".join(points) if len(points) <= SHOWN else f"{points[0]} … {points[-1]} ({len(points)} points)"
     name = scene.transfer.get("preset")

@@ -43,6 +43,15 @@ class Hints:
     fov: float | None = None
 
 
+@dataclass(frozen=True)
+class Label:
+    """A segment of an image: the number of its voxels, its name, and its colour "#rrggbb" (None: any)."""
+
+    number: int
+    name: str = ""
+    color: str | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Slab:
     """Planes start ≤ z < stop of a volume, with up to `halo` extra planes on either side.
@@ -66,6 +75,7 @@ class Volume:
     unit: name of the world's unit of length ("mm", "um", ""). frame: "LPS", "RAS" or None.
     color: uint8 [D, H, W, 3] sRGB, also read in parts, or None. vectors: [D, H, W, 3] along world x, y, z, or None.
     coarser: the same in fewer voxels, finer first: the further levels of a multiscale image.
+    labels: of samples that number segments, the table of these (empty: none in the file); None: samples are amounts.
     Raises InputError for samples that are not 3-D real numbers and for an impossible grid.
     """
 
@@ -80,6 +90,7 @@ class Volume:
     vectors: np.ndarray | None = None
     hints: Hints = field(default_factory=Hints)
     coarser: tuple[Volume, ...] = ()
+    labels: tuple[Label, ...] | None = None
 
     def __post_init__(self) -> None:
         parts = all(hasattr(self.samples, name) for name in ("shape", "dtype", "__getitem__"))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
+from splatgl.splat.classification.labels import labels_of, shown_labels
 from splatgl.splat.classification.statistics import Cut, Statistics, statistics
 from splatgl.splat.classification.transfer import Nodes, Transfer
 
@@ -113,7 +114,9 @@ def preset(name: str, volume: Volume) -> Transfer:
 
 
 def default_transfer(volume: Volume) -> Transfer:
-    """The volume's own hints if any; the rest chosen from its values to show the object."""
+    """The volume's own hints if any; the rest chosen from its values to show the object; labels in their colours."""
+    if volume.labels is not None:
+        return label_transfer(volume)
     hints = volume.hints
     if hints.points is not None:
         chosen = Transfer(hints.points)
@@ -127,10 +130,21 @@ def default_transfer(volume: Volume) -> Transfer:
     return replace(chosen, **{name: value for name, value in given.items() if value is not None})
 
 
+def label_transfer(volume: Volume, only: Sequence[tuple[int, float]] | None = None) -> Transfer:
+    """The Transfer of a segmentation. only: numbers of the labels that are shown, and factors of their opacities.
+    Raises InputError for samples that are no labels, and for other numbers.
+    """
+    shown = shown_labels(labels_of(volume), only)
+    numbers = [number for number, _, _ in shown] or [0]
+    return Transfer(((min(numbers), 0.0), (max(numbers), SOLID)), labels=shown)
+
+
 def _from_values(volume: Volume) -> Transfer:
     stats = statistics(volume)
     if volume.samples.dtype.kind in "bui" and not stats.constant and len(np.unique(stats.values)) <= LABELS:
-        return replace(_built(PRESETS["terrain"], stats), colormap="ivory" if _two(stats) else "viridis")
+        if not _two(stats):
+            return label_transfer(volume)
+        return replace(_built(PRESETS["terrain"], stats), colormap="ivory")
     if stats.sparse:
         return _built(PRESETS["microscopy"], stats)
     if _is_hounsfield(stats):

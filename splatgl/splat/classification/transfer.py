@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from splatgl.data.errors import InputError, expected
 from splatgl.data.toml import load_table, parse_table
 from splatgl.splat.classification.colormap import colormap
+from splatgl.splat.classification.labels import checked_labels, label_color, label_opacity
 
 # given as any sequence of pairs, stored as tuples
 Nodes = Sequence[Sequence[float]]
@@ -30,7 +31,9 @@ class Transfer:
     `unit` world lengths (None: the volume's mean spacing). A repeated value is a step, and a value
     exactly there takes the upper side. gradient: (|∇|, weight) nodes in values per world length,
     weights in [0, 1]; none means no influence. colormap spans `window` (None: first to last point).
-    Lists are accepted too. Raises InputError for invalid values.
+    labels: (number, "#rrggbb", opacity) of each label that is shown, of samples that number segments: their opacities
+    and colours, instead of those of points and colormap; numbers between them and others are clear. Lists are accepted
+    too. Raises InputError for invalid values.
     """
 
     points: Nodes
@@ -39,6 +42,7 @@ class Transfer:
     unit: float | None = None
     gradient: Nodes = ()
     shading: bool = True
+    labels: Sequence[tuple[int, str, float]] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", _nodes("transfer points", "opacity", self.points))
@@ -52,15 +56,20 @@ class Transfer:
         if not isinstance(self.colormap, str):
             raise expected("transfer colormap", "a name", repr(self.colormap))
         colormap(self.colormap)
+        object.__setattr__(self, "labels", checked_labels(self.labels))
 
     def weakened(self, factor: float) -> Transfer:
         """The same with opacities times a factor from 0 to 1."""
         if factor == 1:
             return self
-        return replace(self, points=tuple((value, opacity * factor) for value, opacity in self.points))
+        points = tuple((value, opacity * factor) for value, opacity in self.points)
+        labels = tuple((number, color, opacity * factor) for number, color, opacity in self.labels)
+        return replace(self, points=points, labels=labels)
 
     def opacity(self, values: ArrayLike) -> np.ndarray:
         """F's value part, float64, the shape of values: opacity per `unit`; 0 where a value is not finite."""
+        if self.labels:
+            return label_opacity(self.labels, np.asarray(values))
         return _piecewise(self.points, values)
 
     def weight(self, magnitude: ArrayLike) -> np.ndarray:
@@ -71,6 +80,8 @@ class Transfer:
 
     def color(self, values: ArrayLike) -> np.ndarray:
         """Linear RGB, float64 [..., 3]; linear interpolation of the map's entries, clamped outside."""
+        if self.labels:
+            return label_color(self.labels, np.asarray(values))
         low, high = self.window or (self.points[0][0], self.points[-1][0])
         v = np.nan_to_num(np.asarray(values, dtype=np.float64), nan=low)
         # a window of zero width is a step: low end below it, high end from it on
@@ -98,6 +109,9 @@ class Transfer:
         if self.unit is not None:
             lines.append(f"unit = {self.unit!r}")
         lines.append(f"shading = {str(self.shading).lower()}")
+        if self.labels:
+            named = [f'[{number}, "{color}", {opacity!r}]' for number, color, opacity in self.labels]
+            lines.append(f"labels = [{', '.join(named)}]")
         return "\n".join(lines) + "\n"
 
     @classmethod

@@ -112,6 +112,8 @@ def only_pre(volume: Volume, transfer: Transfer, threshold: float) -> str | None
     """What takes splats that are classified before reconstruction; None if both kinds can be extracted."""
     if threshold > 0:
         return "threshold"
+    if transfer.labels:
+        return "labels"
     low, high = active_range(transfer)
     if low < high and not LEAST_SPAN <= high - low <= MOST_SPAN:
         return f"values from {low:g} to {high:g}"

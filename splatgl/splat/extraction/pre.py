@@ -85,7 +85,7 @@ def extract_pre(
     dropped = Dropped(volume.shape) if threshold > 0 else None
 
     # one slab at a time
-    slabs = volume.slabs(planes, halo=1)
+    slabs = volume.slabs(planes, halo=2 if transfer.labels else 1)
     gathered = Gathered(lookup.record)
     for part in progress(slabs, -(-depth // planes)) if progress else slabs:
         part = replace(part, samples=np.ascontiguousarray(part.samples))
@@ -93,7 +93,8 @@ def extract_pre(
         # voxels whose value may exceed the threshold
         flat = np.flatnonzero(lookup.keeps(own))
         color = None if volume.color is None or not len(flat) else np.asarray(volume.color[part.start : part.stop])
-        work = partial(_records, volume, part, color, flat, lookup, unit / grid.mean_spacing)
+        field = _shown(lookup, part.samples) if transfer.labels and transfer.shading else part.samples
+        work = partial(_records, volume, _Part(part, color, field), flat, lookup, unit / grid.mean_spacing)
         found = in_parts(len(flat), RECORDS, work)
         for records, _ in found:
             gathered.add(records)
@@ -105,19 +106,32 @@ def extract_pre(
     return assemble(gathered.records, gathered.records["position"], grid, unit, volume.name, transfer.shading, lost)
 
 
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A slab, the colours of its own voxels, and what its gradients are of."""
+
+    slab: Slab
+    color: np.ndarray | None
+    field: np.ndarray
+
+
+def _shown(lookup: Lookup, samples: np.ndarray) -> np.ndarray:
+    """Where labels are shown, float32, smoothed along each axis: a surface's normals, whatever the numbers are."""
+    field: np.ndarray = lookup.keeps(samples).astype(np.float32)
+    for axis in range(3):
+        padded = np.pad(field, [(int(axis == each),) * 2 for each in range(3)], mode="edge")
+        low, high = (np.take(padded, np.arange(k, k + field.shape[axis]), axis) for k in (0, 2))
+        field = (low + 2 * field + high) / 4
+    return np.ascontiguousarray(field)
+
+
 def _records(
-    volume: Volume,
-    slab: Slab,
-    color: np.ndarray | None,
-    flat: np.ndarray,
-    lookup: Lookup,
-    unit_in_spacings: float,
-    part: slice,
+    volume: Volume, part: _Part, flat: np.ndarray, lookup: Lookup, unit_in_spacings: float, which: slice
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The records of some voxels, flat indices of a slab's own, and t of all of them. color: of the slab's own."""
-    transfer = lookup.transfer
+    """The records of some voxels, flat indices of a slab's own, and t of all of them."""
+    transfer, slab, color = lookup.transfer, part.slab, part.color
     _, height, width = slab.samples.shape
-    flat = flat[part] + slab.before * height * width
+    flat = flat[which] + slab.before * height * width
     samples = slab.samples.reshape(-1)
     values = np.take(samples, flat)
     opacity = lookup.opacity(values)
@@ -127,7 +141,7 @@ def _records(
     # gradients if needed; F(∇, ρ)
     gradient = np.zeros((len(flat), 3))
     if transfer.shading or transfer.gradient:
-        gradient = _gradient(slab.samples, flat, (x, y, z)) @ np.linalg.inv(volume.world_from_index)
+        gradient = _gradient(part.field, flat, (x, y, z)) @ np.linalg.inv(volume.world_from_index)
     if transfer.gradient:
         opacity = opacity * transfer.weight(np.linalg.norm(gradient, axis=1))
     everyone = opacity

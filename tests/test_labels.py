@@ -1,0 +1,139 @@
+"""Segmentations: a colour a label, nothing between two numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.app.cli import main
+from splatgl.app.scene import View
+from splatgl.data.color import linear_from_srgb
+from splatgl.data.volume import Label
+from splatgl.splat.classification.labels import COLORS, color_of
+from splatgl.splat.classification.presets import label_transfer
+
+TABLE = (Label(2, "liver", "#ff0000"), Label(7, "bone", "#00ff00"), Label(9, "vein"))
+
+
+def segments(dtype: type = np.uint8, labels: tuple[Label, ...] | None = TABLE) -> sg.Volume:
+    """Three blocks that touch; between numbers 2 and 9 lies 7."""
+    samples = np.zeros((16, 16, 24), dtype)
+    samples[4:12, 4:12, 4:10], samples[4:12, 4:12, 10:16], samples[4:12, 4:12, 16:20] = 2, 9, 7
+    return sg.Volume(samples, name="segments", labels=labels)
+
+
+def colors(splats: sg.Splats) -> set[str]:
+    srgb = {tuple(row) for row in np.rint(linear_srgb(splats.colors) * 255).astype(int).tolist()}
+    return {"#{:02x}{:02x}{:02x}".format(*row) for row in srgb}
+
+
+def linear_srgb(linear: np.ndarray) -> np.ndarray:
+    levels = linear_from_srgb(np.arange(256) / 255)
+    return np.abs(linear[..., None] - levels).argmin(axis=-1) / 255
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.int32])
+def test_each_voxel_has_the_colour_of_its_label(dtype: type) -> None:
+    volume = segments(dtype)
+    splats = sg.extract(volume, sg.default_transfer(volume))
+    assert splats.post is None and splats.source is not None and splats.source.only_pre == "labels"
+    assert len(splats) == np.count_nonzero(volume.samples)
+    assert colors(splats) == {"#ff0000", "#00ff00", color_of(9)}
+    x, y, z = splats.positions.T.astype(int)
+    numbers = volume.samples[z, y, x]
+    for number, color in ((2, "#ff0000"), (7, "#00ff00"), (9, color_of(9))):
+        assert colors(splats.part(numbers == number)) == {color}
+
+
+def test_no_colour_lies_between_two(renderer: sg.Renderer) -> None:
+    """Neighbours mix as light at the edge of their voxels; never to the colour of 7 between 2 and 9."""
+    volume = segments(labels=(Label(2, "", "#ff0000"), Label(7, "", "#00ff00"), Label(9, "", "#0000ff")))
+    splats = sg.extract(volume, label_transfer(volume))
+    camera = sg.Camera.orthographic((10, -30, 7.5), (10, 0, 7.5), (0, 0, 1), height=6.0, size=(36, 6))
+    left = renderer.render(splats.part(splats.positions[:, 0] < 16), camera, sg.Settings(shading="off"))
+    assert left.pixels[:, :, 1].max() < 1e-6 and left.pixels[:, :, 0].max() > 0.9 < left.pixels[:, :, 2].max()
+
+
+def test_some_labels_and_their_opacities() -> None:
+    volume = segments()
+    transfer = label_transfer(volume, [(7, 1.0), (2, 0.5)])
+    assert transfer.labels == ((2, "#ff0000", 0.495), (7, "#00ff00", 0.99))
+    assert transfer.weakened(0.1).labels[1] == (7, "#00ff00", pytest.approx(0.099))
+    splats = sg.extract(volume, transfer)
+    assert len(splats) == np.isin(volume.samples, (2, 7)).sum()
+    found = -np.expm1(-np.unique(splats.depths))
+    assert np.allclose(found, [0.495, 0.99], atol=1e-6)
+    assert sg.Transfer.from_toml(transfer.to_toml()) == transfer
+    with pytest.raises(sg.InputError, match=r"labels: expected some of 2, 7, 9, got 3"):
+        label_transfer(volume, [(3, 1.0)])
+
+
+def test_numbers_without_a_table_have_colours_of_their_own() -> None:
+    """The same for each number in every file; 0 is the background."""
+    volume = segments(labels=None)
+    assert sg.default_transfer(volume).labels == tuple((n, color_of(n), 0.99) for n in (2, 7, 9))
+    many = [color_of(n) for n in range(1, 200)]
+    assert len(set(many)) == 199 and all(color in many for color in COLORS)
+    two = sg.Volume((segments().samples > 0).astype(np.uint8))
+    assert not sg.default_transfer(two).labels
+    with pytest.raises(sg.InputError, match="whole numbers, got float32"):
+        label_transfer(sg.Volume(np.zeros((2, 2, 2), np.float32)))
+    noise = sg.Volume(np.arange(20**3, dtype=np.uint16).reshape(20, 20, 20), labels=())
+    with pytest.raises(sg.InputError, match="at most 4096 labels"):
+        sg.default_transfer(noise)
+
+
+def test_normals_are_those_of_what_is_shown() -> None:
+    """Not of the numbers: a ball of two labels is lit as one; slabs of planes change nothing."""
+    r = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0)
+    samples = np.where(r < 8, 3, 0).astype(np.uint8)
+    samples[:, :, 12:][samples[:, :, 12:] > 0] = 200
+    volume = sg.Volume(samples, labels=())
+    splats = sg.extract(volume, label_transfer(volume), classification="pre")
+    outward = splats.positions - 11.5
+    normal = splats.records["normal"].astype(np.float64)
+    rim = np.linalg.norm(outward, axis=1) > 7
+    cosine = np.abs((outward * normal).sum(axis=1)) / np.linalg.norm(outward, axis=1) / np.linalg.norm(normal, axis=1)
+    assert cosine[rim].min() > 0.93
+    for slab in (1, 3):
+        other = sg.extract(volume, label_transfer(volume), slab=slab, classification="pre")
+        assert np.array_equal(other.records, splats.records)
+
+
+@pytest.mark.parametrize(
+    "labels", [3, [(1, "red", 0.5)], [(1.5, "#ff0000", 0.5)], [(1, "#ff0000", 2)], [(1, "#ff0000", 1)] * 2, [(1, 2)]]
+)
+def test_bad_labels_are_told(labels: object) -> None:
+    with pytest.raises(sg.InputError, match="labels: expected"):
+        sg.Transfer([(0, 1)], labels=labels if isinstance(labels, list) else [labels])
+
+
+def test_labels_of_the_command_line(renderer: sg.Renderer, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Over a volume, and by themselves; which are shown."""
+    ball, volume = sg.scenes.ball(12), segments()
+    np.save(tmp_path / "ball.npy", ball.samples)
+    np.save(tmp_path / "seg.npy", volume.samples)
+    out = tmp_path / "a.npy"
+    line = ["render", str(tmp_path / "ball.npy"), "--size", "30", "-o", str(out), "--quiet"]
+    assert main([*line, "--labels", str(tmp_path / "seg.npy"), "--only-labels", "2,7:0.5"]) == 0
+    labels = sg.load(tmp_path / "seg.npy")
+    ball = sg.load(tmp_path / "ball.npy")
+    scene = sg.Scene([ball, sg.Layer(labels, label_transfer(labels, [(2, 1.0), (7, 0.5)]))])
+    camera = View(size=(30, 30)).camera(ball, scene)
+    assert np.array_equal(np.load(out), renderer.render(scene, camera).pixels)
+    alone = ["render", str(tmp_path / "seg.npy"), "--size", "30", "-o", str(out), "--quiet"]
+    assert main([*alone, "--only-labels", "9"]) == 0
+    splats = sg.extract(labels, label_transfer(labels, [(9, 1.0)]))
+    assert np.array_equal(np.load(out), renderer.render(splats, View(size=(30, 30)).camera(labels, splats)).pixels)
+    for more, said in (
+        (["--only-labels", "4"], "some of 2, 7, 9, got 4"),
+        (["--only-labels", "x"], "expected labels N"),
+    ):
+        try:
+            code = main([*alone, *more])
+        except SystemExit as ended:
+            code = int(str(ended.code))
+        assert code == 2 and said in capsys.readouterr().err
