@@ -109,6 +109,28 @@ class Volume:
         object.__setattr__(self, "origin", _triple("origin", self.origin))
         object.__setattr__(self, "direction", _direction(self.direction))
 
+    @classmethod
+    def of(cls, x: Any, **options: Any) -> Volume:
+        """The volume in an array or image of another library, with its grid, unit and name; a view where it can be.
+
+        x: numpy arrays and lists [z, y, x]; arrays of dask, zarr and h5py, which are read in parts; DataArrays of
+        xarray; images of SimpleITK, nibabel and VTK or PyVista; Image layers of napari. options: spacing, origin
+        (x, y, z), unit, name replace what x says; array: name or number of the one to take, where x holds several.
+        Raises InputError for what makes no volume.
+        """
+        from splatgl.data.arrays import volume_of
+
+        return volume_of(x, **options)
+
+    def __repr__(self) -> str:
+        """One line: size, type, spacing, frame."""
+        size = "×".join(map(str, self.shape[::-1]))
+        spacing = "×".join(f"{length:g}" for length in self.spacing)
+        told = [f"{size} {self.samples.dtype}", f"spacing {spacing} {self.unit}".strip(), self.frame or ""]
+        told += ["colours"] * (self.color is not None) + ["vectors"] * (self.vectors is not None)
+        told += [f"{1 + len(self.coarser)} levels"] * bool(self.coarser)
+        return f"<Volume {self.name!r}: {', '.join(each for each in told if each)}>"
+
     @property
     def shape(self) -> tuple[int, int, int]:
         """(D, H, W): the number of voxels along z, y, x."""

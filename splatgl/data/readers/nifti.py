@@ -41,18 +41,21 @@ def read(path: Path, options: LoadOptions) -> Volume:
     Samples with a slope or intercept are scaled to float32, the others keep their type.
     """
     image = _open(path)
-    # 1. sizes, checked against the file
-    sizes = [int(size) for size in image.shape]
-    grid_shape(sizes[:3])
-    if min(sizes) < 1:
-        raise expected("dimensions", "at least one entry along each axis", sizes, "the header is damaged")
+    _sizes(image)
     _check_bytes(path, image)
+    return of_image(image, options)
+
+
+def of_image(image: Any, options: LoadOptions) -> Volume:
+    """The volume of a nibabel image with a NIfTI header, in a file or in memory, as `read` gives it."""
+    # 1. sizes
+    sizes = _sizes(image)
     long = [axis for axis in range(3, len(sizes)) if sizes[axis] > 1]
     extra = {axis: ("array", options.array_number(sizes[axis]) if axis in long else 0) for axis in range(3, len(sizes))}
     # 2. samples
-    with library("NIfTI"):
-        stored = np.asanyarray(image.dataobj.get_unscaled())
-    slope, intercept = float(image.dataobj.slope), float(image.dataobj.inter)
+    stored, slope, intercept = _stored(image.dataobj)
+    if stored.dtype.kind not in "buif":
+        raise expected("samples", "real numbers", stored.dtype, "convert it to one number per voxel")
     samples = _scaled(stored[selection(sizes, extra)].T, slope, intercept)
     # 3. grid
     unit = _UNITS.get(int(image.header["xyzt_units"]) & 7, "")
@@ -60,6 +63,23 @@ def read(path: Path, options: LoadOptions) -> Volume:
         return Volume(samples, _pixdim(image), unit=unit)
     spacing, direction = axes_of(image.affine[:3, :3], "affine")
     return Volume(samples, spacing, triple(image.affine[:3, 3], "affine"), direction, unit, frame="RAS")
+
+
+def _sizes(image: Any) -> list[int]:
+    """Entries along x, y, z and further axes."""
+    sizes = [int(size) for size in image.shape]
+    grid_shape(sizes[:3])
+    if min(sizes) < 1:
+        raise expected("dimensions", "at least one entry along each axis", sizes, "the header is damaged")
+    return sizes
+
+
+def _stored(data: Any) -> tuple[np.ndarray, float, float]:
+    """Samples as they are stored, mapped where the file permits, their slope and intercept."""
+    if not hasattr(data, "get_unscaled"):
+        return np.asanyarray(data), 1.0, 0.0
+    with library("NIfTI"):
+        return np.asanyarray(data.get_unscaled()), float(data.slope), float(data.inter)
 
 
 def _open(path: Path) -> Any:
