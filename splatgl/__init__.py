@@ -20,6 +20,8 @@ __version__ = "0.2.0.dev0"
 
 if TYPE_CHECKING:
     from splatgl import distributed as distributed
+    from splatgl.app.picture import render as render
+    from splatgl.app.show import show as show
     from splatgl.data import scenes as scenes
     from splatgl.data.errors import InputError as InputError
     from splatgl.data.image import Image as Image
@@ -69,8 +71,10 @@ _PUBLIC = {
     "plan": "splatgl.splat.plan.plan",
     "preset": "splatgl.splat.classification.presets",
     "over": "splatgl.distributed.parts",
+    "render": "splatgl.app.picture",
     "render_slabs": "splatgl.distributed.slabs",
     "register_kernel": "splatgl.splat.kernel.kernels",
+    "show": "splatgl.app.show",
 }
 _MODULES = {
     "distributed": "splatgl.distributed",

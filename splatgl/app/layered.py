@@ -15,6 +15,7 @@ from splatgl.splat.classification.presets import PRESETS
 from splatgl.splat.classification.transfer import Transfer
 
 if TYPE_CHECKING:
+    from splatgl.app.render import Drawing
     from splatgl.splat.layers.layers import Layer
 
 # a preset or a colour map behind a file's name
@@ -50,42 +51,41 @@ def opened(scene: Scene) -> list[tuple[Volume, Transfer]]:
     return [(volume, layer.transfer_for(volume)) for volume, layer in zip(volumes, scene.layers, strict=True)]
 
 
-def draw_layers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
+def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
     """The image of a scene of several layers; the first is `volume`, whose view it has by default."""
-    from splatgl.gl.renderer import Renderer
     from splatgl.splat.layers.layers import Layer
     from splatgl.splat.layers.layers import Scene as Layers
     from splatgl.truth.check import check_layers
 
     for name in ("field", "savings"):
-        if getattr(args, name):
+        if getattr(how, name):
             raise expected(f"--{name}", "a picture of one volume", "layers")
     found = [(volume, transfer), *opened(scene)]
     layers = [
-        Layer(each, how, threshold=source.threshold)
-        for (each, how), source in zip(found, (scene, *scene.layers), strict=True)
+        Layer(each, look, threshold=source.threshold)
+        for (each, look), source in zip(found, (scene, *scene.layers), strict=True)
     ]
     for layer in layers:
-        _check_fits(args, scene, layer)
+        _check_fits(how, scene, layer)
     drawn = Layers(layers)
     camera = scene.view.camera(volume, drawn)
-    with Renderer(args.backend, args.device, args.gpu) as renderer:
-        if args.explain:
+    with how.renderer() as renderer:
+        if how.explain:
             for splats in drawn.splats(scene.settings):
                 print(f"{splats.name}:\n{renderer.plan(splats, camera, scene.settings).explain()}")
         image = renderer.render(drawn, camera, scene.settings)
     if not image.info["splats"]:
         raise expected(scene.volume, "layers with an opacity", "none", "set the points to the values that matter")
-    return check_layers(image, drawn, camera, scene.settings, args.check)
+    return check_layers(image, drawn, camera, scene.settings, how.check)
 
 
-def _check_fits(args: argparse.Namespace, scene: Scene, layer: Layer) -> None:
+def _check_fits(how: Drawing, scene: Scene, layer: Layer) -> None:
     """InputError for a layer that is drawn in bricks alone."""
     from splatgl.splat.bricks.estimate import budget
     from splatgl.splat.bricks.within import bricks_of, fits
 
     bricks = None if layer.threshold else bricks_of(layer.volume, layer.seen, scene.settings)
-    most = budget() if args.memory is None else args.memory
+    most = budget() if how.memory is None else how.memory
     need = fits(bricks, scene.view.size, most) if bricks else None
     if need is not None:
         name = layer.volume.name or "layer"

@@ -119,7 +119,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--table-bits", type=int, choices=(8, 16, 32), metavar="8|16|32", help="bits a texel (32)")
     group.add_argument("--tolerance", type=float, metavar="E", help="largest allowed error (1/255)")
-    group.add_argument("--background", type=_color, metavar="COLOUR", help="transparent, black, white or #rrggbb")
+    group.add_argument("--background", type=color, metavar="COLOUR", help="transparent, black, white or #rrggbb")
     group.add_argument("--like", metavar="VERSION", help="the defaults of an earlier version: " + ", ".join(LIKE))
     group.add_argument("--paper", action="store_true", help="the 1998 hardware path: hybrid, 8-bit table and target")
 
@@ -242,7 +242,8 @@ def size(text: str) -> tuple[int, int]:
     return width, height
 
 
-def _color(text: str) -> tuple[float, float, float] | None:
+def color(text: str) -> tuple[float, float, float] | None:
+    """Parses transparent (None), black, white, gray or #rrggbb into linear RGB."""
     if text == "transparent":
         return None
     code = NAMED_COLORS.get(text, text)

@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
@@ -30,6 +31,7 @@ from splatgl.splat.plan.blend_mode import BLENDS
 # what draws and compares is imported once there is something to draw: bad input is told at once
 if TYPE_CHECKING:
     from splatgl.gl.levels import Level
+    from splatgl.gl.renderer import Renderer
     from splatgl.splat.extraction.splats import Splats
     from splatgl.splat.view.camera import Camera
     from splatgl.truth.compare_read import Picture
@@ -42,6 +44,37 @@ EXAMPLES = """examples:
   splatgl render head.nii.gz -o head.png
   splatgl render head.nii.gz --preset ct-bone --azimuth 60 --size 800x600 --background black
   splatgl render head_128x256x256_uint8.raw --window -160,240 --blend xray -o sums.npy"""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How this process draws, as the options of `splatgl render` say. kept: by the renderer that calls share."""
+
+    backend: str = "auto"
+    device: int | None = None
+    gpu: bool = False
+    kept: bool = False
+    memory: int | None = None
+    check: int | None = None
+    field: bool = False
+    explain: bool = False
+    savings: bool = False
+    quiet: bool = True
+
+    @classmethod
+    def of(cls, args: argparse.Namespace) -> Drawing:
+        """The options of a command."""
+        return cls(**{each.name: getattr(args, each.name) for each in fields(cls) if each.name != "kept"})
+
+    @contextmanager
+    def renderer(self) -> Iterator[Renderer]:
+        """A renderer for one picture."""
+        from splatgl.app.kept import kept_renderer
+        from splatgl.gl.renderer import Renderer
+
+        opened = kept_renderer() if self.kept else Renderer(self.backend, self.device, self.gpu)
+        with opened as renderer:
+            yield renderer
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
@@ -99,8 +132,10 @@ def run(args: argparse.Namespace) -> int:
     reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()
     transfer = scene.transfer_for(volume)
-    draw = _on_workers if on_workers else draw_layers if scene.layers else _here
-    image = draw(args, scene, volume, transfer)
+    if on_workers:
+        image = _on_workers(args, scene, volume, transfer)
+    else:
+        image = draw(Drawing.of(args), scene, volume, transfer)
     image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
     ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     ended = 0
@@ -119,18 +154,20 @@ def run(args: argparse.Namespace) -> int:
     return ended
 
 
-def _here(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
+def draw(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
     """The image, drawn by this process."""
+    if scene.layers:
+        return draw_layers(how, scene, volume, transfer)
     camera, told = None, dict[str, object]()
     if volume.coarser:
-        camera, chosen = _level(args, scene, volume, transfer)
+        camera, chosen = _level(how, scene, volume, transfer)
         volume, transfer, told = chosen.volume, chosen.transfer, chosen.info
-    image = _in_bricks(args, scene, volume, transfer, camera)
+    image = _in_bricks(how, scene, volume, transfer, camera)
     if image is None:
-        splats = scene.splats(volume, transfer, None if args.quiet else _bar)
+        splats = scene.splats(volume, transfer, None if how.quiet else _bar)
         if not len(splats):
             raise nothing(scene, volume)
-        image = _drawn(args, scene, splats, camera or scene.view.camera(volume, splats))
+        image = drawn(how, scene, splats, camera or scene.view.camera(volume, splats))
     return Image(image.pixels, {**image.info, **told})
 
 
@@ -174,25 +211,22 @@ def _reference(name: str, output: Path) -> Picture:
     return found
 
 
-def _level(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer) -> tuple[Camera, Level]:
+def _level(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> tuple[Camera, Level]:
     """The camera, and the level of a multiscale image that it takes."""
     from splatgl.gl.levels import just_finer, level_for
-    from splatgl.gl.renderer import Renderer
     from splatgl.splat.bricks.opaque import Opaque
 
     camera = scene.view.camera(volume, Opaque(volume, transfer))
     if just_finer(volume, camera) == 0:
         return camera, level_for(volume, transfer, camera, scene.settings)
-    with Renderer(args.backend, args.device, args.gpu) as renderer:
+    with how.renderer() as renderer:
         found = level_for(volume, transfer, camera, scene.settings, renderer)
-    if not args.quiet:
+    if not how.quiet:
         print(found)
     return camera, found
 
 
-def _in_bricks(
-    args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer, camera: Camera | None
-) -> Image | None:
+def _in_bricks(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer, camera: Camera | None) -> Image | None:
     """The image, drawn brick by brick, if it needs more than --memory; else None."""
     from splatgl.splat.bricks.estimate import budget
     from splatgl.splat.bricks.opaque import Opaque
@@ -201,51 +235,49 @@ def _in_bricks(
     bricks = None if scene.threshold else bricks_of(volume, transfer, scene.settings)
     if bricks is None:
         return None
-    most = budget() if args.memory is None else args.memory
+    most = budget() if how.memory is None else how.memory
     need = fits(bricks, scene.view.size, most)
     if need is None:
         return None
     for name in ("check", "field", "savings"):
-        if getattr(args, name):
+        if getattr(how, name):
             fix = "give more --memory, or a part of the volume"
             raise expected(f"--{name}", f"a picture that fits into {size_of(most)}", size_of(need.bytes), fix)
-    if not args.quiet:
+    if not how.quiet:
         told = f"up to about {need.most:,} splats need {size_of(need.bytes)}, more than {size_of(most)}"
         if need.bytes <= most:
             told = f"up to about {need.most:,} splats are more than are drawn at once"
         print(f"{told}: drawn in {len(bricks.low):,} bricks, nearest first")
-    from splatgl.gl.renderer import Renderer
 
     camera = camera or scene.view.camera(volume, Opaque(volume, transfer))
-    with Renderer(args.backend, args.device, args.gpu) as renderer, _work_bar(args.quiet, "brick") as bar:
-        if args.explain:
+    with how.renderer() as renderer, _work_bar(how.quiet, "brick") as bar:
+        if how.explain:
             print(renderer.plan(bricks.whole, camera, scene.settings).explain())
         image = renderer.render_bricks(bricks, camera, scene.settings, bar, bands=need.bands(most))
     if not image.info["splats"]:
         raise nothing(scene, volume)
-    if args.check is None:
+    if how.check is None:
         from splatgl.truth.check import check_bricks
 
         image = check_bricks(image, bricks, camera, scene.settings)
     return image
 
 
-def _drawn(args: argparse.Namespace, scene: Scene, splats: Splats, camera: Camera) -> Image:
+def drawn(how: Drawing, scene: Scene, splats: Splats, camera: Camera) -> Image:
     """The image, checked; prints what --explain and --savings ask for."""
     from splatgl.app.savings import savings
-    from splatgl.gl.renderer import Renderer
     from splatgl.truth.check import check, refuse
 
-    refuse(splats, camera, scene.settings, args.check, args.field)
-    with Renderer(args.backend, args.device, args.gpu) as renderer:
-        if args.explain:
+    refuse(splats, camera, scene.settings, how.check, how.field)
+    with how.renderer() as renderer:
+        if how.explain:
             print(renderer.plan(splats, camera, scene.settings).explain())
         image = renderer.render(splats, camera, scene.settings)
-        if args.check is not None or args.field or image.info["error_bound"] is None:
-            image = check(image, splats, camera, scene.settings, args.check, args.field)
-        if args.explain:
+        if how.check is not None or how.field or image.info["error_bound"] is None:
+            image = check(image, splats, camera, scene.settings, how.check, how.field)
+        if how.explain:
             print(f"{accuracy(image)}, against the float64 reference of the same splats")
-        if args.savings:
+        if how.savings:
             print("\n".join(savings(renderer, splats, camera, renderer.plan(splats, camera, scene.settings))))
     return image
 

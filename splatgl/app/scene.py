@@ -20,12 +20,14 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from splatgl.data.errors import InputError, expected
 from splatgl.data.readers import LoadOptions, load
 from splatgl.data.readers.remote import is_address
 from splatgl.data.scenes import SCENES
 from splatgl.data.toml import load_table
-from splatgl.data.volume import Triple, Volume
+from splatgl.data.volume import Hints, Triple, Volume
 from splatgl.splat.classification.presets import default_transfer, label_transfer, preset
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.settings import Settings
@@ -71,28 +73,29 @@ class View:
     orthographic: bool = False
     height: float | None = None
 
-    def orbit(self, volume: Volume) -> tuple[float, float] | None:
+    def orbit(self, volume: Volume | Splats) -> tuple[float, float] | None:
         """Azimuth and elevation about the middle of what is visible; None if the view is that from an eye."""
-        hints = volume.hints
+        hints = volume.hints if isinstance(volume, Volume) else Hints()
         orbits = any(x is not None for x in (self.azimuth, self.elevation, self.zoom))
         if self.eye is not None or (hints.eye is not None and not orbits):
             return None
         azimuth, elevation = _default_orbit(volume)
         return _first(self.azimuth, hints.azimuth, azimuth), _first(self.elevation, hints.elevation, elevation)
 
-    def camera(self, volume: Volume, subject: Bounded) -> Camera:
-        """The camera; an orbit is fitted to what is visible of `subject`."""
+    def camera(self, volume: Volume | Splats, subject: Bounded) -> Camera:
+        """The camera; an orbit is fitted to what is visible of `subject`. volume: has hints, or is splats without."""
         from splatgl.splat.bricks.opaque import Opaque
         from splatgl.splat.extraction.splats import Splats
         from splatgl.splat.view.camera import Camera
 
         if isinstance(subject, Splats) and subject.post is not None:
-            subject = Opaque(volume, subject.post.transfer)
-        hints = volume.hints
+            known = volume if isinstance(volume, Volume) else subject.source and subject.source.volume
+            subject = Opaque(known, subject.post.transfer) if known else subject
+        hints = volume.hints if isinstance(volume, Volume) else Hints()
         fov = _first(self.fov, hints.fov, FOV)
         orbit = self.orbit(volume)
         if orbit is None:
-            target = _first(self.look_at, hints.target if self.eye is None else None, tuple(volume.center))
+            target = _first(self.look_at, hints.target if self.eye is None else None, tuple(_center(volume)))
             up = _first(self.up, hints.up, (0.0, 0.0, 1.0))
             camera = Camera.look_at(_first(self.eye, hints.eye), target, up, fov, self.size)
         else:
@@ -275,12 +278,17 @@ def _toml(what: str, value: Any) -> str:
     raise expected(what, "text, numbers or lists of them", type(value).__name__)
 
 
-def _default_orbit(volume: Volume) -> tuple[float, float]:
+def _center(volume: Volume | Splats) -> np.ndarray:
+    """Centre of the box of samples, or of splats, world units."""
+    return volume.center if isinstance(volume, Volume) else np.asarray(volume.corners.mean(axis=0))
+
+
+def _default_orbit(volume: Volume | Splats) -> tuple[float, float]:
     """Default azimuth and elevation: anatomy from the front, flat volumes from above."""
     extent = volume.corners.max(axis=0) - volume.corners.min(axis=0)
     elevation = ELEVATION_FLAT if extent[2] < FLAT * min(extent[0], extent[1]) else ELEVATION
     # in RAS the front is +y, in LPS it is −y
-    return (180.0 + AZIMUTH if volume.frame == "RAS" else AZIMUTH), elevation
+    return (180.0 + AZIMUTH if getattr(volume, "frame", None) == "RAS" else AZIMUTH), elevation
 
 
 @contextmanager

@@ -9,13 +9,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import check_folder
 from splatgl.app.viewer.bindings import BINDINGS, listing, load_bindings
 from splatgl.app.viewer.pacing import TARGET
 from splatgl.data.errors import InputError, expected
+
+if TYPE_CHECKING:
+    from splatgl.app.viewer.content import Content
+    from splatgl.app.viewer.viewer import Options
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
@@ -67,9 +71,7 @@ def run(args: argparse.Namespace) -> int:
     content = Content.open(scene)
     # after what may be bad input: these take longer than to tell it
     from splatgl.app.viewer.files import watched
-    from splatgl.app.viewer.viewer import Options, Viewer
-    from splatgl.gl.loader import BackendError
-    from splatgl.gl.renderer import Renderer
+    from splatgl.app.viewer.viewer import Options
 
     options = Options(
         size=scene.view.size if args.size or args.source.endswith(".toml") else Options().size,
@@ -81,7 +83,19 @@ def run(args: argparse.Namespace) -> int:
         watched=watched(args.source, scene) if args.watch else (),
         reopen=lambda: scene_from(args),
     )
-    with Renderer(args.backend, args.device, args.gpu) as renderer:
+    opened(content, options, args.backend, args.device, args.gpu)
+    return 0
+
+
+def opened(
+    content: Content, options: Options, backend: str = "window", device: int | None = None, gpu: bool = False
+) -> None:
+    """Opens the window, and returns once it is closed for any reason."""
+    from splatgl.app.viewer.viewer import Viewer
+    from splatgl.gl.loader import BackendError
+    from splatgl.gl.renderer import Renderer
+
+    with Renderer(backend, device, gpu) as renderer:
         viewer = Viewer(content, renderer, options)
         try:
             with _ended_by_signals(viewer):
@@ -90,7 +104,6 @@ def run(args: argparse.Namespace) -> int:
             raise InputError(f"window: {error}") from error
         finally:
             viewer.close()
-    return 0
 
 
 @contextmanager

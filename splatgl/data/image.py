@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -104,6 +105,36 @@ class Image:
         """This image over a background colour (linear RGB)."""
         ground = np.append(np.asarray(background, np.float32), np.float32(1))
         return Image(self.pixels + (1 - self.pixels[..., 3:]) * ground, self.info)
+
+    def to_pil(self) -> Any:
+        """A Pillow image: sRGB with straight alpha, 8 bits, as `save` writes it."""
+        from PIL import Image as Pillow
+
+        return Pillow.fromarray(self.samples8(self._ground))
+
+    def samples8(self, background: tuple[float, float, float] | None = None) -> np.ndarray:
+        """uint8 [H, W, 4], sRGB with straight alpha, as `save` writes them."""
+        return self._samples(dict(self.info), 8, background)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """The pixels, for `np.asarray(image)`."""
+        return np.array(self.pixels, dtype, copy=copy)
+
+    def __repr__(self) -> str:
+        """One line: size, and what was drawn how."""
+        height, width, _ = self.pixels.shape
+        told = [str(self.info[name]) for name in ("source", "blend") if self.info.get(name)]
+        return f"<Image {width}×{height}{': ' if told else ''}{', '.join(told)}>"
+
+    def _repr_png_(self) -> bytes:
+        """What notebooks show."""
+        return self.encoded(Path("image.png"), 8, self._ground)
+
+    @property
+    def _ground(self) -> tuple[float, float, float] | None:
+        """The background that an X-ray is shown on, which its pixels do not hold; None for others."""
+        ground = self.info.get("background") if self.info.get("blend") == "xray" else None
+        return (float(ground[0]), float(ground[1]), float(ground[2])) if isinstance(ground, list | tuple) else None
 
     def _png(self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None) -> bytes:
         # the samples first: this adds the X-ray scale to `info`

@@ -86,6 +86,11 @@ class Splats:
     def __len__(self) -> int:
         return len(self.records)
 
+    def __repr__(self) -> str:
+        """One line: their number, and what they are."""
+        kind = "values" if self.post is not None else "classified" + ", shaded" * self.shaded
+        return f"<Splats {self.name!r}: {len(self):,} {kind}, spacing {self.grid.mean_spacing:.4g}>"
+
     @classmethod
     def from_points(
         cls,

@@ -134,6 +134,13 @@ class Camera:
         extent = _height(self.extent * middle if height is None else height)
         return Camera(self.eye, self.eye_from_world, self.size, extent, perspective=False)
 
+    def __repr__(self) -> str:
+        """One line: kind, size, place, direction and field."""
+        eye, forward = (", ".join(f"{x:g}" for x in np.round(v, 3)) for v in (self.eye, self.forward))
+        angle = f"fov {np.degrees(2 * np.arctan(self.extent / 2)):.4g}°"
+        seen = angle if self.perspective else f"height {self.extent:.4g}, orthographic"
+        return f"<Camera {self.size[0]}×{self.size[1]}: eye ({eye}), forward ({forward}), {seen}>"
+
     @property
     def right(self) -> np.ndarray:
         """Unit vector [3] along the picture's rows, world axes."""

@@ -1,0 +1,119 @@
+"""`Session`: an interactive view without a window: events of a browser in, frames out. Independent of any widget."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Mapping
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from splatgl.app.kept import kept_renderer
+from splatgl.app.scene import Scene
+from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.mouse import Mouse, wheeled
+from splatgl.app.viewer.pacing import FULL, LADDER, REST, TARGET, Level
+from splatgl.app.viewer.pose import Place
+from splatgl.app.viewer.refiner import Moment, Refiner
+from splatgl.app.viewer.skin import outside
+from splatgl.data.image import Image
+from splatgl.splat.plan.blend_mode import BLENDS
+
+# seconds without input before the full picture, longer than in a window: while it is drawn, no event is handled
+STILL = 0.3
+# a wheel's distance per notch, and most notches of one event
+NOTCH, MOST_NOTCHES = 100.0, 5.0
+BUTTONS = {1: "left", 2: "right", 3: "middle"}
+KEYS = {"Shift": "shift", "Control": "ctrl"}
+BLACK = (0.0, 0.0, 0.0)
+
+
+class Session:
+    """A scene seen from a pose. Events are dictionaries as jupyter_rfb has them, places in CSS pixels."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.content = Content.open(scene)
+        self.pose = self.content.home(scene.view.size)
+        self.mouse = Mouse()
+        self.ratio = 1.0
+        self.touched = -np.inf
+        self.refiner = Refiner(self.content.counts, prod(scene.view.size), TARGET)
+        self.image = Image(np.zeros((1, 1, 4), np.float32))
+        self.level = FULL
+
+    def handle(self, event: Mapping[str, Any]) -> bool:
+        """Applies an event; True if there is something to draw."""
+        kind = event.get("event_type") or event.get("type")
+        before = self.pose
+        if kind == "resize":
+            self._resize(event)
+        elif kind == "pointer_down":
+            button = BUTTONS.get(event.get("button", 0), "")
+            held: Collection[str] = [KEYS[key] for key in event.get("modifiers", ()) if key in KEYS]
+            self.mouse = self.mouse.press(button, held, self._place(event), self.pose, self.now())
+        elif kind == "pointer_move" and self.mouse.drag is not None:
+            self.pose = self.mouse.drag.to(self._place(event)).resized(self.pose.camera.size)
+        elif kind == "pointer_up":
+            self.mouse = self.mouse.release()
+        elif kind == "wheel":
+            notches = float(np.clip(-event.get("dy", 0.0) / NOTCH, -MOST_NOTCHES, MOST_NOTCHES))
+            self.pose = wheeled(self.pose, self._place(event), notches)
+        elif kind == "double_click":
+            self.mouse = self.mouse.release()
+            self.pose = self.content.home(self.pose.camera.size)
+        if self.pose is not before:
+            self.touched = self.now()
+        return self.pose is not before
+
+    def frame(self) -> np.ndarray | None:
+        """The picture that is due, uint8 [H, W, 3], sRGB on black or the background; None if the last one will do."""
+        now = Moment(self.now() - self.touched - (STILL - REST))
+        number = self.refiner.level(self._wanted(), now)
+        if number is None:
+            return None
+        if LADDER[number] == FULL:
+            self._take_finer()
+        wanted, started = self._wanted(), time.perf_counter()
+        self.image, self.level = self._drawn(LADDER[number]), LADDER[number]
+        self.refiner.done(wanted, number, time.perf_counter() - started, now, self.level == FULL)
+        return np.ascontiguousarray(self.image.samples8(BLACK)[..., :3])
+
+    def patience(self) -> float | None:
+        """Seconds until the next frame is due without further events; None if none is."""
+        return self.refiner.patience(self._wanted(), Moment(self.now() - self.touched - (STILL - REST)))
+
+    def now(self) -> float:
+        """Monotonic clock in seconds."""
+        return time.monotonic()
+
+    def _wanted(self) -> tuple[object, ...]:
+        return self.pose, self.content
+
+    def _drawn(self, level: Level) -> Image:
+        camera = self.pose.camera.resized(level.size(self.pose.camera.size))
+        settings = level.settings(self.scene.settings.but(classification="auto"))
+        splats = self.content.at(level.stride)
+        if level != FULL and BLENDS[settings.blend].ordered:
+            # without those that are hidden from every side
+            skin = self.content.skin(level.stride)
+            splats = skin if outside(skin, camera.eye) else splats
+        with kept_renderer() as renderer:
+            return renderer.render(splats, camera, settings, verify_bound=False)
+
+    def _take_finer(self) -> None:
+        """Reads what replaces the stand-in of a large volume."""
+        while self.content.portion is not None and self.content.portion.finer is not None:
+            self.content = self.content.finer()
+            self.refiner.renew(self.content.counts, prod(self.pose.camera.size))
+
+    def _place(self, event: Mapping[str, Any]) -> Place:
+        return float(event.get("x", 0.0)) * self.ratio, float(event.get("y", 0.0)) * self.ratio
+
+    def _resize(self, event: Mapping[str, Any]) -> None:
+        self.ratio = float(event.get("pixel_ratio") or event.get("ratio") or 1.0)
+        size = tuple(max(1, round(float(event[side]) * self.ratio)) for side in ("width", "height"))
+        if size != self.pose.camera.size:
+            self.pose = self.pose.resized((size[0], size[1]))
+            self.refiner.renew(self.content.counts, prod(size))

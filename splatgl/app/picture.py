@@ -1,0 +1,205 @@
+"""`render`: the picture of an array, file, volume or splats in one call, as `splatgl render` draws it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from splatgl import __version__
+from splatgl.app.options import color, size
+from splatgl.app.render import Drawing, draw, drawn, origin
+from splatgl.app.scene import Scene, View, typed
+from splatgl.data.arrays import ArrayOptions
+from splatgl.data.errors import expected
+from splatgl.data.image import Image
+from splatgl.data.readers import LoadOptions
+from splatgl.data.readers.remote import is_address
+from splatgl.data.scenes import SCENES
+from splatgl.data.sizes import bytes_of
+from splatgl.data.volume import Volume
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.plan.settings import Settings
+
+if TYPE_CHECKING:
+    from splatgl.splat.extraction.splats import Splats
+    from splatgl.splat.view.camera import Bounded, Camera
+
+# the fields of Transfer that are keywords of their own; `unit` is that of an array, and `shading` a setting
+TRANSFER = ("points", "gradient", "colormap", "window")
+
+
+@dataclass(frozen=True)
+class Held(Scene):
+    """A scene whose volume is in memory."""
+
+    held: Volume | None = None
+
+    def open(self) -> Volume:
+        """The volume."""
+        assert self.held is not None
+        return self.held
+
+    def to_toml(self, folder: Path) -> str:
+        """Raises InputError: a scene file names a volume's file."""
+        raise expected("scene", "a volume in a file, which a scene file can name", "an array in memory")
+
+
+@dataclass(frozen=True)
+class Fixed(View):
+    """A view by a camera."""
+
+    fixed: Camera | None = None
+
+    def camera(self, volume: Volume | Splats, subject: Bounded) -> Camera:
+        """The camera."""
+        assert self.fixed is not None
+        return self.fixed.resized(self.size)
+
+
+def render(
+    x: Any,
+    transfer: Transfer | str | Mapping[str, Any] | None = None,
+    camera: Camera | None = None,
+    settings: Settings | None = None,
+    **options: Any,
+) -> Image:
+    """The picture of `x`, with the defaults of `splatgl render`, and bit for bit its pixels.
+
+    x: whatever `Volume.of` takes, a file, address, built-in scene or scene.toml, a Volume, or Splats.
+    transfer: a Transfer, the name of a preset or of a file, or the fields of a Transfer.
+    options: as on the command line, of the view (azimuth, elevation, zoom, fov, size, eye, look_at, up, orthographic,
+    height), unless there is a camera, and of the settings (blend, antialias, background, …); points, gradient,
+    colormap, window; threshold, memory; those of `load` or `Volume.of` (spacing, array, …). background: linear RGB, or
+    a name or "#rrggbb".
+    Nothing is compared with float64; `check` does. Raises InputError for bad input, and if nothing is visible.
+    """
+    scene, memory = scene_of(x, transfer, camera, settings, options)
+    return picture(x, scene, memory)
+
+
+def picture(x: Any, scene: Scene, memory: int | None = None) -> Image:
+    """The picture of a scene from `scene_of`, by the renderer that calls share."""
+    how = Drawing(kept=True, memory=memory, check=0)
+    if is_splats(x):
+        if not len(x):
+            raise expected("splats", "at least one", "none")
+        image = drawn(how, scene, x, scene.view.camera(x, x))
+        return Image(image.pixels, {**image.info, "version": __version__, "source": x.name})
+    volume = scene.open()
+    chosen = scene.transfer_for(volume)
+    image = draw(how, scene, volume, chosen)
+    return Image(image.pixels, {**image.info, **origin(scene, chosen)})
+
+
+def is_splats(x: Any) -> bool:
+    """Whether `x` is Splats, whose module need not be imported to tell."""
+    return any(base.__module__ == "splatgl.splat.extraction.splats" for base in type(x).__mro__)
+
+
+def scene_of(
+    x: Any,
+    transfer: Transfer | str | Mapping[str, Any] | None,
+    camera: Camera | None,
+    settings: Settings | None,
+    options: Mapping[str, Any],
+) -> tuple[Scene, int | None]:
+    """The scene of `x` and the arguments of `render`, and the memory to draw in. Of splats, all but the volume."""
+    given = dict(options)
+    viewing = _taken(given, *(f.name for f in fields(View)))
+    drawing = _taken(given, *(f.name for f in fields(Settings)))
+    classified = {**_transfer(transfer), **_taken(given, *TRANSFER)}
+    threshold, memory = given.pop("threshold", None), given.pop("memory", None)
+    if is_splats(x):
+        extra = [*classified, *given] + ["threshold"] * (threshold is not None)
+        if extra:
+            raise expected("splats", "a view and settings", ", ".join(extra), "extract them with these")
+        scene: Scene = Scene(x.name)
+    else:
+        scene = _source(x, given)
+    if settings is not None and not isinstance(settings, Settings):
+        raise expected("settings", "Settings", type(settings).__name__)
+    if "background" in drawing:
+        drawing["background"] = _background(drawing["background"])
+    if threshold is not None:
+        scene = replace(scene, threshold=float(typed("threshold", threshold)))
+    found = replace(
+        scene,
+        transfer={**scene.transfer, **classified},
+        view=_view(scene.view, camera, viewing),
+        settings=(scene.settings if settings is None else settings).but(**drawing),
+    )
+    return found, bytes_of(memory) if isinstance(memory, str) else memory
+
+
+def _source(x: Any, given: dict[str, Any]) -> Scene:
+    """The scene of a file, or of a volume in memory; `given` are options of its reader."""
+    named = isinstance(x, str | Path)
+    known = [f.name for f in fields(LoadOptions if named else ArrayOptions)]
+    for name in given:
+        if name not in known:
+            every = [f.name for record in (View, Settings) for f in fields(record)] + [*TRANSFER, *known]
+            near = get_close_matches(name, [*every, "transfer", "camera", "settings", "threshold", "memory"], 1)
+            fix = f"did you mean {near[0]}?" if near else ""
+            raise expected("options", f"those of the view, the settings, or {', '.join(known)}", name, fix)
+    if not named:
+        volume = Volume.of(x, **given)
+        return Held(volume.name or "array", held=volume)
+    path = str(x)
+    toml = path.endswith(".toml") and not is_address(path)
+    scene = Scene.from_toml(Path(path)) if toml else Scene(path)
+    return replace(scene, load={**scene.load, **given}) if path not in SCENES or given else scene
+
+
+def _view(view: View, camera: Camera | None, given: dict[str, Any]) -> View:
+    """The view as the options have it."""
+    if camera is None:
+        return replace(view, **{name: _placed(name, value) for name, value in given.items()})
+    from splatgl.splat.view.camera import Camera
+
+    if not isinstance(camera, Camera):
+        raise expected("camera", "a Camera", type(camera).__name__)
+    if given:
+        raise expected("options", "no view beside a camera", ", ".join(given), "leave one of them out")
+    return Fixed(camera.size, fixed=camera)
+
+
+def _placed(name: str, value: Any) -> Any:
+    """A field of View: numbers of numpy and tuples too, and a size as text or one number."""
+    plain = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+    if name == "size":
+        try:
+            plain = size(str(plain)) if isinstance(plain, str | int) else plain
+        except argparse.ArgumentTypeError as error:
+            raise expected("size", "a width and a height", repr(value)) from error
+    return typed(name, list(plain) if isinstance(plain, tuple) else plain)
+
+
+def _background(value: Any) -> Any:
+    try:
+        return color(value) if isinstance(value, str) else value
+    except argparse.ArgumentTypeError as error:
+        raise expected("background", "linear RGB, transparent, black, white or #rrggbb", repr(value)) from error
+
+
+def _transfer(transfer: Any) -> dict[str, Any]:
+    """The fields of a transfer function, or its preset."""
+    if isinstance(transfer, str | Path):
+        if not str(transfer).endswith(".toml"):
+            return {"preset": str(transfer)}
+        transfer = Transfer.load(transfer)
+    if isinstance(transfer, Transfer):
+        return {f.name: getattr(transfer, f.name) for f in fields(Transfer)}
+    if transfer is not None and not isinstance(transfer, Mapping):
+        raise expected("transfer", "a Transfer, or the name of a preset", type(transfer).__name__)
+    return dict(transfer or {})
+
+
+def _taken(given: dict[str, Any], *names: str) -> dict[str, Any]:
+    """Those options, which are removed."""
+    return {name: given.pop(name) for name in names if name in given}

@@ -1,0 +1,162 @@
+"""The view of a notebook, driven by events as a browser sends them."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+from base64 import b64decode
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+import splatgl as sg
+from splatgl.app import show as shown
+from splatgl.app.notebook import STILL, Session
+from splatgl.app.picture import scene_of
+from splatgl.app.viewer.pacing import FULL, LADDER
+
+
+class Timed(Session):
+    """A session whose clock is set."""
+
+    clock = 0.0
+
+    def now(self) -> float:
+        return self.clock
+
+
+@pytest.fixture
+def volume() -> sg.Volume:
+    z, y, x = np.indices((20, 24, 40)) - 12.0
+    return sg.Volume((200 * np.exp(-((x - 8) ** 2 + y**2 + z**2) / 30)).astype(np.uint8), name="ball")
+
+
+@pytest.fixture
+def session(volume: sg.Volume) -> Timed:
+    scene, _ = scene_of(volume, None, None, None, {"size": (96, 64)})
+    return Timed(scene)
+
+
+def event(kind: str, x: float = 0.0, y: float = 0.0, **more: Any) -> dict[str, Any]:
+    return {"event_type": kind, "x": x, "y": y, "button": 0, "buttons": (), "modifiers": (), **more}
+
+
+def drag(session: Session, x: float, y: float, **more: Any) -> None:
+    session.handle(event("pointer_down", 48, 32, **{"button": 1, **more}))
+    session.handle(event("pointer_move", 48 + x, 32 + y, buttons=(1,)))
+    session.handle(event("pointer_up", 48 + x, 32 + y, button=1))
+
+
+def test_the_first_frame_is_the_picture(session: Timed, volume: sg.Volume) -> None:
+    frame = session.frame()
+    assert np.array_equal(session.image.pixels, sg.render(volume, size=(96, 64)).pixels)
+    assert frame is not None and frame.dtype == np.uint8 and frame.shape == (64, 96, 3)
+    assert (frame == sg.Image(session.image.pixels).over((0, 0, 0)).samples8()[..., :3]).all()
+    # once
+    assert session.frame() is None and session.patience() is None
+
+
+def test_drags_rotate_pan_and_zoom(session: Timed) -> None:
+    home = session.pose.camera
+    drag(session, 20, 0)
+    turned = session.pose.camera
+    reach = np.linalg.norm(home.eye - session.pose.pivot)
+    assert np.linalg.norm(turned.eye - session.pose.pivot) == pytest.approx(reach)
+    assert turned.forward @ home.forward < 0.9
+    # a drag to the right turns the near side to the right: the eye moves to the left
+    assert (turned.eye - home.eye) @ home.right < 0
+    for more in ({"modifiers": ("Shift",)}, {"button": 3}):
+        session.handle(event("double_click"))
+        drag(session, 20, 0, **more)
+        assert np.allclose(session.pose.camera.forward, home.forward)
+        assert (session.pose.camera.eye - home.eye) @ home.right < 0
+    session.handle(event("double_click"))
+    assert np.allclose(session.pose.camera.eye, home.eye)
+    session.handle(event("wheel", 48, 32, dy=-100.0))
+    assert np.linalg.norm(session.pose.camera.eye - session.pose.pivot) < 0.9 * reach
+    # a move without a button does nothing
+    before = session.pose
+    assert not session.handle(event("pointer_move", 3, 3)) and session.pose is before
+
+
+def test_frames_are_reduced_while_it_moves_and_refined_once_still(session: Timed) -> None:
+    session.frame()
+    # as if full pictures took a second
+    session.refiner.pace = session.refiner.pace.drawn(0, 1.0).drawn(0, 1.0)
+    session.clock = 10.0
+    session.handle(event("pointer_down", 48, 32, button=1))
+    session.handle(event("pointer_move", 60, 32))
+    small = session.frame()
+    assert session.level != FULL and small is not None and small.shape[0] < 64
+    assert session.patience() == pytest.approx(STILL)
+    session.clock += STILL / 2
+    assert session.frame() is None
+    session.clock += STILL
+    session.handle(event("pointer_up", 60, 32))
+    full = session.frame()
+    assert session.level == FULL == LADDER[0] and full is not None and full.shape == (64, 96, 3)
+    assert session.patience() is None
+
+
+def test_previews_of_sums_keep_what_is_hidden(volume: sg.Volume) -> None:
+    scene, _ = scene_of(volume, None, None, None, {"size": (96, 64), "blend": "xray", "points": [(10, 0), (20, 1)]})
+    session = Timed(scene)
+    session.frame()
+    full = session.image.pixels.sum()
+    session.refiner.pace = session.refiner.pace.drawn(0, 1.0).drawn(0, 1.0)
+    session.clock = 10.0
+    drag(session, 1, 0)
+    session.frame()
+    assert session.level != FULL
+    assert session.image.pixels.sum() / session.level.scale**2 == pytest.approx(full, rel=0.05)
+
+
+def test_places_are_in_css_pixels(session: Timed) -> None:
+    """Twice the pixels in the same element: the same drag turns by the same angle."""
+    drag(session, 20, 5)
+    plain = session.pose.camera.forward
+    session.handle(event("double_click"))
+    session.handle({"event_type": "resize", "width": 96.0, "height": 64.0, "pixel_ratio": 2.0})
+    frame = session.frame()
+    assert frame is not None and session.pose.camera.size == (192, 128)
+    drag(session, 20, 5)
+    assert np.allclose(session.pose.camera.forward, plain)
+
+
+def test_the_widget(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
+    monkeypatch.setattr(shown, "in_notebook", lambda: True)
+    view = sg.show(volume, size=(96, 64))
+    bundle = view._repr_mimebundle_()
+    data = bundle[0] if isinstance(bundle, tuple) else bundle
+    assert "application/vnd.jupyter.widget-view+json" in data
+    still = np.asarray(Pillow.open(io.BytesIO(b64decode(data["image/png"]))))
+    assert (still == sg.render(volume, size=(96, 64)).samples8()).all()
+    # the widget's own first frame, whatever was drawn for the still one
+    assert view.get_frame().shape == (64, 96, 3) and view.get_frame() is None
+    drawn: list[np.ndarray] = []
+
+    async def turned() -> None:
+        """Requests as the widget answers them: a draw at once, and another when it is still."""
+        monkeypatch.setattr(type(view), "request_draw", lambda self: drawn.append(self.get_frame()))
+        view.handle_event(event("pointer_down", 48, 32, button=1))
+        view.handle_event(event("pointer_move", 60, 32, buttons=(1,)))
+        view.session.handle(event("pointer_up", 60, 32, button=1))
+        await asyncio.sleep(STILL + 0.5)
+
+    asyncio.run(turned())
+    assert len(drawn) >= 1 and view.session.level == FULL and view.session.patience() is None
+    assert np.array_equal(view.image.pixels, view.session.image.pixels)
+    assert not np.array_equal(view.image.pixels, sg.render(volume, size=(96, 64)).pixels)
+
+
+def test_without_the_library_the_cell_shows_the_image(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shown, "in_notebook", lambda: True)
+    monkeypatch.setattr(shown, "find_spec", lambda name: None)
+    assert isinstance(sg.show(volume, size=48), sg.Image)
+    # splats have no samples to show in motion
+    monkeypatch.undo()
+    monkeypatch.setattr(shown, "in_notebook", lambda: True)
+    assert isinstance(sg.show(sg.extract(volume, sg.default_transfer(volume)), size=48), sg.Image)

@@ -1,0 +1,231 @@
+"""`render` and `show`: the command line's picture in one call; pictures as arrays, in Pillow and in notebooks."""
+
+from __future__ import annotations
+
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+import splatgl as sg
+from splatgl.app import kept
+from splatgl.app.cli import main
+from splatgl.app.show import has_display, in_notebook
+
+
+@pytest.fixture
+def volume() -> sg.Volume:
+    """Two soft balls, of different values."""
+    z, y, x = np.indices((24, 28, 32)) - 14.0
+    near = np.exp(-((x - 4) ** 2 + y**2 + z**2) / 30) + 0.5 * np.exp(-((x + 8) ** 2 + (y - 5) ** 2 + z**2) / 12)
+    return sg.Volume((near * 200).astype(np.uint8), spacing=(1, 1, 1.5), name="balls")
+
+
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [
+        ("", {}),
+        (
+            "--azimuth 60 --elevation -10 --zoom 1.5 --fov 30 --background #204060",
+            {"azimuth": 60, "elevation": -10, "zoom": np.float32(1.5), "fov": 30, "background": "#204060"},
+        ),
+        ("--preset microscopy --blend mip", {"transfer": "microscopy", "blend": "mip"}),
+        ("--colormap viridis --window 20,180", {"colormap": "viridis", "window": (20, 180)}),
+        ("--like 0.1 --threshold 0.05", {"settings": sg.Settings.like("0.1"), "threshold": 0.05}),
+        ("--orthographic --height 40", {"orthographic": True, "height": 40}),
+        ("--eye 90,80,70 --look-at 10,10,10", {"eye": (90, 80, 70), "look_at": np.array([10.0, 10, 10])}),
+        ("--memory 64KiB", {"memory": "64KiB"}),
+    ],
+)
+def test_the_pixels_are_those_of_the_command(
+    volume: sg.Volume, tmp_path: Path, command: str, options: dict[str, Any]
+) -> None:
+    np.save(tmp_path / "balls.npy", volume.samples)
+    out = tmp_path / "out.npy"
+    shared = f"--spacing 1,1,1.5 --size 96x64 {command}".split()
+    assert main(["render", str(tmp_path / "balls.npy"), "-o", str(out), "--quiet", *shared]) == 0
+    right = np.load(out)
+    assert right.any()
+    for source in (tmp_path / "balls.npy", volume.samples, volume):
+        image = sg.render(source, size=(96, 64), spacing=(1, 1, 1.5), **options)
+        assert np.array_equal(image.pixels, right)
+        assert ("bricks" in image.info) == ("memory" in options)
+    # the transfer function is told, as in files of the command
+    assert "points" in str(image.info["transfer"]) and image.info["version"] == sg.__version__
+
+
+def test_scene_files_and_built_in_scenes(volume: sg.Volume, tmp_path: Path) -> None:
+    np.save(tmp_path / "balls.npy", volume.samples)
+    scene = tmp_path / "scene.toml"
+    scene.write_text('volume = "balls.npy"\n[camera]\nsize = [48, 32]\nazimuth = 70\n[settings]\nblend = "mip"\n')
+    assert main(["render", str(scene), "-o", str(tmp_path / "out.npy"), "--quiet", "--elevation", "5"]) == 0
+    assert np.array_equal(sg.render(scene, elevation=5).pixels, np.load(tmp_path / "out.npy"))
+    assert sg.render("letter-f", size=64).info["source"] == "letter-f"
+
+
+def test_a_camera_a_transfer_function_and_splats(volume: sg.Volume, renderer: sg.Renderer) -> None:
+    transfer = sg.Transfer([(20, 0.0), (150, 0.7)], colormap="bone")
+    splats, camera = sg.extract(volume, transfer), sg.Camera.orbit(volume, 10, 30, size=(64, 48))
+    right = renderer.render(splats, camera).pixels
+    assert np.array_equal(sg.render(volume, transfer, camera).pixels, right)
+    assert np.array_equal(sg.render(splats, camera=camera).pixels, right)
+    fitted = sg.Camera.orbit(splats.visible, 30, 20, size=(64, 48))
+    assert np.array_equal(sg.render(splats, size=(64, 48)).pixels, renderer.render(splats, fitted).pixels)
+    found = sg.render(volume, {"points": transfer.points, "colormap": "gray"}, camera, colormap="bone")
+    assert np.array_equal(found.pixels, right)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"azimut": 3}, "got azimut; did you mean azimuth"),
+        ({"shape": (1, 2, 3)}, "spacing, origin, unit, name, array, got shape"),
+        ({"size": "big"}, "size: expected a width and a height"),
+        ({"azimuth": "left"}, "azimuth: expected one finite number"),
+        ({"background": "blue"}, "background: expected"),
+        ({"blend": "add"}, "blend: expected composite"),
+        ({"transfer": "bone"}, "preset: expected one of"),
+        ({"transfer": 3}, "transfer: expected a Transfer"),
+        ({"transfer": {"point": ()}}, "transfer: expected keys"),
+        ({"camera": 3}, "camera: expected a Camera"),
+        ({"settings": 3}, "settings: expected Settings"),
+        ({"memory": "much"}, "memory: expected"),
+        ({"points": [(300, 0.0), (400, 0.5)]}, "balls: expected voxels with an opacity"),
+    ],
+)
+def test_wrong_options_are_told_in_a_line(volume: sg.Volume, options: dict[str, Any], told: str) -> None:
+    with pytest.raises(sg.InputError, match=told) as found:
+        sg.render(volume, **options)
+    assert "\n" not in str(found.value)
+
+
+def test_splats_refuse_what_they_were_extracted_with(volume: sg.Volume) -> None:
+    splats = sg.extract(volume, sg.Transfer([(20, 0.0), (150, 0.7)]))
+    for options in ({"threshold": 0.1}, {"spacing": (1, 1, 1)}, {"colormap": "bone"}):
+        with pytest.raises(sg.InputError, match=f"splats: expected a view and settings, got {next(iter(options))}"):
+            sg.render(splats, **options)
+    camera = sg.Camera.orbit(volume)
+    with pytest.raises(sg.InputError, match="no view beside a camera, got zoom"):
+        sg.render(splats, camera=camera, zoom=2)
+
+
+def test_calls_share_a_renderer_in_any_thread(volume: sg.Volume) -> None:
+    right = sg.render(volume, size=64).pixels
+    with kept.kept_renderer() as first:
+        pass
+    found: dict[int, np.ndarray] = {}
+
+    def draw(number: int) -> None:
+        found[number] = sg.render(volume, size=64).pixels
+
+    threads = [Thread(target=draw, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(found) == [0, 1, 2, 3] and all(np.array_equal(each, right) for each in found.values())
+    with kept.kept_renderer() as last:
+        assert last is first
+    # what was interrupted is closed
+    with pytest.raises(KeyboardInterrupt), kept.kept_renderer():
+        raise KeyboardInterrupt
+    assert np.array_equal(sg.render(volume, size=64).pixels, right)
+    with kept.kept_renderer() as other:
+        assert other is not first
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked on Unix")
+def test_a_forked_process_never_uses_its_parents_renderer() -> None:
+    """It draws with a library that its parent had not opened, or is told how to start processes."""
+    code = """
+import os, numpy as np, splatgl as sg
+cube = np.pad(np.ones((4, 4, 4)), 3)
+assert sg.render(cube, size=32).pixels.any()
+if not os.fork():
+    try:
+        print("drawn" if sg.render(cube, size=32).pixels.any() else "empty", flush=True)
+    except sg.InputError as error:
+        print(error, flush=True)
+    os._exit(0)
+os.wait()
+assert sg.render(cube, size=32).pixels.any()
+"""
+    run = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "drawn\n" or ("spawn" in run.stdout and run.stdout.count("\n") == 1)
+    assert run.stderr == ""
+
+
+def test_images_are_arrays_and_pictures(volume: sg.Volume, tmp_path: Path) -> None:
+    image = sg.render(volume, size=(48, 32))
+    pixels = np.asarray(image)
+    assert pixels.dtype == np.float32 and pixels.shape == (32, 48, 4) and np.shares_memory(pixels, image.pixels)
+    assert np.asarray(image, np.float64).dtype == np.float64
+    assert not np.shares_memory(np.array(image, copy=True), image.pixels)
+    if np.lib.NumpyVersion(np.__version__) >= "2.0.0":
+        with pytest.raises(ValueError, match="copy"):
+            np.array(image, dtype=np.float64, copy=False)
+    image.save(tmp_path / "a.png")
+    saved = np.asarray(Pillow.open(tmp_path / "a.png"))
+    assert (np.asarray(image.to_pil()) == saved).all() and image.to_pil().mode == "RGBA"
+    assert (np.asarray(Pillow.open(io.BytesIO(image._repr_png_()))) == saved).all()
+
+
+def test_an_xray_is_shown_on_its_background(volume: sg.Volume, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", volume.samples)
+    options = ["--blend", "xray", "--background", "white", "--size", "48", "--quiet"]
+    assert main(["render", str(tmp_path / "a.npy"), "-o", str(tmp_path / "a.png"), *options]) == 0
+    image = sg.render(tmp_path / "a.npy", blend="xray", background="white", size=48)
+    assert (np.asarray(image.to_pil()) == np.asarray(Pillow.open(tmp_path / "a.png"))).all()
+
+
+def test_reprs_are_one_line_without_arrays(volume: sg.Volume) -> None:
+    transfer = sg.Transfer([(20, 0.0), (150, 0.7)])
+    splats, camera = sg.extract(volume, transfer), sg.Camera.orbit(volume, size=(64, 48))
+    told = {
+        repr(volume): ["'balls'", "32×28×24 uint8", "1×1×1.5"],
+        repr(splats): ["'balls'", f"{len(splats):,} values"],
+        repr(camera): ["64×48", "eye (", "fov 40°"],
+        repr(camera.parallel(volume)): ["orthographic"],
+        repr(transfer): ["points=((20.0, 0.0), (150.0, 0.7))"],
+        repr(sg.render(volume, size=(48, 32))): ["48×32", "balls", "composite"],
+    }
+    for line, parts in told.items():
+        assert "\n" not in line and len(line) < 160 and "array" not in line
+        assert [part for part in parts if part not in line] == []
+
+
+def test_show_without_a_display_returns_the_image(
+    volume: sg.Volume, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert not has_display() and not in_notebook()
+    image = sg.show(volume, size=48)
+    assert isinstance(image, sg.Image) and np.array_equal(image.pixels, sg.render(volume, size=48).pixels)
+    assert capsys.readouterr().out.count("\n") == 1
+    assert sg.show(image) is image
+
+
+def test_show_with_a_display_opens_the_window(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The window's own tests open one; here what it is opened with."""
+    monkeypatch.setenv("DISPLAY", ":0")
+    opened: list[Any] = []
+    monkeypatch.setattr("splatgl.app.view.opened", lambda content, options: opened.append((content, options)))
+    assert sg.show(volume, "microscopy", azimuth=70, size=(300, 200)) is None
+    ((content, options),) = opened
+    assert options.size == (300, 200) and content.transfer == sg.preset("microscopy", volume)
+    camera = sg.Camera.orbit(volume, 70, 20, size=(30, 20))
+    assert np.allclose(content.home((30, 20)).camera.forward, camera.forward)
+    # a scene file can't name an array
+    with pytest.raises(sg.InputError, match="a volume in a file"):
+        content.scene.to_toml(Path())
+    sg.show(volume, camera=camera)
+    assert np.allclose(opened[1][0].home((60, 40)).camera.eye, camera.eye)
