@@ -126,3 +126,28 @@ def test_views_that_float32_cannot_hold() -> None:
         inside.parallel(splats)
     for zoom in (1e-14, 1e14):
         sg.plan(splats, sg.Camera.orbit(splats, zoom=zoom), SPLATS)
+
+
+@pytest.mark.parametrize("kind", ["perspective", "horizontal angle", "orthographic"])
+def test_cameras_of_vtk_see_the_same_places(kind: str) -> None:
+    """Points fall onto the pixels where VTK's own projection has them."""
+    pyvista = pytest.importorskip("pyvista", reason="plotters come from pyvista")
+    theirs = pyvista.Camera()
+    theirs.position, theirs.focal_point, theirs.up = (30.0, -20.0, 25.0), (1.0, 2.0, 3.0), (0.1, 0.2, 1.0)
+    theirs.view_angle, theirs.parallel_scale = 35.0, 12.0
+    theirs.parallel_projection = kind == "orthographic"
+    theirs.SetUseHorizontalViewAngle(kind == "horizontal angle")
+    width, height = size = (320, 200)
+    matrix = pyvista.array_from_vtkmatrix(theirs.GetCompositeProjectionTransformMatrix(width / height, -1, 1))
+    camera = sg.Camera.of(theirs, size)
+    points = np.random.default_rng(1).uniform(-8, 8, (50, 3))
+    x, y, _, w = matrix @ np.vstack([points.T, np.ones(50)])
+    right = np.stack([(x / w + 1) * width / 2, (1 - y / w) * height / 2], axis=1)
+    eye = camera.eye_from_points(points)
+    across = eye[:, :2] / eye[:, 2:] if camera.perspective else eye[:, :2]
+    assert np.abs(across / (camera.extent / height) + np.array(size) / 2 - right).max() < 1e-6
+
+
+def test_what_has_no_camera_is_refused() -> None:
+    with pytest.raises(sg.InputError, match="a camera of VTK or PyVista, or a plotter, got a list"):
+        sg.Camera.of([1, 2, 3])

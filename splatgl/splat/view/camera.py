@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pyrr
@@ -122,6 +122,25 @@ class Camera:
         center = (corners.min(axis=0) + corners.max(axis=0)) / 2
         distance = _fit_distance(subject.outline - center, back, top, half, _size(size))
         return cls.look_at(center + back * distance / zoom, center, top, fov, size)
+
+    @classmethod
+    def of(cls, x: Any, size: tuple[int, int] | None = None) -> Camera:
+        """The view of a camera of VTK or PyVista, or of a PyVista plotter.
+
+        size: in pixels; None: the plotter's, or 512 × 512. Raises InputError for what has no such camera.
+        """
+        camera = getattr(x, "camera", x)
+        if not (hasattr(camera, "GetFocalPoint") and hasattr(camera, "GetParallelScale")):
+            raise expected("camera", "a camera of VTK or PyVista, or a plotter", f"a {type(x).__name__}")
+        width, height = size or getattr(x, "window_size", None) or (512, 512)
+        placed = (camera.GetPosition(), camera.GetFocalPoint(), camera.GetViewUp())
+        if camera.GetParallelProjection():
+            # VTK's scale is half of the height
+            return cls.orthographic(*placed, 2.0 * camera.GetParallelScale(), (width, height))
+        angle = float(camera.GetViewAngle())
+        if camera.GetUseHorizontalViewAngle():
+            angle = float(np.degrees(2 * np.arctan(np.tan(np.radians(angle) / 2) * height / width)))
+        return cls.look_at(*placed, angle, (width, height))
 
     def parallel(self, subject: Bounded, height: float | None = None) -> Camera:
         """The orthographic view from the same eye; `height` in world units, None: the height of the
