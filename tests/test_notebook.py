@@ -100,19 +100,6 @@ def test_frames_are_reduced_while_it_moves_and_refined_once_still(session: Timed
     assert session.patience() is None
 
 
-def test_previews_of_sums_keep_what_is_hidden(volume: sg.Volume) -> None:
-    scene, _ = scene_of(volume, None, None, None, {"size": (96, 64), "blend": "xray", "points": [(10, 0), (20, 1)]})
-    session = Timed(scene)
-    session.frame()
-    full = session.image.pixels.sum()
-    session.refiner.pace = session.refiner.pace.drawn(0, 1.0).drawn(0, 1.0)
-    session.clock = 10.0
-    drag(session, 1, 0)
-    session.frame()
-    assert session.level != FULL
-    assert session.image.pixels.sum() / session.level.scale**2 == pytest.approx(full, rel=0.05)
-
-
 def test_places_are_in_css_pixels(session: Timed) -> None:
     """Twice the pixels in the same element: the same drag turns by the same angle."""
     drag(session, 20, 5)
