@@ -18,6 +18,7 @@ import splatgl as sg
 from splatgl.app import kept
 from splatgl.app.cli import main
 from splatgl.app.show import has_display, in_notebook
+from splatgl.splat.bricks.opaque import Opaque
 
 
 @pytest.fixture
@@ -76,7 +77,7 @@ def test_a_camera_a_transfer_function_and_splats(volume: sg.Volume, renderer: sg
     right = renderer.render(splats, camera).pixels
     assert np.array_equal(sg.render(volume, transfer, camera).pixels, right)
     assert np.array_equal(sg.render(splats, camera=camera).pixels, right)
-    fitted = sg.Camera.orbit(splats.visible, 30, 20, size=(64, 48))
+    fitted = sg.Camera.orbit(Opaque(volume, transfer), 30, 20, size=(64, 48))
     assert np.array_equal(sg.render(splats, size=(64, 48)).pixels, renderer.render(splats, fitted).pixels)
     found = sg.render(volume, {"points": transfer.points, "colormap": "gray"}, camera, colormap="bone")
     assert np.array_equal(found.pixels, right)

@@ -9,6 +9,7 @@ from threading import RLock
 
 from splatgl.data.errors import InputError
 from splatgl.gl.context import inherited
+from splatgl.gl.loader import BackendError, restored
 from splatgl.gl.renderer import Renderer
 
 # one picture at a time, in any thread
@@ -19,7 +20,7 @@ _kept: list[Renderer] = []
 @contextmanager
 def kept_renderer() -> Iterator[Renderer]:
     """The shared renderer, for the calling thread alone. InputError as `Renderer` raises, and in a forked process."""
-    with _LOCK:
+    with _LOCK, restored():
         if _kept and inherited(_kept[0].ctx):
             # a forked process can't close it either
             _kept.clear()
@@ -29,6 +30,10 @@ def kept_renderer() -> Iterator[Renderer]:
             yield _kept[0]
         except InputError:
             raise
+        except BackendError as error:
+            # another library switched OpenGL's context behind ours
+            close_kept()
+            raise InputError(f"OpenGL: {error}; draw in a process of its own") from error
         except BaseException:
             # whatever was interrupted is not used again
             close_kept()

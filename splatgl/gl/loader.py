@@ -13,6 +13,8 @@ from __future__ import annotations
 import os
 import threading
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import ClassVar
 
 from splatgl.data.errors import expected
@@ -167,3 +169,13 @@ def switch_to(loader: Loader | None) -> None:
     if target is not None:
         target.bind()
         _thread.current = target
+
+
+@contextmanager
+def restored() -> Iterator[None]:
+    """Leaves the thread's current context as it was, whatever was opened meanwhile: another thread may want it."""
+    before = _thread.current
+    try:
+        yield
+    finally:
+        switch_to(before)
