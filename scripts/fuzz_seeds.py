@@ -12,6 +12,7 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
+from fuzz_dicom import dicom_seeds
 from fuzz_files import CUBE, FLOW, RAW, Seed, X, Y, Z, one, vti, vti_appended, vtk_legacy
 
 
@@ -231,6 +232,10 @@ def zarr_store(version: int) -> list[Seed]:
     return [*seeds, *(written("a.zarr", partial(array, compressors=codec)) for codec in (GZip(), Zstd()))]
 
 
+def dicom(packed: bool) -> list[Seed]:
+    return dicom_seeds(packed, written)
+
+
 # --- terrain, scenes --------------------------------------------------------------------------------------------------
 
 
@@ -306,6 +311,8 @@ _ALL: dict[str, Callable[[], list[Seed]]] = {
     "ome-tiff": ome_tiff,
     "zarr-2": partial(zarr_store, 2),
     "zarr-3": partial(zarr_store, 3),
+    "dicom": partial(dicom, False),
+    "dicom-packed": partial(dicom, True),
     "vtk-ascii": partial(vtk_legacy, "ASCII"),
     "vtk-binary": partial(vtk_legacy, "BINARY"),
     "vti": vti,

@@ -17,6 +17,7 @@ import numpy as np
 from splatgl.app.frame_work import FrameView, Matter, Work
 from splatgl.app.frames import Frames, mark_of
 from splatgl.app.options import scene_from
+from splatgl.app.output import tell
 from splatgl.app.render import PATIENCE, nothing
 from splatgl.app.scene import Scene
 from splatgl.app.series import read_ahead, volumes
@@ -72,6 +73,7 @@ class Animation:
         scenes = volumes(scene_from(args), args.more)
         scene = scenes[0]
         volume = scene.open()
+        tell(volume, args.quiet)
         transfer = scene.transfer_for(volume)
         series = len(scenes) > 1
         bands = _bands(volume, transfer, scene, args.flow)

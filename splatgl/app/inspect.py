@@ -27,8 +27,13 @@ def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
 
 def _info(options: Mapping[str, str], args: argparse.Namespace) -> int:
     from splatgl.app.options import scene_from_source
+    from splatgl.app.output import tell
+    from splatgl.data.readers import listed
 
     scene = scene_from_source(args)
+    series = listed(scene.volume)
+    if series:
+        print("\n".join(["series", *(f"  {line}" for line in series), ""]))
     try:
         volume = scene.open()
     except Choice as error:
@@ -38,6 +43,7 @@ def _info(options: Mapping[str, str], args: argparse.Namespace) -> int:
         return 0
     from splatgl.app.info import describe
 
+    tell(volume)
     print(describe(volume))
     return 0
 

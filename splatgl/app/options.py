@@ -22,7 +22,7 @@ NAMED_COLORS = {"black": "#000000", "white": "#ffffff", "gray": "#808080"}
 
 def add_source(parser: argparse.ArgumentParser) -> None:
     """Adds the source and the reader options."""
-    about = "a volume file or its address, a built-in scene (tunnel, terrain, nerve), or a scene.toml"
+    about = "a volume's file, folder or address, a built-in scene (tunnel, terrain, nerve), or a scene.toml"
     parser.add_argument("source", metavar="SOURCE", help=about)
     group = parser.add_argument_group("reading")
     group.add_argument("--shape", type=_integers(3), metavar="X,Y,Z", help="voxels along x, y, z of a headerless file")
@@ -41,6 +41,7 @@ def add_source(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--level", type=int, metavar="N", help="level of a multiscale OME-Zarr or TIFF image, 0 the finest (measured)"
     )
+    group.add_argument("--series", metavar="N|UID", help="which series of DICOM: its number in splatgl info, or a UID")
     group.add_argument("--color", metavar="PICTURE", help="colour picture laid over a height map")
     group.add_argument(
         "--anywhere", action="store_true", default=None, help="a detached header's data may lie outside its folder"

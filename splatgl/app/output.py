@@ -1,11 +1,13 @@
-"""Checks that an output file can be written, before any work; its folder is made when it is written."""
+"""Checks that an output file can be written, before any work; notes of a reader."""
 
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 from splatgl.data.errors import InputError, expected
+from splatgl.data.volume import Volume
 
 
 def check_output(path: Path, suffixes: tuple[str, ...] = (".png", ".npy")) -> None:
@@ -32,3 +34,9 @@ def check_source(path: Path, *sources: str | None) -> None:
     """InputError if writing `path` would overwrite one of the sources; None is none."""
     if path.exists() and any(source and os.path.exists(source) and path.samefile(source) for source in sources):
         raise expected(path, "another file than the source", "the source itself", "name another one with -o")
+
+
+def tell(volume: Volume, quiet: bool = False) -> None:
+    """Prints what the reader left out or assumed, on standard error."""
+    for note in () if quiet else volume.notes:
+        print(f"splatgl: {note}", file=sys.stderr)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.app.options import add_source, add_transfer, scene_from_transfer
-from splatgl.app.output import check_folder
+from splatgl.app.output import check_folder, tell
 from splatgl.data.errors import InputError, expected, missing_extra
 from splatgl.data.volume import Places, Volume
 from splatgl.data.written import made
@@ -41,6 +41,7 @@ def run(args: argparse.Namespace) -> int:
     scene, output = scene_from_transfer(args), Path(args.output)
     _check(output)
     volume = scene.open()
+    tell(volume, args.quiet)
     if scene.threshold:
         raise expected("--threshold", "none: of a pyramid all voxels are kept", scene.threshold)
     part = output.with_name(f".{output.name}.{os.getpid()}.part")

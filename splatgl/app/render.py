@@ -16,7 +16,7 @@ import numpy as np
 from splatgl import __version__
 from splatgl.app.layered import draw_layers, layer_option
 from splatgl.app.options import add_drawing, add_source, scene_from
-from splatgl.app.output import check_output, check_source
+from splatgl.app.output import check_output, check_source, tell
 from splatgl.app.scene import Scene
 from splatgl.app.summary import accuracy, summary
 from splatgl.app.worker_options import add_workers, asked
@@ -131,6 +131,7 @@ def run(args: argparse.Namespace) -> int:
     check_source(output, args.source, scene.volume, args.color)
     reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()
+    tell(volume, args.quiet)
     transfer = scene.transfer_for(volume)
     if on_workers:
         image = _on_workers(args, scene, volume, transfer)

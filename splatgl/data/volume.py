@@ -76,6 +76,7 @@ class Volume:
     color: uint8 [D, H, W, 3] sRGB, also read in parts, or None. vectors: [D, H, W, 3] along world x, y, z, or None.
     coarser: the same in fewer voxels, finer first: the further levels of a multiscale image.
     labels: of samples that number segments, the table of these (empty: none in the file); None: samples are amounts.
+    notes: what the reader left out or assumed, each a line for the user.
     Raises InputError for samples that are not 3-D real numbers and for an impossible grid.
     """
 
@@ -91,6 +92,7 @@ class Volume:
     hints: Hints = field(default_factory=Hints)
     coarser: tuple[Volume, ...] = ()
     labels: tuple[Label, ...] | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         parts = all(hasattr(self.samples, name) for name in ("shape", "dtype", "__getitem__"))

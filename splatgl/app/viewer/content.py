@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from splatgl.app.output import tell
 from splatgl.app.scene import FOV, Scene
 from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.portion import Portion, portion
@@ -55,6 +56,7 @@ class Content:
     def open(cls, scene: Scene) -> Content:
         """Reads the volume, or a stand-in, and extracts the splats of all strides; InputError as the readers raise."""
         volume = scene.open()
+        tell(volume)
         transfer = scene.transfer_for(volume)
         shown = portion(volume, transfer, scene.settings)
         if shown.told or shown.finer:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from splatgl.data.errors import Choice, InputError, expected
 from splatgl.data.readers.files import quiet
@@ -18,8 +19,10 @@ __all__ = ["FORMATS", "Format", "LoadOptions", "load", "terrain_from_heights"]
 
 @dataclass(frozen=True)
 class Format:
-    """A format: its name, suffixes, reader (module.function), supported options and magic bytes; folder: whether a
-    volume is one.
+    """A format: its name, suffixes, reader (module.function), supported options and magic bytes.
+
+    kinds: whether a volume is a file, a folder, or either. tells: a function of a path (module.function) that knows the
+    format by what is in a file or folder. lists: one that gives a line for each volume in it.
     """
 
     title: str
@@ -27,13 +30,20 @@ class Format:
     reader: str
     takes: tuple[str, ...] = ()
     starts: tuple[str, ...] = ()
-    folder: bool = False
+    kinds: tuple[str, ...] = ("file",)
+    tells: str = ""
+    lists: str = ""
 
     def read(self, path: Path, options: LoadOptions) -> Volume:
-        """Reads a volume; only now is the reader imported, so that one format does not wait for all."""
-        module, name = self.reader.split(".")
-        found: Volume = getattr(import_module(f"{__name__}.{module}"), name)(path, options)
+        """Reads a volume."""
+        found: Volume = _function(self.reader)(path, options)
         return found
+
+
+def _function(name: str) -> Any:
+    """A reader's function; only now is its module imported, so that one format does not wait for all."""
+    module, function = name.split(".")
+    return getattr(import_module(f"{__name__}.{module}"), function)
 
 
 _TERRAIN = ("color", "relief", "levels")
@@ -49,7 +59,25 @@ FORMATS = (
     Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "anywhere")),
     Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
     Format("VTK image", (".vti",), "vti.read", ("array", "channel"), ("XML",)),
-    Format("Zarr", (".zarr",), "zarr_store.read", ("array", "channel", "level"), folder=True),
+    Format(
+        "Zarr",
+        (".zarr",),
+        "zarr_store.read",
+        ("array", "channel", "level"),
+        kinds=("folder",),
+        tells="zarr_store.is_store",
+    ),
+    Format(
+        "DICOM",
+        (".dcm", ".dicom", ".ima", ".zip"),
+        "dicom.read",
+        ("array", "series"),
+        # a preamble may be the header of a TIFF file
+        ("ZIP", "TIFF"),
+        ("file", "folder"),
+        "dicom_files.is_dicom",
+        "dicom_series.lines",
+    ),
     Format("height picture", (".png", ".jpg", ".jpeg"), "terrain.read_picture", _TERRAIN, ("PNG", "JPEG")),
     Format("height table", (".csv",), "terrain.read_csv", _TERRAIN),
 )
@@ -98,6 +126,18 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: object) 
         raise _one_line(path, InputError("needs more memory than there is; use a smaller volume")) from error
 
 
+def listed(path: str | Path) -> list[str]:
+    """A line for each volume in a file or folder that holds several (series of DICOM); none of other formats, and of
+    what cannot be read.
+    """
+    try:
+        with quiet():
+            form = None if is_address(path) else _format(Path(path))
+            return _function(form.lists)(Path(path)) if form and form.lists else []
+    except (InputError, OSError, MemoryError):
+        return []
+
+
 def _load(path: Path, options: LoadOptions) -> Volume:
     form = _format(path)
     _check(path, form, options)
@@ -109,9 +149,9 @@ def _load_remote(address: str, options: LoadOptions) -> Volume:
     from splatgl.data.readers import zarr_store
 
     name, remote = name_of(address), Remote(address)
-    if any(_suffix(Path(name), form) for form in FORMATS if not form.folder):
+    if any(_suffix(Path(name), form) for form in FORMATS if "file" in form.kinds):
         return _load(remote.file(), options)
-    (form,) = (form for form in FORMATS if form.folder)
+    (form,) = (form for form in FORMATS if form.kinds == ("folder",))
     _refuse(form, options)
     volume = zarr_store.read(remote.store(), options, remote)
     return _named(volume, name, form, options)
@@ -143,17 +183,17 @@ def _options(options: LoadOptions | None, given: dict[str, object]) -> LoadOptio
 
 
 def _format(path: Path) -> Format:
-    """The format of a name, or of a folder that holds a Zarr store."""
-    if path.is_dir():
-        from splatgl.data.readers.zarr_store import MARKERS
-
-        if any((path / marker).is_file() for marker in MARKERS):
-            return next(form for form in FORMATS if form.folder)
-    for form in FORMATS:
-        if _suffix(path, form):
-            return form
-    if path.is_dir():
-        raise expected("path", "a file or a Zarr folder", "another folder", "name a file in it")
+    """The format of a name; of a folder, or of a file without such a name, the one that its contents tell."""
+    kind = "folder" if path.is_dir() else "file"
+    named = next((form for form in FORMATS if _suffix(path, form)), None)
+    told = [form for form in FORMATS if form.tells and kind in form.kinds]
+    if kind == "folder" or (named is None and path.is_file()):
+        named = next((form for form in told if _function(form.tells)(path)), named)
+    if named:
+        return named
+    if kind == "folder":
+        names = " or ".join(form.title for form in told)
+        raise expected("path", f"a file, or a folder of {names}", "another folder", "name a file in it")
     known = ", ".join(suffix for form in FORMATS for suffix in form.suffixes)
     raise expected("format", f"a name that ends in one of {known}", repr("".join(path.suffixes[-2:])), "convert it")
 
@@ -164,16 +204,15 @@ def _suffix(path: Path, form: Format) -> str:
 
 def _check(path: Path, form: Format, options: LoadOptions) -> None:
     """Checks before any reader runs: InputError for no file, no bytes, another format, unsupported options."""
-    folder = form.folder
+    kind = "folder" if path.is_dir() else "file" if path.is_file() else "pipe or device"
     if not path.exists():
         raise expected("path", "a file", "nothing of that name", "check the path")
-    if path.is_dir() != folder or not (folder or path.is_file()):
-        got = "a folder" if path.is_dir() else "a file" if path.is_file() else "a pipe or device"
-        raise expected("path", "a Zarr folder" if folder else "a file", got)
-    if not folder and path.stat().st_size == 0:
+    if kind not in form.kinds:
+        raise expected("path", f"a {form.title} folder" if "file" not in form.kinds else "a file", f"a {kind}")
+    if kind == "file" and path.stat().st_size == 0:
         raise expected("file", "data", "0 bytes", "the file is empty")
     _refuse(form, options)
-    start = None if folder or "*" in form.starts else _start(path)
+    start = None if kind == "folder" or "*" in form.starts else _start(path)
     if start and start not in (*form.starts, form.title):
         raise expected("contents", f"{form.title}, as the name says", start, "rename or convert the file")
 

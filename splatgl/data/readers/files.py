@@ -29,7 +29,10 @@ CHUNK_BYTES = 2**20
 REASON_LIMIT = 200
 """Most characters of a library's complaint that are passed on: some quote the file."""
 
-LOGGERS = ("nibabel.global", "numcodecs", "PIL.ImageFile", "PIL.PngImagePlugin", "PIL.TiffImagePlugin", "zarr")
+LOGGERS = (
+    *("nibabel.global", "numcodecs", "PIL.ImageFile", "PIL.PngImagePlugin", "PIL.TiffImagePlugin"),
+    *("pydicom", "pylibjpeg", "zarr"),
+)
 """Loggers of libraries that print by themselves or through Python's last resort; tifffile's is listened to."""
 
 Shape = tuple[int, int, int]

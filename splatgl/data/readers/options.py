@@ -22,6 +22,7 @@ _TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "array": ((str, int), "a name or a number"),
     "channel": ((int,), "a whole number"),
     "level": ((int,), "a whole number"),
+    "series": ((str, int), "a number or the end of a UID"),
     "color": ((str, Path), "the path of a picture"),
     "relief": ((int, float), "a positive height in world units"),
     "levels": ((int,), "a whole number"),
@@ -36,8 +37,9 @@ class LoadOptions:
 
     shape: voxels along (x, y, z), x fastest; dtype: "uint8", "uint16be", ">u2"; header_offset: bytes to skip (raw).
     spacing: (x, y, z) in world units, overrides what the file says.
-    array: name of the array (npz, VTK, zarr) or number of the time point (NIfTI, TIFF).
+    array: name of the array (npz, VTK, zarr) or number of the time point (NIfTI, TIFF, DICOM).
     channel: number of the channel of a file with several samples per voxel. level: of a multiscale image, 0 the finest.
+    series: number of a DICOM series in the list of `splatgl info`, from 1 on, or the end of its UID.
     color: path of the colour picture of a height map; relief: the world height that the map spans;
     levels: voxel levels of the terrain.
     anywhere: the data of a detached header may lie outside its folder; only for trusted headers.
@@ -51,6 +53,7 @@ class LoadOptions:
     array: str | int | None = None
     channel: int | None = None
     level: int | None = None
+    series: str | int | None = None
     color: str | Path | None = None
     relief: float | None = None
     levels: int = DEFAULT_LEVELS
@@ -64,8 +67,9 @@ class LoadOptions:
                 raise expected(name, this, repr(value))
         for name in ("shape", "spacing"):
             _set_triple(self, name)
-        if self.array is not None:
-            object.__setattr__(self, "array", str(self.array))
+        for name in ("array", "series"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, str(getattr(self, name)))
         # 2. values
         if self.dtype is not None:
             sample_type(self.dtype)

@@ -31,6 +31,11 @@ MARKERS = ("zarr.json", ".zarray", ".zgroup")
 Multiscale = Mapping[str, Any]
 
 
+def is_store(path: Path) -> bool:
+    """Whether a folder is a Zarr store."""
+    return any((path / marker).is_file() for marker in MARKERS)
+
+
 def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volume:
     """The volume of a Zarr store, with its coarser levels; `channel` picks one channel. Samples of over WHOLE bytes are
     read in parts. remote: what `path` is a copy of; its files are fetched when they are needed.

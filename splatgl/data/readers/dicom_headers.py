@@ -1,0 +1,324 @@
+"""What DICOM headers tell of images: sizes, places, scales and times of frames; names of patients are never read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.errors import InputError, expected, missing_extra
+from splatgl.data.readers.dicom_files import Bounded, Source
+
+Six = tuple[float, ...]
+
+# (0028,xxxx) and the pixels' own tags go to the decoder; the others tell the grid, the order and the list of series
+TAGS = """
+    SpecificCharacterSet SOPClassUID AcquisitionTime Modality SeriesDescription SliceThickness
+    SpacingBetweenSlices TriggerTime EchoTime DiffusionBValue SeriesInstanceUID SeriesNumber AcquisitionNumber
+    InstanceNumber ImagePositionPatient ImageOrientationPatient TemporalPositionIdentifier ImagerPixelSpacing
+    DetectorInformationSequence SharedFunctionalGroupsSequence PerFrameFunctionalGroupsSequence
+    GridFrameOffsetVector DoseGridScaling SamplesPerPixel PhotometricInterpretation PlanarConfiguration
+    NumberOfFrames Rows Columns PixelSpacing BitsAllocated BitsStored HighBit PixelRepresentation
+    PixelPaddingValue PixelPaddingRangeLimit RescaleIntercept RescaleSlope ModalityLUTSequence
+    RedPaletteColorLookupTableDescriptor GreenPaletteColorLookupTableDescriptor
+    BluePaletteColorLookupTableDescriptor RedPaletteColorLookupTableData GreenPaletteColorLookupTableData
+    BluePaletteColorLookupTableData ExtendedOffsetTable ExtendedOffsetTableLengths
+"""
+
+LONG_VRS = (b"OB", b"OW", b"OF", b"OD", b"UN")
+
+# most frames of a file
+MOST_FRAMES = 100_000
+
+# elements of pixels, as little-endian files begin them
+PIXELS = {
+    b"\xe0\x7f\x10\x00": "PixelData",
+    b"\xe0\x7f\x08\x00": "FloatPixelData",
+    b"\xe0\x7f\x09\x00": "DoubleFloatPixelData",
+}
+
+# what tells images at the same place apart, in this order: tag, the sequence of enhanced files that holds it, its name
+TIMES = (
+    ("TemporalPositionIdentifier", "", "time points"),
+    ("TemporalPositionIndex", "FrameContentSequence", "time points"),
+    ("TriggerTime", "", "trigger times"),
+    ("NominalCardiacTriggerDelayTime", "CardiacSynchronizationSequence", "trigger times"),
+    ("EchoTime", "", "echo times"),
+    ("EffectiveEchoTime", "MREchoSequence", "echo times"),
+    ("DiffusionBValue", "", "b-values"),
+    ("DiffusionBValue", "MRDiffusionSequence", "b-values"),
+    ("AcquisitionNumber", "", "acquisitions"),
+    ("AcquisitionTime", "", "acquisition times"),
+    ("InstanceNumber", "", "images"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """An image: its header, its number in the file; position [3] and orientation [6] as DICOM has them, LPS mm.
+
+    spacing: (x, y) of its pixels or None. step: from slice to slice as the header has it, or None. scale: (slope,
+    intercept). times: values of TIMES, NaN where there is none.
+    """
+
+    header: Header
+    number: int
+    position: Six | None
+    orientation: Six | None
+    spacing: tuple[float, float] | None
+    step: float | None
+    scale: tuple[float, float]
+    times: Six
+
+
+@dataclass(frozen=True, eq=False)
+class Header:
+    """What the frames of a file share. stored: (bits stored, whether signed); 0 bits for floating point.
+
+    padding: least and largest stored value that stands for nothing. lut: first stored value and the values of a
+    modality LUT. sop: class of the file. pixels, offset: name of the pixels' element, "" without one; the byte
+    of their values; room: bytes from there on.
+    """
+
+    source: Source
+    series: str
+    number: int
+    modality: str
+    description: str
+    size: tuple[int, int]
+    frames: int
+    photometric: str
+    samples: int
+    allocated: int
+    stored: tuple[int, bool]
+    padding: tuple[float, float] | None
+    lut: tuple[int, np.ndarray] | None
+    syntax: str
+    sop: str
+    pixels: str
+    offset: int
+    room: int
+
+
+@contextmanager
+def reading() -> Iterator[None]:
+    """Any failure of pydicom as one InputError, which never quotes it: it may quote the file, names included."""
+    try:
+        yield
+    except (InputError, OSError, MemoryError):
+        raise
+    except Exception as error:
+        raise InputError(f"cannot be read as DICOM ({type(error).__name__}); the file is damaged") from error
+
+
+def dataset(file: Bounded) -> Any:
+    """The tags of TAGS; the file is at the element of the pixels afterwards, or at its end."""
+    try:
+        import pydicom
+    except ImportError:
+        raise missing_extra("DICOM files", "pydicom", "dicom") from None
+    with reading():
+        found: Any = pydicom.dcmread(file, stop_before_pixels=True, force=True, specific_tags=TAGS.split())
+        if "TransferSyntaxUID" not in found.file_meta:
+            implicit, little = found.original_encoding
+            uid = pydicom.uid
+            plain = uid.ExplicitVRLittleEndian if little else uid.ExplicitVRBigEndian
+            found.file_meta.TransferSyntaxUID = uid.ImplicitVRLittleEndian if implicit else plain
+        return found
+
+
+def header(source: Source) -> tuple[Header, Any]:
+    """The header of a file, and its data set. Raises InputError for a damaged one."""
+    with source.open() as file:
+        told = dataset(file)
+        at = file.tell()
+        pixels = file.read(6)
+    # an element in explicit VR, whatever the syntax says, has 12 bytes before its value, in implicit VR 8
+    at += 12 if pixels[4:] in LONG_VRS else 8
+    with reading():
+        palette = str(told.get("PhotometricInterpretation") or "MONOCHROME2")
+        rows, columns, count = (whole(told.get(name), 0) for name in ("Rows", "Columns", "NumberOfFrames"))
+        allocated, stored = whole(told.get("BitsAllocated"), 0), whole(told.get("BitsStored"), 0)
+        keyword = PIXELS.get(pixels[:4]) or PIXELS.get(pixels[1::-1] + pixels[3:1:-1], "")
+        return Header(
+            source,
+            series=str(told.get("SeriesInstanceUID") or ""),
+            number=whole(_lenient(told, "SeriesNumber"), -(2**31)),
+            modality=plain_text(told.get("Modality")) or "?",
+            description=plain_text(_lenient(told, "SeriesDescription")),
+            size=(rows, columns),
+            frames=max(count, 1),
+            photometric=palette,
+            samples=max(whole(told.get("SamplesPerPixel"), 0), 1),
+            allocated=allocated,
+            stored=(0 if "Float" in keyword else stored or allocated, told.get("PixelRepresentation") == 1),
+            padding=_padding(told),
+            lut=_lut(told),
+            syntax=str(told.file_meta.TransferSyntaxUID),
+            sop=str(told.get("SOPClassUID") or told.file_meta.get("MediaStorageSOPClassUID") or ""),
+            pixels=keyword,
+            offset=at,
+            room=max(file.size - at, 0),
+        ), told
+
+
+def frames(of: Header, told: Any) -> list[Frame]:
+    """All frames of a file. Raises InputError for a damaged header, and for more frames than it has bytes."""
+    if of.frames > min(of.room, MOST_FRAMES):
+        this = f"at most {min(of.room, MOST_FRAMES)} frames, in {of.room} bytes"
+        raise expected("pixels", this, of.frames, "the header is damaged")
+    with reading():
+        shared = next(iter(told.get("SharedFunctionalGroupsSequence") or ()), None)
+        each = told.get("PerFrameFunctionalGroupsSequence")
+        if each is not None and len(each) != of.frames:
+            raise expected("frames", f"{of.frames}, as the header says", len(each), "the file is damaged")
+        if each is None:
+            (first,) = [_frame(of, 0, _Groups(told, ()))]
+            return _classic(told, first) if of.frames > 1 else [first]
+        places = (tuple(group for group in (own, shared) if group is not None) for own in each)
+        return [_frame(of, number, _Groups(told, groups)) for number, groups in enumerate(places)]
+
+
+@dataclass(frozen=True)
+class _Groups:
+    """Functional groups of a frame, its own before the shared ones, and the data set that they are in."""
+
+    told: Any
+    groups: tuple[Any, ...]
+
+    def get(self, tag: str, sequence: str = "") -> Any:
+        """The value of a tag, in a sequence of a functional group first; None if there is none."""
+        for group in self.groups if sequence else ():
+            items = group.get(sequence)
+            if items and items[0].get(tag) is not None:
+                return items[0].get(tag)
+        return self.told.get(tag)
+
+
+def _frame(of: Header, number: int, groups: _Groups) -> Frame:
+    """A frame's own header."""
+    position = numbers(groups.get("ImagePositionPatient", "PlanePositionSequence"), 3)
+    orientation = numbers(groups.get("ImageOrientationPatient", "PlaneOrientationSequence"), 6)
+    detector = next(iter(groups.told.get("DetectorInformationSequence") or ()), None)
+    if detector is not None and position is None:
+        position = numbers(detector.get("ImagePositionPatient"), 3)
+        orientation = orientation or numbers(detector.get("ImageOrientationPatient"), 6)
+    gap = groups.get("SpacingBetweenSlices", "PixelMeasuresSequence")
+    step = numbers([gap if gap else groups.get("SliceThickness", "PixelMeasuresSequence")], 1)
+    pixel = numbers(groups.get("PixelSpacing", "PixelMeasuresSequence") or groups.told.get("ImagerPixelSpacing"), 2)
+    dose = numbers([groups.told.get("DoseGridScaling")], 1)
+    slope = dose or numbers([groups.get("RescaleSlope", "PixelValueTransformationSequence")], 1)
+    shift = numbers([groups.get("RescaleIntercept", "PixelValueTransformationSequence")], 1)
+    times = [_time(groups, tag, sequence) for tag, sequence, _ in TIMES]
+    return Frame(
+        of,
+        number,
+        position,
+        _unit_axes(orientation),
+        (pixel[1], pixel[0]) if pixel and min(pixel) > 0 else None,
+        abs(step[0]) if step and step[0] else None,
+        (slope[0] if slope and slope[0] else 1.0, shift[0] if shift else 0.0),
+        tuple(times),
+    )
+
+
+def _time(groups: _Groups, tag: str, sequence: str) -> float:
+    """A number that orders images, NaN if there is none. A time of day HHMMSS.F is ordered as a number, too."""
+    try:
+        value = groups.get(tag, sequence) if sequence else groups.told.get(tag)
+        return float(str(value)) if value not in (None, "") else math.nan
+    except Exception:
+        return math.nan
+
+
+def _classic(told: Any, first: Frame) -> list[Frame]:
+    """The frames of a multi-frame file without functional groups: along the normal, by what steps there are."""
+    count = first.header.frames
+    given = told.get("GridFrameOffsetVector")
+    offsets = numbers(given, count)
+    if given is None and first.step:
+        offsets = tuple(first.step * number for number in range(count))
+    if first.position is None or first.orientation is None or offsets is None:
+        return [replace(first, number=number, position=None) for number in range(count)]
+    normal = normal_of(first.orientation)
+    # of a dose, the first offset is 0, or the position itself
+    places = [np.array(first.position) + (offset - offsets[0]) * normal for offset in offsets]
+    return [replace(first, number=n, position=tuple(place.tolist())) for n, place in enumerate(places)]
+
+
+def normal_of(orientation: Six) -> np.ndarray:
+    """The unit normal [3] of an image: rows' direction × columns' direction."""
+    normal = np.cross(orientation[:3], orientation[3:])
+    return np.asarray(normal / np.linalg.norm(normal))
+
+
+def _unit_axes(orientation: Six | None) -> Six | None:
+    """Both directions with length 1; None if they are no directions."""
+    if orientation is None:
+        return None
+    axes = np.array(orientation).reshape(2, 3)
+    lengths = np.linalg.norm(axes, axis=1, keepdims=True)
+    if not (np.abs(lengths - 1) < 0.1).all() or abs(float((axes[0] * axes[1]).sum())) > 0.1:
+        return None
+    return tuple((axes / lengths).ravel().tolist())
+
+
+def _lenient(told: Any, tag: str) -> Any:
+    """The value of a tag that can be done without: None if it is damaged."""
+    try:
+        return told.get(tag)
+    except Exception:
+        return None
+
+
+def _padding(told: Any) -> tuple[float, float] | None:
+    """The range of stored values that stand for nothing. Zero is no such value: MRI pads with its background."""
+    first = numbers([told.get("PixelPaddingValue")], 1)
+    last = numbers([told.get("PixelPaddingRangeLimit")], 1) or first
+    if not first or not last or first[0] == 0:
+        return None
+    return min(first[0], last[0]), max(first[0], last[0])
+
+
+def _lut(told: Any) -> tuple[int, np.ndarray] | None:
+    """First stored value and entries of the modality LUT; None without one. Raises for a damaged one."""
+    items = told.get("ModalityLUTSequence")
+    if not items:
+        return None
+    count, first, bits = (int(each) for each in items[0].LUTDescriptor)
+    data = items[0].LUTData
+    wide = np.frombuffer(data, "<u2") if isinstance(data, bytes) else np.atleast_1d(np.asarray(data))
+    if (
+        wide.dtype.kind not in "ui"
+        or not 0 < len(wide) <= 2**16
+        or (count or 2**16) != len(wide)
+        or not 8 <= bits <= 16
+    ):
+        raise expected("modality LUT", "as many entries as its descriptor says", len(wide), "the header is damaged")
+    return first, wide.astype(np.int64)
+
+
+def numbers(value: Any, count: int) -> Six | None:
+    """That many finite numbers; None for anything else."""
+    try:
+        found = tuple(float(each) for each in value)
+    except (TypeError, ValueError):
+        return None
+    return found if len(found) == count and all(map(math.isfinite, found)) else None
+
+
+def whole(value: Any, least: int) -> int:
+    """A whole number; `least` for none and for less."""
+    try:
+        return max(int(value), least)
+    except (TypeError, ValueError):
+        return least
+
+
+def plain_text(value: Any) -> str:
+    """Printable text of a tag, at most 64 characters."""
+    return "".join(c if c.isprintable() else "?" for c in str(value or ""))[:64].strip()

@@ -1,0 +1,278 @@
+"""DICOM: series of slices and multi-frame files, written by pydicom, become the volumes that their headers describe."""
+
+from __future__ import annotations
+
+import sys
+import tracemalloc
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.app.cli import main
+from splatgl.data.errors import InputError
+from splatgl.data.readers import listed
+
+pytest.importorskip("pydicom", reason="writes the files; it is in the extra dicom")
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+from fuzz_dicom import enhanced, image, packed_image, save
+
+HU = np.random.default_rng(5).integers(-1000, 1500, (6, 9, 11)).astype(np.int16)
+# a tilted patient: rows along (0.8, 0.6, 0), columns along z
+ROWS, COLUMNS = (0.8, 0.6, 0.0), (0.0, 0.0, -1.0)
+NORMAL = np.cross(ROWS, COLUMNS)
+
+
+def written(folder: Path, array: np.ndarray = HU, step: float = 2.5, **tags: object) -> Path:
+    """A folder of slices in a shuffled order of names."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for n, plane in enumerate(array):
+        save(image(plane, n * step, **tags), folder / f"{(n * 5 + 3) % len(array)}.dcm")
+    return folder
+
+
+def test_slices_are_sorted_by_position(tmp_path: Path) -> None:
+    """Whatever their names, numbers and folders are; other files don't matter."""
+    for n, plane in enumerate(HU):
+        place = (np.array([10.0, -20, 30]) + 2.5 * n * NORMAL).tolist()
+        data = image(plane, ImagePositionPatient=place, ImageOrientationPatient=[*ROWS, *COLUMNS], InstanceNumber=9 - n)
+        folder = tmp_path / "study" / f"disc{n % 2}"
+        folder.mkdir(parents=True, exist_ok=True)
+        save(data, folder / ("IM0" if n < 2 else f"{(n * 5) % 7}.IMA"))
+    (tmp_path / "study" / "notes.txt").write_text("none of it")
+    (tmp_path / "study" / "preview.dcm").write_bytes(b"\x89PNG\r\n" + bytes(200))
+    volume = sg.load(tmp_path / "study")
+    np.testing.assert_array_equal(volume.samples, HU)
+    np.testing.assert_allclose(volume.world_from_index, np.column_stack([ROWS, COLUMNS, NORMAL]) * [1.5, 2.0, 2.5])
+    np.testing.assert_allclose(volume.origin, [10, -20, 30], atol=1e-9)
+    assert (volume.frame, volume.unit, volume.name, volume.notes) == ("LPS", "mm", "study", ())
+    assert volume.samples.dtype == np.int16
+
+
+def test_tilted_gantry_shears_the_grid(tmp_path: Path) -> None:
+    """Each voxel lies where ImagePositionPatient puts it: positions move along the columns, too."""
+    slope = np.tan(np.radians(15.0))
+    places = [[1.0, 2.0 + 3.0 * n * slope, 3.0 * n] for n in range(6)]
+    (tmp_path / "ct").mkdir()
+    for n, plane in enumerate(HU):
+        save(image(plane, n * 3.0, ImagePositionPatient=places[n]), tmp_path / "ct" / f"{n}")
+    volume = sg.load(tmp_path / "ct")
+    np.testing.assert_array_equal(volume.samples, HU)
+    for n, place in enumerate(places):
+        there = volume.world_from_index @ [4, 5, n] + volume.origin
+        np.testing.assert_allclose(there, np.add(place, [4 * 1.5, 5 * 2.0, 0]), atol=1e-9)
+    assert abs(volume.direction[:, 1] @ volume.direction[:, 2]) > 0.25 and volume.notes == ()
+
+
+@pytest.mark.parametrize("kind", ["zip", "classic", "enhanced", "implicit", "big-endian", "without preamble"])
+def test_other_files(tmp_path: Path, kind: str) -> None:
+    """A zip, frames in one file, and other encodings hold the same volume."""
+    from pydicom.uid import ExplicitVRBigEndian, ImplicitVRLittleEndian
+
+    path = tmp_path / ("ct.zip" if kind == "zip" else "ct.dcm")
+    if kind == "zip":
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            for file in written(tmp_path / "slices", step=3.0).iterdir():
+                archive.write(file, f"deep/{file.name}")
+            archive.writestr("readme.txt", "text")
+    elif kind == "enhanced":
+        data = enhanced((HU + 7).astype(np.int16))
+        data.SharedFunctionalGroupsSequence[0].PixelValueTransformationSequence[0].RescaleSlope = 1
+        save(data, path)
+    else:
+        data = image(HU)
+        if kind == "implicit":
+            data.file_meta.TransferSyntaxUID = ImplicitVRLittleEndian
+        if kind == "big-endian":
+            data.file_meta.TransferSyntaxUID = ExplicitVRBigEndian
+            data.PixelData = HU.astype(">i2").tobytes()
+        save(data, path)
+    if kind == "without preamble":
+        whole = path.read_bytes()
+        path.write_bytes(whole[whole.index(b"\x08\x00\x16\x00UI") :])
+    volume = sg.load(path)
+    np.testing.assert_array_equal(volume.samples, HU)
+    assert volume.samples.dtype == np.int16 and volume.spacing == pytest.approx((1.5, 2.0, 3.0))
+    assert volume.origin == pytest.approx((1.0, 2.0, 0.0)) and volume.name == "ct"
+
+
+@pytest.mark.parametrize("codec", ["rle", "j2k", "lossless", "ls", "jpeg"])
+def test_compressed(tmp_path: Path, codec: str) -> None:
+    pytest.importorskip("openjpeg" if codec == "j2k" else "libjpeg", reason="decodes; it is in the extra dicom")
+    pytest.importorskip("imagecodecs", reason="writes JPEG; it is in the extra readers")
+    y, x = np.mgrid[:40, :48]
+    planes = (100 + 50 * np.sin(x / 9 + np.arange(3)[:, None, None]) + y / 2).astype(np.uint8)
+    planes = planes if codec == "jpeg" else planes.astype(np.uint16) * 200
+    save(packed_image(planes, codec), tmp_path / "a.dcm")
+    found = sg.load(tmp_path / "a.dcm").samples
+    assert found.shape == planes.shape and found.dtype == planes.dtype
+    np.testing.assert_allclose(found.astype(int), planes.astype(int), atol=3 if codec == "jpeg" else 0)
+
+
+# --- series -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    """Three series: one of a single large picture, the largest, and a smaller one whose pixels are cut off."""
+    scout = np.zeros((60, 60), np.int16)
+    written(tmp_path / "study", scout[None], SeriesInstanceUID="1.2.77", SeriesNumber=1, SeriesDescription="scout")
+    written(tmp_path / "study" / "b", HU, SeriesInstanceUID="1.2.88", SeriesNumber=2, SeriesDescription="thin B30")
+    written(tmp_path / "study" / "c", HU[:2], SeriesInstanceUID="1.2.188", SeriesNumber=3, Modality="MR")
+    for file in (tmp_path / "study" / "c").iterdir():
+        file.write_bytes(file.read_bytes()[:-50])
+    return tmp_path / "study"
+
+
+def test_the_largest_series_is_read_and_told(study: Path) -> None:
+    volume = sg.load(study)
+    np.testing.assert_array_equal(volume.samples, HU)
+    assert volume.notes == ("series 2 of 3 is read, the largest; series=N picks another",)
+
+
+@pytest.mark.parametrize(("asked", "planes"), [(1, 1), ("2", 6), ("77", 1), ("1.2.88", 6), (".88", 6)])
+def test_a_series_is_picked(study: Path, asked: str | int, planes: int) -> None:
+    volume = sg.load(study, series=asked)
+    assert (len(volume.samples), volume.notes) == (planes, ())
+
+
+@pytest.mark.parametrize("asked", ["88", "4", "1.2", "-1", "99999999999999999999"])
+def test_a_series_that_is_none_or_several(study: Path, asked: str) -> None:
+    with pytest.raises(InputError, match=r"series: expected a number from 1 to 3.*2: CT, 6 × 11 × 9, thin B30"):
+        sg.load(study, series=asked)
+
+
+def test_info_lists_series_from_headers(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Those without all of their pixels, too."""
+    assert listed(study) == ["1: CT, 1 × 60 × 60, scout", "2: CT, 6 × 11 × 9, thin B30", "3: MR, 2 × 11 × 9"]
+    assert main(["info", str(study)]) == 0
+    told = capsys.readouterr()
+    assert told.out.startswith("series\n  1: CT, 1 × 60 × 60, scout\n  2: CT") and "11 × 9 × 6" in told.out
+    assert told.err == "splatgl: series 2 of 3 is read, the largest; series=N picks another\n"
+
+
+def test_render_a_folder(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["render", str(study), "-o", str(tmp_path / "a.png"), "--size", "32"]
+    assert main(arguments) == 0 and (tmp_path / "a.png").is_file()
+    assert "series 2 of 3" in capsys.readouterr().err
+    assert main([*arguments, "--quiet"]) == 0 and capsys.readouterr() == ("", "")
+    assert main([*arguments, "--series", "2"]) == 0 and capsys.readouterr().err == ""
+
+
+# --- samples ----------------------------------------------------------------------------------------------------------
+
+
+def one(tmp_path: Path, array: np.ndarray, **tags: object) -> sg.Volume:
+    save(image(array, **tags), tmp_path / "one.dcm")
+    return sg.load(tmp_path / "one.dcm")
+
+
+@pytest.mark.parametrize(
+    ("tags", "dtype"),
+    [
+        ({"RescaleIntercept": -1024, "BitsStored": 12, "HighBit": 11}, np.int16),
+        ({"RescaleIntercept": -1024}, np.int16),
+        ({"RescaleIntercept": -40000}, np.int32),
+        ({"RescaleIntercept": 30000}, np.int32),
+        ({"RescaleSlope": "0.5", "RescaleIntercept": "3.25"}, np.float32),
+        ({}, np.uint16),
+    ],
+)
+def test_rescaled(tmp_path: Path, tags: dict[str, object], dtype: type) -> None:
+    """Whole numbers in the narrowest type that holds all that may be stored; float32 for scales."""
+    stored = np.arange(4096, dtype=np.uint16).reshape(64, 64)
+    samples = one(tmp_path, stored, **tags).samples
+    expected = stored * float(str(tags.get("RescaleSlope", 1))) + float(str(tags.get("RescaleIntercept", 0)))
+    np.testing.assert_array_equal(samples[0], expected)
+    assert samples.dtype == dtype
+
+
+def test_each_slice_has_its_own_scale(tmp_path: Path) -> None:
+    """As in PET."""
+    (tmp_path / "pet").mkdir()
+    for n, plane in enumerate(HU):
+        save(image(plane, n, RescaleSlope=n + 0.5, Modality="PT"), tmp_path / "pet" / f"{n}.dcm")
+    samples = sg.load(tmp_path / "pet").samples
+    np.testing.assert_allclose(samples, HU * (np.arange(6) + 0.5)[:, None, None], rtol=1e-6)
+
+
+def test_monochrome1_is_inverted(tmp_path: Path) -> None:
+    stored = np.arange(99, dtype=np.uint16).reshape(9, 11)
+    tags = {"PhotometricInterpretation": "MONOCHROME1", "BitsStored": 12, "HighBit": 11}
+    np.testing.assert_array_equal(one(tmp_path, stored, **tags).samples[0], 4095 - stored)
+    tags = {"PhotometricInterpretation": "MONOCHROME1"}
+    np.testing.assert_array_equal(one(tmp_path, HU[0], **tags).samples[0], -1 - HU[0].astype(int))
+
+
+def test_padding_is_not_a_number(tmp_path: Path) -> None:
+    """Where it is declared and there, as a value or a range; 0 is background."""
+    stored = HU[0].copy()
+    stored[:3], stored[3] = -2000, -1990
+    samples = one(tmp_path, stored, PixelPaddingValue=-2000, RescaleIntercept=5).samples[0]
+    assert np.isnan(samples[:3]).all() and samples.dtype == np.float32
+    np.testing.assert_array_equal(samples[3:], stored[3:] + 5)
+    both = one(tmp_path, stored, PixelPaddingValue=-2000, PixelPaddingRangeLimit=-1990).samples[0]
+    assert np.isnan(both[:4]).all() and np.isfinite(both[4:]).all()
+    plain = one(tmp_path, np.maximum(stored, 0), PixelPaddingValue=0).samples
+    assert plain.dtype == np.int16 and (plain[0] == np.maximum(stored, 0)).all()
+
+
+def test_modality_table(tmp_path: Path) -> None:
+    from pydicom.dataset import Dataset
+
+    table = Dataset()
+    table.LUTDescriptor, table.LUTData = [4, 10, 16], [7, 5, 300, 20]
+    table["LUTDescriptor"].VR = table["LUTData"].VR = "US"
+    stored = np.array([[9, 10, 11], [12, 13, 14]], np.uint16)
+    samples = one(tmp_path, stored, ModalityLUTSequence=[table]).samples[0]
+    np.testing.assert_array_equal(samples, [[7, 7, 5], [300, 20, 20]])
+
+
+@pytest.mark.parametrize("kind", ["RGB", "YBR_FULL", "PALETTE COLOR", "planar"])
+def test_colors(tmp_path: Path, kind: str) -> None:
+    """Colours of voxels, and their luma as samples."""
+    rgb = np.random.default_rng(1).integers(0, 256, (8, 10, 3)).astype(np.uint8)
+    data = image(rgb)
+    if kind == "YBR_FULL":
+        from PIL import Image
+
+        data.PhotometricInterpretation = kind
+        data.PixelData = np.asarray(Image.fromarray(rgb).convert("YCbCr")).tobytes()
+    if kind == "planar":
+        data.PlanarConfiguration = 1
+        data.PixelData = np.moveaxis(rgb, -1, 0).tobytes()
+    if kind == "PALETTE COLOR":
+        data = image(np.arange(80, dtype=np.uint8).reshape(8, 10), PhotometricInterpretation=kind)
+        for n, name in enumerate(("Red", "Green", "Blue")):
+            setattr(data, f"{name}PaletteColorLookupTableDescriptor", [80, 0, 16])
+            data[f"{name}PaletteColorLookupTableDescriptor"].VR = "US"
+            entries = (rgb.reshape(-1, 3)[:, n].astype("<u2") * 257).tobytes()
+            setattr(data, f"{name}PaletteColorLookupTableData", entries)
+    save(data, tmp_path / "a.dcm")
+    volume = sg.load(tmp_path / "a.dcm")
+    np.testing.assert_allclose(volume.color[0].astype(int), rgb, atol=2 if kind == "YBR_FULL" else 0)
+    luma = volume.color[0] @ [0.2126, 0.7152, 0.0722]
+    np.testing.assert_allclose(volume.samples[0], luma, atol=0.5)
+
+
+def test_floating_point_pixels(tmp_path: Path) -> None:
+    data = image(HU[0])
+    del data.PixelData, data.PixelRepresentation, data.BitsStored, data.HighBit
+    values = np.linspace(-1, 1, 99, dtype=np.float32).reshape(9, 11)
+    data.BitsAllocated, data.FloatPixelData = 32, values.tobytes()
+    save(data, tmp_path / "a.dcm")
+    np.testing.assert_array_equal(sg.load(tmp_path / "a.dcm").samples[0], values)
+
+
+def test_memory(tmp_path: Path) -> None:
+    """Slices are read one at a time: the peak is little more than the array."""
+    planes = np.zeros((41, 256, 256), np.int16)
+    written(tmp_path / "ct", planes, 1.0, SpacingBetweenSlices=1)
+    sg.load(tmp_path / "ct")
+    tracemalloc.start()
+    volume = sg.load(tmp_path / "ct")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert volume.samples.nbytes < peak < 1.2 * volume.samples.nbytes
