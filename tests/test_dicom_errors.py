@@ -240,7 +240,7 @@ def test_a_damaged_slice_is_named(tmp_path: Path) -> None:
         sg.load(folder)
 
 
-@pytest.mark.parametrize("damage", ["cut", "overlap", "password", "codec"])
+@pytest.mark.parametrize("damage", ["cut", "overlap", "password", "codec", "nameless"])
 def test_damaged_zips(tmp_path: Path, damage: str) -> None:
     path = tmp_path / "ct.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -253,6 +253,8 @@ def test_damaged_zips(tmp_path: Path, damage: str) -> None:
             data[at + 20 : at + 24] = struct.pack("<I", 10**6)
         if damage == "password":
             data[at + 8] |= 1
+        if damage == "nameless":
+            data[at + 28 : at + 30] = b"\0\0"
         if damage == "codec":
             data[at + 10] = 97
     if damage == "cut":
@@ -314,6 +316,7 @@ def test_nothing_that_identifies_a_patient_is_shown(tmp_path: Path) -> None:
     raw = (tmp_path / "text.dcm").read_bytes()
     (tmp_path / "text.dcm").write_bytes(raw.replace(b"2.0\\1.5 ", b"MARKER1 "))
     (tmp_path / "vr.dcm").write_bytes(raw.replace(b"\x28\x00\x10\x00US\x02\x00", b"\x28\x00\x10\x00LO\x02\x00"))
+    assert len({path.read_bytes() for path in tmp_path.glob("*.dcm")}) == len(bad) + 2
     runs = [
         ["info", "ct"],
         ["render", "ct", "-o", "a.png", "--size", "32", "--explain"],

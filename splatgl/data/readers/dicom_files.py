@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -73,10 +72,13 @@ def zip_file(path: Path) -> Iterator[zipfile.ZipFile]:
     try:
         with zipfile.ZipFile(path) as archive:
             yield archive
-    except (zipfile.BadZipFile, zlib.error, EOFError, UnicodeDecodeError) as error:
-        raise InputError("cannot be read as zip: the file is cut short or damaged") from error
+    except (InputError, OSError, MemoryError):
+        raise
     except (NotImplementedError, RuntimeError) as error:
         raise expected("zip", "members that are deflated, without a password", "others", "unpack it") from error
+    except Exception as error:
+        # zipfile raises many types, IndexError for a member without a name among them
+        raise InputError("cannot be read as zip: the file is cut short or damaged") from error
 
 
 def looks_like(head: bytes, name: str) -> bool:
