@@ -316,13 +316,16 @@ def test_nothing_that_identifies_a_patient_is_shown(tmp_path: Path) -> None:
     raw = (tmp_path / "text.dcm").read_bytes()
     (tmp_path / "text.dcm").write_bytes(raw.replace(b"2.0\\1.5 ", b"MARKER1 "))
     (tmp_path / "vr.dcm").write_bytes(raw.replace(b"\x28\x00\x10\x00US\x02\x00", b"\x28\x00\x10\x00LO\x02\x00"))
-    assert len({path.read_bytes() for path in tmp_path.glob("*.dcm")}) == len(bad) + 2
+    secret(tmp_path / "count.dcm", NumberOfFrames=123456)
+    raw = (tmp_path / "count.dcm").read_bytes()
+    (tmp_path / "count.dcm").write_bytes(raw.replace(b"123456", b"MARKER"))
+    assert len({path.read_bytes() for path in tmp_path.glob("*.dcm")}) == len(bad) + 3
     runs = [
         ["info", "ct"],
         ["render", "ct", "-o", "a.png", "--size", "32", "--explain"],
         ["info", "ct", "--series", "9"],
     ]
-    runs += [["info", f"{name}.dcm"] for name in (*bad, "text", "vr")]
+    runs += [["info", f"{name}.dcm"] for name in (*bad, "text", "vr", "count")]
     for arguments in runs:
         done = subprocess.run(
             [sys.executable, "-m", "splatgl", *arguments], cwd=tmp_path, capture_output=True, text=True
