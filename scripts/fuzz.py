@@ -169,11 +169,10 @@ def read(path: Path, kind: str) -> None:
         return
     volume = Scene.from_toml(path).open() if kind == "scene" else sg.load(path)
     whole_volume = volume.samples.size <= TOUCH
-    planes = volume.shape[0]
-    ends = range(planes) if whole_volume else (0, planes - 1)
     for array in (volume.samples, volume.color, volume.vectors, *(level.samples for level in volume.coarser)):
-        for plane in ends if array is not None and volume.samples[0].size <= TOUCH else ():
-            np.sum(array[plane], dtype=np.float64)  # type: ignore[index]
+        if array is not None and volume.samples[0].size <= TOUCH:
+            for plane in range(array.shape[0]) if whole_volume else (0, array.shape[0] - 1):
+                np.sum(array[plane], dtype=np.float64)
     if whole_volume:
         describe(volume)
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import base64
 import struct
+import tempfile
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -37,6 +39,18 @@ class Seed:
 
 def one(name: str, data: bytes, unpack: Unpack | None = None, pack: Unpack | None = None) -> Seed:
     return Seed(name, {name: data}, unpack=unpack, pack=pack)
+
+
+def written(name: str, save: Callable[[Path], object]) -> Seed:
+    """The output of a library under `name`: a file, or a folder with its contents."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        save(path)
+        found = sorted(p for p in (path, *path.rglob("*")) if p.is_file())
+        files = {str(p.relative_to(folder)): p.read_bytes() for p in found}
+    # metadata first
+    order = sorted(files, key=lambda key: not Path(key).name.startswith((".z", "zarr")))
+    return Seed(name, {key: files[key] for key in order})
 
 
 VTK = f"""# vtk DataFile Version 4.2

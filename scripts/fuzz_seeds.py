@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import io
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -13,20 +12,8 @@ from pathlib import Path
 
 import numpy as np
 from fuzz_dicom import dicom_seeds
-from fuzz_files import CUBE, FLOW, RAW, Seed, X, Y, Z, one, vti, vti_appended, vtk_legacy
-
-
-def written(name: str, save: Callable[[Path], object]) -> Seed:
-    """The output of a library under `name`: a file, or a folder with its contents."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / name
-        save(path)
-        found = sorted(p for p in (path, *path.rglob("*")) if p.is_file())
-        files = {str(p.relative_to(folder)): p.read_bytes() for p in found}
-    # metadata first
-    order = sorted(files, key=lambda key: not Path(key).name.startswith((".z", "zarr")))
-    return Seed(name, {key: files[key] for key in order})
-
+from fuzz_files import CUBE, FLOW, RAW, Seed, X, Y, Z, one, vti, vti_appended, vtk_legacy, written
+from fuzz_libraries import hdf5, hdf5_old, imaris, mgh, mrc, netcdf, nibabel_pairs, nrrd_components, vtk_grids
 
 # --- NumPy, raw -------------------------------------------------------------------------------------------------------
 
@@ -313,6 +300,15 @@ _ALL: dict[str, Callable[[], list[Seed]]] = {
     "zarr-3": partial(zarr_store, 3),
     "dicom": partial(dicom, False),
     "dicom-packed": partial(dicom, True),
+    "hdf5": hdf5,
+    "hdf5-old": hdf5_old,
+    "netcdf": netcdf,
+    "imaris": imaris,
+    "mrc": mrc,
+    "analyze": nibabel_pairs,
+    "mgh": mgh,
+    "nrrd-components": nrrd_components,
+    "vtk-grids": vtk_grids,
     "vtk-ascii": partial(vtk_legacy, "ASCII"),
     "vtk-binary": partial(vtk_legacy, "BINARY"),
     "vti": vti,

@@ -54,7 +54,7 @@ BAD = [
     ("a.mha", b"some other text\n", "is this a MetaImage file"),
     ("a.vtk", b"some other text\n", "is this a legacy VTK file"),
     ("a.vti", b"<?xml version='1.0'?><svg/>", "expected a VTKFile of ImageData, got svg"),
-    ("a.vti", BAD_VTI.encode(), "compressor: expected zlib or none, got lz4"),
+    ("a.vti", BAD_VTI.encode(), "compressor: expected zlib, LZ4, LZMA or none, got lz4"),
     ("a.csv", b"1,2\n3,four\n", "cannot be read as a CSV table"),
     ("a.png", PNG, "cannot be read as a picture"),
     ("a.npz", b"PK\x03\x04" + bytes(40), "cannot be read as NumPy .npz"),

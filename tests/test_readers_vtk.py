@@ -166,7 +166,14 @@ DAMAGE = [
     ("raw", b"<?xml version", b"<!DOCTYPE a><?xml version", b"", b"", "a DOCTYPE"),
     ("raw", b'Spacing="1.5', b'Spacing="nan', b"", b"", "Spacing: expected 3 numbers"),
     ("binary", b'type="Int16"', b'type="Bit"', b"", b"", "DataArray letter"),
-    ("raw", b"</Piece>", b'</Piece><Piece Extent="0 0 0 0 0 0"/>', b"", b"", "expected one piece, got 2"),
+    (
+        "raw",
+        b"</Piece>",
+        b'</Piece><Piece Extent="0 0 0 0 0 0"/>',
+        b"",
+        b"",
+        "expected the same arrays in all, got others",
+    ),
 ]
 
 

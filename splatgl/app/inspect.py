@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from splatgl.app.words import options_of, worded
-from splatgl.data.errors import Choice
+from splatgl.data.errors import Choice, InputError
 
 
 def add_info_parser(parser: argparse.ArgumentParser) -> None:
@@ -31,15 +31,21 @@ def _info(options: Mapping[str, str], args: argparse.Namespace) -> int:
     from splatgl.data.readers import listed
 
     scene = scene_from_source(args)
-    series = listed(scene.volume)
-    if series:
-        print("\n".join(["series", *(f"  {line}" for line in series), ""]))
+    listed_ = [] if "array" in scene.load else listed(scene.volume)
+    if len(listed_) > 1:
+        print("\n".join([*listed_, ""]))
     try:
         volume = scene.open()
-    except Choice as error:
-        from splatgl.app.info import describe_choice
+    except InputError as error:
+        told = worded(str(error), options, args)
+        if isinstance(error, Choice):
+            from splatgl.app.info import describe_choice
 
-        print(describe_choice(scene.volume, error, worded(str(error), options, args)))
+            print(describe_choice(scene.volume, error, told))
+        elif len(listed_) > 1:
+            print(f"pick one with --array NAME or {scene.volume}:NAME; * may be volumes")
+        else:
+            raise
         return 0
     from splatgl.app.info import describe
 

@@ -13,6 +13,7 @@ from splatgl.app.scene import Scene, View
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.errors import expected
 from splatgl.data.readers import LoadOptions
+from splatgl.data.readers.inside import inside
 from splatgl.data.readers.remote import is_address
 from splatgl.splat.classification.presets import PRESETS
 from splatgl.splat.plan.settings import LIKE, Settings, choices
@@ -127,11 +128,13 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 
 def scene_from_source(args: argparse.Namespace) -> Scene:
     """The scene from the source and reader options."""
-    path = Path(args.source)
     _refuse_many(args)
-    scene = Scene.from_toml(path) if path.suffix == ".toml" and not is_address(args.source) else Scene(args.source)
+    source, array = inside(args.source)
+    path = Path(source)
+    scene = Scene.from_toml(path) if path.suffix == ".toml" and not is_address(source) else Scene(source)
     reading = _given(args, *(f.name for f in fields(LoadOptions)))
-    return replace(scene, load={**scene.load, **reading})
+    named = {} if array is None else {"array": array}
+    return replace(scene, load={**scene.load, **named, **reading})
 
 
 def _refuse_many(args: argparse.Namespace) -> None:

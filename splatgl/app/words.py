@@ -7,7 +7,21 @@ import re
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 
-READING = ("shape", "dtype", "spacing", "header_offset", "array", "channel", "level", "color", "relief", "anywhere")
+READING = (
+    *(
+        "shape",
+        "dtype",
+        "spacing",
+        "header_offset",
+        "array",
+        "channel",
+        "level",
+        "series",
+        "color",
+        "relief",
+        "anywhere",
+    ),
+)
 """Reader options: a message on a file may name them behind its path."""
 
 OTHER_NAMES = {"target": "look_at"}

@@ -9,12 +9,13 @@ from typing import Any
 
 from splatgl.data.errors import Choice, InputError, expected
 from splatgl.data.readers.files import quiet
+from splatgl.data.readers.inside import HDF5, converter, inside
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.remote import Remote, is_address, name_of
 from splatgl.data.readers.terrain import terrain_from_heights
 from splatgl.data.volume import Volume
 
-__all__ = ["FORMATS", "Format", "LoadOptions", "load", "terrain_from_heights"]
+__all__ = ["FORMATS", "Format", "LoadOptions", "contents", "load", "terrain_from_heights"]
 
 
 @dataclass(frozen=True)
@@ -52,13 +53,22 @@ FORMATS = (
     Format("NumPy", (".npy",), "numpy_files.read_npy", starts=("NumPy",)),
     Format("NumPy archive", (".npz",), "numpy_files.read_npz", ("array",), ("ZIP",)),
     Format("raw", (".raw", ".bin", ".dat"), "raw.read", ("shape", "dtype", "header_offset"), ("*",)),
-    Format("NRRD", (".nrrd", ".nhdr"), "nrrd_file.read", ("channel", "anywhere"), ("NRRD",)),
+    Format("NRRD", (".nrrd", ".nhdr"), "nrrd_file.read", ("array", "channel", "anywhere"), ("NRRD",)),
     Format("NIfTI", (".nii",), "nifti.read", ("array",)),
     Format("NIfTI, gzipped", (".nii.gz",), "nifti.read", ("array",), ("gzip",)),
+    Format("Analyze", (".hdr", ".img"), "freesurfer.read_analyze", ("array",)),
+    Format("MGH", (".mgh",), "freesurfer.read_mgh", ("array",)),
+    Format("MGH, gzipped", (".mgz",), "freesurfer.read_mgh", ("array",), ("gzip",)),
     Format("TIFF", (".tif", ".tiff"), "tiff.read", ("array", "channel", "level", *_TERRAIN), ("TIFF",)),
     Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "anywhere")),
     Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
-    Format("VTK image", (".vti",), "vti.read", ("array", "channel"), ("XML",)),
+    Format("VTK grid", (".vti", ".vtr"), "vti.read", ("array", "channel"), ("XML",)),
+    Format("VTK pieces", (".pvti", ".pvtr"), "vti.read_parallel", ("array", "channel", "anywhere"), ("XML",)),
+    Format("VTK collection", (".pvd", ".vtm"), "vtk_series.read", ("array", "channel", "anywhere"), ("XML",)),
+    Format("MRC", (".mrc", ".map", ".rec", ".ccp4"), "mrc.read", ("array",)),
+    Format("MRC, compressed", (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2"), "mrc.read", ("array",), ("gzip",)),
+    Format("HDF5", HDF5, "hdf5.read", ("array", "channel", "anywhere"), ("HDF5",), lists="hdf5.contents"),
+    Format("Imaris", (".ims",), "imaris.read", ("array", "channel", "level", "anywhere"), ("HDF5",)),
     Format(
         "Zarr",
         (".zarr",),
@@ -98,6 +108,9 @@ _STARTS = {
     b"II+\x00": "TIFF",
     b"MM\x00+": "TIFF",
     b"\x89HDF": "HDF5",
+    b"CDF\x01": "NetCDF-3",
+    b"CDF\x02": "NetCDF-3",
+    b"CDF\x05": "NetCDF-3",
     b"# vtk": "legacy VTK",
     b"<?xml": "XML",
     b"%PDF": "PDF",
@@ -109,14 +122,15 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: object) 
     """Loads the volume in a file or Zarr folder, or behind an address (https, s3, gs); the suffix selects the reader.
 
     path: see `FORMATS` for the endings; an address without one is a Zarr store, whose chunks are read when needed. A
-    2-D picture or CSV becomes a terrain. Further keywords are fields of `LoadOptions`. Samples that can be
-    memory-mapped are; the name is the file's stem. Raises InputError, which begins with the path, for a file or an
-    option that makes no volume.
+    2-D picture or CSV becomes a terrain. FILE.h5:/NAME stands for array="/NAME". Further keywords are fields of
+    `LoadOptions`. Samples that can be memory-mapped are; the name is the file's stem. Raises InputError, which begins
+    with the path, for a file or an option that makes no volume.
     """
-    path = path if is_address(path) else Path(path)
+    source, array = inside(str(path))
+    path = source if is_address(source) else Path(source)
     try:
         with quiet():
-            asked = _options(options, given)
+            asked = _options(options, given if array is None else {"array": array, **given})
             return _load_remote(str(path), asked) if is_address(path) else _load(Path(path), asked)
     except InputError as error:
         raise _one_line(path, error) from error.__cause__
@@ -127,8 +141,8 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: object) 
 
 
 def listed(path: str | Path) -> list[str]:
-    """A line for each volume in a file or folder that holds several (series of DICOM); none of other formats, and of
-    what cannot be read.
+    """A line for each volume in a file or folder that holds several (series of DICOM, datasets of HDF5); none of other
+    formats, and of what cannot be read.
     """
     try:
         with quiet():
@@ -194,8 +208,9 @@ def _format(path: Path) -> Format:
     if kind == "folder":
         names = " or ".join(form.title for form in told)
         raise expected("path", f"a file, or a folder of {names}", "another folder", "name a file in it")
-    known = ", ".join(suffix for form in FORMATS for suffix in form.suffixes)
-    raise expected("format", f"a name that ends in one of {known}", repr("".join(path.suffixes[-2:])), "convert it")
+    known, fix = ", ".join(suffix for form in FORMATS for suffix in form.suffixes), converter(path.name)
+    this = "one that is read" if fix else f"a name that ends in one of {known}"
+    raise expected("format", this, repr("".join(path.suffixes[-2:])), fix or "convert it")
 
 
 def _suffix(path: Path, form: Format) -> str:
@@ -214,7 +229,8 @@ def _check(path: Path, form: Format, options: LoadOptions) -> None:
     _refuse(form, options)
     start = None if kind == "folder" or "*" in form.starts else _start(path)
     if start and start not in (*form.starts, form.title):
-        raise expected("contents", f"{form.title}, as the name says", start, "rename or convert the file")
+        fix = "convert it with: nccopy -k nc4 OLD NEW" if start == "NetCDF-3" else "rename or convert the file"
+        raise expected("contents", f"{form.title}, as the name says", start, fix)
 
 
 def _refuse(form: Format, options: LoadOptions) -> None:

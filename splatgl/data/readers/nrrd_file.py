@@ -48,6 +48,15 @@ _CODES = {spelling: code for code, spellings in _TYPES.items() for spelling in s
 _FRAMES = {"left-posterior-superior": "LPS", "lps": "LPS", "right-anterior-superior": "RAS", "ras": "RAS"}
 """Frames kept by name; in the scanner's and other frames "superior" is not known to be +z."""
 
+_COMPONENTS = {
+    *(("rgb-color", 3), ("3-color", 3), ("rgba-color", 4), ("4-color", 4)),
+    *((kind, 3) for kind in ("vector", "3-vector", "covariant-vector", "3-gradient", "3-normal")),
+}
+"""Kinds and sizes of axes that hold all that a voxel has: its colour, or a vector."""
+
+_LUMA = np.array([0.2126, 0.7152, 0.0722])
+"""Weights of red, green and blue in the luma of sRGB (ITU-R BT.709)."""
+
 _TEXT = ("ascii", "text", "txt")
 
 _HEADER_LIMIT = 2**20
@@ -60,22 +69,62 @@ Header = Mapping[str, Any]
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of a NRRD file; `channel` picks one sample of a file with several per voxel."""
+    """The volume of a NRRD file; `array` picks the number along an axis of time, `channel` along another one.
+
+    Without `channel`, colours in bytes become `Volume.color` with their luma as samples, and three components of
+    vectors `Volume.vectors` with their lengths.
+    """
     header, start = _header(path)
-    # 1. the three axes of space, and what is picked along a fourth
+    # 1. the three axes of space, and what is picked along others
     sizes = [int(size) for size in header["sizes"]]
     space = _space_axes(header, sizes)
     grid_shape([sizes[axis] for axis in space])
     shape, last = sizes[::-1], len(sizes) - 1
+    kinds = [str(kind).lower() for kind in header.get("kinds", [""] * len(sizes))]
     others = [axis for axis in range(len(sizes)) if axis not in space]
-    index = selection(shape, {last - axis: ("channel", options.channel) for axis in others})
+    times = [axis for axis in others if kinds[axis] == "time"]
+    whole = [axis for axis in others if (kinds[axis], sizes[axis]) in _COMPONENTS and options.channel is None]
+    extra: dict[int, tuple[str, int | None]] = {
+        last - axis: ("array", options.array_number(sizes[axis])) if axis in times else ("channel", options.channel)
+        for axis in others
+        if axis not in whole[:1]
+    }
+    if options.array is not None and not times:
+        raise expected("array", "an axis of the kind time", "none", "pick a component with channel=N")
     # 2. the samples, mapped if they can be
-    samples = _data(path, header, start, shape, options.anywhere)[index]
+    samples = _data(path, header, start, shape, options.anywhere)[selection(shape, extra)]
+    color = vectors = None
+    if whole:
+        place = last - whole[0] - sum(axis < last - whole[0] for axis in extra)
+        samples, color, vectors = _components(np.moveaxis(samples, place, -1), kinds[whole[0]])
     # 3. the grid
     matrix = _matrix(header, space)
+    if vectors is not None:
+        vectors = _in_world(vectors, header)
     spacing, direction = axes_of(matrix, "space directions")
     frame = _FRAMES.get(str(header.get("space", "")).lower())
-    return Volume(samples, spacing, _origin(header), direction, _unit(header, space), frame=frame)
+    grid = (spacing, _origin(header), direction, _unit(header, space))
+    return Volume(samples, *grid, frame=frame, color=color, vectors=vectors)
+
+
+def _components(values: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+    """(samples [D, H, W], colours or None, vectors or None) out of [D, H, W, components]."""
+    if "color" in kind:
+        if values.dtype != np.uint8:
+            raise expected("colours", "uint8", values.dtype, "pick one with channel=0, channel=1 or channel=2")
+        color = np.ascontiguousarray(values[..., :3])
+        return np.stack([np.rint(plane @ _LUMA).astype(np.uint8) for plane in color]), color, None
+    vectors = np.asarray(values, np.float32)
+    return np.stack([np.linalg.norm(plane, axis=-1) for plane in vectors]), None, vectors
+
+
+def _in_world(vectors: np.ndarray, header: Header) -> np.ndarray:
+    """Vectors along the axes of the world, into which a measurement frame turns them."""
+    frame = header.get("measurement frame")
+    if frame is None or np.shape(frame) != (3, 3) or not np.isfinite(frame).all():
+        return vectors
+    # each vector of the field is a column of the matrix
+    return np.asarray(vectors @ np.asarray(frame, np.float32))
 
 
 def _header(path: Path) -> tuple[Header, int]:

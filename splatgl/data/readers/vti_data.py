@@ -1,17 +1,19 @@
-"""The numbers of a .vti array: ASCII, base64 or raw, plain or in zlib blocks, each behind a header of byte counts."""
+"""The numbers of a .vti array: ASCII, base64 or raw, plain or in compressed blocks, behind a header of byte counts."""
 
 from __future__ import annotations
 
 import base64
 import io
+import lzma
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.errors import expected
-from splatgl.data.readers.files import byte_count, library, map_array, require_bytes, require_plausible
+from splatgl.data.errors import expected, missing_extra
+from splatgl.data.readers.files import MAX_BYTES, byte_count, library, map_array, require_bytes, require_plausible
 from splatgl.data.readers.text import read_numbers, require_end
 
 Shape4 = tuple[int, int, int, int]
@@ -19,10 +21,10 @@ Shape4 = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class Coding:
-    """How a file codes its arrays: the dtype of the header's counts, and whether blocks are zlib data."""
+    """How a file codes its arrays: the dtype of the header's counts, and the compressor of its blocks or ""."""
 
     header: np.dtype
-    compressed: bool
+    compressor: str
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def parse_ascii(text: str, dtype: np.dtype, shape: Shape4) -> np.ndarray:
 def decode(source: Source, coding: Coding, dtype: np.dtype, shape: Shape4) -> np.ndarray:
     """The array [shape] behind `source`; raw bytes of a file that are not compressed are mapped."""
     needed, width = byte_count(shape, dtype), coding.header.itemsize
-    if coding.compressed:
+    if coding.compressor:
         return _inflate_blocks(source, coding, needed).view(dtype).reshape(shape)
     # 1. the header is the number of bytes that follow
     _same(needed, int(np.frombuffer(source.take(width), coding.header)[0]))
@@ -91,7 +93,7 @@ def decode(source: Source, coding: Coding, dtype: np.dtype, shape: Shape4) -> np
 
 
 def _inflate_blocks(source: Source, coding: Coding, needed: int) -> np.ndarray:
-    """Inflates zlib blocks; header: number of blocks, bytes of each, of the last, compressed bytes of each."""
+    """Inflates blocks; header: number of blocks, bytes of each, of the last, compressed bytes of each."""
     # 1. the header, whose length is in its first number
     width = coding.header.itemsize
     blocks = int(np.frombuffer(source.take(width), coding.header)[0])
@@ -101,18 +103,42 @@ def _inflate_blocks(source: Source, coding: Coding, needed: int) -> np.ndarray:
     if blocks and last:
         sizes[-1] = last
     _same(needed, sum(sizes))
-    require_plausible(needed, sum(packed))
+    require_plausible(needed, sum(packed), bounded=coding.compressor != "vtkLZMADataCompressor")
     # 2. the blocks, one behind the other
     data = source.at(source.stored((3 + blocks) * width)).take(sum(packed))
     out, start = bytearray(), 0
     for size, stored in zip(sizes, packed, strict=True):
-        with library("zlib data"):
-            block = zlib.decompressobj().decompress(data[start : start + stored], size + 1)
+        with library("compressed data"):
+            block = COMPRESSORS[coding.compressor](data[start : start + stored], size + 1)
         if len(block) != size:
             raise expected("inflated block", f"{size} bytes", "more" if len(block) > size else len(block))
         out += block
         start += stored
     return np.frombuffer(out, np.uint8)
+
+
+def _zlib(data: bytes, most: int) -> bytes:
+    return zlib.decompressobj().decompress(data, most)
+
+
+def _lzma(data: bytes, most: int) -> bytes:
+    return lzma.LZMADecompressor(memlimit=MAX_BYTES).decompress(data, most)
+
+
+def _lz4(data: bytes, most: int) -> bytes:
+    try:
+        import imagecodecs
+    except ImportError:
+        raise missing_extra("LZ4 data", "imagecodecs", "readers") from None
+    return bytes(imagecodecs.lz4_decode(data, out=most))
+
+
+COMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
+    "vtkZLibDataCompressor": _zlib,
+    "vtkLZ4DataCompressor": _lz4,
+    "vtkLZMADataCompressor": _lzma,
+}
+"""By VTK's names: (data of one block, most bytes) → at most as many bytes of it."""
 
 
 def _same(needed: int, stated: int) -> None:

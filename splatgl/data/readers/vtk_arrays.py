@@ -1,4 +1,4 @@
-"""Selects a volume's samples and vectors from a VTK image's arrays; shared by .vtk and .vti."""
+"""Selects a volume's samples and vectors from a VTK image's arrays; shared by all VTK readers."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from splatgl.data.readers.options import LoadOptions
 
 @dataclass(frozen=True)
 class PointArray:
-    """One array of a VTK image. read() loads it as [D, H, W, components]; loading is lazy."""
+    """One array of a VTK grid. read() loads it as [D, H, W, components]; loading is lazy."""
 
     name: str
     components: int
     is_vectors: bool
     read: Callable[[], np.ndarray]
+    dtype: np.dtype | None = None
 
 
 def pick(arrays: Sequence[PointArray], options: LoadOptions) -> tuple[np.ndarray, np.ndarray | None]:
@@ -29,7 +30,7 @@ def pick(arrays: Sequence[PointArray], options: LoadOptions) -> tuple[np.ndarray
     picks a component. Raises InputError naming the arrays if the choice is not clear.
     """
     if not arrays:
-        raise expected("arrays", "point data", "none")
+        raise expected("arrays", "point or cell data", "none")
     vectors = next((array for array in arrays if array.is_vectors), None)
     chosen = _chosen(arrays, vectors, options)
     if chosen.is_vectors:

@@ -1,0 +1,233 @@
+"""HDF5 and NetCDF-4: one dataset of the file as a volume.
+
+The last three axes are z, y, x unless labels of the dimensions, ilastik's "axistags" or names of dimension scales say
+otherwise. Spacing comes from dimension scales, else from attributes; none is guessed. NetCDF's packed and missing
+values are unpacked (CF conventions 1.11, sections 2.5.1 and 8.1).
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.errors import expected
+from splatgl.data.readers.even import even_steps
+from splatgl.data.readers.files import library, selection
+from splatgl.data.readers.grid import METRES, axes_of, triple, unit_name
+from splatgl.data.readers.hdf5_file import (
+    MOST_VALUES,
+    Packed,
+    datasets,
+    is_numbers,
+    node_at,
+    numbers_of,
+    open_hdf5,
+    samples_of,
+    scales_of,
+    text_of,
+    texts_of,
+)
+from splatgl.data.readers.options import LoadOptions
+from splatgl.data.volume import Volume
+
+_SPACINGS = (
+    *("element_size_um", "spacing", "Spacing", "voxel_size", "voxelSize", "VoxelSize", "voxelsize"),
+    *("pixel_size", "pixelSize", "resolution", "Resolution"),
+)
+"""Attributes with the steps along a dataset's axes, or one for all, in the order of its axes; the first one counts."""
+
+_FEW = 16
+"""Most entries of a first or last axis without a label that is taken for channels."""
+
+_SPACE = {
+    **dict.fromkeys(("z", "depth", "lev", "level", "altitude", "height"), "z"),
+    **dict.fromkeys(("y", "lat", "latitude"), "y"),
+    **dict.fromkeys(("x", "lon", "longitude"), "x"),
+}
+"""Axes of space by their labels."""
+
+
+@dataclass(frozen=True)
+class _Axes:
+    """Numbers of the axes z, y, x of a dataset, and of the others that have several entries."""
+
+    space: tuple[int, int, int]
+    others: tuple[int, ...]
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a dataset: `array` names it (/a/b), else it is the only one that may be a volume.
+
+    `channel` picks an entry along a fourth axis. Samples of over WHOLE bytes are read in parts.
+    """
+    file = open_hdf5(path)
+    # all that a file says is untrusted: any failure is attributed to it
+    with library("HDF5"):
+        dataset = _chosen(file, options)
+        labels = _labels(dataset)
+        axes = _axes(dataset.shape, labels)
+        if axes is None:
+            this = "three axes, and a first or last one of few channels"
+            raise expected(dataset.name, this, _size(dataset.shape), "label its dimensions, or save one part of it")
+        extra = {axis: ("channel", options.channel if axis in axes.others else 0) for axis in range(len(dataset.shape))}
+        for axis in axes.space:
+            del extra[axis]
+        index = selection(dataset.shape, extra)
+        samples: Any = samples_of(path, dataset, index, options.anywhere, _packed(dataset))
+        matrix, origin, unit = _grid(path, dataset, axes, options)
+    spacing, direction = axes_of(matrix, "spacing")
+    return Volume(_turned(samples, axes), spacing, triple(origin, "origin"), direction, unit)
+
+
+def contents(path: Path) -> list[str]:
+    """A line per dataset: name, type and shape; those that may be volumes begin with a star."""
+    with library("HDF5"), open_hdf5(path) as file:
+        found = datasets(file)
+        return [f"{'*' if _may_be(node) else ' '} {name}   {_told(node)}" for name, node in found.items()]
+
+
+def _told(node: Any) -> str:
+    return f"{node.dtype if is_numbers(node) else 'no numbers'} {_size(node.shape or ())}"
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return "×".join(map(str, shape)) or "one value"
+
+
+def _chosen(file: Any, options: LoadOptions) -> Any:
+    """The dataset that is asked for, else the only one that may be a volume."""
+    if options.array is not None:
+        node = node_at(file, str(options.array), options.anywhere)
+        if not hasattr(node, "shape") or not is_numbers(node):
+            listed = ", ".join(name for name, each in datasets(file).items() if _may_be(each)) or "none"
+            raise expected("array", f"a dataset of real numbers: {listed}", repr(options.array))
+        return node
+    found = datasets(file)
+    volumes = [node for node in found.values() if _may_be(node)]
+    if len(volumes) != 1:
+        listed = ", ".join(f"{name} {_size(node.shape or ())}" for name, node in found.items()) or "nothing"
+        told = f"{len(volumes) or 'none'} in {listed}"
+        raise expected("datasets", "one volume", told, "pick one with array=/NAME, or FILE:/NAME")
+    return volumes[0]
+
+
+def _may_be(node: Any) -> bool:
+    """Whether a dataset is plausibly a volume: of real numbers, with three axes of space that are longer than one."""
+    if not is_numbers(node):
+        return False
+    axes = _axes(node.shape, _labels(node))
+    return axes is not None and min(node.shape[axis] for axis in axes.space) > 1
+
+
+def _labels(dataset: Any) -> list[str]:
+    """A name per axis, lower case, "" where there is none: of labels, of "axistags", or of dimension scales."""
+    names = [text.lower() for text in texts_of(dataset, "DIMENSION_LABELS")]
+    if not any(names) and "axistags" in dataset.attrs:
+        try:
+            names = [str(axis["key"]).lower() for axis in json.loads(text_of(dataset, "axistags"))["axes"]]
+        except (ValueError, KeyError, TypeError, RecursionError):
+            names = []
+    if not any(names):
+        names = ["" if scale is None else scale.name.rsplit("/", 1)[-1].lower() for scale in scales_of(dataset)]
+    return names if len(names) == len(dataset.shape) else [""] * len(dataset.shape)
+
+
+def _axes(shape: tuple[int, ...], labels: list[str]) -> _Axes | None:
+    """The axes of space: those labelled so, else three of them without those of one entry, and without a short first
+    or last one of four; None if they are not clear.
+    """
+    if len(shape) < 3 or min(shape) < 1:
+        return None
+    long = [axis for axis, size in enumerate(shape) if size > 1]
+    named = {_SPACE[label]: axis for axis, label in enumerate(labels) if label in _SPACE}
+    if len(named) == 3:
+        z, y, x = named["z"], named["y"], named["x"]
+        return _Axes((z, y, x), tuple(axis for axis in long if axis not in (z, y, x)))
+    times = [axis for axis in long if labels[axis] in ("t", "time", "c", "channel", "channels")]
+    free = [axis for axis in range(len(shape)) if axis not in times]
+    if len(free) > 3:
+        free = [axis for axis in free if axis in long]
+    if len(free) == 4 and min(shape[free[0]], shape[free[3]]) <= _FEW:
+        free = free[1:] if shape[free[0]] <= shape[free[3]] else free[:3]
+    if len(free) != 3:
+        return None
+    z, y, x = free
+    return _Axes((z, y, x), tuple(axis for axis in long if axis not in free))
+
+
+def _turned(samples: Any, axes: _Axes) -> Any:
+    """Samples in the order z, y, x."""
+    order = np.argsort(axes.space).tolist()
+    if order == [0, 1, 2]:
+        return samples
+    if not isinstance(samples, np.ndarray):
+        raise expected("axes", "z, y, x in this order where the dataset is read in parts", "another", "transpose it")
+    return samples.transpose(np.argsort(order).tolist())
+
+
+def _packed(dataset: Any) -> Packed | None:
+    """How NetCDF packs the numbers, None if they are values."""
+    told = {name: numbers_of(dataset, name) for name in ("scale_factor", "add_offset", "_FillValue", "missing_value")}
+    scale, offset, *fills = (None if found is None or found.size != 1 else float(found[0]) for found in told.values())
+    fill = next((value for value in fills if value is not None and np.isfinite(value)), None)
+    if scale is None and offset is None and fill is None:
+        return None
+    return Packed(1.0 if scale is None else scale, 0.0 if offset is None else offset, fill)
+
+
+def _grid(path: Path, dataset: Any, axes: _Axes, options: LoadOptions) -> tuple[np.ndarray, list[float], str]:
+    """World-from-index [3, 3], origin (x, y, z) and unit."""
+    if options.spacing is not None:
+        return np.diag(options.spacing), [0.0, 0.0, 0.0], ""
+    scales = _coordinates(dataset, axes)
+    if all(scale is not None for scale in scales):
+        names = [scale.name.rsplit("/", 1)[-1] for scale in scales]
+        fix = "resample it, or say --spacing x,y,z to draw it as if they were"
+        places = [np.asarray(samples_of(path, scale, [slice(None)], options.anywhere)[:]) for scale in scales]
+        found = [even_steps(each, f"{name} of {dataset.name}", fix) for each, name in zip(places, names, strict=True)]
+        known = [step for _, step in found if np.isfinite(step)] or [1.0]
+        steps = [step if np.isfinite(step) else min(map(abs, known)) for _, step in found]
+        units = {_unit(scale) for scale in scales}
+        return np.diag(steps[::-1]), [first for first, _ in found][::-1], units.pop() if len(units) == 1 else ""
+    for name in _SPACINGS:
+        given = _steps(numbers_of(dataset, name), len(dataset.shape), axes)
+        if given is not None:
+            return np.diag(given[::-1]), [0.0, 0.0, 0.0], "um" if name == "element_size_um" else _unit(dataset)
+    return np.eye(3), [0.0, 0.0, 0.0], ""
+
+
+def _unit(node: Any) -> str:
+    """The unit of length that is stated, "" for none; NetCDF's is mostly that of the values."""
+    found = {unit_name(text_of(node, name)) for name in ("unit", "units")} & set(METRES)
+    return found.pop() if len(found) == 1 else ""
+
+
+def _coordinates(dataset: Any, axes: _Axes) -> list[Any]:
+    """The dimension scales of the axes of space, None for one without a number per sample."""
+    found = scales_of(dataset)
+    return [
+        found[axis] if axis < len(found) and _is_scale(found[axis], dataset.shape[axis]) else None
+        for axis in axes.space
+    ]
+
+
+def _is_scale(scale: Any, size: int) -> bool:
+    # of a dimension without coordinates NetCDF writes a scale that says so
+    none = "This is a netCDF dimension but not"
+    plain = scale is not None and is_numbers(scale) and scale.shape == (size,) and size <= MOST_VALUES
+    return plain and not text_of(scale, "NAME").startswith(none)
+
+
+def _steps(numbers: np.ndarray | None, count: int, axes: _Axes) -> list[float] | None:
+    """Steps along z, y, x out of one number, or one per axis of space or of the dataset."""
+    if numbers is None or not np.isfinite(numbers).all():
+        return None
+    if numbers.size == 1:
+        numbers = np.repeat(numbers, 3)
+    if numbers.size == count > 3:
+        numbers = numbers[list(axes.space)]
+    return numbers.tolist() if numbers.size == 3 and (numbers > 0).all() else None

@@ -1,0 +1,239 @@
+"""HDF5, NetCDF-4 and Imaris: files written by h5py, read back; what names other files is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_readers_phantom import SPACING, F
+
+from splatgl.app.cli import main
+from splatgl.data.errors import InputError
+from splatgl.data.readers import hdf5_file, load
+from splatgl.data.readers.chunked import Chunked
+from splatgl.data.readers.files import is_mapped
+
+h5py = pytest.importorskip("h5py")
+
+BIG = np.random.default_rng(1).integers(0, 2**16, (40, 50, 60), np.uint16)
+WAYS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "gzip": {"chunks": (3, 4, 5), "compression": "gzip", "shuffle": True, "fletcher32": True},
+    "lzf": {"chunks": (2, 7, 5), "compression": "lzf"},
+}
+
+
+def save(path: Path, name: str = "g/letter", data: np.ndarray = F, **options: Any) -> Path:
+    """Writes or extends a file by one dataset."""
+    attributes = options.pop("attributes", {})
+    with h5py.File(path, "a") as file:
+        node = file.create_dataset(name, data=data, **options)
+        node.attrs.update(attributes)
+    return path
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("dtype", ["u1", ">i2", "<f4", "f8"])
+def test_the_only_volume_is_read(tmp_path: Path, way: str, dtype: str) -> None:
+    path = save(
+        tmp_path / "letter.h5", data=F.astype(dtype), **WAYS[way], attributes={"element_size_um": SPACING[::-1]}
+    )
+    save(path, "table", np.arange(9))
+    volume = load(path)
+    np.testing.assert_array_equal(volume.samples, F)
+    assert (volume.spacing, volume.unit, volume.name) == (SPACING, "um", "letter")
+    assert volume.samples.dtype == np.dtype(dtype) and is_mapped(volume.samples) == (way == "plain")
+
+
+def test_one_of_several_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = save(save(tmp_path / "a.h5"), "other", F + 1)
+    with pytest.raises(
+        InputError, match=r"a\.h5: datasets: expected one volume, got 2 in /g/letter 4×7×5, /other 4×7×5"
+    ):
+        load(path)
+    for found in (load(f"{path}:/other"), load(path, array="/other"), load(path, array="other")):
+        np.testing.assert_array_equal(found.samples, F + 1)
+    with pytest.raises(InputError, match=r"real numbers: /g/letter, /other, got '/no'"):
+        load(f"{path}:/no")
+    assert main(["info", str(path)]) == 0
+    assert "* /g/letter   uint8 4×7×5\n* /other   uint8 4×7×5\n" in capsys.readouterr().out
+    assert main(["info", f"{path}:/other"]) == 0
+    assert "5 × 7 × 4" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("axis", [0, 3])
+def test_a_short_axis_is_channels(tmp_path: Path, axis: int) -> None:
+    path = save(tmp_path / "a.h5", data=np.stack([F, F + 1], axis))
+    with pytest.raises(InputError, match="pick one with channel=0 … channel=1"):
+        load(path)
+    np.testing.assert_array_equal(load(path, channel=1).samples, F + 1)
+
+
+def test_labels_tell_the_axes(tmp_path: Path) -> None:
+    path = save(tmp_path / "a.h5", data=F.transpose(2, 1, 0))
+    with h5py.File(path, "a") as file:
+        for axis, name in enumerate("xyz"):
+            file["g/letter"].dims[axis].label = name
+    np.testing.assert_array_equal(load(path).samples, F)
+    tags = '{"axes": [{"key": "x"}, {"key": "y"}, {"key": "z"}, {"key": "c"}]}'
+    data = F.transpose(2, 1, 0)[..., None].repeat(40, axis=3) + np.arange(40, dtype=np.uint8)
+    path = save(tmp_path / "b.h5", data=data, attributes={"axistags": tags, "resolution": (1, 2, 3, 1)})
+    assert load(path, channel=39).spacing == (1, 2, 3)
+    np.testing.assert_array_equal(load(path, channel=39).samples, F + np.uint8(39))
+
+
+def test_large_ones_are_read_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = save(tmp_path / "a.h5", data=BIG, chunks=(8, 8, 8), compression="gzip")
+    whole = load(path).samples
+    monkeypatch.setattr(hdf5_file, "WHOLE", 1000)
+    monkeypatch.setattr(hdf5_file, "_PART_BYTES", 2**14)
+    part = load(path).samples
+    assert isinstance(whole, np.ndarray) and isinstance(part, Chunked) and part.chunks != (8, 8, 8)
+    np.testing.assert_array_equal(part[5:30, 20:45, ::7], BIG[5:30, 20:45, ::7])
+    np.testing.assert_array_equal(part[:], whole)
+
+
+@pytest.mark.parametrize("chunks", [None, (64, 64, 64)])
+def test_what_is_only_declared_takes_no_memory(tmp_path: Path, chunks: tuple[int, ...] | None) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("a", (10**5,) * 3, "f4", chunks=chunks, fillvalue=7)
+    volume = load(tmp_path / "a.h5")
+    assert volume.count == 10**15
+    assert (volume.samples[50_000:50_002, :3, 99_999] == 7).all() and not volume.samples.kept
+
+
+def test_a_chunk_that_inflates_beyond_its_size_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import zlib
+
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        node = file.create_dataset("a", (8, 8, 8), "u1", chunks=(8, 8, 8), compression="gzip")
+        node.id.write_direct_chunk((0, 0, 0), zlib.compress(bytes(10**7)))
+    monkeypatch.setattr(hdf5_file, "MAX_BYTES", 2**20)
+    with pytest.raises(InputError, match="chunk: expected 512 bytes, got more"):
+        load(path)
+
+
+def elsewhere(folder: Path) -> dict[str, Path]:
+    """Files that name another one, by what does so."""
+    save(folder / "other.h5")
+    (folder / "other.raw").write_bytes(F.tobytes())
+    made = {}
+    for kind in ("link", "soft", "raw", "virtual"):
+        made[kind] = folder / f"{kind}.h5"
+        with h5py.File(made[kind], "w") as file:
+            if kind in ("link", "soft"):
+                file["a" if kind == "link" else "b"] = h5py.ExternalLink(str(folder / "other.h5"), "/g/letter")
+            if kind == "soft":
+                file["a"] = h5py.SoftLink("/b")
+            elif kind == "raw":
+                file.create_dataset("a", F.shape, "u1", external=[(str(folder / "other.raw"), 0, F.size)])
+            elif kind == "virtual":
+                layout = h5py.VirtualLayout(F.shape, "u1")
+                layout[:] = h5py.VirtualSource(str(folder / "other.h5"), "/g/letter", F.shape)
+                file.create_virtual_dataset("a", layout)
+    return made
+
+
+@pytest.mark.parametrize("kind", ["link", "soft", "raw", "virtual"])
+def test_data_in_other_files_are_read_where_that_is_allowed(tmp_path: Path, kind: str) -> None:
+    path = elsewhere(tmp_path)[kind]
+    with pytest.raises(InputError, match=r"expected data in this file, got data elsewhere \(.*--anywhere"):
+        load(path, array="/a")
+    np.testing.assert_array_equal(load(path, array="/a", anywhere=True).samples, F)
+
+
+def test_filters_without_a_bound_are_refused(tmp_path: Path) -> None:
+    path = save(tmp_path / "a.h5", data=F.astype("i4"), chunks=F.shape, scaleoffset=8)
+    with pytest.raises(InputError, match=r"filters: expected some of gzip, shuffle.* got 6; repack it with: h5repack"):
+        load(path)
+
+
+def test_files_on_which_the_library_fails_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process of its own looks first; here it is one that ends as a crashed one does."""
+    crash = tmp_path / "crash.py"
+    crash.write_text("import os\nos.abort()\n")
+    path = save(tmp_path / "a.h5")
+    monkeypatch.setattr(hdf5_file, "_PROBE", crash)
+    with pytest.raises(InputError, match="its library fails on the file"):
+        load(path)
+
+
+# --- NetCDF ----------------------------------------------------------------------------------------------------------
+
+
+def netcdf(path: Path, heights: np.ndarray) -> Path:
+    stored = F.astype(np.int16)[None]
+    with h5py.File(path, "w") as file:
+        node = file.create_dataset("t", data=stored)
+        node.attrs.update({"scale_factor": 0.5, "add_offset": 3.0, "_FillValue": np.int16(F[0, 0, 0]), "units": "K"})
+        axes = {"time": np.arange(1.0), "z": heights, "y": 100 - 2.5 * np.arange(7), "x": 1.5 * np.arange(5)}
+        for axis, (name, places) in enumerate(axes.items()):
+            file[name] = places
+            file[name].attrs["units"] = "km"
+            file[name].make_scale(name)
+            node.dims[axis].attach_scale(file[name])
+    return path
+
+
+def test_netcdf_unpacks_values_and_takes_the_grid_of_its_scales(tmp_path: Path) -> None:
+    volume = load(netcdf(tmp_path / "a.nc", np.array([10.0, 14, 18, 22])))
+    want = np.where(F[0, 0, 0] == F, np.nan, F * 0.5 + 3.0)
+    np.testing.assert_array_equal(volume.samples, want.astype(np.float32))
+    assert (volume.spacing, volume.origin, volume.unit) == ((1.5, 2.5, 4.0), (0.0, 100.0, 10.0), "km")
+    np.testing.assert_array_equal(volume.direction, np.diag([1, -1, 1]))
+
+
+def test_uneven_scales_are_refused_unless_spacing_is_said(tmp_path: Path) -> None:
+    path = netcdf(tmp_path / "a.nc", np.array([10.0, 14, 30, 90]))
+    with pytest.raises(InputError, match=r"z of /t: expected even steps, got steps from 4 to 60; .*--spacing"):
+        load(path)
+    assert load(path, spacing=(1, 2, 3)).spacing == (1, 2, 3)
+
+
+def test_netcdf_3_says_what_converts_it(tmp_path: Path) -> None:
+    (tmp_path / "a.nc").write_bytes(b"CDF\x01" + bytes(99))
+    with pytest.raises(InputError, match="got NetCDF-3; convert it with: nccopy -k nc4"):
+        load(tmp_path / "a.nc")
+
+
+# --- Imaris ----------------------------------------------------------------------------------------------------------
+
+
+def imaris(path: Path) -> Path:
+    def letters(node: Any, **told: object) -> None:
+        for name, value in told.items():
+            node.attrs[name] = np.array(list(str(value).encode()), "u1").view("S1")
+
+    with h5py.File(path, "w") as file:
+        image = file.create_group("DataSetInfo/Image")
+        letters(image, ExtMin0=10, ExtMin1=-20, ExtMin2=30.5, ExtMax0=17.5, ExtMax1=-4.25, ExtMax2=42.5, Unit="um")
+        for time in range(2):
+            for c in range(3):
+                for level, cube in enumerate((F, F[::2, ::2, ::2])):
+                    channel = file.create_group(f"DataSet/ResolutionLevel {level}/TimePoint {time}/Channel {c}")
+                    letters(channel, **{f"ImageSize{a}": size for a, size in zip("ZYX", cube.shape, strict=True)})
+                    padded = np.pad(cube + 10 * time + c, [(0, -size % 8) for size in cube.shape], constant_values=99)
+                    channel.create_dataset("Data", data=padded, chunks=(4, 4, 4), compression="gzip")
+    return path
+
+
+def test_imaris(tmp_path: Path) -> None:
+    path = imaris(tmp_path / "letter.ims")
+    with pytest.raises(InputError, match="array=0 … array=1"):
+        load(path, channel=0)
+    with pytest.raises(InputError, match="channel=0 … channel=2"):
+        load(path, array=1)
+    volume = load(path, array=1, channel=2)
+    np.testing.assert_array_equal(volume.samples, F + 12)
+    np.testing.assert_allclose(volume.spacing, SPACING)
+    # ExtMin is the face of the first voxel
+    np.testing.assert_allclose(volume.origin, (10.75, -18.875, 32))
+    assert volume.unit == "um"
+    (coarser,) = volume.coarser
+    np.testing.assert_array_equal(coarser.samples, F[::2, ::2, ::2] + 12)
+    np.testing.assert_allclose(coarser.corners, volume.corners)
+    alone = load(path, array=1, channel=2, level=1)
+    assert not alone.coarser and alone.spacing == coarser.spacing
