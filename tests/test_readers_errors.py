@@ -53,7 +53,7 @@ BAD = [
     ("a.nii", b"not an image" * 40, "cannot be read as NIfTI"),
     ("a.mha", b"some other text\n", "is this a MetaImage file"),
     ("a.vtk", b"some other text\n", "is this a legacy VTK file"),
-    ("a.vti", b"<?xml version='1.0'?><svg/>", "expected a VTKFile of ImageData, got svg"),
+    ("a.vti", b"<?xml version='1.0'?><svg/>", "expected a VTKFile of ImageData or RectilinearGrid, got svg"),
     ("a.vti", BAD_VTI.encode(), "compressor: expected zlib, LZ4, LZMA or none, got lz4"),
     ("a.csv", b"1,2\n3,four\n", "cannot be read as a CSV table"),
     ("a.png", PNG, "cannot be read as a picture"),
@@ -186,7 +186,7 @@ def test_zarr_of_missing_chunks_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"shape": (1, 2, 3)}, "expected some of spacing, channel, anywhere for NRRD, got shape"),
+        ({"shape": (1, 2, 3)}, "expected some of spacing, array, channel, anywhere for NRRD, got shape"),
         ({"sharpness": 3}, "expected some of shape, dtype"),
         ({"channel": 1}, "channel"),
         ({"channel": -1}, "zero or more"),

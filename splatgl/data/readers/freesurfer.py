@@ -45,7 +45,8 @@ def read_analyze(path: Path, options: LoadOptions) -> Volume:
             spm = {"header_class": nibabel.spm2analyze.Spm2AnalyzeHeader}
             form = type("Image", (nibabel.analyze.AnalyzeImage,), spm)
         image = form.from_file_map(form.make_file_map({"header": str(header), "image": str(data)}), mmap="r")
-        dtype, sizes = image.get_data_dtype(), [int(size) for size in image.shape]
+        dtype: Any = image.get_data_dtype()
+        sizes = [int(size) for size in image.shape]
         start = int(image.dataobj.offset)
     _check(sizes, dtype)
     require_bytes(max(start, 0) + byte_count(sizes, dtype), data.stat().st_size)

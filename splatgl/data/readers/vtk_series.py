@@ -69,17 +69,18 @@ def _chosen(entries: list[Entry], options: LoadOptions, what: str) -> tuple[str,
     listed += ", …" if len(entries) > _MOST_LISTED else ""
     if not entries:
         raise expected(what, "one or more", "none")
-    if options.array is not None:
-        head, _, rest = options.array.partition("/")
+    asked = None if options.array is None else str(options.array)
+    if asked is not None:
+        head, _, rest = asked.partition("/")
         if re.fullmatch("[0-9]{1,9}", head):
             if int(head) >= len(entries):
-                raise expected("array", f"one of the {what} {listed}", repr(options.array))
+                raise expected("array", f"one of the {what} {listed}", repr(asked))
             return entries[int(head)][1], rest or None
         if what == "blocks":
             for name, file in entries:
-                if name and (options.array == name or options.array.startswith(f"{name}/")):
-                    return file, options.array[len(name) + 1 :] or None
+                if name and (asked == name or asked.startswith(f"{name}/")):
+                    return file, asked[len(name) + 1 :] or None
     if len(entries) > 1:
         fix = f"pick one with array=0 … array={len(entries) - 1}, an array in it as in array=0/NAME"
         raise expected(what, "one", f"{len(entries)}: {listed}", fix)
-    return entries[0][1], options.array
+    return entries[0][1], asked
