@@ -22,7 +22,7 @@ from splatgl.data.volume import Volume
 _HEADER = 348
 """Bytes of an Analyze header, which its first number states."""
 
-_MGH_TYPES = {0: np.dtype(">u1"), 1: np.dtype(">i4"), 3: np.dtype(">f4"), 4: np.dtype(">i2")}
+_MGH_TYPES: dict[int, np.dtype] = {0: np.dtype(">u1"), 1: np.dtype(">i4"), 3: np.dtype(">f4"), 4: np.dtype(">i2")}
 _MGH_START = 284
 """Byte at which the samples of an .mgh file begin."""
 
@@ -45,7 +45,7 @@ def read_analyze(path: Path, options: LoadOptions) -> Volume:
             spm = {"header_class": nibabel.spm2analyze.Spm2AnalyzeHeader}
             form = type("Image", (nibabel.analyze.AnalyzeImage,), spm)
         image = form.from_file_map(form.make_file_map({"header": str(header), "image": str(data)}), mmap="r")
-        dtype: Any = image.get_data_dtype()
+        dtype = _dtype_of(image)
         sizes = [int(size) for size in image.shape]
         start = int(image.dataobj.offset)
     _check(sizes, dtype)
@@ -82,6 +82,10 @@ def _nibabel(what: str) -> Any:
     except ImportError:
         raise missing_extra(what, "nibabel", "readers") from None
     return nibabel
+
+
+def _dtype_of(image: Any) -> np.dtype:
+    return np.dtype(image.get_data_dtype())
 
 
 def _beside(path: Path, suffix: str) -> Path:
