@@ -24,7 +24,7 @@ from splatgl.data.readers import load
 
 SCRIPTS = Path(__file__).parents[1] / "scripts"
 sys.path.insert(0, str(SCRIPTS))
-for _library in ("hypothesis", "nibabel", "nrrd", "tifffile", "zarr"):
+for _library in ("hypothesis", "h5py", "mrcfile", "nibabel", "nrrd", "tifffile", "zarr"):
     pytest.importorskip(_library, reason="the extras dev and readers write and read the files")
 
 import fuzz  # noqa: E402
