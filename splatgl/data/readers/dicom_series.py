@@ -131,5 +131,5 @@ LISTED = 5
 
 
 def lines(path: Path) -> list[str]:
-    """A line for each series."""
-    return [str(series) for series in contents(path).series]
+    """A heading, and a line for each series."""
+    return ["series", *(f"  {series}" for series in contents(path).series)]

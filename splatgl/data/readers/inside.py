@@ -29,7 +29,6 @@ CONVERTERS = {
     ".grib": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     ".grib2": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     ".hdf": "convert HDF4 with h4toh5; HDF5 is read as .h5",
-    ".zip": "unpack it",
     ".7z": "unpack it",
     ".gz": "unpack it",
     ".bz2": "unpack it",
