@@ -346,7 +346,7 @@ def test_info_lists_channels_times_and_arrays_of_stores(here: Path, capsys: Said
     for name, shape in (("one", (3, 4, 5)), ("two", (6, 7, 8))):
         store.create_array(name, shape=shape, dtype="u1")
     for name, lines in (
-        ("times.nii", ("0 … 5      along one axis of 3 × 4 × 5 × 6", "pick one with --array 0 … --array 5")),
+        ("times.nii", ("times      0 … 5", "--time N picks; splatgl animate plays them")),
         ("s.zarr", ("one        5 × 4 × 3 uint8", "two        8 × 7 × 6 uint8", "pick one with --array NAME")),
     ):
         assert main(["info", name]) == 0

@@ -182,9 +182,10 @@ def test_nifti_units(tmp_path: Path, code: int, unit: str) -> None:
 
 def test_nifti_time_points(tmp_path: Path) -> None:
     path = nifti(tmp_path / "letter.nii", np.stack([F + 1, F]))
-    with pytest.raises(InputError, match="pick one with array=0 … array=1"):
-        load(path)
+    first = load(path)
+    assert first.times == 2 and np.array_equal(first.samples, F + 1) and first.notes
     check(load(path, array="1"), grid=True, frame="RAS", mapped=True)
+    check(load(path, time=1), grid=True, frame="RAS", mapped=True)
 
 
 # --- MetaImage -------------------------------------------------------------------------------------------------------

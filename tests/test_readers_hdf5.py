@@ -210,6 +210,13 @@ def imaris(path: Path) -> Path:
     with h5py.File(path, "w") as file:
         image = file.create_group("DataSetInfo/Image")
         letters(image, ExtMin0=10, ExtMin1=-20, ExtMin2=30.5, ExtMax0=17.5, ExtMax1=-4.25, ExtMax2=42.5, Unit="um")
+        for c, name in enumerate(("DAPI", "GFP", "RFP")):
+            told = {
+                "Name": name,
+                "Color": " ".join(f"{float(k == c):.3f}" for k in range(3)),
+                "ColorRange": "5.000 90.000",
+            }
+            letters(file.create_group(f"DataSetInfo/Channel {c}"), **told)
         for time in range(2):
             for c in range(3):
                 for level, cube in enumerate((F, F[::2, ::2, ::2])):
@@ -222,10 +229,12 @@ def imaris(path: Path) -> Path:
 
 def test_imaris(tmp_path: Path) -> None:
     path = imaris(tmp_path / "letter.ims")
-    with pytest.raises(InputError, match="array=0 … array=1"):
-        load(path, channel=0)
-    with pytest.raises(InputError, match="channel=0 … channel=2"):
-        load(path, array=1)
+    every = load(path, time=1)
+    assert len(every.channels) == 3 and np.array_equal(every.channels[2].samples, F + 12)
+    told = [(each.name, each.hints.color, each.hints.window) for each in every.channels]
+    assert told[1:] == [("GFP", "#00ff00", (5, 90)), ("RFP", "#0000ff", (5, 90))]
+    assert np.array_equal(load(path, channel="RFP", time=1).samples, F + 12)
+    assert load(path, channel=0).times == 2 and load(path, channel=0).notes
     volume = load(path, array=1, channel=2)
     np.testing.assert_array_equal(volume.samples, F + 12)
     np.testing.assert_allclose(volume.spacing, SPACING)

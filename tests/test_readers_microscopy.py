@@ -42,7 +42,7 @@ def test_tiff_ome_channels_and_units(tmp_path: Path) -> None:
     metadata = {"axes": "CZYX", "PhysicalSizeX": 1.5, "PhysicalSizeY": 2.25, "PhysicalSizeZ": 3000}
     metadata |= {"PhysicalSizeZUnit": "nm"}
     tifffile.imwrite(tmp_path / "letter.ome.tif", np.stack([F + 1, F]), metadata=metadata)
-    with pytest.raises(InputError, match="pick one with channel=0 … channel=1"):
+    with pytest.raises(InputError, match="pick with channel=0 … channel=1, channel=all"):
         load(tmp_path / "letter.ome.tif")
     volume = load(tmp_path / "letter.ome.tif", channel=1)
     np.testing.assert_array_equal(volume.samples, F)

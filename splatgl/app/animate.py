@@ -14,6 +14,8 @@ from splatgl.app.worker_options import add_workers, asked, drawing_of
 from splatgl.data.errors import expected
 
 FPS = 30.0
+# seconds that a series lasts at least
+SHORTEST = 2.0
 MAX_FRAMES = 1_000_000
 # a GIF frame lasts at most 655 s
 MIN_FPS, MAX_FPS = 0.01, 1000.0
@@ -42,7 +44,8 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--moments", type=int, metavar="N", help="each frame is the mean of N, of parts of its time")
     group.add_argument("--shutter", type=float, metavar="DEG", help="how long it is open (180: half of a frame)")
     group.add_argument("--flow", type=float, metavar="F", help="blur along the volume's vectors, times F, a frame")
-    group.add_argument("--fps", type=float, default=FPS, metavar="N", help=f"frames a second of a movie ({FPS:g})")
+    about = f"frames a second of a movie ({FPS:g}; fewer for a short series, which lasts {SHORTEST:g} s)"
+    group.add_argument("--fps", type=float, metavar="N", help=about)
     group.add_argument("--resume", action="store_true", help="keep the frames that are there already")
     parser.add_argument("--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample (8)")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
@@ -77,7 +80,8 @@ def run(args: argparse.Namespace) -> int:
             animation.draw(renderer, frames, todo, args.quiet)
     if frames.movie:
         ground = animation.scenes[0].settings.background or BLACK
-        write_movie(frames.movie, [frames.path(n) for n in wanted], args.fps, ground)
+        fps = args.fps or _fps(animation)
+        write_movie(frames.movie, [frames.path(n) for n in wanted], fps, ground)
         frames.clear(wanted)
     if not args.quiet:
         kept = f", {len(wanted) - len(todo)} of them there before" if len(todo) < len(wanted) else ""
@@ -95,12 +99,17 @@ def _check(args: argparse.Namespace) -> None:
         value = getattr(args, name)
         if value is not None and not low <= value <= high:
             raise expected(f"--{name}", f"a whole number from {low} to {high}", value)
-    if not MIN_FPS <= args.fps <= MAX_FPS:
+    if args.fps is not None and not MIN_FPS <= args.fps <= MAX_FPS:
         raise expected("--fps", f"a number from {MIN_FPS:g} to {MAX_FPS:g}", args.fps)
     for name in ("turntable", "spin", "flow"):
         value = getattr(args, name)
         if value is not None and not abs(value) <= MAX_PACE:
             raise expected(f"--{name}", f"a number from {-MAX_PACE:g} to {MAX_PACE:g}", value)
+
+
+def _fps(animation: Animation) -> float:
+    """Frames a second, unless given: so few of a short series that it can be followed."""
+    return min(FPS, animation.count / SHORTEST) if len(animation.scenes) > 1 else FPS
 
 
 def _span(text: str) -> tuple[int, int]:

@@ -20,7 +20,7 @@ from splatgl.app.options import scene_from
 from splatgl.app.output import tell
 from splatgl.app.render import PATIENCE, nothing
 from splatgl.app.scene import Scene
-from splatgl.app.series import read_ahead, volumes
+from splatgl.app.series import read_ahead, time_points, volumes
 from splatgl.app.track import Track, Turning, keyframes, turning
 from splatgl.data.errors import expected
 from splatgl.data.sizes import size_of
@@ -73,6 +73,11 @@ class Animation:
         scenes = volumes(scene_from(args), args.more)
         scene = scenes[0]
         volume = scene.open()
+        if len(scenes) == 1:
+            scenes = time_points(scene, volume, args.time)
+            if scenes[0] is not scene:
+                scene = scenes[0]
+                volume = replace(scene.open(), notes=())
         tell(volume, args.quiet)
         transfer = scene.transfer_for(volume)
         series = len(scenes) > 1

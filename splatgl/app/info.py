@@ -63,7 +63,12 @@ def describe(volume: Volume) -> str:
     levels = [volume, *volume.coarser]
     number = next((n for n, level in enumerate(levels) if level.count <= MOST), len(levels) - 1)
     statistics = measure(levels[number])
-    lines = [*_grid_lines(volume), *_level_lines(levels, number), *_sample_lines(volume, statistics)]
+    lines = [
+        *_grid_lines(volume),
+        *_several_lines(volume),
+        *_level_lines(levels, number),
+        *_sample_lines(volume, statistics),
+    ]
     if statistics.finite:
         lines += _drawing_lines(volume)
         lines += ["", *_bars(histogram(levels[number], statistics))]
@@ -130,6 +135,22 @@ def _grid_lines(volume: Volume) -> list[str]:
         lines += [_line("direction", rows[0]), _line("", rows[1]), _line("", rows[2])]
     frames = {"LPS": "LPS (+x left, +y back, +z head)", "RAS": "RAS (+x right, +y front, +z head)"}
     return [*lines, _line("frame", frames.get(volume.frame or "", "not stated"))]
+
+
+def _several_lines(volume: Volume) -> list[str]:
+    """The channels and time points of the file, and the options that pick them."""
+    lines = []
+    for number, channel in enumerate(volume.channels):
+        window = channel.hints.window
+        told = " ".join(part for part in (channel.name, channel.hints.color or "") if part)
+        told += f"   {_number(window[0])} … {_number(window[1])}" if window else ""
+        lines.append(_line("channels" * (not number), f"{number}: {told}"))
+    if volume.channels:
+        lines.append(_line("", "all are drawn; --channel N|NAME,… picks"))
+    if volume.times > 1:
+        step = f", {_number(volume.time_step)} s apart" if volume.time_step else ""
+        lines.append(_line("times", f"0 … {volume.times - 1}{step}: --time N picks; splatgl animate plays them"))
+    return lines
 
 
 def _level_lines(levels: list[Volume], looked: int) -> list[str]:

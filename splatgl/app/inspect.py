@@ -49,7 +49,7 @@ def _info(options: Mapping[str, str], args: argparse.Namespace) -> int:
         return 0
     from splatgl.app.info import describe
 
-    tell(volume)
+    tell(volume, channels=True)
     print(describe(volume))
     return 0
 

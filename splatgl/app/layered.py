@@ -45,26 +45,34 @@ def _number(text: str) -> float | None:
         return None
 
 
-def opened(scene: Scene) -> list[tuple[Volume, Transfer]]:
-    """The volumes of a scene's layers with their transfer functions. Raises InputError that names the file."""
-    volumes = [layer.open() for layer in scene.layers]
-    return [(volume, layer.transfer_for(volume)) for volume, layer in zip(volumes, scene.layers, strict=True)]
+def of_channels(scene: Scene, volume: Volume, transfer: Transfer) -> list[Layer]:
+    """The layers of a volume: one for each of its channels."""
+    from splatgl.splat.layers.channels import channel_transfers
+    from splatgl.splat.layers.layers import Layer
+
+    colors, windows = (dict(scene.transfer.get(name, ())) for name in ("color_of", "window_of"))
+    if len(volume.channels) < 2:
+        if colors or windows:
+            raise expected("--color-of and --window-of", "several channels", "one", "load more by --channel")
+        return [Layer(volume, transfer, threshold=scene.threshold)]
+    base = transfer if scene.transfer.keys() & {"points", "preset"} else None
+    found = channel_transfers(volume, colors, windows, base)
+    looks = zip(volume.channels, found, strict=True)
+    return [Layer(each, look.weakened(scene.opacity), threshold=scene.threshold) for each, look in looks]
 
 
 def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
-    """The image of a scene of several layers; the first is `volume`, whose view it has by default."""
-    from splatgl.splat.layers.layers import Layer
+    """The image of a scene of several layers or channels; the first is `volume`, whose view it has by default."""
     from splatgl.splat.layers.layers import Scene as Layers
     from splatgl.truth.check import check_layers
 
     for name in ("field", "savings"):
         if getattr(how, name):
             raise expected(f"--{name}", "a picture of one volume", "layers")
-    found = [(volume, transfer), *opened(scene)]
-    layers = [
-        Layer(each, look, threshold=source.threshold)
-        for (each, look), source in zip(found, (scene, *scene.layers), strict=True)
-    ]
+    layers = of_channels(scene, volume, transfer)
+    for source in scene.layers:
+        other = source.open()
+        layers += of_channels(source, other, source.transfer_for(other))
     for layer in layers:
         _check_fits(how, scene, layer)
     drawn = Layers(layers)

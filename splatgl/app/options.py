@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -33,12 +34,13 @@ def add_source(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--offset", dest="header_offset", type=int, metavar="BYTES", help="skipped in a headerless file")
     about = "voxel spacing, instead of the file's and in its unit"
     group.add_argument("--spacing", type=numbers(3), metavar="X,Y,Z", help=about)
+    group.add_argument("--array", metavar="NAME", help="which array, block or step of a file that holds several")
     group.add_argument(
-        "--array", metavar="NAME", help="which array, by name (VTK, npz, Zarr), or time, by number (NIfTI, TIFF)"
+        "--channel",
+        metavar="N|NAME,…",
+        help="which channel, from 0; of TIFF, Zarr and Imaris also its name, several, or all",
     )
-    group.add_argument(
-        "--channel", type=int, metavar="N", help="which of several numbers per voxel, from 0 (not of npy, npz, NIfTI)"
-    )
+    group.add_argument("--time", type=times, metavar="N", help="which time point of a file, from 0; animate: A:B:STEP")
     group.add_argument(
         "--level", type=int, metavar="N", help="level of a multiscale OME-Zarr or TIFF image, 0 the finest (measured)"
     )
@@ -133,6 +135,10 @@ def scene_from_source(args: argparse.Namespace) -> Scene:
     path = Path(source)
     scene = Scene.from_toml(path) if path.suffix == ".toml" and not is_address(source) else Scene(source)
     reading = _given(args, *(f.name for f in fields(LoadOptions)))
+    if isinstance(reading.get("time"), slice):
+        if not hasattr(args, "more"):
+            raise expected("--time", "one time point", "several", "splatgl animate draws them")
+        del reading["time"]
     named = {} if array is None else {"array": array}
     return replace(scene, load={**scene.load, **named, **reading})
 
@@ -175,7 +181,7 @@ def scene_from(args: argparse.Namespace) -> Scene:
     )
 
 
-TRANSFER = ("preset", "points", "gradient", "colormap", "window", "unit")
+TRANSFER = ("preset", "points", "gradient", "colormap", "window", "unit", "color_of", "window_of")
 
 
 def _transfer_file(path: str | None) -> dict[str, Any]:
@@ -225,6 +231,36 @@ def _pairs(text: str) -> tuple[tuple[float, float], ...]:
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected pairs V:A separated by commas, got {text!r}") from None
     return pairs
+
+
+def color_of(text: str) -> tuple[str, str]:
+    """Parses CHANNEL=#RRGGBB."""
+    name, _, color = text.rpartition("=")
+    if not name or not re.fullmatch("#[0-9a-fA-F]{6}", color):
+        raise argparse.ArgumentTypeError(f"expected CHANNEL=#RRGGBB, got {text!r}")
+    return name, color.lower()
+
+
+def window_of(text: str) -> tuple[str, tuple[float, ...]]:
+    """Parses CHANNEL=LOW,HIGH."""
+    name, _, window = text.rpartition("=")
+    low, high = numbers(2)(window) if name else (0.0, 0.0)
+    if not low < high:
+        raise argparse.ArgumentTypeError(f"expected CHANNEL=LOW,HIGH with LOW below HIGH, got {text!r}")
+    return name, (low, high)
+
+
+def times(text: str) -> int | slice:
+    """Parses a time point, or FIRST:END:STEP as Python does."""
+    try:
+        parts = [int(part) if part else None for part in text.split(":")]
+    except ValueError:
+        parts = []
+    if len(parts) == 1 and parts[0] is not None:
+        return parts[0]
+    if len(parts) not in (2, 3) or (len(parts) == 3 and parts[2] == 0):
+        raise argparse.ArgumentTypeError(f"expected a number, or FIRST:END:STEP, got {text!r}")
+    return slice(*parts)
 
 
 def only_labels(text: str) -> tuple[tuple[int, float], ...]:

@@ -36,7 +36,10 @@ def check_source(path: Path, *sources: str | None) -> None:
         raise expected(path, "another file than the source", "the source itself", "name another one with -o")
 
 
-def tell(volume: Volume, quiet: bool = False) -> None:
-    """Prints what the reader left out or assumed, on standard error."""
-    for note in () if quiet else volume.notes:
+def tell(volume: Volume, quiet: bool = False, channels: bool = False) -> None:
+    """Prints what the reader left out or assumed, on standard error. channels: whether all are drawn."""
+    notes = list(volume.notes)
+    if len(volume.channels) > 1 and not channels:
+        notes.append(f"channel {volume.channels[0].name} of {len(volume.channels)} is drawn: --channel picks another")
+    for note in () if quiet else notes:
         print(f"splatgl: {note}", file=sys.stderr)

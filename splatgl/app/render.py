@@ -15,7 +15,7 @@ import numpy as np
 
 from splatgl import __version__
 from splatgl.app.layered import draw_layers, layer_option
-from splatgl.app.options import add_drawing, add_source, scene_from
+from splatgl.app.options import add_drawing, add_source, color_of, scene_from, window_of
 from splatgl.app.output import check_output, check_source, tell
 from splatgl.app.scene import Scene
 from splatgl.app.summary import accuracy, summary
@@ -94,6 +94,12 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         metavar="FILE[:LOOK[:OPACITY]]",
         help="another volume in the picture, with a preset or a colour map, and a factor of its opacities",
     )
+    parser.add_argument(
+        "--color-of", type=color_of, action="append", metavar="CHANNEL=#RRGGBB", help="the colour of a channel"
+    )
+    parser.add_argument(
+        "--window-of", type=window_of, action="append", metavar="CHANNEL=LOW,HIGH", help="from clear to full"
+    )
     parser.add_argument("--labels", metavar="FILE", help="a segmentation that is laid over the volume")
     parser.add_argument("--ref", metavar="FILE", help="compare with this picture; write only if it differs, and exit 1")
     parser.add_argument("--explain", action="store_true", help="say what is drawn, what is left out, and why")
@@ -131,7 +137,7 @@ def run(args: argparse.Namespace) -> int:
     check_source(output, args.source, scene.volume, args.color)
     reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()
-    tell(volume, args.quiet)
+    tell(volume, args.quiet, channels=not on_workers)
     transfer = scene.transfer_for(volume)
     if on_workers:
         image = _on_workers(args, scene, volume, transfer)
@@ -157,7 +163,7 @@ def run(args: argparse.Namespace) -> int:
 
 def draw(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
     """The image, drawn by this process."""
-    if scene.layers:
+    if scene.layers or len(volume.channels) > 1 or scene.transfer.keys() & {"color_of", "window_of"}:
         return draw_layers(how, scene, volume, transfer)
     camera, told = None, dict[str, object]()
     if volume.coarser:

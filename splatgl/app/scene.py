@@ -51,6 +51,8 @@ KEYS: dict[str, tuple[type, ...]] = {
     "opacity": (int, float),
     "layer": (list,),
 }
+# keys of a transfer function that are of channels: pairs of a channel and a colour, or a window
+OF_CHANNELS = ("color_of", "window_of")
 # the keys of a layer
 LAYER = ("volume", "threshold", "load", "transfer", "opacity")
 # number of components of camera keys; the others have one, and `orthographic` is true or false
@@ -223,7 +225,7 @@ class Scene:
 
     def transfer_for(self, volume: Volume) -> Transfer:
         """The transfer function: the data's own or a preset's, overridden by the scene's options."""
-        asked = dict(self.transfer)
+        asked = {key: value for key, value in self.transfer.items() if key not in OF_CHANNELS}
         name = asked.pop("preset", None)
         if "only_labels" in asked:
             _check_keys("transfer of labels", asked, {"only_labels", "unit", "shading"})

@@ -12,6 +12,7 @@ from typing import TypeVar
 from splatgl.app.scene import Scene
 from splatgl.data.errors import expected
 from splatgl.data.scenes import SCENES
+from splatgl.data.volume import Volume
 
 T = TypeVar("T")
 WILDCARDS = re.compile(r"[*?\[]")
@@ -26,6 +27,18 @@ def volumes(scene: Scene, more: Sequence[str]) -> list[Scene]:
     for source in (scene.volume, *more):
         found += [source] if source in SCENES or Path(source).exists() else _matching(source)
     return [replace(scene, volume=source) for source in found]
+
+
+def time_points(scene: Scene, volume: Volume, asked: int | slice | None) -> list[Scene]:
+    """The scene of each time point of a file; the scene alone, if one is asked for or there is one only."""
+    if volume.times < 2 or isinstance(asked, int) or scene.load.keys() & {"time", "array"}:
+        if isinstance(asked, slice):
+            raise expected("--time", "a file of several time points", volume.times)
+        return [scene]
+    numbers = range(volume.times)[asked or slice(None)]
+    if not numbers:
+        raise expected("--time", f"some of 0 to {volume.times - 1}", "none")
+    return [replace(scene, load={**scene.load, "time": number}) for number in numbers]
 
 
 def _matching(source: str) -> list[str]:

@@ -34,6 +34,8 @@ def summary(output: Path, image: Image, scene: Scene, volume: Volume, transfer: 
 
 def _transfer(scene: Scene, volume: Volume, transfer: Transfer) -> str:
     """The opacities, the colours and what they span, and the threshold."""
+    if len(volume.channels) > 1:
+        return f"channels {', '.join(each.name for each in volume.channels)}"
     if transfer.labels:
         names = {label.number: label.name for label in volume.labels or ()}
         labels = [f"{number} {names.get(number, '')}".strip() + f" {color}" for number, color, _ in transfer.labels]

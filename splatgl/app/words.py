@@ -8,19 +8,8 @@ from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 
 READING = (
-    *(
-        "shape",
-        "dtype",
-        "spacing",
-        "header_offset",
-        "array",
-        "channel",
-        "level",
-        "series",
-        "color",
-        "relief",
-        "anywhere",
-    ),
+    *("shape", "dtype", "spacing", "header_offset", "array", "channel", "level", "series", "time"),
+    *("color", "relief", "anywhere"),
 )
 """Reader options: a message on a file may name them behind its path."""
 

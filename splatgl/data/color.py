@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike
 # the curve is linear below these encoded and linear values, a power function above
 ENCODED_KNEE, LINEAR_KNEE = 0.04045, 0.0031308
 SLOPE, OFFSET, EXPONENT = 12.92, 0.055, 2.4
+# weights of red, green and blue in luma
+LUMA = np.array([0.2126, 0.7152, 0.0722])
 
 
 def linear_from_srgb(encoded: ArrayLike) -> np.ndarray:
@@ -22,3 +24,11 @@ def srgb_from_linear(linear: ArrayLike) -> np.ndarray:
     c = np.asarray(linear, dtype=np.float64)
     curved = (1 + OFFSET) * np.maximum(c, LINEAR_KNEE) ** (1 / EXPONENT) - OFFSET
     return np.where(c <= LINEAR_KNEE, c * SLOPE, curved)
+
+
+def luma(color: np.ndarray) -> np.ndarray:
+    """The luma, uint8 [D, H, W], of sRGB colours, uint8 [D, H, W, 3] (ITU-R BT.709)."""
+    found = np.empty(color.shape[:-1], np.uint8)
+    for plane, source in zip(found, color, strict=True):
+        np.rint(source @ LUMA, out=plane, casting="unsafe")
+    return found

@@ -26,7 +26,7 @@ class Hints:
     window: (low, high) sample values spanned by the colours. points: (value, opacity) pairs, the
     opacity per `unit` world lengths (None: the mean spacing). preset: a transfer preset's name.
     The view is either an orbit (azimuth, elevation in degrees) or an eye and a target in world
-    units; fov is the full vertical angle in degrees.
+    units; fov is the full vertical angle in degrees. color: "#rrggbb" of a channel at its brightest.
     """
 
     window: tuple[float, float] | None = None
@@ -34,6 +34,7 @@ class Hints:
     unit: float | None = None
     preset: str | None = None
     colormap: str | None = None
+    color: str | None = None
     shading: bool | None = None
     azimuth: float | None = None
     elevation: float | None = None
@@ -76,6 +77,8 @@ class Volume:
     color: uint8 [D, H, W, 3] sRGB, also read in parts, or None. vectors: [D, H, W, 3] along world x, y, z, or None.
     coarser: the same in fewer voxels, finer first: the further levels of a multiscale image.
     labels: of samples that number segments, the table of these (empty: none in the file); None: samples are amounts.
+    channels: of a file of several, all that were read, each named; samples are those of the first.
+    times: time points of the file, of which this is one; time_step: seconds between two.
     notes: what the reader left out or assumed, each a line for the user.
     Raises InputError for samples that are not 3-D real numbers and for an impossible grid.
     """
@@ -93,6 +96,9 @@ class Volume:
     coarser: tuple[Volume, ...] = ()
     labels: tuple[Label, ...] | None = None
     notes: tuple[str, ...] = ()
+    channels: tuple[Volume, ...] = ()
+    times: int = 1
+    time_step: float | None = None
 
     def __post_init__(self) -> None:
         parts = all(hasattr(self.samples, name) for name in ("shape", "dtype", "__getitem__"))
@@ -192,7 +198,7 @@ class Volume:
         color = None if self.color is None else np.asarray(self.color[box])
         x, y, z = (self.world_from_index @ np.array(low[::-1]) + self.origin).tolist()
         samples = np.asarray(self.samples[box])
-        return replace(self, samples=samples, color=color, vectors=None, origin=(x, y, z), coarser=())
+        return replace(self, samples=samples, color=color, vectors=None, origin=(x, y, z), coarser=(), channels=())
 
     def around(self, low: Places, high: Places, halo: int) -> tuple[Places, Places]:
         """The ends of a box of voxels with up to `halo` more on each side."""

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.color import LUMA
 from splatgl.data.errors import expected, missing_extra
 from splatgl.data.readers.dicom_files import Bounded
 from splatgl.data.readers.dicom_headers import Frame, Header, dataset, reading
@@ -23,9 +24,6 @@ MOST_TILES = 4096
 COLORS = ("RGB", "YBR_FULL", "YBR_FULL_422", "YBR_ICT", "YBR_RCT", "YBR_PARTIAL_422", "YBR_PARTIAL_420")
 PALETTE = "PALETTE COLOR"
 GREYS = ("MONOCHROME1", "MONOCHROME2")
-
-# weights of red, green and blue in luma (ITU-R BT.709)
-LUMA = np.array([0.2126, 0.7152, 0.0722])
 
 JP2 = b"\0\0\0\x0cjP  "
 """Begins a JPEG 2000 picture in a file's boxes; others begin with their codestream."""

@@ -73,7 +73,10 @@ def read(path: Path, options: LoadOptions) -> Volume:
         if axes is None:
             this = "three axes, and a first or last one of few channels"
             raise expected(dataset.name, this, _size(dataset.shape), "label its dimensions, or save one part of it")
-        extra = {axis: ("channel", options.channel if axis in axes.others else 0) for axis in range(len(dataset.shape))}
+        extra = {
+            axis: ("channel", options.channel_number if axis in axes.others else 0)
+            for axis in range(len(dataset.shape))
+        }
         for axis in axes.space:
             del extra[axis]
         index = selection(dataset.shape, extra)

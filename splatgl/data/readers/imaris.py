@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.errors import expected
-from splatgl.data.readers.files import grid_shape, library, selection
+from splatgl.data.readers.files import grid_shape, library
 from splatgl.data.readers.grid import axes_of, triple, unit_name
 from splatgl.data.readers.hdf5_file import is_numbers, node_at, open_hdf5, samples_of, text_of
 from splatgl.data.readers.options import LoadOptions
+from splatgl.data.readers.several import Channel, Several, rgb_of, window_of
 from splatgl.data.volume import Volume
 
 _MOST = 64
@@ -30,7 +31,7 @@ _MOST_ENTRIES = 100_000
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of an Imaris file with its coarser levels.
 
-    `channel` picks a channel, `array` the number of a time point, `level` one level. Samples of over WHOLE bytes are
+    `channel` picks channels, `time` a time point, `level` one level. Samples of over WHOLE bytes are
     read in parts.
     """
     file = open_hdf5(path)
@@ -39,18 +40,38 @@ def read(path: Path, options: LoadOptions) -> Volume:
         finest = _group(file, "DataSet/ResolutionLevel 0")
         times = _count(finest, "TimePoint")
         channels = _count(_group(finest, "TimePoint 0"), "Channel")
-        picked = {0: ("array", options.array_number(times)), 1: ("channel", options.channel)}
-        time, channel = selection((times, channels), picked)
+        time = options.time_number(times)
         # 2. at which levels
         levels = _count(_group(file, "DataSet"), "ResolutionLevel", _MOST)
         if options.level is not None and options.level >= levels:
             raise expected("level", f"a number from 0 to {levels - 1}", options.level)
         wanted = range(levels) if options.level is None else range(options.level, options.level + 1)
-        names = [f"DataSet/ResolutionLevel {level}/TimePoint {time}/Channel {channel}" for level in wanted]
         # 3. the samples, and the box that all have
         image = _group(file, "DataSetInfo/Image")
-        found = [_volume(path, _group(file, name), image, options) for name in names]
-    return replace(found[0], coarser=tuple(found[1:]))
+        told = Several(tuple(_channel(file, n) for n in range(channels)), channels > 1, times)
+
+        def read_one(channel: int | None) -> Volume:
+            names = [f"DataSet/ResolutionLevel {level}/TimePoint {time}/Channel {channel or 0}" for level in wanted]
+            found = [_volume(path, _group(file, name), image, options) for name in names]
+            return replace(found[0], coarser=tuple(found[1:]))
+
+        return told.volume(options, read_one)
+
+
+def _channel(file: Any, number: int) -> Channel:
+    """Its name, colour ("r g b" from 0 to 1) and range of values, as far as they are told."""
+    node = node_at(file, f"DataSetInfo/Channel {number}", anywhere=False)
+    if node is None:
+        return Channel(str(number))
+    color, ends = (text_of(node, name).split() for name in ("Color", "ColorRange"))
+    try:
+        parts = [float(part) for part in color]
+    except ValueError:
+        parts = []
+    shown = (
+        rgb_of([round(part * 255) for part in parts]) if len(parts) == 3 and all(0 <= p <= 1 for p in parts) else None
+    )
+    return Channel(text_of(node, "Name") or str(number), shown, window_of(*ends) if len(ends) == 2 else None)
 
 
 def _group(file: Any, name: str) -> Any:

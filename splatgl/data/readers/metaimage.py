@@ -51,7 +51,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     channels = _integer(fields, "ElementNumberOfChannels", 1)
     shape = (depth, height, width, max(channels, 1))
     samples = _data(path, fields, start, shape, options.anywhere)
-    samples = samples[selection(shape, {3: ("channel", options.channel)})]
+    samples = samples[selection(shape, {3: ("channel", options.channel_number)})]
     matrix = np.array(_numbers(fields, _MATRIX_NAMES, list(np.eye(3).ravel())))
     if matrix.size != 9:
         raise expected("TransformMatrix", "nine numbers", matrix.size)

@@ -23,10 +23,14 @@ from splatgl.data.readers.files import (
 )
 from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.readers.options import LoadOptions
+from splatgl.data.readers.several import Several
 from splatgl.data.volume import Volume
 
 _UNITS = {1: "m", 2: "mm", 3: "um"}
 """Units of length by the lowest three bits of xyzt_units (nifti1.h); other codes are no lengths."""
+
+_TIMES = {8: 1.0, 16: 1e-3, 24: 1e-6}
+"""Seconds of the units of time in the next three bits."""
 
 _SNIFF_BYTES = 1024
 """Bytes read to tell whether gzip data are sound: more than either header."""
@@ -36,7 +40,7 @@ _NIFTI2_BYTES = 540
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of a .nii or .nii.gz file in RAS; `array` picks the time point of a 4-D one.
+    """The volume of a .nii or .nii.gz file in RAS; `time` picks the time point of a 4-D one.
 
     Samples with a slope or intercept are scaled to float32, the others keep their type.
     """
@@ -48,10 +52,24 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 def of_image(image: Any, options: LoadOptions) -> Volume:
     """The volume of a nibabel image with a NIfTI header, in a file or in memory, as `read` gives it."""
+    return _told(image).volume(options, lambda _: _volume(image, options))
+
+
+def _told(image: Any) -> Several:
+    """The time points: pixdim[4] apart."""
+    sizes, zooms = _sizes(image), image.header.get_zooms()
+    unit = _TIMES.get(int(image.header["xyzt_units"]) & 56, 0.0)
+    step = float(zooms[3]) * unit if len(zooms) > 3 else 0.0
+    return Several(times=sizes[3] if len(sizes) > 3 else 1, step=step if 0 < step < float("inf") else None)
+
+
+def _volume(image: Any, options: LoadOptions) -> Volume:
     # 1. sizes
     sizes = _sizes(image)
-    long = [axis for axis in range(3, len(sizes)) if sizes[axis] > 1]
-    extra = {axis: ("array", options.array_number(sizes[axis]) if axis in long else 0) for axis in range(3, len(sizes))}
+    times = sizes[3] if len(sizes) > 3 else 1
+    extra: dict[int, tuple[str, int | None]] = {3: ("time", options.time_number(times))} if len(sizes) > 3 else {}
+    for axis in range(4, len(sizes)):
+        extra[axis] = ("array", options.array_number(sizes[axis]) if sizes[axis] > 1 else 0)
     # 2. samples
     stored, slope, intercept = _stored(image.dataobj)
     if stored.dtype.kind not in "buif":

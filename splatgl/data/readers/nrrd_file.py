@@ -14,6 +14,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from splatgl.data.color import luma
 from splatgl.data.errors import expected, missing_extra
 from splatgl.data.readers.files import (
     byte_count,
@@ -54,9 +55,6 @@ _COMPONENTS = {
 }
 """Kinds and sizes of axes that hold all that a voxel has: its colour, or a vector."""
 
-_LUMA = np.array([0.2126, 0.7152, 0.0722])
-"""Weights of red, green and blue in the luma of sRGB (ITU-R BT.709)."""
-
 _TEXT = ("ascii", "text", "txt")
 
 _HEADER_LIMIT = 2**20
@@ -83,9 +81,10 @@ def read(path: Path, options: LoadOptions) -> Volume:
     kinds = [str(kind).lower() for kind in header.get("kinds", [""] * len(sizes))]
     others = [axis for axis in range(len(sizes)) if axis not in space]
     times = [axis for axis in others if kinds[axis] == "time"]
-    whole = [axis for axis in others if (kinds[axis], sizes[axis]) in _COMPONENTS and options.channel is None]
+    asked = options.channel_number
+    whole = [axis for axis in others if (kinds[axis], sizes[axis]) in _COMPONENTS and asked is None]
     extra: dict[int, tuple[str, int | None]] = {
-        last - axis: ("array", options.array_number(sizes[axis])) if axis in times else ("channel", options.channel)
+        last - axis: ("array", options.array_number(sizes[axis])) if axis in times else ("channel", asked)
         for axis in others
         if axis not in whole[:1]
     }
@@ -113,7 +112,7 @@ def _components(values: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray |
         if values.dtype != np.uint8:
             raise expected("colours", "uint8", values.dtype, "pick one with channel=0, channel=1 or channel=2")
         color = np.ascontiguousarray(values[..., :3])
-        return np.stack([np.rint(plane @ _LUMA).astype(np.uint8) for plane in color]), color, None
+        return luma(color), color, None
     vectors = np.asarray(values, np.float32)
     return np.stack([np.linalg.norm(plane, axis=-1) for plane in vectors]), None, vectors
 

@@ -20,7 +20,8 @@ _TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "dtype": ((str,), "the name of a type"),
     "header_offset": ((int,), "a whole number of bytes"),
     "array": ((str, int), "a name or a number"),
-    "channel": ((int,), "a whole number"),
+    "channel": ((int, str), "a number, a name, several of them, or all"),
+    "time": ((int,), "a whole number"),
     "level": ((int,), "a whole number"),
     "series": ((str, int), "a number or the end of a UID"),
     "color": ((str, Path), "the path of a picture"),
@@ -38,7 +39,8 @@ class LoadOptions:
     shape: voxels along (x, y, z), x fastest; dtype: "uint8", "uint16be", ">u2"; header_offset: bytes to skip (raw).
     spacing: (x, y, z) in world units, overrides what the file says.
     array: name of the array (npz, VTK, zarr) or number of the time point (NIfTI, TIFF, DICOM).
-    channel: number of the channel of a file with several samples per voxel. level: of a multiscale image, 0 the finest.
+    channel: number of the channel of a file with several samples per voxel; of TIFF and Zarr also its name, several
+    ("0,2", "DAPI,GFP") or "all". time: number of the time point, from 0. level: of a multiscale image, 0 the finest.
     series: number of a DICOM series in the list of `splatgl info`, from 1 on, or the end of its UID.
     color: path of the colour picture of a height map; relief: the world height that the map spans;
     levels: voxel levels of the terrain.
@@ -51,7 +53,8 @@ class LoadOptions:
     spacing: Triple | None = None
     header_offset: int = 0
     array: str | int | None = None
-    channel: int | None = None
+    channel: int | str | None = None
+    time: int | None = None
     level: int | None = None
     series: str | int | None = None
     color: str | Path | None = None
@@ -75,9 +78,11 @@ class LoadOptions:
             sample_type(self.dtype)
         if self.header_offset < 0:
             raise expected("header_offset", "zero or more bytes", self.header_offset)
-        for name in ("channel", "level"):
+        if isinstance(self.channel, str) and re.fullmatch("[0-9]{1,6}", self.channel):
+            object.__setattr__(self, "channel", int(self.channel))
+        for name in ("channel", "level", "time"):
             value = getattr(self, name)
-            if value is not None and value < 0:
+            if isinstance(value, int) and value < 0:
                 raise expected(name, "zero or more", value)
         if self.levels < 2:
             raise expected("levels", "two or more voxel levels", self.levels)
@@ -88,6 +93,19 @@ class LoadOptions:
     def given(self) -> set[str]:
         """Names of the options that differ from their defaults."""
         return {option.name for option in fields(self) if getattr(self, option.name) != option.default}
+
+    @property
+    def channel_number(self) -> int | None:
+        """`channel`, of a format whose channels have no names."""
+        if isinstance(self.channel, str):
+            raise expected("channel", "a whole number", repr(self.channel))
+        return self.channel
+
+    def time_number(self, count: int) -> int:
+        """The time point below `count`: `time`, else `array`, else the first."""
+        if self.time is not None and self.time >= count:
+            raise expected("time", f"a number from 0 to {count - 1}", self.time)
+        return self.time if self.time is not None else self.array_number(count) or 0
 
     def array_number(self, count: int) -> int | None:
         """`array` as a number below `count`, or None if it was not given."""

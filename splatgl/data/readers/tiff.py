@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.color import luma
 from splatgl.data.errors import InputError, expected
 from splatgl.data.readers.files import (
     MAX_BYTES,
@@ -30,6 +31,7 @@ from splatgl.data.readers.files import (
 from splatgl.data.readers.grid import METRES, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.terrain import grey_heights, terrain_of_picture
+from splatgl.data.readers.tiff_channels import several
 from splatgl.data.readers.tiff_checks import check_chain, check_ome
 from splatgl.data.readers.tiff_parts import open_tiff, parts
 from splatgl.data.readers.xml_tree import parse_xml
@@ -75,8 +77,8 @@ class _Series:
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of the first series of a TIFF file, or the terrain of a 2-D one.
 
-    `channel` picks one of several channels, `array` the number of a time point, `level` one of a multiscale image, of
-    which coarser levels are read in parts. Spacing and unit are those of ImageJ's or OME's metadata, else 1.
+    `channel` picks channels, `time` a time point, `level` one of a multiscale image, whose coarser levels are read in
+    parts. Spacing and unit are those of ImageJ's or OME's metadata, else 1.
     """
     check_chain(path)
     with _complaints(), ExitStack() as stack:
@@ -95,15 +97,40 @@ def read(path: Path, options: LoadOptions) -> Volume:
         z = _stack_axis(series)
         if z is None:
             return terrain_of_picture(path, grey_heights(np.squeeze(_pixels(path, tiff, series, number))), options)
-        index = _index(series, z, options)
         large = len(found) > 1 and series.offset is None and byte_count(series.shape, series.dtype) > WHOLE
-        (samples,) = parts(path, [number], index) if large else [_pixels(path, tiff, series, number)[index]]
-        volume = _on_grid(samples, series, found[0])
-        if options.level is not None or len(found) == 1:
-            return volume
-        others = [n for n, level in enumerate(found) if n and _alike(level, series)]
-        coarser = zip(parts(path, others, index), others, strict=True)
-        return replace(volume, coarser=tuple(_on_grid(samples, found[n], series) for samples, n in coarser))
+        pixels = None if large else _pixels(path, tiff, series, number)
+
+        def read_one(channel: int | None) -> Volume:
+            whole = channel is None and _is_rgb(series)
+            index = _index(series, z, replace(options, channel=0 if whole else channel))
+            (samples,) = parts(path, [number], index) if pixels is None else [pixels[index]]
+            volume = _on_grid(samples, series, found[0])
+            if pixels is not None and whole:
+                return _colored(volume, pixels, index, series)
+            if options.level is not None or len(found) == 1:
+                return volume
+            others = [n for n, level in enumerate(found) if n and _alike(level, series)]
+            coarser = zip(parts(path, others, index), others, strict=True)
+            return replace(volume, coarser=tuple(_on_grid(samples, found[n], series) for samples, n in coarser))
+
+        with library("TIFF"):
+            told = several(tiff, series.axes, series.shape)
+        return told.volume(options, read_one)
+
+
+def _is_rgb(series: _Series) -> bool:
+    """Whether its samples are colours of 8 or 16 bits, with or without alpha."""
+    count = dict(zip(series.axes, series.shape, strict=True)).get("S", 0)
+    return series.is_color and count in (3, 4) and series.dtype in (np.uint8, np.uint16)
+
+
+def _colored(volume: Volume, pixels: np.ndarray, index: tuple[int | slice, ...], series: _Series) -> Volume:
+    """The volume with its colours, and their luma as samples. index: of one component."""
+    axis = series.axes.index("S")
+    every = (*index[:axis], slice(0, 3), *index[axis + 1 :])
+    color = np.moveaxis(pixels[every], sum(isinstance(at, slice) for at in index[:axis]), -1)
+    color = color if color.dtype.itemsize == 1 else (color >> 8).astype(np.uint8)
+    return replace(volume, samples=luma(color), color=np.ascontiguousarray(color))
 
 
 def _alike(level: _Series, finest: _Series) -> bool:
@@ -217,8 +244,11 @@ def _index(series: _Series, z: int, options: LoadOptions) -> tuple[int | slice, 
     for axis, letter in enumerate(series.axes):
         if axis == z or letter in "YX":
             continue
-        option = "channel" if letter in "CS" else "array"
-        entry = options.channel if letter in "CS" else options.array_number(series.shape[axis])
+        if letter == "T":
+            entry: int | None = options.time_number(series.shape[axis])
+        else:
+            entry = options.channel_number if letter in "CS" else options.array_number(series.shape[axis])
+        option = "time" if letter == "T" else "channel" if letter in "CS" else "array"
         extra[axis] = (option, entry if axis in series.long else 0)
     return selection(series.shape, extra)
 

@@ -36,7 +36,7 @@ def pick(arrays: Sequence[PointArray], options: LoadOptions) -> tuple[np.ndarray
     if chosen.is_vectors:
         vectors = chosen
     field = None if vectors is None else np.asarray(vectors.read(), dtype=np.float32)
-    if options.channel is None and chosen.is_vectors and field is not None:
+    if options.channel_number is None and chosen.is_vectors and field is not None:
         return _lengths(field), field
     return _component(chosen, options), field
 
@@ -55,13 +55,13 @@ def _chosen(arrays: Sequence[PointArray], vectors: PointArray | None, options: L
 
 def _component(chosen: PointArray, options: LoadOptions) -> np.ndarray:
     count = chosen.components
-    if options.channel is None and count > 1:
+    if options.channel_number is None and count > 1:
         fix = f"pick one with channel=0 … channel={count - 1}"
         error = expected("array", "one number per voxel", f"{count} in {chosen.name!r}", fix)
         raise choice(error, "channel", [(f"0 … {count - 1}", f"numbers of each voxel in {chosen.name!r}")])
-    if options.channel is not None and options.channel >= count:
-        raise expected("channel", f"a number from 0 to {count - 1}", options.channel)
-    return chosen.read()[..., options.channel or 0]
+    if options.channel_number is not None and options.channel_number >= count:
+        raise expected("channel", f"a number from 0 to {count - 1}", options.channel_number)
+    return chosen.read()[..., options.channel_number or 0]
 
 
 def _lengths(vectors: np.ndarray) -> np.ndarray:

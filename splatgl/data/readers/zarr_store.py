@@ -19,6 +19,7 @@ from splatgl.data.readers.files import WHOLE, byte_count, library, selection
 from splatgl.data.readers.grid import unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.remote import METADATA, Remote
+from splatgl.data.readers.zarr_axes import axis_names, several
 from splatgl.data.readers.zarr_checks import check_array, check_files
 from splatgl.data.volume import Hints, Triple, Volume
 
@@ -49,7 +50,12 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
         check_files(path)
         group = zarr.open(path, mode="r")
         if not isinstance(group, zarr.Group):
-            return _volume(path, group, None, options, remote, WHOLE)
+
+            def read_array(channel: int | None) -> Volume:
+                asked = replace(options, channel=channel)
+                return _volume(path, group, None, asked, remote, WHOLE)
+
+            return several(None, group, None).volume(options, read_array)
         multiscale = _multiscale(group)
         levels = multiscale["datasets"] if multiscale else []
         if remote:
@@ -59,11 +65,18 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
         if multiscale is not None and options.array is None and options.level is None:
             others = [group.get(entry["path"]) for entry in levels[1:]]
             nodes += [node for node in others if node is not None]
-        found = [
-            _classified(path, group, node, _volume(path, node, multiscale, options, remote, most), remote)
-            for node, most in zip(nodes, (WHOLE, *(WHOLE_LEVEL for _ in nodes[1:])), strict=True)
-        ]
-        return replace(found[0], coarser=tuple(found[1:]))
+
+        def read_one(channel: int | None) -> Volume:
+            asked = replace(options, channel=channel)
+            found = [
+                _classified(path, group, node, _volume(path, node, multiscale, asked, remote, most), remote)
+                for node, most in zip(nodes, (WHOLE, *(WHOLE_LEVEL for _ in nodes[1:])), strict=True)
+            ]
+            return replace(found[0], coarser=tuple(found[1:]))
+
+        attributes: dict[str, Any] = group.attrs.asdict()
+        told = several(attributes.get("ome", attributes).get("omero"), nodes[0], multiscale)
+        return told.volume(options, read_one)
 
 
 def _classified(path: Path, group: Any, node: Any, volume: Volume, remote: Remote | None) -> Volume:
@@ -95,12 +108,18 @@ def _volume(
     if min(node.shape, default=0) < 1 or node.dtype.kind not in "buif":
         raise expected("array", "real numbers along at least three axes", f"{node.dtype} {node.shape}")
     # 2. its samples
-    names = _axis_names(multiscale, len(node.shape))
+    names = axis_names(node, multiscale)
     index = _index(node.shape, names, options)
     free = [size for size, at in zip(node.shape, index, strict=True) if isinstance(at, slice)]
     whole = remote is None and byte_count(free, node.dtype) <= most
     files = check_array(path, node, whole, *([remote.fetch] if remote else []))
-    samples: Any = np.asarray(node[index]) if whole else Chunked(str(remote or path), node, index, files)
+    order = [name for name in names if name in "zyx"]
+    turned = [order.index(name) for name in "zyx"]
+    if not whole and turned != [0, 1, 2]:
+        raise expected("axes", "z, y, x in this order, of an array that is read in parts", "".join(order))
+    samples: Any = Chunked(str(remote or path), node, index, files)
+    if whole:
+        samples = np.asarray(node[index]).transpose(turned)
     # 3. its grid
     if multiscale is None:
         return Volume(samples)
@@ -143,24 +162,18 @@ def _about(item: tuple[str, Any]) -> tuple[str, str]:
     return item[0], f"{' × '.join(map(str, item[1].shape[::-1]))} {item[1].dtype.name}"
 
 
-def _axis_names(multiscale: Multiscale | None, count: int) -> list[str]:
-    """One letter per axis; without metadata the last three are z, y, x."""
-    axes = (multiscale or {}).get("axes")
-    names = [axis if isinstance(axis, str) else axis.get("name", "?") for axis in axes] if axes else []
-    names = names or list("tczyx")[5 - min(count, 5) :]
-    if len(names) != count or [name for name in names if name in "zyx"] != ["z", "y", "x"]:
-        raise expected("axes", "z, y, x in this order among the array's axes", f"{names} of {count}")
-    return names
-
-
 def _index(shape: Sequence[int], names: list[str], options: LoadOptions) -> tuple[int | slice, ...]:
     extra: dict[int, tuple[str, int | None]] = {}
-    long = [axis for axis, name in enumerate(names) if name not in "zyx" and shape[axis] > 1]
+    long = [axis for axis, name in enumerate(names) if name not in "zyxt" and shape[axis] > 1]
     if len(long) > 1:
-        raise expected("axes", "one axis beside z, y, x", f"{[names[axis] for axis in long]}", "save one time point")
+        raise expected(
+            "axes", "one axis beside z, y, x and t", f"{[names[axis] for axis in long]}", "save a part of it"
+        )
     for axis, name in enumerate(names):
-        if name not in "zyx":
-            extra[axis] = ("channel", options.channel if axis in long else 0)
+        if name == "t":
+            extra[axis] = ("time", options.time_number(shape[axis]) if shape[axis] > 1 else 0)
+        elif name not in "zyx":
+            extra[axis] = ("channel", options.channel_number if axis in long else 0)
     return selection(shape, extra)
 
 

@@ -126,6 +126,9 @@ def default_transfer(volume: Volume) -> Transfer:
         chosen = Transfer(((hints.window[0], 0.0), (hints.window[1], SURFACE)))
     else:
         chosen = _from_values(volume)
+    if hints.color is not None:
+        # a channel: its colour, as bright as it is opaque
+        return replace(chosen, colormap=hints.color, unit=hints.unit, shading=False)
     given = {name: getattr(hints, name) for name in ("window", "unit", "colormap", "shading")}
     return replace(chosen, **{name: value for name, value in given.items() if value is not None})
 

@@ -1,0 +1,65 @@
+"""What TIFF files say of their channels and time points: OME-XML, and ImageJ's metadata."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from splatgl.data.readers.several import SECONDS, Channel, Several, rgb_of, window_of
+from splatgl.data.readers.xml_tree import parse_xml
+
+WHITE = "#ffffff"
+
+
+def several(tiff: Any, axes: str, shape: tuple[int, ...]) -> Several:
+    """The channels and time points of the first series, of those axes."""
+    sizes = dict(zip(axes, shape, strict=True))
+    count, times = sizes.get("C", 1), sizes.get("T", 1)
+    if tiff.ome_metadata:
+        return _of_ome(tiff.ome_metadata, count, times)
+    if tiff.imagej_metadata:
+        return _of_imagej(tiff.imagej_metadata, count, times)
+    return Several(tuple(Channel(str(n)) for n in range(count)), times=times)
+
+
+def _of_ome(text: str, count: int, times: int) -> Several:
+    """Colours are signed numbers of 32 bits, RGBA; times are seconds unless said otherwise."""
+    pixels = next(node for node in parse_xml(text, "OME-XML").iter() if node.tag.endswith("}Pixels"))
+    nodes = [node for node in pixels if node.tag.endswith("}Channel")][:count]
+    found = [Channel(node.get("Name") or str(n), _ome_color(node.get("Color"))) for n, node in enumerate(nodes)]
+    found += [Channel(str(n)) for n in range(len(found), count)]
+    together = count > 1 and any(each.color for each in found)
+    step = _positive(pixels.get("TimeIncrement")) * SECONDS.get(pixels.get("TimeIncrementUnit", "s"), 0.0)
+    return Several(tuple(found), together, times, step or None)
+
+
+def _ome_color(text: str | None) -> str | None:
+    try:
+        number = int(text or "") & 0xFFFFFFFF
+    except ValueError:
+        return None
+    return rgb_of([number >> 24, number >> 16, number >> 8])
+
+
+def _of_imagej(metadata: Mapping[str, Any], count: int, times: int) -> Several:
+    """Colours are the ends of lookup tables, windows the display ranges."""
+    tables, ranges = metadata.get("LUTs", ()), metadata.get("Ranges", ())
+    found = []
+    for n in range(count):
+        color = rgb_of([int(row[-1]) for row in tables[n]]) if n < len(tables) and len(tables[n]) == 3 else None
+        window = window_of(*ranges[2 * n : 2 * n + 2]) if len(ranges) >= 2 * n + 2 else None
+        found.append(Channel(str(n), color, window))
+    together = count > 1 and (
+        metadata.get("mode") == "composite" or any(each.color not in (None, WHITE) for each in found)
+    )
+    return Several(tuple(found), together, times, _positive(metadata.get("finterval")) or None)
+
+
+def _positive(text: object) -> float:
+    """A positive, finite number; 0 for anything else."""
+    try:
+        number = float(str(text))
+    except ValueError:
+        return 0.0
+    return number if math.isfinite(number) and number > 0 else 0.0

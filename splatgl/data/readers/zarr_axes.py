@@ -1,0 +1,64 @@
+"""Axes, channels and time points of Zarr arrays: OME-Zarr's axes and omero, names of dimensions, or their order."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from splatgl.data.errors import expected
+from splatgl.data.readers.several import SECONDS, Channel, Several, window_of
+
+
+def axis_names(node: Any, multiscale: Mapping[str, Any] | None) -> list[str]:
+    """One name per axis, of which z, y and x are among; without metadata the last three are z, y, x, behind t and c."""
+    count = len(node.shape)
+    axes = (multiscale or {}).get("axes")
+    names = [axis if isinstance(axis, str) else str(axis.get("name", "?")) for axis in axes] if axes else []
+    if not names:
+        told = getattr(node.metadata, "dimension_names", None) or node.attrs.asdict().get("_ARRAY_DIMENSIONS") or []
+        names = [str(name or "?").lower() for name in told]
+        known = {"time": "t", "channel": "c", "depth": "z"}
+        names = [known.get(name, name) for name in names]
+        names = names if len(names) == count and {"z", "y", "x"} <= set(names) else []
+    names = names or list("tczyx")[5 - min(count, 5) :]
+    if len(names) != count or sorted(name for name in names if name in ("z", "y", "x")) != ["x", "y", "z"]:
+        raise expected("axes", "z, y and x among the array's axes", f"{names} of {count}")
+    return [name if name in tuple("zyxt") else f"c {name}" for name in names]
+
+
+def several(omero: Any, node: Any, multiscale: Mapping[str, Any] | None) -> Several:
+    """The channels and time points of an array. omero: what the group says of the channels."""
+    names = axis_names(node, multiscale)
+    sizes = dict(zip(names, node.shape, strict=True))
+    count = max((size for name, size in sizes.items() if name not in tuple("zyxt")), default=1)
+    told = omero.get("channels", []) if isinstance(omero, Mapping) else []
+    found = [_channel(n, told[n] if n < len(told) else {}) for n in range(count)]
+    together = count > 1 and any(each.color for each in found)
+    return Several(tuple(found), together, sizes.get("t", 1), _step(multiscale, names))
+
+
+def _channel(number: int, told: Any) -> Channel:
+    told = told if isinstance(told, Mapping) else {}
+    color = str(told.get("color", "")).removeprefix("#")
+    window = told.get("window")
+    window = window if isinstance(window, Mapping) else {}
+    return Channel(
+        str(told.get("label") or number),
+        f"#{color.lower()}" if re.fullmatch("[0-9a-fA-F]{6}", color) else None,
+        window_of(window.get("start"), window.get("end")),
+    )
+
+
+def _step(multiscale: Mapping[str, Any] | None, names: list[str]) -> float | None:
+    """Seconds between two time points: the scale along t."""
+    if multiscale is None or "t" not in names:
+        return None
+    axis = multiscale["axes"][names.index("t")]
+    unit = SECONDS.get(axis.get("unit", "second")) if isinstance(axis, Mapping) else 1.0
+    scale = 1.0
+    for owner in (*multiscale["datasets"][:1], multiscale):
+        for step in owner.get("coordinateTransformations", ()):
+            if step.get("type") == "scale" and len(step.get("scale", ())) == len(names):
+                scale *= float(step["scale"][names.index("t")])
+    return scale * unit if unit and scale > 0 else None
