@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ TABLE = (Label(2, "liver", "#ff0000"), Label(7, "bone", "#00ff00"), Label(9, "ve
 
 def segments(dtype: type = np.uint8, labels: tuple[Label, ...] | None = TABLE) -> sg.Volume:
     """Three blocks that touch; between numbers 2 and 9 lies 7."""
-    samples = np.zeros((16, 16, 24), dtype)
+    samples: np.ndarray = np.zeros((16, 16, 24), dtype)
     samples[4:12, 4:12, 4:10], samples[4:12, 4:12, 10:16], samples[4:12, 4:12, 16:20] = 2, 9, 7
     return sg.Volume(samples, name="segments", labels=labels)
 
@@ -60,7 +61,7 @@ def test_no_colour_lies_between_two(renderer: sg.Renderer) -> None:
 def test_some_labels_and_their_opacities() -> None:
     volume = segments()
     transfer = label_transfer(volume, [(7, 1.0), (2, 0.5)])
-    assert transfer.labels == ((2, "#ff0000", 0.495), (7, "#00ff00", 0.99))
+    assert tuple(transfer.labels) == ((2, "#ff0000", 0.495), (7, "#00ff00", 0.99))
     assert transfer.weakened(0.1).labels[1] == (7, "#00ff00", pytest.approx(0.099))
     splats = sg.extract(volume, transfer)
     assert len(splats) == np.isin(volume.samples, (2, 7)).sum()
@@ -106,9 +107,9 @@ def test_normals_are_those_of_what_is_shown() -> None:
 @pytest.mark.parametrize(
     "labels", [3, [(1, "red", 0.5)], [(1.5, "#ff0000", 0.5)], [(1, "#ff0000", 2)], [(1, "#ff0000", 1)] * 2, [(1, 2)]]
 )
-def test_bad_labels_are_told(labels: object) -> None:
+def test_bad_labels_are_told(labels: Any) -> None:
     with pytest.raises(sg.InputError, match="labels: expected"):
-        sg.Transfer([(0, 1)], labels=labels if isinstance(labels, list) else [labels])
+        sg.Transfer([(0, 1)], labels=list(labels) if isinstance(labels, list) else [labels])
 
 
 def test_labels_of_the_command_line(renderer: sg.Renderer, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

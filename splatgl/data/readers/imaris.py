@@ -18,7 +18,7 @@ from splatgl.data.readers.files import grid_shape, library
 from splatgl.data.readers.grid import axes_of, triple, unit_name
 from splatgl.data.readers.hdf5_file import is_numbers, node_at, open_hdf5, samples_of, text_of
 from splatgl.data.readers.options import LoadOptions
-from splatgl.data.readers.several import Channel, Several, rgb_of, window_of
+from splatgl.data.readers.several import Channel, Several, as_microscope, rgb_of, window_of
 from splatgl.data.volume import Volume
 
 _MOST = 64
@@ -55,7 +55,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
             found = [_volume(path, _group(file, name), image, options) for name in names]
             return replace(found[0], coarser=tuple(found[1:]))
 
-        return told.volume(options, read_one)
+        return as_microscope(told.volume(options, read_one))
 
 
 def _channel(file: Any, number: int) -> Channel:

@@ -30,6 +30,7 @@ from splatgl.data.readers.files import (
 )
 from splatgl.data.readers.grid import METRES, unit_name
 from splatgl.data.readers.options import LoadOptions
+from splatgl.data.readers.several import as_microscope
 from splatgl.data.readers.terrain import grey_heights, terrain_of_picture
 from splatgl.data.readers.tiff_channels import several
 from splatgl.data.readers.tiff_checks import check_chain, check_ome
@@ -115,7 +116,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
         with library("TIFF"):
             told = several(tiff, series.axes, series.shape)
-        return told.volume(options, read_one)
+        volume = told.volume(options, read_one)
+        return as_microscope(volume) if tiff.ome_metadata or tiff.imagej_metadata else volume
 
 
 def _is_rgb(series: _Series) -> bool:

@@ -19,6 +19,7 @@ from splatgl.data.readers.files import WHOLE, byte_count, library, selection
 from splatgl.data.readers.grid import unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.remote import METADATA, Remote
+from splatgl.data.readers.several import as_microscope
 from splatgl.data.readers.zarr_axes import axis_names, several
 from splatgl.data.readers.zarr_checks import check_array, check_files
 from splatgl.data.volume import Hints, Triple, Volume
@@ -76,7 +77,8 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
 
         attributes: dict[str, Any] = group.attrs.asdict()
         told = several(attributes.get("ome", attributes).get("omero"), nodes[0], multiscale)
-        return told.volume(options, read_one)
+        volume = told.volume(options, read_one)
+        return as_microscope(volume) if multiscale and "splatgl" not in attributes else volume
 
 
 def _classified(path: Path, group: Any, node: Any, volume: Volume, remote: Remote | None) -> Volume:

@@ -19,6 +19,14 @@ SPARSE = 0.95
 FEW = 2000
 # most voxels of those, and of the level of a multiscale image that is sampled, if one has as few
 MOST_WHOLE, MOST_OF_LEVEL = 1 << 31, 1 << 27
+# half of a normal distribution lies this many deviations around its middle
+HALF = 0.6745
+# a background's noise reaches so many deviations above its middle: 7 of a million values are beyond
+REACH = 4.5
+# shares of a normal distribution within one and two deviations, and how far those of a noisy background may be off
+NORMAL, NOT_NORMAL = ((1.0, 0.683), (2.0, 0.954)), 0.06
+# values above a noisy background, per value that its noise brings there, from which they are an object
+OBJECT = 10.0
 BINS = 256
 # percentile of the values where the histogram ends, so that a few outliers don't stretch its bins
 HISTOGRAM_END = 99.9
@@ -48,7 +56,8 @@ class Cut:
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """values: finite samples, sorted. background: share of them at exactly the lowest value.
+    """values: finite samples, sorted; those of a background with noise, as of a camera, count as the highest of it.
+    background: share of them at exactly the lowest value.
 
     cuts: thresholds, each splitting the values above the last one (empty for a constant volume).
     whole: index of the cut between the object and its surroundings.
@@ -85,6 +94,9 @@ def statistics(volume: Volume) -> Statistics:
     finite = np.sort(sample[np.isfinite(sample)])
     if len(finite) == 0:
         return Statistics(finite, 1.0, (), 0)
+    noise = _noise_end(finite)
+    if noise is not None:
+        finite = np.maximum(finite, noise)
     outstanding = finite[finite > finite[0]]
     background = 1.0 - len(outstanding) / len(finite)
     if background >= SPARSE and len(outstanding) < FEW and volume.count <= MOST_WHOLE:
@@ -102,11 +114,48 @@ def _sample(volume: Volume) -> np.ndarray:
     return np.stack([np.asarray(volume.samples[int(z)])[np.ix_(y, x)].astype(np.float64) for z in planes])
 
 
+def _noise_end(values: np.ndarray) -> float | None:
+    """Where the noise of a background ends that nearly all of sorted values belong to; None if there is none.
+
+    Its middle and deviation are those of the shortest range of half of all values, which what is brighter hardly
+    moves. It must be normal: values of an object are not.
+    """
+    half = len(values) // 2
+    if half < FEW:
+        return None
+    values = _spread(values)
+    widths = values[half:] - values[: len(values) - half]
+    at = int(np.argmin(widths))
+    middle, deviation = float(values[at] + values[at + half]) / 2, float(widths[at]) / (2 * HALF)
+    end = middle + REACH * deviation
+    if not (np.isfinite(end) and end > middle):
+        return None
+    for reach, share in NORMAL:
+        ends = np.searchsorted(values, [middle - reach * deviation, middle + reach * deviation])
+        if abs((ends[1] - ends[0]) / len(values) - share) > NOT_NORMAL:
+            return None
+    beyond = 1.0 - np.searchsorted(values, end, side="right") / len(values)
+    below = np.searchsorted(values, middle - REACH * deviation) / len(values)
+    # of noise alone, as many lie below
+    expected = max(below, 3.4e-6)
+    return end if OBJECT * expected < beyond <= 1.0 - SPARSE else None
+
+
+def _spread(values: np.ndarray) -> np.ndarray:
+    """Sorted whole numbers, those that are equal spread evenly over what was rounded to them; others as they are."""
+    first = np.flatnonzero(np.diff(values, prepend=-np.inf))
+    if not (values[first] == np.rint(values[first])).all():
+        return values
+    count = np.diff(np.append(first, len(values)))
+    place = np.arange(len(values)) - np.repeat(first, count)
+    return np.asarray(values + (place + 0.5) / np.repeat(count, count) - 0.5)
+
+
 def _with_outstanding(volume: Volume, lowest: float) -> np.ndarray:
-    """All finite values other than the lowest sampled one (at most VALUES of them), and that one, sorted."""
+    """All finite values above the lowest sampled one (at most VALUES of them), and that one, sorted."""
     found = [np.array([lowest])]
     for slab in volume.slabs(16, halo=0):
-        others = slab.samples[slab.samples != lowest].astype(np.float64)
+        others = slab.samples[slab.samples > lowest].astype(np.float64)
         found.append(others[np.isfinite(others)])
     values = np.concatenate(found)
     return np.sort(values[:: len(values) // VALUES + 1])
