@@ -5,11 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.presets import SURFACE, preset
 from splatgl.splat.classification.transfer import Transfer
 
+# optical depth through the volume's thinnest side of a channel at its brightest: what lies behind shows through; and
+# the least opacity of a voxel
+THROUGH, LEAST = 6.0, 0.01
 # of channels whose file states no colour
 PALETTE = ("#4a7dff", "#3ddc5a", "#ff4b4b", "#ffd23d", "#38e1e1", "#ff5adf", "#ff9a3d", "#c9c9c9")
 
@@ -27,6 +32,7 @@ def channel_transfers(
     for name in (*colors, *windows):
         if name not in names and name not in map(str, range(len(names))):
             raise expected("channel", f"one of {', '.join(names)}", repr(name))
+    full = float(np.clip(-np.expm1(-THROUGH / min(volume.shape)), LEAST, SURFACE))
     found = []
     for number, channel in enumerate(volume.channels):
         keys = (channel.name, str(number))
@@ -35,8 +41,8 @@ def channel_transfers(
         window = next((windows[key] for key in keys if key in windows), None)
         if window is None and base is None:
             window = channel.hints.window
-        ramp = base or preset("microscopy", channel)
+        ramp = base or preset("microscopy", channel).weakened(full / SURFACE)
         if window is not None:
-            ramp = Transfer(((window[0], 0.0), (window[1], SURFACE)), unit=ramp.unit)
+            ramp = Transfer(((window[0], 0.0), (window[1], full)), unit=ramp.unit)
         found.append(replace(ramp, colormap=color, window=None, shading=False))
     return found
