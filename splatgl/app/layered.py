@@ -61,6 +61,20 @@ def of_channels(scene: Scene, volume: Volume, transfer: Transfer) -> list[Layer]
     return [Layer(each, look.weakened(scene.opacity), threshold=scene.threshold) for each, look in looks]
 
 
+def is_layered(scene: Scene, volume: Volume) -> bool:
+    """Whether a scene's picture is of several layers or channels."""
+    return bool(scene.layers or len(volume.channels) > 1 or scene.transfer.keys() & {"color_of", "window_of"})
+
+
+def layers_of(scene: Scene, volume: Volume, transfer: Transfer) -> list[Layer]:
+    """All layers of a scene, of which `volume` is the first one's."""
+    layers = of_channels(scene, volume, transfer)
+    for source in scene.layers:
+        other = source.open()
+        layers += of_channels(source, other, source.transfer_for(other))
+    return layers
+
+
 def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
     """The image of a scene of several layers or channels; the first is `volume`, whose view it has by default."""
     from splatgl.splat.layers.layers import Scene as Layers
@@ -69,10 +83,7 @@ def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) 
     for name in ("field", "savings"):
         if getattr(how, name):
             raise expected(f"--{name}", "a picture of one volume", "layers")
-    layers = of_channels(scene, volume, transfer)
-    for source in scene.layers:
-        other = source.open()
-        layers += of_channels(source, other, source.transfer_for(other))
+    layers = layers_of(scene, volume, transfer)
     for layer in layers:
         _check_fits(how, scene, layer)
     drawn = Layers(layers)

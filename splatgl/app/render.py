@@ -14,7 +14,8 @@ from uuid import uuid4
 import numpy as np
 
 from splatgl import __version__
-from splatgl.app.layered import draw_layers, layer_option
+from splatgl.app.annotations.request import asked_for, lay
+from splatgl.app.layered import draw_layers, is_layered, layer_option
 from splatgl.app.options import add_drawing, add_source, color_of, scene_from, window_of
 from splatgl.app.output import check_output, check_source, tell
 from splatgl.app.scene import Scene
@@ -121,6 +122,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         metavar="SIZE",
         help="draw in bricks what needs more, such as 4GiB (half of what is free)",
     )
+    parser.add_argument("--annotate", metavar="NAMES", help="scale,colorbar,axes,directions,title=TEXT,time=TEXT")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     add_workers(parser)
     add_drawing(parser)
@@ -135,6 +137,7 @@ def run(args: argparse.Namespace) -> int:
     check_output(output, SAVED)
     need(output.suffix.lower())
     check_source(output, args.source, scene.volume, args.color)
+    annotate = asked_for(args.annotate, args.ref, scene.view.size)
     reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()
     tell(volume, args.quiet, channels=not on_workers)
@@ -155,6 +158,8 @@ def run(args: argparse.Namespace) -> int:
         if verdict.same:
             return SAME
         ended = DIFFERENT
+    if annotate:
+        image = lay(image, scene, volume, transfer, annotate, args.quiet)
     image.save(output, args.bits, ground)
     if not args.quiet:
         print(summary(output, image, scene, volume, transfer))
@@ -163,7 +168,7 @@ def run(args: argparse.Namespace) -> int:
 
 def draw(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
     """The image, drawn by this process."""
-    if scene.layers or len(volume.channels) > 1 or scene.transfer.keys() & {"color_of", "window_of"}:
+    if is_layered(scene, volume):
         return draw_layers(how, scene, volume, transfer)
     camera, told = None, dict[str, object]()
     if volume.coarser:

@@ -1,0 +1,84 @@
+"""The triad of axes, and letters of patient directions at the picture's edges, as the camera sees them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatgl.app.annotations.layer import Color, Layer, Rect
+from splatgl.app.annotations.subject import Subject
+from splatgl.splat.view.camera import Camera
+
+# of x, y, z, linear RGB; they read on black and on white
+COLORS: tuple[Color, ...] = ((0.75, 0.04, 0.03), (0.02, 0.40, 0.04), (0.08, 0.22, 0.90))
+# length of an axis, in font heights, and of its head
+LONG, HEAD = 2.2, 0.55
+# letters towards + and − of world x, y, z
+LETTERS = {"LPS": ("LR", "PA", "SI"), "RAS": ("RL", "AP", "SI")}
+# a second letter is told from this component of the direction on: 20° off the first
+OBLIQUE = 0.34
+
+
+def directions(camera: Camera) -> np.ndarray:
+    """World x, y, z in the picture, [3, 3]: right, down and away from the eye, each row of unit length."""
+    return np.asarray(camera.eye_from_world.T)
+
+
+def letters(frame: str, direction: np.ndarray) -> str:
+    """One letter of a world direction [3] in a frame, or two where it is oblique, the larger component first."""
+    order = np.argsort(-np.abs(direction), kind="stable")[:2]
+    kept = [axis for place, axis in enumerate(order) if place == 0 or abs(direction[axis]) > OBLIQUE]
+    return "".join(LETTERS[frame][axis][0 if direction[axis] > 0 else 1] for axis in kept)
+
+
+def draw_triad(layer: Layer, camera: Camera) -> None:
+    """Draws it at the lower left, the farthest axis first."""
+    long, em = LONG * layer.em, layer.em
+    half = int(np.ceil(long + 1.3 * em))
+    bottom = layer.size[1] - layer.pad
+    if not layer.reserve(Rect(layer.pad, bottom - 2 * half, layer.pad + 2 * half, bottom), "axes"):
+        return
+    middle = np.array([layer.pad + half, bottom - half], np.float64)
+    seen = directions(camera)
+    for axis in np.argsort(-seen[:, 2], kind="stable"):
+        along, color = seen[axis, :2], COLORS[axis]
+        reach = float(np.linalg.norm(along))
+        tip = middle + along * long
+        if reach > 1e-6:
+            unit = along / reach
+            side = np.array([-unit[1], unit[0]])
+            back = tip - unit * HEAD * em * min(1.0, reach * 2)
+            layer.lines([[middle, back]], color)
+            layer.polygon(np.array([tip, back + side * 0.25 * em, back - side * 0.25 * em]), color)
+        else:
+            unit = np.array([0.7, -0.7])
+        width, height = layer.text_size("xyz"[axis])
+        place = tip + unit * 0.7 * em - np.array([width, height]) / 2
+        layer.text("xyz"[axis], round(place[0]), round(place[1]), color)
+
+
+def draw_directions(layer: Layer, subject: Subject, camera: Camera) -> None:
+    """Draws letters in the middle of the picture's edges."""
+    if subject.frame is None:
+        layer.notes.append("no directions: the file does not say where the patient's are")
+        return
+    (width, height), pad = layer.size, layer.pad
+    right, down = camera.eye_from_world[0], camera.eye_from_world[1]
+    for x, y, direction in ((-1, 0, -right), (1, 0, right), (0, -1, -down), (0, 1, down)):
+        text = letters(subject.frame, direction)
+        wide, tall = layer.text_size(text)
+        left = (width - wide) // 2 if x == 0 else pad if x < 0 else width - pad - wide
+        top = (height - tall) // 2 if y == 0 else pad if y < 0 else height - pad - tall
+        # the letter at the right goes above the colour bar: beside it, it would lie over the subject
+        step = (0, -1) if x > 0 else (-x, -y)
+        place = _inwards(layer, Rect(left, top, left + wide, top + tall), step)
+        if layer.reserve(place, "directions"):
+            layer.text(text, place.left, place.top)
+
+
+def _inwards(layer: Layer, rect: Rect, step: tuple[int, int]) -> Rect:
+    """The rectangle, moved past what is in its way."""
+    for other in [each for each in layer.taken if each.meets(rect)]:
+        x = step[0] * ((other.right - rect.left if step[0] > 0 else rect.right - other.left) + layer.pad)
+        y = step[1] * ((other.bottom - rect.top if step[1] > 0 else rect.bottom - other.top) + layer.pad)
+        rect = Rect(rect.left + x, rect.top + y, rect.right + x, rect.bottom + y)
+    return rect

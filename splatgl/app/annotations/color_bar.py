@@ -1,0 +1,92 @@
+"""The colour bar: the transfer function's colours over its window, with a curve of opacity, or the scale of sums."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.app.annotations.layer import Layer, Rect
+from splatgl.app.annotations.ticks import ticks
+from splatgl.splat.classification.transfer import Transfer
+
+# the bar's height as a fraction of the picture's, and its and the curve's width in font heights
+TALL, WIDE, CURVE = 0.45, 0.9, 1.6
+MOST_TICKS = 6
+MOST_LETTERS = 16
+ABOUT = {"mip": "maximum", "minip": "minimum", "mean": "mean"}
+
+
+@dataclass(frozen=True, eq=False)
+class ColorBar:
+    """low, high: the values at its ends. colors: linear RGB and coverage, from high to low, [N, 4], straight.
+    opacity: at each row, or None.
+    """
+
+    low: float
+    high: float
+    colors: np.ndarray
+    opacity: np.ndarray | None
+    label: str
+
+
+def of_values(transfer: Transfer, name: str, blend: str, rows: int) -> ColorBar | None:
+    """The bar of classified values, at the centres of `rows`; None if its window is one value."""
+    low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+    if not (high > low and np.isfinite(high - low)):
+        return None
+    values = high - (np.arange(rows) + 0.5) / rows * (high - low)
+    colors = np.concatenate([transfer.color(values), np.ones((rows, 1))], axis=-1)
+    about = ABOUT.get(blend, "")
+    label = f"{about} of {name}" if about and name else about or name or "value"
+    return ColorBar(low, high, colors, transfer.opacity(values), label)
+
+
+def of_sums(pixels: np.ndarray, scale: float, rows: int) -> ColorBar | None:
+    """The bar of an X-ray picture scaled by `scale`; its colour is the mean of the picture's. None if it is empty."""
+    depth = float(pixels[..., 3].sum(dtype=np.float64))
+    if not depth > 0:
+        return None
+    color = pixels[..., :3].sum(axis=(0, 1), dtype=np.float64) / depth
+    share = 1 - (np.arange(rows) + 0.5) / rows
+    colors = np.concatenate([np.broadcast_to(color, (rows, 3)), share[:, None]], axis=-1)
+    return ColorBar(0.0, 1 / scale, colors, None, "optical depth")
+
+
+def draw(layer: Layer, bar: ColorBar) -> None:
+    """Draws it at the right; its rows are one pixel each."""
+    rows, em, pad, edge = len(bar.colors), layer.em, layer.pad, layer.edge
+    label = bar.label if len(bar.label) <= MOST_LETTERS else f"{bar.label[: MOST_LETTERS - 3]}..."
+    marks = ticks(bar.low, bar.high, MOST_TICKS)
+    texts = [f"{mark:g}" for mark in marks]
+    line = layer.text_size(label)[1]
+    beside = max((layer.text_size(text)[0] for text in texts), default=0) + em // 2
+    wide, curve = round(WIDE * em), round(CURVE * em) if bar.opacity is not None else 0
+    below = "" if bar.opacity is None else f"opacity to {bar.opacity.max():.3g}"
+    widest = max(layer.text_size(label)[0], layer.text_size(below)[0], beside + wide + curve + 2 * edge)
+    right, top = layer.size[0] - pad, (layer.size[1] - rows) // 2
+    rect = Rect(right - widest, top - line - em // 2, right, top + rows + line + em // 2)
+    if not layer.reserve(rect, "colour bar"):
+        return
+    left = right - beside - wide
+    layer.lines([_frame(left, top, wide, rows)])
+    layer.pixels[top : top + rows, left : left + wide] = 0
+    shape = (rows, wide)
+    cover = np.broadcast_to(bar.colors[:, None, 3].astype(np.float32), shape)
+    layer.stamp(cover, np.broadcast_to(bar.colors[:, None, :3], (*shape, 3)), (left, top))
+    layer.text(label, right - layer.text_size(label)[0], rect.top)
+    for mark, text in zip(marks, texts, strict=True):
+        y = top + (bar.high - mark) / (bar.high - bar.low) * rows
+        layer.lines([[(left + wide, y), (left + wide + em / 3, y)]])
+        layer.text(text, left + wide + em // 2, round(y) - line // 2)
+    if bar.opacity is not None:
+        highest = float(bar.opacity.max()) or 1.0
+        x = left - 2 * edge - bar.opacity / highest * (curve - 4 * edge)
+        layer.lines([list(np.stack([x, top + np.arange(rows) + 0.5], axis=-1))])
+        layer.text(below, right - layer.text_size(below)[0], rect.bottom - line)
+
+
+def _frame(left: int, top: int, wide: int, tall: int) -> list[tuple[float, float]]:
+    """A closed path around the bar."""
+    a, b, c, d = left - 0.5, top - 0.5, left + wide + 0.5, top + tall + 0.5
+    return [(a, b), (c, b), (c, d), (a, d), (a, b)]

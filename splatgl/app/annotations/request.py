@@ -1,0 +1,101 @@
+"""Names of annotations, whether those asked for are known, and laying them over; draws nothing until then."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from splatgl.data.errors import expected
+
+if TYPE_CHECKING:
+    from splatgl.app.scene import Scene
+    from splatgl.data.image import Image
+    from splatgl.data.volume import Volume
+    from splatgl.splat.classification.transfer import Transfer
+
+NAMES = ("scale", "colorbar", "axes", "directions", "title", "time")
+# those that take a text
+TEXTS = ("title", "time")
+KNOWN = "scale, colorbar, axes, directions, title=TEXT, time"
+# smallest side of a picture, in pixels
+LEAST_SIDE = 64
+
+
+def parsed(text: str) -> tuple[str, ...]:
+    """The annotations in a list; a comma that a space follows belongs to a title. InputError as `check`."""
+    return check(tuple(part.strip() for part in re.split(r",(?! )", text)))
+
+
+def check(asked: Sequence[str]) -> tuple[str, ...]:
+    """The annotations asked for. InputError for an unknown one, a repeated one, and a title without text."""
+    if isinstance(asked, str) or not all(isinstance(one, str) for one in asked):
+        raise expected("annotate", f"a list of names: {KNOWN}", repr(asked)[:80])
+    names = []
+    for one in asked:
+        name, equals, text = one.partition("=")
+        if name not in NAMES or (equals and name not in TEXTS):
+            raise expected("annotate", KNOWN, repr(one)[:80])
+        if not text.strip() and (name == "title" or equals):
+            raise expected("annotate", f"a text after {name}=", "none", f"such as {name}={EXAMPLES[name]}")
+        names.append(name)
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise expected("annotate", "each name once", f"{twice[0]} {names.count(twice[0])} times")
+    return tuple(asked)
+
+
+EXAMPLES = {"title": "Head", "time": "3h"}
+
+
+def check_size(asked: Sequence[str], size: tuple[int, int]) -> None:
+    """InputError for a picture too small for annotations."""
+    if asked and min(size) < LEAST_SIDE:
+        fix = "draw a larger one, or leave --annotate out"
+        raise expected("annotate", f"a picture of at least {LEAST_SIDE}×{LEAST_SIDE}", f"{size[0]}×{size[1]}", fix)
+
+
+def text_of(asked: Sequence[str], name: str) -> str | None:
+    """The text given with an annotation, "" if none; None if it is not asked for."""
+    return next((one.partition("=")[2].strip() for one in asked if one.partition("=")[0] == name), None)
+
+
+def check_time(asked: Sequence[str]) -> None:
+    """InputError for a time without text: a still picture has none of its own."""
+    if text_of(asked, "time") == "":
+        raise expected("annotate", "time=TEXT", "time")
+
+
+def asked_for(text: str | None, reference: str | None, size: tuple[int, int]) -> tuple[str, ...]:
+    """The annotations of a command's picture; InputError for what can't be laid over it, before anything is drawn."""
+    if text is None:
+        return ()
+    asked = parsed(text)
+    check_size(asked, size)
+    check_time(asked)
+    if reference is not None:
+        raise expected("annotate", "no --ref, which compares pictures without annotations", reference)
+    return asked
+
+
+def lay(
+    image: Image, scene: Scene, volume: Volume, transfer: Transfer, asked: Sequence[str], quiet: bool = False
+) -> Image:
+    """The picture of a scene under annotations; prints why some are left out."""
+    from splatgl.app.annotations.annotate import annotated, left_out
+    from splatgl.app.layered import is_layered, layers_of
+    from splatgl.splat.bricks.opaque import Opaque
+    from splatgl.splat.layers.layers import Scene as Layers
+    from splatgl.splat.view.camera import Bounded
+
+    subject: Bounded = Opaque(volume, transfer)
+    if is_layered(scene, volume):
+        subject = Layers(layers_of(scene, volume, transfer))
+    elif scene.threshold:
+        subject = scene.splats(volume, transfer)
+    camera = scene.view.camera(volume, subject)
+    found = annotated(image, volume, transfer, camera, asked, scene.settings.background)
+    for note in () if quiet else left_out(found):
+        print(f"splatgl: {note}", file=sys.stderr)
+    return found

@@ -1,0 +1,71 @@
+"""The scale bar: 1, 2 or 5 times a power of ten, exact at the depth of the volume's centre."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from splatgl.app.annotations.layer import Layer, Rect
+from splatgl.app.annotations.subject import Subject
+from splatgl.app.annotations.ticks import nice_below
+from splatgl.splat.view.camera import Camera
+
+# longest bar as a fraction of the picture's width
+WIDEST = 0.25
+# lengths of units in metres, and those that a length may be switched to, ascending
+METRES = {"nm": 1e-9, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3}
+METRES |= {"Å": 1e-10, "angstrom": 1e-10, "micrometer": 1e-6, "micron": 1e-6, "millimeter": 1e-3, "meter": 1.0}
+LADDER = ("nm", "um", "mm", "m", "km")
+# a number in the file's own unit is kept from 1 to below this
+MOST = 1000.0
+PERSPECTIVE = "at the centre's depth"
+
+
+@dataclass(frozen=True)
+class Scale:
+    """pixels: the bar's length; label: the length it stands for."""
+
+    pixels: float
+    label: str
+
+
+def scale_of(subject: Subject, camera: Camera) -> Scale | None:
+    """The bar of a view; None where the volume's centre is behind the eye of a perspective."""
+    depth = float(camera.eye_from_points(subject.center)[2])
+    if camera.perspective and not depth > 0:
+        return None
+    pitch = float(camera.pixel_pitch(depth))
+    length = nice_below(WIDEST * camera.size[0] * pitch)
+    return Scale(length / pitch, length_text(length, subject.unit))
+
+
+def length_text(length: float, unit: str) -> str:
+    """A length with its unit, of which another is chosen for fewer digits."""
+    metres = METRES.get(unit)
+    if metres is None or (length * (1 + 1e-9) >= 1 and length < MOST):
+        return f"{length:g} {unit}".strip()
+    fitting = [name for name in LADDER if length * metres >= METRES[name] * (1 - 1e-9)] or [LADDER[0]]
+    return f"{length * metres / METRES[fitting[-1]]:.6g} {fitting[-1]}"
+
+
+def draw(layer: Layer, subject: Subject, camera: Camera) -> None:
+    """Draws it at the lower right."""
+    scale = scale_of(subject, camera)
+    if scale is None:
+        layer.notes.append("no scale bar: the centre of the volume is behind the eye")
+        return
+    labels = [PERSPECTIVE, scale.label] if camera.perspective else [scale.label]
+    sizes = [layer.text_size(label) for label in labels]
+    thick, (width, height) = max(2, round(layer.em / 5)), layer.size
+    wide = max(scale.pixels + 2 * layer.edge, *(size[0] for size in sizes))
+    tall = sum(size[1] for size in sizes) + thick + 2 * layer.edge
+    right, bottom = width - layer.pad, height - layer.pad
+    rect = Rect(int(right - wide) - 1, bottom - tall, right, bottom)
+    if not layer.reserve(rect, "scale bar"):
+        return
+    end, top = right - layer.edge, rect.top
+    for label, size in zip(reversed(labels), reversed(sizes), strict=True):
+        # the length is centred over the bar, or ends with it where it is wider
+        center = end - scale.pixels / 2 - size[0] / 2
+        layer.text(label, min(round(center), right - size[0]), top)
+        top += size[1]
+    layer.bar(end - scale.pixels, end, top + layer.edge, top + layer.edge + thick)

@@ -1,0 +1,27 @@
+"""What annotations need to know of a volume: its box, units and names, without its samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.data.volume import Volume
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """corners [8, 3]: of the box, world units; center [3]. colored: whether voxels have their own colours."""
+
+    corners: np.ndarray
+    center: np.ndarray
+    unit: str
+    name: str
+    frame: str | None
+    colored: bool
+
+    @classmethod
+    def of(cls, volume: Volume) -> Subject:
+        """That of a volume."""
+        colored = volume.color is not None
+        return cls(volume.corners, volume.center, volume.unit, volume.name, volume.frame, colored)
