@@ -138,3 +138,25 @@ def test_labels_of_the_command_line(renderer: sg.Renderer, tmp_path: Path, capsy
         except SystemExit as ended:
             code = int(str(ended.code))
         assert code == 2 and said in capsys.readouterr().err
+
+
+def test_tables_of_files(tmp_path: Path) -> None:
+    """3D Slicer's tags, OME-Zarr's image-label, NIfTI's intent; names and colours as stored."""
+    nrrd, zarr, nibabel = (pytest.importorskip(name) for name in ("nrrd", "zarr", "nibabel"))
+    samples = segments().samples
+    header = {"Segment0_LabelValue": "2", "Segment0_Name": "liver", "Segment0_Color": "1 0 0.2"}
+    header |= {"Segment1_LabelValue": "7", "Segment1_Name": "bone", "Segment1_Color": "odd"}
+    nrrd.write(str(tmp_path / "a.seg.nrrd"), samples.T, header)
+    volume = sg.load(tmp_path / "a.seg.nrrd")
+    assert volume.labels == (Label(2, "liver", "#ff0033"), Label(7, "bone"))
+    assert sg.default_transfer(volume).labels == ((2, "#ff0033", 0.99), (7, color_of(7), 0.99))
+    group = zarr.open_group(tmp_path / "a.zarr", mode="w", zarr_format=2)
+    group.create_array("0", data=samples, chunks=samples.shape)
+    axes = [{"name": name, "type": "space"} for name in "zyx"]
+    group.attrs["multiscales"] = [{"version": "0.4", "axes": axes, "datasets": [{"path": "0"}]}]
+    group.attrs["image-label"] = {"colors": [{"label-value": 9, "rgba": [0, 255, 16, 255]}, {"label-value": 0}]}
+    assert sg.load(tmp_path / "a.zarr").labels == (Label(9, "", "#00ff10"),)
+    image = nibabel.Nifti1Image(samples.T, np.eye(4))
+    image.header.set_intent("label")
+    image.to_filename(tmp_path / "a.nii")
+    assert [n for n, _, _ in sg.default_transfer(sg.load(tmp_path / "a.nii")).labels] == [2, 7, 9]

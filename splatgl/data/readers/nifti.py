@@ -7,6 +7,7 @@ nibabel's arrays are [x, y, z] with x fastest, and its affine takes (x, y, z) to
 from __future__ import annotations
 
 import gzip
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,9 @@ _UNITS = {1: "m", 2: "mm", 3: "um"}
 _TIMES = {8: 1.0, 16: 1e-3, 24: 1e-6}
 """Seconds of the units of time in the next three bits."""
 
+_LABELS = 1002
+"""NIFTI_INTENT_LABEL: samples number segments (nifti1.h)."""
+
 _SNIFF_BYTES = 1024
 """Bytes read to tell whether gzip data are sound: more than either header."""
 
@@ -52,7 +56,9 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 def of_image(image: Any, options: LoadOptions) -> Volume:
     """The volume of a nibabel image with a NIfTI header, in a file or in memory, as `read` gives it."""
-    return _told(image).volume(options, lambda _: _volume(image, options))
+    volume = _told(image).volume(options, lambda _: _volume(image, options))
+    whole = volume.samples.dtype.kind in "bui" and int(image.header["intent_code"]) == _LABELS
+    return replace(volume, labels=()) if whole else volume
 
 
 def _told(image: Any) -> Several:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import bz2
 import io
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -29,8 +30,9 @@ from splatgl.data.readers.files import (
 )
 from splatgl.data.readers.grid import axes_of, triple, unit_name
 from splatgl.data.readers.options import LoadOptions
+from splatgl.data.readers.several import rgb_of
 from splatgl.data.readers.text import read_numbers, require_end
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Label, Volume
 
 _TYPES = {
     "i1": "signed char, int8, int8_t",
@@ -54,6 +56,9 @@ _COMPONENTS = {
     *((kind, 3) for kind in ("vector", "3-vector", "covariant-vector", "3-gradient", "3-normal")),
 }
 """Kinds and sizes of axes that hold all that a voxel has: its colour, or a vector."""
+
+MOST_SEGMENTS = 4096
+"""Most segments that a header may describe."""
 
 _TEXT = ("ascii", "text", "txt")
 
@@ -103,7 +108,21 @@ def read(path: Path, options: LoadOptions) -> Volume:
     spacing, direction = axes_of(matrix, "space directions")
     frame = _FRAMES.get(str(header.get("space", "")).lower())
     grid = (spacing, _origin(header), direction, _unit(header, space))
-    return Volume(samples, *grid, frame=frame, color=color, vectors=vectors)
+    labels = _labels(header) if samples.dtype.kind in "bui" else None
+    return Volume(samples, *grid, frame=frame, color=color, vectors=vectors, labels=labels)
+
+
+def _labels(header: Mapping[str, Any]) -> tuple[Label, ...] | None:
+    """The segments that 3D Slicer's tags describe: number, name, and colour from 0 to 1; None if there are none."""
+    found: dict[int, Label] = {}
+    for n in range(MOST_SEGMENTS):
+        told = [str(header.get(f"Segment{n}_{name}", "")) for name in ("LabelValue", "Name", "Color")]
+        if not re.fullmatch("-?[0-9]{1,18}", told[0]):
+            break
+        parts = [float(part) for part in told[2].split() if re.fullmatch(r"[01]|[01]?\.[0-9]+", part)]
+        color = rgb_of([round(min(part, 1.0) * 255) for part in parts]) if len(parts) == 3 else None
+        found.setdefault(int(told[0]), Label(int(told[0]), told[1], color))
+    return tuple(found.values()) or None
 
 
 def _components(values: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:

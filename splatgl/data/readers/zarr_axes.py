@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from splatgl.data.errors import expected
-from splatgl.data.readers.several import SECONDS, Channel, Several, window_of
+from splatgl.data.readers.several import SECONDS, Channel, Several, rgb_of, window_of
+from splatgl.data.volume import Label
 
 
 def axis_names(node: Any, multiscale: Mapping[str, Any] | None) -> list[str]:
@@ -48,6 +49,20 @@ def _channel(number: int, told: Any) -> Channel:
         f"#{color.lower()}" if re.fullmatch("[0-9a-fA-F]{6}", color) else None,
         window_of(window.get("start"), window.get("end")),
     )
+
+
+def labels_of(attributes: Mapping[str, Any]) -> tuple[Label, ...] | None:
+    """The labels of an image of labels, with their colours (image-label); None of other images."""
+    told = attributes.get("image-label")
+    if not isinstance(told, Mapping):
+        return None
+    names = {entry.get("label-value"): str(entry.get("name", "")) for entry in told.get("properties") or ()}
+    found: dict[int, Label] = {}
+    for entry in told.get("colors") or ():
+        number, rgba = entry.get("label-value"), entry.get("rgba", ())
+        if isinstance(number, int) and number != 0 and len(rgba) >= 3:
+            found[number] = Label(number, names.get(number, ""), rgb_of(rgba))
+    return tuple(found.values())
 
 
 def _step(multiscale: Mapping[str, Any] | None, names: list[str]) -> float | None:

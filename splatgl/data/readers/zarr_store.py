@@ -20,7 +20,7 @@ from splatgl.data.readers.grid import unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.remote import METADATA, Remote
 from splatgl.data.readers.several import as_microscope
-from splatgl.data.readers.zarr_axes import axis_names, several
+from splatgl.data.readers.zarr_axes import axis_names, labels_of, several
 from splatgl.data.readers.zarr_checks import check_array, check_files
 from splatgl.data.volume import Hints, Triple, Volume
 
@@ -77,7 +77,7 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
 
         attributes: dict[str, Any] = group.attrs.asdict()
         told = several(attributes.get("ome", attributes).get("omero"), nodes[0], multiscale)
-        volume = told.volume(options, read_one)
+        volume = replace(told.volume(options, read_one), labels=labels_of(attributes.get("ome", attributes)))
         return as_microscope(volume) if multiscale and "splatgl" not in attributes else volume
 
 
