@@ -267,13 +267,16 @@ def test_damaged_zips(tmp_path: Path, damage: str) -> None:
 def test_missing_libraries_name_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     save(image(HU[0]), tmp_path / "a.dcm")
     save(packed_image(np.kron(HU[0].astype(np.uint16), np.ones((4, 4), np.uint16)), "j2k"), tmp_path / "j.dcm")
+    save(packed_image(np.zeros((16, 16), np.uint8), "jpeg"), tmp_path / "l.dcm")
     from pydicom.pixels.decoders.base import Decoder
 
     with monkeypatch.context() as patch:
         patch.setattr(Decoder, "is_available", property(lambda self: not self.UID.is_encapsulated))
         assert sg.load(tmp_path / "a.dcm").shape == (1, 9, 11)
-        with pytest.raises(InputError, match=r"needs the library pylibjpeg.*splatgl\[dicom\]"):
+        with pytest.raises(InputError, match=r"needs the library pylibjpeg-openjpeg.*splatgl\[dicom\]"):
             sg.load(tmp_path / "j.dcm")
+        with pytest.raises(InputError, match=r"needs the library pylibjpeg-libjpeg.*splatgl\[dicom-jpeg\]"):
+            sg.load(tmp_path / "l.dcm")
     for name in [name for name in sys.modules if name.split(".")[0] == "pydicom"]:
         monkeypatch.setitem(sys.modules, name, None)
     for path in (tmp_path / "a.dcm", tmp_path):

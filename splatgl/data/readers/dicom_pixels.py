@@ -79,7 +79,9 @@ def decoder_of(syntax: str) -> Any:
             fix = "save the file uncompressed, for example with dcmdjpeg or gdcmconv --raw"
             raise expected("transfer syntax", "uncompressed, RLE, JPEG, JPEG-LS or JPEG 2000", name, fix) from None
         if not found.is_available:
-            raise missing_extra(f"DICOM files in {UID_NAMES.get(syntax, found.UID.name)}", "pylibjpeg", "dicom")
+            wavelets = "2000" in found.UID.name
+            library, extra = ("pylibjpeg-openjpeg", "dicom") if wavelets else ("pylibjpeg-libjpeg", "dicom-jpeg")
+            raise missing_extra(f"DICOM files in {UID_NAMES.get(syntax, found.UID.name)}", library, extra)
         return found
 
 
