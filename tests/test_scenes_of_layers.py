@@ -275,3 +275,14 @@ def test_bad_layers_of_scene_files_are_told(tmp_path: Path) -> None:
         path.write_text('volume = "tunnel"\n' + text)
         with pytest.raises(sg.InputError, match=said):
             Scene.from_toml(path)
+
+
+def test_all_layers_have_as_many_samples(renderer: sg.Renderer) -> None:
+    """As the finest needs, whichever comes first."""
+    coarse = sg.Layer(sg.Volume(np.ones((4, 4, 4), np.float32), (16, 16, 16)), sg.Transfer([(0, 0.3)]))
+    fine = sg.Layer(sg.Volume(np.ones((64, 64, 64), np.float32)), sg.Transfer([(0, 0.3)]))
+    camera = sg.Camera.orbit(coarse.volume, 30, 20, size=(24, 24))
+    alone = [renderer.render(sg.Scene([each]), camera).info["samples"] for each in (coarse, fine)]
+    assert alone[0] < alone[1]
+    for layers in ([coarse, fine], [fine, coarse]):
+        assert renderer.render(sg.Scene(layers), camera).info["samples"] == alone[1]
