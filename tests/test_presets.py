@@ -180,6 +180,13 @@ def test_values_that_signed_integers_cannot_hold() -> None:
     assert default_transfer(Volume(samples)).points[0][0] == 2.0**64
 
 
+def test_names_in_any_case() -> None:
+    volume = Volume(ball())
+    assert preset("CT-Bone", volume) == preset("ct-bone", volume)
+    with pytest.raises(InputError, match=r"got 'ct-bones'; did you mean ct-bone\?"):
+        preset("ct-bones", volume)
+
+
 # --- first pictures ---------------------------------------------------------------------------------------------------
 
 

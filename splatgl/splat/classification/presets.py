@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 
 import numpy as np
 
@@ -121,10 +122,11 @@ PRESETS = {
 
 
 def preset(name: str, volume: Volume) -> Transfer:
-    """The preset's Transfer for this volume's values. Raises InputError for an unknown name."""
-    if name not in PRESETS:
-        raise expected("preset", f"one of {', '.join(PRESETS)}", repr(name))
-    return _built(PRESETS[name], statistics(volume))
+    """The preset's Transfer for this volume's values; names in any case. Raises InputError for an unknown name."""
+    if name.lower() not in PRESETS:
+        near = get_close_matches(name.lower(), PRESETS, n=1)
+        raise expected("preset", f"one of {', '.join(PRESETS)}", repr(name), f"did you mean {near[0]}?" if near else "")
+    return _built(PRESETS[name.lower()], statistics(volume))
 
 
 def default_transfer(volume: Volume) -> Transfer:
