@@ -233,7 +233,7 @@ def refused(arguments: list[str], message: str, here: Path, capsys: pytest.Captu
         (["-3"], "splatgl"),
         (["ten"], "figure: expected one of"),
         (["3", "-o", "a.jpg"], "a.jpg: expected a name that ends in .png or .svg"),
-        (["3", "-o", "no/a.png"], "no/a.png: expected a folder that exists"),
+        (["3", "-o", "/dev/null/a.png"], "/dev/null/a.png: expected a folder, got the file /dev/null"),
         (["3", "--csv", "a.txt"], "a.txt: expected a name that ends in .csv"),
         (["claims", "-o", "a.png"], "figure claims: expected no file to write"),
     ],

@@ -97,8 +97,9 @@ def test_normals_are_those_of_what_is_shown() -> None:
     outward = splats.positions - 11.5
     normal = splats.records["normal"].astype(np.float64)
     rim = np.linalg.norm(outward, axis=1) > 7
-    cosine = np.abs((outward * normal).sum(axis=1)) / np.linalg.norm(outward, axis=1) / np.linalg.norm(normal, axis=1)
-    assert cosine[rim].min() > 0.93
+    lengths = np.linalg.norm(outward, axis=1) * np.linalg.norm(normal, axis=1)
+    cosine = np.abs((outward * normal).sum(axis=1))[rim] / lengths[rim]
+    assert cosine.min() > 0.93
     for slab in (1, 3):
         other = sg.extract(volume, label_transfer(volume), slab=slab, classification="pre")
         assert np.array_equal(other.records, splats.records)

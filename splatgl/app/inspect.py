@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from splatgl.app.words import options_of, worded
-from splatgl.data.errors import Choice, InputError
+from splatgl.data.errors import Choice
 
 
 def add_info_parser(parser: argparse.ArgumentParser) -> None:
@@ -36,16 +36,10 @@ def _info(options: Mapping[str, str], args: argparse.Namespace) -> int:
         print("\n".join([*listed_, ""]))
     try:
         volume = scene.open()
-    except InputError as error:
-        told = worded(str(error), options, args)
-        if isinstance(error, Choice):
-            from splatgl.app.info import describe_choice
+    except Choice as error:
+        from splatgl.app.info import describe_choice
 
-            print(describe_choice(scene.volume, error, told))
-        elif len(listed_) > 1:
-            print(f"pick one with --array NAME or {scene.volume}:NAME; * may be volumes")
-        else:
-            raise
+        print(describe_choice(scene.volume, error, worded(str(error), options, args)))
         return 0
     from splatgl.app.info import describe
 

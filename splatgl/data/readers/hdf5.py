@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected
+from splatgl.data.errors import choice, expected
 from splatgl.data.readers.even import even_steps
 from splatgl.data.readers.files import library, selection
 from splatgl.data.readers.grid import METRES, axes_of, triple, unit_name
@@ -114,7 +114,8 @@ def _chosen(file: Any, options: LoadOptions) -> Any:
     if len(volumes) != 1:
         listed = ", ".join(f"{name} {_size(node.shape or ())}" for name, node in found.items()) or "nothing"
         told = f"{len(volumes) or 'none'} in {listed}"
-        raise expected("datasets", "one volume", told, "pick one with array=/NAME, or FILE:/NAME")
+        error = expected("datasets", "one volume", told, "pick one with array=/NAME, or FILE:/NAME")
+        raise choice(error, "array", []) if volumes else error
     return volumes[0]
 
 
