@@ -164,7 +164,7 @@ ELSEWHERE = {
 # what takes long: other tests run these commands on less
 LONG = ("figure", "stress --case", "render terrain", "animate terrain", "animate tunnel")
 # a picture and a movie are smaller here than in the README
-SMALL = {"render": ["--size", "48"], "animate": ["--size", "24", "--frames", "2"]}
+SMALL = {"render": ["--size", "64"], "animate": ["--size", "24", "--frames", "2"]}
 
 
 @pytest.fixture
