@@ -71,6 +71,8 @@ class Animation:
     def of(cls, args: argparse.Namespace) -> Animation:
         """Reads the first volume, whose transfer function and placement apply to the whole series."""
         scenes = volumes(scene_from(args), args.more)
+        if len(scenes) > 1 and isinstance(args.time, slice):
+            raise expected("--time", "one time point of each file", "several", "animate one file, or name one point")
         scene = scenes[0]
         volume = scene.open()
         if len(scenes) == 1:
@@ -111,10 +113,11 @@ class Animation:
     @property
     def mark(self) -> str:
         """Digest that identifies the animation's frames: sources, rendering options and cameras."""
-        files = [(s.volume, Path(s.volume).stat().st_size if Path(s.volume).is_file() else 0) for s in self.scenes]
+        sizes = [Path(s.volume).stat().st_size if Path(s.volume).is_file() else 0 for s in self.scenes]
+        files = [(s.volume, size, s.load) for s, size in zip(self.scenes, sizes, strict=True)]
         cameras = [self.track.camera(n) for n in {0, self.count // 2, self.count - 1}]
         views = [(c.eye.tolist(), c.eye_from_world.tolist(), c.size, c.extent, c.perspective) for c in cameras]
-        drawn = (self.scenes[0].settings, self.scenes[0].threshold, self.scenes[0].load, self.transfer.to_toml())
+        drawn = (self.scenes[0].settings, self.scenes[0].threshold, self.transfer.to_toml())
         return mark_of(files, drawn, views, self.count, self.hold, self.flow, self.bits)
 
     def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool) -> None:

@@ -175,7 +175,8 @@ def _named(volume: Volume, name: str, form: Format, options: LoadOptions) -> Vol
     """The volume as the file's name and the options have it."""
     if options.spacing is not None:
         # a file that does not know its spacing does not know that of its levels
-        volume = replace(volume, spacing=options.spacing, coarser=())
+        channels = tuple(replace(each, spacing=options.spacing, coarser=()) for each in volume.channels)
+        volume = replace(volume, spacing=options.spacing, coarser=(), channels=channels)
     suffix = _suffix(Path(name), form)
     return replace(volume, name=(name[: -len(suffix)] if suffix else name).removesuffix(".ome"))
 

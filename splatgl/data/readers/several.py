@@ -74,6 +74,9 @@ class Several:
 
     def volume(self, options: LoadOptions, read: Callable[[int | None], Volume]) -> Volume:
         """The volume of the chosen channels. read: the volume of one, by its number."""
+        if options.time is not None and options.time >= self.times:
+            this = f"a number from 0 to {self.times - 1}" if self.times > 1 else "a file of several time points"
+            raise expected("time", this, options.time)
         numbers = self.chosen(options)
         made = [self._named(read(number), number) for number in numbers]
         notes = made[0].notes

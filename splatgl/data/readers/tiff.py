@@ -99,19 +99,22 @@ def read(path: Path, options: LoadOptions) -> Volume:
         if z is None:
             return terrain_of_picture(path, grey_heights(np.squeeze(_pixels(path, tiff, series, number))), options)
         large = len(found) > 1 and series.offset is None and byte_count(series.shape, series.dtype) > WHOLE
-        pixels = None if large else _pixels(path, tiff, series, number)
+        times = dict(zip(series.axes, series.shape, strict=True)).get("T", 1)
+        time = options.time_number(times) if times > 1 else 0
+        pixels = None if large else _pixels(path, tiff, series, number, time)
 
         def read_one(channel: int | None) -> Volume:
-            whole = channel is None and _is_rgb(series)
-            index = _index(series, z, replace(options, channel=0 if whole else channel))
-            (samples,) = parts(path, [number], index) if pixels is None else [pixels[index]]
+            whole = _is_rgb(series) and (channel is None or _is_channelled(series))
+            index = _index(series, z, replace(options, channel=0 if channel is None and whole else channel))
+            here = index if pixels is None else _index_of(pixels, index)
+            (samples,) = parts(path, [number], series.axes, index) if pixels is None else [pixels[here]]
             volume = _on_grid(samples, series, found[0])
             if pixels is not None and whole:
-                return _colored(volume, pixels, index, series)
+                return _colored(volume, pixels, here, series)
             if options.level is not None or len(found) == 1:
                 return volume
             others = [n for n, level in enumerate(found) if n and _alike(level, series)]
-            coarser = zip(parts(path, others, index), others, strict=True)
+            coarser = zip(parts(path, others, series.axes, index), others, strict=True)
             return replace(volume, coarser=tuple(_on_grid(samples, found[n], series) for samples, n in coarser))
 
         with library("TIFF"):
@@ -124,6 +127,11 @@ def _is_rgb(series: _Series) -> bool:
     """Whether its samples are colours of 8 or 16 bits, with or without alpha."""
     count = dict(zip(series.axes, series.shape, strict=True)).get("S", 0)
     return series.is_color and count in (3, 4) and series.dtype in (np.uint8, np.uint16)
+
+
+def _is_channelled(series: _Series) -> bool:
+    """Whether samples of a pixel are not its channels, but the colours of each channel."""
+    return "C" in (series.axes[axis] for axis in series.long)
 
 
 def _colored(volume: Volume, pixels: np.ndarray, index: tuple[int | slice, ...], series: _Series) -> Volume:
@@ -182,9 +190,15 @@ def _describe(series: Any, tiff: Any) -> _Series:
     _check_codec(series)
     pages = [page for page in series.pages if page is not None]
     segments = tuple(pair for page in pages for pair in zip(page.dataoffsets, page.databytecounts, strict=True))
+    axes, shape = series.axes, tuple(series.shape)
+    if min(shape, default=0) < 1:
+        raise expected("size", "at least one entry along each axis", f"{axes} {shape}", "the header is damaged")
+    if (tiff.ome_metadata or tiff.imagej_metadata) and _is_plane(axes, shape):
+        at = axes.index("Y")
+        axes, shape = f"{axes[:at]}Z{axes[at:]}", (*shape[:at], 1, *shape[at:])
     return _Series(
-        axes=series.axes,
-        shape=tuple(series.shape),
+        axes=axes,
+        shape=shape,
         dtype=np.dtype(series.dtype).newbyteorder(tiff.byteorder),
         offset=series.dataoffset,
         is_color=series.keyframe.photometric.name in ("RGB", "YCBCR", "CIELAB", "SEPARATED"),
@@ -192,6 +206,12 @@ def _describe(series: Any, tiff: Any) -> _Series:
         segments=segments,
         grid=_grid(tiff),
     )
+
+
+def _is_plane(axes: str, shape: tuple[int, ...]) -> bool:
+    """Whether a microscope's series is one plane of several channels or time points."""
+    long = {letter for letter, size in zip(axes, shape, strict=True) if size > 1 or letter in "YX"}
+    return {"Y", "X"} <= long <= set("TCYXS") and not long.isdisjoint("TC") and "Z" not in axes
 
 
 def _check_codec(series: Any) -> None:
@@ -250,16 +270,30 @@ def _index(series: _Series, z: int, options: LoadOptions) -> tuple[int | slice, 
             entry: int | None = options.time_number(series.shape[axis])
         else:
             entry = options.channel_number if letter in "CS" else options.array_number(series.shape[axis])
+            entry = 0 if letter == "S" and _is_rgb(series) and _is_channelled(series) else entry
         option = "time" if letter == "T" else "channel" if letter in "CS" else "array"
         extra[axis] = (option, entry if axis in series.long else 0)
     return selection(series.shape, extra)
 
 
-def _pixels(path: Path, tiff: Any, series: _Series, level: int) -> np.ndarray:
+def _index_of(pixels: np.ndarray, index: tuple[int | slice, ...]) -> tuple[int | slice, ...]:
+    """The index in pixels that may be those of one time point alone."""
+    return tuple(at if size > 1 or isinstance(at, slice) else 0 for at, size in zip(index, pixels.shape, strict=True))
+
+
+def _pixels(path: Path, tiff: Any, series: _Series, level: int, time: int = 0) -> np.ndarray:
+    """All samples [series.shape]; those of one time point, if they are pages of their own that have to be decoded."""
     if series.offset is not None:
         return map_array(path, series.offset, series.dtype, series.shape)
     with library("TIFF"):
-        return np.asarray(tiff.series[0].levels[level].asarray())
+        whole = tiff.series[0].levels[level]
+        ahead, at = whole.shape[: -len(whole.keyframe.shape)], whole.axes.find("T")
+        if 0 <= at < len(ahead) and math.prod(ahead) == len(whole):
+            pages = np.arange(len(whole)).reshape(ahead).take(time, axis=at).ravel().tolist()
+            if all(whole[page] is not None for page in pages):
+                shape = (*series.shape[:at], 1, *series.shape[at + 1 :])
+                return np.asarray(tiff.asarray(key=pages, series=0, level=level)).reshape(shape)
+        return np.asarray(whole.asarray()).reshape(series.shape)
 
 
 def _grid(tiff: Any) -> Grid:

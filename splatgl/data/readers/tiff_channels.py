@@ -45,15 +45,25 @@ def _ome_color(text: str | None) -> str | None:
 def _of_imagej(metadata: Mapping[str, Any], count: int, times: int) -> Several:
     """Colours are the ends of lookup tables, windows the display ranges."""
     tables, ranges = metadata.get("LUTs", ()), metadata.get("Ranges", ())
+    labels = _labels(metadata.get("Labels", ()), count)
     found = []
     for n in range(count):
         color = rgb_of([int(row[-1]) for row in tables[n]]) if n < len(tables) and len(tables[n]) == 3 else None
         window = window_of(*ranges[2 * n : 2 * n + 2]) if len(ranges) >= 2 * n + 2 else None
-        found.append(Channel(str(n), color, window))
+        found.append(Channel(labels[n], color, window))
     together = count > 1 and (
         metadata.get("mode") == "composite" or any(each.color not in (None, WHITE) for each in found)
     )
     return Several(tuple(found), together, times, _positive(metadata.get("finterval")) or None)
+
+
+def _labels(told: Any, count: int) -> list[str]:
+    """Names of channels: the planes' labels, where each channel has its own on all its planes; else numbers."""
+    texts = [str(text).strip() for text in told] if isinstance(told, list | tuple) else []
+    names = texts[:count]
+    # channels vary fastest over the planes
+    same = all(text == names[n % count] for n, text in enumerate(texts))
+    return names if same and len(set(names) - {""}) == count else [str(n) for n in range(count)]
 
 
 def _positive(text: object) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 from splatgl.data.errors import missing_extra
 from splatgl.data.readers.chunked import Chunked
 from splatgl.data.readers.files import library
+from splatgl.data.readers.turned import Turned
 
 OTHER_KINDS = ("avs", "bif", "eer", "mmstack", "ndpi", "ndtiff", "philips", "qpi", "scn", "svs")
 """Kinds of slide scanners' pictures and of series over many files, which are read as plain pages."""
@@ -26,10 +27,10 @@ def open_tiff(path: Path) -> Any:
         return tifffile.TiffFile(path, _multifile=False, **kinds)
 
 
-def parts(path: Path, levels: Iterable[int], index: Sequence[int | slice]) -> list[Chunked]:
+def parts(path: Path, levels: Iterable[int], axes: str, index: Sequence[int | slice]) -> list[Chunked]:
     """What `index` leaves free of those levels of the first series; the file is open for as long as one of them lives.
 
-    index: of each axis of the series.
+    axes: of the index; one that the series lacks has one entry.
     """
     try:
         import zarr
@@ -37,7 +38,9 @@ def parts(path: Path, levels: Iterable[int], index: Sequence[int | slice]) -> li
         raise missing_extra("multiscale TIFF files", "zarr", "readers") from None
     file = _OneFile(path)
     with library("TIFF"):
-        arrays = [zarr.open_array(file.tiff.series[0].aszarr(level=level), mode="r") for level in levels]
+        series = file.tiff.series[0]
+        found = [(zarr.open_array(series.aszarr(level=level), mode="r"), series.levels[level].axes) for level in levels]
+        arrays = [Turned(array, names, axes) for array, names in found]
     return [Chunked(str(path), array, index, file, "TIFF") for array in arrays]
 
 

@@ -12,7 +12,9 @@ from splatgl.data.volume import Label
 
 
 def axis_names(node: Any, multiscale: Mapping[str, Any] | None) -> list[str]:
-    """One name per axis, of which z, y and x are among; without metadata the last three are z, y, x, behind t and c."""
+    """One name per axis, with y and x, and z but for an image of one plane; without metadata t, c, z, y, x or the last
+    of these.
+    """
     count = len(node.shape)
     axes = (multiscale or {}).get("axes")
     names = [axis if isinstance(axis, str) else str(axis.get("name", "?")) for axis in axes] if axes else []
@@ -23,7 +25,8 @@ def axis_names(node: Any, multiscale: Mapping[str, Any] | None) -> list[str]:
         names = [known.get(name, name) for name in names]
         names = names if len(names) == count and {"z", "y", "x"} <= set(names) else []
     names = names or list("tczyx")[5 - min(count, 5) :]
-    if len(names) != count or sorted(name for name in names if name in ("z", "y", "x")) != ["x", "y", "z"]:
+    space = sorted(name for name in names if name in ("z", "y", "x"))
+    if len(names) != count or space not in (["x", "y", "z"], ["x", "y"]) or (len(space) < 3 and not axes):
         raise expected("axes", "z, y and x among the array's axes", f"{names} of {count}")
     return [name if name in tuple("zyxt") else f"c {name}" for name in names]
 
@@ -66,11 +69,12 @@ def labels_of(attributes: Mapping[str, Any]) -> tuple[Label, ...] | None:
 
 
 def _step(multiscale: Mapping[str, Any] | None, names: list[str]) -> float | None:
-    """Seconds between two time points: the scale along t."""
-    if multiscale is None or "t" not in names:
+    """Seconds between two time points: the scale along t, if its unit is told. Versions 0.1 to 0.3 tell none."""
+    axes = (multiscale or {}).get("axes")
+    if multiscale is None or not axes or "t" not in names:
         return None
-    axis = multiscale["axes"][names.index("t")]
-    unit = SECONDS.get(axis.get("unit", "second")) if isinstance(axis, Mapping) else 1.0
+    axis = axes[names.index("t")]
+    unit = SECONDS.get(axis.get("unit", "")) if isinstance(axis, Mapping) else None
     scale = 1.0
     for owner in (*multiscale["datasets"][:1], multiscale):
         for step in owner.get("coordinateTransformations", ()):

@@ -20,12 +20,16 @@ from splatgl.data.readers.grid import unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.remote import METADATA, Remote
 from splatgl.data.readers.several import as_microscope
+from splatgl.data.readers.turned import Turned, TurnedFiles
 from splatgl.data.readers.zarr_axes import axis_names, labels_of, several
 from splatgl.data.readers.zarr_checks import check_array, check_files
 from splatgl.data.volume import Hints, Triple, Volume
 
 WHOLE_LEVEL = 0
 """Most bytes of a coarser level that are read at once: most pictures take one of them, or none."""
+
+SPACE = ("z", "y", "x")
+"""Axes of samples, in their order."""
 
 MARKERS = ("zarr.json", ".zarray", ".zgroup")
 """A folder with one of these files is a Zarr store."""
@@ -111,17 +115,12 @@ def _volume(
         raise expected("array", "real numbers along at least three axes", f"{node.dtype} {node.shape}")
     # 2. its samples
     names = axis_names(node, multiscale)
-    index = _index(node.shape, names, options)
-    free = [size for size, at in zip(node.shape, index, strict=True) if isinstance(at, slice)]
-    whole = remote is None and byte_count(free, node.dtype) <= most
-    files = check_array(path, node, whole, *([remote.fetch] if remote else []))
-    order = [name for name in names if name in "zyx"]
-    turned = [order.index(name) for name in "zyx"]
-    if not whole and turned != [0, 1, 2]:
-        raise expected("axes", "z, y, x in this order, of an array that is read in parts", "".join(order))
-    samples: Any = Chunked(str(remote or path), node, index, files)
-    if whole:
-        samples = np.asarray(node[index]).transpose(turned)
+    wanted = [*(name for name in names if name not in SPACE), *SPACE]
+    array = Turned(node, names, wanted)
+    index = _index(array.shape, wanted, options)
+    whole = remote is None and byte_count(array.shape[-3:], node.dtype) <= most
+    files = TurnedFiles(check_array(path, node, whole, *([remote.fetch] if remote else [])), array)
+    samples: Any = array[index] if whole else Chunked(str(remote or path), array, index, files)
     # 3. its grid
     if multiscale is None:
         return Volume(samples)
@@ -196,9 +195,11 @@ def _grid(multiscale: Multiscale, level: str, names: list[str]) -> tuple[Triple,
                 origin = origin + values
             else:
                 raise _bad_step(step)
-    order = [names.index(name) for name in "xyz"]
-    (sx, sy, sz), (ox, oy, oz) = scale[order].tolist(), origin[order].tolist()
-    return (sx, sy, sz), (ox, oy, oz)
+    x, y = names.index("x"), names.index("y")
+    # a plane is as thick as a pixel is wide
+    z = names.index("z") if "z" in names else x
+    (sx, sy, sz), (ox, oy, oz) = scale[[x, y, z]].tolist(), origin[[x, y, z]].tolist()
+    return (sx, sy, sz), (ox, oy, oz if "z" in names else 0.0)
 
 
 def _bad_step(step: object) -> InputError:
