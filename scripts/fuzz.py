@@ -169,7 +169,8 @@ def read(path: Path, kind: str) -> None:
         return
     volume = Scene.from_toml(path).open() if kind == "scene" else sg.load(path)
     whole_volume = volume.samples.size <= TOUCH
-    for array in (volume.samples, volume.color, volume.vectors, *(level.samples for level in volume.coarser)):
+    others = [each.samples for each in (*volume.coarser, *volume.channels)]
+    for array in (volume.samples, volume.color, volume.vectors, *others):
         if array is not None and volume.samples[0].size <= TOUCH:
             for plane in range(array.shape[0]) if whole_volume else (0, array.shape[0] - 1):
                 np.sum(array[plane], dtype=np.float64)

@@ -11,6 +11,7 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
+from fuzz_channels import channels_of_tiff, channels_of_zarr, times_of_nifti
 from fuzz_dicom import dicom_seeds
 from fuzz_files import CUBE, FLOW, RAW, Seed, X, Y, Z, one, vti, vti_appended, vtk_legacy, written
 from fuzz_libraries import hdf5, hdf5_old, imaris, mgh, mrc, netcdf, nibabel_pairs, nrrd_components, vtk_grids
@@ -155,7 +156,7 @@ def nifti(suffix: str = ".nii") -> list[Seed]:
         gz = suffix.endswith(".gz")
         packing = (gzip.decompress, partial(gzip.compress, compresslevel=1)) if gz else (None, None)
         seeds.append(one(f"a{suffix}", seed.files[f"a{suffix}"], *packing))
-    return seeds
+    return [*seeds, times_of_nifti(suffix)]
 
 
 def tiff() -> list[Seed]:
@@ -174,6 +175,7 @@ def tiff() -> list[Seed]:
         seed(CUBE.astype(np.float32), bigtiff=True, compression="zstd"),
         seed(CUBE, imagej=True, resolution=(2, 3), metadata={"spacing": 3.0, "unit": "um", "axes": "ZYX"}),
         seed(CUBE[0], metadata=None),
+        *channels_of_tiff("a.tif"),
     ]
 
 
@@ -193,7 +195,7 @@ def ome_tiff() -> list[Seed]:
             file.write(CUBE[:, ::2, ::2], subfiletype=1, tile=(16, 16), compression="zlib")
 
     plain = seed(CUBE[None], "CZYX", compression="zlib", photometric="minisblack")
-    return [seed(CUBE, "ZYX"), plain, written("a.ome.tif", pyramid)]
+    return [seed(CUBE, "ZYX"), plain, written("a.ome.tif", pyramid), *channels_of_tiff("a.ome.tif")]
 
 
 def zarr_store(version: int) -> list[Seed]:
@@ -213,10 +215,12 @@ def zarr_store(version: int) -> list[Seed]:
     seeds = [written("a.zarr", grouped), written("a.zarr", partial(array, compressors=None))]
     if version == 3:
         seeds.append(written("a.zarr", partial(array, shards=(6, 9, 11))))
-        return [*seeds, written("a.zarr", partial(array, compressors=zarr.codecs.GzipCodec()))]
+        packed = written("a.zarr", partial(array, compressors=zarr.codecs.GzipCodec()))
+        return [*seeds, packed, *channels_of_zarr(version)]
     from numcodecs import GZip, Zstd
 
-    return [*seeds, *(written("a.zarr", partial(array, compressors=codec)) for codec in (GZip(), Zstd()))]
+    packed = [written("a.zarr", partial(array, compressors=codec)) for codec in (GZip(), Zstd())]
+    return [*seeds, *packed, *channels_of_zarr(version)]
 
 
 def dicom(packed: bool) -> list[Seed]:
