@@ -9,7 +9,8 @@ import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
-from splatgl.splat.classification.statistics import Cut, Statistics, statistics
+from splatgl.splat.classification.ground import Ground
+from splatgl.splat.classification.statistics import Cut, Statistics, few_values, statistics
 from splatgl.splat.classification.transfer import Nodes, Transfer
 
 # opacities of a surface just above its cut, of the brightest matter, and of single-valued objects
@@ -25,8 +26,6 @@ AIR, PADDING = (-1100.0, -800.0), -4096.0
 BONE_FROM = 300.0
 # smallest shares of a CT's values that are air, and bone
 AIR_SHARE, BONE_SHARE = 0.02, 0.003
-# integer volumes with at most this many different values are labels
-LABELS = 32
 
 
 @dataclass(frozen=True)
@@ -65,12 +64,23 @@ def _soft(stats: Statistics, rung: int | None) -> Look:
 
 
 def _glow(stats: Statistics, rung: int | None) -> Look:
-    """A ramp from half the dimmest value above the background to the BRIGHT percentile."""
+    """A ramp from half the dimmest value above the background, or above its noise, to the BRIGHT percentile."""
     lowest = float(stats.values[0])
     low = lowest if stats.sparse else _cut(stats, rung).ramp(RAMP)[0]
     dim, high = np.percentile(stats.values[stats.values > low], [DIM, BRIGHT])
     low = lowest + (float(dim) - lowest) / 2 if stats.sparse else low
-    return Look(((low, 0.0), (max(low, float(high)), SURFACE)))
+    low, high = low if stats.ground is None else max(low, stats.ground.cut), max(low, float(high))
+    return Look(((low, 0.0), *_above_noise(stats.ground, low, high), (high, SURFACE)))
+
+
+def _above_noise(ground: Ground | None, low: float, high: float) -> Nodes:
+    """A node a standard deviation above the noise, from where the ramp is what it would be without: it starts at the
+    background's level.
+    """
+    if ground is None or not low < low + ground.noise < high:
+        return ()
+    value = low + ground.noise
+    return ((value, SURFACE * (value - ground.level) / (high - ground.level)),)
 
 
 def _solid(stats: Statistics, rung: int | None) -> Look:
@@ -129,7 +139,8 @@ def default_transfer(volume: Volume) -> Transfer:
 
 def _from_values(volume: Volume) -> Transfer:
     stats = statistics(volume)
-    if volume.samples.dtype.kind in "bui" and not stats.constant and len(np.unique(stats.values)) <= LABELS:
+    whole = volume.samples.dtype.kind in "bui" and stats.ground is None
+    if whole and not stats.constant and few_values(stats.values):
         return replace(_built(PRESETS["terrain"], stats), colormap="ivory" if _two(stats) else "viridis")
     if stats.sparse:
         return _built(PRESETS["microscopy"], stats)

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.volume import Volume
+from splatgl.splat.classification.ground import Ground, ground_of
 
 # most planes and values of a sample: a few tens of MB, half a second
 PLANES, VALUES = 32, 1 << 21
-# share of samples at exactly the lowest value from which a volume counts as sparse
+# share of samples at exactly the lowest value, or in the noise around one, from which a volume counts as sparse
 SPARSE = 0.95
 # sparse volumes with fewer other values than this in the sample are read whole
 FEW = 2000
@@ -29,6 +30,8 @@ WHOLE = 3
 # otherwise, an object that covers at most this share of the faces counts as foreground
 COVERED = 0.25
 RUNGS = 3
+# volumes with at most this many different values number parts: labels
+LABELS = 32
 # values beyond are scaled: sums of squares of others fit float64
 LARGE = 1e150
 
@@ -51,13 +54,15 @@ class Statistics:
     """values: finite samples, sorted. background: share of them at exactly the lowest value.
 
     cuts: thresholds, each splitting the values above the last one (empty for a constant volume).
-    whole: index of the cut between the object and its surroundings.
+    whole: index of the cut between the object and its surroundings. ground: of a sparse volume whose background is
+    noise; values in it are its level.
     """
 
     values: np.ndarray
     background: float
     cuts: tuple[Cut, ...]
     whole: int
+    ground: Ground | None = None
 
     @property
     def sparse(self) -> bool:
@@ -85,12 +90,29 @@ def statistics(volume: Volume) -> Statistics:
     finite = np.sort(sample[np.isfinite(sample)])
     if len(finite) == 0:
         return Statistics(finite, 1.0, (), 0)
-    outstanding = finite[finite > finite[0]]
-    background = 1.0 - len(outstanding) / len(finite)
-    if background >= SPARSE and len(outstanding) < FEW and volume.count <= MOST_WHOLE:
-        finite = _with_outstanding(volume, float(finite[0]))
+    background = _share_of_lowest(finite)
+    ground = ground_of(finite, SPARSE) if background < SPARSE and not few_values(finite) else None
+    if ground is not None:
+        finite[: np.searchsorted(finite, ground.cut, side="right")] = ground.level
+        background = _share_of_lowest(finite)
+    if background >= SPARSE and (1.0 - background) * len(finite) < FEW and volume.count <= MOST_WHOLE:
+        finite = _with_outstanding(volume, float(finite[0]), ground)
     cuts = _ladder(finite)
-    return Statistics(finite, background, cuts, _whole(sample, cuts))
+    return Statistics(finite, background, cuts, _whole(sample, cuts), ground)
+
+
+def few_values(values: np.ndarray) -> bool:
+    """Whether sorted values are at most LABELS different ones."""
+    at = 0
+    for _ in range(LABELS):
+        at = int(np.searchsorted(values, values[at], side="right"))
+        if at == len(values):
+            return True
+    return False
+
+
+def _share_of_lowest(values: np.ndarray) -> float:
+    return float(np.searchsorted(values, values[0], side="right")) / len(values)
 
 
 def _sample(volume: Volume) -> np.ndarray:
@@ -102,11 +124,14 @@ def _sample(volume: Volume) -> np.ndarray:
     return np.stack([np.asarray(volume.samples[int(z)])[np.ix_(y, x)].astype(np.float64) for z in planes])
 
 
-def _with_outstanding(volume: Volume, lowest: float) -> np.ndarray:
-    """All finite values other than the lowest sampled one (at most VALUES of them), and that one, sorted."""
+def _with_outstanding(volume: Volume, lowest: float, ground: Ground | None) -> np.ndarray:
+    """All finite values (at most VALUES of them) above the ground, or other than the lowest sampled one; and that one;
+    sorted.
+    """
     found = [np.array([lowest])]
     for slab in volume.slabs(16, halo=0):
-        others = slab.samples[slab.samples != lowest].astype(np.float64)
+        others = slab.samples[slab.samples != lowest if ground is None else slab.samples > ground.cut]
+        others = others.astype(np.float64)
         found.append(others[np.isfinite(others)])
     values = np.concatenate(found)
     return np.sort(values[:: len(values) // VALUES + 1])
