@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
@@ -13,6 +14,8 @@ from uuid import uuid4
 import numpy as np
 
 from splatgl import __version__
+from splatgl.app.backgrounds import ground_of, grounded
+from splatgl.app.choices import choices_of
 from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import check_output
 from splatgl.app.scene import Scene
@@ -77,22 +80,24 @@ def run(args: argparse.Namespace) -> int:
     reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()
     transfer = scene.transfer_for(volume)
+    ground = ground_of(args, scene, None if reference is None else reference.image)
+    scene = replace(scene, settings=grounded(scene.settings, ground, transfer, output))
     image = _on_workers(args, scene, volume, transfer) if on_workers else _here(args, scene, volume, transfer)
     image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
-    ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
+    behind = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     ended = 0
     if reference is not None:
         from splatgl.app.compare import DIFFERENT, SAME, check_against
 
-        verdict = check_against(image, reference, output, ground)
+        verdict = check_against(image, reference, output, behind)
         if not (verdict.same and args.quiet):
             print(verdict)
         if verdict.same:
             return SAME
         ended = DIFFERENT
-    image.save(output, args.bits, ground)
+    image.save(output, args.bits, behind)
     if not args.quiet:
-        print(_summary(output, image))
+        print("\n".join([_summary(output, image), *choices_of(scene, volume, transfer, ground)]))
     return ended
 
 

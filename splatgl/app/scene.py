@@ -3,7 +3,7 @@
 volume = "head.nii.gz"          # beside the scene file, or the name of a built-in scene
 threshold = 0.0
 [load]                          # as LoadOptions
-[transfer]                      # preset = "…", or points, colormap, window, unit, gradient, shading
+[transfer]                      # preset = "…", or points, colormap, window, scale, unit, gradient, shading
 [camera]                        # size, azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
 [settings]                      # as Settings
 """
@@ -19,13 +19,14 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splatgl.app.stacks import FLAT, UP, is_flat_stack
 from splatgl.data.errors import InputError, expected
 from splatgl.data.readers import LoadOptions, load
 from splatgl.data.readers.remote import is_address
 from splatgl.data.scenes import SCENES
 from splatgl.data.toml import load_table
 from splatgl.data.volume import Triple, Volume
-from splatgl.splat.classification.presets import default_transfer, preset
+from splatgl.splat.classification.presets import default_transfer, logarithmic, preset
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.settings import Settings
 
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
     from splatgl.splat.extraction.splats import Splats
     from splatgl.splat.view.camera import Bounded, Camera
 
-# a volume thinner than this fraction of its width is viewed from above
-FLAT = 0.5
 # the types of a scene file's keys
 KEYS: dict[str, tuple[type, ...]] = {
     "volume": (str,),
@@ -66,6 +65,16 @@ class View:
     orthographic: bool = False
     height: float | None = None
 
+    def along_z(self, volume: Volume) -> bool:
+        """Whether nothing says from where a flat stack is seen: along +z, x to the right and y down."""
+        asked = (self.azimuth, self.elevation, self.eye, self.look_at, self.up)
+        return all(each is None for each in asked) and is_flat_stack(volume)
+
+    def upwards(self, volume: Volume) -> Triple:
+        """The direction that is up in the default view, about which a volume turns."""
+        found: Triple = UP if self.along_z(volume) else _first(self.up, volume.hints.up, (0.0, 0.0, 1.0))
+        return found
+
     def camera(self, volume: Volume, subject: Bounded) -> Camera:
         """The camera; an orbit is fitted to what is visible of `subject`."""
         from splatgl.splat.extraction.splats import Splats
@@ -82,7 +91,8 @@ class View:
         else:
             if self.look_at is not None:
                 raise expected("look_at", "an eye that looks there", "none", "give --eye too")
-            azimuth, elevation = _default_orbit(volume)
+            flat = self.along_z(volume)
+            azimuth, elevation = (0.0, 0.0) if flat else _default_orbit(volume)
             camera = Camera.orbit(
                 subject,
                 _first(self.azimuth, hints.azimuth, azimuth),
@@ -90,7 +100,7 @@ class View:
                 fov,
                 self.size,
                 _first(self.zoom, 1.0),
-                _first(self.up, hints.up, (0.0, 0.0, 1.0)),
+                UP if flat else _first(self.up, hints.up, (0.0, 0.0, 1.0)),
             )
         parallel = self.orthographic or self.height is not None
         return camera.parallel(subject, self.height) if parallel else camera
@@ -183,6 +193,8 @@ class Scene:
             return Transfer.from_table(asked)
         base = preset(name, volume) if name else default_transfer(volume)
         _check_keys("transfer", asked, {f.name for f in fields(Transfer)})
+        if asked.get("scale") == "log" and "points" not in asked:
+            base = logarithmic(base, volume)
         return replace(base, **asked)
 
 
@@ -227,7 +239,7 @@ def _toml(what: str, value: Any) -> str:
 
 
 def _default_orbit(volume: Volume) -> tuple[float, float]:
-    """Default azimuth and elevation: anatomy from the front, flat volumes from above."""
+    """Default azimuth and elevation: anatomy from the front, volumes thinner than FLAT of their width from above."""
     extent = volume.corners.max(axis=0) - volume.corners.min(axis=0)
     elevation = ELEVATION_FLAT if extent[2] < FLAT * min(extent[0], extent[1]) else ELEVATION
     # in RAS the front is +y, in LPS it is −y

@@ -97,7 +97,7 @@ class Keyframes:
 
 def turning(view: View, volume: Volume, subject: Bounded, degrees: float, axis: np.ndarray | None = None) -> Turning:
     """A rotation by `degrees` per frame about the volume's centre, counter-clockwise seen from `axis`' tip (up)."""
-    up = axis if axis is not None else np.array(view.up or volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
+    up = axis if axis is not None else np.array(view.upwards(volume), dtype=np.float64)
     length = float(np.linalg.norm(up))
     if not 0 < length < np.inf:
         raise expected("axis", "a direction", up.tolist())

@@ -126,7 +126,7 @@ def _view(name: str) -> Action:
 
 def up_of(content: Content) -> np.ndarray:
     """The scene's up direction."""
-    up = np.asarray(content.scene.view.up or content.volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
+    up = np.asarray(content.scene.view.upwards(content.volume), dtype=np.float64)
     return np.asarray(up / np.linalg.norm(up))
 
 

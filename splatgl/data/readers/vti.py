@@ -17,7 +17,7 @@ from splatgl.data.readers.files import Shape, grid_shape
 from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.vti_data import Coding, Source, decode, parse_ascii
-from splatgl.data.readers.vtk_arrays import PointArray, pick
+from splatgl.data.readers.vtk_arrays import PointArray, hints_for, pick
 from splatgl.data.readers.xml_tree import parse_xml
 from splatgl.data.volume import Volume
 
@@ -48,8 +48,10 @@ def read(path: Path, options: LoadOptions) -> Volume:
     # 2. the arrays
     coding = _coding(root)
     nodes = pieces[0].findall("PointData/DataArray")
-    samples, vectors = pick([_array(path, node, coding, appended, shape) for node in nodes], options)
-    return Volume(samples, spacing, triple(origin, "Origin"), direction, vectors=vectors)
+    arrays = [_array(path, node, coding, appended, shape) for node in nodes]
+    samples, vectors = pick(arrays, options)
+    hints = hints_for(arrays, options, samples)
+    return Volume(samples, spacing, triple(origin, "Origin"), direction, vectors=vectors, hints=hints)
 
 
 def _parse(path: Path) -> tuple[Element, Source | None]:
