@@ -12,7 +12,7 @@ import pytest
 from splatgl.data.errors import InputError
 from splatgl.data.volume import Hints, Volume
 from splatgl.splat.classification.presets import BONE_HU, PRESETS, SOLID, default_transfer, preset
-from splatgl.splat.classification.statistics import PLANES, statistics
+from splatgl.splat.classification.statistics import PLANES, sorted_percentile, statistics
 from splatgl.splat.classification.transfer import Transfer
 
 # presets of tissues between others, which the largest values are none of
@@ -182,3 +182,13 @@ def test_values_that_signed_integers_cannot_hold() -> None:
     """Of uint64 next to 2⁶⁴, which floats round up to it."""
     samples = np.full((3, 3, 3), 2**64 - 1, np.uint64)
     assert default_transfer(Volume(samples)).points[0][0] == 2.0**64
+
+
+def test_percentiles_are_numpys() -> None:
+    """To the last bit."""
+    rng = np.random.default_rng(9)
+    for count in (1, 2, 3, 1000, 99_991):
+        values = np.sort(rng.normal(0, 1e3, count))
+        for percent in (0.0, 0.1, 1.0, 33.3, 50.0, 99.9, 99.99, 100.0):
+            assert sorted_percentile(values, percent) == np.percentile(values, percent)
+    assert sorted_percentile(np.array([-1.7e308, 1.7e308]), 50.0) == 0.0

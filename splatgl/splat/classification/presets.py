@@ -12,7 +12,7 @@ from splatgl.data.quantities import FIELD, is_field
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.looks import CORE, SOLID, SURFACE, Look, Preset, field, glow, soft, solid, surface
 from splatgl.splat.classification.medical import MEDICAL
-from splatgl.splat.classification.statistics import Statistics, few_values, statistics
+from splatgl.splat.classification.statistics import Statistics, few_values, sorted_percentile, statistics
 from splatgl.splat.classification.transfer import Transfer
 
 __all__ = ["BONE_HU", "PRESETS", "SOLID", "default_transfer", "is_microscopy", "logarithmic", "preset", "preset_named"]
@@ -78,7 +78,7 @@ def logarithmic(base: Transfer, volume: Volume) -> Transfer:
     values = values[values > 0]
     if len(values) == 0:
         raise expected("scale", "positive values, for their logarithms", f"none in {volume.name or 'the volume'}")
-    low, clear, high = (float(np.percentile(values, percent)) for percent in (0.0, 50.0, 99.99))
+    low, clear, high = (sorted_percentile(values, percent) for percent in (0.0, 50.0, 99.99))
     low = max(low, high / MOST_RATIO)
     points = ((max(low, clear), 0.0), (high, SURFACE))
     return replace(base, points=points, window=(low, high) if low < high else None, scale="log")

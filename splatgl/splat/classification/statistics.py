@@ -34,6 +34,8 @@ RUNGS = 3
 LABELS = 32
 # values beyond are scaled: sums of squares of others fit float64
 LARGE = 1e150
+# halves of differences that float64 holds
+LARGEST_HALF = 8e307
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ class Statistics:
 
     def percentile(self, percent: float) -> float:
         """The value that `percent` of the samples, 0 to 100, do not exceed; interpolated linearly."""
-        return float(np.percentile(self.values, percent))
+        return sorted_percentile(self.values, percent)
 
     def share_above(self, value: float) -> float:
         """Share of the sampled values above a value."""
@@ -99,6 +101,17 @@ def statistics(volume: Volume) -> Statistics:
         finite = _with_outstanding(volume, float(finite[0]), ground)
     cuts = _ladder(finite)
     return Statistics(finite, background, cuts, _whole(sample, cuts), ground)
+
+
+def sorted_percentile(values: np.ndarray, percent: float) -> float:
+    """What np.percentile gives of sorted values, which it would sort again."""
+    place = percent / 100 * (len(values) - 1)
+    below = min(int(place), len(values) - 1)
+    low, high = float(values[below]), float(values[min(below + 1, len(values) - 1)])
+    share = place - below
+    if high / 2 - low / 2 > LARGEST_HALF:
+        return low * (1 - share) + high * share
+    return low + (high - low) * share if share < 0.5 else high - (high - low) * (1 - share)
 
 
 def few_values(values: np.ndarray) -> bool:
@@ -153,7 +166,7 @@ def _otsu(values: np.ndarray) -> Cut:
     if not max(abs(values[0]), abs(values[-1])) < LARGE:
         cut = _otsu(values / LARGE)
         return Cut(cut.value * LARGE, cut.below * LARGE, cut.above * LARGE)
-    end = float(np.percentile(values, HISTOGRAM_END))
+    end = sorted_percentile(values, HISTOGRAM_END)
     end = end if end > values[0] else float(values[-1])
     counts, edges = np.histogram(np.minimum(values, end), BINS, (float(values[0]), end))
     middles = (edges[1:] + edges[:-1]) / 2
