@@ -239,18 +239,18 @@ def test_time_points_are_played(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 def test_flat_stacks_are_seen_as_in_a_microscope(renderer: sg.Renderer, tmp_path: Path) -> None:
-    """Along z: the corner at x = y = 0 is on the left and on top. Thick ones and plain TIFF are not."""
+    """Along z: the corner at x = y = 0 is on the left and on top; those of its files by their hints."""
     stack = np.zeros((4, 40, 60), np.uint8)
     stack[:, 2:10, 2:14] = 200
     stack[:, 30:38, 46:58] = 60
     tifffile.imwrite(tmp_path / "a.ome.tif", stack, ome=True, metadata={"axes": "ZYX"}, photometric="minisblack")
     tifffile.imwrite(tmp_path / "plain.tif", stack, photometric="minisblack")
-    volume = sg.load(tmp_path / "a.ome.tif")
-    assert "seen along z" in volume.notes[-1] and not sg.load(tmp_path / "plain.tif").notes
+    assert not sg.load(tmp_path / "plain.tif").hints.stack
+    volume = Scene(str(tmp_path / "a.ome.tif")).open()
+    assert volume.hints.stack and "seen along z" in volume.notes[-1]
     splats = sg.extract(volume, sg.Transfer([(30, 0), (220, 0.9)]))
     camera = View(size=(60, 40)).camera(volume, splats)
     assert np.allclose(camera.right, (1, 0, 0)) and np.allclose(camera.forward, (0, 0, 1))
     image = renderer.render(splats, camera)
     alpha = image.pixels[..., 3]
     assert alpha[:20, :30].sum() > 1.5 * alpha[20:, 30:].sum() > 0 and alpha[20:, :30].max() < 0.05
-    assert sg.load(ome(tmp_path / "thick.ome.tif")).hints.up is None

@@ -10,6 +10,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
+from splatgl.app.scene import Scene
 from splatgl.data.readers.chunked import Chunked
 from splatgl.data.readers.files import WHOLE
 
@@ -71,7 +72,7 @@ def test_one_time_point_is_decoded_alone(tmp_path: Path) -> None:
 
 def test_a_plane_is_no_terrain_and_time_no_depth(tmp_path: Path) -> None:
     """One plane of a microscope is seen along z; without its metadata pages are planes."""
-    volume = sg.load(imwrite(tmp_path / "a.ome.tif", "TYX", ome=True))
+    volume = Scene(str(imwrite(tmp_path / "a.ome.tif", "TYX", ome=True))).open()
     assert volume.shape == (1, 10, 12) and volume.hints.up == (0, -1, 0)
     tifffile.imwrite(tmp_path / "b.tif", values("TYX"), photometric="minisblack", metadata=None)
     assert sg.load(tmp_path / "b.tif").shape == (3, 10, 12)

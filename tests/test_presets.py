@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +12,11 @@ import pytest
 from splatgl.data.errors import InputError
 from splatgl.data.volume import Hints, Volume
 from splatgl.splat.classification.presets import BONE_HU, PRESETS, SOLID, default_transfer, preset
-from splatgl.splat.classification.statistics import PLANES, statistics
+from splatgl.splat.classification.statistics import PLANES, sorted_percentile, statistics
 from splatgl.splat.classification.transfer import Transfer
 
+# presets of tissues between others, which the largest values are none of
+BANDS = ("ct-air", "ct-lung", "ct-muscle", "ct-fat")
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
 
@@ -84,7 +85,10 @@ def test_a_volume_of_nothing_is_transparent() -> None:
 @pytest.mark.parametrize("samples", [np.zeros((1, 1, 1)), np.array([[[0, 255]]], np.uint8), ball(16)])
 def test_every_preset_takes_any_volume(name: str, samples: np.ndarray) -> None:
     transfer = preset(name, Volume(samples))
-    assert transfer.opacity(samples.max()) > 0.3
+    if name in BANDS:
+        assert transfer.opacity(np.linspace(samples.min(), samples.max(), 2000)).max() > 0.2
+    else:
+        assert transfer.opacity(samples.max()) > 0.3
 
 
 def test_a_sparse_volume_shows_what_stands_out() -> None:
@@ -183,63 +187,15 @@ def test_values_that_signed_integers_cannot_hold() -> None:
 def test_names_in_any_case() -> None:
     volume = Volume(ball())
     assert preset("CT-Bone", volume) == preset("ct-bone", volume)
-    with pytest.raises(InputError, match=r"got 'ct-bones'; did you mean ct-bone\?"):
-        preset("ct-bones", volume)
+    with pytest.raises(InputError, match=r"ct-bone, ct-bones.* got 'ct-bonne'; splatgl presets lists all"):
+        preset("ct-bonne", volume)
 
 
-# --- first pictures ---------------------------------------------------------------------------------------------------
-
-
-def threads(rng: np.random.Generator) -> np.ndarray:
-    """Sparse bright threads on an empty ground, as of a neuron: .7 % of all voxels."""
-    samples = np.zeros((40, 120, 120))
-    for _ in range(60):
-        at, step = rng.uniform(0, 1, 3) * samples.shape, rng.normal(size=3)
-        for _ in range(60):
-            at = np.clip(at + step, 0, np.array(samples.shape) - 1)
-            samples[tuple(at.astype(int))] = rng.uniform(60, 255)
-            step += rng.normal(size=3) / 5
-            step /= np.linalg.norm(step)
-    return samples
-
-
-@pytest.mark.parametrize(("offset", "noise"), [(10, 2), (100, 5), (100, 8), (500, 8)])
-@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
-def test_a_cameras_offset_and_noise_are_no_matter(dtype: type, offset: float, noise: float) -> None:
-    """The same voxels are kept, in the same look, as without them."""
-    rng = np.random.default_rng(4)
-    clean = threads(rng)
-    right = default_transfer(Volume(clean.astype(np.uint8)))
-    noisy = clean + rng.normal(offset, noise, clean.shape)
-    samples = np.rint(noisy).astype(dtype) if dtype is np.uint16 else noisy.astype(dtype)
-    found = default_transfer(Volume(samples))
-    assert (found.colormap, found.shading) == (right.colormap, right.shading) == ("glow", False)
-    kept, before = found.opacity(samples) > 0, clean > 0
-    assert (kept & before).sum() / (kept | before).sum() > 0.95
-
-
-def test_noise_alone_and_objects_are_no_background() -> None:
-    rng = np.random.default_rng(4)
-    shape = (40, 50, 60)
-    for samples in (rng.normal(100, 8, shape), rng.uniform(0, 1, shape), rng.gamma(2.0, 30, shape)):
-        stats = statistics(Volume(samples.astype(np.float32)))
-        assert stats.values[0] < np.quantile(samples, 0.001) and not stats.sparse
-
-
-def rng_noise(shape: tuple[int, ...]) -> np.ndarray:
-    return np.random.default_rng(2).normal(0, 0.02, shape)
-
-
-def test_fields_of_simulations_are_mist() -> None:
-    """Colours over all of the data's range; not of what a scanner counts, nor of anatomy."""
-    z, y, x = np.indices((40, 70, 80)) / 80.0
-    field = np.exp(-((x - 0.4) ** 2 + (y - 0.3) ** 2) * 9) * (1 + z) + 0.1 * np.sin(9 * x * y)
-    volume = Volume(field.astype(np.float32))
-    found = default_transfer(volume)
-    low, high = found.window or (0, 0)
-    assert found.colormap == "viridis" and 0 <= low - volume.samples.min() < 0.01 > volume.samples.max() - high >= 0
-    assert found.points[0][0] > volume.samples.min() and found.points[-1][1] == 0.4 and not found.shading
-    noisy = (field + rng_noise(field.shape)).astype(np.float32)
-    counted = np.rint(field * 500).astype(np.float32)
-    for other in (replace(volume, frame="RAS"), replace(volume, samples=counted), replace(volume, samples=noisy)):
-        assert default_transfer(other).colormap == "ivory"
+def test_percentiles_are_numpys() -> None:
+    """To the last bit."""
+    rng = np.random.default_rng(9)
+    for count in (1, 2, 3, 1000, 99_991):
+        values = np.sort(rng.normal(0, 1e3, count))
+        for percent in (0.0, 0.1, 1.0, 33.3, 50.0, 99.9, 99.99, 100.0):
+            assert sorted_percentile(values, percent) == np.percentile(values, percent)
+    assert sorted_percentile(np.array([-1.7e308, 1.7e308]), 50.0) == 0.0

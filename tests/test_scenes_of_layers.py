@@ -222,7 +222,7 @@ def test_layers_of_the_command_line(
     [
         ("pet.nrrd", "pet.nrrd", {}, 1.0),
         ("pet.nrrd:hot", "pet.nrrd", {"colormap": "hot"}, 1.0),
-        ("pet.nrrd:CT-Bone:0.3", "pet.nrrd", {"preset": "ct-bone"}, 0.3),
+        ("pet.nrrd:CT-Bone:0.3", "pet.nrrd", {"preset": "CT-Bone"}, 0.3),
         ("pet.nrrd::0.3", "pet.nrrd", {}, 0.3),
         ("pet.nrrd:0.3", "pet.nrrd", {}, 0.3),
         ("https://a.org/b.zarr:#00ff66", "https://a.org/b.zarr", {"colormap": "#00ff66"}, 1.0),

@@ -220,12 +220,19 @@ def _report() -> Callable[[argparse.ArgumentParser], None]:
     return add_parser
 
 
+def _presets() -> Callable[[argparse.ArgumentParser], None]:
+    from splatgl.app.presets import add_parser
+
+    return add_parser
+
+
 COMMANDS: dict[str, tuple[str, Callable[[], Callable[[argparse.ArgumentParser], None]]]] = {
     "render": ("draw a volume or a scene into a picture", _render),
     "view": ("open a window on a volume or a scene", _view),
     "animate": ("draw a turning volume, keyframes or a series in time into frames or a movie", _animate),
     "compare": ("tell whether two pictures, or folders of them, are the same, and what changed", _compare),
     "info": ("tell what is in a volume file", _info),
+    "presets": ("tell which transfer functions there are by name, or draw a volume by each of them", _presets),
     "pyramid": ("write a volume, classified, with coarser levels that keep thin things", _pyramid),
     "doctor": ("tell what this machine draws with, and whether it draws right", _doctor),
     "report": ("tell what accuracy costs: error against run time of every method", _report),
@@ -241,6 +248,7 @@ OPERANDS = {
     "compare": " ACTUAL EXPECTED",
     "report": " [SOURCE…]",
     "info": " SOURCE",
+    "presets": " [SOURCE]",
     "figure": " N",
     "explain-splat": " X,Y,Z",
 }

@@ -11,7 +11,7 @@ from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.sizes import size_of
 from splatgl.data.volume import Volume
-from splatgl.splat.classification.presets import PRESETS
+from splatgl.splat.classification.presets import is_preset
 from splatgl.splat.classification.transfer import Transfer
 
 if TYPE_CHECKING:
@@ -34,8 +34,7 @@ def layer_option(text: str) -> Scene:
     if not source or not 0 <= opacity <= 1:
         told = f"expected FILE[:LOOK[:OPACITY]] with an opacity from 0 to 1, got {text!r}"
         raise argparse.ArgumentTypeError(told)
-    kind = "preset" if look.lower() in PRESETS else "colormap"
-    return Scene(source, transfer={kind: look.lower() if kind == "preset" else look} if look else {}, opacity=opacity)
+    return Scene(source, transfer={"preset" if is_preset(look) else "colormap": look} if look else {}, opacity=opacity)
 
 
 def _number(text: str) -> float | None:

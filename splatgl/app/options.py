@@ -8,24 +8,21 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from splatgl.app.backgrounds import AUTO, CLEAR, background
 from splatgl.app.scene import Scene, View
-from splatgl.data.color import linear_from_srgb
 from splatgl.data.errors import expected
 from splatgl.data.readers import LoadOptions
 from splatgl.data.readers.inside import inside
 from splatgl.data.readers.remote import is_address
-from splatgl.splat.classification.presets import PRESETS
 from splatgl.splat.plan.settings import LIKE, Settings, choices
 
-NAMED_COLORS = {"black": "#000000", "white": "#ffffff", "gray": "#808080"}
+BACKGROUNDS = "auto, transparent, black, white, #rgb, #rrggbb or any name of CSS"
 
 
-def add_source(parser: argparse.ArgumentParser) -> None:
-    """Adds the source and the reader options."""
+def add_source(parser: argparse.ArgumentParser, optional: bool = False) -> None:
+    """Adds the source, which may be optional, and the reader options."""
     about = "a volume's file, folder or address, a built-in scene (tunnel, terrain, nerve), or a scene.toml"
-    parser.add_argument("source", metavar="SOURCE", help=about)
+    parser.add_argument("source", metavar="SOURCE", help=about, nargs="?" if optional else None)
     group = parser.add_argument_group("reading")
     group.add_argument("--shape", type=_integers(3), metavar="X,Y,Z", help="voxels along x, y, z of a headerless file")
     group.add_argument(
@@ -55,7 +52,7 @@ def add_source(parser: argparse.ArgumentParser) -> None:
 def add_transfer(parser: argparse.ArgumentParser) -> None:
     """Adds the transfer function options."""
     group = parser.add_argument_group("transfer function (default: chosen from the data)")
-    group.add_argument("--preset", metavar="NAME", help=", ".join(PRESETS))
+    group.add_argument("--preset", metavar="NAME", help="ct-bone, mr-angio, mip, …: splatgl presets lists all")
     group.add_argument("--transfer", metavar="FILE.toml", help="a transfer function saved before")
     group.add_argument(
         "--only-labels",
@@ -69,6 +66,9 @@ def add_transfer(parser: argparse.ArgumentParser) -> None:
         "--colormap", metavar="NAME", help="gray, bone, hot, viridis, …, or any of cmap's or matplotlib's"
     )
     group.add_argument("--window", type=numbers(2), metavar="LOW,HIGH", help="values that the colours span")
+    group.add_argument(
+        "--log", action="store_const", const="log", dest="scale", help="opacities and colours over logarithms of values"
+    )
     group.add_argument(
         "--unit", type=float, metavar="L", help="world length that opacities are stated for (mean spacing)"
     )
@@ -123,7 +123,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--table-bits", type=int, choices=(8, 16, 32), metavar="8|16|32", help="bits a texel (32)")
     group.add_argument("--tolerance", type=float, metavar="E", help="largest allowed error (1/255)")
-    group.add_argument("--background", type=color, metavar="COLOUR", help="transparent, black, white or #rrggbb")
+    group.add_argument("--background", type=background, metavar="COLOUR", help=BACKGROUNDS)
     group.add_argument("--like", metavar="VERSION", help="the defaults of an earlier version: " + ", ".join(LIKE))
     group.add_argument("--paper", action="store_true", help="the 1998 hardware path: hybrid, 8-bit table and target")
 
@@ -174,14 +174,25 @@ def scene_from(args: argparse.Namespace) -> Scene:
     settings = Settings.paper() if args.paper else scene.settings
     if args.like is not None:
         settings = Settings.like(args.like, **settings.given)
-    return replace(
-        scene,
-        view=replace(scene.view, **_given(args, *(f.name for f in fields(View)))),
-        settings=settings.but(**_given(args, *(f.name for f in fields(Settings)))),
-    )
+    found = replace(scene, view=view_of(args, scene.view), settings=settings.but(**_settings(args)))
+    return found if args.blend else found.blended()
 
 
-TRANSFER = ("preset", "points", "gradient", "colormap", "window", "unit", "color_of", "window_of")
+def view_of(args: argparse.Namespace, view: View, size: tuple[int, int] | None = None) -> View:
+    """A view with what is given. size: where none is."""
+    view = view if size is None else replace(view, size=size)
+    return replace(view, **_given(args, *(f.name for f in fields(View))))
+
+
+def _settings(args: argparse.Namespace) -> dict[str, Any]:
+    """The fields of Settings that are given; a background that is to be chosen is none yet."""
+    given = _given(args, *(f.name for f in fields(Settings)))
+    if given.get("background") in (AUTO, CLEAR):
+        given["background"] = None
+    return given
+
+
+TRANSFER = ("preset", "points", "gradient", "colormap", "window", "scale", "unit", "color_of", "window_of")
 
 
 def _transfer_file(path: str | None) -> dict[str, Any]:
@@ -280,18 +291,3 @@ def size(text: str) -> tuple[int, int]:
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT or one number, got {text!r}") from None
     return width, height
-
-
-def color(text: str) -> tuple[float, float, float] | None:
-    """Parses transparent (None), black, white, gray or #rrggbb into linear RGB."""
-    if text == "transparent":
-        return None
-    code = NAMED_COLORS.get(text, text)
-    try:
-        rgb = [int(code[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-        if len(code) != 7 or code[0] != "#":
-            raise ValueError
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"expected transparent, black, white or #rrggbb, got {text!r}") from None
-    red, green, blue = linear_from_srgb(np.array(rgb))
-    return float(red), float(green), float(blue)

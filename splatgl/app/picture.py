@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl import __version__
-from splatgl.app.options import color, size
+from splatgl.app.backgrounds import AUTO, CLEAR, background, grounded
+from splatgl.app.options import BACKGROUNDS, size
 from splatgl.app.render import Drawing, draw, drawn, origin
 from splatgl.app.scene import Scene, View, typed
 from splatgl.data.arrays import ArrayOptions
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from splatgl.splat.view.camera import Bounded, Camera
 
 # the fields of Transfer that are keywords of their own; `unit` is that of an array, and `shading` a setting
-TRANSFER = ("points", "gradient", "colormap", "window")
+TRANSFER = ("points", "gradient", "colormap", "window", "scale")
 
 
 @dataclass(frozen=True)
@@ -41,9 +42,9 @@ class Held(Scene):
     held: Volume | None = None
 
     def open(self) -> Volume:
-        """The volume."""
+        """The volume; a flat stack with the view of it."""
         assert self.held is not None
-        return self.held
+        return self._placed(self.held)
 
     def to_toml(self, folder: Path) -> str:
         """Raises InputError: a scene file names a volume's file."""
@@ -76,15 +77,15 @@ def render(
     options: as on the command line, of the view (azimuth, elevation, zoom, fov, size, eye, look_at, up, orthographic,
     height), unless there is a camera, and of the settings (blend, antialias, background, …); points, gradient,
     colormap, window; threshold, memory; those of `load` or `Volume.of` (spacing, array, …). background: linear RGB, or
-    a name or "#rrggbb".
+    a name or "#rrggbb"; none leaves the image transparent.
     Nothing is compared with float64; `check` does. Raises InputError for bad input, and if nothing is visible.
     """
     scene, memory = scene_of(x, transfer, camera, settings, options)
     return picture(x, scene, memory)
 
 
-def picture(x: Any, scene: Scene, memory: int | None = None) -> Image:
-    """The picture of a scene from `scene_of`, by the renderer that calls share."""
+def picture(x: Any, scene: Scene, memory: int | None = None, seen: bool = False) -> Image:
+    """The picture of a scene from `scene_of`, by the renderer that calls share. seen: on a background that suits it."""
     how = Drawing(kept=True, memory=memory, check=0)
     if is_splats(x):
         if not len(x):
@@ -93,6 +94,8 @@ def picture(x: Any, scene: Scene, memory: int | None = None) -> Image:
         return Image(image.pixels, {**image.info, "version": __version__, "source": x.name})
     volume = scene.open()
     chosen = scene.transfer_for(volume)
+    if seen and "background" not in scene.settings.given:
+        scene = replace(scene, settings=grounded(scene.settings, AUTO, chosen))
     image = draw(how, scene, volume, chosen)
     return Image(image.pixels, {**image.info, **origin(scene, chosen)})
 
@@ -134,6 +137,7 @@ def scene_of(
         view=_view(scene.view, camera, viewing),
         settings=(scene.settings if settings is None else settings).but(**drawing),
     )
+    found = found if "blend" in drawing else found.blended()
     return found, bytes_of(memory) if isinstance(memory, str) else memory
 
 
@@ -182,9 +186,10 @@ def _placed(name: str, value: Any) -> Any:
 
 def _background(value: Any) -> Any:
     try:
-        return color(value) if isinstance(value, str) else value
+        found = background(value) if isinstance(value, str) and value != AUTO else value
     except argparse.ArgumentTypeError as error:
-        raise expected("background", "linear RGB, transparent, black, white or #rrggbb", repr(value)) from error
+        raise expected("background", f"linear RGB, {BACKGROUNDS}", repr(value)) from error
+    return None if found == CLEAR else found
 
 
 def _transfer(transfer: Any) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
@@ -15,6 +15,7 @@ import numpy as np
 
 from splatgl import __version__
 from splatgl.app.annotations.request import asked_for, lay
+from splatgl.app.backgrounds import ground_of, grounded
 from splatgl.app.layered import draw_layers, is_layered, layer_option
 from splatgl.app.options import add_drawing, add_source, color_of, scene_from, window_of
 from splatgl.app.output import check_output, check_source, tell
@@ -142,17 +143,19 @@ def run(args: argparse.Namespace) -> int:
     volume = scene.open()
     tell(volume, args.quiet, channels=not on_workers)
     transfer = scene.transfer_for(volume)
+    ground = ground_of(args, scene, None if reference is None else reference.image)
+    scene = replace(scene, settings=grounded(scene.settings, ground, transfer, output))
     if on_workers:
         image = _on_workers(args, scene, volume, transfer)
     else:
         image = draw(Drawing.of(args), scene, volume, transfer)
     image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
-    ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
+    behind = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     ended = 0
     if reference is not None:
         from splatgl.app.compare import DIFFERENT, SAME, check_against
 
-        verdict = check_against(image, reference, output, ground)
+        verdict = check_against(image, reference, output, behind)
         if not (verdict.same and args.quiet):
             print(verdict)
         if verdict.same:
@@ -160,7 +163,7 @@ def run(args: argparse.Namespace) -> int:
         ended = DIFFERENT
     if annotate:
         image = lay(image, scene, volume, transfer, annotate, args.quiet)
-    image.save(output, args.bits, ground)
+    image.save(output, args.bits, behind)
     if not args.quiet:
         print(summary(output, image, scene, volume, transfer))
     return ended

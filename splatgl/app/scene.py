@@ -3,7 +3,7 @@
 volume = "head.nii.gz"          # beside the scene file, or the name of a built-in scene
 threshold = 0.0
 [load]                          # as LoadOptions
-[transfer]                      # preset = "…", or points, colormap, window, unit, gradient, shading
+[transfer]                      # preset = "…", or points, colormap, window, scale, unit, gradient, shading
 [camera]                        # size, azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
 [settings]                      # as Settings
 [[layer]]                       # more volumes: volume, threshold, opacity, [layer.load], [layer.transfer]
@@ -22,13 +22,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from splatgl.app.stacks import FLAT, seen_along_z
 from splatgl.data.errors import InputError, expected
 from splatgl.data.readers import LoadOptions, load
 from splatgl.data.readers.remote import is_address
 from splatgl.data.scenes import SCENES
 from splatgl.data.toml import load_table
 from splatgl.data.volume import Hints, Triple, Volume
-from splatgl.splat.classification.presets import default_transfer, label_transfer, preset
+from splatgl.splat.classification.presets import default_transfer, label_transfer, logarithmic, preset, preset_named
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.settings import Settings
 
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
     from splatgl.splat.extraction.splats import Splats
     from splatgl.splat.view.camera import Bounded, Camera
 
-# a volume thinner than this fraction of its width is viewed from above
-FLAT = 0.5
 # the types of a scene file's keys
 KEYS: dict[str, tuple[type, ...]] = {
     "volume": (str,),
@@ -210,10 +209,17 @@ class Scene:
         return replace(self, volume=volume, load=reading, layers=layers)
 
     def open(self) -> Volume:
-        """The volume: a built-in scene, or a file through its reader."""
+        """The volume: a built-in scene, or a file through its reader; a flat stack with the view of it."""
         if self.volume in SCENES and not self.load:
             return SCENES[self.volume]()
-        return load(self.volume, **self.load)
+        return self._placed(load(self.volume, **self.load))
+
+    def _placed(self, volume: Volume) -> Volume:
+        """A flat stack with the view of it, unless a view that is asked for says what is up."""
+        view = self.view
+        if view.eye is not None or view.up is not None:
+            return volume
+        return seen_along_z(volume, told=view.azimuth is None and view.elevation is None)
 
     def splats(
         self, volume: Volume, transfer: Transfer, progress: Progress | None = None, moving: bool = False
@@ -222,6 +228,12 @@ class Scene:
         from splatgl.splat.plan.suited import extracted
 
         return extracted(volume, transfer, self.settings, self.threshold, progress, moving)
+
+    def blended(self) -> Scene:
+        """The scene with the blend of its preset, where its settings have none."""
+        name = self.transfer.get("preset")
+        blend = preset_named(name).blend if isinstance(name, str) and "blend" not in self.settings.given else None
+        return self if blend is None else replace(self, settings=self.settings.but(blend=blend))
 
     def transfer_for(self, volume: Volume) -> Transfer:
         """The transfer function: the data's own or a preset's, overridden by the scene's options."""
@@ -236,6 +248,8 @@ class Scene:
         else:
             base = preset(name, volume) if name else default_transfer(volume)
             _check_keys("transfer", asked, {f.name for f in fields(Transfer)})
+            if asked.get("scale") == "log" and "points" not in asked:
+                base = logarithmic(base, volume)
             found = replace(base, **asked)
         return found.weakened(self.opacity)
 
@@ -286,7 +300,7 @@ def _center(volume: Volume | Splats) -> np.ndarray:
 
 
 def _default_orbit(volume: Volume | Splats) -> tuple[float, float]:
-    """Default azimuth and elevation: anatomy from the front, flat volumes from above."""
+    """Default azimuth and elevation: anatomy from the front, volumes thinner than FLAT of their width from above."""
     extent = volume.corners.max(axis=0) - volume.corners.min(axis=0)
     elevation = ELEVATION_FLAT if extent[2] < FLAT * min(extent[0], extent[1]) else ELEVATION
     # in RAS the front is +y, in LPS it is −y

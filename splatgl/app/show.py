@@ -41,11 +41,11 @@ def show(
             from splatgl.app.notebook_view import View
 
             return View(Session(scene))
-        return picture(x, scene, memory)
+        return picture(x, scene, memory, seen=True)
     if not is_splats(x) and has_display():
         _window(scene, "size" in options or camera is not None)
         return None
-    image = picture(x, scene, memory)
+    image = picture(x, scene, memory, seen=True)
     print('no display: save the picture by image.save("picture.png")')
     return image
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from splatgl.app.scene import FOV, Scene
+from splatgl.data.color import srgb_from_linear
 from splatgl.data.image import Image
 from splatgl.data.picture_files import JPEG
 from splatgl.data.volume import Volume
@@ -18,18 +19,27 @@ SHOWN = 3
 def summary(output: Path, image: Image, scene: Scene, volume: Volume, transfer: Transfer) -> str:
     """Size and blend; the transfer function; the view; time and accuracy."""
     info, (height, width, _) = image.info, image.pixels.shape
-    clear = info["background"] is None and image.pixels[..., 3].min() < 1
-    behind = ", on black, as JPEG has no alpha" if clear and output.suffix.lower() in JPEG else ""
     # without the versions in brackets
     by = str(info["renderer"]).partition(" (")[0]
     return "\n".join(
         [
-            f"{output}: {width}×{height} pixels, {info['blend']} of {info['splats']:,} splats{behind}",
+            f"{output}: {width}×{height} pixels, {info['blend']} of {info['splats']:,} splats{_behind(image, output)}",
             f"transfer function: {_transfer(scene, volume, transfer)}",
             f"view: {_view(scene, volume, image)}",
             f"drawn in {info['seconds']:.2f} s by {by}; {_error(image)}",
         ]
     )
+
+
+def _behind(image: Image, output: Path) -> str:
+    """The background, where any is seen."""
+    color = image.info["background"]
+    if isinstance(color, list):
+        rgb = "#" + "".join(f"{round(c * 255):02x}" for c in srgb_from_linear(color))
+        return " on " + {"#000000": "black", "#ffffff": "white"}.get(rgb, rgb)
+    if image.pixels[..., 3].min() == 1:
+        return ""
+    return " on black, as JPEG has no alpha" if output.suffix.lower() in JPEG else ", transparent around"
 
 
 def _transfer(scene: Scene, volume: Volume, transfer: Transfer) -> str:
@@ -43,11 +53,12 @@ def _transfer(scene: Scene, volume: Volume, transfer: Transfer) -> str:
     points = [f"{opacity:g} at {value:g}" for value, opacity in transfer.points]
     told = ", ".join(points) if len(points) <= SHOWN else f"{points[0]} … {points[-1]} ({len(points)} points)"
     name = scene.transfer.get("preset")
+    scaled = "logarithmic " if transfer.logarithmic else ""
     low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
     colours = f"{transfer.colormap} over {low:g} … {high:g}" if volume.color is None else "those of the volume"
     return (
         (f"preset {name}, " if name else "")
-        + f"opacity {told}; colours {colours}"
+        + f"opacity {told}; {scaled}colours {colours}"
         + ("; weighted by the gradient" if transfer.gradient else "")
         + (f"; threshold {scene.threshold:g}" if scene.threshold else "")
     )

@@ -27,6 +27,7 @@ class Hints:
     opacity per `unit` world lengths (None: the mean spacing). preset: a transfer preset's name.
     The view is either an orbit (azimuth, elevation in degrees) or an eye and a target in world
     units; fov is the full vertical angle in degrees. color: "#rrggbb" of a channel at its brightest.
+    stack: whether the samples are planes of a microscope.
     """
 
     window: tuple[float, float] | None = None
@@ -42,6 +43,7 @@ class Hints:
     target: Triple | None = None
     up: Triple | None = None
     fov: float | None = None
+    stack: bool = False
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,6 @@ SECONDS = {
 }
 """Units of time, as files spell them."""
 
-FLAT = 0.2
-"""Thickness over the shorter side of a stack that is looked at from above."""
-
 MOST_SHOWN = 8
 """Most channels that a message names."""
 
@@ -94,13 +91,8 @@ class Several:
 
 
 def as_microscope(volume: Volume) -> Volume:
-    """The volume of a microscope's file, with the view of it if it is flat: along z, x to the right and y down."""
-    x, y, z = (size * step for size, step in zip(volume.shape[::-1], volume.spacing, strict=True))
-    if z >= FLAT * min(x, y):
-        return volume
-    hints = replace(volume.hints, azimuth=0.0, elevation=0.0, up=(0.0, -1.0, 0.0))
-    told = "a flat stack is seen along z, x to the right and y down: --up 0,0,1 --elevation 60 tilts it"
-    return replace(volume, hints=hints, notes=(*volume.notes, told))
+    """The volume, marked as planes of a microscope."""
+    return replace(volume, hints=replace(volume.hints, stack=True))
 
 
 def rgb_of(color: Sequence[int]) -> str:

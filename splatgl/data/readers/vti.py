@@ -17,7 +17,7 @@ from splatgl.data.readers.even import even_steps
 from splatgl.data.readers.files import Shape, data_file, grid_shape
 from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.readers.options import LoadOptions
-from splatgl.data.readers.vtk_arrays import PointArray, pick
+from splatgl.data.readers.vtk_arrays import PointArray, hints_for, pick
 from splatgl.data.readers.vtk_pieces import Piece, cells_along, joined
 from splatgl.data.readers.vtk_xml import VtkXml, arrays_of, extent_of, numbers_in, parse_vtk
 from splatgl.data.volume import Volume
@@ -131,8 +131,10 @@ def _volume(pieces: list[Piece], grid: Grid, options: LoadOptions) -> Volume:
     cells, _ = joined(pieces, cells=True)
     named = [each.name for each in points]
     of_cells = not points or (options.array not in (None, *named) and options.array in [each.name for each in cells])
-    samples, vectors = pick(cells if of_cells else points, options)
+    arrays = cells if of_cells else points
+    samples, vectors = pick(arrays, options)
+    hints = hints_for(arrays, options, samples)
     # 2. where the first of them stands
     counts = np.array([max(piece.low[axis] + piece.shape[2 - axis] for piece in pieces) for axis in range(3)]) - low
     first = np.array(low, np.float64) + (np.where(counts > 1, 0.5, 0.0) if of_cells else 0.0)
-    return Volume(samples, spacing, triple(matrix @ first + origin, "Origin"), direction, vectors=vectors)
+    return Volume(samples, spacing, triple(matrix @ first + origin, "Origin"), direction, vectors=vectors, hints=hints)

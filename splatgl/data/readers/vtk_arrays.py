@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.errors import choice, expected
+from splatgl.data.quantities import hints_of
 from splatgl.data.readers.options import LoadOptions
+from splatgl.data.volume import Hints
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,12 @@ def pick(arrays: Sequence[PointArray], options: LoadOptions) -> tuple[np.ndarray
     if options.channel_number is None and chosen.is_vectors and field is not None:
         return _lengths(field), field
     return _component(chosen, options), field
+
+
+def hints_for(arrays: Sequence[PointArray], options: LoadOptions, samples: np.ndarray) -> Hints:
+    """How what `pick` chose is drawn: speeds, and arrays that are named as a simulation's, as a field."""
+    chosen = _chosen(arrays, next((array for array in arrays if array.is_vectors), None), options)
+    return hints_of(chosen.name, chosen.is_vectors) if samples.dtype.kind == "f" else Hints()
 
 
 def _chosen(arrays: Sequence[PointArray], vectors: PointArray | None, options: LoadOptions) -> PointArray:

@@ -19,7 +19,7 @@ from splatgl.data.readers.files import Shape, byte_count, grid_shape, map_array,
 from splatgl.data.readers.grid import triple
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.text import read_numbers
-from splatgl.data.readers.vtk_arrays import PointArray, pick
+from splatgl.data.readers.vtk_arrays import PointArray, hints_for, pick
 from splatgl.data.volume import Volume
 
 _TYPES = {
@@ -108,7 +108,9 @@ def read(path: Path, options: LoadOptions) -> Volume:
     samples, vectors = pick(parser.arrays, options)
     grid = parser.grid
     spacing = _floats(grid.get("SPACING", grid.get("ASPECT_RATIO", ["1", "1", "1"])), "SPACING")
-    return Volume(samples, spacing, _floats(grid.get("ORIGIN", ["0", "0", "0"]), "ORIGIN"), vectors=vectors)
+    origin = _floats(grid.get("ORIGIN", ["0", "0", "0"]), "ORIGIN")
+    hints = hints_for(parser.arrays, options, samples)
+    return Volume(samples, spacing, origin, vectors=vectors, hints=hints)
 
 
 def _is_binary(file: BinaryIO) -> bool:

@@ -36,7 +36,7 @@ class ClassIntegral:
     def of(cls, transfer: Transfer, low: float, high: float, cells: int) -> ClassIntegral:
         """At least so many cells between low < high, and PARTS between two points of the transfer function."""
         place = np.arange(cells + 1) / cells
-        points = np.unique([low, high, *(value for value, _ in transfer.points if low < value < high)])
+        points = np.unique([low, high, *(value for value in transfer.bends if low < value < high)])
         part = np.arange(PARTS)[:, None] / PARTS
         between = points[:-1] * (1 - part) + points[1:] * part
         knots = np.unique(np.concatenate([low * (1 - place) + high * place, between.ravel()]))

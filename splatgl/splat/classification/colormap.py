@@ -25,11 +25,22 @@ EVEN = {
     # 17 of the 256 published colours, within 0.023 of all of them
     "viridis": "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26818e 21908c "
     "1f9f88 28ae80 3ebc74 5dc963 82d34c abdc32 d5e21a fde725",
+    "spectrum": "2a2f8f 1f7fd0 20b8a8 62d050 f0e040 f28a1c c0161c",
     "cool-warm": "3b4cc0 7b9ff9 c0d4f5 dddddd f2cbb7 ee8468 b40426",
 }
 # control colours with explicit positions: (position, colour)
 UNEVEN: dict[str, tuple[tuple[float, str], ...]] = {
     "bone": ((0.0, "000000"), (0.365, "515171"), (0.746, "a6c6c6"), (1.0, "ffffff")),
+    # of presets: borders of tissues
+    "airways": ((0.0, "0a2740"), (0.4, "2f7fb8"), (0.7, "a8d8ee"), (1.0, "ffffff")),
+    "chest": ((0.0, "7a3a26"), (0.25, "b86a4e"), (0.36, "c4524a"), (0.47, "b3262a"), (0.65, "ecd9b4"), (1.0, "fffdf6")),
+    "coronary": ((0.0, "5a0a10"), (0.3, "d8432e"), (0.6, "ffb46a"), (0.85, "ffffff"), (1.0, "ffffff")),
+    "fat": ((0.0, "8a6420"), (0.5, "f0cf6a"), (1.0, "fff3cf")),
+    "heart": ((0.0, "4a1512"), (0.25, "8c2f26"), (0.5, "d8604a"), (0.75, "f4b79a"), (1.0, "fff4ea")),
+    "liver": ((0.0, "4a2416"), (0.3, "8a4a30"), (0.42, "2f6fc0"), (0.7, "8fc4f4"), (1.0, "ffffff")),
+    "lungs": ((0.0, "20304a"), (0.3, "8a6a86"), (0.55, "e89aa0"), (0.8, "f8c8b0"), (1.0, "fff0e0")),
+    "muscle": ((0.0, "3a0d0d"), (0.4, "8f2a26"), (0.7, "cc5a48"), (1.0, "f2b49a")),
+    "vessels": ((0.0, "5a0c0c"), (0.2, "b8221c"), (0.4, "ec6a3a"), (0.65, "f4d9a8"), (1.0, "ffffff")),
     "hot": ((0.0, "0b0000"), (0.365, "ff0000"), (0.746, "ffff00"), (1.0, "ffffff")),
 }
 CORE = tuple(sorted((*EVEN, *UNEVEN)))

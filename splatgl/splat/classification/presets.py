@@ -2,131 +2,98 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 
 import numpy as np
 
 from splatgl.data.errors import expected
+from splatgl.data.quantities import FIELD, is_field
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.labels import labels_of, shown_labels
-from splatgl.splat.classification.statistics import Cut, Statistics, statistics
-from splatgl.splat.classification.transfer import Nodes, Transfer
+from splatgl.splat.classification.looks import CORE, SOLID, SURFACE, Look, Preset, field, glow, soft, solid, surface
+from splatgl.splat.classification.medical import MEDICAL
+from splatgl.splat.classification.statistics import Statistics, few_values, sorted_percentile, statistics
+from splatgl.splat.classification.transfer import Transfer
 
-# opacities of a surface just above its cut, of the brightest matter, and of single-valued objects
-SURFACE, CORE, SOLID = 0.8, 0.95, 0.99
-# opacity of a field's largest values
-MIST = 0.4
-# floats of more different values, in a file without anatomy, are computed: no camera or scanner tells so many apart
-COMPUTED = 1 << 16
-# second over first differences of neighbours below which a field is smooth: simulations 0.1 to 1.1, scanners 1.2 to 2
-# and more, noise 3
-SMOOTH = 1.15
-# position of a surface's value in its colour map
-SURFACE_TONE = 0.6
-# extent of a surface's ramp, as a share of the way from its cut to the two class means
-RAMP = 0.3
-# percentiles of a sparse volume's non-background values: the dimmest visible, and the brightest
-DIM, BRIGHT = 1.0, 70.0
 # Hounsfield units: air is −1000, water 0, bone from about 200; scanners pad down to −4096 at most
 AIR, PADDING = (-1100.0, -800.0), -4096.0
 BONE_FROM = 300.0
 # smallest shares of a CT's values that are air, and bone
 AIR_SHARE, BONE_SHARE = 0.02, 0.003
-# integer volumes with at most this many different values are labels
-LABELS = 32
-
-
-@dataclass(frozen=True)
-class Look:
-    """A preset's result for one volume: opacity nodes and the colour map's window."""
-
-    points: Nodes
-    window: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True)
-class Preset:
-    """A named look. hounsfield: the look of a CT in HU. rung: index of the ramp's cut; None: the object's own."""
-
-    name: str
-    about: str
-    colormap: str
-    build: Callable[[Statistics, int | None], Look]
-    rung: int | None = None
-    hounsfield: Look | None = None
-    shading: bool = True
-
-
-def _surface(stats: Statistics, rung: int | None) -> Look:
-    """A ramp over a cut: transparent below, a surface above, denser towards the brightest."""
-    low, high = _cut(stats, rung).ramp(RAMP)
-    top = max(high, stats.percentile(99.9))
-    return Look(((low, 0.0), (high, SURFACE), (top, CORE)), _lit(low, top))
-
-
-def _soft(stats: Statistics, rung: int | None) -> Look:
-    """A long ramp from the cut to the brightest: semi-transparent."""
-    low = _cut(stats, rung).ramp(RAMP)[0]
-    top = max(low, stats.percentile(99.9))
-    return Look(((low, 0.0), (top, SURFACE)))
-
-
-def _glow(stats: Statistics, rung: int | None) -> Look:
-    """A ramp from half the dimmest value above the background to the BRIGHT percentile."""
-    lowest = float(stats.values[0])
-    low = lowest if stats.sparse else _cut(stats, rung).ramp(RAMP)[0]
-    dim, high = np.percentile(stats.values[stats.values > low], [DIM, BRIGHT])
-    low = lowest + (float(dim) - lowest) / 2 if stats.sparse else low
-    return Look(((low, 0.0), (max(low, float(high)), SURFACE)))
-
-
-def _solid(stats: Statistics, rung: int | None) -> Look:
-    """Everything above the lowest value, opaque."""
-    lowest, highest = float(stats.values[0]), float(stats.values[-1])
-    step = lowest + (float(stats.values[stats.values > lowest][0]) - lowest) / 2
-    return Look(((step, 0.0), (step, SOLID)), (lowest, highest))
-
-
-def _field(stats: Statistics, rung: int | None) -> Look:
-    """A ramp from the median to the brightest, semi-transparent; colours over all of the range."""
-    low, high = stats.percentile(50), stats.percentile(99.9)
-    return Look(((low, 0.0), (max(low, high), MIST)), (float(stats.values[0]), float(stats.values[-1])))
-
-
-def _lit(low: float, high: float) -> tuple[float, float] | None:
-    """A window that puts the surface value `low` at SURFACE_TONE of the colour map, so that it isn't dark."""
-    bottom = low - (high - low) * SURFACE_TONE / (1.0 - SURFACE_TONE)
-    return (bottom, high) if bottom < high else None
-
-
-def _cut(stats: Statistics, rung: int | None) -> Cut:
-    return stats.cuts[min(stats.whole if rung is None else rung, len(stats.cuts) - 1)]
-
+# units of length of scanners and microscopes, which see objects
+OF_OBJECTS = ("mm", "um", "µm", "nm", "Å")
+# computed values are nearly all different, of MANY every so many
+MANY, EVERY, DIFFERENT = 4096, 16, 0.5
+# second over first differences of neighbours below which a field is smooth: simulations 0.1 to 1.1, scanners 1.2 to 2
+# and more, noise 3
+SMOOTH = 1.15
+# largest ratio of values on a logarithmic scale: values classified after reconstruction are told apart in 2⁻¹⁴ of it
+MOST_RATIO = 1e4
 
 BONE_HU = Look(((150.0, 0.0), (350.0, SURFACE), (1200.0, CORE)), (-600.0, 1200.0))
 SOFT_HU = Look(((-350.0, 0.0), (-50.0, 0.5), (300.0, SURFACE), (1200.0, CORE)), (-700.0, 400.0))
 PRESETS = {
     preset.name: preset
     for preset in (
-        Preset("ct-bone", "bone and metal of a CT", "ivory", _surface, 1, BONE_HU),
-        Preset("ct-soft", "skin and soft tissue of a CT", "flesh", _surface, 0, SOFT_HU),
-        Preset("mri", "the whole object, its inside showing through", "gray", _soft, 0),
-        Preset("microscopy", "bright structures on a dark ground", "glow", _glow, shading=False),
-        Preset("terrain", "everything above the lowest value, opaque", "terrain", _solid),
-        Preset("field", "a field of a simulation, its larger values as mist", "viridis", _field, shading=False),
-        Preset("surface", "the object's surface", "ivory", _surface),
+        Preset("ct-bone", "bone and metal of a CT", "ivory", surface, 1, BONE_HU),
+        Preset("ct-soft", "skin and soft tissue of a CT", "flesh", surface, 0, SOFT_HU),
+        Preset("mri", "the whole object, its inside showing through", "gray", soft, 0),
+        Preset("microscopy", "bright structures on a dark ground", "glow", glow, shading=False),
+        Preset("terrain", "everything above the lowest value, opaque", "terrain", solid),
+        Preset("surface", "the object's surface", "ivory", surface),
+        Preset(FIELD, "a field of a simulation, its larger values denser", "viridis", field, shading=False),
+        *MEDICAL,
     )
 }
+# other names, in lower case
+ALIASES = {"ct-soft-tissue": "ct-soft", "mr-mip": "mip", "ct-mip": "mip"}
+# as many near names are told of an unknown one
+NEAR = 4
 
 
 def preset(name: str, volume: Volume) -> Transfer:
-    """The preset's Transfer for this volume's values; names in any case. Raises InputError for an unknown name."""
-    if name.lower() not in PRESETS:
-        near = get_close_matches(name.lower(), PRESETS, n=1)
-        raise expected("preset", f"one of {', '.join(PRESETS)}", repr(name), f"did you mean {near[0]}?" if near else "")
-    return _built(PRESETS[name.lower()], statistics(volume))
+    """The preset's Transfer for this volume's values. Raises InputError for an unknown name."""
+    chosen = preset_named(name)
+    return _built(chosen, statistics(volume))
+
+
+def is_preset(name: str) -> bool:
+    """Whether there is a preset of that name."""
+    return _key(name) in PRESETS
+
+
+def _key(name: str) -> str:
+    lower = name.lower().replace("_", "-").replace(" ", "-")
+    return ALIASES.get(lower, lower)
+
+
+def preset_named(name: str) -> Preset:
+    """The preset of a name, in any case. Raises InputError for an unknown name, which tells near ones."""
+    lower = _key(str(name))
+    found = PRESETS.get(lower)
+    if found is None:
+        known = [*PRESETS, *ALIASES]
+        near = list(dict.fromkeys([each for each in known if lower and lower in each]))
+        near += [each for each in get_close_matches(lower, known, NEAR) if each not in near]
+        raise expected("preset", f"one of {', '.join(near or PRESETS)}", repr(name), "splatgl presets lists all")
+    return found
+
+
+def logarithmic(base: Transfer, volume: Volume) -> Transfer:
+    """The colours of a transfer function over the logarithms of a volume's positive values, the larger ones denser.
+
+    Raises InputError for a volume without positive values.
+    """
+    values = statistics(volume).values
+    values = values[values > 0]
+    if len(values) == 0:
+        raise expected("scale", "positive values, for their logarithms", f"none in {volume.name or 'the volume'}")
+    low, clear, high = (sorted_percentile(values, percent) for percent in (0.0, 50.0, 99.99))
+    low = max(low, high / MOST_RATIO)
+    points = ((max(low, clear), 0.0), (high, SURFACE))
+    return replace(base, points=points, window=(low, high) if low < high else None, scale="log")
 
 
 def default_transfer(volume: Volume) -> Transfer:
@@ -149,6 +116,12 @@ def default_transfer(volume: Volume) -> Transfer:
     return replace(chosen, **{name: value for name, value in given.items() if value is not None})
 
 
+def is_microscopy(volume: Volume) -> bool:
+    """Whether its values are those of bright structures on a dark ground."""
+    chosen = volume.hints.preset or _chosen(volume, statistics(volume))
+    return chosen == "microscopy"
+
+
 def label_transfer(volume: Volume, only: Sequence[tuple[int, float]] | None = None) -> Transfer:
     """The Transfer of a segmentation. only: numbers of the labels that are shown, and factors of their opacities.
     Raises InputError for samples that are no labels, and for other numbers.
@@ -160,17 +133,47 @@ def label_transfer(volume: Volume, only: Sequence[tuple[int, float]] | None = No
 
 def _from_values(volume: Volume) -> Transfer:
     stats = statistics(volume)
-    if volume.samples.dtype.kind in "bui" and not stats.constant and len(np.unique(stats.values)) <= LABELS:
-        if not _two(stats):
-            return label_transfer(volume)
+    if not _is_labels(volume, stats):
+        return _built(PRESETS[_chosen(volume, stats)], stats)
+    if _two(stats):
         return replace(_built(PRESETS["terrain"], stats), colormap="ivory")
+    return label_transfer(volume)
+
+
+def _is_labels(volume: Volume, stats: Statistics) -> bool:
+    whole = volume.samples.dtype.kind in "bui" and stats.ground is None
+    return whole and not stats.constant and few_values(stats.values)
+
+
+def _chosen(volume: Volume, stats: Statistics) -> str:
+    """The name of the preset that shows what the values tell of."""
+    computed = _is_computed(volume, stats)
+    if computed and is_field(volume.name):
+        return FIELD
     if stats.sparse:
-        return _built(PRESETS["microscopy"], stats)
+        return "microscopy"
     if _is_hounsfield(stats):
-        return _built(PRESETS["ct-bone" if stats.share_above(BONE_FROM) >= BONE_SHARE else "ct-soft"], stats)
-    if _is_computed(volume, stats):
-        return _built(PRESETS["field"], stats)
-    return _built(PRESETS["surface"], stats)
+        return "ct-bone" if stats.share_above(BONE_FROM) >= BONE_SHARE else "ct-soft"
+    return FIELD if computed and _is_smooth(volume, float(stats.values[0])) else "surface"
+
+
+def _is_computed(volume: Volume, stats: Statistics) -> bool:
+    """Whether the values above the lowest are nearly all different, in a file without anatomy: no scanner's are."""
+    if volume.samples.dtype.kind != "f" or volume.frame is not None or volume.unit in OF_OBJECTS or stats.constant:
+        return False
+    above = stats.values[np.searchsorted(stats.values, stats.values[0], side="right") :]
+    some = above[:: EVERY if len(above) > MANY else 1]
+    return len(some) > 1 and bool(np.count_nonzero(np.diff(some)) >= DIFFERENT * (len(some) - 1))
+
+
+def _is_smooth(volume: Volume, empty: float) -> bool:
+    """Whether neighbours in the middle plane differ as a simulation's. empty: stands for values that aren't finite."""
+    middle = np.asarray(volume.samples[volume.shape[0] // 2], np.float64)
+    middle = np.where(np.isfinite(middle), middle, empty)
+    with np.errstate(over="ignore", invalid="ignore"):
+        slope, bend = np.abs(middle[:, 2:] - middle[:, :-2]) / 2, np.abs(np.diff(middle, 2, axis=1))
+    some = slope + bend > 0
+    return bool(some.any()) and float(np.median(bend[some])) < SMOOTH * float(np.median(slope[some]))
 
 
 def _built(chosen: Preset, stats: Statistics) -> Transfer:
@@ -188,17 +191,6 @@ def _is_hounsfield(stats: Statistics) -> bool:
     """True for CT-like values: air near −1000, matter above 0, nothing below the scanners' padding."""
     air = stats.share_above(AIR[0]) - stats.share_above(AIR[1])
     return stats.values[0] >= PADDING and air >= AIR_SHARE and stats.share_above(-200.0) >= AIR_SHARE
-
-
-def _is_computed(volume: Volume, stats: Statistics) -> bool:
-    """True for a simulation's fields: smooth floats without anatomy, more than a scanner tells apart."""
-    if volume.samples.dtype.kind != "f" or volume.frame is not None or len(np.unique(stats.values)) <= COMPUTED:
-        return False
-    middle = np.asarray(volume.samples[volume.shape[0] // 2], np.float64)
-    middle = np.where(np.isfinite(middle), middle, stats.values[0])
-    slope, bend = np.abs(middle[:, 2:] - middle[:, :-2]) / 2, np.abs(np.diff(middle, 2, axis=1))
-    some = slope + bend > 0
-    return bool(some.any()) and float(np.median(bend[some])) < SMOOTH * float(np.median(slope[some]))
 
 
 def _two(stats: Statistics) -> bool:

@@ -10,25 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.volume import Volume
+from splatgl.splat.classification.ground import Ground, ground_of
 
 # most planes and values of a sample: a few tens of MB, half a second
 PLANES, VALUES = 32, 1 << 21
-# share of samples at exactly the lowest value from which a volume counts as sparse
+# share of samples at exactly the lowest value, or in the noise around one, from which a volume counts as sparse
 SPARSE = 0.95
 # sparse volumes with fewer other values than this in the sample are read whole
 FEW = 2000
 # most voxels of those, and of the level of a multiscale image that is sampled, if one has as few
 MOST_WHOLE, MOST_OF_LEVEL = 1 << 31, 1 << 27
-# half of a normal distribution lies this many deviations around its middle
-HALF = 0.6745
-# a background's noise reaches so many deviations above its middle: 7 of a million values are beyond
-REACH = 4.5
-# shares of a normal distribution within one and two deviations, and how far those of a noisy background may be off
-NORMAL, NOT_NORMAL = ((1.0, 0.683), (2.0, 0.954)), 0.06
-# most values that noise is judged by
-NOISE_VALUES = 1 << 18
-# values above a noisy background, per value that its noise brings there, from which they are an object
-OBJECT = 10.0
 BINS = 256
 # percentile of the values where the histogram ends, so that a few outliers don't stretch its bins
 HISTOGRAM_END = 99.9
@@ -39,8 +30,12 @@ WHOLE = 3
 # otherwise, an object that covers at most this share of the faces counts as foreground
 COVERED = 0.25
 RUNGS = 3
+# volumes with at most this many different values number parts: labels
+LABELS = 32
 # values beyond are scaled: sums of squares of others fit float64
 LARGE = 1e150
+# halves of differences that float64 holds
+LARGEST_HALF = 8e307
 
 
 @dataclass(frozen=True)
@@ -58,17 +53,18 @@ class Cut:
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """values: finite samples, sorted; those of a background with noise, as of a camera, count as the highest of it.
-    background: share of them at exactly the lowest value.
+    """values: finite samples, sorted. background: share of them at exactly the lowest value.
 
     cuts: thresholds, each splitting the values above the last one (empty for a constant volume).
-    whole: index of the cut between the object and its surroundings.
+    whole: index of the cut between the object and its surroundings. ground: of a sparse volume whose background is
+    noise; values in it are its level.
     """
 
     values: np.ndarray
     background: float
     cuts: tuple[Cut, ...]
     whole: int
+    ground: Ground | None = None
 
     @property
     def sparse(self) -> bool:
@@ -82,7 +78,7 @@ class Statistics:
 
     def percentile(self, percent: float) -> float:
         """The value that `percent` of the samples, 0 to 100, do not exceed; interpolated linearly."""
-        return float(np.percentile(self.values, percent))
+        return sorted_percentile(self.values, percent)
 
     def share_above(self, value: float) -> float:
         """Share of the sampled values above a value."""
@@ -96,15 +92,40 @@ def statistics(volume: Volume) -> Statistics:
     finite = np.sort(sample[np.isfinite(sample)])
     if len(finite) == 0:
         return Statistics(finite, 1.0, (), 0)
-    noise = _noise_end(finite)
-    if noise is not None:
-        finite = np.maximum(finite, noise)
-    outstanding = finite[finite > finite[0]]
-    background = 1.0 - len(outstanding) / len(finite)
-    if background >= SPARSE and len(outstanding) < FEW and volume.count <= MOST_WHOLE:
-        finite = _with_outstanding(volume, float(finite[0]))
+    background = _share_of_lowest(finite)
+    ground = ground_of(finite, SPARSE) if background < SPARSE and not few_values(finite) else None
+    if ground is not None:
+        finite[: np.searchsorted(finite, ground.cut, side="right")] = ground.level
+        background = _share_of_lowest(finite)
+    if background >= SPARSE and (1.0 - background) * len(finite) < FEW and volume.count <= MOST_WHOLE:
+        finite = _with_outstanding(volume, float(finite[0]), ground)
     cuts = _ladder(finite)
-    return Statistics(finite, background, cuts, _whole(sample, cuts))
+    return Statistics(finite, background, cuts, _whole(sample, cuts), ground)
+
+
+def sorted_percentile(values: np.ndarray, percent: float) -> float:
+    """What np.percentile gives of sorted values, which it would sort again."""
+    place = percent / 100 * (len(values) - 1)
+    below = min(int(place), len(values) - 1)
+    low, high = float(values[below]), float(values[min(below + 1, len(values) - 1)])
+    share = place - below
+    if high / 2 - low / 2 > LARGEST_HALF:
+        return low * (1 - share) + high * share
+    return low + (high - low) * share if share < 0.5 else high - (high - low) * (1 - share)
+
+
+def few_values(values: np.ndarray) -> bool:
+    """Whether sorted values are at most LABELS different ones."""
+    at = 0
+    for _ in range(LABELS):
+        at = int(np.searchsorted(values, values[at], side="right"))
+        if at == len(values):
+            return True
+    return False
+
+
+def _share_of_lowest(values: np.ndarray) -> float:
+    return float(np.searchsorted(values, values[0], side="right")) / len(values)
 
 
 def _sample(volume: Volume) -> np.ndarray:
@@ -116,49 +137,14 @@ def _sample(volume: Volume) -> np.ndarray:
     return np.stack([np.asarray(volume.samples[int(z)])[np.ix_(y, x)].astype(np.float64) for z in planes])
 
 
-def _noise_end(values: np.ndarray) -> float | None:
-    """Where the noise of a background ends that nearly all of sorted values belong to; None if there is none.
-
-    Its middle and deviation are those of the shortest range of half of all values, which what is brighter hardly
-    moves. It must be normal: values of an object are not.
+def _with_outstanding(volume: Volume, lowest: float, ground: Ground | None) -> np.ndarray:
+    """All finite values (at most VALUES of them) above the ground, or other than the lowest sampled one; and that one;
+    sorted.
     """
-    values = values[:: len(values) // NOISE_VALUES + 1]
-    half = len(values) // 2
-    if half < FEW:
-        return None
-    values = _spread(values)
-    widths = values[half:] - values[: len(values) - half]
-    at = int(np.argmin(widths))
-    middle, deviation = float(values[at] + values[at + half]) / 2, float(widths[at]) / (2 * HALF)
-    end = middle + REACH * deviation
-    if not (np.isfinite(end) and end > middle):
-        return None
-    for reach, share in NORMAL:
-        ends = np.searchsorted(values, [middle - reach * deviation, middle + reach * deviation])
-        if abs((ends[1] - ends[0]) / len(values) - share) > NOT_NORMAL:
-            return None
-    beyond = 1.0 - np.searchsorted(values, end, side="right") / len(values)
-    below = np.searchsorted(values, middle - REACH * deviation) / len(values)
-    # of noise alone, as many lie below
-    expected = max(below, 3.4e-6)
-    return end if OBJECT * expected < beyond <= 1.0 - SPARSE else None
-
-
-def _spread(values: np.ndarray) -> np.ndarray:
-    """Sorted whole numbers, those that are equal spread evenly over what was rounded to them; others as they are."""
-    first = np.flatnonzero(np.diff(values, prepend=-np.inf))
-    if not (values[first] == np.rint(values[first])).all():
-        return values
-    count = np.diff(np.append(first, len(values)))
-    place = np.arange(len(values)) - np.repeat(first, count)
-    return np.asarray(values + (place + 0.5) / np.repeat(count, count) - 0.5)
-
-
-def _with_outstanding(volume: Volume, lowest: float) -> np.ndarray:
-    """All finite values above the lowest sampled one (at most VALUES of them), and that one, sorted."""
     found = [np.array([lowest])]
     for slab in volume.slabs(16, halo=0):
-        others = slab.samples[slab.samples > lowest].astype(np.float64)
+        others = slab.samples[slab.samples != lowest if ground is None else slab.samples > ground.cut]
+        others = others.astype(np.float64)
         found.append(others[np.isfinite(others)])
     values = np.concatenate(found)
     return np.sort(values[:: len(values) // VALUES + 1])
@@ -180,7 +166,7 @@ def _otsu(values: np.ndarray) -> Cut:
     if not max(abs(values[0]), abs(values[-1])) < LARGE:
         cut = _otsu(values / LARGE)
         return Cut(cut.value * LARGE, cut.below * LARGE, cut.above * LARGE)
-    end = float(np.percentile(values, HISTOGRAM_END))
+    end = sorted_percentile(values, HISTOGRAM_END)
     end = end if end > values[0] else float(values[-1])
     counts, edges = np.histogram(np.minimum(values, end), BINS, (float(values[0]), end))
     middles = (edges[1:] + edges[:-1]) / 2

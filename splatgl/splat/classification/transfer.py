@@ -21,6 +21,8 @@ Nodes = Sequence[Sequence[float]]
 
 # opacity 1 would be an infinite extinction; one step of float32 below it is opaque in any picture
 OPAQUE = 1.0 - 2.0**-24
+# what opacity and colour may be linear in: values or their logarithms; and nodes of a decade of the latter
+SCALES, A_DECADE = ("linear", "log"), 16
 
 
 @dataclass(frozen=True)
@@ -32,8 +34,9 @@ class Transfer:
     exactly there takes the upper side. gradient: (|∇|, weight) nodes in values per world length,
     weights in [0, 1]; none means no influence. colormap spans `window` (None: first to last point).
     labels: (number, "#rrggbb", opacity) of each label that is shown, of samples that number segments: their opacities
-    and colours, instead of those of points and colormap; numbers between them and others are clear. Lists are accepted
-    too. Raises InputError for invalid values.
+    and colours, instead of those of points and colormap; numbers between them and others are clear.
+    scale: "linear" or "log", whether opacity and colour are linear in values or in their logarithms; points and window
+    of "log" are above 0. Lists are accepted too. Raises InputError for invalid values.
     """
 
     points: Nodes
@@ -43,6 +46,7 @@ class Transfer:
     gradient: Nodes = ()
     shading: bool = True
     labels: Sequence[tuple[int, str, float]] = ()
+    scale: str = "linear"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", _nodes("transfer points", "opacity", self.points))
@@ -57,6 +61,26 @@ class Transfer:
             raise expected("transfer colormap", "a name", repr(self.colormap))
         colormap(self.colormap)
         object.__setattr__(self, "labels", checked_labels(self.labels))
+        if self.scale not in SCALES:
+            raise expected("transfer scale", " or ".join(SCALES), repr(self.scale))
+        lowest = min(self.points[0][0], *(self.window or ()), self.points[-1][0])
+        if self.logarithmic and not lowest > 0:
+            raise expected("transfer points and window", "values above 0 on a logarithmic scale", lowest)
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether opacity and colour are linear in logarithms of values."""
+        return self.scale == "log"
+
+    @property
+    def bends(self) -> np.ndarray:
+        """Values, ascending, between which opacity and colour are linear, or on a logarithmic scale nearly so."""
+        ends = np.array([value for value, _ in self.points])
+        if not self.logarithmic:
+            return ends
+        low, high = min(ends[0], *(self.window or ends[:1])), max(ends[-1], *(self.window or ends[:1]))
+        count = int(np.ceil(np.log10(high / low) * A_DECADE)) + 1
+        return np.union1d(ends, np.geomspace(low, high, max(count, 2)))
 
     def weakened(self, factor: float) -> Transfer:
         """The same with opacities times a factor from 0 to 1."""
@@ -70,7 +94,10 @@ class Transfer:
         """F's value part, float64, the shape of values: opacity per `unit`; 0 where a value is not finite."""
         if self.labels:
             return label_opacity(self.labels, np.asarray(values))
-        return _piecewise(self.points, values)
+        if not self.logarithmic:
+            return _piecewise(self.points, values)
+        nodes = [(float(np.log(value)), opacity) for value, opacity in self.points]
+        return _piecewise(nodes, _log(values, self.points[0][0]))
 
     def weight(self, magnitude: ArrayLike) -> np.ndarray:
         """F's gradient part, float64 in [0, 1]; 1 everywhere if the transfer ignores gradients."""
@@ -84,6 +111,8 @@ class Transfer:
             return label_color(self.labels, np.asarray(values))
         low, high = self.window or (self.points[0][0], self.points[-1][0])
         v = np.nan_to_num(np.asarray(values, dtype=np.float64), nan=low)
+        if self.logarithmic:
+            low, high, v = float(np.log(low)), float(np.log(high)), _log(v, low)
         # a window of zero width is a step: low end below it, high end from it on
         k = _scale(low, high)
         span = high * k - low * k
@@ -112,6 +141,8 @@ class Transfer:
         if self.labels:
             named = [f'[{number}, "{color}", {opacity!r}]' for number, color, opacity in self.labels]
             lines.append(f"labels = [{', '.join(named)}]")
+        if self.logarithmic:
+            lines.append(f'scale = "{self.scale}"')
         return "\n".join(lines) + "\n"
 
     @classmethod
@@ -150,6 +181,11 @@ class Transfer:
             return cls.from_table(table)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
+
+
+def _log(values: ArrayLike, least: float) -> np.ndarray:
+    """Logarithms of values; of those below `least`, its own."""
+    return np.asarray(np.log(np.maximum(np.asarray(values, dtype=np.float64), least)))
 
 
 def _scale(low: float, high: float) -> float:

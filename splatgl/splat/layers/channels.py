@@ -9,7 +9,8 @@ import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
-from splatgl.splat.classification.presets import SURFACE, preset
+from splatgl.splat.classification.looks import SURFACE
+from splatgl.splat.classification.presets import preset
 from splatgl.splat.classification.transfer import Transfer
 
 # optical depth through the volume's thinnest side of a channel at its brightest: what lies behind shows through; and

@@ -1,0 +1,79 @@
+"""Colours behind a picture: names, and what suits a transfer function."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from splatgl.data.color import linear_from_srgb
+from splatgl.data.image import Image
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.settings import Settings
+
+if TYPE_CHECKING:
+    from splatgl.app.scene import Scene
+
+Color = tuple[float, float, float]
+BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+# words of --background that are no colours
+AUTO, CLEAR = "auto", "transparent"
+# files that are computed with: they keep alpha, unless a colour is asked for
+DATA = (".npy", ".exr")
+MOST_LETTERS = 40
+
+
+def background(text: str) -> Color | str:
+    """An argparse type: AUTO, CLEAR, or linear RGB of #rgb, #rrggbb or a name of CSS."""
+    if text in (AUTO, CLEAR):
+        return text
+    from PIL import ImageColor
+
+    rgb: tuple[int, ...] = ()
+    with suppress(ValueError):
+        rgb = ImageColor.getrgb(text[:MOST_LETTERS])
+    if len(rgb) != 3:
+        wanted = "auto, transparent, #rgb, #rrggbb or a colour's name in CSS, such as black"
+        raise argparse.ArgumentTypeError(f"expected {wanted}, got {text[:MOST_LETTERS]!r}")
+    red, green, blue = linear_from_srgb(np.array(rgb) / 255)
+    return float(red), float(green), float(blue)
+
+
+def suited(transfer: Transfer, settings: Settings) -> Color:
+    """Black behind what glows and behind values along rays, white behind shaded surfaces."""
+    surfaces = settings.shading == "on" or (settings.shading == "auto" and transfer.shading)
+    return WHITE if surfaces and settings.blend == "composite" else BLACK
+
+
+def ground_of(args: argparse.Namespace, scene: Scene, reference: Image | None = None) -> Color | str | None:
+    """The background that is asked for, else the reference's, else AUTO; None where a scene.toml or a version says all
+    there is to say.
+    """
+    if args.background is not None:
+        found: Color | str = args.background
+        return found
+    if args.source.endswith(".toml") or "background" in scene.settings.given or args.like or args.paper:
+        return None
+    if reference is None:
+        return AUTO
+    match reference.info.get("background"):
+        case [float() | int() as red, float() | int() as green, float() | int() as blue]:
+            return float(red), float(green), float(blue)
+    return CLEAR
+
+
+def grounded(settings: Settings, asked: Color | str | None, transfer: Transfer, output: Path | None = None) -> Settings:
+    """The settings with the background that is asked for. AUTO: one that suits, in a picture of light; none in DATA.
+
+    output: the file that is written, if any.
+    """
+    if asked is None:
+        return settings
+    if asked == AUTO:
+        data = (output is not None and output.suffix.lower() in DATA) or BLENDS[settings.blend].unbounded
+        return settings.but(background=None if data else suited(transfer, settings))
+    return settings.but(background=None if asked == CLEAR else asked)

@@ -1,0 +1,126 @@
+"""`splatgl presets`: what presets there are, and a sheet of pictures of a volume by each."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from splatgl.app.backgrounds import suited
+from splatgl.app.options import add_backend, add_source, add_view, scene_from_source, view_of
+from splatgl.app.output import check_output
+from splatgl.app.scene import Scene
+from splatgl.data.errors import expected
+from splatgl.data.volume import Volume
+from splatgl.splat.classification.presets import PRESETS, default_transfer, preset
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.plan.settings import Settings
+
+if TYPE_CHECKING:
+    from PIL.Image import Image as Picture
+
+    from splatgl.gl.renderer import Renderer
+    from splatgl.splat.view.camera import Camera
+
+# pixels of a picture's side and of its label's height and letters; pictures in a row
+SIDE, LABEL, LETTERS, ROW = 256, 22, 14, 6
+# a volume of more voxels is drawn from every few of them
+MOST = 1 << 26
+INK, PAPER = "#202020", "#e8e8e8"
+# the first picture: what is drawn without a preset
+DEFAULT = "default"
+
+
+def add_parser(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `splatgl presets`."""
+    add_source(parser, optional=True)
+    parser.add_argument("-o", "--output", metavar="FILE.png", help="the sheet to write (presets.png)")
+    add_backend(parser)
+    add_view(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Lists the presets, or draws a sheet of them; returns 0."""
+    if args.source is None:
+        if args.output:
+            raise expected("presets", "a volume to draw", "none", f"splatgl presets FILE -o {args.output}")
+        width = max(map(len, PRESETS))
+        print("\n".join(f"{each.name:<{width}}  {each.about}" for each in PRESETS.values()))
+        return 0
+    output = Path(args.output or "presets.png")
+    check_output(output, (".png",))
+    scene = scene_from_source(args)
+    scene = replace(scene, view=view_of(args, scene.view, (SIDE, SIDE)))
+    volume = smaller(scene.open())
+    looks = {DEFAULT: (default_transfer(volume), scene.settings), **dict(looks_of(volume, scene.settings))}
+    from splatgl.data.image import write_whole
+    from splatgl.gl.renderer import Renderer
+
+    camera = scene.view.camera(volume, volume)
+    with Renderer(args.backend, args.device, args.gpu) as renderer:
+        pictures = {name: drawn(renderer, scene, volume, camera, look) for name, look in looks.items()}
+    write_whole(output, sheet(pictures))
+    print(f"{output}: {len(pictures)} pictures of {volume.name or 'the volume'}, from the same eye")
+    return 0
+
+
+def looks_of(volume: Volume, settings: Settings) -> Iterator[tuple[str, tuple[Transfer, Settings]]]:
+    """Each preset's transfer function of a volume, and settings."""
+    for name, each in PRESETS.items():
+        blend = {} if each.blend is None or "blend" in settings.given else {"blend": each.blend}
+        yield name, (preset(name, volume), settings.but(**blend))
+
+
+def smaller(volume: Volume) -> Volume:
+    """The finest level of at most MOST voxels, else every few voxels of the coarsest."""
+    levels = (volume, *volume.coarser)
+    found = next((each for each in levels if each.count <= MOST), levels[-1])
+    step = next(n for n in range(1, found.count + 1) if found.count <= MOST * n**3)
+    if step == 1:
+        return replace(found, coarser=())
+    samples = found.samples[::step, ::step, ::step]
+    color = None if found.color is None else found.color[::step, ::step, ::step]
+    x, y, z = (step * each for each in found.spacing)
+    return replace(found, samples=samples, color=color, spacing=(x, y, z), vectors=None, coarser=())
+
+
+def drawn(
+    renderer: Renderer, scene: Scene, volume: Volume, camera: Camera, look: tuple[Transfer, Settings]
+) -> Picture | None:
+    """A picture on the background that suits it; None if nothing of the volume is visible."""
+    from PIL import Image as Pillow
+
+    transfer, settings = look
+    behind = settings.background or suited(transfer, settings)
+    splats = replace(scene, settings=settings).splats(volume, transfer)
+    if not len(splats):
+        return None
+    image = renderer.render(splats, camera, settings.but(background=behind))
+    samples = (image.straight()[..., :3] * 255).round().astype("uint8")
+    return Pillow.fromarray(samples, "RGB")
+
+
+def sheet(pictures: dict[str, Picture | None]) -> bytes:
+    """PNG of labelled pictures in rows."""
+    from io import BytesIO
+
+    from PIL import Image as Pillow
+    from PIL import ImageDraw, ImageFont
+
+    columns = min(ROW, len(pictures))
+    rows = -(-len(pictures) // columns)
+    page = Pillow.new("RGB", (columns * SIDE, rows * (SIDE + LABEL)), PAPER)
+    pen, font = ImageDraw.Draw(page), ImageFont.load_default(LETTERS)
+    for number, (name, picture) in enumerate(pictures.items()):
+        x, y = number % columns * SIDE, number // columns * (SIDE + LABEL)
+        pen.text((x + SIDE / 2, y + LABEL / 2), name, INK, font, "mm")
+        if picture is None:
+            pen.text((x + SIDE / 2, y + LABEL + SIDE / 2), "nothing is visible", INK, font, "mm")
+        else:
+            page.paste(picture, (x, y + LABEL))
+    file = BytesIO()
+    page.save(file, "PNG")
+    return file.getvalue()

@@ -1,0 +1,122 @@
+"""Backgrounds: names of colours, those that are chosen for a picture, and what keeps its alpha."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.app.backgrounds import AUTO, BLACK, CLEAR, WHITE, background, grounded, suited
+from splatgl.app.cli import main
+
+SURFACE = sg.Transfer([(0.4, 0.0), (0.6, 0.9)])
+GLOW = sg.Transfer([(0.4, 0.0), (0.6, 0.9)], shading=False)
+SAME = ["--size", "20", "--check", "0"]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    place = np.linalg.norm(np.indices((12, 12, 12)) - 5.5, axis=0)
+    np.save("ball.npy", (8 - place).astype(np.float32).round(1))
+    return tmp_path
+
+
+def corner(name: str) -> list[float]:
+    found: list[float] = sg.Image.load(name).pixels[0, 0].tolist()
+    return found
+
+
+@pytest.mark.parametrize(
+    ("text", "right"),
+    [
+        ("black", BLACK),
+        ("White", WHITE),
+        ("#fff", WHITE),
+        ("#ff0000", (1.0, 0.0, 0.0)),
+        ("lime", (0.0, 1.0, 0.0)),
+        ("gray", (0.2158605,) * 3),
+        ("#808080", (0.2158605,) * 3),
+        ("transparent", CLEAR),
+        ("auto", AUTO),
+    ],
+)
+def test_names_of_colours(text: str, right: object) -> None:
+    assert background(text) == pytest.approx(right)
+
+
+@pytest.mark.parametrize("text", ["", "blak", "#12", "#gggggg", "rgb(1,2)", "#11223344", "a" * 100_000])
+def test_bad_colours(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match=r"expected auto, transparent.*CSS"):
+        background(text)
+
+
+def test_what_suits() -> None:
+    assert suited(SURFACE, sg.Settings()) == WHITE
+    assert suited(GLOW, sg.Settings()) == suited(SURFACE, sg.Settings(blend="mip")) == BLACK
+    assert suited(GLOW, sg.Settings(shading="on")) == WHITE and suited(SURFACE, sg.Settings(shading="off")) == BLACK
+
+
+@pytest.mark.parametrize(
+    ("settings", "asked", "output", "right"),
+    [
+        (sg.Settings(), AUTO, "a.png", WHITE),
+        (sg.Settings(), AUTO, "a.gif", WHITE),
+        (sg.Settings(), AUTO, "a.npy", None),
+        (sg.Settings(), BLACK, "a.npy", BLACK),
+        (sg.Settings(background=BLACK), CLEAR, "a.png", None),
+        (sg.Settings(background=BLACK), None, "a.png", BLACK),
+        (sg.Settings(blend="xray"), AUTO, "a.png", None),
+    ],
+)
+def test_what_is_behind(settings: sg.Settings, asked: object, output: str, right: object) -> None:
+    assert grounded(settings, asked, SURFACE, Path(output)).background == right
+
+
+def test_a_picture_has_a_background(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["render", "ball.npy", "-o", "a.png", *SAME]) == 0
+    assert "splats on white" in capsys.readouterr().out
+    assert corner("a.png") == [1.0] * 4
+    assert main(["render", "ball.npy", "-o", "b.png", *SAME, "--preset", "microscopy"]) == 0
+    assert "splats on black" in capsys.readouterr().out
+    assert corner("b.png") == [0.0, 0.0, 0.0, 1.0]
+    assert main(["render", "ball.npy", "-o", "c.png", *SAME, "--background", "transparent"]) == 0
+    assert main(["render", "ball.npy", "-o", "c.npy", *SAME]) == 0
+    assert main(["render", "ball.npy", "-o", "d.png", *SAME, "--like", "0.1"]) == 0
+    assert "splats on " not in capsys.readouterr().out
+    assert corner("c.png") == corner("c.npy") == corner("d.png") == [0.0] * 4
+
+
+def test_frames_have_a_background(here: Path) -> None:
+    draw = ["animate", "ball.npy", "--frames", "2", "--size", "16", "--quiet"]
+    assert main([*draw, "-o", "f{frame}.png"]) == 0 and main([*draw, "-o", "f{frame}.npy"]) == 0
+    assert corner("f1.png") == [1.0] * 4 and corner("f1.npy") == [0.0] * 4
+
+
+def test_a_scene_says_its_background(here: Path) -> None:
+    Path("s.toml").write_text('volume = "ball.npy"\n[settings]\nbackground = [0, 0, 1]\n')
+    assert main(["render", "s.toml", "-o", "a.png", *SAME]) == 0
+    assert corner("a.png") == [0.0, 0.0, 1.0, 1.0]
+    Path("t.toml").write_text('volume = "ball.npy"\n')
+    assert main(["render", "t.toml", "-o", "t.png", *SAME]) == 0
+    assert corner("t.png") == [0.0] * 4
+    assert main(["render", "s.toml", "-o", "b.png", *SAME, "--background", "auto"]) == 0
+    assert corner("b.png") == [1.0] * 4
+    assert main(["render", "s.toml", "-o", "c.png", *SAME, "--background", "transparent"]) == 0
+    assert corner("c.png") == [0.0] * 4
+
+
+@pytest.mark.parametrize("behind", [None, "transparent", "black", "#336699"])
+def test_a_reference_has_the_background_that_it_was_drawn_on(here: Path, behind: str | None) -> None:
+    options = [] if behind is None else ["--background", behind]
+    assert main(["render", "ball.npy", "-o", "right.png", *SAME, *options]) == 0
+    assert main(["render", "ball.npy", "-o", "new.png", *SAME, "--ref", "right.png"]) == 0
+    other = "white" if behind != "white" and behind is not None else "black"
+    assert main(["render", "ball.npy", "-o", "new.png", *SAME, "--ref", "right.png", "--background", other]) == 1
+
+
+def test_python_is_transparent(renderer: sg.Renderer) -> None:
+    assert sg.Settings().background is None
