@@ -11,7 +11,8 @@ import pytest
 
 from splatgl.data.errors import InputError
 from splatgl.data.volume import Hints, Volume
-from splatgl.splat.classification.presets import BONE_HU, PRESETS, SOLID, default_transfer, preset
+from splatgl.splat.classification.looks import SOLID
+from splatgl.splat.classification.presets import BONE_HU, PRESETS, default_transfer, preset
 from splatgl.splat.classification.statistics import PLANES, sorted_percentile, statistics
 from splatgl.splat.classification.transfer import Transfer
 
