@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -161,3 +162,50 @@ def test_tables_of_files(tmp_path: Path) -> None:
     image.header.set_intent("label")
     image.to_filename(tmp_path / "a.nii")
     assert [n for n, _, _ in sg.default_transfer(sg.load(tmp_path / "a.nii")).labels] == [2, 7, 9]
+
+
+SNAP = """################################################
+# ITK-SnAP Label Description File
+# File format:
+# IDX   -R-  -G-  -B-  -A--  VIS MSH  LABEL
+################################################
+    0     0    0    0        0  0  0    "Clear Label"
+    2   255    0    0        1  1  1    "liver"
+    9     0    0  255      0.5  1  1    "vena, \u00e9paisse"
+"""
+
+
+@pytest.mark.parametrize("name", ["seg.label", "seg.lbl", "seg.txt"])
+def test_itk_snaps_table_beside_a_segmentation(tmp_path: Path, name: str) -> None:
+    nibabel = pytest.importorskip("nibabel")
+    path = tmp_path / "seg.nii.gz"
+    nibabel.save(nibabel.Nifti1Image(segments().samples.T, np.eye(4)), path)
+    assert not sg.load(path).labels
+    (tmp_path / name).write_text(SNAP, encoding="utf-8")
+    right = (Label(2, "liver", "#ff0000"), Label(9, "vena, \u00e9paisse", "#0000ff"))
+    assert sg.load(path).labels == right
+    assert sg.default_transfer(sg.load(path)).labels == ((2, "#ff0000", 0.99), (9, "#0000ff", 0.99))
+
+
+def test_other_texts_are_no_tables(tmp_path: Path) -> None:
+    np.save(tmp_path / "seg.npy", segments().samples)
+    (tmp_path / "seg.txt").write_bytes(b"patient 3 \xff\x00" * 100)
+    assert sg.load(tmp_path / "seg.npy").labels is None
+    np.save(tmp_path / "real.npy", segments().samples.astype(np.float32))
+    (tmp_path / "real.txt").write_text(SNAP)
+    assert sg.load(tmp_path / "real.npy").labels is None
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (SNAP.replace("255    0    0", "256    0    0"), "seg.label, line 7: expected NUMBER R G B"),
+        (SNAP.replace('"liver"', "liver"), "seg.label, line 7"),
+        (SNAP[: SNAP.index("    2 ")], "seg.label: expected labels, got none"),
+    ],
+)
+def test_a_damaged_table_is_told(tmp_path: Path, text: str, told: str) -> None:
+    np.save(tmp_path / "seg.npy", segments().samples)
+    (tmp_path / "seg.label").write_text(text)
+    with pytest.raises(sg.InputError, match=re.escape(told)):
+        sg.load(tmp_path / "seg.npy")

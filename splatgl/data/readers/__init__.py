@@ -10,6 +10,7 @@ from typing import Any
 from splatgl.data.errors import Choice, InputError, expected
 from splatgl.data.readers.files import quiet
 from splatgl.data.readers.inside import HDF5, converter, inside
+from splatgl.data.readers.label_table import table_beside
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.remote import Remote, is_address, name_of
 from splatgl.data.readers.terrain import terrain_from_heights
@@ -155,7 +156,11 @@ def listed(path: str | Path) -> list[str]:
 def _load(path: Path, options: LoadOptions) -> Volume:
     form = _format(path)
     _check(path, form, options)
-    return _named(form.read(path, options), path.name, form, options)
+    volume = _named(form.read(path, options), path.name, form, options)
+    if volume.labels or volume.samples.dtype.kind not in "bui":
+        return volume
+    table = table_beside(path, path.name[: len(path.name) - len(_suffix(path, form))])
+    return volume if table is None else replace(volume, labels=table)
 
 
 def _load_remote(address: str, options: LoadOptions) -> Volume:
