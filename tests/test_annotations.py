@@ -14,7 +14,7 @@ from splatgl.app.annotations.color_bar import of_values
 from splatgl.app.annotations.request import parsed
 from splatgl.app.annotations.scale_bar import length_text, scale_of
 from splatgl.app.annotations.subject import Subject
-from splatgl.app.annotations.ticks import ticks
+from splatgl.app.annotations.ticks import log_ticks, ticks
 from splatgl.app.cli import main
 
 ALL = ("scale", "colorbar", "axes", "directions", "title=Head", "time=3 h")
@@ -39,6 +39,31 @@ def test_units_and_ticks() -> None:
     told = [length_text(0.5, "mm"), length_text(2000, "m"), length_text(5, ""), length_text(20, "Å")]
     assert told == ["500 um", "2 km", "5", "20 Å"]
     assert ticks(-3, 101, 6) == [0, 20, 40, 60, 80, 100]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "right"),
+    [
+        (0.9, 60, [1, 2, 5, 10, 20, 50]),
+        (0.01, 1000, [0.01, 0.1, 1, 10, 100, 1000]),
+        (1e-9, 1e3, [1e-8, 1e-6, 1e-4, 0.01, 1, 100]),
+        (3, 4, []),
+    ],
+)
+def test_logarithmic_ticks(low: float, high: float, right: list[float]) -> None:
+    """Decades, with 2 and 5 where there is room; of many, every few."""
+    assert log_ticks(low, high, 6) == right
+
+
+def test_a_logarithmic_bar_is_even_in_decades() -> None:
+    """Its rows have the transfer function's colours, and a decade is as long as another."""
+    transfer = sg.Transfer([(1, 0.0), (1000, 0.8)], colormap="viridis", scale="log")
+    bar = of_values(transfer, "density", "composite", 300)
+    assert bar is not None
+    assert [bar.down(value) for value in (1000, 100, 10, 1)] == pytest.approx([0, 1 / 3, 2 / 3, 1])
+    assert np.allclose(bar.colors[99:101, :3].mean(axis=0), transfer.color(100.0), atol=5e-3)
+    assert bar.opacity is not None and bar.opacity[149:151].mean() == pytest.approx(0.4, abs=1e-3)
+    assert bar.marks() == [1, 10, 100, 1000]
 
 
 def test_letters() -> None:

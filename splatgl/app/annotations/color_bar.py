@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from splatgl.app.annotations.layer import Layer, Rect
-from splatgl.app.annotations.ticks import ticks
+from splatgl.app.annotations.ticks import log_ticks, ticks
 from splatgl.splat.classification.transfer import Transfer
 
 # the bar's height as a fraction of the picture's, and its and the curve's width in font heights
@@ -20,7 +21,7 @@ ABOUT = {"mip": "maximum", "minip": "minimum", "mean": "mean"}
 @dataclass(frozen=True, eq=False)
 class ColorBar:
     """low, high: the values at its ends. colors: linear RGB and coverage, from high to low, [N, 4], straight.
-    opacity: at each row, or None.
+    opacity: at each row, or None. logarithmic: whether rows are even in logarithms of values.
     """
 
     low: float
@@ -28,6 +29,17 @@ class ColorBar:
     colors: np.ndarray
     opacity: np.ndarray | None
     label: str
+    logarithmic: bool = False
+
+    def down(self, value: float) -> float:
+        """The place of a value: 0 at the upper end, 1 at the lower one."""
+        if self.logarithmic:
+            return math.log(self.high / value) / math.log(self.high / self.low)
+        return (self.high - value) / (self.high - self.low)
+
+    def marks(self) -> list[float]:
+        """Values that are written beside it."""
+        return (log_ticks if self.logarithmic else ticks)(self.low, self.high, MOST_TICKS)
 
 
 def of_values(transfer: Transfer, name: str, blend: str, rows: int) -> ColorBar | None:
@@ -35,11 +47,12 @@ def of_values(transfer: Transfer, name: str, blend: str, rows: int) -> ColorBar 
     low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
     if not (high > low and np.isfinite(high - low)):
         return None
-    values = high - (np.arange(rows) + 0.5) / rows * (high - low)
+    down = (np.arange(rows) + 0.5) / rows
+    values = high * (low / high) ** down if transfer.logarithmic else high - down * (high - low)
     colors = np.concatenate([transfer.color(values), np.ones((rows, 1))], axis=-1)
     about = ABOUT.get(blend, "")
     label = f"{about} of {name}" if about and name else about or name or "value"
-    return ColorBar(low, high, colors, transfer.opacity(values), label)
+    return ColorBar(low, high, colors, transfer.opacity(values), label, transfer.logarithmic)
 
 
 def of_sums(pixels: np.ndarray, scale: float, rows: int) -> ColorBar | None:
@@ -57,7 +70,7 @@ def draw(layer: Layer, bar: ColorBar) -> None:
     """Draws it at the right; its rows are one pixel each."""
     rows, em, pad, edge = len(bar.colors), layer.em, layer.pad, layer.edge
     label = bar.label if len(bar.label) <= MOST_LETTERS else f"{bar.label[: MOST_LETTERS - 3]}..."
-    marks = ticks(bar.low, bar.high, MOST_TICKS)
+    marks = bar.marks()
     texts = [f"{mark:g}" for mark in marks]
     line = layer.text_size(label)[1]
     beside = max((layer.text_size(text)[0] for text in texts), default=0) + em // 2
@@ -76,7 +89,7 @@ def draw(layer: Layer, bar: ColorBar) -> None:
     layer.stamp(cover, np.broadcast_to(bar.colors[:, None, :3], (*shape, 3)), (left, top))
     layer.text(label, right - layer.text_size(label)[0], rect.top)
     for mark, text in zip(marks, texts, strict=True):
-        y = top + (bar.high - mark) / (bar.high - bar.low) * rows
+        y = top + bar.down(mark) * rows
         layer.lines([[(left + wide, y), (left + wide + em / 3, y)]])
         layer.text(text, left + wide + em // 2, round(y) - line // 2)
     if bar.opacity is not None:

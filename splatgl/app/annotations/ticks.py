@@ -26,3 +26,15 @@ def ticks(low: float, high: float, most: int) -> list[float]:
         step = nice_below(step * 2.5 * (1 + 1e-9))
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     return [float(np.float64(f"{n * step:.12g}")) for n in range(first, last + 1)]
+
+
+def log_ticks(low: float, high: float, most: int) -> list[float]:
+    """At most `most` of 1, 2, 5 · 10ⁿ from low > 0 to high, else of powers of ten, or of every few of them."""
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    for steps, every in [(STEPS, 1), *(((1.0,), n) for n in range(1, last - first + 2))]:
+        powers = [n for n in range(first, last + 1) if n % every == 0]
+        found = [float(f"{step:g}e{n}") for n in powers for step in steps]
+        found = [each for each in found if low * (1 - 1e-9) <= each <= high * (1 + 1e-9)]
+        if len(found) <= most:
+            return found
+    return []
