@@ -90,6 +90,16 @@ def test_a_picture_has_a_background(here: Path, capsys: pytest.CaptureFixture[st
     assert corner("c.png") == corner("c.npy") == corner("d.png") == [0.0] * 4
 
 
+def test_channels_are_on_black(here: Path) -> None:
+    """They glow, in whatever look each would have alone."""
+    tifffile = pytest.importorskip("tifffile")
+    ball = (np.load("ball.npy") + 14).astype(np.uint8)
+    tifffile.imwrite("c.ome.tif", np.stack([ball, ball]), ome=True, metadata={"axes": "CZYX"}, photometric="minisblack")
+    for channel, color in (("all", 0.0), ("0", 1.0)):
+        assert main(["render", "c.ome.tif", "--channel", channel, "-o", "c.png", *SAME]) == 0
+        assert corner("c.png") == [color] * 3 + [1.0]
+
+
 def test_frames_have_a_background(here: Path) -> None:
     draw = ["animate", "ball.npy", "--frames", "2", "--size", "16", "--quiet"]
     assert main([*draw, "-o", "f{frame}.png"]) == 0 and main([*draw, "-o", "f{frame}.npy"]) == 0

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.app.backgrounds import ground_of, grounded
+from splatgl.app.backgrounds import backed
 from splatgl.app.frame_work import FrameView, Matter, Work
 from splatgl.app.frames import Frames, mark_of
 from splatgl.app.options import scene_from
@@ -83,7 +83,7 @@ class Animation:
                 volume = replace(scene.open(), notes=())
         tell(volume, args.quiet)
         transfer = scene.transfer_for(volume)
-        settings = grounded(scene.settings, ground_of(args, scene), transfer, Path(args.output))
+        settings = backed(args, scene, transfer, Path(args.output)).settings
         scenes = [replace(each, settings=settings) for each in scenes]
         scene = scenes[0]
         series = len(scenes) > 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.image import Image
+from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings
@@ -47,6 +49,18 @@ def suited(transfer: Transfer, settings: Settings) -> Color:
     """Black behind what glows and behind values along rays, white behind shaded surfaces."""
     surfaces = settings.shading == "on" or (settings.shading == "auto" and transfer.shading)
     return WHITE if surfaces and settings.blend == "composite" else BLACK
+
+
+def as_drawn(volume: Volume, transfer: Transfer) -> Transfer:
+    """The transfer function with the shading that is drawn: several channels glow."""
+    return replace(transfer, shading=False) if len(volume.channels) > 1 else transfer
+
+
+def backed(
+    args: argparse.Namespace, scene: Scene, transfer: Transfer, output: Path, reference: Image | None = None
+) -> Scene:
+    """The scene with the background of its picture: what is asked for, else the reference's, else one that suits."""
+    return replace(scene, settings=grounded(scene.settings, ground_of(args, scene, reference), transfer, output))
 
 
 def ground_of(args: argparse.Namespace, scene: Scene, reference: Image | None = None) -> Color | str | None:

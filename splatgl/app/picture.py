@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl import __version__
-from splatgl.app.backgrounds import AUTO, CLEAR, background, grounded
+from splatgl.app.backgrounds import AUTO, CLEAR, as_drawn, background, grounded
 from splatgl.app.options import BACKGROUNDS, size
 from splatgl.app.render import Drawing, draw, drawn, origin
 from splatgl.app.scene import Scene, View, typed
@@ -95,7 +95,7 @@ def picture(x: Any, scene: Scene, memory: int | None = None, seen: bool = False)
     volume = scene.open()
     chosen = scene.transfer_for(volume)
     if seen and "background" not in scene.settings.given:
-        scene = replace(scene, settings=grounded(scene.settings, AUTO, chosen))
+        scene = replace(scene, settings=grounded(scene.settings, AUTO, as_drawn(volume, chosen)))
     image = draw(how, scene, volume, chosen)
     return Image(image.pixels, {**image.info, **origin(scene, chosen)})
 

@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
@@ -15,7 +15,7 @@ import numpy as np
 
 from splatgl import __version__
 from splatgl.app.annotations.request import asked_for, lay
-from splatgl.app.backgrounds import ground_of, grounded
+from splatgl.app.backgrounds import as_drawn, backed
 from splatgl.app.layered import draw_layers, is_layered, layer_option
 from splatgl.app.options import add_drawing, add_source, color_of, scene_from, window_of
 from splatgl.app.output import check_output, check_source, tell
@@ -143,8 +143,7 @@ def run(args: argparse.Namespace) -> int:
     volume = scene.open()
     tell(volume, args.quiet, channels=not on_workers)
     transfer = scene.transfer_for(volume)
-    ground = ground_of(args, scene, None if reference is None else reference.image)
-    scene = replace(scene, settings=grounded(scene.settings, ground, transfer, output))
+    scene = backed(args, scene, as_drawn(volume, transfer), output, reference.image if reference else None)
     if on_workers:
         image = _on_workers(args, scene, volume, transfer)
     else:
