@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import splatgl as sg
-from splatgl.app.scene import View
+from splatgl.app.viewpoint import View
 from splatgl.data.scenes import SCENES
 
 # voxels classified before, splats one by one

@@ -31,7 +31,8 @@ import numpy as np
 from bench_rows import tell
 
 import splatgl as sg
-from splatgl.app.scene import Scene, View
+from splatgl.app.scene import Scene
+from splatgl.app.viewpoint import View
 from splatgl.gl.target import Target
 from splatgl.splat.plan.suited import extracted, suited
 from splatgl.truth.field import kept_field_integral

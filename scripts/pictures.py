@@ -24,7 +24,8 @@ from side_by_side import side_by_side
 
 import splatgl as sg
 from splatgl.app.cli import main as command
-from splatgl.app.scene import Scene, View
+from splatgl.app.scene import Scene
+from splatgl.app.viewpoint import View
 from splatgl.splat.plan.technique import TECHNIQUES, combinations
 from splatgl.truth.report.content import CONVERGENCE, registry
 from splatgl.truth.report.markdown import as_table

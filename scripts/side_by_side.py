@@ -20,7 +20,8 @@ from PIL import Image as Pillow
 from PIL import ImageDraw, ImageFont
 
 import splatgl as sg
-from splatgl.app.scene import Scene, View
+from splatgl.app.scene import Scene
+from splatgl.app.viewpoint import View
 from splatgl.truth.field import field_integral
 from splatgl.truth.report.peers import Peer
 

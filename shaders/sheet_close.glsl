@@ -3,10 +3,13 @@
 // switch SHADING 0
 // switch WEIGHTED 0
 // switch LAYERED 0
+// switch CLIPPED 0
 #constant LEAST_MASS  // below which a sheet holds no value
 #constant CELLS       // of the classification table
 #constant TABLE_ROW   // ends of cells along its rows
 #constant WEIGHTS     // cells of the table of weights by gradient, in the rows behind
+#constant MOST_CLIPS
+#constant FACE        // voxels along a ray behind a cut that are lit as its face
 #include "sheets.glsl"
 #if LAYERED == 1
 #include "layers.glsl"
@@ -58,6 +61,14 @@ uniform vec2 weight_scale;      // a gradient's place in the table of weights is
 uniform vec3 box_low;           // the volume's box from the eye, index axes
 uniform vec3 box_high;
 uniform vec2 shell;             // only matter between these is drawn, in sheets from the first
+#if CLIPPED == 1
+// planes: of the volume's inside, index offsets i from the eye with dot(clip.xyz, i) ≥ clip.w are kept
+uniform int clips;
+uniform vec4 clip[MOST_CLIPS];
+uniform vec3 clip_normal[MOST_CLIPS];  // unit, world
+// of a pixel's ray: the normal of the plane behind which it begins, and the end of the face there, in sheets; or 0
+vec4 face[ROWS];
+#endif
 
 // the open sheets of a pixel, nearest first, and their masses
 vec4 sum0[ROWS], sum1[ROWS], sum2[ROWS], sum3[ROWS];
@@ -91,8 +102,24 @@ void set_ray(int row) {
     float near = max(low.x, max(low.y, low.z)), far = min(high.x, min(high.y, high.z));
     // a parallel view begins at its eye's plane, too
     near = max(near, 0.0);
+#if CLIPPED == 1
+    face[row] = vec4(0.0);
+    for (int i = 0; i < clips; i++) {
+        float speed = dot(clip[i].xyz, direction), apart = clip[i].w - dot(clip[i].xyz, start);
+        // a ray along a plane is always or never kept
+        float at = apart / (abs(speed) < 1e-20 ? 1e-20 : speed);
+        if (speed < 0.0) far = min(far, at);
+        else if (at > near) {
+            near = at;
+            face[row].xyz = clip_normal[i];
+        }
+    }
+#endif
     float offset = PERSPECTIVE == 1 ? 0.0 : dot(start, sheet_direction);
     ends[row] = clamp((vec2(near, max(far, near)) + offset) / thickness - first_sheet, shell.x, shell.y);
+#if CLIPPED == 1
+    face[row].w = (near + FACE + offset) / thickness - first_sheet;
+#endif
     lengths[row] = length(along) / speed * thickness / style.opacity_length;
     mat3 eye_from_world = mat3(frame.eye_from_world[0].xyz, frame.eye_from_world[1].xyz, frame.eye_from_world[2].xyz);
     toward[row] = normalize(along) * eye_from_world;
@@ -155,19 +182,30 @@ float weighted(float extinction, float weight) {
     return opacity < 0.05 ? series : -log(1.0 - opacity);
 }
 
+// Light that a surface with that normal, of any length, shows; 1 without one.
+float surface_light(vec3 normal, vec3 toward) {
+    float size2 = dot(normal, normal);
+    float cosine = min(abs(dot(normal, toward)) * inversesqrt(max(size2, 1e-37)), 1.0);
+    return size2 > 0.0 ? style.ambient + style.diffuse * cosine : 1.0;
+}
+
+// Light of matter with that gradient from sheet `begin` to `end`.
+float light_of(int row, vec3 gradient, float begin, float end) {
+    float light = surface_light(gradient, toward[row]);
+#if CLIPPED == 1
+    float faced = clamp((face[row].w - begin) / max(end - begin, 1e-20), 0.0, 1.0);
+    if (face[row].xyz != vec3(0.0)) light = mix(light, surface_light(face[row].xyz, toward[row]), faced);
+#endif
+    return light;
+}
+
 // `length_` reference lengths of matter of that emission and extinction, with that gradient.
-vec4 lit(vec4 matter, vec3 gradient, float length_, vec3 toward) {
+vec4 weighed(vec4 matter, vec3 gradient, float length_) {
     if (WEIGHTED == 1) {
         float weight = weight_of(gradient);
         matter *= matter.a > 1e-30 ? weighted(matter.a, weight) / matter.a : weight;
     }
-    matter *= length_;
-    if (SHADING == 1 && STEPS > 0) {
-        float size2 = dot(gradient, gradient);
-        float cosine = min(abs(dot(gradient, toward)) * inversesqrt(max(size2, 1e-37)), 1.0);
-        matter.rgb *= size2 > 0.0 ? style.ambient + style.diffuse * cosine : 1.0;
-    }
-    return matter;
+    return matter * length_;
 }
 
 #define ONE_VALUE (JOIN == JOIN_MAX || JOIN == JOIN_MIN || JOIN == JOIN_MEAN)
@@ -186,7 +224,7 @@ vec4 shown(vec4 light) {
     // a cell around it: without steps from cell to cell
     float place = value * class_scale.x + class_scale.y;
     vec4 matter = class_mean(class_until(place - 0.5), class_until(place + 0.5));
-    return light.y > 0.0 ? behind(vec4(0.0), lit(matter, vec3(0.0), 1.0, vec3(0.0))) : vec4(0.0);
+    return light.y > 0.0 ? behind(vec4(0.0), weighed(matter, vec3(0.0), 1.0)) : vec4(0.0);
 }
 
 // Takes the values of the nearest open sheet, number `current`, and opens another; classified after, true if matter
@@ -238,9 +276,11 @@ void close_sheet(int row, int current) {
                 vec4 matter = class_mean(begin, end);
                 begin = end;
                 vec3 gradient = mix(near.rgb, mean.rgb, middle);
-                matter = lit(matter, gradient, length_ * lengths[row], toward[row]);
+                matter = weighed(matter, gradient, length_ * lengths[row]);
+                vec2 at = float(current - 1) + part;
+                if (SHADING == 1) matter.rgb *= light_of(row, gradient, at.x, at.y);
 #if LAYERED == 1
-                add_matter(row, float(current - 1) + part, matter);
+                add_matter(row, at, matter);
 #endif
                 light[row] = behind(light[row], matter);
             }

@@ -9,7 +9,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene, View
+from splatgl.app.scene import Scene
+from splatgl.app.viewpoint import View
 from splatgl.splat.layers.channels import channel_transfers
 
 tifffile = pytest.importorskip("tifffile")

@@ -9,7 +9,7 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.app.regression import ImageRegression
-from splatgl.app.scene import View
+from splatgl.app.viewpoint import View
 from splatgl.truth.verdict import judge
 
 SIZE = (96, 72)

@@ -11,7 +11,7 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.scene import View
+from splatgl.app.viewpoint import View
 from splatgl.splat.extraction import extract as extraction
 from splatgl.splat.plan import suited as suiting
 from splatgl.splat.plan.suited import extracted, suited

@@ -7,8 +7,8 @@ import pytest
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.app.scene import View
 from splatgl.app.track import turning
+from splatgl.app.viewpoint import View
 from splatgl.truth.flicker import flicker, popping, strip
 
 SETTINGS = SPLATS.but(background=(0, 0, 0))

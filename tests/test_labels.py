@@ -11,7 +11,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.scene import View
+from splatgl.app.viewpoint import View
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Label
 from splatgl.splat.classification.labels import COLORS, color_of

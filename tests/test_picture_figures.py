@@ -15,7 +15,8 @@ import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.figures.render import PICTURES, Shown, by_moments
 from splatgl.app.panels import GAP, INK, MARGIN, ROOM, WHITE, Panel, sheet
-from splatgl.app.scene import Scene, View
+from splatgl.app.scene import Scene
+from splatgl.app.viewpoint import View
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[2] / "shared" / "data"))
 

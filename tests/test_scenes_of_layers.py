@@ -12,7 +12,8 @@ import pytest
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.layered import layer_option
-from splatgl.app.scene import Scene, View
+from splatgl.app.scene import Scene
+from splatgl.app.viewpoint import View
 from splatgl.gl import layer_tiles
 from splatgl.truth import reference
 
@@ -268,7 +269,7 @@ def test_bad_layers_of_scene_files_are_told(tmp_path: Path) -> None:
     for text, said in (
         ("[[layer]]\nopacity = 0.5", r"\[\[layer\]\] 1: expected the key volume"),
         ('[[layer]]\nvolume = "a.npy"\nopacity = 2', "opacity: expected a factor from 0 to 1"),
-        ('[[layer]]\nvolume = "a.npy"\nzoom = 2', "expected keys load, opacity, threshold, transfer, volume"),
+        ('[[layer]]\nvolume = "a.npy"\nzoom = 2', "expected keys clip, crop, load, opacity, threshold, tr"),
         ("layer = [3]", r"\[\[layer\]\] 1: expected a table"),
         ("layer = 3", "layer: expected list"),
     ):

@@ -10,9 +10,10 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene, View
+from splatgl.app.scene import Scene
 from splatgl.app.stacks import is_flat_stack, seen_along_z
 from splatgl.app.track import turning
+from splatgl.app.viewpoint import View
 from splatgl.data.volume import Hints, Volume
 
 

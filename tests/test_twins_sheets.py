@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,19 @@ import splatgl as sg
 from splatgl.gl.sheet_order import sheet_uniforms
 from splatgl.gl.tables import CLASS_UNIT, class_uniforms
 from splatgl.splat.classification.post import PostClassified
+from splatgl.splat.classification.shading import surface_light
 from splatgl.splat.kernel.kernels import Kernel, kernel
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.sheets.sheets import Sheets
+from splatgl.splat.view.clip import FACE
 from splatgl.splat.view.view import View
 from splatgl.truth import blend as blends
 from splatgl.truth.rays import Rays
 from splatgl.truth.sheets import _Field, _Part, behind, composited, weighted
 
+# normals of planes, and distances from the middle
+CUTS = (((0.3, 0.5, 0.8), -1.0), ((-0.6, 0.2, 0.1), -1.4), ((0.0, -1.0, 0.0), -2.0))
 RAMP = sg.Transfer([(0, 0), (1, 0.9)], colormap="hot", shading=True)
 
 
@@ -53,13 +58,16 @@ def sheet_weights(sheets: Sheets, t: np.ndarray) -> np.ndarray:
 
 
 def set_ray(rays: Rays, splats: sg.Splats, plan: Plan, first: float) -> np.ndarray:
-    """[6, N]: a ray's ends in sheets, mean spacings per sheet, unit world direction."""
+    """[6, N]: a ray's ends in sheets, mean spacings per sheet, unit world direction; if cut [10, N], of its face the
+    normal and the end in sheets, too.
+    """
     thick, offset = plan.resolved.sheets.thickness, 0.0
     if not plan.view.perspective:
         along = plan.view.index_from_eye[:, 2]
         offset = along @ (rays.start - plan.view.eye_index[:, None]) / np.linalg.norm(along)
     ends = (np.stack([rays.near, rays.far]) + offset) / thick - first
-    return np.concatenate([ends, [rays.stretch * thick], rays.toward.T])
+    found = np.concatenate([ends, [rays.stretch * thick], rays.toward.T])
+    return found if rays.face is None else np.concatenate([found, rays.face.T, [ends[0] + FACE / thick]])
 
 
 def valued(splat: np.ndarray, share: np.ndarray, steps: int) -> np.ndarray:
@@ -127,10 +135,13 @@ def test_weights_of_sheets(count: int, twin: Twin, rng: np.random.Generator) -> 
 
 @pytest.mark.parametrize("view", ["fitted", "wide", "parallel"])
 @pytest.mark.parametrize("grid", ["cubes", "sheared"])
-def test_rays_in_sheets(grid: str, view: str, twin: Twin) -> None:
-    """Of all pixels; ends of rays that miss the box are one."""
+@pytest.mark.parametrize("cut", [False, True])
+def test_rays_in_sheets(cut: bool, grid: str, view: str, twin: Twin) -> None:
+    """Of all pixels, with planes before, behind and between; ends of rays that miss what is left are one."""
     splats = samples(grid)
-    plan = planned(splats, view, 3)
+    middle = splats.corners.mean(axis=0)
+    clip = [(*normal, float(np.dot(normal, middle) + d)) for normal, d in CUTS] if cut else ()
+    plan = planned(splats, view, 3, clip=clip)
     camera, post = plan.resolved.camera, splats.post
     assert post is not None
     width, height = camera.size
@@ -139,18 +150,20 @@ def test_rays_in_sheets(grid: str, view: str, twin: Twin) -> None:
     state = uniforms(splats, plan)
     state |= {"box_low": tuple(-0.5 - plan.view.eye_index)}
     state |= {"box_high": tuple(np.array(post.shape) - 0.5 - plan.view.eye_index)}
-    parts = ("vec4(ends[0], lengths[0], 0.0)", "vec4(toward[0], 0.0)")
+    parts = {"vec4(ends[0], lengths[0], 0.0)": 3, "vec4(toward[0], 0.0)": 3, **({"face[0]": 4} if cut else {})}
     found = np.concatenate(
         [
-            twin("sheet_draw.comp", f"first = a; set_ray(0); result = {part}", plan, splats, state, a=at)[:, :3].T
-            for part in parts
+            twin("sheet_draw.comp", f"first = a; set_ray(0); result = {part}", plan, splats, state, a=at)[:, :some].T
+            for part, some in parts.items()
         ]
     )
-    rays = Rays.of(plan.view, camera, post.shape, pixel)
+    rays = Rays.of(plan.view, camera, post.shape, pixel, plan.resolved.clip)
     right = set_ray(rays, splats, plan, state["first_sheet"])
     hit = rays.far > rays.near
-    assert hit.sum() > 100 and (found[1] - found[0])[~hit].max(initial=0) < 1e-4
-    assert np.abs((found - right)[:, hit]).max() < 1e-4 and np.abs((found - right)[2:]).max() < 1e-5
+    assert hit.sum() > 40 and (found[1] - found[0])[~hit].max(initial=0) < 1e-4
+    if rays.face is not None:
+        assert 20 < (rays.face[hit] != 0).any(axis=1).sum() < hit.sum() - 20
+    assert np.abs((found - right)[:, hit]).max() < 1e-4 and np.abs((found - right)[2:6]).max() < 1e-5
 
 
 @pytest.mark.parametrize("steps", [0, 2])
@@ -285,9 +298,11 @@ def test_weights_of_gradients(renderer: sg.Renderer, twin: Twin, rng: np.random.
     assert (np.abs(found - right) <= 4e-6 * right * np.maximum(1, 0.1 * np.exp(right))).all()
 
 
-def test_light_over_matter(renderer: sg.Renderer, twin: Twin, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("cut", [False, True])
+def test_light_over_matter(cut: bool, renderer: sg.Renderer, twin: Twin, rng: np.random.Generator) -> None:
+    """Also of the face of a cut, of which a part may be before the end."""
     splats = samples()
-    plan = planned(splats, "fitted", 3)
+    plan = planned(splats, "fitted", 3, clip=[(1.0, 0, 0, 0)] if cut else ())
     field, state = _Field.of(splats, plan.resolved, plan.view), class_state(renderer, splats)
     light = rng.random((COUNT, 4))
     first = np.column_stack([rng.uniform(-0.3, 1.3, COUNT), rng.normal(size=(COUNT, 3))])
@@ -296,10 +311,19 @@ def test_light_over_matter(renderer: sg.Renderer, twin: Twin, rng: np.random.Gen
     length, toward = rng.uniform(0, 2, COUNT), some_rays(rng).toward
     matter = class_mean(field.post, first[:, 0], last[:, 0])
     inputs = {"l": light, "m": matter, "g": (first[:, 1:] + last[:, 1:]) / 2, "a": length, "t": toward}
-    found = twin("sheet_draw.comp", "result = behind(l, lit(m, g, a, t))", plan, splats, state, **inputs)
+    face = np.column_stack([rng.normal(size=(COUNT, 3)), rng.uniform(-0.5, 1.5, COUNT)])
+    face[::3, :3] = 0
+    steps = "vec4 w = weighed(m, g, a); toward[0] = t;" + " face[0] = f;" * cut
+    steps += " w.rgb *= light_of(0, g, 0.0, 1.0)"
+    inputs |= {"f": face} if cut else {}
+    found = twin("sheet_draw.comp", f"{steps}; result = behind(l, w)", plan, splats, state, **inputs)
     along = length * splats.unit / splats.grid.mean_spacing
-    part = _Part(np.arange(COUNT), 0, (np.zeros(COUNT), np.ones(COUNT)), first, last, along, toward)
-    right = behind(light, field.matter(part))
+    faced = np.clip(face[:, 3], 0, 1)
+    part = _Part(np.arange(COUNT), 0, (np.zeros(COUNT), np.ones(COUNT)), first, last, along, faced)
+    rays = replace(some_rays(rng), toward=toward, face=face[:, :3] if cut else None)
+    right = behind(light, field.matter(part, rays))
+    light = twin("sheet_draw.comp", "result.x = surface_light(g, t)", plan, splats, state, **inputs)[:, 0]
+    assert np.abs(light - surface_light(inputs["g"], toward)).max() < 1e-6
     assert plan.resolved.look.shading and np.abs(found - right).max() < 2e-6
 
 

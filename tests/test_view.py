@@ -14,7 +14,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene, View
+from splatgl.app.scene import Scene
 from splatgl.app.viewer import curve, hud
 from splatgl.app.viewer.beyond import SHARE, TINT, crossing, share_beyond, tinted
 from splatgl.app.viewer.bindings import BINDINGS, checked, keymap, listing, load_bindings, remapped
@@ -34,6 +34,7 @@ from splatgl.app.viewer.saving import free, picture_of, save_picture, save_scene
 from splatgl.app.viewer.skin import outside, skinned
 from splatgl.app.viewer.state import ACTIONS, State, acted, stronger
 from splatgl.app.viewer.watch import Watch
+from splatgl.app.viewpoint import View
 from splatgl.data.coarse import coarser
 from splatgl.gl.screen import Screen
 

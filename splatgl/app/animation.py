@@ -82,9 +82,9 @@ class Animation:
                 scene = scenes[0]
                 volume = replace(scene.open(), notes=())
         tell(volume, args.quiet)
-        transfer = scene.transfer_for(volume)
-        settings = backed(args, scene, transfer, Path(args.output)).settings
-        scenes = [replace(each, settings=settings) for each in scenes]
+        transfer, cut = scene.transfer_for(volume), scene.cut(volume)
+        settings = backed(args, cut, transfer, Path(args.output)).settings
+        scenes = [replace(each, settings=settings, view=cut.view, clip=None, crop="") for each in scenes]
         scene = scenes[0]
         series = len(scenes) > 1
         bands = _bands(volume, transfer, scene, args.flow)

@@ -17,6 +17,7 @@ from splatgl.splat.classification.transfer import Transfer
 if TYPE_CHECKING:
     from splatgl.app.render import Drawing
     from splatgl.splat.layers.layers import Layer
+    from splatgl.splat.view.clip import Plane
 
 # a preset or a colour map behind a file's name
 LOOK = re.compile(r"#?[\w-]+")
@@ -44,8 +45,10 @@ def _number(text: str) -> float | None:
         return None
 
 
-def of_channels(scene: Scene, volume: Volume, transfer: Transfer) -> list[Layer]:
-    """The layers of a volume: one for each of its channels."""
+def of_channels(
+    scene: Scene, volume: Volume, transfer: Transfer, planes: tuple[Plane, ...] | None = None
+) -> list[Layer]:
+    """The layers of a volume: one for each of its channels. planes: their own."""
     from splatgl.splat.layers.channels import channel_transfers
     from splatgl.splat.layers.layers import Layer
 
@@ -53,11 +56,11 @@ def of_channels(scene: Scene, volume: Volume, transfer: Transfer) -> list[Layer]
     if len(volume.channels) < 2:
         if colors or windows:
             raise expected("--color-of and --window-of", "several channels", "one", "load more by --channel")
-        return [Layer(volume, transfer, threshold=scene.threshold)]
+        return [Layer(volume, transfer, threshold=scene.threshold, clip=planes)]
     base = transfer if scene.transfer.keys() & {"points", "preset"} else None
     found = channel_transfers(volume, colors, windows, base)
     looks = zip(volume.channels, found, strict=True)
-    return [Layer(each, look.weakened(scene.opacity), threshold=scene.threshold) for each, look in looks]
+    return [Layer(each, look.weakened(scene.opacity), threshold=scene.threshold, clip=planes) for each, look in looks]
 
 
 def is_layered(scene: Scene, volume: Volume) -> bool:
@@ -70,7 +73,8 @@ def layers_of(scene: Scene, volume: Volume, transfer: Transfer) -> list[Layer]:
     layers = of_channels(scene, volume, transfer)
     for source in scene.layers:
         other = source.open()
-        layers += of_channels(source, other, source.transfer_for(other))
+        own = None if source.clip is None and not source.crop else source.cut(other).settings.clip
+        layers += of_channels(source, other, source.transfer_for(other), own)
     return layers
 
 
@@ -85,16 +89,16 @@ def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) 
     layers = layers_of(scene, volume, transfer)
     for layer in layers:
         _check_fits(how, scene, layer)
-    drawn = Layers(layers)
+    drawn, settings = Layers(layers, clip=scene.settings.clip), scene.settings.but(clip=())
     camera = scene.view.camera(volume, drawn)
     with how.renderer() as renderer:
         if how.explain:
-            for splats in drawn.splats(scene.settings):
-                print(f"{splats.name}:\n{renderer.plan(splats, camera, scene.settings).explain()}")
-        image = renderer.render(drawn, camera, scene.settings)
+            for splats, own in drawn.drawn(settings):
+                print(f"{splats.name}:\n{renderer.plan(splats, camera, own).explain()}")
+        image = renderer.render(drawn, camera, settings)
     if not image.info["splats"]:
         raise expected(scene.volume, "layers with an opacity", "none", "set the points to the values that matter")
-    return check_layers(image, drawn, camera, scene.settings, how.check)
+    return check_layers(image, drawn, camera, settings, how.check)
 
 
 def _check_fits(how: Drawing, scene: Scene, layer: Layer) -> None:

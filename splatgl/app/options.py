@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from splatgl.app.backgrounds import AUTO, CLEAR, background
-from splatgl.app.scene import Scene, View
+from splatgl.app.scene import Scene
+from splatgl.app.viewpoint import View
 from splatgl.data.errors import expected
 from splatgl.data.readers import LoadOptions
 from splatgl.data.readers.inside import inside
@@ -88,6 +89,7 @@ def add_drawing(parser: argparse.ArgumentParser, default: str = "auto") -> None:
     add_backend(parser, default)
     add_view(parser)
     add_transfer(parser)
+    add_cuts(parser)
     add_settings(parser)
 
 
@@ -106,6 +108,14 @@ def add_view(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--up", type=numbers(3), metavar="X,Y,Z", help="the direction drawn upwards (0,0,1)")
     group.add_argument("--orthographic", action="store_true", default=None, help="parallel rays")
     group.add_argument("--height", type=float, metavar="L", help="height of an orthographic picture, world units")
+
+
+def add_cuts(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of what is cut away."""
+    group = parser.add_argument_group("cuts")
+    about = "keep a part: x>0.3 of the volume's box, z<=30mm, x+y>1, or a point and a normal (repeatable)"
+    group.add_argument("--clip", action="append", metavar="CONDITION", help=about)
+    group.add_argument("--crop", metavar="A:B,C:D,E:F", help="keep these voxels along x, y, z, and fit the view")
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
@@ -175,6 +185,7 @@ def scene_from(args: argparse.Namespace) -> Scene:
     if args.like is not None:
         settings = Settings.like(args.like, **settings.given)
     found = replace(scene, view=view_of(args, scene.view), settings=settings.but(**_settings(args)))
+    found = replace(found, clip=found.clip if args.clip is None else tuple(args.clip), crop=args.crop or found.crop)
     return found if args.blend else found.blended()
 
 
@@ -186,12 +197,13 @@ def view_of(args: argparse.Namespace, view: View, size: tuple[int, int] | None =
 
 def _settings(args: argparse.Namespace) -> dict[str, Any]:
     """The fields of Settings that are given; a background that is to be chosen is none yet."""
-    given = _given(args, *(f.name for f in fields(Settings)))
+    given = _given(args, *(f.name for f in fields(Settings) if f.name not in CUTS))
     if given.get("background") in (AUTO, CLEAR):
         given["background"] = None
     return given
 
 
+CUTS = ("clip", "crop")
 TRANSFER = ("preset", "points", "gradient", "colormap", "window", "scale", "unit", "color_of", "window_of")
 
 

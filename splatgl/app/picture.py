@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -15,7 +15,8 @@ from splatgl import __version__
 from splatgl.app.backgrounds import AUTO, CLEAR, as_drawn, background, grounded
 from splatgl.app.options import BACKGROUNDS, size
 from splatgl.app.render import Drawing, draw, drawn, origin
-from splatgl.app.scene import Scene, View, typed
+from splatgl.app.scene import Scene
+from splatgl.app.viewpoint import View, typed
 from splatgl.data.arrays import ArrayOptions
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
@@ -76,8 +77,8 @@ def render(
     transfer: a Transfer, the name of a preset or of a file, or the fields of a Transfer.
     options: as on the command line, of the view (azimuth, elevation, zoom, fov, size, eye, look_at, up, orthographic,
     height), unless there is a camera, and of the settings (blend, antialias, background, …); points, gradient,
-    colormap, window; threshold, memory; those of `load` or `Volume.of` (spacing, array, …). background: linear RGB, or
-    a name or "#rrggbb"; none leaves the image transparent.
+    colormap, window; clip (a condition, plane, or several), crop; threshold, memory; those of `load` or `Volume.of`
+    (spacing, array, …). background: linear RGB, or a name or "#rrggbb"; none leaves the image transparent.
     Nothing is compared with float64; `check` does. Raises InputError for bad input, and if nothing is visible.
     """
     scene, memory = scene_of(x, transfer, camera, settings, options)
@@ -93,7 +94,7 @@ def picture(x: Any, scene: Scene, memory: int | None = None, seen: bool = False)
         image = drawn(how, scene, x, scene.view.camera(x, x))
         return Image(image.pixels, {**image.info, "version": __version__, "source": x.name})
     volume = scene.open()
-    chosen = scene.transfer_for(volume)
+    chosen, scene = scene.transfer_for(volume), scene.cut(volume)
     if seen and "background" not in scene.settings.given:
         scene = replace(scene, settings=grounded(scene.settings, AUTO, as_drawn(volume, chosen)))
     image = draw(how, scene, volume, chosen)
@@ -114,12 +115,12 @@ def scene_of(
 ) -> tuple[Scene, int | None]:
     """The scene of `x` and the arguments of `render`, and the memory to draw in. Of splats, all but the volume."""
     given = dict(options)
-    viewing = _taken(given, *(f.name for f in fields(View)))
+    viewing, cuts = _taken(given, *(f.name for f in fields(View))), _cuts(_taken(given, "clip", "crop"))
     drawing = _taken(given, *(f.name for f in fields(Settings)))
     classified = {**_transfer(transfer), **_taken(given, *TRANSFER)}
     threshold, memory = given.pop("threshold", None), given.pop("memory", None)
     if is_splats(x):
-        extra = [*classified, *given] + ["threshold"] * (threshold is not None)
+        extra = [*classified, *given, *cuts] + ["threshold"] * (threshold is not None)
         if extra:
             raise expected("splats", "a view and settings", ", ".join(extra), "extract them with these")
         scene: Scene = Scene(x.name)
@@ -133,6 +134,7 @@ def scene_of(
         scene = replace(scene, threshold=float(typed("threshold", threshold)))
     found = replace(
         scene,
+        **cuts,
         transfer={**scene.transfer, **classified},
         view=_view(scene.view, camera, viewing),
         settings=(scene.settings if settings is None else settings).but(**drawing),
@@ -158,6 +160,17 @@ def _source(x: Any, given: dict[str, Any]) -> Scene:
     toml = path.endswith(".toml") and not is_address(path)
     scene = Scene.from_toml(Path(path)) if toml else Scene(path)
     return replace(scene, load={**scene.load, **given}) if path not in SCENES or given else scene
+
+
+def _cuts(given: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a scene of what is cut away."""
+    found: dict[str, Any] = {"crop": given["crop"]} if "crop" in given else {}
+    if not isinstance(found.get("crop", ""), str):
+        raise expected("crop", "A:B,C:D,E:F, voxels along x, y and z", repr(found["crop"])[:80])
+    clip = given.get("clip", ())
+    if isinstance(clip, str) or not isinstance(clip, Iterable):
+        clip = (clip,)
+    return {**found, "clip": tuple(clip)} if "clip" in given else found
 
 
 def _view(view: View, camera: Camera | None, given: dict[str, Any]) -> View:

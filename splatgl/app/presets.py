@@ -54,7 +54,8 @@ def run(args: argparse.Namespace) -> int:
     check_output(output, (".png",))
     scene = scene_from_source(args)
     scene = replace(scene, view=view_of(args, scene.view, (SIDE, SIDE)))
-    volume = smaller(scene.open())
+    volume = scene.open()
+    scene, volume = scene.cut(volume), smaller(volume)
     looks = {DEFAULT: (default_transfer(volume), scene.settings), **dict(looks_of(volume, scene.settings))}
     from splatgl.data.image import write_whole
     from splatgl.gl.renderer import Renderer

@@ -143,7 +143,7 @@ def run(args: argparse.Namespace) -> int:
     volume = scene.open()
     tell(volume, args.quiet, channels=not on_workers)
     transfer = scene.transfer_for(volume)
-    scene = backed(args, scene, as_drawn(volume, transfer), output, reference.image if reference else None)
+    scene = backed(args, scene.cut(volume), as_drawn(volume, transfer), output, reference.image if reference else None)
     if on_workers:
         image = _on_workers(args, scene, volume, transfer)
     else:

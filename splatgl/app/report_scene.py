@@ -37,7 +37,7 @@ def subject(source: str, level: Level) -> Subject:
     """The scene of a source, downsampled until it has at most as many splats as the level allows."""
     scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
     volume = scene.open()
-    transfer = scene.transfer_for(volume)
+    transfer, scene = scene.transfer_for(volume), scene.cut(volume)
     # keep the unit length of opacities when voxels are merged
     transfer = replace(transfer, unit=transfer.unit or float(abs(_volume_of_voxel(volume)) ** (1 / 3)))
     splats = extract(volume, transfer, scene.threshold, classification="pre")

@@ -2,33 +2,30 @@
 
 volume = "head.nii.gz"          # beside the scene file, or the name of a built-in scene
 threshold = 0.0
+clip = ["x>0.3", "z>=30mm"]     # what is kept; crop = "10:90,:,:" in voxels
 [load]                          # as LoadOptions
 [transfer]                      # preset = "…", or points, colormap, window, scale, unit, gradient, shading
 [camera]                        # size, azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
 [settings]                      # as Settings
-[[layer]]                       # more volumes: volume, threshold, opacity, [layer.load], [layer.transfer]
+[[layer]]                       # more volumes: volume, threshold, opacity, clip, crop, [layer.load], [layer.transfer]
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
-from math import inf
-from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from splatgl.app.stacks import FLAT, seen_along_z
+from splatgl.app.stacks import seen_along_z
+from splatgl.app.viewpoint import Fitted, View, typed
 from splatgl.data.errors import InputError, expected
 from splatgl.data.readers import LoadOptions, load
 from splatgl.data.readers.remote import is_address
 from splatgl.data.scenes import SCENES
-from splatgl.data.toml import load_table
-from splatgl.data.volume import Hints, Triple, Volume
+from splatgl.data.toml import load_table, toml_value
+from splatgl.data.volume import Volume
 from splatgl.splat.classification.presets import default_transfer, label_transfer, logarithmic, preset, preset_named
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.settings import Settings
@@ -37,7 +34,6 @@ from splatgl.splat.plan.settings import Settings
 if TYPE_CHECKING:
     from splatgl.splat.extraction.extract import Progress
     from splatgl.splat.extraction.splats import Splats
-    from splatgl.splat.view.camera import Bounded, Camera
 
 # the types of a scene file's keys
 KEYS: dict[str, tuple[type, ...]] = {
@@ -48,76 +44,21 @@ KEYS: dict[str, tuple[type, ...]] = {
     "camera": (dict,),
     "settings": (dict,),
     "opacity": (int, float),
+    "clip": (list,),
+    "crop": (str,),
     "layer": (list,),
 }
 # keys of a transfer function that are of channels: pairs of a channel and a colour, or a window
 OF_CHANNELS = ("color_of", "window_of")
 # the keys of a layer
-LAYER = ("volume", "threshold", "load", "transfer", "opacity")
-# number of components of camera keys; the others have one, and `orthographic` is true or false
-VIEW_COUNTS = {"size": 2, "eye": 3, "look_at": 3, "up": 3}
-AZIMUTH, ELEVATION, ELEVATION_FLAT, FOV = 30.0, 20.0, 60.0, 40.0
-
-
-@dataclass(frozen=True)
-class View:
-    """Camera parameters; those that are None come from the volume's hints, anatomy or shape."""
-
-    size: tuple[int, int] = (512, 512)
-    azimuth: float | None = None
-    elevation: float | None = None
-    fov: float | None = None
-    zoom: float | None = None
-    eye: Triple | None = None
-    look_at: Triple | None = None
-    up: Triple | None = None
-    orthographic: bool = False
-    height: float | None = None
-
-    def orbit(self, volume: Volume | Splats) -> tuple[float, float] | None:
-        """Azimuth and elevation about the middle of what is visible; None if the view is that from an eye."""
-        hints = volume.hints if isinstance(volume, Volume) else Hints()
-        orbits = any(x is not None for x in (self.azimuth, self.elevation, self.zoom))
-        if self.eye is not None or (hints.eye is not None and not orbits):
-            return None
-        azimuth, elevation = _default_orbit(volume)
-        return _first(self.azimuth, hints.azimuth, azimuth), _first(self.elevation, hints.elevation, elevation)
-
-    def camera(self, volume: Volume | Splats, subject: Bounded) -> Camera:
-        """The camera; an orbit is fitted to what is visible of `subject`. volume: has hints, or is splats without."""
-        from splatgl.splat.bricks.opaque import Opaque
-        from splatgl.splat.extraction.splats import Splats
-        from splatgl.splat.view.camera import Camera
-
-        if isinstance(subject, Splats) and subject.post is not None:
-            known = volume if isinstance(volume, Volume) else subject.source and subject.source.volume
-            subject = Opaque(known, subject.post.transfer) if known else subject
-        hints = volume.hints if isinstance(volume, Volume) else Hints()
-        fov = _first(self.fov, hints.fov, FOV)
-        orbit = self.orbit(volume)
-        if orbit is None:
-            target = _first(self.look_at, hints.target if self.eye is None else None, tuple(_center(volume)))
-            up = _first(self.up, hints.up, (0.0, 0.0, 1.0))
-            camera = Camera.look_at(_first(self.eye, hints.eye), target, up, fov, self.size)
-        else:
-            if self.look_at is not None:
-                raise expected("look_at", "an eye that looks there", "none", "give --eye too")
-            camera = Camera.orbit(
-                subject,
-                *orbit,
-                fov,
-                self.size,
-                _first(self.zoom, 1.0),
-                _first(self.up, hints.up, (0.0, 0.0, 1.0)),
-            )
-        parallel = self.orthographic or self.height is not None
-        return camera.parallel(subject, self.height) if parallel else camera
+LAYER = ("volume", "threshold", "load", "transfer", "opacity", "clip", "crop")
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A complete description of an image to render. opacity: factor of the transfer function's opacities. layers: more
-    volumes in it, of which view and settings are not read.
+    """A complete description of an image to render. opacity: factor of the transfer function's opacities. clip:
+    conditions of what is kept; of a layer None, those of the scene. crop: its part in voxels, which the view is fitted
+    to. layers: more volumes in it, of which view and settings are not read.
     """
 
     volume: str
@@ -127,6 +68,8 @@ class Scene:
     settings: Settings = field(default_factory=Settings)
     threshold: float = 0.0
     opacity: float = 1.0
+    clip: tuple[str, ...] | None = None
+    crop: str = ""
     layers: tuple[Scene, ...] = ()
 
     @classmethod
@@ -168,7 +111,10 @@ class Scene:
             LoadOptions(**reading)
         if not 0 <= table.get("opacity", 1) <= 1:
             raise expected(f"{what}: opacity", "a factor from 0 to 1", table["opacity"])
-        scene = cls(source, reading, table.get("transfer", {}))
+        clip = tuple(table["clip"]) if "clip" in table else None
+        if not all(isinstance(each, str) for each in clip or ()):
+            raise expected(f"{what}: clip", "conditions, each in quotes", repr(table["clip"])[:80])
+        scene = cls(source, reading, table.get("transfer", {}), clip=clip, crop=table.get("crop", ""))
         return replace(scene, threshold=float(table.get("threshold", 0.0)), opacity=float(table.get("opacity", 1.0)))
 
     def to_toml(self, folder: Path) -> str:
@@ -188,14 +134,16 @@ class Scene:
         reading = dict(self.load)
         if isinstance(reading.get("color"), str):
             reading["color"] = _relative(reading["color"], folder)
-        lines = [f"volume = {_toml('volume', self.volume if known else _relative(self.volume, folder))}"]
+        lines = [f"volume = {toml_value('volume', self.volume if known else _relative(self.volume, folder))}"]
         for name, value, default in (("threshold", self.threshold, 0.0), ("opacity", self.opacity, 1.0)):
             if value != default:
-                lines.append(f"{name} = {_toml(name, float(value))}")
+                lines.append(f"{name} = {toml_value(name, float(value))}")
+        lines += [] if self.clip is None else [f"clip = {toml_value('clip', self.clip)}"]
+        lines += [f"crop = {toml_value('crop', self.crop)}"] if self.crop else []
         for name, table in {"load": reading, "transfer": self.transfer, **more}.items():
             given = {key: value for key, value in table.items() if value is not None}
             lines += ["", f"[{prefix}{name}]"] if given else []
-            lines += [f"{key} = {_toml(f'{name} {key}', value)}" for key, value in given.items()]
+            lines += [f"{key} = {toml_value(f'{name} {key}', value)}" for key, value in given.items()]
         return lines
 
     def anywhere(self) -> Scene:
@@ -220,6 +168,18 @@ class Scene:
         if view.eye is not None or view.up is not None:
             return volume
         return seen_along_z(volume, told=view.azimuth is None and view.elevation is None)
+
+    def cut(self, volume: Volume) -> Scene:
+        """The scene with the planes of `clip` and `crop` in its settings, and a view fitted to what crop leaves."""
+        if not (self.clip or self.crop):
+            return self
+        from splatgl.splat.view.cuts import Box, Part, crop_planes, left, planes_of
+
+        around = crop_planes(self.crop, volume) if self.crop else ()
+        found = planes_of(self.clip or (), Box.of([volume]))
+        settings = self.settings.but(clip=(*self.settings.clip, *found, *around))
+        view = Fitted.of(self.view, Part(left(around, volume.corners))) if around else self.view
+        return replace(self, clip=None, crop="", settings=settings, view=view)
 
     def splats(
         self, volume: Volume, transfer: Transfer, progress: Progress | None = None, moving: bool = False
@@ -275,38 +235,6 @@ def _told(record: View) -> dict[str, Any]:
     return {f.name: values[f.name] for f in fields(record) if values[f.name] != f.default}
 
 
-def _toml(what: str, value: Any) -> str:
-    """A string, number, boolean, or sequence of them as TOML."""
-    if isinstance(value, str):
-        # JSON escapes everything that TOML requires, except DEL
-        text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-        if any("\ud800" <= letter <= "\udfff" for letter in text):
-            raise expected(what, "text that TOML can hold", repr(value)[:80])
-        return text
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, Integral):
-        return str(int(value))
-    if isinstance(value, Real):
-        return repr(float(value))
-    if isinstance(value, Sequence):
-        return "[" + ", ".join(_toml(what, part) for part in value) + "]"
-    raise expected(what, "text, numbers or lists of them", type(value).__name__)
-
-
-def _center(volume: Volume | Splats) -> np.ndarray:
-    """Centre of the box of samples, or of splats, world units."""
-    return volume.center if isinstance(volume, Volume) else np.asarray(volume.corners.mean(axis=0))
-
-
-def _default_orbit(volume: Volume | Splats) -> tuple[float, float]:
-    """Default azimuth and elevation: anatomy from the front, volumes thinner than FLAT of their width from above."""
-    extent = volume.corners.max(axis=0) - volume.corners.min(axis=0)
-    elevation = ELEVATION_FLAT if extent[2] < FLAT * min(extent[0], extent[1]) else ELEVATION
-    # in RAS the front is +y, in LPS it is −y
-    return (180.0 + AZIMUTH if getattr(volume, "frame", None) == "RAS" else AZIMUTH), elevation
-
-
 @contextmanager
 def _named(what: str) -> Iterator[None]:
     """Adds the location of an invalid value to its error."""
@@ -314,26 +242,6 @@ def _named(what: str) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(f"{what}: {error}") from error
-
-
-def typed(name: str, value: Any) -> Any:
-    """Type-checked value of a camera key; lists become tuples."""
-    if name == "orthographic":
-        fine, this = isinstance(value, bool), "true or false"
-    else:
-        count = VIEW_COUNTS.get(name)
-        numbers: list[Any] = value if count and isinstance(value, list) else [value] * (not count)
-        kind: Any = int if name == "size" else (int, float)
-        fine = len(numbers) == (count or 1)
-        fine = fine and all(isinstance(n, kind) and not isinstance(n, bool) and abs(n) < inf for n in numbers)
-        this = f"{count or 'one'} {'whole' if name == 'size' else 'finite'} number{'s' if count else ''}"
-    if not fine:
-        raise expected(name, this, repr(value)[:80])
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _first(*values: Any) -> Any:
-    return next((value for value in values if value is not None), None)
 
 
 def _check_keys(what: str, table: Mapping[str, Any], known: set[str]) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from splatgl.app.scene import FOV, Scene
+from splatgl.app.scene import Scene
+from splatgl.app.viewpoint import FOV
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.image import Image
 from splatgl.data.picture_files import JPEG

@@ -21,7 +21,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from splatgl.app.scene import VIEW_COUNTS, View, typed
+from splatgl.app.viewpoint import VIEW_COUNTS, View, typed
 from splatgl.data.errors import InputError, expected
 from splatgl.data.toml import load_table
 from splatgl.data.volume import Volume

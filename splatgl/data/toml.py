@@ -1,8 +1,11 @@
-"""Reads TOML tables from untrusted files: regular files only, with limited size and nesting."""
+"""Reads TOML tables from untrusted files: regular files only, with limited size and nesting; and writes values."""
 
 from __future__ import annotations
 
+import json
 import tomllib
+from collections.abc import Sequence
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -34,3 +37,22 @@ def parse_table(text: str, expectation: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         # ValueError: bad TOML, invalid dates, and integers too long to convert
         raise InputError(f"{expectation}, got {' '.join(str(error).split())}") from error
+
+
+def toml_value(what: str, value: Any) -> str:
+    """A string, number, boolean, or sequence of them as TOML. Raises InputError for what TOML cannot hold."""
+    if isinstance(value, str):
+        # JSON escapes everything that TOML requires, except DEL
+        text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        if any("\ud800" <= letter <= "\udfff" for letter in text):
+            raise expected(what, "text that TOML can hold", repr(value)[:80])
+        return text
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, Integral):
+        return str(int(value))
+    if isinstance(value, Real):
+        return repr(float(value))
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(toml_value(what, part) for part in value) + "]"
+    raise expected(what, "text, numbers or lists of them", type(value).__name__)

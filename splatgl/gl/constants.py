@@ -10,7 +10,7 @@ from splatgl.splat.integral import approximations, attenuation
 from splatgl.splat.motion import blur_table, motion, motion_opacity
 from splatgl.splat.plan import tiling
 from splatgl.splat.sheets import sheets
-from splatgl.splat.view import block_culling, eye_near, screen_bounds
+from splatgl.splat.view import block_culling, clip, eye_near, screen_bounds
 
 # splats per row of the placed textures, and groups of four entries per row of the tile list
 ABREAST, LISTED = 1024, 2048
@@ -33,6 +33,7 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "COLUMNS": tiling.COLUMNS,
     "DENSE": motion_opacity.DENSE,
     "DENSEST": motion_opacity.DENSEST,
+    "FACE": clip.FACE,
     "FAR": motion.FAR,
     "FIRST_ORDER": approximations.FIRST_ORDER,
     "GRAZING": attenuation.GRAZING,
@@ -42,6 +43,7 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "LEAST": motion_opacity.LEAST,
     "LEAST_MASS": sheets.LEAST_MASS,
     "LISTED": np.uint32(LISTED),
+    "MOST_CLIPS": clip.MOST_CLIPS,
     "MOST_DOUBLINGS": tiling.MOST_DOUBLINGS,
     "NEAREST": motion.NEAREST,
     "NOWHERE": np.uint32(NOWHERE),

@@ -31,18 +31,17 @@ def render_scene(
     blends their pictures add up. No error bound is known. Raises InputError for settings that composite splat by splat.
     """
     started = time.perf_counter()
-    extracted = scene.splats(settings)
-    splats = [each for each in extracted if len(each)]
-    if len(splats) < 2:
-        return renderer.render((splats or extracted)[0], camera, settings, interrupted=interrupted)
+    drawn = common_samples(scene.drawn(settings), camera, settings)
+    if len(drawn) == 1:
+        return renderer.render(drawn[0][0], camera, drawn[0][1], interrupted=interrupted)
+    splats = [each for each, _ in drawn]
     if BLENDS[settings.blend].ordered:
-        settings = common_samples(splats, camera, settings)
-        layers = [_planned(renderer, each, camera, settings) for each in splats]
+        layers = [_planned(renderer, each, camera, own) for each, own in drawn]
         pixels = renderer.draw_layers(layers, interrupted)
         info: Mapping[str, object] = renderer.provenance(layers[0][0], camera, layers[0][1], 0.0)
     else:
-        alone = settings.but(background=None)
-        found = [renderer.render(each, camera, alone, None, False, interrupted) for each in splats]
+        alone = [(each, own.but(background=None)) for each, own in drawn]
+        found = [renderer.render(each, camera, own, None, False, interrupted) for each, own in alone]
         pixels, info = joined([each.pixels for each in found], settings), found[0].info
     told = {
         "scene": " + ".join(each.name for each in splats),

@@ -53,6 +53,7 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         # values are means by shares of the peak
         "PEAK": look.blend.peak or look.steps > 0,
         **({"SHEETS": look.sheets, "STEPS": look.steps, "WEIGHTED": look.weighted} if look.sheets else {}),
+        **({"CLIPPED": True} if look.clipped else {}),
         "ATTENUATION": f"ATTENUATION_{look.attenuation.upper().replace('-', '_')}",
         **({"PACKED": True} if program.packed else {}),
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",

@@ -13,6 +13,7 @@ from splatgl.gl.uniforms import base_of
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.sheets.sheets import index_direction
+from splatgl.splat.view.clip import MOST_CLIPS, Clip
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 
@@ -50,7 +51,18 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
             "box_low": tuple(-0.5 - view.eye_index),
             "box_high": tuple(np.array(post.shape) - 0.5 - view.eye_index),
         }
+    if plan.resolved.clip is not None:
+        found |= clip_uniforms(plan.resolved.clip, view)
     return found
+
+
+def clip_uniforms(clip: Clip, view: View) -> Uniforms:
+    """The planes of sheet_close.glsl, from the eye."""
+    rows = np.zeros((MOST_CLIPS, 4))
+    rows[: len(clip.g)] = np.column_stack([clip.g, clip.place - clip.g @ view.eye_index])
+    normals = np.zeros((MOST_CLIPS, 3))
+    normals[: len(clip.g)] = clip.normal
+    return {"clips": len(clip.g), "clip": [*map(tuple, rows)], "clip_normal": [*map(tuple, normals)]}
 
 
 def window_edges(view: View, window: Window) -> tuple[float, ...]:

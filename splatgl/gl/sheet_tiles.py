@@ -34,6 +34,8 @@ RINGS = 5
 RING = 26
 # most list entries of a tile per dispatch: with the sheets that follow each other, loop iterations stay below 65535
 MOST_ENTRIES = 30_000
+# voxels beyond a plane on which what it keeps may depend: a kernel's reach, and that of sheets
+AROUND_CUT = 6
 # most pixels per band: open sheets of pictures drawn in several passes take 4 RING bytes a pixel
 MOST_PIXELS = 2**20
 
@@ -119,7 +121,11 @@ class SheetTiles(Tiles):
         across = -(-window.width // COLUMNS)
         frustum = Frustum.of(plan.view)
 
+        clip = plan.resolved.clip
+
         def seen(low: np.ndarray, high: np.ndarray) -> bool:
+            if clip is not None and not clip.meets(low - AROUND_CUT, high + AROUND_CUT):
+                return False
             if not shown(np.concatenate([low + high, high - low])[None] / 2, frustum)[0]:
                 return False
             x, y, width, height = screen_bounds(corners_of(low, high), plan.view).window.box

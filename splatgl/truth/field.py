@@ -17,7 +17,7 @@ from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.classification.shading import AMBIENT, DIFFUSE
+from splatgl.splat.classification.shading import surface_light
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.post import PREFILTERED, gradients, needed, prefiltered
 from splatgl.splat.extraction.splats import Grid, Splats
@@ -28,6 +28,7 @@ from splatgl.splat.plan.resolve import Resolved
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.clip import FACE, Clip
 from splatgl.splat.view.view import View
 from splatgl.truth.blend import classified, joined, joined_value, over_background
 from splatgl.truth.integral import OPAQUE, distances, samples_of, spread
@@ -121,8 +122,10 @@ class Marched:
     unit: float
     shading: bool
 
-    def light(self, places: np.ndarray, toward: np.ndarray) -> np.ndarray:
-        """[P, 4]: colour, and extinction per mean spacing, at grid positions [3, P]; toward [P, 3]: ray, world axes."""
+    def light(self, places: np.ndarray, toward: np.ndarray, face: np.ndarray | None) -> np.ndarray:
+        """[P, 4]: colour, and extinction per mean spacing, at grid positions [3, P]; toward [P, 3]: ray, world axes.
+        face [P, 3]: normals that replace the field's; 0 where they don't.
+        """
         found = np.empty((places.shape[1], 4))
         for first in range(0, len(found), POINTS):
             some = slice(first, first + POINTS)
@@ -132,8 +135,10 @@ class Marched:
             opacity = self.transfer.opacity(value) * self.transfer.weight(size)
             found[some, 3] = self.transfer.extinction(opacity, self.unit) * self.spacing
             if self.shading:
-                cosine = np.abs((gradient * toward[some]).sum(axis=1)) / np.where(size > 0, size, 1.0)
-                found[some, :3] *= np.where(size > 0, AMBIENT + DIFFUSE * np.minimum(cosine, 1.0), 1.0)[:, None]
+                if face is not None:
+                    cut = face[some]
+                    gradient = np.where((cut != 0).any(axis=1, keepdims=True), cut, gradient)
+                found[some, :3] *= surface_light(gradient, toward[some])[:, None]
         return found
 
 
@@ -147,12 +152,15 @@ class PixelRays:
     camera: Camera
     samples: int
     shape: tuple[int, int, int]
+    clip: Clip | None = None
 
     @classmethod
-    def of(cls, grid: Grid, camera: Camera, samples: int, shape: tuple[int, int, int]) -> PixelRays:
+    def of(
+        cls, grid: Grid, camera: Camera, samples: int, shape: tuple[int, int, int], clip: Clip | None = None
+    ) -> PixelRays:
         """Without antialiasing of its own."""
         fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
-        return cls(View.of(grid, fine, kernel_named("b-spline"), antialias=False), fine, samples, shape)
+        return cls(View.of(grid, fine, kernel_named("b-spline"), antialias=False), fine, samples, shape, clip)
 
     def means(self, marched: Marched, pixels: np.ndarray, steps: int, blend: str) -> np.ndarray:
         """float64 [P, 4]: means over pixels [P], numbered row by row from the top."""
@@ -160,7 +168,8 @@ class PixelRays:
         mode = BLENDS[blend]
         march = partial(_one_value, mode.join) if mode.one_value else partial(_march, mode.unbounded)
         groups = np.split(rays, range(RAYS, len(rays), RAYS))
-        drawn = [march(marched, Rays.of(self.view, self.camera, self.shape, group), steps) for group in groups]
+        cut = [Rays.of(self.view, self.camera, self.shape, group, self.clip) for group in groups]
+        drawn = [march(marched, each, steps) for each in cut]
         return np.asarray(np.concatenate(drawn).reshape(len(pixels), -1, 4).mean(axis=1))
 
 
@@ -228,7 +237,8 @@ def kept_field_integral(
     free = distances(spread(kept, np.arange(-1, 2)))
     resolved = Resolved.of(ahead(splats, camera), camera, settings)
     marched = Marched(field, post.transfer, free, splats.grid.mean_spacing, splats.unit, resolved.look.shading)
-    drawn = PixelRays.of(splats.grid, camera, samples, post.shape).means(marched, pixels, STEPS, settings.blend)
+    rays = PixelRays.of(splats.grid, camera, samples, post.shape, resolved.clip)
+    drawn = rays.means(marched, pixels, STEPS, settings.blend)
     return over_background(drawn, resolved)
 
 
@@ -270,7 +280,11 @@ def _march(sums: bool, marched: Marched, rays: Rays, steps: int) -> np.ndarray:
         x, y, z = np.clip(np.rint(places), 0, last).astype(np.int64)
         free = marched.free[z, y, x]
         some = np.flatnonzero(free == 0)
-        found = marched.light(places[:, some], rays.toward[on[some]])
+        face = rays.face
+        if face is not None:
+            near = np.asarray((slab[on[some]] + 0.5) * step[on[some]] < FACE)
+            face = np.where(near[:, None], face[on[some]], 0.0)
+        found = marched.light(places[:, some], rays.toward[on[some]], face)
         through = found[:, 3] * length[on[some]]
         passed = through if sums else np.exp(-depth[on[some]]) * -np.expm1(-through)
         light[on[some]] += passed[:, None] * found[:, :3]

@@ -42,11 +42,10 @@ class LayerScene:
         return [self.part(window) for window in windows]
 
 
-def layers_of(scene: Scene, camera: Camera, settings: Settings) -> tuple[list[Splats], Settings]:
-    """The splats of layers that have any, and the settings by which all have as many samples a pixel."""
-    splats = [suited(each, settings, moving=False) for each in scene.splats(settings)]
-    drawn = [ahead(each, camera) for each in splats if len(each)]
-    return drawn, common_samples(drawn, camera, settings)
+def layers_of(scene: Scene, camera: Camera, settings: Settings) -> list[tuple[Splats, Settings]]:
+    """The splats of layers that have any, or of the first, with settings by which all have as many samples a pixel."""
+    drawn = common_samples(scene.drawn(settings), camera, settings)
+    return [(ahead(suited(each, own, moving=False), camera), own) for each, own in drawn]
 
 
 def resolved_layer(splats: Splats, camera: Camera, settings: Settings) -> Resolved:

@@ -1,4 +1,4 @@
-"""Rays of pixels in index space, clipped to a volume's box."""
+"""Rays of pixels in index space, clipped to a volume's box and by planes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.clip import Clip
 from splatgl.splat.view.view import View
 
 
@@ -15,7 +16,8 @@ class Rays:
     """Of pixels [P]. start, direction [3, P]: grid indices; unit vectors of index space.
 
     near, far [P]: distances from the start between which a ray is in the box, equal if nowhere. stretch [P]: mean
-    spacings per index unit along the ray. toward [P, 3]: unit vectors along it in world axes.
+    spacings per index unit along the ray. toward [P, 3]: unit vectors along it in world axes. face [P, 3]: normal of
+    the plane that cuts its beginning off, world axes, 0 without one; None: no plane cuts any.
     """
 
     start: np.ndarray
@@ -24,10 +26,13 @@ class Rays:
     far: np.ndarray
     stretch: np.ndarray
     toward: np.ndarray
+    face: np.ndarray | None = None
 
     @classmethod
-    def of(cls, view: View, camera: Camera, shape: tuple[int, int, int], pixel: np.ndarray) -> Rays:
-        """Rays of `camera`'s pixels; the box holds the cells of `shape` voxels along x, y, z."""
+    def of(
+        cls, view: View, camera: Camera, shape: tuple[int, int, int], pixel: np.ndarray, clip: Clip | None = None
+    ) -> Rays:
+        """Rays of `camera`'s pixels; the box holds the cells of `shape` voxels along x, y, z. clip: cuts them."""
         row, column = np.divmod(pixel, camera.size[0])
         across = (column + 0.5 - camera.size[0] / 2) * view.pitch
         down = (row + 0.5 - camera.size[1] / 2) * view.pitch
@@ -48,8 +53,13 @@ class Rays:
         far = np.where(still, np.where(inside, np.inf, -np.inf), ends.max(axis=0)).min(axis=0)
         # a parallel view begins at its eye's plane, too
         near = np.maximum(near, 0.0)
-        hit = far > near
         toward = (camera.eye_from_world.T @ along).T
         toward = toward / np.linalg.norm(toward, axis=1, keepdims=True)
+        face = None
+        if clip is not None:
+            enters, leaves, plane = clip.along(start, direction)
+            face = np.where((enters > near)[:, None], clip.normal[plane], 0.0)
+            near, far = np.maximum(near, enters), np.minimum(far, leaves)
+        hit = far > near
         stretch = np.linalg.norm(along, axis=0) / speed
-        return cls(start, direction, np.where(hit, near, 0.0), np.where(hit, far, 0.0), stretch, toward)
+        return cls(start, direction, np.where(hit, near, 0.0), np.where(hit, far, 0.0), stretch, toward, face)

@@ -60,10 +60,10 @@ def render(
     started = time.perf_counter()
     settings = settings or Settings()
     if isinstance(splats, Scene):
-        drawn, settings = layers_of(splats, camera, settings)
+        drawn = layers_of(splats, camera, settings)
         if len(drawn) > 1:
             return _render_layers(drawn, camera, settings, progress)
-        splats = (drawn or splats.splats(settings))[0]
+        splats, settings = drawn[0]
     if row != "row1":
         settings = settings.but(classification="pre", compositing="splats")
     splats = ahead(suited(splats, settings, moving=False), camera)
@@ -72,20 +72,22 @@ def render(
     return Image(picture, _provenance(splats, camera, resolved, row, time.perf_counter() - started))
 
 
-def _render_layers(layers: Sequence[Splats], camera: Camera, settings: Settings, progress: Progress | None) -> Image:
+def _render_layers(
+    layers: Sequence[tuple[Splats, Settings]], camera: Camera, settings: Settings, progress: Progress | None
+) -> Image:
     """The same of several layers."""
     started = time.perf_counter()
     if BLENDS[settings.blend].ordered:
-        resolved = [resolved_layer(each, camera, settings) for each in layers]
-        scene = LayerScene([sheet_scene(each, found) for each, found in zip(layers, resolved, strict=True)])
+        resolved = [resolved_layer(each, camera, own) for each, own in layers]
+        scene = LayerScene([sheet_scene(each, found) for (each, _), found in zip(layers, resolved, strict=True)])
         picture, first = _drawn_in_bands(scene, resolved[0], progress), resolved[0]
     else:
-        alone = settings.but(background=None)
-        picture = joined([render(each, camera, alone, progress=progress).pixels for each in layers], settings)
-        first = Resolved.of(layers[0], camera, settings)
-    told = _provenance(layers[0], camera, first, "row1", time.perf_counter() - started)
-    names = [each.name for each in layers]
-    return Image(picture, {**told, "layers": names, "splats": sum(map(len, layers))})
+        alone = [(each, own.but(background=None)) for each, own in layers]
+        picture = joined([render(each, camera, own, progress=progress).pixels for each, own in alone], settings)
+        first = Resolved.of(layers[0][0], camera, settings)
+    told = _provenance(layers[0][0], camera, first, "row1", time.perf_counter() - started)
+    splats = [each for each, _ in layers]
+    return Image(picture, {**told, "layers": [each.name for each in splats], "splats": sum(map(len, splats))})
 
 
 def _drawn_in_bands(
@@ -106,25 +108,25 @@ def render_windows(
 ) -> list[np.ndarray]:
     """Windows of pixels of the same image, float64 [h, w, 4]: enough to check another image of many splats."""
     if isinstance(splats, Scene):
-        drawn, settings = layers_of(splats, camera, settings)
+        drawn = layers_of(splats, camera, settings)
         if len(drawn) > 1:
             return _layer_windows(drawn, camera, settings, windows)
-        splats = (drawn or splats.splats(settings))[0]
+        splats, settings = drawn[0]
     splats = ahead(suited(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
     return _windows(_scene(_reaching(splats, resolved, windows), resolved, "row1"), resolved, windows)
 
 
 def _layer_windows(
-    layers: Sequence[Splats], camera: Camera, settings: Settings, windows: Sequence[Window]
+    layers: Sequence[tuple[Splats, Settings]], camera: Camera, settings: Settings, windows: Sequence[Window]
 ) -> list[np.ndarray]:
     """The same of several layers."""
     if not BLENDS[settings.blend].ordered:
-        alone = settings.but(background=None)
-        parts = [render_windows(each, camera, alone, windows) for each in layers]
+        alone = [(each, own.but(background=None)) for each, own in layers]
+        parts = [render_windows(each, camera, own, windows) for each, own in alone]
         return [joined(part, settings) for part in zip(*parts, strict=True)]
-    resolved = [resolved_layer(each, camera, settings) for each in layers]
-    near = [_reaching(each, found, windows) for each, found in zip(layers, resolved, strict=True)]
+    resolved = [resolved_layer(each, camera, own) for each, own in layers]
+    near = [_reaching(each, found, windows) for (each, _), found in zip(layers, resolved, strict=True)]
     some = [(each, found) for each, found in zip(near, resolved, strict=True) if len(each)]
     if not some:
         return _windows(sheet_scene(near[0], resolved[0]), resolved[0], windows)

@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.classification.shading import AMBIENT, DIFFUSE, head_light
+from splatgl.splat.classification.shading import head_light, surface_light
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.tabulated import tabulated
 from splatgl.splat.plan.blend_mode import BlendMode
 from splatgl.splat.plan.resolve import Resolved
 from splatgl.splat.sheets.sheets import LEAST_MASS, Sheets, index_direction
 from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.clip import FACE
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 from splatgl.truth.blend import classified, joined, joined_value
@@ -89,14 +90,14 @@ class SheetScene:
     def _classified(self, sums: np.ndarray, windows: Sequence[Window]) -> np.ndarray:
         assert self.field is not None
         places = np.concatenate([_pixels(window, self.camera) for window in windows])
-        rays = Rays.of(self.view, self.camera, self.field.post.shape, places)
+        rays = Rays.of(self.view, self.camera, self.field.post.shape, places, self.resolved.clip)
         return self.field.composited(sums, rays, self.first, self.sheets)
 
     def pieces(self, window: Window) -> Pieces:
         """What a window's pixels see of the scene, in pieces along their rays."""
         sums, places = self._sums(window), _pixels(window, self.camera)
         shape = (1, 1, 1) if self.field is None else self.field.post.shape
-        rays = Rays.of(self.view, self.camera, shape, places)
+        rays = Rays.of(self.view, self.camera, shape, places, self.resolved.clip)
         if self.field is None:
             # a sheet lies in the middle of its matter
             middle = self.first + np.arange(self.many)[None, :, None] + np.zeros((len(sums), 1, 1))
@@ -108,7 +109,7 @@ class SheetScene:
             # a piece for each part, also where nothing is known
             ends[:, n] = part.sheet + (n % self.sheets.steps) / self.sheets.steps
             ends[part.pixel, n] = part.sheet + np.stack(part.ends, axis=1)
-            matter[part.pixel, n] = self.field.matter(part)
+            matter[part.pixel, n] = self.field.matter(part, rays)
         return Pieces(self._depths(rays, ends), matter)
 
     def _depths(self, rays: Rays, places: np.ndarray) -> np.ndarray:
@@ -187,9 +188,9 @@ class _Field:
                 value = (part.begin[:, 0] + part.end[:, 0]) / 2
                 light[at] = joined(light[at], value, part.ends[1] - part.ends[0], self.blend.join)
             elif self.blend.unbounded:
-                light[at] += self.matter(part)
+                light[at] += self.matter(part, rays)
             else:
-                light[at] = behind(light[at], self.matter(part))
+                light[at] = behind(light[at], self.matter(part, rays))
         if not self.blend.one_value:
             return light
         return classified(self.post.transfer, self.post.value(joined_value(light, self.blend.join)))
@@ -215,38 +216,44 @@ class _Field:
             some = np.flatnonzero((valid | known) & seen())
             # the part within the box
             low, high = (np.clip(end[some] - (first + n - 1), 0.0, 1.0) for end in (near, far))
+            face = near[some] - (first + n - 1) + FACE / sheets.thickness
             for i in range(sheets.steps):
                 ends = [np.clip((i + end) / sheets.steps, low, high) for end in (0, 1)]
                 begin, end = (start[some] * (1 - at[:, None]) + mean[some] * at[:, None] for at in ends)
-                yield _Part(some, first + n - 1, (ends[0], ends[1]), begin, end, stretch[some], rays.toward[some])
+                length = ends[1] - ends[0]
+                faced = np.clip(face - ends[0], 0.0, length) / np.where(length > 0, length, 1.0)
+                yield _Part(some, first + n - 1, (ends[0], ends[1]), begin, end, stretch[some], faced)
             before, known = np.where(valid[:, None], mean, 0.0), valid
 
     def places(self, rays: Rays, distance: np.ndarray, sheets: Sheets) -> np.ndarray:
         """Distances [P] along rays, index units, in sheets from the eye, or from the plane through it."""
         return np.asarray((distance + ray_offset(self.view, rays)) / sheets.thickness)
 
-    def matter(self, part: _Part) -> np.ndarray:
+    def matter(self, part: _Part, rays: Rays) -> np.ndarray:
         """[P, 4]: emission and optical depth of a part."""
+        matter = self.weighed(part)
+        if self.shading:
+            matter[:, :3] *= light_of(part, rays)[:, None]
+        return matter
+
+    def weighed(self, part: _Part) -> np.ndarray:
+        """[P, 4]: colour times optical depth, and optical depth of a part."""
         first, last, length = part.begin, part.end, (part.ends[1] - part.ends[0]) * part.stretch
         matter = self.post.integral.mean(self.post.value(first[:, 0]), self.post.value(last[:, 0]))
-        gradient = (first[:, 1:] + last[:, 1:]) / 2
-        size = np.linalg.norm(gradient, axis=1)
         if self.weighted:
+            size = np.linalg.norm(part.gradient, axis=1)
             weight = self.post.transfer.weight(size * self.post.span / self.spacing)
             extinction = matter[:, 3]
             matter *= (weighted(extinction, weight) / np.where(extinction > 0, extinction, 1.0))[:, None]
-        matter = matter * (length * self.spacing / self.unit)[:, None]
-        if self.shading:
-            cosine = np.abs((gradient * part.toward).sum(axis=1)) / np.where(size > 0, size, 1.0)
-            matter[:, :3] *= np.where(size > 0, AMBIENT + DIFFUSE * np.minimum(cosine, 1.0), 1.0)[:, None]
-        return matter
+        return np.asarray(matter * (length * self.spacing / self.unit)[:, None])
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
     """A part of what lies behind a sheet, of pixels [P]. ends: where it begins and ends, in sheets from that one.
 
-    begin, end [P, 4]: values and gradients there. stretch [P]: mean spacings per sheet. toward: as of Rays.
+    begin, end [P, 4]: values and gradients there. stretch [P]: mean spacings per sheet. faced [P]: its share within the
+    face of a cut.
     """
 
     pixel: np.ndarray
@@ -255,7 +262,22 @@ class _Part:
     begin: np.ndarray
     end: np.ndarray
     stretch: np.ndarray
-    toward: np.ndarray
+    faced: np.ndarray
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """[P, 3]: in its middle."""
+        return np.asarray((self.begin[:, 1:] + self.end[:, 1:]) / 2)
+
+
+def light_of(part: _Part, rays: Rays) -> np.ndarray:
+    """[P]: light of a part by its gradients; of the face of a cut by the plane's normal."""
+    toward = rays.toward[part.pixel]
+    light = surface_light(part.gradient, toward)
+    if rays.face is not None:
+        face = rays.face[part.pixel]
+        light += (surface_light(face, toward) - light) * part.faced * face.any(axis=1)
+    return light
 
 
 def ray_offset(view: View, rays: Rays) -> np.ndarray | float:

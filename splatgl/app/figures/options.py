@@ -14,8 +14,9 @@ from splatgl.app.figures.render import PICTURES, Motioned, PictureFigure, Shown,
 from splatgl.app.options import size
 from splatgl.app.output import check_output, check_source
 from splatgl.app.panels import encoded
-from splatgl.app.scene import Scene, View
+from splatgl.app.scene import Scene
 from splatgl.app.track import Turning
+from splatgl.app.viewpoint import View
 from splatgl.data.errors import expected
 from splatgl.data.image import Image, write_whole
 from splatgl.splat.extraction.splats import Splats

@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from splatgl.app.panels import Panel, sheet
-from splatgl.app.scene import Scene, View
+from splatgl.app.scene import Scene
 from splatgl.app.track import Turning, turning
+from splatgl.app.viewpoint import View
 from splatgl.data.volume import Volume
 from splatgl.splat.extraction.extract import extract
 from splatgl.splat.extraction.splats import Splats

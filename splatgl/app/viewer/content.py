@@ -8,11 +8,12 @@ from functools import cached_property
 import numpy as np
 
 from splatgl.app.output import tell
-from splatgl.app.scene import FOV, Scene
+from splatgl.app.scene import Scene
 from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.portion import Portion, portion
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.skin import skinned
+from splatgl.app.viewpoint import FOV
 from splatgl.data.coarse import coarser
 from splatgl.data.volume import Volume
 from splatgl.splat.bricks.opaque import Opaque
@@ -57,7 +58,7 @@ class Content:
         """Reads the volume, or a stand-in, and extracts the splats of all strides; InputError as the readers raise."""
         volume = scene.open()
         tell(volume)
-        transfer = scene.transfer_for(volume)
+        transfer, scene = scene.transfer_for(volume), scene.cut(volume)
         shown = portion(volume, transfer, scene.settings)
         if shown.told or shown.finer:
             # opacities stay those of the finest voxels

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.app.scene import View
+from splatgl.app.viewpoint import View
 from splatgl.data.volume import Triple
 from splatgl.splat.view.camera import Camera
 

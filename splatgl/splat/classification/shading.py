@@ -11,6 +11,13 @@ from splatgl.splat.view.camera import Camera
 AMBIENT, DIFFUSE = 0.3, 0.7
 
 
+def surface_light(normal: np.ndarray, toward: np.ndarray) -> np.ndarray:
+    """[P], no unit: 0.3 + 0.7 |n·l| of normals [P, 3] and unit vectors [P, 3] along rays; 1 without a normal."""
+    size = np.linalg.norm(normal, axis=1)
+    cosine = np.abs((normal * toward).sum(axis=1)) / np.where(size > 0, size, 1.0)
+    return np.where(size > 0, AMBIENT + DIFFUSE * np.minimum(cosine, 1.0), 1.0)
+
+
 def head_light(splats: Splats, camera: Camera, voxel: np.ndarray) -> np.ndarray:
     """[N], no unit: 0.3 + 0.7 |n·l|, l from the voxels [3, N] (eye axes) towards the eye; 1 where there is no gradient.
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import extracted
 from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.clip import Plane
+from splatgl.splat.view.cuts import Box, planes_of
 
 # most layers of a picture: what a shader keeps of each beside the others
 MOST_LAYERS = 8
@@ -30,7 +33,8 @@ MOST_LAYERS = 8
 @dataclass(frozen=True, eq=False)
 class Layer:
     """A volume and how it is seen. transfer: None: the default one of its values. opacity: factor from 0 to 1 of the
-    transfer function's opacities. threshold: as of `extract`.
+    transfer function's opacities. threshold: as of `extract`. clip: conditions of its own box, or planes, that cut it
+    instead of the scene's; None: those.
     """
 
     volume: Volume
@@ -38,6 +42,7 @@ class Layer:
     opacity: float = 1.0
     visible: bool = True
     threshold: float = 0.0
+    clip: str | Sequence[Any] | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.opacity <= 1:
@@ -54,18 +59,29 @@ class Layer:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Layers of one picture, in any order; volumes stand for layers by default. Raises InputError for too many, or for
-    none that is visible.
+    """Layers of one picture, in any order; volumes stand for layers by default. clip: conditions such as "x>0.3" of the
+    box around the visible layers, or planes as of Settings. Raises InputError for too many layers, for none that is
+    visible, and for planes that leave nothing.
     """
 
     layers: Sequence[Layer | Volume]
+    clip: str | Sequence[Any] = ()
     made: dict[Settings, tuple[Splats, ...]] = field(default_factory=dict, repr=False)
+    planes: tuple[tuple[Plane, ...], ...] = field(default=(), init=False, repr=False)
 
     def __post_init__(self) -> None:
         layers = tuple(Layer(each) if isinstance(each, Volume) else each for each in self.layers)
         object.__setattr__(self, "layers", layers)
         if not 1 <= len(self.shown) <= MOST_LAYERS:
             raise expected("layers", f"1 to {MOST_LAYERS} that are visible", len(self.shown))
+        object.__setattr__(self, "planes", self._planes())
+
+    def _planes(self) -> tuple[tuple[Plane, ...], ...]:
+        """Those that cut each visible layer."""
+        around = planes_of(self.clip, Box.of(each.volume for each in self.shown)) if self.clip else ()
+        return tuple(
+            around if each.clip is None else planes_of(each.clip, Box.of([each.volume])) for each in self.shown
+        )
 
     @property
     def shown(self) -> tuple[Layer, ...]:
@@ -85,6 +101,12 @@ class Scene:
             self.made[key] = tuple(extracted(each.volume, each.seen, key, each.threshold) for each in self.shown)
         return self.made[key]
 
+    def drawn(self, settings: Settings) -> list[tuple[Splats, Settings]]:
+        """The splats of each visible layer that has any, or of the first, and the settings with its planes."""
+        settled = [settings.but(clip=(*settings.clip, *own)) if own else settings for own in self.planes]
+        every = list(zip(self.splats(settings), settled, strict=True))
+        return [each for each in every if len(each[0])] or every[:1]
+
     @property
     def corners(self) -> np.ndarray:
         """Corners [N, 3], world units, of the boxes of opaque samples."""
@@ -100,12 +122,14 @@ class Scene:
         return [Opaque(each.volume, each.seen) for each in self.shown]
 
 
-def common_samples(layers: Sequence[Splats], camera: Camera, settings: Settings) -> Settings:
-    """The settings with the samples a pixel that the layer which needs the most takes, if they composite together."""
-    if settings.antialias != "auto" or not layers or not BLENDS[settings.blend].ordered:
-        return settings
-    samples = max(Resolved.of(ahead(splats, camera), camera, settings).samples for splats in layers)
-    return settings.but(antialias="supersample", samples=samples)
+def common_samples(
+    layers: Sequence[tuple[Splats, Settings]], camera: Camera, settings: Settings
+) -> list[tuple[Splats, Settings]]:
+    """The layers with the samples a pixel that the one which needs the most takes, if they composite together."""
+    if settings.antialias != "auto" or len(layers) < 2 or not BLENDS[settings.blend].ordered:
+        return list(layers)
+    samples = max(Resolved.of(ahead(splats, camera), camera, own).samples for splats, own in layers)
+    return [(splats, own.but(antialias="supersample", samples=samples)) for splats, own in layers]
 
 
 def check_layer(resolved: Resolved, name: str) -> None:

@@ -139,6 +139,7 @@ class Plan:
             self.z_s,
             self.window,
             self.hiding,
+            None if r.clip is None else (r.clip.normal.tobytes(), r.clip.place.tobytes()),
         )
         return self.program, drawn, self.exposure, self.moments
 

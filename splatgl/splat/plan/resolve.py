@@ -17,6 +17,7 @@ from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import one_by_one
 from splatgl.splat.sheets.sheets import MOST_SHEETS, Sheets
 from splatgl.splat.view.camera import Camera, check_reach
+from splatgl.splat.view.clip import Clip
 from splatgl.splat.view.view import View
 from splatgl.splat.view.widening import widening
 
@@ -43,7 +44,8 @@ class Look:
     """Appearance of splats. attenuation: opacity, optical-depth or fill. shading: whether lit from the eye.
 
     sheets: sheets that share a splat; 0: splats composite one by one. steps: parts between two, each classified
-    once; 0: splats are classified before. weighted: whether gradients weigh opacities classified there.
+    once; 0: splats are classified before. weighted: whether gradients weigh opacities classified there. clipped:
+    whether planes cut rays.
     """
 
     blend: BlendMode
@@ -52,6 +54,7 @@ class Look:
     sheets: int = 0
     steps: int = 0
     weighted: bool = False
+    clipped: bool = False
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class Resolved:
     view: at samples × samples a pixel; whether any splat is widened, and beyond which depths. camera: likewise.
     z_k: depth at which the smallest voxel is one sample wide [M98 Eq. 3]. depths: of the box of all splats, nearest and
     farthest. unsure: see widening.py. background: linear RGB, None: transparent. notes: omitted steps with reasons, a
-    line each. sheets: None: splats composite one by one.
+    line each. sheets: None: splats composite one by one. clip: the planes that cut rays; None: no ray is cut.
     """
 
     look: Look
@@ -77,6 +80,7 @@ class Resolved:
     tolerance: float
     notes: tuple[str, ...] = ()
     sheets: Sheets | None = None
+    clip: Clip | None = None
 
     @property
     def kernel(self) -> Kernel:
@@ -104,7 +108,8 @@ class Resolved:
         # widened weights of means need no attenuation
         after = sheets is not None and sheets.steps > 0
         attenuation = "optical-depth" if after else _attenuation(settings, antialias or moving)
-        look = Look(BLENDS[settings.blend], attenuation, shading)
+        clip = Clip.of(settings.clip, splats.grid) if after else None
+        look = Look(BLENDS[settings.blend], attenuation, shading, clipped=clip is not None)
         if sheets:
             weighted = splats.post is not None and bool(splats.post.transfer.gradient) and not look.blend.one_value
             look = replace(look, sheets=sheets.count, steps=sheets.steps, weighted=weighted)
@@ -121,6 +126,7 @@ class Resolved:
             tolerance=settings.tolerance,
             notes=samples_notes + antialias_notes + shading_notes + sheets_notes,
             sheets=sheets,
+            clip=clip,
         )
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 from splatgl.data.errors import expected
 from splatgl.splat.kernel.kernels import KERNELS
 from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.view.clip import Plane, planes
 
 Antialias = Literal["auto", "paper", "off", "supersample"]
 Align = Literal["auto", "exact", "ray", "grid", "hybrid"]
@@ -77,7 +78,8 @@ class Settings:
     moments: number of pictures, each streaked over its part of the paths by exact, energy and paper; None: as many as
     the paths ask for, one of streaks. shutter: its opening time, in degrees of a frame's 360.
     order auto | back-to-front | front-to-back. tolerance: largest allowed error, linear light.
-    background: None (transparent) or a linear RGB triple. Raises InputError for anything else.
+    background: None (transparent) or a linear RGB triple. clip: planes (n_x, n_y, n_z, d): what is drawn lies where
+    n · x ≥ d, world units, of each. Raises InputError for anything else.
     """
 
     blend: str = "composite"
@@ -104,6 +106,7 @@ class Settings:
     occlusion: Occlusion = "auto"
     tolerance: float = 1 / 255
     background: tuple[float, float, float] | None = None
+    clip: tuple[Plane, ...] = ()
 
     def __post_init__(self) -> None:
         for name, allowed in choices().items():
@@ -128,6 +131,8 @@ class Settings:
             raise expected("shutter", "an angle from 0 to 360 degrees", repr(self.shutter))
         if self.background is not None:
             object.__setattr__(self, "background", _background(self.background))
+        if self.clip != ():
+            object.__setattr__(self, "clip", planes(self.clip))
 
     @property
     def given(self) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from splatgl.splat.extraction.splats import MOST_KEPT, Splats
 from splatgl.splat.motion.blur import MOTIONS
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.clip import clipped
 
 # bits of a radial table's texels
 RADIAL_BITS = 32
@@ -101,9 +102,14 @@ def extracted(
 
 def suited(splats: Splats, settings: Settings, moving: bool) -> Splats:
     """The splats of the same volume that a picture with these settings takes; these, if they serve or know no volume.
+    Voxels that planes cut off are left out.
 
     moving: whether the picture is motion-blurred.
     """
+    return clipped(_classified(splats, settings, moving), settings.clip)
+
+
+def _classified(splats: Splats, settings: Settings, moving: bool) -> Splats:
     source, post = splats.source, splats.post
     if source is None:
         return splats

@@ -1,0 +1,155 @@
+"""Planes in words: `x>0.3` of a box, `x>30mm`, a point and a normal, and parts of a volume in voxels."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.errors import InputError, expected
+from splatgl.data.volume import Volume
+from splatgl.splat.extraction.splats import corners_of
+from splatgl.splat.view.clip import Plane, planes
+
+CONDITION = "a condition such as x>0.3, x+y<1.2, z>=30mm, or X,Y,Z:NX,NY,NZ, a point and a normal"
+NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?"
+TERM = re.compile(rf"([+-]?)({NUMBER})?\*?([xyz])", re.IGNORECASE)
+COMPARED = re.compile(rf"(.+?)(>=?|<=?)([+-]?{NUMBER})([a-zµμ]*)", re.IGNORECASE)
+# metres; a volume's unit may also have another name, or none
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}
+ANY_UNIT = "units"
+# share of a box's sides beyond which a corner lies outside, for rounding
+SLACK = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """What fractions and lengths in words refer to. low, high [3]: world units; unit: their name."""
+
+    low: np.ndarray
+    high: np.ndarray
+    unit: str = ""
+
+    @classmethod
+    def of(cls, volumes: Iterable[Volume]) -> Box:
+        """Around volumes, in the unit of the first."""
+        found = list(volumes)
+        corners = np.concatenate([each.corners for each in found])
+        return cls(corners.min(axis=0), corners.max(axis=0), found[0].unit)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Points that a view is fitted to [N, 3], world units."""
+
+    outline: np.ndarray
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Corners [8, 3] of the box around them."""
+        return corners_of(self.outline.min(axis=0), self.outline.max(axis=0))
+
+
+def planes_of(cuts: str | Sequence[Any], box: Box) -> tuple[Plane, ...]:
+    """The planes of conditions, or of rows of four numbers. Raises InputError for others, and if nothing is left."""
+    given = [cuts] if isinstance(cuts, str) else list(cuts)
+    found = planes([_condition(each, box) if isinstance(each, str) else each for each in given])
+    if found and not len(left(found, corners_of(box.low, box.high))):
+        raise expected("clip", "planes that leave something of the volume", ", ".join(map(str, given)))
+    return found
+
+
+def left(found: Sequence[Plane], corners: np.ndarray) -> np.ndarray:
+    """Corners [N, 3] of what planes leave of a parallelepiped with corners [8, 3], in the order of `corners_of`."""
+    sides = corners[[1, 2, 4]] - corners[0]
+    size = float(np.linalg.norm(corners.max(axis=0) - corners.min(axis=0)))
+    rows = [np.array(each) for each in found]
+    for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        normal = np.cross(sides[b], sides[c])
+        normal = normal / np.linalg.norm(normal) * np.sign(normal @ sides[a])
+        rows += [np.append(normal, normal @ corners[0]), np.append(-normal, -normal @ (corners[0] + sides[a]))]
+    every = np.array(rows)
+    three = every[np.array(list(combinations(range(len(every)), 3)))]
+    three = three[np.abs(np.linalg.det(three[..., :3])) > SLACK]
+    points = np.linalg.solve(three[..., :3], three[..., 3:])[..., 0]
+    inside = (points @ every[:, :3].T >= every[:, 3] - SLACK * size).all(axis=1)
+    return np.asarray(points[inside])
+
+
+def crop_planes(text: str, volume: Volume) -> tuple[Plane, ...]:
+    """The planes around a part of a volume: A:B,C:D,E:F in voxels along x, y, z, as Python slices them.
+
+    Raises InputError for other text, and if nothing is left.
+    """
+    sizes = volume.shape[::-1]
+    parts = text.replace(" ", "").split(",")
+    try:
+        ends = [[int(end) if end else None for end in part.split(":")] for part in parts]
+    except ValueError:
+        ends = []
+    if len(ends) != 3 or any(len(each) != 2 for each in ends):
+        raise expected("crop", "A:B,C:D,E:F, voxels along x, y and z, of which any may be left out", repr(text))
+    found = []
+    for axis, (each, size) in enumerate(zip(ends, sizes, strict=True)):
+        begin, end, _ = slice(*each).indices(size)
+        if begin >= end:
+            raise expected("crop", f"voxels from 0 to {size} along {'xyz'[axis]}", parts[axis])
+        for sign, place, whole in ((1, begin, begin == 0), (-1, end, end == size)):
+            if not whole:
+                found.append(_index_plane(volume, axis, sign, place - 0.5))
+    return planes(found)
+
+
+def _index_plane(volume: Volume, axis: int, sign: int, place: float) -> Plane:
+    """The plane at a grid index along an axis, that keeps larger ones, or smaller."""
+    index = np.zeros(3)
+    index[axis] = sign
+    normal = index @ np.linalg.inv(volume.world_from_index)
+    x, y, z = (float(each) for each in normal)
+    return x, y, z, float(sign * place + normal @ np.asarray(volume.origin))
+
+
+def _condition(text: str, box: Box) -> tuple[float, ...]:
+    compact = text.replace(" ", "")
+    if ":" in compact:
+        return _through(text, compact)
+    match = COMPARED.fullmatch(compact)
+    terms = TERM.findall(match[1]) if match else []
+    if not match or "".join("".join(each) for each in terms) != match[1].replace("*", ""):
+        raise expected("clip", CONDITION, repr(text))
+    normal = np.zeros(3)
+    for sign, factor, axis in terms:
+        normal["xyz".index(axis.lower())] += float(f"{sign}{factor or 1}")
+    if not normal.any():
+        raise expected("clip", CONDITION, repr(text))
+    sign, number, unit = (1.0 if match[2][0] == ">" else -1.0), float(match[3]), match[4]
+    if unit:
+        place = number * _scale(unit, box.unit, text)
+    else:
+        if len(terms) == 1 and not 0 <= number / normal.sum() <= 1:
+            raise expected("clip", "a fraction of the volume's box from 0 to 1, or a length with its unit", repr(text))
+        # of fractions f = (x − low)/side
+        normal = normal / (box.high - box.low)
+        place = number + float(normal @ box.low)
+    return (*(sign * normal).tolist(), sign * place)
+
+
+def _through(text: str, compact: str) -> tuple[float, ...]:
+    try:
+        point, normal = (np.array([float(n) for n in part.split(",")]) for part in compact.split(":"))
+        return (*normal.tolist(), float(normal @ point))
+    except ValueError:
+        raise expected("clip", CONDITION, repr(text)) from None
+
+
+def _scale(unit: str, own: str, text: str) -> float:
+    """World units per `unit`."""
+    if unit in (own, ANY_UNIT):
+        return 1.0
+    if unit not in LENGTHS or own not in LENGTHS:
+        raise InputError(f"clip: expected a length in {own or ANY_UNIT}, got {text!r}")
+    return LENGTHS[unit] / LENGTHS[own]
