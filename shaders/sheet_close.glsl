@@ -4,6 +4,7 @@
 // switch WEIGHTED 0
 // switch LAYERED 0
 // switch CLIPPED 0
+// switch LIMITED 0
 #constant LEAST_MASS  // below which a sheet holds no value
 #constant CELLS       // of the classification table
 #constant TABLE_ROW   // ends of cells along its rows
@@ -11,6 +12,7 @@
 #constant MOST_CLIPS
 #constant FACE        // voxels along a ray behind a cut that are lit as its face
 #include "sheets.glsl"
+#include "light.glsl"
 #if LAYERED == 1
 #include "layers.glsl"
 uniform uint layer;             // whose matter is kept,
@@ -70,6 +72,13 @@ uniform vec3 clip_normal[MOST_CLIPS];  // unit, world
 vec4 face[ROWS];
 #endif
 
+#if LIMITED == 1
+// only matter between these depths is drawn, of each sample; their unit in lengths of the frame
+uniform sampler2D nearest_depth;
+uniform sampler2D farthest_depth;
+uniform float depth_unit;
+#endif
+
 // the open sheets of a pixel, nearest first, and their masses
 vec4 sum0[ROWS], sum1[ROWS], sum2[ROWS], sum3[ROWS];
 vec4 masses[ROWS];
@@ -95,11 +104,15 @@ void set_ray(int row) {
     vec3 direction = index_from_eye() * along;
     float speed = length(direction);
     direction /= speed;
-    // away from 0, where a ray is always or never inside
-    direction = mix(direction, vec3(1e-20), lessThan(abs(direction), vec3(1e-20)));
-    vec3 a = (box_low - start) / direction, b = (box_high - start) / direction;
-    vec3 low = min(a, b), high = max(a, b);
-    float near = max(low.x, max(low.y, low.z)), far = min(high.x, min(high.y, high.z));
+    float near = -1e9, far = 1e9;
+    if (STEPS > 0) {
+        // away from 0, where a ray is always or never inside
+        direction = mix(direction, vec3(1e-20), lessThan(abs(direction), vec3(1e-20)));
+        vec3 a = (box_low - start) / direction, b = (box_high - start) / direction;
+        vec3 low = min(a, b), high = max(a, b);
+        near = max(low.x, max(low.y, low.z));
+        far = min(high.x, min(high.y, high.z));
+    }
     // a parallel view begins at its eye's plane, too
     near = max(near, 0.0);
 #if CLIPPED == 1
@@ -116,11 +129,15 @@ void set_ray(int row) {
     }
 #endif
     float offset = PERSPECTIVE == 1 ? 0.0 : dot(start, sheet_direction);
-    ends[row] = clamp((vec2(near, max(far, near)) + offset) / thickness - first_sheet, shell.x, shell.y);
 #if CLIPPED == 1
     face[row].w = (near + FACE + offset) / thickness - first_sheet;
 #endif
+#if LIMITED == 1
+    near = max(near, texelFetch(nearest_depth, ivec2(pixel), 0).r * depth_unit * speed);
+    far = min(far, texelFetch(farthest_depth, ivec2(pixel), 0).r * depth_unit * speed);
+#endif
     lengths[row] = length(along) / speed * thickness / style.opacity_length;
+    ends[row] = clamp((vec2(near, max(far, near)) + offset) / thickness - first_sheet, shell.x, shell.y);
     mat3 eye_from_world = mat3(frame.eye_from_world[0].xyz, frame.eye_from_world[1].xyz, frame.eye_from_world[2].xyz);
     toward[row] = normalize(along) * eye_from_world;
 }
@@ -180,13 +197,6 @@ float weighted(float extinction, float weight) {
     if (weight >= 1.0) return extinction;
     float series = opacity * (1.0 + opacity * (0.5 + opacity * (1.0 / 3.0 + opacity * (0.25 + opacity * 0.2))));
     return opacity < 0.05 ? series : -log(1.0 - opacity);
-}
-
-// Light that a surface with that normal, of any length, shows; 1 without one.
-float surface_light(vec3 normal, vec3 toward) {
-    float size2 = dot(normal, normal);
-    float cosine = min(abs(dot(normal, toward)) * inversesqrt(max(size2, 1e-37)), 1.0);
-    return size2 > 0.0 ? style.ambient + style.diffuse * cosine : 1.0;
 }
 
 // Light of matter with that gradient from sheet `begin` to `end`.
@@ -256,6 +266,10 @@ bool take_sheet(int row, int current) {
 // Composites the sheet that was taken last, number `current`, or what lies between it and the one before.
 void close_sheet(int row, int current) {
     if (STEPS == 0) {
+#if LIMITED == 1
+        vec2 within = clamp(ends[row] - float(current), -0.5, 0.5);
+        start[row] *= within.y - within.x;
+#endif
 #if LAYERED == 1
         add_matter(row, float(current) + vec2(-0.5, 0.5), start[row]);
 #endif

@@ -49,7 +49,7 @@ void open_pixel(int row) {
     before[row] = vec4(0.0);
     known[row] = 0.0;
     light[row] = vec4(0.0);
-    if (STEPS > 0) set_ray(row);
+    if (STEPS > 0 || LIMITED == 1) set_ray(row);
 }
 
 #define RING4(number, row) vec4(RING(number, row), RING(number + 1, row), RING(number + 2, row), RING(number + 3, row))

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from splatgl.data import scenes as scenes
     from splatgl.data.errors import InputError as InputError
     from splatgl.data.image import Image as Image
+    from splatgl.data.mesh import Mesh as Mesh
     from splatgl.data.readers import load as load
+    from splatgl.data.readers.mesh_files import load_mesh as load_mesh
     from splatgl.data.volume import Volume as Volume
     from splatgl.distributed.parts import over as over
     from splatgl.distributed.slabs import render_slabs as render_slabs
@@ -55,6 +57,7 @@ _PUBLIC = {
     "InputError": "splatgl.data.errors",
     "Interrupted": "splatgl.gl.portions",
     "PiecewiseCubic": "splatgl.splat.kernel.kernels",
+    "Mesh": "splatgl.data.mesh",
     "Layer": "splatgl.splat.layers.layers",
     "Motion": "splatgl.splat.motion.motion",
     "Renderer": "splatgl.gl.renderer",
@@ -68,6 +71,7 @@ _PUBLIC = {
     "default_transfer": "splatgl.splat.classification.presets",
     "extract": "splatgl.splat.extraction.extract",
     "load": "splatgl.data.readers",
+    "load_mesh": "splatgl.data.readers.mesh_files",
     "plan": "splatgl.splat.plan.plan",
     "preset": "splatgl.splat.classification.presets",
     "over": "splatgl.distributed.parts",

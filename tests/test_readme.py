@@ -171,6 +171,7 @@ SMALL = {"render": ["--size", "64"], "animate": ["--size", "24", "--frames", "2"
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with what the READMEs speak of, small: a blob of each format, pictures, and the TOML files."""
     nibabel, nrrd = pytest.importorskip("nibabel"), pytest.importorskip("nrrd")
+    trimesh = pytest.importorskip("trimesh")
     monkeypatch.chdir(tmp_path)
     x, y, z = np.meshgrid(*(np.linspace(-1, 1, 16),) * 3, indexing="ij")
     samples = (300 * np.exp(-3 * (x * x + y * y + z * z))).astype(np.int16)
@@ -181,6 +182,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     pages[0].save("neuron.tif", save_all=True, append_images=pages[1:])
     Pillow.fromarray((samples[8] / 2).astype(np.uint8)).save("height.png")
     Pillow.new("RGB", (16, 16), (90, 120, 60)).save("photo.jpg")
+    trimesh.creation.box((9, 4, 6)).export("implant.ply")
     for name, text in toml_files().items():
         Path(name).write_text(text, encoding="utf-8")
     return tmp_path

@@ -6,6 +6,8 @@ import argparse
 import re
 from typing import TYPE_CHECKING
 
+from splatgl.app.meshes import MeshFile, mesh_option
+from splatgl.app.options import color_of, window_of
 from splatgl.app.scene import Scene
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
@@ -21,6 +23,26 @@ if TYPE_CHECKING:
 
 # a preset or a colour map behind a file's name
 LOOK = re.compile(r"#?[\w-]+")
+
+
+def add_layers(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of what is drawn beside the volume, and of its channels."""
+    parser.add_argument(
+        "--layer",
+        type=layer_option,
+        action="append",
+        metavar="FILE[:LOOK[:OPACITY]]",
+        help="another volume in the picture, with a preset or a colour map, and a factor of its opacities",
+    )
+    parser.add_argument(
+        "--color-of", type=color_of, action="append", metavar="CHANNEL=#RRGGBB", help="the colour of a channel"
+    )
+    parser.add_argument(
+        "--window-of", type=window_of, action="append", metavar="CHANNEL=LOW,HIGH", help="from clear to full"
+    )
+    about = "a surface in the picture (.ply, .stl, .obj, .vtp, …), or lines (.trk, .tck), a colour and an opacity"
+    parser.add_argument("--mesh", type=mesh_option, action="append", metavar="FILE[:COLOUR[:OPACITY]]", help=about)
+    parser.add_argument("--labels", metavar="FILE", help="a segmentation that is laid over the volume")
 
 
 def layer_option(text: str) -> Scene:
@@ -64,8 +86,9 @@ def of_channels(
 
 
 def is_layered(scene: Scene, volume: Volume) -> bool:
-    """Whether a scene's picture is of several layers or channels."""
-    return bool(scene.layers or len(volume.channels) > 1 or scene.transfer.keys() & {"color_of", "window_of"})
+    """Whether a scene's picture is of several layers or channels, or has meshes."""
+    of_channels = len(volume.channels) > 1 or scene.transfer.keys() & {"color_of", "window_of"}
+    return bool(scene.layers or scene.meshes or of_channels)
 
 
 def layers_of(scene: Scene, volume: Volume, transfer: Transfer) -> list[Layer]:
@@ -85,11 +108,12 @@ def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) 
 
     for name in ("field", "savings"):
         if getattr(how, name):
-            raise expected(f"--{name}", "a picture of one volume", "layers")
+            raise expected(f"--{name}", "a picture of one volume", "layers" if scene.layers else "meshes")
     layers = layers_of(scene, volume, transfer)
     for layer in layers:
         _check_fits(how, scene, layer)
-    drawn, settings = Layers(layers, clip=scene.settings.clip), scene.settings.but(clip=())
+    meshes = [each.open() if isinstance(each, MeshFile) else each for each in scene.meshes]
+    drawn, settings = Layers(layers, scene.settings.clip, meshes), scene.settings.but(clip=())
     camera = scene.view.camera(volume, drawn)
     with how.renderer() as renderer:
         if how.explain:

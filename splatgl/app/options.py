@@ -175,7 +175,10 @@ def scene_from_transfer(args: argparse.Namespace) -> Scene:
         transfer["only_labels"] = args.only_labels
     if layers and not hasattr(args, "layer"):
         raise expected("layers", "none", len(layers), "splatgl render draws them")
-    return replace(scene, transfer=transfer, threshold=threshold, layers=layers)
+    meshes = (*scene.meshes, *(getattr(args, "mesh", None) or ()))
+    if meshes and not hasattr(args, "mesh"):
+        raise expected("meshes", "none", len(meshes), "splatgl render draws them")
+    return replace(scene, transfer=transfer, threshold=threshold, layers=layers, meshes=meshes)
 
 
 def scene_from(args: argparse.Namespace) -> Scene:

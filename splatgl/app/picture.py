@@ -13,6 +13,7 @@ import numpy as np
 
 from splatgl import __version__
 from splatgl.app.backgrounds import AUTO, CLEAR, as_drawn, background, grounded
+from splatgl.app.meshes import MeshFile
 from splatgl.app.options import BACKGROUNDS, size
 from splatgl.app.render import Drawing, draw, drawn, origin
 from splatgl.app.scene import Scene
@@ -20,6 +21,7 @@ from splatgl.app.viewpoint import View, typed
 from splatgl.data.arrays import ArrayOptions
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
+from splatgl.data.mesh import Mesh
 from splatgl.data.readers import LoadOptions
 from splatgl.data.readers.remote import is_address
 from splatgl.data.scenes import SCENES
@@ -77,8 +79,8 @@ def render(
     transfer: a Transfer, the name of a preset or of a file, or the fields of a Transfer.
     options: as on the command line, of the view (azimuth, elevation, zoom, fov, size, eye, look_at, up, orthographic,
     height), unless there is a camera, and of the settings (blend, antialias, background, …); points, gradient,
-    colormap, window; clip (a condition, plane, or several), crop; threshold, memory; those of `load` or `Volume.of`
-    (spacing, array, …). background: linear RGB, or a name or "#rrggbb"; none leaves the image transparent.
+    colormap, window; clip (a condition, plane, or several), crop; meshes; threshold, memory; those of `load` or
+    `Volume.of` (spacing, array, …). background: linear RGB, or a name or "#rrggbb"; none leaves the image transparent.
     Nothing is compared with float64; `check` does. Raises InputError for bad input, and if nothing is visible.
     """
     scene, memory = scene_of(x, transfer, camera, settings, options)
@@ -116,11 +118,12 @@ def scene_of(
     """The scene of `x` and the arguments of `render`, and the memory to draw in. Of splats, all but the volume."""
     given = dict(options)
     viewing, cuts = _taken(given, *(f.name for f in fields(View))), _cuts(_taken(given, "clip", "crop"))
+    meshes = _meshes(given.pop("meshes", ()))
     drawing = _taken(given, *(f.name for f in fields(Settings)))
     classified = {**_transfer(transfer), **_taken(given, *TRANSFER)}
     threshold, memory = given.pop("threshold", None), given.pop("memory", None)
     if is_splats(x):
-        extra = [*classified, *given, *cuts] + ["threshold"] * (threshold is not None)
+        extra = [*classified, *given, *cuts] + ["threshold"] * (threshold is not None) + ["meshes"] * bool(meshes)
         if extra:
             raise expected("splats", "a view and settings", ", ".join(extra), "extract them with these")
         scene: Scene = Scene(x.name)
@@ -135,6 +138,7 @@ def scene_of(
     found = replace(
         scene,
         **cuts,
+        meshes=(*scene.meshes, *meshes),
         transfer={**scene.transfer, **classified},
         view=_view(scene.view, camera, viewing),
         settings=(scene.settings if settings is None else settings).but(**drawing),
@@ -171,6 +175,15 @@ def _cuts(given: dict[str, Any]) -> dict[str, Any]:
     if isinstance(clip, str) or not isinstance(clip, Iterable):
         clip = (clip,)
     return {**found, "clip": tuple(clip)} if "clip" in given else found
+
+
+def _meshes(given: Any) -> list[MeshFile | Mesh]:
+    """Meshes, and those of files."""
+    every = given if isinstance(given, list | tuple) else [given]
+    for each in every:
+        if not isinstance(each, Mesh | str | Path):
+            raise expected("meshes", "meshes, or names of files", type(each).__name__)
+    return [each if isinstance(each, Mesh) else MeshFile(str(each)) for each in every]
 
 
 def _view(view: View, camera: Camera | None, given: dict[str, Any]) -> View:

@@ -16,8 +16,8 @@ import numpy as np
 from splatgl import __version__
 from splatgl.app.annotations.request import asked_for, lay
 from splatgl.app.backgrounds import as_drawn, backed
-from splatgl.app.layered import draw_layers, is_layered, layer_option
-from splatgl.app.options import add_drawing, add_source, color_of, scene_from, window_of
+from splatgl.app.layered import add_layers, draw_layers, is_layered
+from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import check_output, check_source, tell
 from splatgl.app.scene import Scene
 from splatgl.app.summary import accuracy, summary
@@ -89,20 +89,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample of a PNG (8)"
     )
     group = parser.add_argument_group("accuracy")
-    parser.add_argument(
-        "--layer",
-        type=layer_option,
-        action="append",
-        metavar="FILE[:LOOK[:OPACITY]]",
-        help="another volume in the picture, with a preset or a colour map, and a factor of its opacities",
-    )
-    parser.add_argument(
-        "--color-of", type=color_of, action="append", metavar="CHANNEL=#RRGGBB", help="the colour of a channel"
-    )
-    parser.add_argument(
-        "--window-of", type=window_of, action="append", metavar="CHANNEL=LOW,HIGH", help="from clear to full"
-    )
-    parser.add_argument("--labels", metavar="FILE", help="a segmentation that is laid over the volume")
+    add_layers(parser)
     parser.add_argument("--ref", metavar="FILE", help="compare with this picture; write only if it differs, and exit 1")
     parser.add_argument("--explain", action="store_true", help="say what is drawn, what is left out, and why")
     group.add_argument("--savings", action="store_true", help="draw with what is left out, and say what that takes")
@@ -195,9 +182,9 @@ def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer
     for name in ("check", "field", "savings", "explain"):
         if getattr(args, name):
             raise expected(f"--{name}", "a picture that is drawn by this process", "--workers or --scheduler")
-    if scene.threshold or scene.layers:
-        what = "--threshold" if scene.threshold else "layers"
-        raise expected(what, "none, with --workers or --scheduler", scene.threshold or len(scene.layers))
+    for what, given in (("--threshold", scene.threshold), ("layers", scene.layers), ("meshes", scene.meshes)):
+        if given:
+            raise expected(what, "none, with --workers or --scheduler", "some")
     camera = scene.view.camera(volume, Opaque(volume, transfer))
     job = Job(uuid4().hex, scene.anywhere().open, transfer, scene.settings, drawing_of(args), camera, args.memory)
     tell = None if args.quiet else print

@@ -7,6 +7,7 @@ clip = ["x>0.3", "z>=30mm"]     # what is kept; crop = "10:90,:,:" in voxels
 [transfer]                      # preset = "…", or points, colormap, window, scale, unit, gradient, shading
 [camera]                        # size, azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
 [settings]                      # as Settings
+[[mesh]]                        # file, color, opacity, radius
 [[layer]]                       # more volumes: volume, threshold, opacity, clip, crop, [layer.load], [layer.transfer]
 """
 
@@ -18,6 +19,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splatgl.app.meshes import MeshFile
 from splatgl.app.stacks import seen_along_z
 from splatgl.app.viewpoint import Fitted, View, typed
 from splatgl.data.errors import InputError, expected
@@ -32,6 +34,7 @@ from splatgl.splat.plan.settings import Settings
 
 # extraction and cameras are imported once there is a volume: bad input is told at once
 if TYPE_CHECKING:
+    from splatgl.data.mesh import Mesh
     from splatgl.splat.extraction.extract import Progress
     from splatgl.splat.extraction.splats import Splats
 
@@ -47,6 +50,7 @@ KEYS: dict[str, tuple[type, ...]] = {
     "clip": (list,),
     "crop": (str,),
     "layer": (list,),
+    "mesh": (list,),
 }
 # keys of a transfer function that are of channels: pairs of a channel and a colour, or a window
 OF_CHANNELS = ("color_of", "window_of")
@@ -58,7 +62,7 @@ LAYER = ("volume", "threshold", "load", "transfer", "opacity", "clip", "crop")
 class Scene:
     """A complete description of an image to render. opacity: factor of the transfer function's opacities. clip:
     conditions of what is kept; of a layer None, those of the scene. crop: its part in voxels, which the view is fitted
-    to. layers: more volumes in it, of which view and settings are not read.
+    to. layers: more volumes in it, of which view and settings are not read. meshes: triangles in it.
     """
 
     volume: str
@@ -71,6 +75,7 @@ class Scene:
     clip: tuple[str, ...] | None = None
     crop: str = ""
     layers: tuple[Scene, ...] = ()
+    meshes: tuple[MeshFile | Mesh, ...] = ()
 
     @classmethod
     def from_toml(cls, path: Path) -> Scene:
@@ -89,7 +94,9 @@ class Scene:
             if not isinstance(layer, dict):
                 raise expected(what, "a table", repr(layer))
             layers.append(cls._of_table(path, what, layer, set(LAYER)))
-        return replace(scene, view=view, settings=settings, layers=tuple(layers))
+        tables = enumerate(table.get("mesh", []), 1)
+        meshes = [MeshFile.of_table(path.parent, f"{path} [[mesh]] {number}", each) for number, each in tables]
+        return replace(scene, view=view, settings=settings, layers=tuple(layers), meshes=tuple(meshes))
 
     @classmethod
     def _of_table(cls, path: Path, what: str, table: Mapping[str, Any], known: set[str]) -> Scene:
@@ -126,6 +133,10 @@ class Scene:
         lines = self._lines(folder, "", {"camera": camera, "settings": self.settings.given})
         for layer in self.layers:
             lines += ["", "[[layer]]", *layer._lines(folder, "layer.", {})]
+        for mesh in self.meshes:
+            if not isinstance(mesh, MeshFile):
+                raise expected("scene", "meshes in files, which a scene file can name", "one in memory")
+            lines += mesh.lines(_relative(mesh.file, folder))
         return "\n".join(lines) + "\n"
 
     def _lines(self, folder: Path, prefix: str, more: Mapping[str, Mapping[str, Any]]) -> list[str]:

@@ -28,17 +28,20 @@ def render_scene(
     interrupted: Callable[[], bool] | None = None,
 ) -> Image:
     """The picture of all visible layers. In `composite` their extinctions and emissions add up at every depth; in other
-    blends their pictures add up. No error bound is known. Raises InputError for settings that composite splat by splat.
+    blends their pictures add up. Meshes end rays, or weaken them. No error bound is known. Raises InputError for
+    settings that composite splat by splat, and for meshes in other blends.
     """
     started = time.perf_counter()
     drawn = common_samples(scene.drawn(settings), camera, settings)
-    if len(drawn) == 1:
+    if len(drawn) == 1 and not scene.meshes:
         return renderer.render(drawn[0][0], camera, drawn[0][1], interrupted=interrupted)
     splats = [each for each, _ in drawn]
     if BLENDS[settings.blend].ordered:
         layers = [_planned(renderer, each, camera, own) for each, own in drawn]
-        pixels = renderer.draw_layers(layers, interrupted)
+        pixels = renderer.draw_layers(layers, scene.meshes, settings.shading != "off", interrupted)
         info: Mapping[str, object] = renderer.provenance(layers[0][0], camera, layers[0][1], 0.0)
+    elif scene.meshes:
+        raise expected("meshes", "blend composite", settings.blend)
     else:
         alone = [(each, own.but(background=None)) for each, own in drawn]
         found = [renderer.render(each, camera, own, None, False, interrupted) for each, own in alone]
@@ -47,6 +50,7 @@ def render_scene(
         "scene": " + ".join(each.name for each in splats),
         "layers": [each.name for each in splats],
         "splats": sum(map(len, splats)),
+        "triangles": sum(map(len, scene.meshes)),
         "background": None if settings.background is None else list(settings.background),
         "seconds": round(time.perf_counter() - started, 6),
         "error_bound": None,

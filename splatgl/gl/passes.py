@@ -10,6 +10,7 @@ from typing import Protocol
 import moderngl
 import numpy as np
 
+from splatgl.data.mesh import Mesh
 from splatgl.gl.buffers import SplatBuffers
 from splatgl.gl.draw_order import DrawOrder
 from splatgl.gl.layer_tiles import Drawn, LayerTiles, union
@@ -19,6 +20,7 @@ from splatgl.gl.quads import Quads
 from splatgl.gl.sheet_quads import SheetQuads
 from splatgl.gl.sheet_tiles import Batches, SheetTiles
 from splatgl.gl.streaks import Streaks
+from splatgl.gl.surfaces import Surfaces
 from splatgl.gl.tables import Tables
 from splatgl.gl.target import Target, Targets
 from splatgl.gl.tiles import Tiles
@@ -28,6 +30,10 @@ from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.plan.resolve import END_CORRECTION
 from splatgl.splat.view.ahead import ahead
+from splatgl.splat.view.screen_bounds import Window
+
+# names of targets: the picture's, that of matter between surfaces, and a layer's
+ROLES = ("draw", "part", "layer")
 
 
 class Technique(Protocol):
@@ -64,6 +70,7 @@ class Passes:
             "layers": self.layers,
             "streaks": Streaks(ctx, self.programs, self.splats),
         }
+        self.surfaces = Surfaces(ctx, self.programs, self._whole)
         self.style = ctx.buffer(reserve=STYLE.itemsize)
         owned.callback(self.style.release)
         owned.callback(self.release)
@@ -71,6 +78,7 @@ class Passes:
     def release(self) -> None:
         """Frees the buffers of splats and techniques."""
         self.splats.release()
+        self.surfaces.release()
         for technique in self.techniques.values():
             technique.release()
 
@@ -106,6 +114,36 @@ class Passes:
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         self.layers.composite(target, scratch, ahead_, self._bind, portions)
         return self._read(target, replace(plan, window=union([each.window for _, each in layers])))
+
+    def draw_surfaces(
+        self,
+        meshes: Sequence[Mesh],
+        lit: bool,
+        layers: Sequence[Drawn],
+        interrupted: Callable[[], bool] | None = None,
+    ) -> np.ndarray:
+        """float32 [H, W, 4]: meshes, lit or not, and the layers' matter between them."""
+        first, plan = layers[0]
+        camera, unit = plan.resolved.camera, first.grid.mean_spacing
+        target, part, scratch = (self.targets.get(role, plan.view.size, plan.target) for role in ROLES)
+        target.clear()
+        shown = [(ahead(splats, camera), own) for splats, own in layers]
+        shown = [each for each in shown if len(each[0])]
+        portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
+        self._bind(first, plan)
+        try:
+            for limits, light in self.surfaces.peeled(meshes, camera, unit, lit):
+                self.sheets.limits = self.layers.limits = limits
+                part.clear()
+                if len(shown) > 1:
+                    self.layers.composite(part, scratch, shown, self._bind, portions)
+                elif shown:
+                    self._draw_splats(part, *shown[0], portions, None)
+                self._bind(first, plan)
+                self.surfaces.composite(target, part, light)
+        finally:
+            self.sheets.limits = self.layers.limits = None
+        return self._read(target, replace(plan, window=Window(0, 0, *plan.view.size)))
 
     def joined(self, samples: np.ndarray, whole: Splats, plan: Plan) -> np.ndarray:
         """float32 [H, W, 4]: the picture whose parts' samples were joined."""

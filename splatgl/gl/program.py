@@ -147,6 +147,13 @@ class Programs:
             self.screen[key] = self._keep(build(self.ctx, "whole.vert", fragment, dict(key[1])))
         return self.screen[key]
 
+    def for_meshes(self, perspective: bool) -> moderngl.Program:
+        """The program that draws triangles."""
+        key = ("surface.frag", (("PERSPECTIVE", perspective),))
+        if key not in self.screen:
+            self.screen[key] = self._keep(build(self.ctx, "surface.vert", "surface.frag", dict(key[1])))
+        return self.screen[key]
+
     def for_tiles(self, name: str, program: Program, more: Switches) -> moderngl.ComputeShader:
         """One of the tile compute shaders; more: its own switches."""
         key = (name, self._read((name,), program, more))

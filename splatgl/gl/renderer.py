@@ -14,6 +14,7 @@ import numpy as np
 
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
+from splatgl.data.mesh import Mesh
 from splatgl.gl.context import check_process, context_info, current, inherited, open_context
 from splatgl.gl.layer_tiles import Drawn
 from splatgl.gl.layered import render_scene
@@ -138,11 +139,18 @@ class Renderer:
         met = error is not None and bool(error <= allowed)
         return Image(pixels, {**provenance, "error_bound": error, "tolerance_met": met})
 
-    def draw_layers(self, layers: Sequence[Drawn], interrupted: Callable[[], bool] | None = None) -> np.ndarray:
-        """The pixels of layers in `composite`; see `render_scene`."""
+    def draw_layers(
+        self,
+        layers: Sequence[Drawn],
+        meshes: Sequence[Mesh] = (),
+        lit: bool = True,
+        interrupted: Callable[[], bool] | None = None,
+    ) -> np.ndarray:
+        """The pixels of layers and meshes in `composite`; see `render_scene`. lit: whether meshes are."""
+        draw = partial(self.passes.draw_surfaces, meshes, lit) if meshes else self.passes.draw_layers
         with current(self.ctx):
             check_size(self.ctx, layers[0][1].view.size)
-            return self._guarded(*layers[0], partial(self.passes.draw_layers, layers, interrupted))
+            return self._guarded(*layers[0], partial(draw, layers, interrupted))
 
     def render_bricks(
         self,

@@ -16,6 +16,7 @@ from splatgl.gl.draw_order import DrawOrder, Range
 from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
 from splatgl.gl.sheet_order import SheetOrder, sheet_span, sheet_uniforms, window_edges
+from splatgl.gl.surfaces import FARTHEST_UNIT, NEAREST_UNIT, Limits
 from splatgl.gl.tables import CLASS_UNIT, HALF_LINE_UNIT, Tables
 from splatgl.gl.target import Target
 from splatgl.gl.tiles import LIST_UNIT, LISTS, OPEN, Band, Tiles, bands_of, set_uniforms
@@ -67,6 +68,8 @@ class SheetTiles(Tiles):
         super().__init__(ctx, programs, splats, whole)
         self.tables, self.order, self.batch = tables, SheetOrder(ctx, programs), Rewritten(ctx)
         self.uniforms: dict[str, object] = {}
+        # between which depths it is drawn
+        self.limits: Limits | None = None
         # splats of the picture; whether those being drawn are its last; tiles whose open sheets are kept
         self.count, self.last = 0, False
         self.kept: np.ndarray | None = None
@@ -87,6 +90,8 @@ class SheetTiles(Tiles):
         """Splats that may be seen in a window, or anywhere, in the order of sheets; sets `uniforms` and `count`."""
         texels = self.splats.of(splats).texels(plan.program.look.attenuation == "fill", DrawOrder(None, True))
         self.uniforms = sheet_uniforms(splats, plan)
+        if self.limits is not None:
+            self.uniforms["depth_unit"] = self.limits.unit / splats.grid.mean_spacing
         if window is not None:
             self.uniforms["edges"] = window_edges(plan.view, window)
         texels, self.count = self.order.sorted(len(splats), sheet_span(splats, plan), plan, texels, self.uniforms)
@@ -208,8 +213,12 @@ class SheetTiles(Tiles):
         self.kept = np.zeros(tiles, bool)
 
     def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
-        program = super()._program(name, plan, switches)
+        limited = self.limits is not None and name == "sheet_draw.comp"
+        program = super()._program(name, plan, {**switches, **({"LIMITED": True} if limited else {})})
         set_uniforms(program, **self.uniforms)
+        if self.limits is not None:
+            set_uniforms(program, nearest_depth=NEAREST_UNIT, farthest_depth=FARTHEST_UNIT)
+            self.limits.use()
         return program
 
     def _placing(self, plan: Plan, switches: dict[str, bool]) -> moderngl.Program:

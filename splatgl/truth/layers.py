@@ -37,6 +37,10 @@ class LayerScene:
         light = merged([layer.pieces(window) for layer in self.layers])
         return light.reshape(window.height, window.width, 4)
 
+    def between(self, window: Window, near: np.ndarray, far: np.ndarray) -> np.ndarray:
+        """Light [P, 4] of what a window's pixels see between distances [P], world units."""
+        return merged([layer.pieces(window, near, far) for layer in self.layers])
+
     def parts(self, windows: Sequence[Window]) -> list[np.ndarray]:
         """Windows of the picture."""
         return [self.part(window) for window in windows]

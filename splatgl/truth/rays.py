@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,11 @@ class Rays:
     stretch: np.ndarray
     toward: np.ndarray
     face: np.ndarray | None = None
+
+    def between(self, near: np.ndarray, far: np.ndarray) -> Rays:
+        """The parts of the rays between distances [P], mean spacings."""
+        begin, end = np.maximum(self.near, near / self.stretch), np.minimum(self.far, far / self.stretch)
+        return replace(self, near=begin, far=np.maximum(begin, end))
 
     @classmethod
     def of(

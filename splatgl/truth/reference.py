@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatgl.data.image import Image
+from splatgl.data.mesh import Mesh
 from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.classification.shading import head_light
 from splatgl.splat.extraction.order import back_to_front, order_for
@@ -36,6 +37,7 @@ from splatgl.truth.layers import LayerScene, layers_of, resolved_layer
 from splatgl.truth.pairs import Row, Values, values
 from splatgl.truth.pixel_means import pixel_means
 from splatgl.truth.sheets import SheetScene
+from splatgl.truth.surfaces import SurfaceScene
 
 # samples per band: their indices fit into 16 bits, which sort fast
 BAND = 1 << 16
@@ -60,9 +62,9 @@ def render(
     started = time.perf_counter()
     settings = settings or Settings()
     if isinstance(splats, Scene):
-        drawn = layers_of(splats, camera, settings)
-        if len(drawn) > 1:
-            return _render_layers(drawn, camera, settings, progress)
+        drawn, meshes = layers_of(splats, camera, settings), splats.meshes
+        if len(drawn) > 1 or meshes:
+            return _render_layers(drawn, camera, settings, progress, meshes)
         splats, settings = drawn[0]
     if row != "row1":
         settings = settings.but(classification="pre", compositing="splats")
@@ -73,13 +75,17 @@ def render(
 
 
 def _render_layers(
-    layers: Sequence[tuple[Splats, Settings]], camera: Camera, settings: Settings, progress: Progress | None
+    layers: Sequence[tuple[Splats, Settings]],
+    camera: Camera,
+    settings: Settings,
+    progress: Progress | None,
+    meshes: Sequence[Mesh],
 ) -> Image:
     """The same of several layers."""
     started = time.perf_counter()
     if BLENDS[settings.blend].ordered:
         resolved = [resolved_layer(each, camera, own) for each, own in layers]
-        scene = LayerScene([sheet_scene(each, found) for (each, _), found in zip(layers, resolved, strict=True)])
+        scene = _layered([(each, found) for (each, _), found in zip(layers, resolved, strict=True)], settings, meshes)
         picture, first = _drawn_in_bands(scene, resolved[0], progress), resolved[0]
     else:
         alone = [(each, own.but(background=None)) for each, own in layers]
@@ -91,7 +97,7 @@ def _render_layers(
 
 
 def _drawn_in_bands(
-    scene: _Scene | SheetScene | LayerScene, resolved: Resolved, progress: Progress | None
+    scene: _Scene | SheetScene | LayerScene | SurfaceScene, resolved: Resolved, progress: Progress | None
 ) -> np.ndarray:
     """The pixels, float64 [H, W, 4]."""
     fine = resolved.camera
@@ -108,9 +114,9 @@ def render_windows(
 ) -> list[np.ndarray]:
     """Windows of pixels of the same image, float64 [h, w, 4]: enough to check another image of many splats."""
     if isinstance(splats, Scene):
-        drawn = layers_of(splats, camera, settings)
-        if len(drawn) > 1:
-            return _layer_windows(drawn, camera, settings, windows)
+        drawn, meshes = layers_of(splats, camera, settings), splats.meshes
+        if len(drawn) > 1 or meshes:
+            return _layer_windows(drawn, camera, settings, windows, meshes)
         splats, settings = drawn[0]
     splats = ahead(suited(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
@@ -118,7 +124,11 @@ def render_windows(
 
 
 def _layer_windows(
-    layers: Sequence[tuple[Splats, Settings]], camera: Camera, settings: Settings, windows: Sequence[Window]
+    layers: Sequence[tuple[Splats, Settings]],
+    camera: Camera,
+    settings: Settings,
+    windows: Sequence[Window],
+    meshes: Sequence[Mesh],
 ) -> list[np.ndarray]:
     """The same of several layers."""
     if not BLENDS[settings.blend].ordered:
@@ -127,10 +137,20 @@ def _layer_windows(
         return [joined(part, settings) for part in zip(*parts, strict=True)]
     resolved = [resolved_layer(each, camera, own) for each, own in layers]
     near = [_reaching(each, found, windows) for (each, _), found in zip(layers, resolved, strict=True)]
-    some = [(each, found) for each, found in zip(near, resolved, strict=True) if len(each)]
-    if not some:
-        return _windows(sheet_scene(near[0], resolved[0]), resolved[0], windows)
-    return _windows(LayerScene([sheet_scene(*each) for each in some]), resolved[0], windows)
+    every = list(zip(near, resolved, strict=True))
+    some = [each for each in every if len(each[0])] or every[:1]
+    return _windows(_layered(some, settings, meshes), resolved[0], windows)
+
+
+def _layered(
+    layers: Sequence[tuple[Splats, Resolved]], settings: Settings, meshes: Sequence[Mesh]
+) -> SheetScene | LayerScene | SurfaceScene:
+    """The scene of layers and meshes."""
+    scenes = [sheet_scene(*each) for each in layers]
+    scene = LayerScene(scenes) if len(scenes) > 1 else scenes[0]
+    if not meshes:
+        return scene
+    return SurfaceScene(scene, meshes, layers[0][1].camera, settings.shading != "off")
 
 
 def _reaching(splats: Splats, resolved: Resolved, windows: Sequence[Window]) -> Splats:
@@ -163,7 +183,7 @@ def _drawn(windows: Sequence[Window], resolved: Resolved) -> list[Window]:
 
 
 def _windows(
-    scene: _Scene | SheetScene | LayerScene, resolved: Resolved, windows: Sequence[Window]
+    scene: _Scene | SheetScene | LayerScene | SurfaceScene, resolved: Resolved, windows: Sequence[Window]
 ) -> list[np.ndarray]:
     """Windows of the picture of a scene."""
     fine, k = _drawn(windows, resolved), resolved.samples

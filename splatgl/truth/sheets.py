@@ -93,14 +93,20 @@ class SheetScene:
         rays = Rays.of(self.view, self.camera, self.field.post.shape, places, self.resolved.clip)
         return self.field.composited(sums, rays, self.first, self.sheets)
 
-    def pieces(self, window: Window) -> Pieces:
-        """What a window's pixels see of the scene, in pieces along their rays."""
-        sums, places = self._sums(window), _pixels(window, self.camera)
-        shape = (1, 1, 1) if self.field is None else self.field.post.shape
-        rays = Rays.of(self.view, self.camera, shape, places, self.resolved.clip)
+    def between(self, window: Window, near: np.ndarray, far: np.ndarray) -> np.ndarray:
+        """Light [P, 4] of what a window's pixels see between distances [P], world units."""
+        sums, rays = self._sums(window), self._rays(window, near, far)
+        if self.field is None:
+            return composited(sums * self._within(rays)[..., None])
+        return self.field.composited(sums, rays, self.first, self.sheets)
+
+    def pieces(self, window: Window, near: np.ndarray | None = None, far: np.ndarray | None = None) -> Pieces:
+        """What a window's pixels see of the scene, or of it between distances [P], in pieces along their rays."""
+        sums, rays = self._sums(window), self._rays(window, near, far)
         if self.field is None:
             # a sheet lies in the middle of its matter
             middle = self.first + np.arange(self.many)[None, :, None] + np.zeros((len(sums), 1, 1))
+            sums = sums if near is None else sums * self._within(rays)[..., None]
             return Pieces(self._depths(rays, middle + np.array([-0.5, 0.5])), sums)
         every = np.ones(len(sums), bool)
         number = (self.many + 1) * self.sheets.steps
@@ -111,6 +117,21 @@ class SheetScene:
             ends[part.pixel, n] = part.sheet + np.stack(part.ends, axis=1)
             matter[part.pixel, n] = self.field.matter(part, rays)
         return Pieces(self._depths(rays, ends), matter)
+
+    def _rays(self, window: Window, near: np.ndarray | None, far: np.ndarray | None) -> Rays:
+        """Rays of a window's pixels; of voxels all of each, before its limits."""
+        shape = (1, 1, 1) if self.field is None else self.field.post.shape
+        rays = Rays.of(self.view, self.camera, shape, _pixels(window, self.camera), self.resolved.clip)
+        if self.field is None:
+            rays = replace(rays, near=np.zeros_like(rays.near), far=np.full_like(rays.far, np.inf))
+        return rays if near is None or far is None else rays.between(near / self.spacing, far / self.spacing)
+
+    def _within(self, rays: Rays) -> np.ndarray:
+        """The shares [P, sheets] of the matter around sheets that lie within rays."""
+        middle = self.first + np.arange(self.many)
+        offset = ray_offset(self.view, rays)
+        ends = [((end + offset) / self.sheets.thickness)[:, None] - middle for end in (rays.near, rays.far)]
+        return np.asarray(np.clip(ends[1], -0.5, 0.5) - np.clip(ends[0], -0.5, 0.5))
 
     def _depths(self, rays: Rays, places: np.ndarray) -> np.ndarray:
         """Distances along rays, world units, of places [P, …] in sheets."""

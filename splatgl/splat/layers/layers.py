@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.errors import InputError, expected
+from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.splat.bricks.opaque import Opaque
 from splatgl.splat.classification.presets import default_transfer
@@ -60,12 +61,14 @@ class Layer:
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Layers of one picture, in any order; volumes stand for layers by default. clip: conditions such as "x>0.3" of the
-    box around the visible layers, or planes as of Settings. Raises InputError for too many layers, for none that is
+    box around the visible layers, or planes as of Settings. meshes: triangles, in the same world; in another frame, LPS
+    or RAS, than the first layer they are turned into its own. Raises InputError for too many layers, for none that is
     visible, and for planes that leave nothing.
     """
 
     layers: Sequence[Layer | Volume]
     clip: str | Sequence[Any] = ()
+    meshes: Sequence[Mesh] = ()
     made: dict[Settings, tuple[Splats, ...]] = field(default_factory=dict, repr=False)
     planes: tuple[tuple[Plane, ...], ...] = field(default=(), init=False, repr=False)
 
@@ -75,6 +78,7 @@ class Scene:
         if not 1 <= len(self.shown) <= MOST_LAYERS:
             raise expected("layers", f"1 to {MOST_LAYERS} that are visible", len(self.shown))
         object.__setattr__(self, "planes", self._planes())
+        object.__setattr__(self, "meshes", tuple(each.placed(self.shown[0].volume.frame) for each in self.meshes))
 
     def _planes(self) -> tuple[tuple[Plane, ...], ...]:
         """Those that cut each visible layer."""
@@ -110,12 +114,12 @@ class Scene:
     @property
     def corners(self) -> np.ndarray:
         """Corners [N, 3], world units, of the boxes of opaque samples."""
-        return np.concatenate([each.corners for each in self._subjects])
+        return np.concatenate([*(each.corners for each in self._subjects), *(each.vertices for each in self.meshes)])
 
     @property
     def outline(self) -> np.ndarray:
         """Points [N, 3], world units, whose hull contains the opaque samples."""
-        return np.concatenate([each.outline for each in self._subjects])
+        return np.concatenate([*(each.outline for each in self._subjects), *(each.vertices for each in self.meshes)])
 
     @property
     def _subjects(self) -> list[Opaque]:

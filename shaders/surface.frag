@@ -1,0 +1,22 @@
+// The nearest surfaces behind a depth, and before another: light and depth.
+// switch PERSPECTIVE 1
+#include "light.glsl"
+uniform sampler2D nearest_depth;
+uniform sampler2D farthest_depth;
+uniform bool lit;
+
+in vec3 place;
+in vec3 normal;
+in vec4 color;
+layout(location = 0) out vec4 light;  // linear, premultiplied
+layout(location = 1) out vec4 depth;
+
+void main() {
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    // a surface that was drawn is not drawn again, whatever its depth's last digits are
+    if (place.z <= texelFetch(nearest_depth, pixel, 0).r * (1.0 + 1e-6)) discard;
+    if (place.z >= texelFetch(farthest_depth, pixel, 0).r) discard;
+    vec3 ray = PERSPECTIVE == 1 ? normalize(place) : vec3(0.0, 0.0, 1.0);
+    light = vec4(color.rgb * (lit ? surface_light(normal, ray) : 1.0), 1.0) * color.a;
+    depth = vec4(place.z);
+}

@@ -1,0 +1,21 @@
+// Triangles of meshes, in lengths of the frame from the eye, eye axes.
+// switch PERSPECTIVE 1
+#include "frame.glsl"
+uniform vec2 depths;  // of all of them, for the depth buffer
+
+in vec3 in_place;
+in vec3 in_normal;
+in vec4 in_color;     // linear RGB, and opacity
+out vec3 place;
+out vec3 normal;
+out vec4 color;
+
+void main() {
+    place = in_place;
+    normal = in_normal;
+    color = in_color;
+    vec2 at = place.xy * frame.clip_scale;
+    float sum = depths.y + depths.x, length_ = depths.y - depths.x;
+    if (PERSPECTIVE == 1) gl_Position = vec4(at, (place.z * sum - 2.0 * depths.x * depths.y) / length_, place.z);
+    else gl_Position = vec4(at, (2.0 * place.z - sum) / length_, 1.0);
+}

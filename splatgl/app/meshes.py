@@ -1,0 +1,92 @@
+"""Meshes beside volumes: `--mesh`, and the tables [[mesh]] of scene files."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from splatgl.data.errors import InputError, expected
+from splatgl.data.toml import toml_value
+
+if TYPE_CHECKING:
+    from splatgl.data.mesh import Mesh
+
+# the keys of a table, and their types
+KEYS: dict[str, tuple[type, ...]] = {"file": (str,), "color": (str,), "opacity": (int, float), "radius": (int, float)}
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """A mesh of a scene. color: #rrggbb or a name of CSS; "": the file's. radius: of lines, world units, or None."""
+
+    file: str
+    color: str = ""
+    opacity: float = 1.0
+    radius: float | None = None
+
+    def open(self) -> Mesh:
+        """The mesh. Raises InputError as `load_mesh`, and for a colour that has no name."""
+        from splatgl.data.readers.mesh_files import load_mesh
+
+        return load_mesh(self.file, _linear(self.color) if self.color else None, self.opacity, self.radius)
+
+    @classmethod
+    def of_table(cls, folder: Path, what: str, table: Any) -> MeshFile:
+        """Of a scene file in a folder. Raises InputError for other keys and values."""
+        if not isinstance(table, Mapping):
+            raise expected(what, "a table", repr(table)[:80])
+        unknown = [key for key in table if key not in KEYS]
+        if unknown:
+            raise expected(what, f"keys {', '.join(KEYS)}", ", ".join(unknown))
+        if "file" not in table:
+            raise expected(what, "the key file", ", ".join(table) or "none")
+        for key, value in table.items():
+            if not isinstance(value, KEYS[key]) or isinstance(value, bool):
+                raise expected(f"{what}: {key}", " or ".join(kind.__name__ for kind in KEYS[key]), repr(value)[:80])
+        if not 0 <= table.get("opacity", 1) <= 1:
+            raise expected(f"{what}: opacity", "a factor from 0 to 1", table["opacity"])
+        return cls(**{**table, "file": str(folder / table["file"])})
+
+    def lines(self, file: str) -> list[str]:
+        """The lines of its table; file: its path there."""
+        given = {"file": file, "color": self.color or None, "radius": self.radius}
+        given |= {"opacity": float(self.opacity)} if self.opacity != 1 else {}
+        told = [f"{key} = {toml_value(key, value)}" for key, value in given.items() if value is not None]
+        return ["", "[[mesh]]", *told]
+
+
+def mesh_option(text: str) -> MeshFile:
+    """An argparse type: the mesh of FILE[:COLOUR[:OPACITY]]."""
+    file, color, opacity = text, "", 1.0
+    head, colon, last = file.rpartition(":")
+    if colon and (number := _number(last)) is not None:
+        file, opacity = head, number
+        head, colon, last = file.rpartition(":")
+    if colon and "." not in last and "/" not in last:
+        file, color = head, last
+    if not file or not 0 <= opacity <= 1:
+        told = f"expected FILE[:COLOUR[:OPACITY]] with an opacity from 0 to 1, got {text!r}"
+        raise argparse.ArgumentTypeError(told)
+    return MeshFile(file, color, opacity)
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _linear(color: str) -> tuple[float, float, float]:
+    from splatgl.app.backgrounds import background
+
+    try:
+        found = background(color)
+    except argparse.ArgumentTypeError:
+        found = ""
+    if isinstance(found, str):
+        raise InputError(f"mesh: expected a colour such as #e8dcc8 or red, got {color!r}")
+    return found

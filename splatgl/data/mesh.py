@@ -1,0 +1,194 @@
+"""`Mesh`: triangles in a volume's world, from files or arrays; points as spheres, lines as tubes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.color import linear_from_srgb
+from splatgl.data.errors import expected
+
+# a corner has its vertex' mean normal if that is within this angle of its triangle's, else the triangle's
+SMOOTH = np.cos(np.radians(45.0))
+# sides of tubes
+SIDES = 8
+# a bone's colour, sRGB
+COLOR = "#e8dcc8"
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles, lit from both sides. vertices float64 [N, 3]: world units; faces int64 [M, 3]: numbers of vertices.
+
+    color: "#rrggbb", or linear RGB. colors uint8 [N, 3]: sRGB of each vertex instead, or None. opacity: from 0 to 1, of
+    each triangle. frame: "LPS", "RAS" or None, as of volumes. Raises InputError for other shapes and numbers.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    color: str | Sequence[float] = COLOR
+    opacity: float = 1.0
+    colors: np.ndarray | None = None
+    name: str = ""
+    frame: str | None = None
+
+    def __post_init__(self) -> None:
+        vertices = _array("vertices", self.vertices, np.float64)
+        if len(vertices) and not np.isfinite(vertices).all():
+            raise expected("vertices", "finite numbers", "others")
+        faces = _array("faces", self.faces, np.int64)
+        if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
+            raise expected("faces", f"numbers of {len(vertices)} vertices", f"{faces.min()} to {faces.max()}")
+        colors = self.colors
+        if colors is not None:
+            colors = _array("colors", colors, np.uint8)
+            if len(colors) != len(vertices):
+                raise expected("colors", f"one for each of {len(vertices)} vertices", len(colors))
+        if not 0 <= self.opacity <= 1:
+            raise expected("opacity", "a number from 0 to 1", self.opacity)
+        object.__setattr__(self, "color", _color(self.color))
+        for name, value in (("vertices", vertices), ("faces", faces), ("colors", colors)):
+            object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        """The number of triangles."""
+        return len(self.faces)
+
+    def __repr__(self) -> str:
+        """One line: name, triangles, opacity."""
+        return f"<Mesh {self.name!r}: {len(self):,} triangles, opacity {self.opacity:g}>"
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """Unit normals float64 [M, 3, 3] of the corners of triangles; 0 of those without an area."""
+        corners = self.vertices[self.faces]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        mean = np.zeros_like(self.vertices)
+        for n, corner in enumerate(self.faces.T):
+            # weighted by the angle there, so that how a side is cut into triangles does not matter
+            here = _unit(np.roll(corners, -n, axis=1)[:, 1:] - corners[:, n, None])
+            angle = np.arccos(np.clip((here[:, 0] * here[:, 1]).sum(axis=1), -1.0, 1.0))
+            for axis in range(3):
+                mean[:, axis] += np.bincount(corner, _unit(across)[:, axis] * angle, len(mean))
+        flat, smooth = _unit(across)[:, None], _unit(mean)[self.faces]
+        return np.where((flat * smooth).sum(axis=2, keepdims=True) > SMOOTH, smooth, flat)
+
+    @property
+    def shades(self) -> np.ndarray:
+        """Linear RGB float64 [M, 3, 3] of the corners of triangles."""
+        if self.colors is None:
+            return np.broadcast_to(np.asarray(self.color, np.float64), (len(self.faces), 3, 3))
+        return np.asarray(linear_from_srgb(self.colors / 255.0))[self.faces]
+
+    def placed(self, frame: str | None) -> Mesh:
+        """The mesh in another frame; as it is, if either is not known."""
+        if {self.frame, frame} != {"LPS", "RAS"}:
+            return self
+        return Mesh(self.vertices * (-1, -1, 1), self.faces, self.color, self.opacity, self.colors, self.name, frame)
+
+    @classmethod
+    def of_points(cls, points: Any, radius: float, **look: Any) -> Mesh:
+        """Spheres around points [N, 3], world units. look: color, opacity, name."""
+        centers, (ball, faces) = _array("points", points, np.float64), _ball()
+        vertices = centers[:, None] + ball * _radius(radius)
+        offsets = np.arange(len(centers))[:, None, None] * len(ball)
+        return cls(vertices.reshape(-1, 3), (faces + offsets).reshape(-1, 3), **look)
+
+    @classmethod
+    def of_lines(cls, lines: Sequence[Any], radius: float, **look: Any) -> Mesh:
+        """Tubes around lines, each of points [N, 3], world units; of one point, none. look: color, opacity, name."""
+        tubes = [_tube(_array("lines", line, np.float64), _radius(radius)) for line in lines]
+        tubes = [tube for tube in tubes if len(tube)]
+        rings = [np.arange(len(tube) // SIDES) for tube in tubes]
+        first = np.cumsum([0, *map(len, tubes)])
+        quads = [_between(ring[:-1]) + start for ring, start in zip(rings, first[:-1], strict=True)]
+        vertices = np.concatenate([np.zeros((0, 3)), *tubes])
+        return cls(vertices, np.concatenate([np.zeros((0, 3), np.int64), *quads]), **look)
+
+
+def _array(what: str, given: Any, kind: Any) -> np.ndarray:
+    try:
+        found: np.ndarray = np.ascontiguousarray(given, kind)
+    except (TypeError, ValueError) as error:
+        raise expected(what, "an array [N, 3] of numbers", type(given).__name__) from error
+    if found.size == 0:
+        return np.zeros((0, 3), kind)
+    if found.ndim != 2 or found.shape[1] != 3:
+        raise expected(what, "an array [N, 3]", str(found.shape))
+    return found
+
+
+def _color(given: str | Sequence[float]) -> tuple[float, float, float]:
+    """Linear RGB."""
+    if isinstance(given, str):
+        if not re.fullmatch("#[0-9a-fA-F]{6}", given):
+            raise expected("color", "#rrggbb, or three linear numbers from 0 to 1", repr(given)[:80])
+        given = linear_from_srgb(np.array([int(given[n : n + 2], 16) for n in (1, 3, 5)]) / 255.0).tolist()
+    found = np.asarray(given, np.float64)
+    if found.shape != (3,) or not ((found >= 0) & (found <= 1)).all():
+        raise expected("color", "#rrggbb, or three linear numbers from 0 to 1", repr(given)[:80])
+    r, g, b = found.tolist()
+    return r, g, b
+
+
+def _radius(radius: float) -> float:
+    if not 0 < radius < np.inf:
+        raise expected("radius", "a positive length", radius)
+    return float(radius)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    size = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.where(size > 0, size, 1.0))
+
+
+def _ball() -> tuple[np.ndarray, np.ndarray]:
+    """Vertices [162, 3] and faces [320, 3] of an icosahedron whose faces are divided twice, on the unit sphere."""
+    golden = (1 + 5**0.5) / 2
+    sides = [(0, a, b * golden) for a in (-1, 1) for b in (-1, 1)]
+    vertices = _unit(np.array([np.roll(side, n) for n in range(3) for side in sides], np.float64))
+    near = np.linalg.norm(vertices[:, None] - vertices, axis=2) < 1.1
+    faces = np.array([three for three in combinations(range(12), 3) if near[np.ix_(three, three)].sum() == 9])
+    # all round the same way
+    inward = np.linalg.det(vertices[faces]) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    for _ in range(2):
+        edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        every, number = np.unique(edges, axis=0, return_inverse=True)
+        middle = number.reshape(-1, 3) + len(vertices)
+        vertices = np.concatenate([vertices, _unit(vertices[every].sum(axis=1))])
+        a, b, c = faces.T
+        ab, bc, ca = middle.T
+        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+        faces = np.concatenate([np.stack(part, axis=1) for part in parts])
+    return vertices, faces
+
+
+def _tube(line: np.ndarray, radius: float) -> np.ndarray:
+    """Rings [n · SIDES, 3] around a line's points; none of fewer than two that differ."""
+    line = line[np.append(True, (np.diff(line, axis=0) != 0).any(axis=1))] if len(line) else line
+    if len(line) < 2:
+        return np.zeros((0, 3))
+    along = _unit(np.gradient(line, axis=0))
+    turn = 2 * np.pi * np.arange(SIDES) / SIDES
+    side = np.eye(3)[np.abs(along[0]).argmin()]
+    rings = []
+    for point, forward in zip(line, along, strict=True):
+        # each ring is turned as little as can be from the one before
+        side = _unit(side - (side @ forward) * forward)
+        other = np.cross(forward, side)
+        rings.append(point + radius * (np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * other))
+    return np.concatenate(rings)
+
+
+def _between(rings: np.ndarray) -> np.ndarray:
+    """Triangles [2 · SIDES · R, 3] between each of R rings and the next."""
+    a = (rings[:, None] * SIDES + np.arange(SIDES)).ravel()
+    b = (rings[:, None] * SIDES + (np.arange(SIDES) + 1) % SIDES).ravel()
+    return np.concatenate([np.stack([a, b, b + SIDES], axis=1), np.stack([a, b + SIDES, a + SIDES], axis=1)])

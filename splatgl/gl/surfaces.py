@@ -1,0 +1,192 @@
+"""Meshes in pictures of volumes: surfaces peeled off, nearest first, each with the matter before it.
+
+Opaque surfaces end every ray. Of others the nearest is drawn, then the nearest behind it, and so on; matter between two
+is drawn for itself and composited with them, so that the order is right wherever surfaces and volumes lie.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+
+from splatgl.data.errors import InputError
+from splatgl.data.mesh import Mesh
+from splatgl.gl.program import BLEND_STATES, Programs
+from splatgl.gl.target import Target, check_size
+from splatgl.gl.tiles import set_uniforms
+from splatgl.splat.view.camera import Camera
+
+# texture units of depths before and behind; those of the units below are in use while volumes are drawn
+NEAREST_UNIT, FARTHEST_UNIT = 16, 17
+# units of surface_over.frag
+MATTER_UNIT, SURFACE_UNIT = 0, 1
+# a depth behind everything, in mean spacings
+NOWHERE = 1e9
+# surfaces one behind the other that are not opaque
+MOST_PEELS = 64
+# nearest depth that is rasterised, in shares of the farthest
+NEAREST = 1e-5
+# floats of a corner: place, normal, colour
+CORNER = "3f 3f 4f"
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Between which depths of each sample matter is drawn: textures of floats in world units over `unit`."""
+
+    nearest: moderngl.Texture
+    farthest: moderngl.Texture
+    unit: float
+
+    def use(self) -> None:
+        """Binds both textures."""
+        self.nearest.use(NEAREST_UNIT)
+        self.farthest.use(FARTHEST_UNIT)
+
+
+@dataclass(frozen=True, eq=False)
+class Peel:
+    """A target of surfaces: light, and depths."""
+
+    light: moderngl.Texture
+    depth: moderngl.Texture
+    framebuffer: moderngl.Framebuffer
+    buffer: moderngl.Renderbuffer
+
+    def release(self) -> None:
+        """Frees the target."""
+        for part in (self.framebuffer, self.light, self.depth, self.buffer):
+            part.release()
+
+
+class Surfaces:
+    """Reuses its targets between pictures. whole: draws one triangle over the bound framebuffer."""
+
+    def __init__(self, ctx: moderngl.Context, programs: Programs, whole: Callable[[moderngl.Program], None]) -> None:
+        self.ctx, self.programs, self.whole = ctx, programs, whole
+        self.targets: list[Peel] = []
+        self.size = (0, 0)
+
+    def release(self) -> None:
+        """Frees the targets; they are recreated on demand."""
+        for each in self.targets:
+            each.release()
+        self.targets = []
+
+    def peeled(
+        self, meshes: Sequence[Mesh], camera: Camera, unit: float, lit: bool
+    ) -> Iterator[tuple[Limits, moderngl.Texture]]:
+        """Depths between which matter lies, and the light of the surfaces behind it, nearest first.
+
+        unit: world units of the frame's lengths. Raises InputError for too many surfaces one behind the other.
+        """
+        opaque = [mesh for mesh in meshes if mesh.opacity == 1]
+        clear = [mesh for mesh in meshes if 0 < mesh.opacity < 1]
+        corners = [corners_of(part, camera, unit) for part in (opaque, clear)]
+        depths = depth_range(np.concatenate([each["place"][:, 2] for each in corners]), camera.perspective)
+        buffers = [self.ctx.buffer(each.tobytes()) if len(each) else None for each in corners]
+        end, before, now, ends = self._sized(camera.size)
+        try:
+            for target, depth in ((ends, NOWHERE), (before, -NOWHERE)):
+                target.framebuffer.use()
+                target.framebuffer.clear(red=depth)
+            self._draw(buffers[0], end, before, ends, camera.perspective, (depths, lit))
+            for _ in range(MOST_PEELS):
+                if not self._draw(buffers[1], now, before, end, camera.perspective, (depths, lit)):
+                    break
+                yield Limits(before.depth, now.depth, unit), now.light
+                before, now = now, before
+            else:
+                raise InputError(f"meshes: expected at most {MOST_PEELS} surfaces behind each other, got more")
+            yield Limits(before.depth, end.depth, unit), end.light
+        finally:
+            for buffer in buffers:
+                if buffer is not None:
+                    buffer.release()
+
+    def composite(self, target: Target, matter: Target, surface: moderngl.Texture) -> None:
+        """Blends matter and the surface behind it behind what the target holds."""
+        program = self.programs.for_screen("surface_over.frag")
+        set_uniforms(program, matter=MATTER_UNIT, surface=SURFACE_UNIT)
+        matter.texture.use(MATTER_UNIT)
+        surface.use(SURFACE_UNIT)
+        target.framebuffer.use()
+        blend = BLEND_STATES["over", True]
+        self.ctx.enable_only(moderngl.BLEND)
+        self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
+        self.ctx.blend_func = blend.source, blend.destination
+        self.whole(program)
+
+    def _draw(
+        self,
+        corners: moderngl.Buffer | None,
+        into: Peel,
+        before: Peel,
+        end: Peel,
+        perspective: bool,
+        how: tuple[tuple[float, float], bool],
+    ) -> bool:
+        """The nearest surfaces between two depths; whether there are any."""
+        Limits(before.depth, end.depth, 1.0).use()
+        units = {"nearest_depth": NEAREST_UNIT, "farthest_depth": FARTHEST_UNIT}
+        clear = self.programs.for_screen("surface_clear.frag")
+        set_uniforms(clear, **units)
+        into.framebuffer.use()
+        into.framebuffer.clear(depth=1.0)
+        self.ctx.enable_only(moderngl.NOTHING)
+        self.whole(clear)
+        if corners is None:
+            return False
+        program = self.programs.for_meshes(perspective)
+        set_uniforms(program, **units, depths=how[0], lit=how[1])
+        vertices = self.ctx.vertex_array(program, [(corners, CORNER, "in_place", "in_normal", "in_color")])
+        self.ctx.enable_only(moderngl.DEPTH_TEST)
+        self.ctx.depth_func = "<"
+        query = self.ctx.query(samples=True)
+        with query:
+            vertices.render(moderngl.TRIANGLES)
+        vertices.release()
+        self.ctx.enable_only(moderngl.NOTHING)
+        return bool(query.samples)
+
+    def _sized(self, size: tuple[int, int]) -> list[Peel]:
+        """Four targets of that size."""
+        if self.size != size or not self.targets:
+            check_size(self.ctx, size)
+            self.release()
+            self.targets, self.size = [self._peel(size) for _ in range(4)], size
+        return self.targets
+
+    def _peel(self, size: tuple[int, int]) -> Peel:
+        light, depth = self.ctx.texture(size, 4, dtype="f4"), self.ctx.texture(size, 1, dtype="f4")
+        for texture in (light, depth):
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        buffer = self.ctx.depth_renderbuffer(size)
+        return Peel(light, depth, self.ctx.framebuffer([light, depth], buffer), buffer)
+
+
+def corners_of(meshes: Sequence[Mesh], camera: Camera, unit: float) -> np.ndarray:
+    """Corners of all triangles [3 M]: places from the eye over `unit`, normals in eye axes, colours and opacities."""
+    count = sum(3 * len(mesh) for mesh in meshes)
+    found = np.zeros(count, [("place", "<f4", 3), ("normal", "<f4", 3), ("color", "<f4", 4)])
+    first = 0
+    for mesh in meshes:
+        some = found[first : first + 3 * len(mesh)]
+        places = camera.eye_from_points(mesh.vertices) / unit
+        some["place"] = places[mesh.faces].reshape(-1, 3)
+        some["normal"] = mesh.normals.reshape(-1, 3) @ camera.eye_from_world.T
+        some["color"][:, :3], some["color"][:, 3] = mesh.shades.reshape(-1, 3), mesh.opacity
+        first += 3 * len(mesh)
+    return found
+
+
+def depth_range(depth: np.ndarray, perspective: bool) -> tuple[float, float]:
+    """The depths that the depth buffer holds, a little beyond those of all corners [N] in front of the eye."""
+    far = float(depth.max(initial=0.0))
+    if far <= 0:
+        return NEAREST, 1.0
+    near = max(float(depth.min()), NEAREST * far if perspective else 0.0)
+    return near * 0.999, far * 1.001 + 1e-30

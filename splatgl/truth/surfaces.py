@@ -1,0 +1,127 @@
+"""Meshes in float64: where rays cross triangles, and what lies between; the twin of `shaders/surface.frag`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.data.mesh import Mesh
+from splatgl.splat.classification.shading import surface_light
+from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.screen_bounds import Window
+from splatgl.truth.layers import LayerScene
+from splatgl.truth.sheets import SheetScene
+
+# pairs of a ray and a triangle that are looked at together
+PAIRS = 1 << 22
+
+
+@dataclass(frozen=True, eq=False)
+class Crossings:
+    """Surfaces that rays cross, nearest first. distance [P, K]: from the eye, or from its plane, world units, infinite
+    behind the last. light [P, K, 4]: premultiplied.
+    """
+
+    distance: np.ndarray
+    light: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceScene:
+    """Data shared by all windows of a picture of volumes with meshes, lit or not. camera: of the samples."""
+
+    scene: SheetScene | LayerScene
+    meshes: Sequence[Mesh]
+    camera: Camera
+    lit: bool
+
+    def band_height(self) -> int:
+        """Rows of pixels drawn together."""
+        return self.scene.band_height()
+
+    def part(self, window: Window) -> np.ndarray:
+        """A window of the picture, float64 [h, w, 4]."""
+        found = crossings(self.meshes, self.camera, window, self.lit)
+        light, near = np.zeros((window.height * window.width, 4)), np.zeros(window.height * window.width)
+        for far, surface in zip(found.distance.T, found.light.transpose(1, 0, 2), strict=True):
+            for behind in (self.scene.between(window, near, far), surface):
+                light += (1 - light[:, 3:]) * behind
+            near = far
+        return light.reshape(window.height, window.width, 4)
+
+    def parts(self, windows: Sequence[Window]) -> list[np.ndarray]:
+        """Windows of the picture."""
+        return [self.part(window) for window in windows]
+
+
+def crossings(meshes: Sequence[Mesh], camera: Camera, window: Window, lit: bool = True) -> Crossings:
+    """The surfaces that the rays of a window's pixels cross, and the end of all, which shows nothing."""
+    across, down = camera.slopes()
+    x, y = np.meshgrid(across[window.x : window.x + window.width], down[window.y : window.y + window.height])
+    lateral = np.stack([x.ravel(), y.ravel()], axis=1)
+    found = [_crossed(mesh, camera, lateral, lit) for mesh in meshes if len(mesh) and mesh.opacity > 0]
+    pixel = np.concatenate([np.arange(len(lateral)), *(each[0] for each in found)])
+    distance = np.concatenate([np.full(len(lateral), np.inf), *(each[1] for each in found)])
+    light = np.concatenate([np.zeros((len(lateral), 4)), *(each[2] for each in found)])
+    order = np.lexsort((distance, pixel))
+    pixel, distance, light = pixel[order], distance[order], light[order]
+    first = np.searchsorted(pixel, np.arange(len(lateral)))
+    place = np.arange(len(pixel)) - first[pixel]
+    every = Crossings(np.full((len(lateral), place.max() + 1), np.inf), np.zeros((len(lateral), place.max() + 1, 4)))
+    every.distance[pixel, place], every.light[pixel, place] = distance, light
+    return every
+
+
+def _crossed(mesh: Mesh, camera: Camera, lateral: np.ndarray, lit: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels [N], distances [N] and light [N, 4] where rays through slopes, or lengths, [P, 2] cross a mesh.
+
+    A ray crosses a triangle where its three corners, seen along it, go round it.
+    """
+    corners = camera.eye_from_points(mesh.vertices)[mesh.faces]
+    ahead = (corners[..., 2] > 0).any(axis=1) if camera.perspective else (corners[..., 2] >= 0).any(axis=1)
+    faces = np.flatnonzero(ahead)
+    pixel, triangle = _candidates(corners[faces], camera, lateral)
+    triangle = faces[triangle]
+    a, b, c = (corners[triangle, n] for n in range(3))
+    ray = np.column_stack([lateral[pixel], np.ones(len(pixel))])
+    start = np.zeros_like(ray)
+    if not camera.perspective:
+        start[:, :2], ray[:, :2] = ray[:, :2], 0.0
+    # Möller and Trumbore 1997
+    side, other, from_a = b - a, c - a, start - a
+    across, along = np.cross(ray, other), np.cross(from_a, side)
+    whole = (side * across).sum(axis=1)
+    safe = np.where(whole == 0, 1.0, whole)
+    u, v, depth = (np.asarray((x * y).sum(axis=1) / safe) for x, y in ((from_a, across), (ray, along), (other, along)))
+    hit = np.flatnonzero((whole != 0) & (u >= 0) & (v >= 0) & (u + v < 1) & (depth > 0))
+    pixel, triangle, ray, depth = pixel[hit], triangle[hit], ray[hit], depth[hit]
+    share = np.stack([1 - u - v, u, v], axis=1)[hit][..., None]
+    normal = (mesh.normals[triangle] * share).sum(axis=1) @ camera.eye_from_world.T
+    color = (mesh.shades[triangle] * share).sum(axis=1)
+    length = np.linalg.norm(ray, axis=1)
+    if lit:
+        color = color * surface_light(normal, ray / length[:, None])[:, None]
+    light = np.column_stack([color, np.ones(len(color))]) * mesh.opacity
+    return pixel, depth * length, light
+
+
+def _candidates(corners: np.ndarray, camera: Camera, lateral: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of a pixel and a triangle whose box on the screen holds it; of a triangle that crosses the eye's plane, all
+    pixels.
+    """
+    depth = corners[..., 2:] if camera.perspective else np.ones_like(corners[..., 2:])
+    crosses = np.less_equal(depth, 0).any(axis=(1, 2))
+    seen = corners[..., :2] / np.where(depth > 0, depth, 1.0)
+    low = np.where(crosses[:, None], -np.inf, seen.min(axis=1))
+    high = np.where(crosses[:, None], np.inf, seen.max(axis=1))
+    near = np.flatnonzero(((high >= lateral.min(axis=0)) & (low <= lateral.max(axis=0))).all(axis=1))
+    found = []
+    step = max(PAIRS // max(len(near), 1), 1)
+    for first in range(0, len(lateral), step):
+        at = lateral[first : first + step, None]
+        inside = np.asarray((at >= low[near]) & (at <= high[near]))
+        pixel, triangle = np.nonzero(inside.all(axis=2))
+        found.append((pixel + first, near[triangle]))
+    return np.concatenate([p for p, _ in found]), np.concatenate([t for _, t in found])
