@@ -255,3 +255,16 @@ def test_flat_stacks_are_seen_as_in_a_microscope(renderer: sg.Renderer, tmp_path
     image = renderer.render(splats, camera)
     alpha = image.pixels[..., 3]
     assert alpha[:20, :30].sum() > 1.5 * alpha[20:, 30:].sum() > 0 and alpha[20:, :30].max() < 0.05
+
+
+def test_transfer_functions_of_channels_make_a_scene(renderer: sg.Renderer, tmp_path: Path) -> None:
+    """`extract` with one for each channel is the scene of these layers."""
+    volume = sg.load(ome(tmp_path / "a.ome.tif"))
+    looks = [sg.Transfer([(0, 0), (1700, 0.3)], colormap=name, window=(0, 1700)) for name in ("hot", "viridis")]
+    scene = sg.extract(volume, looks)
+    assert isinstance(scene, sg.Scene) and [each.name for each in scene.splats(sg.Settings())] == ["DAPI", "GFP"]
+    camera = sg.Camera.orbit(scene, 30, 20, size=(24, 24))
+    layers = sg.Scene([sg.Layer(each, look) for each, look in zip(volume.channels, looks, strict=True)])
+    assert (renderer.render(scene, camera).pixels == renderer.render(layers, camera).pixels).all()
+    with pytest.raises(sg.InputError, match="one for each of 2 channels, got 3"):
+        sg.extract(volume, [*looks, looks[0]])

@@ -53,7 +53,7 @@ def test_a_field_is_seen_through() -> None:
 
 @pytest.mark.parametrize("change", [{"frame": "LPS"}, {"unit": "mm"}])
 def test_what_scanners_see_is_no_field(change: dict[str, str]) -> None:
-    assert default_transfer(Volume(smooth(), **change)).colormap == "ivory"
+    assert default_transfer(Volume(smooth(), **change)).colormap == "ivory[0.6:]"
 
 
 @pytest.mark.parametrize("kind", ["levels", "whole", "noisy"])
@@ -65,7 +65,7 @@ def test_values_that_are_not_computed_are_no_field(kind: str) -> None:
         samples = (samples * 40).astype(np.uint16)
     else:
         samples = samples + np.random.default_rng(2).normal(0, samples.std() / 2, samples.shape)
-    assert default_transfer(Volume(samples)).colormap == "ivory"
+    assert default_transfer(Volume(samples)).colormap == "ivory[0.6:]"
 
 
 def test_a_named_field_is_one_whatever_its_values() -> None:
@@ -97,7 +97,7 @@ def test_real_fields() -> None:
         pytest.skip(f"{carotid} is not here")
     speed = sg.load(carotid, array="vectors")
     assert default_transfer(speed).colormap == "viridis"
-    assert default_transfer(sg.load(carotid)).colormap == "ivory"
+    assert default_transfer(sg.load(carotid)).colormap == "ivory[0.6:]"
     winds = sg.load(DATA / "isabel" / "isabel_windspeed_t30.nrrd")
     for volume in (winds, Volume(winds.samples), speed):
         transfer = default_transfer(volume)

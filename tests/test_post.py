@@ -444,7 +444,7 @@ def test_what_extraction_refuses(renderer: sg.Renderer) -> None:
         ),
     ):
         with pytest.raises(sg.InputError, match=said) as error:
-            sg.extract(asked, RAMP, **{"classification": "post", **given})
+            sg.extract(asked, RAMP, **{"classification": "post", **given})  # type: ignore[call-overload]
         assert "\n" not in str(error.value)
     moves = Motion(velocity=(0.1, 0, 0))
     with pytest.raises(sg.InputError, match=r"^streaks take splats that are classified before"):

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from splatgl.app.scene import Scene
 from splatgl.data.errors import InputError
 from splatgl.data.volume import Hints, Volume
+from splatgl.splat.classification.colormap import colormap
 from splatgl.splat.classification.looks import SOLID
 from splatgl.splat.classification.presets import BONE_HU, PRESETS, default_transfer, preset
 from splatgl.splat.classification.statistics import PLANES, sorted_percentile, statistics
@@ -200,3 +202,25 @@ def test_percentiles_are_numpys() -> None:
         for percent in (0.0, 0.1, 1.0, 33.3, 50.0, 99.9, 99.99, 100.0):
             assert sorted_percentile(values, percent) == np.percentile(values, percent)
     assert sorted_percentile(np.array([-1.7e308, 1.7e308]), 50.0) == 0.0
+
+
+def test_colours_of_surfaces_span_the_data() -> None:
+    """Windows never begin below the data; the light part of the map does it, and another window has the whole map."""
+    x, y, z = np.meshgrid(*(np.linspace(-2, 2, 24),) * 3)
+    cells = np.rint(255 * np.exp(-(x * x + y * y + z * z))).astype(np.uint8)
+    volume = Volume(cells)
+    look = default_transfer(volume)
+    assert look.window is not None and look.window[0] >= cells.min() and look.colormap == "ivory[0.6:]"
+    assert np.abs(look.color(look.window[0]) - colormap("ivory")[round(0.6 * 255)]).max() < 0.01
+    scene = Scene("", transfer={"window": (0.0, 100.0)})
+    assert scene.transfer_for(volume).colormap == "ivory"
+
+
+def test_parts_of_colour_maps() -> None:
+    whole = colormap("viridis")
+    upper = colormap("viridis[0.5:]")
+    assert np.abs(upper[-1] - whole[-1]).max() < 1e-12 and np.abs(upper[0] - (whole[127] + whole[128]) / 2).max() < 1e-3
+    assert (colormap("#ff0000[0.2:0.3]") == colormap("#ff0000")).all()
+    for bad in ("viridis[0.6:0.5]", "viridis[:2]", "viridis[a:]", "nothing[0:1]"):
+        with pytest.raises(InputError, match="colormap"):
+            colormap(bad)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image as Pillow
 from test_readers_phantom import SPACING, F
 
 from splatgl.app.cli import main
@@ -246,3 +248,48 @@ def test_imaris(tmp_path: Path) -> None:
     np.testing.assert_allclose(coarser.corners, volume.corners)
     alone = load(path, array=1, channel=2, level=1)
     assert not alone.coarser and alone.spacing == coarser.spacing
+
+
+@pytest.mark.parametrize("where", [0, 3])
+@pytest.mark.parametrize("way", ["labels", "scale", "axistags"])
+def test_an_axis_of_time_is_played(way: str, where: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By labels, by names of dimension scales with seconds, and by ilastik's tags; more points than channels may be."""
+    data = np.stack([F + n for n in range(20)], where)
+    names = ["z", "y", "x"]
+    names.insert(where, "t")
+    path = tmp_path / "a.h5"
+    tags = {"axistags": json.dumps({"axes": [{"key": name} for name in names]})} if way == "axistags" else {}
+    save(path, "a", data, attributes=tags)
+    with h5py.File(path, "a") as file:
+        if way == "labels":
+            for dimension, name in zip(file["a"].dims, names, strict=True):
+                dimension.label = name
+        if way == "scale":
+            time = file.create_dataset("time", data=np.arange(20) * 1.5)
+            time.attrs["units"] = "minutes since 2020-01-01"
+            time.make_scale()
+            file["a"].dims[where].attach_scale(time)
+    first, last = load(path), load(path, time=19)
+    assert (first.times, first.time_step) == (20, 90.0 if way == "scale" else None)
+    np.testing.assert_array_equal(first.samples, F)
+    np.testing.assert_array_equal(last.samples, F + 19)
+    assert any("time 0 of 20" in note for note in first.notes) and not last.notes
+    with pytest.raises(InputError, match="time: expected a number from 0 to 19, got 20"):
+        load(path, time=20)
+    assert main(["info", f"{path}:/a"]) == 0
+    assert "0 … 19" in capsys.readouterr().out
+    options = ["--size", "16", "--points", "0:0,5:0.5", "--quiet"]
+    assert main(["animate", f"{path}:/a", "-o", str(tmp_path / "o.gif"), "--time", "0:6:2", *options]) == 0
+    with Pillow.open(tmp_path / "o.gif") as movie:
+        assert getattr(movie, "n_frames", 1) == 3
+
+
+def test_times_and_channels_of_one_dataset(tmp_path: Path) -> None:
+    data = np.stack([[F + 10 * n + c for c in range(2)] for n in range(3)])
+    path = save(tmp_path / "a.h5", data=data)
+    with h5py.File(path, "a") as file:
+        for dimension, name in zip(file["g/letter"].dims, "tczyx", strict=True):
+            dimension.label = name
+    np.testing.assert_array_equal(load(path, time=2, channel=1).samples, F + 21)
+    with pytest.raises(InputError, match="pick one with channel=0"):
+        load(path, time=2)

@@ -28,6 +28,7 @@ from splatgl.data.readers.remote import is_address
 from splatgl.data.scenes import SCENES
 from splatgl.data.toml import load_table, toml_value
 from splatgl.data.volume import Volume
+from splatgl.splat.classification.colormap import whole
 from splatgl.splat.classification.presets import default_transfer, label_transfer, logarithmic, preset, preset_named
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.settings import Settings
@@ -221,7 +222,9 @@ class Scene:
             _check_keys("transfer", asked, {f.name for f in fields(Transfer)})
             if asked.get("scale") == "log" and "points" not in asked:
                 base = logarithmic(base, volume)
-            found = replace(base, **asked)
+            # a surface's colours are the light part of a map over its own window; over another, they are the whole map
+            colors = whole(base.colormap) if "window" in asked else base.colormap
+            found = replace(base, **{"colormap": colors, **asked})
         return found.weakened(self.opacity)
 
 

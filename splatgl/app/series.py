@@ -31,7 +31,9 @@ def volumes(scene: Scene, more: Sequence[str]) -> list[Scene]:
 
 def time_points(scene: Scene, volume: Volume, asked: int | slice | None) -> list[Scene]:
     """The scene of each time point of a file; the scene alone, if one is asked for or there is one only."""
-    if volume.times < 2 or isinstance(asked, int) or scene.load.keys() & {"time", "array"}:
+    # a number of an array is one of a time point, its name is not
+    picked = "time" in scene.load or str(scene.load.get("array", "")).isdecimal()
+    if volume.times < 2 or isinstance(asked, int) or picked:
         if isinstance(asked, slice):
             raise expected("--time", "a file of several time points", volume.times)
         return [scene]

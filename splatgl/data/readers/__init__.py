@@ -68,7 +68,7 @@ FORMATS = (
     Format("VTK collection", (".pvd", ".vtm"), "vtk_series.read", ("array", "channel", "anywhere"), ("XML",)),
     Format("MRC", (".mrc", ".map", ".rec", ".ccp4"), "mrc.read", ("array",)),
     Format("MRC, compressed", (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2"), "mrc.read", ("array",), ("gzip",)),
-    Format("HDF5", HDF5, "hdf5.read", ("array", "channel", "anywhere"), ("HDF5",), lists="hdf5.contents"),
+    Format("HDF5", HDF5, "hdf5.read", ("array", "channel", "time", "anywhere"), ("HDF5",), lists="hdf5.contents"),
     Format("Imaris", (".ims",), "imaris.read", ("array", "channel", "level", "time", "anywhere"), ("HDF5",)),
     Format(
         "Zarr",

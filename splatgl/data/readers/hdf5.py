@@ -8,7 +8,7 @@ values are unpacked (CF conventions 1.11, sections 2.5.1 and 8.1).
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ from splatgl.data.readers.hdf5_file import (
     texts_of,
 )
 from splatgl.data.readers.options import LoadOptions
+from splatgl.data.readers.several import SECONDS, Several
 from splatgl.data.volume import Volume
 
 _SPACINGS = (
@@ -50,6 +51,9 @@ _SPACE = {
 }
 """Axes of space by their labels."""
 
+_TIMES = ("t", "time", "times", "frame", "frames")
+"""Labels of axes of time."""
+
 
 @dataclass(frozen=True)
 class _Axes:
@@ -62,7 +66,8 @@ class _Axes:
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of a dataset: `array` names it (/a/b), else it is the only one that may be a volume.
 
-    `channel` picks an entry along a fourth axis. Samples of over WHOLE bytes are read in parts.
+    `channel` picks an entry along a fourth axis, `time` one along an axis of time. Samples of over WHOLE bytes are read
+    in parts.
     """
     file = open_hdf5(path)
     # all that a file says is untrusted: any failure is attributed to it
@@ -73,17 +78,27 @@ def read(path: Path, options: LoadOptions) -> Volume:
         if axes is None:
             this = "three axes, and a first or last one of few channels"
             raise expected(dataset.name, this, _size(dataset.shape), "label its dimensions, or save one part of it")
-        extra = {
-            axis: ("channel", options.channel_number if axis in axes.others else 0)
-            for axis in range(len(dataset.shape))
-        }
-        for axis in axes.space:
-            del extra[axis]
-        index = selection(dataset.shape, extra)
-        samples: Any = samples_of(path, dataset, index, options.anywhere, _packed(dataset))
-        matrix, origin, unit = _grid(path, dataset, axes, options)
-    spacing, direction = axes_of(matrix, "spacing")
-    return Volume(_turned(samples, axes), spacing, triple(origin, "origin"), direction, unit)
+        time = next((axis for axis in axes.others if labels[axis] in _TIMES), None)
+        told = Several()
+        if time is not None:
+            told = Several(times=dataset.shape[time], step=_time_step(path, dataset, time, options))
+
+        def one(_channel: int | None) -> Volume:
+            extra: dict[int, tuple[str, int | None]] = {
+                axis: ("channel", options.channel_number if axis in axes.others else 0)
+                for axis in range(len(dataset.shape))
+                if axis not in axes.space
+            }
+            if time is not None:
+                extra[time] = ("time", options.time or 0)
+            index = selection(dataset.shape, extra)
+            samples: Any = samples_of(path, dataset, index, options.anywhere, _packed(dataset))
+            matrix, origin, unit = _grid(path, dataset, axes, options)
+            spacing, direction = axes_of(matrix, "spacing")
+            return Volume(_turned(samples, axes), spacing, triple(origin, "origin"), direction, unit)
+
+        # the array is a dataset, not a time point
+        return told.volume(replace(options, array=None), one)
 
 
 def contents(path: Path) -> list[str]:
@@ -151,7 +166,7 @@ def _axes(shape: tuple[int, ...], labels: list[str]) -> _Axes | None:
     if len(named) == 3:
         z, y, x = named["z"], named["y"], named["x"]
         return _Axes((z, y, x), tuple(axis for axis in long if axis not in (z, y, x)))
-    times = [axis for axis in long if labels[axis] in ("t", "time", "c", "channel", "channels")]
+    times = [axis for axis in long if labels[axis] in (*_TIMES, "c", "channel", "channels")]
     free = [axis for axis in range(len(shape)) if axis not in times]
     if len(free) > 3:
         free = [axis for axis in free if axis in long]
@@ -202,6 +217,19 @@ def _grid(path: Path, dataset: Any, axes: _Axes, options: LoadOptions) -> tuple[
         if given is not None:
             return np.diag(given[::-1]), [0.0, 0.0, 0.0], "um" if name == "element_size_um" else _unit(dataset)
     return np.eye(3), [0.0, 0.0, 0.0], ""
+
+
+def _time_step(path: Path, dataset: Any, axis: int, options: LoadOptions) -> float | None:
+    """Seconds between two time points, if the scale of their axis says so: CF's "hours since …" too."""
+    scales = scales_of(dataset)
+    scale = scales[axis] if axis < len(scales) else None
+    if not _is_scale(scale, dataset.shape[axis]):
+        return None
+    unit = SECONDS.get((text_of(scale, "units") or text_of(scale, "unit")).split(" ")[0].lower())
+    places = np.asarray(samples_of(path, scale, [slice(None)], options.anywhere)[:], np.float64)
+    steps = np.diff(places)
+    even = len(steps) and np.isfinite(places).all() and np.ptp(steps) <= 1e-3 * abs(steps[0])
+    return float(steps[0]) * unit if unit and even and steps[0] > 0 else None
 
 
 def _unit(node: Any) -> str:

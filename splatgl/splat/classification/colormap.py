@@ -1,4 +1,6 @@
-"""Colour maps by name: a few of our own, solid "#rrggbb", and those of cmap or matplotlib where installed."""
+"""Colour maps by name: a few of our own, solid "#rrggbb", and those of cmap or matplotlib where installed; and parts of
+them, such as "viridis[0.5:]".
+"""
 
 from __future__ import annotations
 
@@ -44,6 +46,8 @@ UNEVEN: dict[str, tuple[tuple[float, str], ...]] = {
     "hot": ((0.0, "0b0000"), (0.365, "ff0000"), (0.746, "ffff00"), (1.0, "ffffff")),
 }
 CORE = tuple(sorted((*EVEN, *UNEVEN)))
+# a part of a map
+PART = re.compile(r"(.+)\[(\d*\.?\d*):(\d*\.?\d*)\]")
 # libraries with more names, in lookup order
 LIBRARIES = ("cmap", "matplotlib")
 
@@ -52,12 +56,26 @@ LIBRARIES = ("cmap", "matplotlib")
 def colormap(name: str) -> np.ndarray:
     """A colour map as linear RGB, float64 [256, 3], read-only; entry 0 is the low end.
 
-    name: one of CORE, a solid "#rrggbb", or a name in cmap or matplotlib. Raises InputError for an
-    unknown name.
+    name: one of CORE, a solid "#rrggbb", or a name in cmap or matplotlib; "NAME[LOW:HIGH]" is a part of it, from 0
+    to 1. Raises InputError for an unknown name, and for other parts.
     """
-    table = linear_from_srgb(_srgb(name))
+    part = PART.fullmatch(name)
+    if part:
+        low, high = float(part[2] or 0), float(part[3] or 1)
+        if not 0 <= low < high <= 1:
+            raise expected("colormap", "a part such as NAME[0.6:1], from 0 to 1", repr(name))
+        whole = _srgb(part[1])
+        table = linear_from_srgb(_mix(np.linspace(0.0, 1.0, ENTRIES), whole, np.linspace(low, high, ENTRIES)))
+    else:
+        table = linear_from_srgb(_srgb(name))
     table.setflags(write=False)
     return table
+
+
+def whole(name: str) -> str:
+    """The name of the map that a name is a part of."""
+    part = PART.fullmatch(name)
+    return part[1] if part else name
 
 
 def _srgb(name: str) -> np.ndarray:
@@ -76,8 +94,8 @@ def _hex(code: str) -> list[float]:
     return [channel / 255 for channel in bytes.fromhex(code)]
 
 
-def _mix(places: np.ndarray, colors: np.ndarray) -> np.ndarray:
-    at = np.linspace(0.0, 1.0, ENTRIES)
+def _mix(places: np.ndarray, colors: np.ndarray, at: np.ndarray | None = None) -> np.ndarray:
+    at = np.linspace(0.0, 1.0, ENTRIES) if at is None else at
     return np.stack([np.interp(at, places, colors[:, channel]) for channel in range(3)], axis=1)
 
 

@@ -25,10 +25,13 @@ DIM, BRIGHT = 1.0, 70.0
 
 @dataclass(frozen=True)
 class Look:
-    """A preset's result for one volume: opacity nodes and the colour map's window."""
+    """A preset's result for one volume: opacity nodes and the colour map's window. tone: the place in the colour map at
+    which the window begins.
+    """
 
     points: Nodes
     window: tuple[float, float] | None = None
+    tone: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,8 @@ def surface(stats: Statistics, rung: int | None) -> Look:
     """A ramp over a cut: transparent below, a surface above, denser towards the brightest."""
     low, high = cut_of(stats, rung).ramp(RAMP)
     top = max(high, stats.percentile(99.9))
-    return Look(((low, 0.0), (high, SURFACE), (top, CORE)), _lit(low, top))
+    # its colours begin where they are light
+    return Look(((low, 0.0), (high, SURFACE), (top, CORE)), (low, top) if low < top else None, SURFACE_TONE)
 
 
 def soft(stats: Statistics, rung: int | None) -> Look:
@@ -93,12 +97,6 @@ def field(stats: Statistics, rung: int | None) -> Look:
     """A long ramp, clear below the median: semi-transparent. The colours span all values but the largest few."""
     low, clear, high = (stats.percentile(percent) for percent in (0.0, 50.0, 99.9))
     return Look(((clear, 0.0), (high, FIELD)), (low, high) if low < high else None)
-
-
-def _lit(low: float, high: float) -> tuple[float, float] | None:
-    """A window that puts the surface value `low` at SURFACE_TONE of the colour map, so that it isn't dark."""
-    bottom = low - (high - low) * SURFACE_TONE / (1.0 - SURFACE_TONE)
-    return (bottom, high) if bottom < high else None
 
 
 def cut_of(stats: Statistics, rung: int | None) -> Cut:

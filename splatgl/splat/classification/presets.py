@@ -184,7 +184,8 @@ def _built(chosen: Preset, stats: Statistics) -> Transfer:
         look = chosen.hounsfield
     else:
         look = chosen.build(stats, chosen.rung)
-    return Transfer(look.points, chosen.colormap, look.window, shading=chosen.shading)
+    colors = f"{chosen.colormap}[{look.tone:g}:]" if look.tone else chosen.colormap
+    return Transfer(look.points, colors, look.window, shading=chosen.shading)
 
 
 def _is_hounsfield(stats: Statistics) -> bool:

@@ -5,9 +5,9 @@ It reads the volume slab by slab.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from splatgl.splat.extraction.post import extract_post
 from splatgl.splat.extraction.pre import extract_pre
 from splatgl.splat.extraction.splats import MOST_KEPT, Grid, Splats
 from splatgl.splat.kernel.kernels import kernel as kernel_named
+
+if TYPE_CHECKING:
+    from splatgl.splat.layers.layers import Scene
 
 # voxels in a slab: temporaries stay near 100 MB, numpy's overhead a thousandth
 SLAB_VOXELS = 1 << 22
@@ -61,6 +64,7 @@ class Source:
         return self.made[key]
 
 
+@overload
 def extract(
     volume: Volume,
     transfer: Transfer,
@@ -69,8 +73,24 @@ def extract(
     progress: Progress | None = None,
     classification: str = "auto",
     kernel: str = POST_KERNEL,
-) -> Splats:
-    """The splats of all finite voxels that the transfer function asks for, in row order.
+) -> Splats: ...
+
+
+@overload
+def extract(volume: Volume, transfer: Sequence[Transfer], threshold: float = 0.0) -> Scene: ...
+
+
+def extract(
+    volume: Volume,
+    transfer: Transfer | Sequence[Transfer],
+    threshold: float = 0.0,
+    slab: int | None = None,
+    progress: Progress | None = None,
+    classification: str = "auto",
+    kernel: str = POST_KERNEL,
+) -> Splats | Scene:
+    """The splats of all finite voxels that the transfer function asks for, in row order. Of several transfer functions,
+    one for each of the volume's channels: the scene of these layers, extracted when it is drawn.
 
     classification "pre": colours and opacities of voxels with t = F(∇, ρ) > threshold. "post": values and gradients
     for `kernel`, which are classified after reconstruction, of all voxels that opaque points need; "post-all": of all,
@@ -80,8 +100,10 @@ def extract(
 
     threshold is an opacity per reference length in [0, 1); slab: planes, or as many voxels, read at a time.
     progress wraps the iteration over such parts (parts, their number). Raises InputError for a threshold
-    outside [0, 1), and for a unit that float32 can't hold in spacings.
+    outside [0, 1), for a unit that float32 can't hold in spacings, and for more or fewer functions than channels.
     """
+    if not isinstance(transfer, Transfer):
+        return _layers(volume, list(transfer), threshold)
     if not 0.0 <= threshold < 1.0:
         raise expected("threshold", "an opacity of at least 0 and less than 1", threshold)
     if classification not in ("auto", "pre", "post", "post-all"):
@@ -106,6 +128,17 @@ def extract(
     if many:
         found = extract_pre(volume, transfer, threshold, planes, progress)
     return replace(found, source=Source(volume, transfer, threshold, slab, many))
+
+
+def _layers(volume: Volume, transfers: list[Transfer], threshold: float) -> Scene:
+    """The scene of a volume's channels."""
+    from splatgl.splat.layers.layers import Layer, Scene
+
+    channels = volume.channels or (volume,)
+    if len(transfers) != len(channels):
+        raise expected("transfer", f"one, or one for each of {len(channels)} channels", len(transfers))
+    looks = zip(channels, transfers, strict=True)
+    return Scene([Layer(channel, each, threshold=threshold) for channel, each in looks])
 
 
 def only_pre(volume: Volume, transfer: Transfer, threshold: float) -> str | None:
