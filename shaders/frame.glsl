@@ -34,4 +34,7 @@ layout(std140) uniform Style {
     float radial_scale;   // texels of the radial table a squared voxel
     float radial_last;    // its last texel, which holds 0
     float brightest;      // the largest colour component, 1 or more
+    float specular;       // highlights: a power, 2^sharpness, of a cosine
+    float sharpness;
+    vec4 light;           // where the light shines, eye axes, and 1; or 0: along each ray
 } style;

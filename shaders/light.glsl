@@ -1,8 +1,19 @@
-// Light of surfaces: of matter by its gradients, of cuts, and of meshes. Twin of splatgl/splat/classification/shading.py.
+// Light of surfaces: of voxels, of matter by its gradients, of cuts, and of meshes. Twin of
+// splatgl/splat/classification/shading.py.
+// switch LIGHT 0
 #include "frame.glsl"
-// Light that a surface with that normal, of any length, shows; 1 without one.
-float surface_light(vec3 normal, vec3 toward) {
-    float size2 = dot(normal, normal);
-    float cosine = min(abs(dot(normal, toward)) * inversesqrt(max(size2, 1e-37)), 1.0);
-    return size2 > 0.0 ? style.ambient + style.diffuse * cosine : 1.0;
+
+// The factor of colours, and the highlight, of a surface with that normal, of any length; 1 and 0 without one. light:
+// where it shines, or 0: along the ray. Normals are turned to the side that is seen.
+vec2 surface_light(vec3 normal, vec3 toward, vec3 light) {
+    float size2 = dot(normal, normal), inverse_size = inversesqrt(max(size2, 1e-37));
+    float seen = dot(normal, toward) * inverse_size, cosine = min(abs(seen), 1.0), power = cosine;
+    if (LIGHT == 0) return vec2(size2 > 0.0 ? style.ambient + style.diffuse * cosine : 1.0, 0.0);
+    if (light != vec3(0.0)) {
+        vec3 n = normal * (seen < 0.0 ? -inverse_size : inverse_size), between = toward + light;
+        cosine = clamp(dot(n, light), 0.0, 1.0);
+        power = clamp(dot(n, between) * inversesqrt(max(dot(between, between), 1e-37)), 0.0, 1.0);
+    }
+    for (int k = 0; k < int(style.sharpness); k++) power *= power;
+    return size2 > 0.0 ? vec2(style.ambient + style.diffuse * cosine, style.specular * power) : vec2(1.0, 0.0);
 }

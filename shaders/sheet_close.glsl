@@ -200,11 +200,14 @@ float weighted(float extinction, float weight) {
 }
 
 // Light of matter with that gradient from sheet `begin` to `end`.
-float light_of(int row, vec3 gradient, float begin, float end) {
-    float light = surface_light(gradient, toward[row]);
+vec2 light_of(int row, vec3 gradient, float begin, float end) {
+    vec3 shines = vec3(0.0);
+    if (LIGHT == 1)
+        for (int axis = 0; axis < 3; axis++) shines[axis] = dot(style.light.xyz, frame.eye_from_world[axis].xyz);
+    vec2 light = surface_light(gradient, toward[row], shines);
 #if CLIPPED == 1
     float faced = clamp((face[row].w - begin) / max(end - begin, 1e-20), 0.0, 1.0);
-    if (face[row].xyz != vec3(0.0)) light = mix(light, surface_light(face[row].xyz, toward[row]), faced);
+    if (face[row].xyz != vec3(0.0)) light = mix(light, surface_light(face[row].xyz, toward[row], shines), faced);
 #endif
     return light;
 }
@@ -292,7 +295,10 @@ void close_sheet(int row, int current) {
                 vec3 gradient = mix(near.rgb, mean.rgb, middle);
                 matter = weighed(matter, gradient, length_ * lengths[row]);
                 vec2 at = float(current - 1) + part;
-                if (SHADING == 1) matter.rgb *= light_of(row, gradient, at.x, at.y);
+                if (SHADING == 1) {
+                    vec2 light = light_of(row, gradient, at.x, at.y);
+                    matter.rgb = matter.rgb * light.x + (LIGHT == 1 ? matter.a * light.y : 0.0);
+                }
 #if LAYERED == 1
                 add_matter(row, at, matter);
 #endif

@@ -3,19 +3,19 @@
 // switch SHADING 0
 #include "approximations.glsl"
 #include "attenuation.glsl"
+#include "light.glsl"
 #include "motion_opacity.glsl"
 #include "records.glsl"
 #include "varyings.glsl"
 
-// C = c (0.3 + 0.7 |n·l|), l towards the eye; a zero gradient is unshaded
-float head_light(vec3 v) {
+// The voxel's colour by its normal; a zero gradient is unshaded
+vec3 shone(vec3 v) {
+    if (SHADING == 0) return in_color;
     float far = length(v);
-    vec3 towards_eye = PERSPECTIVE == 1 && far > 0.0 ? -v / far : vec3(0.0, 0.0, -1.0);
+    vec3 toward = PERSPECTIVE == 1 && far > 0.0 ? v / far : vec3(0.0, 0.0, 1.0);
     mat3 eye_from_world = mat3(frame.eye_from_world[0].xyz, frame.eye_from_world[1].xyz, frame.eye_from_world[2].xyz);
-    vec3 n = eye_from_world * vec3(in_normal);
-    float size = length(n);
-    if (SHADING == 0 || size == 0.0) return 1.0;
-    return style.ambient + style.diffuse * min(abs(dot(n / size, towards_eye)), 1.0);
+    vec2 light = surface_light(eye_from_world * vec3(in_normal), toward, style.light.xyz);
+    return in_color * light.x + light.y;
 }
 
 // Optical depth, per mean spacing, that is correct on average after attenuation by m².
@@ -27,7 +27,7 @@ float attenuated_depth(vec3 v, float coverage) {
 
 // Writes a still splat's varyings.
 void give_matter(vec3 v, Quad quad) {
-    splat.rgb = in_color * head_light(v);
+    splat.rgb = shone(v);
     if (STEPS > 0) splat = vec4(in_color, in_optical_depth);
     else if (PEAK == 1) splat.a = one_minus_exp(in_optical_depth * style.opacity_length);
     else splat.a = attenuated_depth(v, quad.coverage) * quad.gain * style.peak;

@@ -14,7 +14,7 @@ from splatgl.app.cli import main
 from splatgl.app.scene import Scene
 from splatgl.data.errors import InputError
 from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.classification.shading import AMBIENT, DIFFUSE
+from splatgl.splat.classification.shading import AMBIENT, DIFFUSE, LIGHTS
 from splatgl.splat.extraction.splats import corners_of
 from splatgl.splat.view.clip import MOST_CLIPS, Plane, planes
 from splatgl.splat.view.cuts import Box, crop_planes, left, planes_of
@@ -131,6 +131,15 @@ def test_faces_are_lit_by_their_planes(renderer: sg.Renderer) -> None:
     whole = renderer.render(splats, camera, PLAIN).pixels
     light = AMBIENT + DIFFUSE * normal[1]
     assert np.abs(found[..., :3] / whole[..., :3] - light).max() < 1e-3
+    for name in ("matte", "glossy"):
+        light = LIGHTS[name]
+        a, b = np.radians([light.side, light.above])
+        at, eye = np.array([np.sin(a) * np.cos(b), -np.cos(a) * np.cos(b), np.sin(b)]), np.array([0, -1.0, 0])
+        half = (at + eye) / np.linalg.norm(at + eye)
+        right = light.ambient + light.diffuse * max(-normal @ at, 0)
+        right += light.specular * max(-normal @ half, 0) ** 2**light.sharpness
+        found = renderer.render(splats, camera, settings.but(light=name)).pixels
+        assert np.abs(found[..., :3] - right).max() < 1e-3
     unlit = renderer.render(splats, camera, settings.but(shading="off")).pixels
     assert np.abs(unlit - renderer.render(splats, camera, PLAIN.but(shading="off")).pixels).max() < 2e-4
 

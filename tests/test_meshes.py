@@ -15,7 +15,7 @@ from splatgl.app.meshes import MeshFile, mesh_option
 from splatgl.app.scene import Scene
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.errors import InputError
-from splatgl.splat.classification.shading import AMBIENT, DIFFUSE
+from splatgl.splat.classification.shading import AMBIENT, DIFFUSE, LIGHTS
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.truth import reference
 from splatgl.truth.surfaces import crossings
@@ -132,7 +132,7 @@ def test_rays_cross_balls_where_spheres_are() -> None:
     """Distances and normals of a fine ball against the closed form of a sphere."""
     ball = sg.Mesh.of_points([[0, 30, 0]], 5.0, color=(1, 1, 1))
     camera = sg.Camera.look_at((0, 0, 0), (0, 1, 0), (0, 0, 1), 15, (32, 32))
-    found = crossings([ball], camera, Window(0, 0, 32, 32))
+    found = crossings([ball], camera, Window(0, 0, 32, 32), LIGHTS["head"])
     x, y = np.meshgrid(*camera.slopes())
     ray = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
     ray /= np.linalg.norm(ray, axis=1)[:, None]

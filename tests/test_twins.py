@@ -10,6 +10,7 @@ import ast
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from twins import COUNT, Twin, functions
 
 import splatgl as sg
 from splatgl.data.color import srgb_from_linear
-from splatgl.splat.classification.shading import head_light
+from splatgl.splat.classification.shading import LIGHTS, shone
 from splatgl.splat.extraction.records import POINT, POINT_VALUE, VALUE, VOXEL, linear_color, of_points
 from splatgl.splat.extraction.run_lengths import OCTAVES
 from splatgl.splat.integral.attenuation import filled_depth, run_along, run_lengths
@@ -220,15 +221,17 @@ def test_matter_of_splats(grid: str, name: str, twin: Twin) -> None:
     assert coverage.max() < 1 and np.abs(found / right - 1).max() < 2e-5
 
 
-def test_light(twin: Twin, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("light", ["head", "matte", "glossy", "flat"])
+def test_light(light: Any, twin: Twin, rng: np.random.Generator) -> None:
     splats = noise("sheared")
     for camera in (views(splats)["fitted"], views(splats)["parallel"]):
-        plan = sg.plan(splats, camera, SPLATS.but(shading="on"))
+        plan = sg.plan(splats, camera, SPLATS.but(shading="on", light=light))
         voxel = plan.view.voxels(splats.positions)
-        expression = "in_normal = ivec3(round(n)); result.x = head_light(v)"
+        expression = "in_normal = ivec3(round(n)); in_color = c; result.rgb = shone(v)"
         normal = splats.records["normal"].astype(np.float64)
-        found = twin("splat_setup.glsl", expression, plan, splats, v=voxel.T, n=normal)[:, 0]
-        assert np.abs(found - head_light(splats, camera, voxel)).max() < 2e-6
+        color = rng.random((len(splats), 3))
+        found = twin("splat_setup.glsl", expression, plan, splats, v=voxel.T, n=normal, c=color)[:, :3]
+        assert np.abs(found - shone(color, splats, camera, voxel, LIGHTS[light])).max() < 5e-6
 
 
 @pytest.mark.parametrize("record", [VOXEL, VALUE, POINT, POINT_VALUE])

@@ -298,11 +298,14 @@ def test_weights_of_gradients(renderer: sg.Renderer, twin: Twin, rng: np.random.
     assert (np.abs(found - right) <= 4e-6 * right * np.maximum(1, 0.1 * np.exp(right))).all()
 
 
+@pytest.mark.parametrize("lit", [{}, {"light": "glossy"}, {"light": "matte", "light_from": (0.0, 0.0)}])
 @pytest.mark.parametrize("cut", [False, True])
-def test_light_over_matter(cut: bool, renderer: sg.Renderer, twin: Twin, rng: np.random.Generator) -> None:
+def test_light_over_matter(
+    cut: bool, lit: dict[str, Any], renderer: sg.Renderer, twin: Twin, rng: np.random.Generator
+) -> None:
     """Also of the face of a cut, of which a part may be before the end."""
     splats = samples()
-    plan = planned(splats, "fitted", 3, clip=[(1.0, 0, 0, 0)] if cut else ())
+    plan = planned(splats, "fitted", 3, clip=[(1.0, 0, 0, 0)] if cut else (), **lit)
     field, state = _Field.of(splats, plan.resolved, plan.view), class_state(renderer, splats)
     light = rng.random((COUNT, 4))
     first = np.column_stack([rng.uniform(-0.3, 1.3, COUNT), rng.normal(size=(COUNT, 3))])
@@ -314,7 +317,7 @@ def test_light_over_matter(cut: bool, renderer: sg.Renderer, twin: Twin, rng: np
     face = np.column_stack([rng.normal(size=(COUNT, 3)), rng.uniform(-0.5, 1.5, COUNT)])
     face[::3, :3] = 0
     steps = "vec4 w = weighed(m, g, a); toward[0] = t;" + " face[0] = f;" * cut
-    steps += " w.rgb *= light_of(0, g, 0.0, 1.0)"
+    steps += " vec2 s = light_of(0, g, 0.0, 1.0); w.rgb = w.rgb * s.x + w.a * s.y"
     inputs |= {"f": face} if cut else {}
     found = twin("sheet_draw.comp", f"{steps}; result = behind(l, w)", plan, splats, state, **inputs)
     along = length * splats.unit / splats.grid.mean_spacing
@@ -322,9 +325,12 @@ def test_light_over_matter(cut: bool, renderer: sg.Renderer, twin: Twin, rng: np
     part = _Part(np.arange(COUNT), 0, (np.zeros(COUNT), np.ones(COUNT)), first, last, along, faced)
     rays = replace(some_rays(rng), toward=toward, face=face[:, :3] if cut else None)
     right = behind(light, field.matter(part, rays))
-    light = twin("sheet_draw.comp", "result.x = surface_light(g, t)", plan, splats, state, **inputs)[:, 0]
-    assert np.abs(light - surface_light(inputs["g"], toward)).max() < 1e-6
-    assert plan.resolved.look.shading and np.abs(found - right).max() < 2e-6
+    shines = np.broadcast_to(0.0 if field.shines is None else field.shines, (COUNT, 3))
+    inputs |= {"s": shines}
+    found_light = twin("sheet_draw.comp", "result.xy = surface_light(g, t, s)", plan, splats, state, **inputs)[:, :2]
+    right_light = np.stack(surface_light(inputs["g"], toward, field.light, field.shines), axis=1)
+    assert np.abs(found_light - right_light).max() < 1e-5
+    assert plan.resolved.look.shading and np.abs(found - right).max() < (1e-5 if lit else 2e-6)
 
 
 @pytest.mark.parametrize("steps", [0, 1, 3])

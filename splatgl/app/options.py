@@ -124,6 +124,8 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     for name, allowed in choices().items():
         if len(allowed) > 1:
             group.add_argument(f"--{name}", choices=allowed, metavar="|".join(allowed))
+    about = "where the light is: degrees to the right of the eye, and above it"
+    group.add_argument("--light-from", type=numbers(2), metavar="SIDE,ABOVE", help=about)
     group.add_argument("--samples", type=int, metavar="N", help="supersampling: samples along each axis of a pixel (4)")
     group.add_argument("--sheets", type=int, metavar="N", help="sheets that share a splat, 2 to 4")
     group.add_argument("--steps", type=int, metavar="N", help="parts between two sheets, each classified once")

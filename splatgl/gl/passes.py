@@ -132,7 +132,7 @@ class Passes:
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         self._bind(first, plan)
         try:
-            for limits, light in self.surfaces.peeled(meshes, camera, unit, lit):
+            for limits, light in self.surfaces.peeled(meshes, camera, unit, lit, plan.program.look.light.plain):
                 self.sheets.limits = self.layers.limits = limits
                 part.clear()
                 if len(shown) > 1:

@@ -54,6 +54,7 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "PEAK": look.blend.peak or look.steps > 0,
         **({"SHEETS": look.sheets, "STEPS": look.steps, "WEIGHTED": look.weighted} if look.sheets else {}),
         **({"CLIPPED": True} if look.clipped else {}),
+        **({} if look.light.plain else {"LIGHT": True}),
         "ATTENUATION": f"ATTENUATION_{look.attenuation.upper().replace('-', '_')}",
         **({"PACKED": True} if program.packed else {}),
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",
@@ -147,9 +148,9 @@ class Programs:
             self.screen[key] = self._keep(build(self.ctx, "whole.vert", fragment, dict(key[1])))
         return self.screen[key]
 
-    def for_meshes(self, perspective: bool) -> moderngl.Program:
-        """The program that draws triangles."""
-        key = ("surface.frag", (("PERSPECTIVE", perspective),))
+    def for_meshes(self, perspective: bool, light: bool) -> moderngl.Program:
+        """The program that draws triangles. light: whether it is another than the plain one."""
+        key = ("surface.frag", (("PERSPECTIVE", perspective), ("LIGHT", light)))
         if key not in self.screen:
             self.screen[key] = self._keep(build(self.ctx, "surface.vert", "surface.frag", dict(key[1])))
         return self.screen[key]

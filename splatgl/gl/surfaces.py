@@ -77,7 +77,7 @@ class Surfaces:
         self.targets = []
 
     def peeled(
-        self, meshes: Sequence[Mesh], camera: Camera, unit: float, lit: bool
+        self, meshes: Sequence[Mesh], camera: Camera, unit: float, lit: bool, plain: bool = True
     ) -> Iterator[tuple[Limits, moderngl.Texture]]:
         """Depths between which matter lies, and the light of the surfaces behind it, nearest first.
 
@@ -93,9 +93,9 @@ class Surfaces:
             for target, depth in ((ends, NOWHERE), (before, -NOWHERE)):
                 target.framebuffer.use()
                 target.framebuffer.clear(red=depth)
-            self._draw(buffers[0], end, before, ends, camera.perspective, (depths, lit))
+            self._draw(buffers[0], end, before, ends, (camera.perspective, not plain), (depths, lit))
             for _ in range(MOST_PEELS):
-                if not self._draw(buffers[1], now, before, end, camera.perspective, (depths, lit)):
+                if not self._draw(buffers[1], now, before, end, (camera.perspective, not plain), (depths, lit)):
                     break
                 yield Limits(before.depth, now.depth, unit), now.light
                 before, now = now, before
@@ -126,7 +126,7 @@ class Surfaces:
         into: Peel,
         before: Peel,
         end: Peel,
-        perspective: bool,
+        program: tuple[bool, bool],
         how: tuple[tuple[float, float], bool],
     ) -> bool:
         """The nearest surfaces between two depths; whether there are any."""
@@ -140,9 +140,9 @@ class Surfaces:
         self.whole(clear)
         if corners is None:
             return False
-        program = self.programs.for_meshes(perspective)
-        set_uniforms(program, **units, depths=how[0], lit=how[1])
-        vertices = self.ctx.vertex_array(program, [(corners, CORNER, "in_place", "in_normal", "in_color")])
+        drawing = self.programs.for_meshes(*program)
+        set_uniforms(drawing, **units, depths=how[0], lit=how[1])
+        vertices = self.ctx.vertex_array(drawing, [(corners, CORNER, "in_place", "in_normal", "in_color")])
         self.ctx.enable_only(moderngl.DEPTH_TEST)
         self.ctx.depth_func = "<"
         query = self.ctx.query(samples=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.classification.shading import AMBIENT, DIFFUSE
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.integral.quads import NEAR
 from splatgl.splat.motion.blur import line_area
@@ -62,10 +61,13 @@ FRAME = np.dtype(
 )
 STYLE = np.dtype(
     {
-        "names": ["radius", "peak", "opacity_length", "ambient", "diffuse", "radial_scale", "radial_last", "brightest"],
-        "formats": ["<f4"] * 8,
-        "offsets": [0, 4, 8, 12, 16, 20, 24, 28],
-        "itemsize": 32,
+        "names": [
+            *("radius", "peak", "opacity_length", "ambient", "diffuse", "radial_scale", "radial_last", "brightest"),
+            *("specular", "sharpness", "light"),
+        ],
+        "formats": [*["<f4"] * 10, "<4f4"],
+        "offsets": [*range(0, 40, 4), 48],
+        "itemsize": 64,
     }
 )
 # a depth beyond all splats, mean spacings
@@ -127,5 +129,9 @@ def style_block(splats: Splats, plan: Plan) -> np.ndarray:
     block["radial_scale"] = (plan.lookup.size - 1) / plan.kernel.radius**2
     block["radial_last"] = plan.lookup.size - 1
     block["brightest"] = max(splats.brightest, 1.0)
-    block["ambient"], block["diffuse"] = AMBIENT, DIFFUSE
+    light = plan.program.look.light
+    for name in ("ambient", "diffuse", "specular", "sharpness"):
+        block[name] = getattr(light, name)
+    if light.direction is not None:
+        block["light"] = (*light.direction, 1.0)
     return block

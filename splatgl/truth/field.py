@@ -17,7 +17,7 @@ from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.classification.shading import surface_light
+from splatgl.splat.classification.shading import LIGHTS, Light, surface_light
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.post import PREFILTERED, gradients, needed, prefiltered
 from splatgl.splat.extraction.splats import Grid, Splats
@@ -120,7 +120,8 @@ class Marched:
     free: np.ndarray
     spacing: float
     unit: float
-    shading: bool
+    light_by: Light | None
+    shines: np.ndarray | None = None
 
     def light(self, places: np.ndarray, toward: np.ndarray, face: np.ndarray | None) -> np.ndarray:
         """[P, 4]: colour, and extinction per mean spacing, at grid positions [3, P]; toward [P, 3]: ray, world axes.
@@ -134,11 +135,12 @@ class Marched:
             size = np.linalg.norm(gradient, axis=1)
             opacity = self.transfer.opacity(value) * self.transfer.weight(size)
             found[some, 3] = self.transfer.extinction(opacity, self.unit) * self.spacing
-            if self.shading:
+            if self.light_by is not None:
                 if face is not None:
                     cut = face[some]
                     gradient = np.where((cut != 0).any(axis=1, keepdims=True), cut, gradient)
-                found[some, :3] *= surface_light(gradient, toward[some])[:, None]
+                factor, highlight = surface_light(gradient, toward[some], self.light_by, self.shines)
+                found[some, :3] = found[some, :3] * factor[:, None] + highlight[:, None]
         return found
 
 
@@ -204,7 +206,7 @@ def field_integral(
     free = _free(volume, post) if name != "formula" else np.zeros(volume.shape, np.uint8)
     unit = transfer.unit or grid.mean_spacing
     shading = transfer.shading and BLENDS[blend].ordered
-    marched = Marched(field, transfer, free, grid.mean_spacing, unit, shading)
+    marched = Marched(field, transfer, free, grid.mean_spacing, unit, LIGHTS["head"] if shading else None)
     width, height = camera.size
     rays = PixelRays.of(grid, camera, samples, post.shape)
     drawn = rays.means(marched, np.arange(width * height), steps_per_voxel, blend)
@@ -236,7 +238,9 @@ def kept_field_integral(
     field = partial(_kernel_mean, kernel_named(post.kernel), post, lambda cell: terms[_taken(entry, cell)])
     free = distances(spread(kept, np.arange(-1, 2)))
     resolved = Resolved.of(ahead(splats, camera), camera, settings)
-    marched = Marched(field, post.transfer, free, splats.grid.mean_spacing, splats.unit, resolved.look.shading)
+    look = resolved.look
+    light, shines = (look.light, look.light.within(camera)) if look.shading else (None, None)
+    marched = Marched(field, post.transfer, free, splats.grid.mean_spacing, splats.unit, light, shines)
     rays = PixelRays.of(splats.grid, camera, samples, post.shape, resolved.clip)
     drawn = rays.means(marched, pixels, STEPS, settings.blend)
     return over_background(drawn, resolved)

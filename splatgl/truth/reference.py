@@ -15,7 +15,7 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.data.mesh import Mesh
 from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.classification.shading import head_light
+from splatgl.splat.classification.shading import Light, shone
 from splatgl.splat.extraction.order import back_to_front, order_for
 from splatgl.splat.extraction.post import post_splats
 from splatgl.splat.extraction.records import record_type
@@ -150,7 +150,8 @@ def _layered(
     scene = LayerScene(scenes) if len(scenes) > 1 else scenes[0]
     if not meshes:
         return scene
-    return SurfaceScene(scene, meshes, layers[0][1].camera, settings.shading != "off")
+    light = None if settings.shading == "off" else Light.of(settings.light, settings.light_from)
+    return SurfaceScene(scene, meshes, layers[0][1].camera, light)
 
 
 def _reaching(splats: Splats, resolved: Resolved, windows: Sequence[Window]) -> Splats:
@@ -225,7 +226,7 @@ class _Scene:
             self.order = back_to_front(splats, order_for(splats, camera))[::-1]
         self.color = splats.colors.astype(np.float64)
         if resolved.look.shading:
-            self.color *= head_light(splats, camera, voxel)[:, None]
+            self.color = shone(self.color, splats, camera, voxel, resolved.look.light)
         depth = splats.records["optical_depth"].astype(np.float64)
         # opacity over the transfer function's reference length
         self.depth = -np.expm1(-depth * splats.unit / splats.grid.mean_spacing) if blend.peak else depth

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.classification.shading import head_light, surface_light
+from splatgl.splat.classification.shading import Light, shone, surface_light
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.tabulated import tabulated
 from splatgl.splat.plan.blend_mode import BlendMode
@@ -55,7 +55,7 @@ class SheetScene:
         if depth is not None:
             color = splats.colors.astype(np.float64)
             if resolved.look.shading:
-                color *= head_light(splats, self.camera, voxel)[:, None]
+                color = shone(color, splats, self.camera, voxel, resolved.look.light)
             self.terms = depth[:, None] * np.concatenate([color, np.ones((len(splats), 1))], axis=1)
         else:
             self.field = _Field.of(splats, resolved, view)
@@ -188,12 +188,15 @@ class _Field:
     weighted: bool
     spacing: float
     unit: float
+    light: Light
+    shines: np.ndarray | None
 
     @classmethod
     def of(cls, splats: Splats, resolved: Resolved, view: View) -> _Field:
         assert splats.post is not None
         look, spacing = resolved.look, splats.grid.mean_spacing
-        return cls(look.blend, splats.post, view, look.shading, look.weighted, spacing, splats.unit)
+        shines = look.light.within(resolved.camera)
+        return cls(look.blend, splats.post, view, look.shading, look.weighted, spacing, splats.unit, look.light, shines)
 
     def composited(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, 4]: sums [P, sheets, 5] of mass, value and gradient, from sheet `first` on."""
@@ -254,8 +257,23 @@ class _Field:
         """[P, 4]: emission and optical depth of a part."""
         matter = self.weighed(part)
         if self.shading:
-            matter[:, :3] *= light_of(part, rays)[:, None]
+            factor, highlight = self.light_of(part, rays)
+            matter[:, :3] = matter[:, :3] * factor[:, None] + matter[:, 3:] * highlight[:, None]
         return matter
+
+    def light_of(self, part: _Part, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
+        """Factors of colours [P] and highlights [P] of a part by its gradients; of the face of a cut by the plane."""
+        toward = rays.toward[part.pixel]
+        found = surface_light(part.gradient, toward, self.light, self.shines)
+        if rays.face is None:
+            return found
+        face = rays.face[part.pixel]
+        share = part.faced * face.any(axis=1)
+        factor, highlight = (
+            mine * (1 - share) + own * share
+            for mine, own in zip(found, surface_light(face, toward, self.light, self.shines), strict=True)
+        )
+        return factor, highlight
 
     def weighed(self, part: _Part) -> np.ndarray:
         """[P, 4]: colour times optical depth, and optical depth of a part."""
@@ -289,16 +307,6 @@ class _Part:
     def gradient(self) -> np.ndarray:
         """[P, 3]: in its middle."""
         return np.asarray((self.begin[:, 1:] + self.end[:, 1:]) / 2)
-
-
-def light_of(part: _Part, rays: Rays) -> np.ndarray:
-    """[P]: light of a part by its gradients; of the face of a cut by the plane's normal."""
-    toward = rays.toward[part.pixel]
-    light = surface_light(part.gradient, toward)
-    if rays.face is not None:
-        face = rays.face[part.pixel]
-        light += (surface_light(face, toward) - light) * part.faced * face.any(axis=1)
-    return light
 
 
 def ray_offset(view: View, rays: Rays) -> np.ndarray | float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.mesh import Mesh
-from splatgl.splat.classification.shading import surface_light
+from splatgl.splat.classification.shading import Light, surface_light
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.truth.layers import LayerScene
@@ -30,12 +30,12 @@ class Crossings:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceScene:
-    """Data shared by all windows of a picture of volumes with meshes, lit or not. camera: of the samples."""
+    """Data shared by all windows of a picture of volumes with meshes. camera: of the samples; light: None: not lit."""
 
     scene: SheetScene | LayerScene
     meshes: Sequence[Mesh]
     camera: Camera
-    lit: bool
+    light: Light | None
 
     def band_height(self) -> int:
         """Rows of pixels drawn together."""
@@ -43,7 +43,7 @@ class SurfaceScene:
 
     def part(self, window: Window) -> np.ndarray:
         """A window of the picture, float64 [h, w, 4]."""
-        found = crossings(self.meshes, self.camera, window, self.lit)
+        found = crossings(self.meshes, self.camera, window, self.light)
         light, near = np.zeros((window.height * window.width, 4)), np.zeros(window.height * window.width)
         for far, surface in zip(found.distance.T, found.light.transpose(1, 0, 2), strict=True):
             for behind in (self.scene.between(window, near, far), surface):
@@ -56,12 +56,12 @@ class SurfaceScene:
         return [self.part(window) for window in windows]
 
 
-def crossings(meshes: Sequence[Mesh], camera: Camera, window: Window, lit: bool = True) -> Crossings:
+def crossings(meshes: Sequence[Mesh], camera: Camera, window: Window, light_by: Light | None) -> Crossings:
     """The surfaces that the rays of a window's pixels cross, and the end of all, which shows nothing."""
     across, down = camera.slopes()
     x, y = np.meshgrid(across[window.x : window.x + window.width], down[window.y : window.y + window.height])
     lateral = np.stack([x.ravel(), y.ravel()], axis=1)
-    found = [_crossed(mesh, camera, lateral, lit) for mesh in meshes if len(mesh) and mesh.opacity > 0]
+    found = [_crossed(mesh, camera, lateral, light_by) for mesh in meshes if len(mesh) and mesh.opacity > 0]
     pixel = np.concatenate([np.arange(len(lateral)), *(each[0] for each in found)])
     distance = np.concatenate([np.full(len(lateral), np.inf), *(each[1] for each in found)])
     light = np.concatenate([np.zeros((len(lateral), 4)), *(each[2] for each in found)])
@@ -74,7 +74,9 @@ def crossings(meshes: Sequence[Mesh], camera: Camera, window: Window, lit: bool 
     return every
 
 
-def _crossed(mesh: Mesh, camera: Camera, lateral: np.ndarray, lit: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _crossed(
+    mesh: Mesh, camera: Camera, lateral: np.ndarray, light_by: Light | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pixels [N], distances [N] and light [N, 4] where rays through slopes, or lengths, [P, 2] cross a mesh.
 
     A ray crosses a triangle where its three corners, seen along it, go round it.
@@ -101,8 +103,9 @@ def _crossed(mesh: Mesh, camera: Camera, lateral: np.ndarray, lit: bool) -> tupl
     normal = (mesh.normals[triangle] * share).sum(axis=1) @ camera.eye_from_world.T
     color = (mesh.shades[triangle] * share).sum(axis=1)
     length = np.linalg.norm(ray, axis=1)
-    if lit:
-        color = color * surface_light(normal, ray / length[:, None])[:, None]
+    if light_by is not None:
+        factor, highlight = surface_light(normal, ray / length[:, None], light_by, light_by.direction)
+        color = color * factor[:, None] + highlight[:, None]
     light = np.column_stack([color, np.ones(len(color))]) * mesh.opacity
     return pixel, depth * length, light
 

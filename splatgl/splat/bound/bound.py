@@ -192,7 +192,8 @@ def _last_digit(largest: float) -> float:
 def _footprints(splats: Splats, plan: Plan, placement: PlacementError, met: RayOverlap, brightest: float) -> float:
     """Total error of all fragments of a ray, for colours up to 1."""
     program, blend, half_line = plan.program, plan.program.look.blend, plan.program.seen.half_line
-    arithmetic = ARITHMETIC + GATHERED * (program.technique == "tiles")
+    # a highlight is a power of a cosine
+    arithmetic = ARITHMETIC * 2.0**program.look.light.sharpness + GATHERED * (program.technique == "tiles")
     if blend.peak:
         share = (largest(plan.lookup, placement) + HALF_LINE * half_line + arithmetic) * _opacity(splats)
         return min(share, 1.0)

@@ -1,33 +1,112 @@
-"""Shading: a head light at the eye, C = c (0.3 + 0.7 |n·l|)."""
+"""Shading: how surfaces are lit. The default is a head light at the eye, C = c (0.3 + 0.7 |n·l|)."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
+from splatgl.data.errors import expected
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.camera import Camera
 
-# ambient and diffuse shares of the colour
+# ambient and diffuse shares of the head light
 AMBIENT, DIFFUSE = 0.3, 0.7
 
 
-def surface_light(normal: np.ndarray, toward: np.ndarray) -> np.ndarray:
-    """[P], no unit: 0.3 + 0.7 |n·l| of normals [P, 3] and unit vectors [P, 3] along rays; 1 without a normal."""
-    size = np.linalg.norm(normal, axis=1)
-    cosine = np.abs((normal * toward).sum(axis=1)) / np.where(size > 0, size, 1.0)
-    return np.where(size > 0, AMBIENT + DIFFUSE * np.minimum(cosine, 1.0), 1.0)
+@dataclass(frozen=True)
+class Light:
+    """Shares of ambient, diffuse and specular light, 1 together at most; the highlight is the 2^sharpness-th power of a
+    cosine (Blinn 1977).
 
-
-def head_light(splats: Splats, camera: Camera, voxel: np.ndarray) -> np.ndarray:
-    """[N], no unit: 0.3 + 0.7 |n·l|, l from the voxels [3, N] (eye axes) towards the eye; 1 where there is no gradient.
-
-    Float64 twin of `head_light` in `shaders/splat_setup.glsl`.
+    side, above: degrees by which the light is turned to the right of the eye, and above it, around what is seen; it is
+    at the eye itself if both are 0.
     """
-    normal = camera.eye_from_world @ splats.records["normal"].astype(np.float64).T
-    towards = voxel if camera.perspective else np.array([[0.0], [0.0], [1.0]])
-    lengths = [np.sqrt((each * each).sum(axis=0)) for each in (normal, towards)]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        cosine = np.abs((normal * towards).sum(axis=0)) / lengths[0] / lengths[1]
-        # a voxel at the eye has no direction to it: use the view direction
-        cosine = np.where(lengths[1] > 0, cosine, np.abs(normal[2]) / lengths[0])
-    return np.where(lengths[0] > 0, AMBIENT + DIFFUSE * np.minimum(cosine, 1.0), 1.0)
+
+    ambient: float = AMBIENT
+    diffuse: float = DIFFUSE
+    specular: float = 0.0
+    sharpness: int = 0
+    side: float = 0.0
+    above: float = 0.0
+
+    @classmethod
+    def of(cls, name: str, place: tuple[float, float] | None = None) -> Light:
+        """A light by its name, from another place (side, above) if that is given."""
+        found = LIGHTS[name]
+        return found if place is None else replace(found, side=place[0], above=place[1])
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is at the eye and without highlights."""
+        return self.specular == 0 and self.direction is None
+
+    @property
+    def direction(self) -> np.ndarray | None:
+        """Where it shines, a unit vector [3] in eye axes; None: along each ray."""
+        if self.side == 0 and self.above == 0:
+            return None
+        side, above = np.radians([self.side, self.above])
+        return np.array([-np.sin(side) * np.cos(above), np.sin(above), np.cos(side) * np.cos(above)])
+
+    def within(self, camera: Camera) -> np.ndarray | None:
+        """Where it shines, world axes."""
+        return None if self.direction is None else self.direction @ camera.eye_from_world
+
+
+# matte: from above left, as in print; glossy: likewise, with highlights; flat: shows colours more than shapes
+LIGHTS = {
+    "head": Light(),
+    "matte": Light(0.25, 0.75, side=-35.0, above=35.0),
+    "glossy": Light(0.2, 0.55, 0.25, 5, side=-35.0, above=35.0),
+    "flat": Light(0.7, 0.3),
+}
+
+
+def checked_place(place: object) -> tuple[float, float]:
+    """Where a light is, degrees to the right and above. Raises InputError unless these are two finite numbers."""
+    try:
+        found = np.array(place, np.float64)
+    except (TypeError, ValueError):
+        found = np.zeros(0)
+    if found.shape != (2,) or not (np.abs(found) <= 360).all():
+        raise expected("light_from", "degrees to the right of the eye and above it, up to 360", repr(place)[:80])
+    side, above = found.tolist()
+    return side, above
+
+
+def surface_light(
+    normal: np.ndarray, toward: np.ndarray, light: Light, direction: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Factors of colours [P] and highlights [P] of normals [P, 3] and unit vectors [P, 3] along rays; 1 and 0 without a
+    normal. direction: where the light shines, in the same axes; None: along each ray.
+
+    Normals point to the side that is seen. Float64 twin of `shaders/light.glsl`.
+    """
+    size = np.linalg.norm(normal, axis=1)
+    n = normal / np.where(size > 0, size, 1.0)[:, None]
+    seen = (n * toward).sum(axis=1)
+    cosine = half = np.minimum(np.abs(seen), 1.0)
+    if direction is not None:
+        n = n * np.where(seen < 0, -1.0, 1.0)[:, None]
+        cosine = np.clip(n @ direction, 0.0, 1.0)
+        between = toward + direction
+        length = np.linalg.norm(between, axis=1)
+        half = np.clip((n * between).sum(axis=1) / np.where(length > 0, length, 1.0), 0.0, 1.0)
+    factor = np.where(size > 0, light.ambient + light.diffuse * cosine, 1.0)
+    highlight = np.where(size > 0, light.specular * half ** (2.0**light.sharpness), 0.0)
+    return factor, highlight
+
+
+def shone(color: np.ndarray, splats: Splats, camera: Camera, voxel: np.ndarray, light: Light) -> np.ndarray:
+    """Colours [N, 3] of voxels [3, N] (eye axes) by their normals.
+
+    Float64 twin of `shone` in `shaders/splat_setup.glsl`.
+    """
+    normal = splats.records["normal"].astype(np.float64) @ camera.eye_from_world.T
+    towards = voxel.T if camera.perspective else np.broadcast_to([0.0, 0.0, 1.0], normal.shape)
+    far = np.linalg.norm(towards, axis=1)
+    # a voxel at the eye has no direction to it: use the view direction
+    towards = np.where(far[:, None] > 0, towards / np.where(far > 0, far, 1.0)[:, None], [0.0, 0.0, 1.0])
+    factor, highlight = surface_light(normal, towards, light, light.direction)
+    return np.asarray(color * factor[:, None] + highlight[:, None])

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.errors import InputError, expected
+from splatgl.splat.classification.shading import LIGHTS, Light
 from splatgl.splat.extraction.splats import MOST_KEPT, Splats
 from splatgl.splat.kernel.kernels import Kernel, kernel
 from splatgl.splat.plan.blend_mode import BLENDS, BlendMode
@@ -45,7 +46,7 @@ class Look:
 
     sheets: sheets that share a splat; 0: splats composite one by one. steps: parts between two, each classified
     once; 0: splats are classified before. weighted: whether gradients weigh opacities classified there. clipped:
-    whether planes cut rays.
+    whether planes cut rays. light: of what is shaded.
     """
 
     blend: BlendMode
@@ -55,6 +56,7 @@ class Look:
     steps: int = 0
     weighted: bool = False
     clipped: bool = False
+    light: Light = LIGHTS["head"]
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,7 @@ class Resolved:
         attenuation = "optical-depth" if after else _attenuation(settings, antialias or moving)
         clip = Clip.of(settings.clip, splats.grid) if after else None
         look = Look(BLENDS[settings.blend], attenuation, shading, clipped=clip is not None)
+        look = replace(look, light=Light.of(settings.light, settings.light_from))
         if sheets:
             weighted = splats.post is not None and bool(splats.post.transfer.gradient) and not look.blend.one_value
             look = replace(look, sheets=sheets.count, steps=sheets.steps, weighted=weighted)

@@ -8,6 +8,7 @@ from numbers import Real
 from typing import Any, Literal, get_args
 
 from splatgl.data.errors import expected
+from splatgl.splat.classification.shading import checked_place
 from splatgl.splat.kernel.kernels import KERNELS
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.view.clip import Plane, planes
@@ -19,6 +20,7 @@ Footprint = Literal["auto", "table"]
 Target = Literal["rgba32f", "rgba16f", "rgba8", "auto"]
 Technique = Literal["auto", "quads", "tiles"]
 Shading = Literal["auto", "on", "off"]
+Lights = Literal["head", "matte", "glossy", "flat"]
 Motions = Literal["auto", "moments", "exact", "energy", "paper", "off"]
 Occlusion = Literal["auto", "off"]
 Order = Literal["auto", "back-to-front", "front-to-back"]
@@ -29,7 +31,7 @@ Classification = Literal["auto", "post", "pre"]
 def choices() -> dict[str, tuple[str, ...]]:
     """Values of each enumerated setting, the default first, registered kernels last."""
     closed = {"antialias": Antialias, "align": Align, "attenuation": Attenuation, "footprint": Footprint}
-    closed |= {"target": Target, "technique": Technique, "shading": Shading, "motion": Motions}
+    closed |= {"target": Target, "technique": Technique, "shading": Shading, "light": Lights, "motion": Motions}
     closed |= {"occlusion": Occlusion, "order": Order, "compositing": Compositing, "classification": Classification}
     return {"blend": tuple(BLENDS), "kernel": ("auto", *KERNELS)} | {
         name: get_args(one) for name, one in closed.items()
@@ -72,7 +74,8 @@ class Settings:
     technique auto | quads (instanced quads) | tiles (binned into tiles of pixels, in compute shaders; auto: on software
     OpenGL, and for sheets; never with table footprints, another target than rgba32f, or back to front).
     occlusion auto | off (tiles terminate once the transmittance is below a share of the tolerance).
-    target rgba32f | rgba16f | rgba8 | auto. shading auto (as the transfer function says) | on | off.
+    target rgba32f | rgba16f | rgba8 | auto. shading auto (as the transfer function says) | on | off. light head (at the
+    eye) | matte | glossy (both from above left) | flat; light_from: its degrees to the right of the eye and above it.
     motion auto (exact for X-rays of voxels, else moments) | moments (the mean of pictures while the shutter is open) |
     exact (the mean of the footprint along its path) | energy | paper [M98 Eq. 11] | off: motion blur.
     moments: number of pictures, each streaked over its part of the paths by exact, energy and paper; None: as many as
@@ -99,6 +102,8 @@ class Settings:
     target: Target = "rgba32f"
     technique: Technique = "auto"
     shading: Shading = "auto"
+    light: Lights = "head"
+    light_from: tuple[float, float] | None = None
     motion: Motions = "auto"
     moments: int | None = None
     shutter: float = 180.0
@@ -131,6 +136,8 @@ class Settings:
             raise expected("shutter", "an angle from 0 to 360 degrees", repr(self.shutter))
         if self.background is not None:
             object.__setattr__(self, "background", _background(self.background))
+        if self.light_from is not None:
+            object.__setattr__(self, "light_from", checked_place(self.light_from))
         if self.clip != ():
             object.__setattr__(self, "clip", planes(self.clip))
 
