@@ -168,7 +168,7 @@ def read(path: Path, kind: str) -> None:
         sg.Transfer.load(path)
         return
     volume = Scene.from_toml(path).open() if kind == "scene" else sg.load(path)
-    whole_volume = volume.samples.size <= TOUCH
+    whole_volume = volume.count <= TOUCH
     others = [each.samples for each in (*volume.coarser, *volume.channels)]
     for array in (volume.samples, volume.color, volume.vectors, *others):
         if array is not None and volume.samples[0].size <= TOUCH:

@@ -231,3 +231,21 @@ def test_some_times_of_several_files_are_refused(tmp_path: Path, capsys: pytest.
     path = str(imwrite(tmp_path / "a.ome.tif", "TZYX", ome=True))
     assert main(["animate", path, path, "--time", "0:2", "-o", str(tmp_path / "{frame}.npy")]) == 2
     assert "--time: expected one time point of each file" in capsys.readouterr().err
+
+
+def test_zarr_of_more_channels_than_there_can_be(tmp_path: Path) -> None:
+    """Told at once: a list of them would take minutes and all memory."""
+    zarr = pytest.importorskip("zarr")
+    group = zarr.open_group(tmp_path / "a.zarr", mode="w")
+    names = ("c", "z", "y", "x")
+    group.create_array("0", shape=(2**31, 4, 5, 6), chunks=(1, 4, 5, 6), dtype="u1", dimension_names=names)
+    with pytest.raises(sg.InputError, match="channels: expected at most 4096, got 2147483648"):
+        sg.load(tmp_path / "a.zarr", array="0")
+
+
+def test_nrrd_of_other_kinds_than_axes(tmp_path: Path) -> None:
+    path = tmp_path / "a.nrrd"
+    fields = ("type: uint8", "dimension: 4", "sizes: 3 4 5 6", "kinds: vector" + " domain" * 4, "encoding: raw")
+    path.write_bytes("\n".join(("NRRD0004", *fields, "", "")).encode() + bytes(360))
+    with pytest.raises(sg.InputError, match=r"kinds: expected one per axis \(4\), got 5"):
+        sg.load(path)

@@ -182,9 +182,10 @@ def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer
     for name in ("check", "field", "savings", "explain"):
         if getattr(args, name):
             raise expected(f"--{name}", "a picture that is drawn by this process", "--workers or --scheduler")
-    for what, given in (("--threshold", scene.threshold), ("layers", scene.layers), ("meshes", scene.meshes)):
+    told = (("--threshold", scene.threshold), ("layers", len(scene.layers)), ("meshes", len(scene.meshes)))
+    for what, given in told:
         if given:
-            raise expected(what, "none, with --workers or --scheduler", "some")
+            raise expected(what, "none, with --workers or --scheduler", given)
     camera = scene.view.camera(volume, Opaque(volume, transfer))
     job = Job(uuid4().hex, scene.anywhere().open, transfer, scene.settings, drawing_of(args), camera, args.memory)
     tell = None if args.quiet else print

@@ -160,6 +160,9 @@ def _header(path: Path) -> tuple[Header, int]:
         raise expected("dimension", f"1 to {_MAX_AXES}", header["dimension"])
     if header["dimension"] != len(header["sizes"]):
         raise expected("sizes", f"{header['dimension']} (dimension)", len(header["sizes"]))
+    kinds = header.get("kinds")
+    if kinds is not None and len(kinds) != header["dimension"]:
+        raise expected("kinds", f"one per axis ({header['dimension']})", len(kinds))
     if min(header["sizes"]) < 1:
         raise expected("sizes", "at least one sample along each axis", header["sizes"].tolist())
     return header, end

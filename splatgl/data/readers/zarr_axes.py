@@ -10,6 +10,9 @@ from splatgl.data.errors import expected
 from splatgl.data.readers.several import SECONDS, Channel, Several, rgb_of, window_of
 from splatgl.data.volume import Label
 
+MOST_CHANNELS = 4096
+"""Most channels of an image: a damaged header may state any number."""
+
 
 def axis_names(node: Any, multiscale: Mapping[str, Any] | None) -> list[str]:
     """One name per axis, with y and x, and z but for an image of one plane; without metadata t, c, z, y, x or the last
@@ -36,6 +39,8 @@ def several(omero: Any, node: Any, multiscale: Mapping[str, Any] | None) -> Seve
     names = axis_names(node, multiscale)
     sizes = dict(zip(names, node.shape, strict=True))
     count = max((size for name, size in sizes.items() if name not in tuple("zyxt")), default=1)
+    if count > MOST_CHANNELS:
+        raise expected("channels", f"at most {MOST_CHANNELS}", count, "the header is damaged")
     told = omero.get("channels", []) if isinstance(omero, Mapping) else []
     found = [_channel(n, told[n] if n < len(told) else {}) for n in range(count)]
     together = count > 1 and any(each.color for each in found)
