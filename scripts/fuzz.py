@@ -171,7 +171,7 @@ def read(path: Path, kind: str) -> None:
     whole_volume = volume.count <= TOUCH
     others = [each.samples for each in (*volume.coarser, *volume.channels)]
     for array in (volume.samples, volume.color, volume.vectors, *others):
-        if array is not None and volume.samples[0].size <= TOUCH:
+        if array is not None and volume.shape[1] * volume.shape[2] <= TOUCH:
             for plane in range(array.shape[0]) if whole_volume else (0, array.shape[0] - 1):
                 np.sum(array[plane], dtype=np.float64)
     if whole_volume:

@@ -20,6 +20,7 @@ __version__ = "0.2.0.dev0"
 
 if TYPE_CHECKING:
     from splatgl import distributed as distributed
+    from splatgl.app.annotations.annotate import annotated as annotated
     from splatgl.app.picture import render as render
     from splatgl.app.show import show as show
     from splatgl.data import scenes as scenes
@@ -66,6 +67,7 @@ _PUBLIC = {
     "Splats": "splatgl.splat.extraction.splats",
     "Transfer": "splatgl.splat.classification.transfer",
     "Volume": "splatgl.data.volume",
+    "annotated": "splatgl.app.annotations.annotate",
     "check": "splatgl.truth.check",
     "compare": "splatgl.truth.compare",
     "default_transfer": "splatgl.splat.classification.presets",

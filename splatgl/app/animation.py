@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from splatgl.app.annotations.request import of_movie
+from splatgl.app.annotations.subject import Subject
 from splatgl.app.backgrounds import backed
-from splatgl.app.frame_work import FrameView, Matter, Work
+from splatgl.app.frame_work import FrameView, Matter, Over, Work
 from splatgl.app.frames import Frames, mark_of
 from splatgl.app.options import scene_from
 from splatgl.app.output import tell
@@ -67,6 +69,7 @@ class Animation:
     bits: int = 8
     only: Splats | None = None
     bands: int = 0
+    over: Over | None = None
 
     @classmethod
     def of(cls, args: argparse.Namespace) -> Animation:
@@ -105,10 +108,12 @@ class Animation:
         if last >= count:
             raise expected("--only", f"frames from 0 to {count - 1}", f"{first}-{last}")
         numbers = range(first, last + 1)
+        asked = of_movie(args.annotate, scenes)
+        over = Over(asked, Subject.of(volume), volume.time_step) if asked else None
         settings = scene.settings
         if args.flow is not None and settings.motion == "off" and settings.moments is None:
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
-        return cls(scenes, transfer, track, count, numbers, args.hold, args.flow, args.bits, only, bands)
+        return cls(scenes, transfer, track, count, numbers, args.hold, args.flow, args.bits, only, bands, over)
 
     def shown(self, frame: int) -> int:
         """Index of the volume shown in a frame; a series repeats."""
@@ -122,7 +127,8 @@ class Animation:
         cameras = [self.track.camera(n) for n in {0, self.count // 2, self.count - 1}]
         views = [(c.eye.tolist(), c.eye_from_world.tolist(), c.size, c.extent, c.perspective) for c in cameras]
         drawn = (self.scenes[0].settings, self.scenes[0].threshold, self.transfer.to_toml())
-        return mark_of(files, drawn, views, self.count, self.hold, self.flow, self.bits)
+        told = self.over.names if self.over else ()
+        return mark_of(files, drawn, views, self.count, self.hold, self.flow, self.bits, *told)
 
     def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool) -> None:
         """Renders and saves the frames; the next volume of a series is read in parallel."""
@@ -142,7 +148,9 @@ class Animation:
         """What all frames have in common, but for the scale of X-ray frames."""
         settings = self.scenes[0].settings
         settings = settings.but(moments=settings.moments or self.steady)
-        return Work(self.scenes, self.transfer, settings, frames, self.flow, self.bits, bands=self.bands)
+        return Work(
+            self.scenes, self.transfer, settings, frames, self.flow, self.bits, bands=self.bands, over=self.over
+        )
 
     def view(self, frame: int) -> FrameView:
         """Where a frame is seen from."""

@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from splatgl.app.annotations.annotate import annotated
+from splatgl.app.annotations.request import at_time
+from splatgl.app.annotations.subject import Subject
 from splatgl.app.frames import Frames
 from splatgl.app.render import origin
 from splatgl.app.scene import Scene
@@ -42,10 +45,19 @@ class FrameView:
 
 
 @dataclass(frozen=True, eq=False)
+class Over:
+    """What is laid over each frame: annotations, what they need to know, and seconds between two time points."""
+
+    names: tuple[str, ...]
+    subject: Subject
+    step: float | None
+
+
+@dataclass(frozen=True, eq=False)
 class Work:
     """scenes: one per volume. settings: with the moments of all frames. flow: displacement along the volume's vectors
     per frame. top: common scale of X-ray frames. bands: of rows, in which a volume is drawn in bricks; 0: whole. It
-    holds no splats: they are extracted where they are drawn.
+    holds no splats: they are extracted where they are drawn. over: annotations.
     """
 
     scenes: list[Scene]
@@ -56,6 +68,7 @@ class Work:
     bits: int
     top: float | None = None
     bands: int = 0
+    over: Over | None = None
 
     def matter(self, number: int) -> Matter:
         """The splats of one volume, and their velocities."""
@@ -78,7 +91,11 @@ class Work:
             image = renderer.render(subject, view.camera, self.settings, motion)
         if self.top is not None and self.frames.path(view.frame).suffix.lower() == ".png":
             image = scaled(image, self.top)
-        image = Image(image.pixels, {**image.info, **origin(self.scenes[view.volume], self.transfer)})
+        scene = self.scenes[view.volume]
+        image = Image(image.pixels, {**image.info, **origin(scene, self.transfer)})
+        if self.over is not None:
+            names = at_time(self.over.names, scene, view.volume, self.over.step)
+            image = annotated(image, self.over.subject, self.transfer, view.camera, names, self.settings.background)
         ground = self.settings.background if BLENDS[self.settings.blend].unbounded else None
         return self.frames.encoded(view.frame, image, self.bits, ground)
 

@@ -115,7 +115,7 @@ def histogram(volume: Volume, statistics: Statistics) -> Histogram:
 
 def _slabs(volume: Volume) -> Iterator[np.ndarray]:
     """The finite samples of each slab, flat."""
-    for slab in volume.slabs(max(1, SLAB_SAMPLES // volume.samples[0].size), halo=0):
+    for slab in volume.slabs(max(1, SLAB_SAMPLES // (volume.shape[1] * volume.shape[2])), halo=0):
         values = np.asarray(slab.samples).ravel()
         yield values[np.isfinite(values)] if values.dtype.kind == "f" else values
 

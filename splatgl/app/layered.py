@@ -19,6 +19,7 @@ from splatgl.splat.classification.transfer import Transfer
 if TYPE_CHECKING:
     from splatgl.app.render import Drawing
     from splatgl.splat.layers.layers import Layer
+    from splatgl.splat.layers.layers import Scene as Layers
     from splatgl.splat.view.clip import Plane
 
 # a preset or a colour map behind a file's name
@@ -101,19 +102,24 @@ def layers_of(scene: Scene, volume: Volume, transfer: Transfer) -> list[Layer]:
     return layers
 
 
+def layered(scene: Scene, volume: Volume, transfer: Transfer) -> Layers:
+    """The layers and meshes of a scene, of which `volume` is the first one's, cut by its planes."""
+    from splatgl.splat.layers.layers import Scene as Layers
+
+    meshes = [each.open() if isinstance(each, MeshFile) else each for each in scene.meshes]
+    return Layers(layers_of(scene, volume, transfer), scene.settings.clip, meshes)
+
+
 def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
     """The image of a scene of several layers or channels; the first is `volume`, whose view it has by default."""
-    from splatgl.splat.layers.layers import Scene as Layers
     from splatgl.truth.check import check_layers
 
     for name in ("field", "savings"):
         if getattr(how, name):
             raise expected(f"--{name}", "a picture of one volume", "layers" if scene.layers else "meshes")
-    layers = layers_of(scene, volume, transfer)
-    for layer in layers:
+    drawn, settings = layered(scene, volume, transfer), scene.settings.but(clip=())
+    for layer in drawn.shown:
         _check_fits(how, scene, layer)
-    meshes = [each.open() if isinstance(each, MeshFile) else each for each in scene.meshes]
-    drawn, settings = Layers(layers, scene.settings.clip, meshes), scene.settings.but(clip=())
     camera = scene.view.camera(volume, drawn)
     with how.renderer() as renderer:
         if how.explain:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl import __version__
+from splatgl.app.annotations.request import check, check_size, check_time, lay, parsed
 from splatgl.app.backgrounds import AUTO, CLEAR, as_drawn, background, grounded
 from splatgl.app.meshes import MeshFile
 from splatgl.app.options import BACKGROUNDS, size
@@ -79,8 +80,9 @@ def render(
     transfer: a Transfer, the name of a preset or of a file, or the fields of a Transfer.
     options: as on the command line, of the view (azimuth, elevation, zoom, fov, size, eye, look_at, up, orthographic,
     height), unless there is a camera, and of the settings (blend, antialias, background, …); points, gradient,
-    colormap, window; clip (a condition, plane, or several), crop; meshes; threshold, memory; those of `load` or
-    `Volume.of` (spacing, array, …). background: linear RGB, or a name or "#rrggbb"; none leaves the image transparent.
+    colormap, window; clip (a condition, plane, or several), crop; meshes; annotate (names, as on the command line);
+    threshold, memory; those of `load` or `Volume.of` (spacing, array, …). background: linear RGB, or a name or
+    "#rrggbb"; none leaves the image transparent.
     Nothing is compared with float64; `check` does. Raises InputError for bad input, and if nothing is visible.
     """
     scene, memory = scene_of(x, transfer, camera, settings, options)
@@ -99,8 +101,11 @@ def picture(x: Any, scene: Scene, memory: int | None = None, seen: bool = False)
     chosen, scene = scene.transfer_for(volume), scene.cut(volume)
     if seen and "background" not in scene.settings.given:
         scene = replace(scene, settings=grounded(scene.settings, AUTO, as_drawn(volume, chosen)))
+    check_size(scene.annotate, scene.view.size)
+    check_time(scene.annotate)
     image = draw(how, scene, volume, chosen)
-    return Image(image.pixels, {**image.info, **origin(scene, chosen)})
+    image = Image(image.pixels, {**image.info, **origin(scene, chosen)})
+    return lay(image, scene, volume, chosen, scene.annotate, quiet=True) if scene.annotate else image
 
 
 def is_splats(x: Any) -> bool:
@@ -118,12 +123,14 @@ def scene_of(
     """The scene of `x` and the arguments of `render`, and the memory to draw in. Of splats, all but the volume."""
     given = dict(options)
     viewing, cuts = _taken(given, *(f.name for f in fields(View))), _cuts(_taken(given, "clip", "crop"))
-    meshes = _meshes(given.pop("meshes", ()))
+    meshes, annotate = _meshes(given.pop("meshes", ())), given.pop("annotate", None)
+    over = () if annotate is None else parsed(annotate) if isinstance(annotate, str) else check(annotate)
     drawing = _taken(given, *(f.name for f in fields(Settings)))
     classified = {**_transfer(transfer), **_taken(given, *TRANSFER)}
     threshold, memory = given.pop("threshold", None), given.pop("memory", None)
     if is_splats(x):
-        extra = [*classified, *given, *cuts] + ["threshold"] * (threshold is not None) + ["meshes"] * bool(meshes)
+        extra = [*classified, *given, *cuts] + ["threshold"] * (threshold is not None)
+        extra += ["meshes"] * bool(meshes) + ["annotate"] * bool(over)
         if extra:
             raise expected("splats", "a view and settings", ", ".join(extra), "extract them with these")
         scene: Scene = Scene(x.name)
@@ -139,6 +146,7 @@ def scene_of(
         scene,
         **cuts,
         meshes=(*scene.meshes, *meshes),
+        annotate=scene.annotate if annotate is None else over,
         transfer={**scene.transfer, **classified},
         view=_view(scene.view, camera, viewing),
         settings=(scene.settings if settings is None else settings).but(**drawing),

@@ -125,7 +125,7 @@ def run(args: argparse.Namespace) -> int:
     check_output(output, SAVED)
     need(output.suffix.lower())
     check_source(output, args.source, scene.volume, args.color)
-    annotate = asked_for(args.annotate, args.ref, scene.view.size)
+    annotate = asked_for(args.annotate, args.ref, scene)
     reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()
     tell(volume, args.quiet, channels=not on_workers)

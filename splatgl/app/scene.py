@@ -3,6 +3,7 @@
 volume = "head.nii.gz"          # beside the scene file, or the name of a built-in scene
 threshold = 0.0
 clip = ["x>0.3", "z>=30mm"]     # what is kept; crop = "10:90,:,:" in voxels
+annotate = ["scale", "title=A"] # as --annotate
 [load]                          # as LoadOptions
 [transfer]                      # preset = "…", or points, colormap, window, scale, unit, gradient, shading
 [camera]                        # size, azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
@@ -19,6 +20,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splatgl.app.annotations.request import check
 from splatgl.app.meshes import MeshFile
 from splatgl.app.stacks import seen_along_z
 from splatgl.app.viewpoint import Fitted, View, typed
@@ -50,6 +52,7 @@ KEYS: dict[str, tuple[type, ...]] = {
     "opacity": (int, float),
     "clip": (list,),
     "crop": (str,),
+    "annotate": (list,),
     "layer": (list,),
     "mesh": (list,),
 }
@@ -63,7 +66,8 @@ LAYER = ("volume", "threshold", "load", "transfer", "opacity", "clip", "crop")
 class Scene:
     """A complete description of an image to render. opacity: factor of the transfer function's opacities. clip:
     conditions of what is kept; of a layer None, those of the scene. crop: its part in voxels, which the view is fitted
-    to. layers: more volumes in it, of which view and settings are not read. meshes: triangles in it.
+    to. layers: more volumes in it, of which view and settings are not read. meshes: triangles in it. annotate:
+    what is laid over it, as --annotate names it.
     """
 
     volume: str
@@ -77,6 +81,7 @@ class Scene:
     crop: str = ""
     layers: tuple[Scene, ...] = ()
     meshes: tuple[MeshFile | Mesh, ...] = ()
+    annotate: tuple[str, ...] = ()
 
     @classmethod
     def from_toml(cls, path: Path) -> Scene:
@@ -97,7 +102,10 @@ class Scene:
             layers.append(cls._of_table(path, what, layer, set(LAYER)))
         tables = enumerate(table.get("mesh", []), 1)
         meshes = [MeshFile.of_table(path.parent, f"{path} [[mesh]] {number}", each) for number, each in tables]
-        return replace(scene, view=view, settings=settings, layers=tuple(layers), meshes=tuple(meshes))
+        with _named(str(path)):
+            annotate = check(table.get("annotate", []))
+        found = replace(scene, view=view, settings=settings, annotate=annotate)
+        return replace(found, layers=tuple(layers), meshes=tuple(meshes))
 
     @classmethod
     def _of_table(cls, path: Path, what: str, table: Mapping[str, Any], known: set[str]) -> Scene:
@@ -151,7 +159,8 @@ class Scene:
             if value != default:
                 lines.append(f"{name} = {toml_value(name, float(value))}")
         lines += [] if self.clip is None else [f"clip = {toml_value('clip', self.clip)}"]
-        lines += [f"crop = {toml_value('crop', self.crop)}"] if self.crop else []
+        for name, told in (("crop", self.crop), ("annotate", self.annotate)):
+            lines += [f"{name} = {toml_value(name, told)}"] if told else []
         for name, table in {"load": reading, "transfer": self.transfer, **more}.items():
             given = {key: value for key, value in table.items() if value is not None}
             lines += ["", f"[{prefix}{name}]"] if given else []

@@ -18,7 +18,7 @@ from splatgl.splat.view.camera import Camera
 
 def annotated(
     image: Image,
-    volume: Volume,
+    volume: Volume | Subject,
     transfer: Transfer,
     camera: Camera,
     annotate: Sequence[str],
@@ -39,7 +39,7 @@ def annotated(
         scale = 1 / (float(pixels.max()) or 1.0)
         info |= {"blend": "xray over scale", "scale": scale}
         pixels = pixels * np.float32(scale)
-    layer, subject = Layer.over(pixels, ground), Subject.of(volume)
+    layer, subject = Layer.over(pixels, ground), volume if isinstance(volume, Subject) else Subject.of(volume)
     _write(layer, text_of(asked, "time"), text_of(asked, "title"))
     if "colorbar" in asked:
         _colors(layer, subject, transfer, pixels, info)

@@ -38,7 +38,7 @@ def check(asked: Sequence[str]) -> tuple[str, ...]:
         if name not in NAMES or (equals and name not in TEXTS):
             raise expected("annotate", KNOWN, repr(one)[:80])
         if not text.strip() and (name == "title" or equals):
-            raise expected("annotate", f"a text after {name}=", "none", f"such as {name}={EXAMPLES[name]}")
+            raise expected("annotate", f"a text after '{name}='", "none", f"such as '{name}={EXAMPLES[name]}'")
         names.append(name)
     twice = [name for name in names if names.count(name) > 1]
     if twice:
@@ -64,19 +64,40 @@ def text_of(asked: Sequence[str], name: str) -> str | None:
 def check_time(asked: Sequence[str]) -> None:
     """InputError for a time without text: a still picture has none of its own."""
     if text_of(asked, "time") == "":
-        raise expected("annotate", "time=TEXT", "time")
+        raise expected("annotate", "'time=TEXT'", "'time'")
 
 
-def asked_for(text: str | None, reference: str | None, size: tuple[int, int]) -> tuple[str, ...]:
-    """The annotations of a command's picture; InputError for what can't be laid over it, before anything is drawn."""
+def asked_for(text: str | None, reference: str | None, scene: Scene) -> tuple[str, ...]:
+    """The annotations of a command's picture, else of its scene, but in comparisons; InputError for what can't be laid
+    over it, before anything is drawn.
+    """
     if text is None:
-        return ()
-    asked = parsed(text)
-    check_size(asked, size)
+        asked = () if reference is not None else check(scene.annotate)
+    else:
+        asked = parsed(text)
+        if reference is not None:
+            raise expected("annotate", "no --ref, which compares pictures without annotations", reference)
+    check_size(asked, scene.view.size)
     check_time(asked)
-    if reference is not None:
-        raise expected("annotate", "no --ref, which compares pictures without annotations", reference)
     return asked
+
+
+def of_movie(text: str | None, scenes: Sequence[Scene]) -> tuple[str, ...]:
+    """The annotations of a movie, else of its scene: time stands for that of each volume of a series. InputError as
+    `check`, and for a time of one volume.
+    """
+    asked = check(scenes[0].annotate) if text is None else parsed(text)
+    check_size(asked, scenes[0].view.size)
+    if len(scenes) == 1:
+        check_time(asked)
+    return asked
+
+
+def at_time(asked: Sequence[str], scene: Scene, number: int, step: float | None) -> tuple[str, ...]:
+    """The annotations of a frame that shows volume `number` of a series. step: seconds between two time points."""
+    point = int(scene.load.get("time", number))
+    told = f"{point * step:g} s" if step else f"{point}"
+    return tuple(f"time={told}" if one == "time" else one for one in asked)
 
 
 def lay(
@@ -84,14 +105,13 @@ def lay(
 ) -> Image:
     """The picture of a scene under annotations; prints why some are left out."""
     from splatgl.app.annotations.annotate import annotated, left_out
-    from splatgl.app.layered import is_layered, layers_of
+    from splatgl.app.layered import is_layered, layered
     from splatgl.splat.bricks.opaque import Opaque
-    from splatgl.splat.layers.layers import Scene as Layers
     from splatgl.splat.view.camera import Bounded
 
     subject: Bounded = Opaque(volume, transfer)
     if is_layered(scene, volume):
-        subject = Layers(layers_of(scene, volume, transfer))
+        subject = layered(scene, volume, transfer)
     elif scene.threshold:
         subject = scene.splats(volume, transfer)
     camera = scene.view.camera(volume, subject)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 
 import numpy as np
 
@@ -65,13 +67,11 @@ LIGHTS = {
 
 def checked_place(place: object) -> tuple[float, float]:
     """Where a light is, degrees to the right and above. Raises InputError unless these are two finite numbers."""
-    try:
-        found = np.array(place, np.float64)
-    except (TypeError, ValueError):
-        found = np.zeros(0)
-    if found.shape != (2,) or not (np.abs(found) <= 360).all():
+    numbers = list(place) if isinstance(place, Sequence | np.ndarray) and not isinstance(place, str) else []
+    plain = all(isinstance(number, Real) and not isinstance(number, bool) for number in numbers)
+    if len(numbers) != 2 or not plain or not all(abs(number) <= 360 for number in numbers):
         raise expected("light_from", "degrees to the right of the eye and above it, up to 360", repr(place)[:80])
-    side, above = found.tolist()
+    side, above = (float(number) for number in numbers)
     return side, above
 
 
