@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from splatgl.truth import reference as reference
     from splatgl.truth.check import check as check
     from splatgl.truth.compare import compare as compare
+    from splatgl.truth.pick import pick as pick
 
 # public name → where it lives; loaded on first use, so that a command imports only what it needs
 _PUBLIC = {
@@ -74,6 +75,7 @@ _PUBLIC = {
     "extract": "splatgl.splat.extraction.extract",
     "load": "splatgl.data.readers",
     "load_mesh": "splatgl.data.readers.mesh_files",
+    "pick": "splatgl.truth.pick",
     "plan": "splatgl.splat.plan.plan",
     "preset": "splatgl.splat.classification.presets",
     "over": "splatgl.distributed.parts",

@@ -1,0 +1,154 @@
+"""`pick`: what lies under a pixel, found along one ray in float64, without splats."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.errors import expected
+from splatgl.data.volume import Triple, Volume
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.splats import Grid
+from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.layers.layers import Layer, Scene
+from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.clip import Clip, Plane
+from splatgl.splat.view.view import View
+from splatgl.truth.rays import Rays
+
+# points along a ray, per smallest voxel, and most of them
+STEPS, MOST = 4, 1 << 20
+# optical depth at which half of the light is absorbed
+HALF = float(np.log(2))
+MODES = ("first", "max")
+
+
+@dataclass(frozen=True)
+class Picked:
+    """A point of a volume. place: world units; index: grid position (x, y, z); value: interpolated linearly.
+
+    distance: from the eye, or from its plane, world units. name: of the volume; layer: its number in the scene.
+    """
+
+    place: Triple
+    index: Triple
+    value: float
+    distance: float
+    name: str
+    layer: int
+
+
+def pick(
+    x: Volume | Scene,
+    camera: Camera,
+    pixel: Sequence[int],
+    transfer: Transfer | None = None,
+    mode: str = "first",
+) -> Picked | None:
+    """What lies under the centre of a pixel (column, row), row 0 on top; None if nothing is seen there.
+
+    mode "first": where half of the light is absorbed, or half of what is absorbed at all; "max": the largest value. Of
+    layers, the one that absorbs most there. transfer: of a volume, its default one if there is none. Planes of a scene
+    cut it; its meshes, and weights by gradients, are not looked at. Raises InputError for a pixel beside the picture,
+    and for volumes that are read in parts.
+    """
+    if mode not in MODES:
+        raise expected("mode", " or ".join(MODES), repr(mode))
+    scene = Scene([Layer(x, transfer)]) if isinstance(x, Volume) else x
+    number, cut = _number(pixel, camera), zip(scene.shown, scene.planes, strict=True)
+    found = [_Ray.of(layer, planes, camera, number) for layer, planes in cut]
+    ends = np.array([each.ends for each in found if each.ends[1] > each.ends[0]])
+    if not len(ends):
+        return None
+    near, far = float(ends[:, 0].min()), float(ends[:, 1].max())
+    count = min(int(np.ceil((far - near) / min(each.step for each in found))), MOST)
+    along = near + (np.arange(count) + 0.5) * (far - near) / count
+    seen = [each.seen(along) for each in found]
+    if mode == "max":
+        values = np.array([np.where(inside, value, -np.inf) for value, _, inside in seen])
+        layer, place = divmod(int(values.argmax()), count)
+        return found[layer].picked(along[place], layer) if np.isfinite(values[layer, place]) else None
+    extinctions = np.array([extinction for _, extinction, _ in seen])
+    depth = np.cumsum(extinctions.sum(axis=0)) * (far - near) / count
+    if not depth[-1] > 0:
+        return None
+    place = int(np.searchsorted(depth, min(HALF, depth[-1] / 2)))
+    layer = int(extinctions[:, place].argmax())
+    return found[layer].picked(along[place], layer)
+
+
+def _number(pixel: Any, camera: Camera) -> int:
+    """A pixel's number, row by row."""
+    width, height = camera.size
+    try:
+        column, row = (int(each) for each in pixel)
+    except (TypeError, ValueError):
+        column = row = -1
+    if not (0 <= column < width and 0 <= row < height):
+        raise expected("pixel", f"a column and a row within {width}×{height}", repr(pixel)[:80])
+    return row * width + column
+
+
+@dataclass(frozen=True, eq=False)
+class _Ray:
+    """A ray through a layer's grid. start, direction [3]: grid indices, of world units; ends: distances within the
+    layer; step: between two points.
+    """
+
+    layer: Layer
+    start: np.ndarray
+    direction: np.ndarray
+    ends: tuple[float, float]
+    step: float
+
+    @classmethod
+    def of(cls, layer: Layer, planes: tuple[Plane, ...], camera: Camera, pixel: int) -> _Ray:
+        volume = layer.volume
+        if not isinstance(volume.samples, np.ndarray):
+            raise expected(volume.name or "volume", "samples in memory or mapped", "some that are read in parts")
+        grid = Grid(volume.world_from_index, np.asarray(volume.origin))
+        view = View.of(grid, camera, kernel("b-spline"), antialias=False)
+        rays = Rays.of(view, camera, volume.shape[::-1], np.array([pixel]), Clip.of(planes, grid))
+        world = float(rays.stretch[0]) * grid.mean_spacing
+        ends = float(rays.near[0]) * world, float(rays.far[0]) * world
+        return cls(layer, rays.start[:, 0], rays.direction[:, 0] / world, ends, grid.smallest_spacing / STEPS)
+
+    def seen(self, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values, extinctions per world length, and whether they are inside, at distances [N]."""
+        inside = (along >= self.ends[0]) & (along <= self.ends[1])
+        value = np.full(len(along), np.nan)
+        value[inside] = self._values(self.start[:, None] + self.direction[:, None] * along[inside])
+        inside &= np.isfinite(value)
+        look = self.layer.seen
+        unit = look.unit or Grid(self.layer.volume.world_from_index, np.zeros(3)).mean_spacing
+        extinction = np.zeros(len(along))
+        extinction[inside] = look.extinction(look.opacity(value[inside]), unit)
+        return value, extinction, inside
+
+    def _values(self, places: np.ndarray) -> np.ndarray:
+        """Values at grid positions [3, N], linear between samples."""
+        samples = self.layer.volume.samples
+        last = np.array(samples.shape[::-1])[:, None] - 1
+        places = np.clip(places, 0, last)
+        first = np.minimum(np.floor(places), np.maximum(last - 1, 0)).astype(np.int64)
+        part, found = places - first, np.zeros(places.shape[1])
+        for corner in np.ndindex(2, 2, 2):
+            step = np.array(corner)[:, None]
+            x, y, z = np.minimum(first + step, last)
+            found += np.where(step, part, 1 - part).prod(axis=0) * samples[z, y, x].astype(np.float64)
+        return found
+
+    def picked(self, distance: float, number: int) -> Picked:
+        volume = self.layer.volume
+        index = self.start + self.direction * distance
+        value = float(self._values(index[:, None])[0])
+        world = volume.world_from_index @ index + np.asarray(volume.origin)
+        return Picked(_triple(world), _triple(index), value, float(distance), volume.name, number)
+
+
+def _triple(numbers: np.ndarray) -> Triple:
+    x, y, z = (float(each) for each in numbers)
+    return x, y, z
