@@ -6,7 +6,7 @@ import argparse
 import re
 from typing import TYPE_CHECKING
 
-from splatgl.app.meshes import MeshFile, mesh_option
+from splatgl.app.meshes import MeshFile, mesh_option, with_look
 from splatgl.app.options import color_of, window_of
 from splatgl.app.scene import Scene
 from splatgl.data.errors import expected
@@ -48,24 +48,8 @@ def add_layers(parser: argparse.ArgumentParser) -> None:
 
 def layer_option(text: str) -> Scene:
     """An argparse type: the layer of FILE[:LOOK[:OPACITY]]; LOOK: a preset or a colour map."""
-    source, look, opacity = text, "", 1.0
-    head, colon, last = source.rpartition(":")
-    if colon and (number := _number(last)) is not None:
-        source, opacity = head, number
-        head, colon, last = source.rpartition(":")
-    if colon and (not last or LOOK.fullmatch(last)):
-        source, look = head, last
-    if not source or not 0 <= opacity <= 1:
-        told = f"expected FILE[:LOOK[:OPACITY]] with an opacity from 0 to 1, got {text!r}"
-        raise argparse.ArgumentTypeError(told)
+    source, look, opacity = with_look(text, lambda last: not last or bool(LOOK.fullmatch(last)), "LOOK")
     return Scene(source, transfer={"preset" if is_preset(look) else "colormap": look} if look else {}, opacity=opacity)
-
-
-def _number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None
 
 
 def of_channels(

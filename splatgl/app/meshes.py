@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -60,17 +60,22 @@ class MeshFile:
 
 def mesh_option(text: str) -> MeshFile:
     """An argparse type: the mesh of FILE[:COLOUR[:OPACITY]]."""
-    file, color, opacity = text, "", 1.0
-    head, colon, last = file.rpartition(":")
+    return MeshFile(*with_look(text, lambda last: "." not in last and "/" not in last, "COLOUR"))
+
+
+def with_look(text: str, is_look: Callable[[str], bool], word: str) -> tuple[str, str, float]:
+    """File, look and opacity of FILE[:LOOK[:OPACITY]]; word: what argparse's error calls the look."""
+    source, look, opacity = text, "", 1.0
+    head, colon, last = source.rpartition(":")
     if colon and (number := _number(last)) is not None:
-        file, opacity = head, number
-        head, colon, last = file.rpartition(":")
-    if colon and "." not in last and "/" not in last:
-        file, color = head, last
-    if not file or not 0 <= opacity <= 1:
-        told = f"expected FILE[:COLOUR[:OPACITY]] with an opacity from 0 to 1, got {text!r}"
+        source, opacity = head, number
+        head, colon, last = source.rpartition(":")
+    if colon and is_look(last):
+        source, look = head, last
+    if not source or not 0 <= opacity <= 1:
+        told = f"expected FILE[:{word}[:OPACITY]] with an opacity from 0 to 1, got {text!r}"
         raise argparse.ArgumentTypeError(told)
-    return MeshFile(file, color, opacity)
+    return source, look, opacity
 
 
 def _number(text: str) -> float | None:
