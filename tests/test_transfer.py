@@ -185,6 +185,14 @@ def test_core_maps(name: str) -> None:
 def test_maps_are_linear_light() -> None:
     assert np.allclose(colormap("gray")[:, 0], linear_from_srgb(np.arange(256) / 255))
     assert np.allclose(colormap("#ff8000"), linear_from_srgb([1.0, 128 / 255, 0.0]))
+    nodes = srgb_from_linear(colormap("0:#000000,0.2:#ff0000,1:#0000ff"))
+    assert np.allclose(nodes[[0, 51, 153, 255]], [[0, 0, 0], [1, 0, 0], [0.5, 0, 0.5], [0, 0, 1]], atol=1e-6)
+    assert colormap(maps.of_colors([0, 0.2, 1], [[0, 0, 0], [1, 0, 0], [0, 0, 1]])) is colormap(
+        "0:#000000,0.2:#ff0000,1:#0000ff"
+    )
+    for wrong in ("0:#000000,0.5:red", "0.5:#000000,0.2:#ffffff", "0:#000000,2:#ffffff", "-:#000000"):
+        with pytest.raises(InputError, match="colormap: expected PLACE:#rrggbb"):
+            colormap(wrong)
 
 
 def test_other_maps_come_from_a_library() -> None:

@@ -56,7 +56,8 @@ def _transfer(scene: Scene, volume: Volume, transfer: Transfer) -> str:
     name = scene.transfer.get("preset")
     scaled = "logarithmic " if transfer.logarithmic else ""
     low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
-    colours = f"{transfer.colormap} over {low:g} … {high:g}" if volume.color is None else "those of the volume"
+    of = transfer.colormap if "," not in transfer.colormap else f"{transfer.colormap.count(',') + 1} colours"
+    colours = f"{of} over {low:g} … {high:g}" if volume.color is None else "those of the volume"
     return (
         (f"preset {name}, " if name else "")
         + f"opacity {told}; {scaled}colours {colours}"

@@ -48,6 +48,8 @@ UNEVEN: dict[str, tuple[tuple[float, str], ...]] = {
 CORE = tuple(sorted((*EVEN, *UNEVEN)))
 # a part of a map
 PART = re.compile(r"(.+)\[(\d*\.?\d*):(\d*\.?\d*)\]")
+# control colours of a caller, comma-separated
+NODE = re.compile(r"([0-9.eE+-]+):(#[0-9a-fA-F]{6})")
 # libraries with more names, in lookup order
 LIBRARIES = ("cmap", "matplotlib")
 
@@ -56,8 +58,9 @@ LIBRARIES = ("cmap", "matplotlib")
 def colormap(name: str) -> np.ndarray:
     """A colour map as linear RGB, float64 [256, 3], read-only; entry 0 is the low end.
 
-    name: one of CORE, a solid "#rrggbb", or a name in cmap or matplotlib; "NAME[LOW:HIGH]" is a part of it, from 0
-    to 1. Raises InputError for an unknown name, and for other parts.
+    name: one of CORE, a solid "#rrggbb", control colours "0:#000000,0.4:#ff0000,1:#ffffff", or a name in cmap or
+    matplotlib; "NAME[LOW:HIGH]" is a part of it, from 0 to 1. Raises InputError for an unknown name, and for other
+    parts.
     """
     part = PART.fullmatch(name)
     if part:
@@ -87,6 +90,8 @@ def _srgb(name: str) -> np.ndarray:
         return _mix(np.array([place for place, _ in nodes]), np.array([_hex(code) for _, code in nodes]))
     if re.fullmatch(r"#[0-9a-fA-F]{6}", name):
         return np.tile(_hex(name[1:]), (ENTRIES, 1))
+    if ":#" in name:
+        return _mix(*_nodes(name))
     return _from_library(name)
 
 
@@ -97,6 +102,25 @@ def _hex(code: str) -> list[float]:
 def _mix(places: np.ndarray, colors: np.ndarray, at: np.ndarray | None = None) -> np.ndarray:
     at = np.linspace(0.0, 1.0, ENTRIES) if at is None else at
     return np.stack([np.interp(at, places, colors[:, channel]) for channel in range(3)], axis=1)
+
+
+def _nodes(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Places [N] and sRGB colours [N, 3] of control colours."""
+    found = [NODE.fullmatch(each) for each in name.split(",")]
+    try:
+        places = np.array([float(each[1]) for each in found if each])
+    except ValueError:
+        places = np.zeros(0)
+    if len(places) < len(found) or not ((places >= 0) & (places <= 1)).all() or (np.diff(places) < 0).any():
+        raise expected("colormap", "PLACE:#rrggbb,… with places from 0 to 1 that never fall", repr(name[:80]))
+    return places, np.array([_hex(each[2][1:]) for each in found if each])
+
+
+def of_colors(places: np.ndarray, colors: np.ndarray) -> str:
+    """The name of the map through sRGB colours [N, 3], from 0 to 1, at ascending places [N] from 0 to 1."""
+    parts = np.clip(np.rint(np.asarray(colors) * 255), 0, 255).astype(int)
+    codes = ("#{:02x}{:02x}{:02x}".format(*row) for row in parts.tolist())
+    return ",".join(f"{place:.6g}:{code}" for place, code in zip(places, codes, strict=True))
 
 
 def _from_library(name: str) -> np.ndarray:

@@ -1,0 +1,254 @@
+"""The plugin of napari: its manifest, files as layers right to the voxel, the viewer's camera, pictures of layers."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from test_readers_phantom import F
+
+import splatgl as sg
+from splatgl.app.napari import drawing, reading
+from splatgl.data import readers
+
+ROOT = Path(__file__).parents[1]
+MANIFEST = Path(reading.__file__).with_name("napari.yaml")
+SPACING, ORIGIN = (0.5, 0.7, 2.0), (-3.0, 4.0, 5.0)
+TURNED = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+class Image:
+    """A stand-in of napari's layer, which `Volume.of` tells by its module."""
+
+    __module__ = "napari.layers.image"
+
+    def __init__(self, data: np.ndarray, scale: tuple[float, ...] = (1, 1, 1), **given: Any) -> None:
+        self.data, self.ndim, self.scale, self.name = data, data.ndim, np.array(scale, float), "cells"
+        self.visible, self.rgb, self.multiscale, self.opacity, self.gamma, self.units = (
+            True,
+            False,
+            False,
+            1.0,
+            1.0,
+            None,
+        )
+        self.contrast_limits, self.rendering = (0.0, 255.0), "mip"
+        self.colormap = SimpleNamespace(name="red", map=lambda at: np.outer(at, [1, 0, 0]))
+        self.__dict__.update(given)
+
+    def data_to_world(self, at: Any) -> Any:
+        return tuple(np.asarray(at) * self.scale)
+
+    def world_to_data(self, at: Any) -> Any:
+        return tuple(np.asarray(at) / self.scale)
+
+
+def viewer(*layers: Any, **given: Any) -> Any:
+    """A stand-in of a viewer of a canvas of 64×48 pixels."""
+    camera = {"center": (0.0, 0.0, 0.0), "zoom": 2.0, "perspective": 0.0, "orientation": ("away", "down", "right")}
+    camera |= {"view_direction": (1.0, 0.0, 0.0), "up_direction": (0.0, -1.0, 0.0)}
+    dims = {"ndisplay": 3, "ndim": 3, "order": (0, 1, 2), "point": (0.0, 0.0, 0.0)}
+    for name, value in given.items():
+        (camera if name in camera else dims)[name] = value
+    return SimpleNamespace(
+        layers=list(layers),
+        camera=SimpleNamespace(**camera),
+        dims=SimpleNamespace(**dims),
+        canvas=SimpleNamespace(size=(48, 64)),
+    )
+
+
+def world_of(given: dict[str, Any], at: tuple[int, ...]) -> np.ndarray:
+    """Where the keywords of a layer place a voxel, in napari's world."""
+    if "affine" in given:
+        return np.asarray((given["affine"] @ [*at, 1.0])[:-1])
+    return np.asarray(np.array(at) * given["scale"] + given["translate"])
+
+
+def save_nrrd(path: Path, direction: np.ndarray) -> Path:
+    nrrd = pytest.importorskip("nrrd", reason="pynrrd writes the file")
+    header = {"space": "left-posterior-superior", "space directions": (direction * SPACING).T, "space origin": ORIGIN}
+    nrrd.write(str(path), F, header, index_order="C")
+    return path
+
+
+def test_the_manifest_is_npe2s() -> None:
+    npe2 = pytest.importorskip("npe2", reason="npe2 reads manifests")
+    manifest = npe2.PluginManifest.from_file(MANIFEST)
+    assert manifest.name == "splatgl"
+    (reader,), (widget,) = manifest.contributions.readers, manifest.contributions.widgets
+    assert reader.filename_patterns == reading.patterns() and reader.accepts_directories
+    names = {each.id: str(each.python_name) for each in manifest.contributions.commands}
+    assert names[reader.command] == f"{reading.__name__}:{reading.reader_of.__name__}"
+    assert names[widget.command] == "splatgl.app.napari.panel:Panel"
+
+
+def test_the_package_names_the_manifest() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    module, name = project["entry-points"]["napari.manifest"]["splatgl"].split(":")
+    assert ROOT.joinpath(*module.split("."), name) == MANIFEST and MANIFEST.is_file()
+
+
+@pytest.mark.parametrize("direction", [np.eye(3), TURNED], ids=["straight", "turned"])
+def test_voxels_lie_where_the_file_says(tmp_path: Path, direction: np.ndarray) -> None:
+    path = save_nrrd(tmp_path / "letter.nrrd", direction)
+    read = reading.reader_of([str(path)])
+    assert read is not None and reading.reader_of([str(path), str(path)]) is None
+    ((data, given, kind),) = read(str(path))
+    assert (kind, given["name"], given["metadata"]["frame"]) == ("image", "letter", "LPS")
+    assert ("affine" in given) == (direction is TURNED)
+    volume = sg.load(path)
+    for at in np.ndindex(F.shape):
+        assert data[at] == F[at]
+        right = volume.world_from_index @ at[::-1] + ORIGIN
+        np.testing.assert_allclose(world_of(given, at), right[::-1], atol=1e-12)
+
+
+def test_channels_have_their_colours_and_windows(tmp_path: Path) -> None:
+    tifffile = pytest.importorskip("tifffile", reason="tifffile writes the file")
+    two = np.stack([F.astype(np.uint16), F.astype(np.uint16) * 2])
+    ranges = {"Ranges": (1.0, 90.0, 2.0, 180.0), "mode": "composite", "axes": "ZCYX", "spacing": 3, "unit": "um"}
+    path = tmp_path / "two.tif"
+    tifffile.imwrite(path, two.transpose(1, 0, 2, 3), imagej=True, metadata=ranges, resolution=(2, 2))
+    volume = sg.load(path)
+    for n, (data, given, kind) in enumerate(reading.read(str(path))):
+        np.testing.assert_array_equal(data, two[n])
+        assert kind == "image" and given["scale"] == [3, 0.5, 0.5] and given["units"] == ("um",) * 3
+        assert given["contrast_limits"] == ((1, 90), (2, 180))[n] and given["blending"] == "additive"
+        assert given.get("colormap") == volume.channels[n].hints.color
+
+
+def test_times_are_read_when_they_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tifffile = pytest.importorskip("tifffile", reason="tifffile writes the file")
+    pytest.importorskip("dask.array", reason="times are an array of dask")
+    series = np.stack([F.astype(np.uint16) + n for n in range(3)])
+    path = tmp_path / "times.tif"
+    tifffile.imwrite(path, series[:, :, None], imagej=True, metadata={"axes": "TZCYX", "finterval": 2.5})
+    asked: list[Any] = []
+    own = readers.load
+    monkeypatch.setattr(readers, "load", lambda *a, **k: asked.append(k) or own(*a, **k))
+    ((data, given, _),) = reading.read(str(path))
+    assert data.shape == series.shape and given["scale"][0] == 2.5 and asked == [{}]
+    np.testing.assert_array_equal(np.asarray(data[2]), series[2])
+    assert asked == [{}, {"time": 2}]
+
+
+def test_labels_are_labels(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = (sg.data.volume.Label(1, "liver", "#ff0000"), sg.data.volume.Label(2, "", None))
+    volume = sg.Volume(F.astype(np.uint8) % 3, labels=table)
+    monkeypatch.setattr(readers, "load", lambda path: volume)
+    ((_, given, kind),) = reading.read("seg.nii")
+    assert kind == "labels" and given["colormap"] == {None: "transparent", 0: "transparent", 1: "#ff0000"}
+    assert given["features"] == {"index": [0, 1, 2], "name": ["", "liver", ""]}
+
+
+def pixel_of(camera: sg.Camera, point: tuple[float, float, float], mirrored: bool) -> tuple[float, float]:
+    """(column, row) of a point (z, y, x)."""
+    right, down, ahead = camera.eye_from_points(np.array(point[::-1]))
+    pitch = camera.pixel_pitch(ahead)
+    column = camera.size[0] / 2 + right / pitch
+    return (camera.size[0] - column if mirrored else column), camera.size[1] / 2 + down / pitch
+
+
+BOX = np.array([[x, y, z] for x in (-9.0, 9.0) for y in (-9.0, 9.0) for z in (-9.0, 9.0)])
+
+
+@pytest.mark.parametrize("perspective", [0.0, 40.0])
+@pytest.mark.parametrize("ndisplay", [2, 3])
+@pytest.mark.parametrize("depth", ["away", "towards"])
+def test_the_camera_shows_x_to_the_right_and_y_down(perspective: float, ndisplay: int, depth: str) -> None:
+    """The zoom is pixels per unit at the centre; turning the axis of depth alone mirrors nothing on the screen."""
+    seen = viewer(
+        center=(1.0, 2.0, 3.0),
+        ndisplay=ndisplay,
+        perspective=perspective,
+        orientation=(depth, "down", "right"),
+        view_direction=(1.0 if depth == "away" else -1.0, 0.0, 0.0),
+    )
+    camera, mirrored = drawing.camera_of(seen, BOX)
+    assert camera.perspective == (perspective > 0 and ndisplay == 3) and camera.size == (64, 48)
+    z = 1.0 if ndisplay == 3 else 0.0
+    np.testing.assert_allclose(pixel_of(camera, (z, 2.0, 3.0), mirrored), (32, 24), atol=1e-9)
+    np.testing.assert_allclose(pixel_of(camera, (z, 2.0, 8.0), mirrored), (42, 24), atol=1e-9)
+    np.testing.assert_allclose(pixel_of(camera, (z, 7.0, 3.0), mirrored), (32, 34), atol=1e-9)
+    # nothing is behind the eye of parallel rays
+    assert camera.perspective or (camera.eye_from_points(BOX)[:, 2] > 0).all()
+
+
+def test_the_order_of_the_axes_is_the_viewers() -> None:
+    """Axes (z, y, x) shown as (y, z, x): y away, z down, x right."""
+    seen = viewer(order=(1, 0, 2), center=(2.0, 1.0, 3.0))
+    camera, mirrored = drawing.camera_of(seen, BOX)
+    np.testing.assert_allclose(camera.forward, (0, 1, 0), atol=1e-12)
+    np.testing.assert_allclose(pixel_of(camera, (6.0, 2.0, 4.0), mirrored), (34, 34), atol=1e-9)
+    with pytest.raises(sg.InputError, match="view: expected the last three axes"):
+        drawing.camera_of(viewer(ndim=4, order=(1, 0, 2, 3)), BOX)
+
+
+def spots(*places: tuple[int, int, int]) -> np.ndarray:
+    data = np.zeros((8, 10, 12), np.uint8)
+    for place in places:
+        data[place] = 255
+    return data
+
+
+@pytest.mark.parametrize("blend", [None, "composite"])
+def test_a_picture_shows_a_voxel_where_napari_does(blend: str | None) -> None:
+    """A voxel at z 1, y 2, x 9 of a grid scaled by (3, 2, 1.5) is right of the middle, and high."""
+    layer = Image(spots((1, 2, 9)), (3, 2, 1.5))
+    image = drawing.picture(viewer(layer, center=(0.0, 9.0, 8.25)), blend, size=None)
+    red = image.pixels[..., 0]
+    rows, columns = np.indices(red.shape) + 0.5
+    place = [float((axis * red).sum() / red.sum()) for axis in (columns, rows)]
+    # 2 pixels per unit from the centre
+    np.testing.assert_allclose(place, (32 + 2 * (13.5 - 8.25), 24 + 2 * (4 - 9)), atol=0.05)
+    assert image.info["blend"] == (blend or "mip") and image.pixels[..., 1:3].max() == 0
+    assert drawing.told(image).startswith(f"64×48 pixels, {blend or 'mip'} of ")
+
+
+def test_a_maximum_has_the_layers_colours() -> None:
+    """Half of the contrast limits is half of the map's sRGB; gamma and opacity change it."""
+    data = np.full((8, 10, 12), 128, np.uint8)
+    seen = viewer(Image(data, contrast_limits=(0.0, 256.0)), center=(4.0, 5.0, 6.0))
+    middle = drawing.picture(seen).to_pil().getpixel((32, 24))
+    assert abs(middle[0] - 128) <= 2 and middle[1] == 0
+    seen.layers[0].gamma = 2.0
+    assert abs(drawing.picture(seen).to_pil().getpixel((32, 24))[0] - 64) <= 2
+
+
+def test_the_slider_picks_the_time() -> None:
+    series = np.stack([spots(), spots((4, 5, 6)), spots()])
+    layer = Image(series, (2.0, 1, 1, 1))
+    for point, there in ((2.0, True), (4.0, False)):
+        seen = viewer(layer, center=(4.0, 5.0, 6.0), ndim=4, order=(0, 1, 2, 3), point=(point, 0.0, 0.0, 0.0))
+        assert (drawing.picture(seen).pixels[..., 0].max() > 0.2) == there
+
+
+def test_nothing_to_draw_is_told() -> None:
+    hidden = Image(spots(), visible=False)
+    with pytest.raises(sg.InputError, match="layers: expected a visible Image or Labels layer"):
+        drawing.picture(viewer(hidden))
+    with pytest.raises(sg.InputError, match="blend: expected one of composite"):
+        drawing.picture(viewer(Image(spots((1, 1, 1)))), "iso")
+
+
+def test_in_napari_layers_stand_where_files_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What napari makes of the keywords comes back as the volume that was read."""
+    monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
+    layers = pytest.importorskip("napari.layers", reason="layers of napari")
+    for direction in (np.eye(3), TURNED):
+        path = save_nrrd(tmp_path / "letter.nrrd", direction)
+        ((data, given, _),) = reading.read(str(path))
+        found, right = sg.Volume.of(layers.Image(data, **given)), sg.load(path)
+        np.testing.assert_allclose(found.world_from_index, right.world_from_index, atol=1e-12)
+        np.testing.assert_allclose(found.origin, right.origin, atol=1e-12)
+        assert (found.samples == F).all() and found.name == "letter"
+    table = (sg.data.volume.Label(1, "liver", "#ff0000"),)
+    monkeypatch.setattr(readers, "load", lambda path: sg.Volume(F.astype(np.uint8), labels=table))
+    ((data, given, _),) = reading.read("seg.nii")
+    labels = layers.Labels(data, **given)
+    np.testing.assert_allclose(labels.get_color(1), (1, 0, 0, 1))
