@@ -275,6 +275,7 @@ def test_tracks(tmp_path: Path) -> None:
         ("a.stl", b"\0" * 90, "a mesh|at least one triangle"),
         ("a.obj", b"hello", "a mesh|at least one triangle"),
         ("a.vtp", b"<VTKFile type='ImageData'></VTKFile>", "type: expected a VTKFile of PolyData"),
+        ("a.vtp", b"", "cannot be read as a mesh"),
         ("a.xyz", b"1 2 3", "expected a mesh: .glb, .obj, .off"),
         ("a.tck", b"mrtrix", "tracks"),
     ],

@@ -41,7 +41,8 @@ def load_mesh(
     try:
         if not place.is_file():
             raise InputError("expected a file, got " + ("a folder" if place.is_dir() else "nothing of that name"))
-        with quiet():
+        # all that a file says is untrusted: any failure is attributed to it
+        with quiet(), library("a mesh"):
             found = read(place, radius)
         if not len(found):
             raise expected("mesh", "at least one triangle or line", "none")
