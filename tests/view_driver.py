@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.app.scene import Scene
-from splatgl.app.viewer import mouse, portion
+from splatgl.app.viewer import hud, mouse, portion
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.viewer import Options, Viewer
 from splatgl.data.errors import InputError
@@ -68,8 +68,11 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "full": bool(frame and frame.full),
         "seconds": frame and frame.seconds,
         "blurred": bool(frame and frame.blurred),
-        "hud lines": viewer.painter.words,
-        "polygon": viewer.painter.overlay.polygon if viewer.painter.overlay else (),
+        "hud lines": hud.lines(state, viewer.content, frame, viewer.busy),
+        "words": viewer.painter.words,
+        "title": hud.progress(frame),
+        "size of picture": viewer.painter.pixels.shape,
+        "paths": viewer.painter.overlay.paths if viewer.painter.overlay else (),
         "reference": viewer.reference.image is not None,
         "closed": viewer.closed,
         "megabytes": int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 2**20,
@@ -80,7 +83,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
 def settled(viewer: Viewer) -> bool:
     frame = viewer.painter.frame
     still = frame is not None and frame.full and viewer.refiner.drawn == viewer._wanted() and not viewer.dirty
-    return still and not viewer.jobs.busy and not viewer.reference.jobs.busy
+    return still and not viewer.busy and not viewer.reference.jobs.busy
 
 
 def arrived(viewer: Viewer) -> None:
@@ -107,11 +110,11 @@ def nudged(viewer: Viewer) -> dict[str, Any]:
     def turned_again(asked: int) -> bool:
         if not shown:
             shown.append(viewer.painter.frame)
-            viewer.wheel(1.0, (120.0, 90.0))
+            viewer.hands.wheel(1.0, (120.0, 90.0))
         return given_up(asked)
 
     viewer._given_up = turned_again  # type: ignore[method-assign]
-    viewer.wheel(1.0, (120.0, 90.0))
+    viewer.hands.wheel(1.0, (120.0, 90.0))
     until(viewer, lambda: bool(shown))
     viewer._given_up = given_up  # type: ignore[method-assign]
     return {**told(viewer), "same": viewer.painter.frame is shown[0]}
@@ -150,16 +153,17 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         content, scene = viewer.content, viewer.content.scene
         content = content.following(content.transfer, scene.threshold, scene.settings)
         viewer.state = viewer.state.opened(content)
-        viewer.state = type(viewer.state).of(content, viewer._size())
+        viewer.state = type(viewer.state).of(content, viewer.size)
+        viewer.history.begin(viewer.state)
         viewer.closed = False
         # the press before is not the first of a double click
-        viewer.mouse = mouse.Mouse()
+        viewer.hands.mouse = mouse.Mouse()
         mouse.DOUBLE = DOUBLE
         until(viewer, lambda: settled(viewer))
     elif what == "turn":
         # many pictures, each from elsewhere
         for number in range(ask["times"]):
-            viewer.move((100.0 + number % 40, 90.0))
+            viewer.hands.move((100.0 + number % 40, 90.0))
             viewer.step(0.0)
     elif what == "close":
         viewer.window.glfw.set_window_should_close(viewer.window.handle, True)

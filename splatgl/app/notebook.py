@@ -77,7 +77,8 @@ class Session:
             self._take_finer()
         wanted, started = self._wanted(), time.perf_counter()
         self.image, self.level = self._drawn(LADDER[number]), LADDER[number]
-        self.refiner.done(wanted, number, time.perf_counter() - started, now, self.level == FULL)
+        self.refiner.done(wanted, number, self.level == FULL)
+        self.refiner.took(number, time.perf_counter() - started, 0.0)
         return np.ascontiguousarray(self.image.samples8(BLACK)[..., :3])
 
     def patience(self) -> float | None:

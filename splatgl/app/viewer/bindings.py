@@ -58,11 +58,14 @@ BINDINGS = (
     Binding("turn", ("space",), "turn on its own, or stop"),
     Binding("screenshot", ("s",), "save the picture (PNG)"),
     Binding("save", ("shift+s",), "save the floats (NPY) and the scene (scene.toml)"),
-    Binding("hud", ("i",), "show or hide what is drawn and how"),
+    Binding("undo", ("ctrl+z",), "undo the last change"),
+    Binding("redo", ("ctrl+shift+z", "ctrl+y"), "redo what was undone"),
+    Binding("hud", ("i",), "say what is drawn and how: in short, in full, or not"),
     Binding("panel", ("tab",), "show or hide the panel"),
     Binding("ground", ("n",), "black, white or checks behind the picture"),
     Binding("help", ("?", "f1"), "all keys"),
-    Binding("quit", ("q", "escape"), "quit"),
+    Binding("close", ("escape",), "close what is open; stop turning"),
+    Binding("quit", ("q", "ctrl+q"), "quit"),
 )
 MOUSE = (
     ("left drag", "turn"),

@@ -18,7 +18,7 @@ from splatgl.data.coarse import coarser
 from splatgl.data.volume import Volume
 from splatgl.splat.bricks.opaque import Opaque
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import extract, only_pre
+from splatgl.splat.extraction.extract import Progress, extract, only_pre
 from splatgl.splat.extraction.splats import MOST_KEPT, Grid, Splats
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import kind, one_by_one
@@ -78,13 +78,35 @@ class Content:
             last = volumes[-1]
             half = next(iter(last.coarser), None) or (coarser(last) if last.count > SMALL else last)
             volumes.append(half)
-        content = cls(scene, tuple(volumes), transfer, scene.threshold, portion=shown).classified(scene.settings)
-        return replace(content, before=tuple(len(content.skin(stride)) for stride in STRIDES), beside={})
+        before = tuple(each.count for each in volumes)
+        content = cls(scene, tuple(volumes), transfer, scene.threshold, before=before, portion=shown)
+        content = content.classified(scene.settings)
+        # the view is fitted to splats that are classified before reconstruction
+        content.skin(STRIDES[-1] if content.after else 1)
+        return content
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Number of visible splats at each of STRIDES, or of those before where none are extracted yet."""
-        return tuple(len(self.skins[s]) if s in self.skins else n for s, n in zip(STRIDES, self.before, strict=True))
+        """Number of visible splats at each of STRIDES, estimated where none are extracted yet."""
+        found: list[int] = []
+        for stride, before in zip(STRIDES, self.before, strict=True):
+            known = len(self.skins[stride]) if stride in self.skins else min([before, *found[-1:]])
+            found.append(known)
+        return tuple(found)
+
+    @property
+    def extracted(self) -> tuple[int, ...]:
+        """The strides whose splats are extracted, finest first."""
+        return tuple(sorted(self.skins))
+
+    @property
+    def complete(self) -> bool:
+        """Whether all splats that are to be drawn are extracted."""
+        return set(self.extracted) >= set(STRIDES[self.heavy :])
+
+    def voxels(self, stride: int) -> int:
+        """Number of voxels at a stride."""
+        return self.volumes[STRIDES.index(stride)].count
 
     @property
     def volume(self) -> Volume:
@@ -104,7 +126,7 @@ class Content:
     @property
     def heavy(self) -> bool:
         """Whether the finest splats would exceed MOST_KEPT, estimated from stride 2."""
-        return not self.whole and 8 * len(self.at(2)) > MOST_KEPT
+        return not self.whole and 2 in self.made and 8 * len(self.made[2]) > MOST_KEPT
 
     @property
     def finest(self) -> Splats:
@@ -126,26 +148,28 @@ class Content:
     def _opaque(self) -> Opaque:
         return Opaque(self.volume, self.transfer)
 
-    def at(self, stride: int) -> Splats:
-        """The splats at a stride; opacities are per the finest volume's spacing at every stride."""
+    def at(self, stride: int, progress: Progress | None = None) -> Splats:
+        """The splats at a stride; opacities are per the finest volume's spacing at every stride. progress: as of
+        `extract`, if they are not extracted yet.
+        """
         if stride > 1 and self.volumes[STRIDES.index(stride)] is self.volume:
-            return self.at(1)
+            return self.at(1, progress)
         if stride not in self.made:
             volume, (how, kernel) = self.volumes[STRIDES.index(stride)], self.kind
             transfer = self._at(stride, self.transfer)
-            self.made[stride] = extract(volume, transfer, self.threshold, classification=how, kernel=kernel)
+            asked = {"progress": progress, "classification": how, "kernel": kernel}
+            self.made[stride] = extract(volume, transfer, self.threshold, **asked)  # type: ignore[arg-type]
         return self.made[stride]
 
     def _at(self, stride: int, transfer: Transfer) -> Transfer:
         """The transfer function at a stride."""
         return transfer if stride == 1 else replace(transfer, unit=transfer.unit or self.spacing)
 
-    def skin(self, stride: int) -> Splats:
+    def skin(self, stride: int, progress: Progress | None = None) -> Splats:
         """The splats at a stride without those hidden from every side."""
-        if stride > 1 and self.volumes[STRIDES.index(stride)] is self.volume:
-            return self.skin(1)
         if stride not in self.skins:
-            self.skins[stride] = skinned(self.at(stride))
+            same = stride > 1 and self.volumes[STRIDES.index(stride)] is self.volume
+            self.skins[stride] = self.skin(1, progress) if same else skinned(self.at(stride, progress))
         return self.skins[stride]
 
     @property

@@ -15,7 +15,8 @@ from splatgl.app.viewer.window import Window
 from splatgl.gl.context import current
 
 GLSL = "#version 330"
-RELEASE = 0
+RELEASE, PRESS = 0, 1
+ESCAPE = 256
 # GLFW codes of the keys used by text fields; letters are for ctrl+A, C, V, X, Z
 KEYS = {
     256: imgui.Key.escape,
@@ -31,6 +32,8 @@ KEYS = {
     269: imgui.Key.end,
     **{ord(letter): getattr(imgui.Key, letter.lower()) for letter in "ACVXZ"},
 }
+# GLFW's bits of the modifier keys, left and right
+BITS = {340: 1, 344: 1, 341: 2, 345: 2, 342: 4, 346: 4}
 MODIFIERS = ((1, imgui.Key.mod_shift), (2, imgui.Key.mod_ctrl), (4, imgui.Key.mod_alt))
 
 
@@ -40,7 +43,7 @@ class Gui:
     def __init__(self, window: Window) -> None:
         self.window = window
         self.panel = Panel()
-        self.cursor: tuple[float, ...] = (-1.0, -1.0)
+        self.cursor: tuple[float, float] = (-1.0, -1.0)
         self.context = imgui.create_context()
         self.io = imgui.get_io()
         # no ini file
@@ -51,30 +54,49 @@ class Gui:
         imgui.get_style().window_rounding = 4.0
         imgui.get_style().font_scale_main = window.scale
 
+    @property
+    def touched(self) -> bool:
+        """Whether the cursor is over the panel or drags something of it: what the panel shows may change."""
+        return self.panel.covers(*self.cursor) or self.held
+
+    @property
+    def held(self) -> bool:
+        """Whether a widget of the panel is being dragged."""
+        return bool(self.io.want_capture_mouse and imgui.is_any_item_active())
+
     def event(self, kind: str, *values: Any) -> bool:
-        """Handles a GLFW event; True if the panel consumed it."""
+        """Handles a GLFW event; True if it is the panel's: where the cursor is over the panel, keys while it writes."""
         io = self.io
         if kind == "cursor":
             io.add_mouse_pos_event(*values)
-            self.cursor = values
+            self.cursor = values[0], values[1]
             return False
+        if kind == "scroll":
+            io.add_mouse_wheel_event(*values)
+        elif kind == "button":
+            button, action, bits = values
+            self._modify(bits)
+            io.add_mouse_button_event(button, action != RELEASE)
         if kind in ("button", "scroll"):
-            if kind == "button":
-                io.add_mouse_button_event(values[0], values[1] != RELEASE)
-            else:
-                io.add_mouse_wheel_event(*values)
             # ImGui's own flag is one frame old: the cursor may have moved since
             return self.panel.covers(*self.cursor)
-        # keys go to the panel only while a text field is active
         if kind == "character":
             io.add_input_character(values[0])
         else:
             code, action, bits = values
-            for bit, key in MODIFIERS:
-                io.add_key_event(key, bool(bits & bit))
+            # GLFW's bits are those before the key
+            own = BITS.get(code, 0)
+            self._modify(bits & ~own | own * (action != RELEASE))
             if code in KEYS:
                 io.add_key_event(KEYS[code], action != RELEASE)
-        return bool(io.want_text_input)
+            if code == ESCAPE and action == PRESS and self.panel.popup:
+                self.panel.closes = True
+                return True
+        return bool(io.want_text_input or self.panel.popup)
+
+    def _modify(self, bits: int) -> None:
+        for bit, key in MODIFIERS:
+            self.io.add_key_event(key, bool(bits & bit))
 
     def frame(self, state: State, content: Content, frame: Frame | None) -> State:
         """Draws the panel over the window's back buffer; returns the edited state."""

@@ -17,7 +17,8 @@ class Frame:
     """The displayed frame: the renderer's info, seconds, level, plan, and the fraction of splats beyond z_k.
 
     hidden: number of splats omitted because no view shows them. blurred: whether motion blur was applied.
-    off: for a full frame that replaced a preview, the preview's error against it.
+    off: for a full frame that replaced a preview, the preview's error against it. whole: seconds of a frame in motion
+    with its text, panel and display, as measured before this one.
     """
 
     info: Mapping[str, object]
@@ -28,6 +29,7 @@ class Frame:
     hidden: int
     blurred: bool = False
     off: Difference | None = None
+    whole: float = 0.0
 
     @property
     def full(self) -> bool:
@@ -40,15 +42,25 @@ class Frame:
         return f"{self.level}{', blurred' if self.blurred else ''}"
 
 
+def short(state: State, content: Content, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
+    """What users need first: file, view, and quality."""
+    name = content.volume.name or content.scene.volume
+    camera = state.pose.camera
+    view = f"perspective, {state.pose.fov:.3g} degrees" if camera.perspective else "orthographic"
+    told = [content.portion.told] if content.portion and content.portion.told else []
+    return (name, *told, view, *([busy] if busy else []), progress(frame))
+
+
 def lines(state: State, content: Content, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
-    """The HUD's lines."""
-    title = f"{content.volume.name or content.scene.volume}  {state.pose.camera.size[0]} x {state.pose.camera.size[1]}"
+    """Everything of the picture: device, splats, time, z_k, bounds and the plan it was drawn by."""
     if frame is None:
-        return (title, busy or "nothing drawn yet")
-    info = frame.info
-    said = [title, f"{info['renderer']} ({info['backend']})", *_splats(content, frame), *_instead(state, content)]
+        return short(state, content, frame, busy)
+    info, size = frame.info, state.pose.camera.size
     return (
-        *said,
+        f"{content.volume.name or content.scene.volume}  {size[0]} x {size[1]}",
+        f"{info['renderer']} ({info['backend']})",
+        *_splats(content, frame),
+        *_instead(state, content),
         *_pace(state, frame, busy),
         _depths(content, frame),
         *_bound(info),
@@ -57,11 +69,15 @@ def lines(state: State, content: Content, frame: Frame | None, busy: str | None)
     )
 
 
-def progress(state: State, frame: Frame | None) -> str:
-    """Short text on the quality of the frame relative to the settings."""
+def progress(frame: Frame | None) -> str:
+    """Short text on the quality of the frame relative to the settings, and the rate of frames in motion."""
     if frame is None:
         return ""
-    return "refined" if frame.full else f"moving: {frame.given_up}"
+    if frame.full:
+        bound = frame.info.get("error_bound")
+        return f"refined: error at most {bound:.2g}" if isinstance(bound, float) else "refined"
+    rate = f"{1 / frame.whole:.0f} frames/s, " if frame.whole else ""
+    return f"moving: {rate}{frame.given_up}"
 
 
 def _splats(content: Content, frame: Frame) -> list[str]:

@@ -8,11 +8,16 @@ from typing import Any
 
 import numpy as np
 
-# sRGB with alpha: text, its outline, its background; messages, and lines
-TEXT, EDGE, PAPER = (235, 235, 235, 255), (0, 0, 0, 255), (0, 0, 0, 190)
+Path = tuple[tuple[float, float], ...]
+
+# sRGB with alpha: text, its background; messages, lines and their outline
+TEXT, EDGE, PAPER = (235, 235, 235, 255), (0, 0, 0, 160), (0, 0, 0, 175)
 NOTE, LINE = (255, 214, 90, 255), (255, 214, 90, 255)
 # heights in pixels at a content scale of 1
 FONT, PADDING = 13, 6
+# font heights that are tried for a text that is to fit
+SHARES = (1.0, 0.9, 0.8, 0.7, 0.6)
+CORNERS = ("top left", "bottom left", "middle")
 # line spacing in font heights
 LEADING = 1.3
 # replacements for characters missing from Pillow's built-in font, which has little beyond ASCII
@@ -26,25 +31,26 @@ PLAIN = str.maketrans(
 
 @dataclass(frozen=True)
 class Text:
-    """Lines of text at "top left", "bottom left" or "middle"; tabs separate columns.
-
-    note: in the message colour. paper: on a background rectangle.
+    """Lines of text at one of CORNERS; tabs separate columns. note: in the message colour. fit: in as many columns, and
+    as small, as the picture takes.
     """
 
     lines: tuple[str, ...]
     corner: str = "top left"
     note: bool = False
-    paper: bool = False
+    fit: bool = False
 
 
 @dataclass(frozen=True)
 class Overlay:
-    """Overlay of an image of `size` pixels; equal overlays look the same. scale: the display's content scale."""
+    """Overlay of an image of `size` pixels; equal overlays look the same. scale: the display's content scale. paths:
+    lines through points [x, y] in pixels; a path that ends where it begins is closed.
+    """
 
     size: tuple[int, int]
     scale: float = 1.0
     texts: tuple[Text, ...] = ()
-    polygon: tuple[tuple[float, float], ...] = ()
+    paths: tuple[Path, ...] = ()
 
 
 def drawn(overlay: Overlay) -> np.ndarray:
@@ -53,8 +59,9 @@ def drawn(overlay: Overlay) -> np.ndarray:
 
     picture = Image.new("RGBA", overlay.size, (0, 0, 0, 0))
     pen = ImageDraw.Draw(picture)
-    if len(overlay.polygon) > 2:
-        pen.line([*overlay.polygon, overlay.polygon[0]], fill=LINE, width=max(1, round(overlay.scale)))
+    for path in overlay.paths:
+        for color, width in ((EDGE, 3), (LINE, 1)):
+            pen.line(list(path), fill=color, width=max(1, round(width * overlay.scale)))
     for text in overlay.texts:
         _write(picture, text, overlay)
     return np.asarray(picture)
@@ -65,30 +72,59 @@ def plain(text: str) -> str:
     return text.translate(PLAIN)
 
 
-def _write(picture: Any, text: Text, overlay: Overlay) -> None:
-    from PIL import Image, ImageDraw, ImageFilter
+def box(text: Text, size: tuple[int, int], scale: float) -> tuple[int, int, int, int]:
+    """What a text covers of an image of `size`: left, top, right, bottom in pixels."""
+    block = _fitted(text, size, scale)
+    left, top = _corner(text.corner, size, block.size, block.pad)
+    return left, top, left + block.size[0], top + block.size[1]
 
-    font, pad = _font(round(FONT * overlay.scale)), round(PADDING * overlay.scale)
-    rows = [[plain(cell) for cell in line.split("\t")] for line in text.lines]
-    # column widths come from rows with several cells; a single cell spans all columns
-    tabbed = [row for row in rows if len(row) > 1]
-    ends = [0.0]
-    for column in range(max(map(len, tabbed), default=0)):
-        ends.append(ends[-1] + 2 * pad + max(font.getlength(row[column]) for row in tabbed if column < len(row)))
-    widest = max([ends[-1] - 2 * pad, *(font.getlength(row[0]) for row in rows if len(row) == 1)])
-    step = round(FONT * LEADING * overlay.scale)
-    width, height = int(widest) + 2 * pad, step * len(rows) + 2 * pad
-    left, top = _corner(text.corner, overlay.size, (width, height), pad)
-    # the glyphs, with a black outline
-    letters = Image.new("L", (width, height))
-    pen = ImageDraw.Draw(letters)
-    for number, row in enumerate(rows):
-        for column, cell in enumerate(row):
-            pen.text((pad + ends[column], pad + number * step), cell, font=font, fill=255)
-    if text.paper:
-        picture.paste(PAPER, (left, top, left + width, top + height))
-    picture.paste(EDGE, (left, top), letters.filter(ImageFilter.MaxFilter(2 * round(overlay.scale) + 1)))
-    picture.paste(NOTE if text.note else TEXT, (left, top), letters)
+
+@dataclass(frozen=True)
+class Block:
+    """A text in place: cells with their places, font height, margin and size, pixels."""
+
+    cells: tuple[tuple[str, float, int], ...]
+    height: int
+    pad: int
+    size: tuple[int, int]
+
+
+def _write(picture: Any, text: Text, overlay: Overlay) -> None:
+    block = _fitted(text, overlay.size, overlay.scale)
+    left, top = _corner(text.corner, overlay.size, block.size, block.pad)
+    picture.paste(PAPER, (left, top, left + block.size[0], top + block.size[1]))
+    for cell, x, y in block.cells:
+        letters = _letters(cell, block.height)
+        picture.paste(NOTE if text.note else TEXT, (left + round(x), top + y), letters)
+
+
+def _fitted(text: Text, size: tuple[int, int], scale: float) -> Block:
+    """The text in one column, or, if it is to fit, in as many and as small as needed."""
+    if not text.fit:
+        return _block(text.lines, FONT * scale, 1)
+    tried = [_block(text.lines, FONT * scale * share, count) for share in SHARES for count in (1, 2, 3)]
+    return next((each for each in tried if each.size[0] <= size[0] and each.size[1] <= size[1]), tried[-1])
+
+
+@lru_cache(maxsize=32)
+def _block(lines: tuple[str, ...], height: float, count: int) -> Block:
+    """Lines in columns of equal length, each with columns of its own between tabs."""
+    font, pad = _font(round(height)), max(1, round(PADDING * height / FONT))
+    step, per = round(height * LEADING), -(-len(lines) // count)
+    cells: list[tuple[str, float, int]] = []
+    right = 0.0
+    for first in range(0, len(lines), per):
+        rows = [[plain(cell) for cell in line.split("\t")] for line in lines[first : first + per]]
+        # column widths come from rows with several cells; a single cell spans all columns
+        tabbed, ends = [row for row in rows if len(row) > 1], [right + pad]
+        for column in range(max(map(len, tabbed), default=0)):
+            widest = max(font.getlength(row[column]) for row in tabbed if column < len(row))
+            ends.append(ends[-1] + 2 * pad + widest)
+        for number, row in enumerate(rows):
+            cells += [(cell, ends[column], pad + number * step) for column, cell in enumerate(row) if cell]
+        alone = [ends[0] + font.getlength(row[0]) + pad for row in rows if len(row) == 1]
+        right = max([ends[-1] - pad, *alone])
+    return Block(tuple(cells), round(height), pad, (int(right) + 1, step * per + 2 * pad))
 
 
 def _corner(corner: str, size: tuple[int, int], box: tuple[int, int], pad: int) -> tuple[int, int]:
@@ -96,6 +132,17 @@ def _corner(corner: str, size: tuple[int, int], box: tuple[int, int], pad: int) 
     if corner == "middle":
         return max(0, (size[0] - box[0]) // 2), max(0, (size[1] - box[1]) // 2)
     return right if "right" in corner else pad, bottom if "bottom" in corner else pad
+
+
+@lru_cache(maxsize=512)
+def _letters(line: str, height: int) -> Any:
+    """The coverage of a line's glyphs."""
+    from PIL import Image, ImageDraw
+
+    font = _font(height)
+    letters = Image.new("L", (int(font.getlength(line)) + 2, round(height * LEADING)))
+    ImageDraw.Draw(letters).text((0, 0), line, font=font, fill=255)
+    return letters
 
 
 @lru_cache(maxsize=8)

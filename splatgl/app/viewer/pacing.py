@@ -1,9 +1,11 @@
 """Adaptive quality: holds the target frame time during motion, and decides when to render at full quality.
 
-LADDER lists the quality levels of a preview. SLOW_FRAMES slow frames switch to a coarser level; QUICK_FRAMES quick
-ones to the finest level expected to stay well within the target. Between the two bounds the level is kept, and every
-switch back to a coarser level doubles the wait before the next attempt, which prevents flicker. Costs of levels are
-measured; for levels not drawn yet they are estimated from the work.
+LADDER lists the quality levels of a preview, with a floor: half of the pixels, and every second voxel of up to MANY
+splats, every fourth of more. A frame's time is that of its picture, which a level changes, and that of all else (text,
+panel, swap), which none does. SLOW_FRAMES slow frames switch to a coarser level, if that is expected to gain something;
+a level that turns out to gain nothing is left again. QUICK_FRAMES quick frames switch to the next finer level, if that
+is expected to stay well within the target; every switch back doubles the wait before the next attempt, which prevents
+flicker. Costs of levels are measured; for levels not drawn yet they are estimated from the work.
 """
 
 from __future__ import annotations
@@ -25,22 +27,22 @@ HELD = 0.2
 # fractions of the target: above SLOW a frame is slow; a finer level must be expected to take less than QUICK
 SLOW, QUICK = 1.15, 0.8
 SLOW_FRAMES, QUICK_FRAMES = 2, 4
+# a coarser level must be this many times faster, and expected to be so many times faster to be tried
+GAIN, TRIED = 1.3, 1.05
 # weight of the newest frame in a level's cost
 NEWEST = 0.5
 # before any measurement: seconds per pixel covered by tens of splats, and the cost of a splat in pixels (llvmpipe)
 PIXEL, PIXELS_PER_SPLAT = 1.5e-7, 2.0
+# number of splats above which every fourth voxel may be drawn, and seconds of a frame above which there is no floor
+MANY, STUCK = 2_000_000, 0.2
 
 
 @dataclass(frozen=True)
 class Level:
-    """scale: of the window's pixels, along each axis. stride: downsampling factor of the volume, by averaging.
-
-    tolerance: a looser tolerance than requested, or None.
-    """
+    """scale: of the window's pixels, along each axis. stride: downsampling factor of the volume, by averaging."""
 
     scale: float = 1.0
     stride: int = 1
-    tolerance: float | None = None
 
     def size(self, full: tuple[int, int]) -> tuple[int, int]:
         """Render size (width, height) for a window of `full` pixels, at least 1 × 1."""
@@ -48,53 +50,53 @@ class Level:
 
     def settings(self, asked: Settings) -> Settings:
         """The requested settings with the reductions of a preview."""
-        if self == FULL:
-            return asked
-        plain = asked.but(antialias="paper") if asked.antialias in AVERAGED else asked
-        return plain if self.tolerance is None else plain.but(tolerance=max(self.tolerance, asked.tolerance))
+        return asked.but(antialias="paper") if self != FULL and asked.antialias in AVERAGED else asked
 
     def __str__(self) -> str:
-        parts = [f"{self.scale**2:.0%} of the pixels"] * (self.scale < 1) + [f"voxels x{self.stride}"] * (
-            self.stride > 1
-        )
-        return ", ".join(parts) or "in full"
+        pixels = [f"{self.scale**2:.0%} of the pixels"] if self.scale < 1 else []
+        voxels = [f"voxels x{self.stride}"] if self.stride > 1 else []
+        return ", ".join(pixels + voxels) or "in full"
 
 
 FULL = Level()
 # finest first. Measured on CT, microscopy and terrain: for the same time saved, fewer pixels cause less error than
-# larger voxels, down to as many pixels as there are voxels to show
+# larger voxels, down to half of them
 LADDER = (
     FULL,
-    Level(0.7),
-    Level(0.5),
-    Level(0.35),
-    Level(0.7, 2),
-    Level(0.5, 2),
-    Level(0.35, 2),
-    Level(0.25, 2),
-    Level(0.5, 4),
-    Level(0.35, 4),
-    Level(0.25, 4),
-    Level(0.25, 8),
+    Level(0.84),
+    Level(0.71),
+    Level(1.0, 2),
+    Level(0.84, 2),
+    Level(0.71, 2),
+    Level(0.71, 4),
+    Level(0.71, 8),
+    Level(0.5, 8),
+    Level(0.35, 8),
 )
 STRIDES = tuple(sorted({level.stride for level in LADDER}))
+FLOORS = LADDER.index(Level(0.71, 2)), LADDER.index(Level(0.71, 4))
 
 
 @dataclass(frozen=True)
 class Pace:
-    """level: index into LADDER of the preview. costs: seconds of each level, as far as known.
+    """level: index into LADDER of the preview. costs: seconds of each level's picture, as far as known.
 
-    work: cost of each level in pixel equivalents. met: number of frames drawn at each level.
+    work: cost of each level in pixel equivalents. floor: the coarsest level, unless that is STUCK.
+    met: number of frames drawn at each level. fixed: seconds of a frame without its picture.
     slow, quick: consecutive frames above and below the bounds. wait: quick frames required before a finer level.
+    finer_one: the level that slow frames left, until it is known whether that gained anything.
     """
 
     work: tuple[float, ...]
+    floor: int = FLOORS[0]
     level: int = 0
     costs: tuple[float | None, ...] = (None,) * len(LADDER)
     met: tuple[int, ...] = (0,) * len(LADDER)
+    fixed: float = 0.0
     slow: int = 0
     quick: int = 0
     wait: int = QUICK_FRAMES
+    finer_one: int | None = None
     target: float = TARGET
 
     @classmethod
@@ -102,7 +104,7 @@ class Pace:
         """splats: their number at each of STRIDES; pixels: the window's."""
         counts = dict(zip(STRIDES, splats, strict=True))
         work = [counts[level.stride] * PIXELS_PER_SPLAT + pixels * level.scale**2 for level in LADDER]
-        return cls(tuple(work), target=target)
+        return cls(tuple(work), FLOORS[splats[0] > MANY], target=target)
 
     def again(self, splats: Sequence[int], pixels: int) -> Pace:
         """For other splats or another window size: measured costs, scaled in proportion to the work."""
@@ -111,20 +113,26 @@ class Pace:
             None if cost is None else cost * new / old
             for cost, new, old in zip(self.costs, fresh.work, self.work, strict=True)
         ]
-        return replace(fresh, level=self.level, costs=tuple(costs), met=self.met)
+        return replace(fresh, level=self.level, costs=tuple(costs), met=self.met, fixed=self.fixed)
 
     def expected(self, level: int) -> float:
-        """Expected seconds of a level: measured, or from its work and the nearest measured level."""
+        """Expected seconds of a whole frame of a level: measured, or from its work and the nearest measured level."""
+        own = self.costs[level]
+        if own is not None and self.met[level] > 1:
+            return self.fixed + own
         # a level's first frame includes one-time setup: used only if there is no other measurement
         known = {i: cost for i, cost in enumerate(self.costs) if cost is not None}
         known = {i: cost for i, cost in known.items() if self.met[i] > 1} or known
         if not known:
-            return self.work[level] * PIXEL
+            return self.fixed + self.work[level] * PIXEL
         nearest = min(known, key=lambda i: abs(i - level))
-        return known[nearest] * self.work[level] / self.work[nearest]
+        estimate = known[nearest] * self.work[level] / self.work[nearest]
+        return self.fixed + (estimate if own is None else min(own, estimate))
 
-    def drawn(self, level: int, seconds: float) -> Pace:
-        """After a frame of a level that took `seconds`; only frames at the preview level can change that level."""
+    def drawn(self, level: int, seconds: float, rest: float = 0.0) -> Pace:
+        """After a frame of a level whose picture took `seconds`, and all else `rest`; only frames at the preview level
+        can change that level.
+        """
         before = self.costs[level]
         settled = before is not None and self.met[level] > 1
         cost = before + NEWEST * (seconds - before) if before is not None and settled else seconds
@@ -134,29 +142,63 @@ class Pace:
             cost if i == level else None if other is None else other * trend for i, other in enumerate(self.costs)
         )
         met = tuple(count + (i == level) for i, count in enumerate(self.met))
-        known = replace(self, costs=costs, met=met)
+        fixed = self.fixed + NEWEST * (rest - self.fixed) if self.fixed else rest
+        known = replace(self, costs=costs, met=met, fixed=fixed)
         if level != self.level:
             return known
-        slow = self.slow + 1 if min(cost, seconds) > SLOW * self.target else 0
-        finer = known.finer()
-        quick = self.quick + 1 if finer is not None and not slow else 0
-        if slow >= SLOW_FRAMES:
-            return replace(known.started(), wait=2 * self.wait)
-        if quick >= self.wait and finer is not None:
-            return replace(known, level=finer, slow=0, quick=0)
-        return replace(known, slow=slow, quick=quick)
+        left = known.finer_one
+        if left is not None and met[level] > 1:
+            known = replace(known, finer_one=None)
+            if known.expected(left) < GAIN * known.expected(level):
+                return replace(known, level=left, slow=0, quick=0, wait=2 * self.wait)
+        return known._judged(min(cost, seconds) + fixed)
+
+    def _judged(self, seconds: float) -> Pace:
+        """With another level, if one is due after a frame of so many seconds."""
+        slow = self.slow + 1 if seconds > SLOW * self.target else 0
+        quick = self.quick + 1 if self.finer() and not slow else 0
+        coarser = self.coarser() if slow >= SLOW_FRAMES else None
+        if coarser is not None:
+            return replace(self, level=coarser, finer_one=self.level, slow=0, quick=0, wait=2 * self.wait)
+        # no level meets the target: a finer one may be as slow as this one
+        if quick >= self.wait or (slow >= SLOW_FRAMES and self.level and self.expected(self.level - 1) < self._enough):
+            return replace(self, level=self.level - 1, slow=0, quick=0)
+        return replace(self, slow=min(slow, SLOW_FRAMES), quick=quick)
 
     def started(self) -> Pace:
-        """Starts at the finest level expected to meet the target, or at the cheapest if none is."""
-        times = [self.expected(level) for level in range(len(LADDER))]
-        fits = [level for level in range(len(LADDER)) if times[level] <= self.target]
-        cheapest = min(range(len(LADDER)), key=times.__getitem__)
-        return replace(self, level=fits[0] if fits else cheapest, slow=0, quick=0, wait=QUICK_FRAMES)
+        """Starts at the finest level expected to meet the target; if none is, at the finest that is nearly as fast as
+        any.
+        """
+        level = next(level for level in self._allowed if self.expected(level) <= self._enough)
+        left = 0 if level and self.met[0] else None
+        return replace(self, level=level, slow=0, quick=0, wait=QUICK_FRAMES, finer_one=left)
 
-    def finer(self) -> int | None:
-        """The finest level expected to stay well within the target, if finer than the current one."""
-        better = [level for level in range(self.level) if self.expected(level) < QUICK * self.target]
-        return better[0] if better else None
+    def coarser(self) -> int | None:
+        """A coarser level that gains something, as measured, or that may, if there is one; one that meets the target,
+        if any does.
+        """
+        now = self.expected(self.level)
+        gains = [
+            level
+            for level in self._allowed
+            if level > self.level and self.expected(level) * (GAIN if self.met[level] > 1 else TRIED) < now
+        ]
+        return next((level for level in gains if self.expected(level) <= self.target), next(iter(gains), None))
+
+    def finer(self) -> bool:
+        """Whether the next finer level is expected to stay well within the target."""
+        return self.level > 0 and self.expected(self.level - 1) < QUICK * self.target
+
+    @property
+    def _enough(self) -> float:
+        """Seconds of a frame that are short enough: the target, or those of the fastest level, or nearly so."""
+        return max(self.target, GAIN * min(map(self.expected, self._allowed)))
+
+    @property
+    def _allowed(self) -> range:
+        """The levels down to the floor; all of them if that is stuck."""
+        stuck = self.met[self.floor] > 1 and self.expected(self.floor) > STUCK
+        return range(len(LADDER) if stuck else self.floor + 1)
 
 
 def rests(pace: Pace, idle: float, held: bool) -> bool:

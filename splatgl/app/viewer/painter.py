@@ -16,7 +16,7 @@ from splatgl.app.viewer.bindings import MOUSE, Binding
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.difference import Difference, Reference, enlarged
 from splatgl.app.viewer.hud import Frame
-from splatgl.app.viewer.overlay import Overlay, Text, drawn
+from splatgl.app.viewer.overlay import Overlay, Path, Text, box, drawn
 from splatgl.app.viewer.pacing import FULL, Level
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.skin import FAITHFUL, outside
@@ -33,8 +33,10 @@ from splatgl.splat.view.camera import Camera
 CALM = 0.25
 # pixels per character of a message line, at a content scale of 1
 LETTER = 7.5
-# maximum characters per HUD line
-COLUMN = 50
+# share of the window's width that the text takes at most
+COLUMN = 0.45
+# a pixel of more opacity shows something; a text that covers a smaller share of such pixels covers nothing
+SEEN, COVERED = 0.02, 0.02
 # images with a side of more than n × ENOUGH pixels are compared with their preview at every (n + 1)-th pixel
 ENOUGH = 1000
 
@@ -57,8 +59,12 @@ class Painter:
         self.fresh = False
         self.brightest = 1.0
         self.overlay: Overlay | None = None
+        # what is said, and where
         self.words: tuple[str, ...] = ()
+        self.corner = "top left"
         self.written = -1e9
+        # seconds of a whole frame in motion, as last measured
+        self.whole = 0.0
         self.beside: object = None
 
     def draw(self, state: State, content: Content, level: Level, gliding: bool, interrupted: Ask) -> Frame:
@@ -99,13 +105,16 @@ class Painter:
         self.screen.put("picture", self.pixels)
         beyond = share_beyond(content.sample, state.pose.camera, z_k)
         hidden = len(content.at(level.stride)) - len(splats)
-        self.frame = Frame(image.info, seconds, level, chosen, beyond, hidden, "motion" in image.info)
+        # that of the picture itself
+        drawn_by = self.renderer.plan(splats, camera, settings, motion)
+        blurred = "motion" in image.info
+        self.frame = Frame(image.info, seconds, level, drawn_by, beyond, hidden, blurred, whole=self.whole)
         return self.frame
 
     def write(self, state: State, content: Content, scale: float, busy: str | None, said: str) -> bool:
         """Redraws the overlay if its contents changed; True if so. said: text about the reference.
 
-        A frame that replaces a preview is displayed first; its HUD follows in the next call.
+        A frame that replaces a preview is displayed first; its text follows in the next call.
         """
         now = time.perf_counter()
         if self.fresh:
@@ -114,12 +123,15 @@ class Painter:
         if self.stand_in is not None and self.frame is not None:
             self.frame, self.stand_in = replace(self.frame, off=self._off(self.stand_in)), None
         moving = self.frame is not None and not self.frame.full
-        if not state.hud or state.help:
+        if state.hud == "off" or state.help:
             self.words = ()
         elif not (moving and self.words and now - self.written < CALM):
-            told = hud.lines(state, content, self.frame, busy)
-            self.words = tuple(part for line in told for part in _wrapped(line, COLUMN))
+            told = (hud.short if state.hud == "short" else hud.lines)(state, content, self.frame, busy)
+            most = max(20, int(state.pose.camera.size[0] / LETTER / scale * COLUMN))
+            self.words = tuple(part for line in told if line for part in _wrapped(line, most))
             self.written = now
+            if not moving and state.hud == "short":
+                self.corner = self._free(Text(self.words), state.pose.camera.size, scale)
         wanted = self._overlay(state, content, scale, said)
         if wanted == self.overlay:
             return False
@@ -127,12 +139,24 @@ class Painter:
         self.screen.put("overlay", drawn(wanted))
         return True
 
+    def _free(self, text: Text, size: tuple[int, int], scale: float) -> str:
+        """The corner where a text covers nothing of the picture; "" if there is none."""
+        down, across = self.pixels.shape[0] / size[1], self.pixels.shape[1] / size[0]
+        for corner in ("top left", "bottom left"):
+            left, top, right, bottom = box(replace(text, corner=corner), size, scale)
+            part = self.pixels[
+                int(top * down) : int(bottom * down) + 1, int(left * across) : int(right * across) + 1, 3
+            ]
+            if not part.size or float((part > SEEN).mean()) < COVERED:
+                return corner
+        return ""
+
     def look(self, state: State, reference: Reference) -> Look:
         """Current display mode; uploads the reference if there is one."""
         xray = BLENDS[state.settings.blend].unbounded
         background = None if xray else state.settings.background
         scale = 1.0 / self.brightest if xray else 1.0
-        written = self.overlay is not None and bool(self.overlay.texts or self.overlay.polygon)
+        written = self.overlay is not None and bool(self.overlay.texts or self.overlay.paths)
         plain = Look(state.ground, scale, overlay=written, background=background)
         right = reference.image
         if right is None or state.compare == "off" or right.pixels.shape != self.pixels.shape:
@@ -173,22 +197,24 @@ class Painter:
         return Difference.of(enlarged(stand_in, (width, height), step) / one, self.pixels[::step, ::step] / one)
 
     def _overlay(self, state: State, content: Content, scale: float, said: str) -> Overlay:
-        texts = []
-        if self.words:
-            texts.append(Text(self.words))
+        texts, size = [], state.pose.camera.size
+        corner = self.corner if state.hud == "short" else "top left"
+        if self.words and corner:
+            texts.append(Text(self.words, corner))
         if state.help:
             rows = [(", ".join(binding.keys), binding.about) for binding in self.bindings]
-            texts.append(Text(tuple("\t".join(row) for row in (*rows, *MOUSE)), "middle", paper=True))
-        size = state.pose.camera.size
+            texts.append(Text(tuple("\t".join(row) for row in (*rows, *MOUSE)), "middle", fit=True))
         told = [line for line in (said, state.message) if line]
         if told:
             width = max(20, int(size[0] / LETTER / scale))
-            texts.append(Text(tuple(part for line in told for part in _wrapped(line, width)), "bottom left", note=True))
-        polygon: tuple[tuple[float, float], ...] = ()
+            lines = tuple(part for line in told for part in _wrapped(line, width))
+            texts.append(Text(lines, "top left" if corner == "bottom left" else "bottom left", note=True))
+        paths: tuple[Path, ...] = ()
         if state.beyond and self.frame is not None and self.frame.plan.program.seen.perspective:
             found = crossing(content.volume.corners, state.pose.camera, self.frame.plan.resolved.z_k)
             polygon = tuple((round(float(x)), round(float(y))) for x, y in found)
-        return Overlay(size, scale, tuple(texts), polygon)
+            paths = ((*polygon, polygon[0]),) if polygon else ()
+        return Overlay(size, scale, tuple(texts), paths)
 
 
 def _enough(state: State, content: Content, level: Level, chosen: Plan) -> Splats:

@@ -54,7 +54,8 @@ class Panel:
     def __init__(self) -> None:
         self.dragged: int | None = None
         self.place = (0.0, 0.0, 0.0, 0.0)
-        self.popup = False
+        # whether a list is open, and whether it is to close
+        self.popup = self.closes = False
         self.stats: Statistics | None = None
         self.volume: object = None
         self.range = (0.0, 1.0)
@@ -66,6 +67,9 @@ class Panel:
         imgui.set_next_window_pos((window[0] - wide - MARGIN, MARGIN), imgui.Cond_.always)
         imgui.set_next_window_size_constraints((wide, 0.0), (wide, max(window[1] - 2 * MARGIN, 1.0)))
         imgui.set_next_window_bg_alpha(0.85)
+        if self.closes:
+            imgui.internal.close_popup_to_level(0, True)
+            self.closes = False
         flags = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move
         flags |= imgui.WindowFlags_.always_auto_resize
         shown, _ = imgui.begin("splatgl", None, flags)

@@ -66,16 +66,12 @@ def save_scene(state: State, content: Content, draw: Draw, folder: Path) -> str:
 SAVES = {"screenshot": save_picture, "save": save_scene}
 
 
-def saved(state: State, content: Content, draw: Draw, folder: Path) -> State:
-    """Runs the state's pending saves; returns it without pending actions, with the last message."""
-    asks, state = state.asks, replace(state, asks=())
-    for ask in [ask for ask in asks if ask in SAVES]:
-        try:
-            said = SAVES[ask](state, content, draw, folder)
-        except InputError as error:
-            said = str(error)
-        state = replace(state, message=said)
-    return state
+def saved(state: State, ask: str, content: Content, draw: Draw, folder: Path) -> State:
+    """Runs one of SAVES; returns the state with its message."""
+    try:
+        return replace(state, message=SAVES[ask](state, content, draw, folder))
+    except InputError as error:
+        return replace(state, message=str(error))
 
 
 def free(folder: Path, stem: str, suffix: str) -> Path:

@@ -20,6 +20,8 @@ from splatgl.splat.plan.settings import Settings, choices
 from splatgl.splat.view.camera import Camera
 
 COMPARE = ("off", "split", "difference")
+# what is said of the picture
+HUDS = ("short", "full", "off")
 # azimuth and elevation of the standard views in degrees; the front is a scene's azimuth 0
 VIEWS = {
     "isometric": (45.0, 35.264),
@@ -50,8 +52,8 @@ CYCLES = {
 class State:
     """pose, settings: camera and rendering options. base: the transfer function; extinction: a factor on it.
 
-    blur: motion blur while the view rotates. asks: pending window actions ("screenshot", "save", "quit").
-    message: shown until the next key.
+    blur: motion blur while the view rotates. hud: of HUDS. asks: pending window actions ("screenshot", "save", "undo",
+    "redo", "quit"). message: shown until the next key.
     """
 
     pose: Pose
@@ -63,7 +65,7 @@ class State:
     blur: str = "off"
     beyond: bool = False
     compare: str = "off"
-    hud: bool = True
+    hud: str = "short"
     help: bool = False
     panel: bool = False
     ground: str = "black"
@@ -164,6 +166,18 @@ def drawable(settings: Settings, state: State, content: Content) -> bool:
     return True
 
 
+def _beyond(state: State, content: Content) -> State:
+    camera, said = state.pose.camera, ""
+    if not state.beyond:
+        if not camera.perspective:
+            said = "z_k: every voxel is as wide as any other in an orthographic view"
+        elif (z_k := camera.z_k(min(content.volume.spacing))) > camera.eye_from_points(content.volume.corners)[
+            :, 2
+        ].max():
+            said = f"z_k = {z_k:.4g}: all voxels are nearer, so that none is stretched; zoom out to see it"
+    return replace(state, beyond=not state.beyond, message=said)
+
+
 def _compare(state: State, content: Content) -> State:
     return replace(state, compare=_next(COMPARE, state.compare), turning=False)
 
@@ -213,7 +227,7 @@ ACTIONS: dict[str, Action] = {
     "projection": _projection,
     **{name: _cycle(name) for name in CYCLES},
     "motion": _blur,
-    "beyond": _toggle("beyond"),
+    "beyond": _beyond,
     "compare": _compare,
     "opacity-down": _opacity(1 / OPACITY_STEP),
     "opacity-up": _opacity(OPACITY_STEP),
@@ -222,7 +236,10 @@ ACTIONS: dict[str, Action] = {
     "turn": _toggle("turning"),
     "screenshot": _ask("screenshot"),
     "save": _ask("save"),
-    "hud": _toggle("hud"),
+    "hud": lambda state, content: replace(state, hud=_next(HUDS, state.hud)),
+    "undo": _ask("undo"),
+    "redo": _ask("redo"),
+    "close": lambda state, content: replace(state, help=False, turning=state.turning and state.help),
     "panel": _toggle("panel"),
     "ground": _ground,
     "help": _toggle("help"),

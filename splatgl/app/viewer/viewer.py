@@ -1,4 +1,4 @@
-"""`Viewer`: the event loop: turns events into states and renders them, as few frames as possible."""
+"""`Viewer`: the event loop: renders the state that events make, in as few frames as possible."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.app.viewer.bindings import BINDINGS, Binding, keymap
+from splatgl.app.viewer.bindings import BINDINGS, Binding
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.difference import Reference, Wanted
+from splatgl.app.viewer.extracting import EXTRACTING, Extractor
 from splatgl.app.viewer.files import Files, News, Reopen
+from splatgl.app.viewer.hands import Hands
+from splatgl.app.viewer.history import History
 from splatgl.app.viewer.hud import progress
 from splatgl.app.viewer.jobs import Done, Jobs
-from splatgl.app.viewer.mouse import Mouse, wheeled
 from splatgl.app.viewer.pacing import LADDER, REST, STEP, TARGET
 from splatgl.app.viewer.painter import Painter
-from splatgl.app.viewer.pick import pivoted
-from splatgl.app.viewer.pose import Place
 from splatgl.app.viewer.refiner import Moment, Refiner
-from splatgl.app.viewer.saving import saved
-from splatgl.app.viewer.state import State, acted, up_of
+from splatgl.app.viewer.saving import SAVES, saved
+from splatgl.app.viewer.state import State, up_of
 from splatgl.app.viewer.window import Window
 from splatgl.data.errors import InputError, missing_extra
 from splatgl.gl.portions import Interrupted
@@ -34,8 +34,6 @@ from splatgl.gl.screen import Screen
 
 # maximum seconds to wait for events when idle: bounds the response to Ctrl-C
 IDLE = 0.25
-# maximum number of panel frames queued by events
-MOST_FRAMES = 20
 # automatic rotation in degrees per second
 SPEED = 30.0
 
@@ -59,88 +57,49 @@ class Viewer:
 
     def __init__(self, content: Content, renderer: Renderer, options: Options | None = None) -> None:
         self.options = options or Options()
-        self.keys = keymap(self.options.bindings)
         self.screen = Screen(self.options.size, "splatgl")
         try:
-            self.window = Window(self.screen, self)
-            self.jobs = Jobs(self.window.wake)
+            self.hands = Hands(self, self.options.bindings)
+            self.window = Window(self.screen, self.hands)
+            self.extractor = Extractor(self.window.wake)
             self.reference = Reference(Jobs(self.window.wake))
             self.painter = Painter(self.screen, renderer, self.options.bindings)
             self.renderer = renderer
             self.content = content
-            self.state = replace(State.of(content, self._size()), ground=self.options.ground)
+            # the next one, whose coarsest splats are being extracted
+            self.coming: Content | None = None
+            self.state = replace(State.of(content, self.size), ground=self.options.ground)
             self.panel: Any = None
             if self.options.panel and find_spec("imgui_bundle"):
+                self.state = replace(self.state, panel=True)
                 self._open_panel()
         except BaseException:
             self.screen.close()
             raise
-        self.mouse = Mouse()
-        self.files = Files(self.jobs, self.options.watched, self.options.reopen, self.now())
+        self.history = History(self.state)
+        self.files = Files(Jobs(self.window.wake), self.options.watched, self.options.reopen, self.now())
         self.files.refine(content)
-        self.refiner = Refiner(content.counts, prod(self._size()), self.options.target)
-        self.touched = self.ticked = self.now()
-        # input counter: a full-quality frame in progress is cancelled when it changes
-        self.asked = 0
+        self.refiner = Refiner(content.counts, prod(self.size), self.options.target)
+        self.ticked = self.now()
+        # whether the next request to quit is obeyed although edits are lost
+        self.warned = False
         self.closed = False
         self.dirty = 1
 
-    def key(self, chord: str) -> None:
-        """Runs the action bound to `chord`, if any."""
-        action = self.keys.get(chord)
-        if action:
-            self.state = acted(self.state, action, self.content)
-            if self.state.panel and self.panel is None:
-                self._open_panel()
-            self._touch()
+    @property
+    def size(self) -> tuple[int, int]:
+        """The window's, pixels, at least 1."""
+        width, height = self.window.size
+        return max(width, 1), max(height, 1)
 
-    def press(self, button: str, held: tuple[str, ...], place: Place) -> None:
-        """Starts a drag; a double click sets the pivot."""
-        if self.mouse.doubles(button, place, self.now()):
-            self.state = pivoted(self.state, self.content, place)
-            self._touch()
-        self.mouse = self.mouse.press(button, held, place, self.state.pose, self.now())
-
-    def release(self, button: str) -> None:
-        """Ends the drag."""
-        self.mouse = self.mouse.release()
-
-    def move(self, place: Place) -> None:
-        """Moves the view by the current drag, if any, and stops the automatic rotation."""
-        if self.mouse.drag is not None:
-            pose = self.mouse.drag.to(place)
-            self.state = replace(self.state, pose=pose.resized(self._size()), turning=False)
-            self._touch()
-
-    def wheel(self, notches: float, place: Place) -> None:
-        """Zooms at `place`; upwards zooms in."""
-        self.state = replace(self.state, pose=wheeled(self.state.pose, place, notches))
-        self._touch()
-
-    def resize(self, size: tuple[int, int]) -> None:
-        """Fits the view to `size` in pixels; a minimised window keeps its last size."""
-        if min(size) > 0:
-            self.state = replace(self.state, pose=self.state.pose.resized(size))
-            self._touch()
-
-    def drop(self, paths: list[str]) -> None:
-        """Opens the first of the files; the current content stays until it is loaded."""
-        if paths:
-            self.files.open(paths[0], self.state.settings)
-            self._touch()
+    @property
+    def busy(self) -> str | None:
+        """What is being done in other threads; None if nothing is."""
+        return self.files.busy or self.extractor.busy
 
     def refresh(self) -> None:
         """Redisplays the window's content in the next step."""
         self.dirty = max(self.dirty, 1)
-
-    def raw(self, kind: str, *values: Any) -> bool:
-        """Passes an event to the panel; True if consumed. Cursor moves without a button cancel no frame in progress."""
-        if self.panel is None or not self.state.panel:
-            return False
-        self.asked += kind != "cursor" or self.window.held
-        # the panel handles one event per frame and shows its effect in the next
-        self.dirty = min(max(self.dirty, 1) + 1, MOST_FRAMES)
-        return bool(self.panel.event(kind, *values))
 
     def run(self) -> None:
         """Runs `step()` until the window is closed."""
@@ -150,20 +109,23 @@ class Viewer:
     def step(self, wait: float | None = None) -> None:
         """Handles events and finished jobs, renders a frame if one is due, and displays it. wait: maximum seconds."""
         self.window.wait(self._patience() if wait is None else wait)
-        for done in self.jobs.collect():
+        begun = time.perf_counter()
+        for done in (*self.files.jobs.collect(), *self.extractor.collect()):
             self._finished(done)
         if self.reference.collect():
             self.refresh()
-        self.files.look(self.now())
+        self.state = self.files.look(self.state, self.now())
         self._turn()
         self._answer()
-        if self.window.closing:
-            self.closed = True
         if self.closed or min(self.window.size) < 1:
             return
-        self._draw()
+        level = self._draw()
         self._compare()
         self._show()
+        if level is not None and self.painter.frame is not None:
+            picture, whole = self.painter.frame.seconds, time.perf_counter() - begun
+            self.painter.whole = whole
+            self.refiner.took(level, picture, whole - picture)
 
     def now(self) -> float:
         """Monotonic clock in seconds."""
@@ -178,6 +140,7 @@ class Viewer:
         """Frees the window and its resources, but not the renderer."""
         self.closed = True
         self.reference.forget()
+        self.extractor.wanted = None
         if self.panel is not None:
             self.panel.close()
         self.screen.close()
@@ -190,69 +153,82 @@ class Viewer:
             return max(0.0, self.ticked + STEP - self.now())
         moment = self._moment()
         due = self.refiner.patience(self._wanted(), moment)
-        if due is None and self._unfinished():
-            due = max(0.0, REST - moment.idle)
+        if not moment.whole:
+            due = min(IDLE if due is None else due, max(0.0, REST - moment.idle) or IDLE)
         return IDLE if due is None or (due == 0.0 and moment.held) else min(due, IDLE)
 
     def _moment(self) -> Moment:
         # quads near the eye may be slow even in portions: deferred until the mouse button is released
         frame = self.painter.frame
-        held = self.mouse.drag is not None and (frame is None or frame.plan.program.technique == "quads")
-        return Moment(self.now() - self.touched, self.state.turning, held, self.content.whole)
+        held = self.hands.mouse.drag is not None and (frame is None or frame.plan.program.technique == "quads")
+        return Moment(self.now() - self.hands.touched, self.state.turning, held, self.content.extracted)
 
     def _wanted(self) -> tuple[object, ...]:
         """Key of a frame: all its inputs, as values or immutable objects."""
         return self.state.pose, self.state.settings, self.content, self.state.beyond and self.state.compare == "off"
 
-    def _draw(self) -> None:
-        """Renders a preview after changes, or the full-quality frame at rest, which is shown again with its HUD."""
+    def _draw(self) -> int | None:
+        """Renders a preview after changes, or the full-quality frame at rest, which is shown again with its text.
+        Returns its level; None if none was due.
+        """
         blurs = self._blurs()
         self._extract(blurs)
-        wanted, moment, asked = self._wanted(), self._moment(), self.asked
+        wanted, moment, asked = self._wanted(), self._moment(), self.hands.asked
         level = self.refiner.level(wanted, moment)
         if level is None:
-            return
+            return None
         if wanted != self.refiner.drawn:
             self.reference.forget()
         try:
             frame = self.painter.draw(self.state, self.content, LADDER[level], blurs, lambda: self._given_up(asked))
         except Interrupted:
-            return
+            return None
         except InputError as error:
             self.refiner.refuse(wanted)
-            self.state = replace(self.state, message=str(error))
-            return
-        self.refiner.done(wanted, level, frame.seconds, moment, frame.full)
+            self.say(str(error))
+            return None
+        self.refiner.done(wanted, level, frame.full)
         self.dirty = max(self.dirty, 1 + frame.full)
+        return level
+
+    def say(self, message: str) -> None:
+        """Shows a message until the next key."""
+        self.state = replace(self.state, message=message)
+        self.refresh()
 
     def _blurs(self) -> bool:
         """Whether the view moves continuously and motion is blurred."""
-        gliding = self.state.turning or (self.mouse.drag is not None and self._moment().moving)
+        gliding = self.state.turning or (self.hands.mouse.drag is not None and self._moment().moving)
         return gliding and self.state.blur != "off"
 
     def _given_up(self, asked: int) -> bool:
         """Polls events during a frame; True after new input, which cancels it."""
         self.window.wait(0.0)
-        return self.asked != asked or self.window.closing
+        return self.hands.asked != asked or self.window.closing
 
     def _extract(self, blurs: bool) -> None:
-        """Takes the content that the state asks for; extracts its finest splats in the worker thread, at rest."""
+        """Takes the content that the state asks for once its coarsest splats are there; the finer ones follow at rest.
+        Until then the picture is that of the content before.
+        """
         state = self.state
+        if self.coming is not None:
+            if not self.coming.extracted and self.extractor.failed is not self.coming:
+                self.extractor.want(self.coming, False)
+                return
+            self._take(self.coming)
         content = self.content.following(state.transfer, state.threshold, state.moving, blurs)
-        unfinished = self._unfinished()
+        if content is not self.content and not content.extracted:
+            self.coming = content
+            self.extractor.want(content, False)
+            return
         if content is not self.content:
             self._take(content)
-            if content.heavy:
-                said = f"some {8 * len(content.at(2)):,} splats: too many to draw all; make more of it transparent"
-                self.state = replace(state, message=said)
-        elif unfinished is not None and self.now() - self.touched >= REST:
-            self.jobs.submit("extracting", lambda: unfinished.skin(1))
-
-    def _unfinished(self) -> Content | None:
-        """The content whose finest splats still have to be extracted, if any: that on show, or that of its motion."""
-        moving = self.content.classified(self.state.moving, True)
-        waiting = [content for content in (self.content, moving) if not content.whole and not content.heavy]
-        return waiting[0] if waiting and not self.jobs.busy else None
+        moving = content.classified(state.moving, True)
+        waiting = [each for each in (content, moving) if not each.complete]
+        if waiting:
+            self.extractor.want(waiting[0], self.now() - self.hands.touched >= REST)
+        if content.heavy and content.extracted[0] == 2 and not state.message:
+            self.say(f"some {8 * len(content.at(2)):,} splats: too many to draw all; make more of it transparent")
 
     def _compare(self) -> None:
         """Requests the reference of a full-quality frame once the view is at rest."""
@@ -267,45 +243,77 @@ class Viewer:
     def _show(self) -> None:
         """Displays the image, its overlay and the panel if any of them changed."""
         said = self.painter.compared(self.state, self.reference)
-        if self.painter.write(self.state, self.content, self.window.scale, self.jobs.busy, said):
+        if self.painter.write(self.state, self.content, self.window.scale, self.busy, said):
             self.refresh()
         if not self.dirty:
             return
         self.dirty -= 1
         self._compose()
         self.window.show()
-        self.window.title(f"{self.content.volume.name} - splatgl - {progress(self.state, self.painter.frame)}")
+        self.window.title(f"{self.content.volume.name} - splatgl - {self.busy or progress(self.painter.frame)}")
 
     def _compose(self) -> None:
         """Draws the window's content into its back buffer."""
+        if self.state.panel and self.panel is None:
+            self._open_panel()
         self.screen.draw(self.window.size, self.painter.look(self.state, self.reference))
-        if self.panel is not None and self.state.panel and not self.state.help:
+        if self.panel is not None and self.state.panel:
+            before = self.state
             self.state = self.panel.frame(self.state, self.content, self.painter.frame)
+            if self.state is not before:
+                self.hands.touch()
 
     def _turn(self) -> None:
         now = self.now()
         if self.state.turning:
             pose = self.state.pose.spun(SPEED * (now - self.ticked), up_of(self.content))
             self.state = replace(self.state, pose=pose)
-            self.touched = now
+            self.hands.touched = now
         self.ticked = now
+        resting = now - self.hands.touched >= REST and not self.window.held
+        if resting and not self.state.asks:
+            self.history.note(self.state)
 
     def _answer(self) -> None:
-        """Runs the state's pending window actions."""
-        self.closed |= "quit" in self.state.asks
-        self.state = saved(self.state, self.content, self.renderer.render, self.options.folder)
+        """Runs what the state asks of the window."""
+        asks, self.state = self.state.asks, replace(self.state, asks=())
+        for ask in asks:
+            if ask in ("undo", "redo"):
+                undone = self.history.undone if ask == "undo" else self.history.redone
+                self.state = undone(self.state)
+                self.hands.touch()
+            elif ask in SAVES:
+                self.state = saved(self.state, ask, self.content, self.renderer.render, self.options.folder)
+                if ask == "save" and self.state.message.startswith("saved"):
+                    self.history.keep(self.state)
+        if "quit" in asks or self.window.closing:
+            self._quit()
+        elif asks or self.state.message == "":
+            self.warned = False
+
+    def _quit(self) -> None:
+        """Closes the window, at the second request if edits would be lost."""
+        if not self.history.unsaved(self.state) or self.warned:
+            self.closed = True
+            return
+        self.warned = True
+        self.window.stay()
+        self.say("edits are not saved: shift+s saves the scene; quit again to leave without")
 
     def _finished(self, done: Done) -> None:
-        """Handles a finished job, whose splats are in the content already; bad input only sets the message."""
+        """Handles a finished job; bad input only sets the message."""
         self.refresh()
+        self.files.finished(done.name)
+        if done.error is not None and done.name == EXTRACTING:
+            self.extractor.failed = self.extractor.wanted
         if isinstance(done.error, InputError | MemoryError):
-            self.state = replace(self.state, message=str(done.error) or "not enough memory")
+            self.say(str(done.error) or "not enough memory")
         elif done.error is not None:
             raise done.error
-        elif isinstance(done.result, News) and not done.result.stale(self.content):
+        elif not isinstance(done.result, News):
+            self.refiner.renew(self.content.counts, prod(self.size))
+        elif not done.result.stale(self.content):
             self._opened(done.result)
-        else:
-            self._take(self.content)
 
     def _opened(self, news: News) -> None:
         """Takes a loaded file; a reloaded one keeps its view unless its scene file changed."""
@@ -314,28 +322,23 @@ class Viewer:
             self.files.turn_to(news, self.now())
         if news.reopen is not None or content.scene != scene:
             self.state = self.state.opened(content)
+            self.history.begin(self.state)
         elif self.state.base == transfer:
-            self.state = replace(self.state, base=content.transfer)
+            edited = self.history.unsaved(self.state)
+            self.state = replace(self.state, base=content.transfer, message="")
+            if not edited:
+                self.history.keep(self.state)
         self._take(content)
         self.files.refine(content)
         # contents of the volume before refer to each other
         gc.collect()
-        self._touch()
+        self.hands.touch()
 
     def _take(self, content: Content) -> None:
         """Sets the displayed content."""
-        self.content = content
-        self.refiner.renew(content.counts, prod(self._size()))
+        self.content, self.coming = content, None
+        self.refiner.renew(content.counts, prod(self.size))
         self.refresh()
-
-    def _touch(self) -> None:
-        self.asked += 1
-        self.touched = self.now()
-        self.refresh()
-
-    def _size(self) -> tuple[int, int]:
-        width, height = self.window.size
-        return max(width, 1), max(height, 1)
 
     def _open_panel(self) -> None:
         """Creates the panel, or sets a message on how to install its library."""
@@ -346,4 +349,3 @@ class Viewer:
             from splatgl.app.viewer.gui import Gui
 
             self.panel = Gui(self.window)
-            self.state = replace(self.state, panel=True)

@@ -14,11 +14,14 @@ Stamp = tuple[int, int] | None
 
 @dataclass(frozen=True)
 class Watch:
-    """paths, and the last stamp seen of each: (mtime in ns, bytes), None for a missing file."""
+    """paths, and the last stamp seen of each: (mtime in ns, bytes), None for a missing file. gone: numbers of checks
+    in a row that found one missing.
+    """
 
     paths: tuple[Path, ...]
     seen: tuple[Stamp, ...]
     due: float
+    gone: int = 0
 
     @classmethod
     def of(cls, paths: Iterable[str | Path], now: float) -> Watch:
@@ -32,8 +35,14 @@ class Watch:
             return self, False
         stamps = tuple(map(_stamp, self.paths))
         if None in stamps:
-            return replace(self, due=now + PERIOD), False
-        return replace(self, seen=stamps, due=now + PERIOD), stamps != self.seen
+            return replace(self, due=now + PERIOD, gone=self.gone + 1), False
+        return replace(self, seen=stamps, due=now + PERIOD, gone=0), stamps != self.seen
+
+    @property
+    def missing(self) -> str:
+        """The name of a file that is missing for longer than a replacement takes; "" if none is."""
+        absent = [path.name for path in self.paths if not path.exists()] if self.gone > 1 else []
+        return absent[0] if absent else ""
 
 
 def _stamp(path: Path) -> Stamp:

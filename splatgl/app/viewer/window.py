@@ -107,6 +107,10 @@ class Window:
         """Whether the user asked to close the window."""
         return bool(self.glfw.window_should_close(self.handle))
 
+    def stay(self) -> None:
+        """Takes back the user's request to close the window."""
+        self.glfw.set_window_should_close(self.handle, False)
+
     def wait(self, seconds: float) -> None:
         """Handles events; waits for the first at most `seconds`."""
         if seconds > 0:
@@ -142,7 +146,7 @@ class Window:
             self.listener.key(chord)
 
     def _button(self, _: Any, button: int, action: int, bits: int) -> None:
-        taken = self.listener.raw("button", button, action)
+        taken = self.listener.raw("button", button, action, bits)
         if button >= len(BUTTONS):
             return
         # releases are always passed on: the press may predate the cursor's entry into the panel

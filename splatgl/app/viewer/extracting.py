@@ -1,0 +1,68 @@
+"""`Extractor`: the splats of a content in a worker thread, coarse strides first, given up for another content."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TypeVar
+
+from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.jobs import Done, Jobs
+from splatgl.app.viewer.pacing import STRIDES
+
+# voxels of a stride that are extracted while a transfer function is being edited: some 0.1 s
+QUICK = 1 << 19
+EXTRACTING = "extracting"
+
+T = TypeVar("T")
+
+
+class Cancelled(Exception):
+    """Other splats are wanted."""
+
+
+class Extractor:
+    """Extracts what is wanted. share: of the parts of the stride that is being extracted."""
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self.jobs = Jobs(wake)
+        self.wanted: Content | None = None
+        # the content whose extraction failed: it is not tried again
+        self.failed: Content | None = None
+        self.share = 0.0
+
+    @property
+    def busy(self) -> str | None:
+        """What is being done, with its progress; None if nothing is."""
+        return f"extracting {self.share:.0%}" if self.jobs.busy else None
+
+    def want(self, content: Content, resting: bool) -> None:
+        """Starts on the missing strides of a content; not on those that take long while its values are being edited."""
+        if self.wanted is not content:
+            self.wanted = content
+        elif self.jobs.busy or self.failed is content:
+            return
+        missing = [stride for stride in reversed(STRIDES) if stride not in content.skins]
+        quick = [stride for stride in missing if content.voxels(stride) <= QUICK]
+        due = missing if resting else quick or missing[: not content.extracted]
+        if due:
+            self.jobs.submit(EXTRACTING, lambda: self._extract(content, due))
+
+    def collect(self) -> list[Done]:
+        """Finished jobs; those that were given up are none."""
+        return [done for done in self.jobs.collect() if not isinstance(done.error, Cancelled)]
+
+    def _extract(self, content: Content, strides: list[int]) -> None:
+        for stride in strides:
+            if stride == 1 and content.heavy:
+                return
+            self.share = 0.0
+
+            def parts(given: Iterator[T], count: int) -> Iterator[T]:
+                for number, part in enumerate(given):
+                    if self.wanted is not content:
+                        raise Cancelled
+                    self.share = number / max(count, 1)
+                    yield part
+
+            content.skin(stride, parts)
+            self.jobs.wake()

@@ -1,0 +1,96 @@
+"""`Hands`: turns a window's events into states: keys, drags, the wheel, dropped files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from splatgl.app.viewer.bindings import Binding, keymap
+from splatgl.app.viewer.mouse import Mouse, wheeled
+from splatgl.app.viewer.pick import pivoted
+from splatgl.app.viewer.pose import Place
+from splatgl.app.viewer.state import acted
+
+if TYPE_CHECKING:
+    from splatgl.app.viewer.viewer import Viewer
+
+# maximum number of panel frames queued by events
+MOST_FRAMES = 20
+
+
+class Hands:
+    """The listener of a viewer's window. asked: input counter; a full-quality frame is cancelled when it changes."""
+
+    def __init__(self, viewer: Viewer, bindings: Iterable[Binding]) -> None:
+        self.viewer = viewer
+        self.keys = keymap(bindings)
+        self.mouse = Mouse()
+        self.touched = viewer.now()
+        self.asked = 0
+
+    def touch(self) -> None:
+        """Notes input that may change the picture."""
+        self.asked += 1
+        self.touched = self.viewer.now()
+        self.viewer.refresh()
+
+    def key(self, chord: str) -> None:
+        """Runs the action bound to `chord`, if any."""
+        action = self.keys.get(chord)
+        if action:
+            self.viewer.state = acted(self.viewer.state, action, self.viewer.content)
+            self.touch()
+
+    def press(self, button: str, held: tuple[str, ...], place: Place) -> None:
+        """Starts a drag; a double click sets the pivot."""
+        viewer = self.viewer
+        if self.mouse.doubles(button, place, viewer.now()):
+            viewer.state = pivoted(viewer.state, viewer.content, place)
+            self.touch()
+        self.mouse = self.mouse.press(button, held, place, viewer.state.pose, viewer.now())
+
+    def release(self, button: str) -> None:
+        """Ends the drag."""
+        self.mouse = self.mouse.release()
+
+    def move(self, place: Place) -> None:
+        """Moves the view by the current drag, if any, and stops the automatic rotation."""
+        if self.mouse.drag is not None:
+            viewer, pose = self.viewer, self.mouse.drag.to(place)
+            viewer.state = replace(viewer.state, pose=pose.resized(viewer.size), turning=False)
+            self.touch()
+
+    def wheel(self, notches: float, place: Place) -> None:
+        """Zooms at `place`; upwards zooms in."""
+        self.viewer.state = replace(self.viewer.state, pose=wheeled(self.viewer.state.pose, place, notches))
+        self.touch()
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """Fits the view to `size` in pixels; a minimised window keeps its last size."""
+        if min(size) > 0:
+            self.viewer.state = replace(self.viewer.state, pose=self.viewer.state.pose.resized(size))
+            self.touch()
+
+    def drop(self, paths: list[str]) -> None:
+        """Opens the files; the current content stays until they are loaded."""
+        if paths:
+            self.viewer.files.open(paths, self.viewer.state.settings)
+            self.touch()
+
+    def refresh(self) -> None:
+        """Shows the window's content again in the next step."""
+        self.viewer.refresh()
+
+    def raw(self, kind: str, *values: Any) -> bool:
+        """Passes an event to the panel; True if it is the panel's. A cursor that moves elsewhere shows nothing new."""
+        viewer = self.viewer
+        if viewer.panel is None or not viewer.state.panel:
+            return False
+        over = viewer.panel.touched
+        taken = bool(viewer.panel.event(kind, *values))
+        if kind != "cursor" or viewer.window.held or over or viewer.panel.touched:
+            self.asked += kind != "cursor" or viewer.window.held
+            # the panel handles one event per frame and shows its effect in the next
+            viewer.dirty = min(max(viewer.dirty, 1) + 1, MOST_FRAMES)
+        return taken
