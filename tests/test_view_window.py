@@ -34,8 +34,25 @@ SIZE = (240, 180)
 # seconds after which something hangs: none of it takes as long on a machine that many share
 PATIENCE = 300.0
 # xdotool's (X's) names of keys
-NAMES = {"[": "bracketleft", "]": "bracketright", ",": "comma", ".": "period", "?": "question"}
-NAMES |= {"space": "space", "escape": "Escape", "home": "Home", "tab": "Tab", "f1": "F1"}
+NAMES = {
+    "[": "bracketleft",
+    "]": "bracketright",
+    ",": "comma",
+    ".": "period",
+    "?": "question",
+    "<": "less",
+    ">": "greater",
+}
+NAMES |= {
+    "space": "space",
+    "escape": "Escape",
+    "home": "Home",
+    "tab": "Tab",
+    "f1": "F1",
+    "enter": "Return",
+    "<": "less",
+    ">": "greater",
+}
 
 Told = dict[str, Any]
 
@@ -235,6 +252,9 @@ CHECKS: dict[str, Callable[[Told, Told], bool]] = {
     "redo": lambda before, after: "to redo" in after["message"],
     "hud": lambda before, after: (before["hud"], after["hud"]) == ("short", "full"),
     "close": lambda before, after: not after["closed"],
+    "play": lambda before, after: "one point in time" in after["message"],
+    "earlier": lambda before, after: "one point in time" in after["message"],
+    "later": lambda before, after: "one point in time" in after["message"],
     "panel": lambda before, after: after["panel"] != before["panel"] or "pip install" in after["message"],
     "ground": lambda before, after: (before["ground"], after["ground"]) == ("black", "white"),
     "help": toggles("help"),
@@ -492,7 +512,7 @@ def test_resizing(window: Window) -> None:
 def test_dropped_files(window: Window, folder: Path) -> None:
     """Another volume is opened; a bad one says why, and what is shown stays."""
     first = window.key("i")["splats"]
-    after = window.drop(folder / "other ä %41.npy", folder / "blob.npy")
+    after = window.drop(folder / "other ä %41.npy")
     assert after["source"].endswith("other ä %41.npy") and after["splats"] != first and after["full"]
     shown = window.shot()
     after = window.drop(folder / "bad.npy")
@@ -501,6 +521,24 @@ def test_dropped_files(window: Window, folder: Path) -> None:
     assert np.array_equal(window.shot()[:40], shown[:40]) and not np.array_equal(window.shot(), shown)
     assert "got nothing of that name" in window.drop(folder / "nothing.npy")["message"]
     assert window.drop(folder / "blob.npy")["splats"] == first
+
+
+def test_several_dropped_files_are_a_series(window: Window, tmp_path: Path) -> None:
+    """Sorted by their numbers, in one view and one transfer function; each once, and around again when played."""
+    for number, side in ((10, 24), (2, 16), (1, 20)):
+        np.save(tmp_path / f"t{number}.npy", blob(side).samples)
+    told = window.drop(*(tmp_path / f"t{number}.npy" for number in (10, 1, 2)))
+    assert told["times"] == 3 and told["source"].endswith("t1.npy")
+    turned = window.drag(1, (100, 90), (140, 70))
+    later = window.key(">")
+    assert later["source"].endswith("t2.npy") and later["axes"] == turned["axes"]
+    assert later["points"] == turned["points"]
+    assert window.key(">")["source"].endswith("t10.npy") and window.key("<")["source"].endswith("t2.npy")
+    window.hands("key", "Return")
+    seen = set()
+    window.until(lambda told: seen.add(told["source"][-7:]) or len(seen) == 3)
+    assert len(seen) == 3
+    assert not window.key("enter")["playing"]
 
 
 def test_watching(tmp_path: Path) -> None:

@@ -49,6 +49,9 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "panel",
         "ground",
         "message",
+        "time",
+        "times",
+        "playing",
     )
     return {
         **{name: getattr(state, name) for name in names},

@@ -50,13 +50,13 @@ def _matching(source: str) -> list[str]:
     path = Path(source)
     if WILDCARDS.search(str(path.parent)):
         raise expected(source, "a pattern in the file's name alone", "one in its folder's name")
-    found = sorted((str(p) for p in path.parent.glob(path.name)), key=_by_numbers)
+    found = sorted((str(p) for p in path.parent.glob(path.name)), key=by_numbers)
     if not found:
         raise expected(source, "a pattern that files fit", "none", "quote it, and check the folder")
     return found
 
 
-def _by_numbers(name: str) -> list[tuple[bool, int, str]]:
+def by_numbers(name: str) -> list[tuple[bool, int, str]]:
     """Natural sort key: t9 before t10."""
     return [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", name)]
 

@@ -66,10 +66,9 @@ def has_display() -> bool:
 
 def _window(scene: Scene, sized: bool) -> None:
     """Opens the window until it is closed."""
-    from splatgl.app.viewer.content import Content
+    from splatgl.app.view import opened, reading
 
-    content = Content.open(scene)
-    from splatgl.app.view import opened
+    files = reading(scene)
     from splatgl.app.viewer.viewer import Options
 
-    opened(content, Options(size=scene.view.size) if sized else Options())
+    opened(files, scene, Options(size=scene.view.size) if sized else Options())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,8 +19,12 @@ from splatgl.app.viewer.pacing import TARGET
 from splatgl.data.errors import InputError, expected
 
 if TYPE_CHECKING:
-    from splatgl.app.viewer.content import Content
+    from splatgl.app.scene import Scene
+    from splatgl.app.viewer.files import Files
     from splatgl.app.viewer.viewer import Options
+
+# seconds in which most mistakes in what is asked for are found, before a window is opened
+AT_ONCE = 0.1
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
@@ -60,15 +65,13 @@ class ListBindings(argparse.Action):
 
 def run(args: argparse.Namespace) -> int:
     """Opens the window; returns 0 after it closes for any reason."""
-    from splatgl.app.viewer.content import Content
-
     folder = Path(args.folder)
     check_folder(folder, "--folder")
     if not args.frame_time > 0:
         raise expected("--frame-time", "milliseconds above 0", args.frame_time)
     bindings = load_bindings(args.bindings) if args.bindings else BINDINGS
     scene = scene_from(args)
-    content = Content.open(scene)
+    files = reading(scene)
     # after what may be bad input: these take longer than to tell it
     from splatgl.app.viewer.files import watched
     from splatgl.app.viewer.viewer import Options
@@ -83,20 +86,40 @@ def run(args: argparse.Namespace) -> int:
         watched=watched(args.source, scene) if args.watch else (),
         reopen=lambda: scene_from(args),
     )
-    opened(content, options, args.backend, args.device, args.gpu)
+    opened(files, scene, options, args.backend, args.device, args.gpu)
     return 0
 
 
+def reading(scene: Scene) -> Files:
+    """Begins to read a scene. Raises what its reader does, if that is found out within AT_ONCE."""
+    from splatgl.app.viewer.files import Files
+    from splatgl.app.viewer.jobs import Jobs
+
+    jobs = Jobs(lambda: None)
+    files = Files(jobs, (), None, time.monotonic())
+    files.begin(scene)
+    if jobs.settled(AT_ONCE) and jobs.done and jobs.done[0].error is not None:
+        raise jobs.done[0].error
+    return files
+
+
 def opened(
-    content: Content, options: Options, backend: str = "window", device: int | None = None, gpu: bool = False
+    files: Files,
+    scene: Scene,
+    options: Options,
+    backend: str = "window",
+    device: int | None = None,
+    gpu: bool = False,
 ) -> None:
-    """Opens the window, and returns once it is closed for any reason."""
+    """Opens the window for what is being read, and returns once it is closed for any reason."""
+    from splatgl.app.viewer.content import Content
     from splatgl.app.viewer.viewer import Viewer
     from splatgl.gl.loader import BackendError
     from splatgl.gl.renderer import Renderer
 
+    files.follow(options.watched, options.reopen, time.monotonic())
     with Renderer(backend, device, gpu) as renderer:
-        viewer = Viewer(content, renderer, options)
+        viewer = Viewer(Content.nothing(scene), renderer, options, files)
         try:
             with _ended_by_signals(viewer):
                 viewer.run()

@@ -56,6 +56,9 @@ BINDINGS = (
     Binding("threshold-down", (",",), "lower threshold: keep more voxels"),
     Binding("threshold-up", (".",), "higher threshold: keep fewer voxels"),
     Binding("turn", ("space",), "turn on its own, or stop"),
+    Binding("play", ("enter",), "play a time series, or stop"),
+    Binding("earlier", ("<",), "the time point before"),
+    Binding("later", (">",), "the next time point"),
     Binding("screenshot", ("s",), "save the picture (PNG)"),
     Binding("save", ("shift+s",), "save the floats (NPY) and the scene (scene.toml)"),
     Binding("undo", ("ctrl+z",), "undo the last change"),
@@ -64,7 +67,7 @@ BINDINGS = (
     Binding("panel", ("tab",), "show or hide the panel"),
     Binding("ground", ("n",), "black, white or checks behind the picture"),
     Binding("help", ("?", "f1"), "all keys"),
-    Binding("close", ("escape",), "close what is open; stop turning"),
+    Binding("close", ("escape",), "close what is open; stop what turns, plays or is read"),
     Binding("quit", ("q", "ctrl+q"), "quit"),
 )
 MOUSE = (
@@ -73,7 +76,7 @@ MOUSE = (
     ("wheel, right drag", "zoom to the cursor"),
     ("ctrl + left drag", "roll"),
     ("double click", "turn about the point under the cursor"),
-    ("drop a file", "open it"),
+    ("drop a file", "open it; several are a time series"),
 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.portion import Portion, portion
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.skin import skinned
-from splatgl.app.viewpoint import FOV
+from splatgl.app.viewpoint import FOV, View
 from splatgl.data.coarse import coarser
 from splatgl.data.volume import Volume
 from splatgl.splat.bricks.opaque import Opaque
@@ -36,7 +37,7 @@ class Content:
 
     portion: what of the scene's volume they are.
     kind: classification and kernel that splats are extracted for. before: `counts` of the content that
-    this one replaces. beside: contents that differ in kind alone, by `after`.
+    this one replaces. beside: contents that differ in kind alone, by `after`. waiting: whether nothing is read yet.
     """
 
     scene: Scene
@@ -49,9 +50,20 @@ class Content:
     skins: dict[int, Splats] = field(default_factory=dict)
     beside: dict[bool, Content] = field(default_factory=dict)
     portion: Portion | None = None
+    waiting: bool = False
 
     def __post_init__(self) -> None:
         self.beside[self.after] = self
+
+    @classmethod
+    def nothing(cls, scene: Scene) -> Content:
+        """What there is of a scene before it is read."""
+        volume = Volume(np.zeros((2, 2, 2), np.uint8), name=Path(scene.volume).name)
+        bare = replace(scene, view=View(), settings=Settings(), transfer={}, layers=(), meshes=(), crop="", clip=None)
+        found = cls(bare, (volume,) * len(STRIDES), Transfer([(0, 0.0), (1, 0.5)]), 0.0, waiting=True)
+        for stride in STRIDES:
+            found.skin(stride)
+        return found
 
     @classmethod
     def open(cls, scene: Scene) -> Content:
@@ -81,8 +93,7 @@ class Content:
         before = tuple(each.count for each in volumes)
         content = cls(scene, tuple(volumes), transfer, scene.threshold, before=before, portion=shown)
         content = content.classified(scene.settings)
-        # the view is fitted to splats that are classified before reconstruction
-        content.skin(STRIDES[-1] if content.after else 1)
+        content.skin(STRIDES[-1])
         return content
 
     @property

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from splatgl.app.scene import Scene
+from splatgl.app.series import by_numbers, time_points
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.jobs import Jobs
-from splatgl.app.viewer.state import State
 from splatgl.app.viewer.watch import Watch
 from splatgl.data.scenes import SCENES
 from splatgl.splat.plan.settings import Settings
+
+if TYPE_CHECKING:
+    from splatgl.app.viewer.state import State
 
 Reopen = Callable[[], Scene]
 
@@ -22,13 +26,16 @@ Reopen = Callable[[], Scene]
 class News:
     """Content loaded by the worker thread. reopen: for a newly opened file, `path`, the function that reloads it.
 
-    finer: whether it is a finer portion of a content with the same scene.
+    finer: whether it is a finer portion of a content with the same scene. times: of a newly opened file, the scenes of
+    its time points, or of the files opened with it; time: the number of the one that this is.
     """
 
     content: Content
     reopen: Reopen | None = None
     path: str = ""
     finer: bool = False
+    times: tuple[Scene, ...] = ()
+    time: int | None = None
 
     def stale(self, shown: Content) -> bool:
         """Whether this is a portion of what is no longer shown."""
@@ -39,11 +46,14 @@ class Files:
     """Reads files in the worker thread of `jobs`, with News as results. watched: paths monitored for changes."""
 
     def __init__(self, jobs: Jobs, watched: tuple[str, ...], reopen: Reopen | None, now: float) -> None:
-        self.jobs, self.reopen = jobs, reopen
-        self.watch = Watch.of(watched, now) if watched else None
+        self.jobs = jobs
+        self.follow(watched, reopen, now)
         # when the files that are being read were asked for, and the one that nothing but another one replaces
         self.begun = now
         self.opening = ""
+        # the scenes of a series, and the number of the one that is shown or being read
+        self.times: tuple[Scene, ...] = ()
+        self.time = 0
 
     @property
     def busy(self) -> str | None:
@@ -51,15 +61,44 @@ class Files:
         what = self.jobs.busy
         return f"{what}, {time.monotonic() - self.begun:.0f} s" if what else None
 
-    def open(self, paths: list[str], settings: Settings) -> None:
-        """Opens another file: a volume with the current settings, a scene file with its own."""
-        path = paths[0]
+    def follow(self, watched: tuple[str, ...], reopen: Reopen | None, now: float) -> None:
+        """Watches these files, which `reopen` reads again."""
+        self.reopen, self.watch = reopen, Watch.of(watched, now) if watched else None
+
+    def begin(self, scene: Scene) -> None:
+        """Opens the scene that the window was opened for."""
+        self.opening = Path(scene.volume).name
+        self._read(f"opening {self.opening}", lambda: _opened(scene))
+
+    def open(self, paths: Sequence[str], settings: Settings) -> None:
+        """Opens another file: a volume with the current settings, a scene file with its own. Several are a series."""
+        named = sorted(paths, key=by_numbers)
+        path = named[0]
 
         def scene() -> Scene:
             return Scene.from_toml(Path(path)) if path.endswith(".toml") else Scene(path, settings=settings)
 
-        self.opening = path
-        self._read(f"opening {Path(path).name}", lambda: News(Content.open(scene()), scene, path))
+        def read() -> News:
+            times = tuple(replace(scene(), volume=each) for each in named) if len(named) > 1 else ()
+            return replace(_opened(scene(), times), reopen=scene, path=path)
+
+        self.opening = Path(path).name
+        self._read(f"opening {self.opening}", read)
+
+    def show_time(self, number: int) -> None:
+        """Reads another time point, once what is being read is there."""
+        if number != self.time and not self.jobs.busy:
+            scene = self.times[number]
+            self.time = number
+            self._read(f"reading time {number}", lambda: News(Content.open(scene), time=number))
+
+    def cancel(self) -> bool:
+        """Gives up what is being read; whether there was anything."""
+        found = self.jobs.busy is not None
+        if found:
+            # a thread cannot be ended: what it reads is dropped
+            self.jobs, self.opening = Jobs(self.jobs.wake), ""
+        return found
 
     def refine(self, content: Content) -> None:
         """Reads the finer portion of what a content shows, if there is one."""
@@ -83,7 +122,7 @@ class Files:
 
     def finished(self, name: str) -> None:
         """Notes that a job has ended."""
-        if name == f"opening {Path(self.opening).name}":
+        if name == f"opening {self.opening}":
             self.opening = ""
 
     def turn_to(self, news: News, now: float) -> None:
@@ -95,6 +134,12 @@ class Files:
     def _read(self, what: str, work: Callable[[], News]) -> None:
         self.begun = time.monotonic()
         self.jobs.submit(what, work)
+
+
+def _opened(scene: Scene, times: tuple[Scene, ...] = ()) -> News:
+    content = Content.open(scene)
+    found = times or tuple(time_points(scene, content.volume, None))
+    return News(content, times=found if len(found) > 1 else ())
 
 
 def watched(path: str, scene: Scene) -> tuple[str, ...]:

@@ -48,12 +48,14 @@ def short(state: State, content: Content, frame: Frame | None, busy: str | None)
     camera = state.pose.camera
     view = f"perspective, {state.pose.fov:.3g} degrees" if camera.perspective else "orthographic"
     told = [content.portion.told] if content.portion and content.portion.told else []
+    if content.waiting:
+        return (name, *([busy] if busy else []))
     return (name, *told, view, *([busy] if busy else []), progress(frame))
 
 
 def lines(state: State, content: Content, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
     """Everything of the picture: device, splats, time, z_k, bounds and the plan it was drawn by."""
-    if frame is None:
+    if frame is None or content.waiting:
         return short(state, content, frame, busy)
     info, size = frame.info, state.pose.camera.size
     return (

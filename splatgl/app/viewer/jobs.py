@@ -26,6 +26,7 @@ class Jobs:
         self.waiting: tuple[str, Callable[[], Any]] | None = None
         self.running: str | None = None
         self.done: list[Done] = []
+        self.thread: threading.Thread | None = None
 
     @property
     def busy(self) -> str | None:
@@ -40,7 +41,15 @@ class Jobs:
             if self.running is None:
                 self.running = name
                 # daemon: closing the window does not wait for a large file
-                threading.Thread(target=self._run, name="splatgl-view", daemon=True).start()
+                self.thread = threading.Thread(target=self._run, name="splatgl-view", daemon=True)
+                self.thread.start()
+
+    def settled(self, seconds: float) -> bool:
+        """Waits for what is running, at most so long; whether it has ended."""
+        thread = self.thread
+        if thread is not None:
+            thread.join(seconds)
+        return self.busy is None
 
     def collect(self) -> list[Done]:
         """Jobs finished since the last call."""

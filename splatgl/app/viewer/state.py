@@ -37,6 +37,7 @@ OPACITY_STEP, THRESHOLD_STEP = 1.25, 1.5
 LOWEST, HIGHEST = 0.001, 0.99
 # motion blur modes of a rotating view
 BLURS = ("off", "moments", *MOTIONS)
+ONE_TIME = "this is one point in time; drop several files for a series"
 # settings cycled by a key, and their messages
 CYCLES = {
     "blend": "",
@@ -52,7 +53,8 @@ CYCLES = {
 class State:
     """pose, settings: camera and rendering options. base: the transfer function; extinction: a factor on it.
 
-    blur: motion blur while the view rotates. hud: of HUDS. asks: pending window actions ("screenshot", "save", "undo",
+    blur: motion blur while the view rotates. time: number of the time point of a series of `times`; playing: whether it
+    goes on by itself. hud: of HUDS. asks: pending window actions ("screenshot", "save", "undo",
     "redo", "quit"). message: shown until the next key.
     """
 
@@ -69,6 +71,9 @@ class State:
     help: bool = False
     panel: bool = False
     ground: str = "black"
+    time: int = 0
+    times: int = 0
+    playing: bool = False
     message: str = ""
     asks: tuple[str, ...] = field(default=())
 
@@ -213,6 +218,25 @@ def _ground(state: State, content: Content) -> State:
     return replace(state, ground=_next(GROUNDS, state.ground))
 
 
+def _close(state: State, content: Content) -> State:
+    if state.help:
+        return replace(state, help=False)
+    return replace(state, turning=False, playing=False, asks=(*state.asks, "cancel"))
+
+
+def _time(step: int) -> Action:
+    def go(state: State, content: Content) -> State:
+        if state.times < 2:
+            return replace(state, message=ONE_TIME)
+        return replace(state, time=(state.time + step) % state.times, playing=False)
+
+    return go
+
+
+def _play(state: State, content: Content) -> State:
+    return replace(state, playing=not state.playing) if state.times > 1 else replace(state, message=ONE_TIME)
+
+
 def _ask(what: str) -> Action:
     return lambda state, content: replace(state, asks=(*state.asks, what))
 
@@ -239,7 +263,10 @@ ACTIONS: dict[str, Action] = {
     "hud": lambda state, content: replace(state, hud=_next(HUDS, state.hud)),
     "undo": _ask("undo"),
     "redo": _ask("redo"),
-    "close": lambda state, content: replace(state, help=False, turning=state.turning and state.help),
+    "close": _close,
+    "earlier": _time(-1),
+    "later": _time(1),
+    "play": _play,
     "panel": _toggle("panel"),
     "ground": _ground,
     "help": _toggle("help"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import time
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -12,15 +11,16 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.app.viewer.arrivals import arrived
 from splatgl.app.viewer.bindings import BINDINGS, Binding
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.difference import Reference, Wanted
-from splatgl.app.viewer.extracting import EXTRACTING, Extractor
-from splatgl.app.viewer.files import Files, News, Reopen
+from splatgl.app.viewer.extracting import Extractor
+from splatgl.app.viewer.files import Files, Reopen
 from splatgl.app.viewer.hands import Hands
 from splatgl.app.viewer.history import History
 from splatgl.app.viewer.hud import progress
-from splatgl.app.viewer.jobs import Done, Jobs
+from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.pacing import LADDER, REST, STEP, TARGET
 from splatgl.app.viewer.painter import Painter
 from splatgl.app.viewer.refiner import Moment, Refiner
@@ -36,6 +36,8 @@ from splatgl.gl.screen import Screen
 IDLE = 0.25
 # automatic rotation in degrees per second
 SPEED = 30.0
+# minimum seconds between the time points of a series that is played
+PLAYED = 0.1
 
 
 @dataclass(frozen=True)
@@ -53,9 +55,14 @@ class Options:
 
 
 class Viewer:
-    """Shows one content at a time. `step()` runs one iteration of the event loop; `run()` loops until closed."""
+    """Shows one content at a time. `step()` runs one iteration of the event loop; `run()` loops until closed.
 
-    def __init__(self, content: Content, renderer: Renderer, options: Options | None = None) -> None:
+    files: what is being read already; failed: why nothing could be shown at all.
+    """
+
+    def __init__(
+        self, content: Content, renderer: Renderer, options: Options | None = None, files: Files | None = None
+    ) -> None:
         self.options = options or Options()
         self.screen = Screen(self.options.size, "splatgl")
         try:
@@ -77,13 +84,17 @@ class Viewer:
             self.screen.close()
             raise
         self.history = History(self.state)
-        self.files = Files(Jobs(self.window.wake), self.options.watched, self.options.reopen, self.now())
+        # the view that was fitted to what is shown
+        self.home = self.state.pose
+        self.files = files or Files(Jobs(self.window.wake), self.options.watched, self.options.reopen, self.now())
+        self.files.jobs.wake = self.window.wake
         self.files.refine(content)
         self.refiner = Refiner(content.counts, prod(self.size), self.options.target)
-        self.ticked = self.now()
+        self.ticked = self.played = self.now()
         # whether the next request to quit is obeyed although edits are lost
         self.warned = False
         self.closed = False
+        self.failed: BaseException | None = None
         self.dirty = 1
 
     @property
@@ -95,7 +106,7 @@ class Viewer:
     @property
     def busy(self) -> str | None:
         """What is being done in other threads; None if nothing is."""
-        return self.files.busy or self.extractor.busy
+        return self.files.busy or ("opening" if self.content.waiting else self.extractor.busy)
 
     def refresh(self) -> None:
         """Redisplays the window's content in the next step."""
@@ -105,13 +116,15 @@ class Viewer:
         """Runs `step()` until the window is closed."""
         while not self.closed:
             self.step()
+        if self.failed is not None:
+            raise self.failed
 
     def step(self, wait: float | None = None) -> None:
         """Handles events and finished jobs, renders a frame if one is due, and displays it. wait: maximum seconds."""
         self.window.wait(self._patience() if wait is None else wait)
         begun = time.perf_counter()
         for done in (*self.files.jobs.collect(), *self.extractor.collect()):
-            self._finished(done)
+            arrived(self, done)
         if self.reference.collect():
             self.refresh()
         self.state = self.files.look(self.state, self.now())
@@ -151,6 +164,8 @@ class Viewer:
             return 0.0
         if self.state.turning:
             return max(0.0, self.ticked + STEP - self.now())
+        if self.state.playing and self.files.times and not self.files.jobs.busy:
+            return max(0.0, self.played + PLAYED - self.now())
         moment = self._moment()
         due = self.refiner.patience(self._wanted(), moment)
         if not moment.whole:
@@ -215,14 +230,14 @@ class Viewer:
             if not self.coming.extracted and self.extractor.failed is not self.coming:
                 self.extractor.want(self.coming, False)
                 return
-            self._take(self.coming)
+            self.take(self.coming)
         content = self.content.following(state.transfer, state.threshold, state.moving, blurs)
         if content is not self.content and not content.extracted:
             self.coming = content
             self.extractor.want(content, False)
             return
         if content is not self.content:
-            self._take(content)
+            self.take(content)
         moving = content.classified(state.moving, True)
         waiting = [each for each in (content, moving) if not each.complete]
         if waiting:
@@ -269,6 +284,10 @@ class Viewer:
             pose = self.state.pose.spun(SPEED * (now - self.ticked), up_of(self.content))
             self.state = replace(self.state, pose=pose)
             self.hands.touched = now
+        shown = self.files.time == self.state.time and not self.files.jobs.busy and not self.dirty
+        if self.state.playing and self.files.times and shown and now - self.played >= PLAYED:
+            self.state = replace(self.state, time=(self.state.time + 1) % len(self.files.times))
+            self.played = now
         self.ticked = now
         resting = now - self.hands.touched >= REST and not self.window.held
         if resting and not self.state.asks:
@@ -282,10 +301,14 @@ class Viewer:
                 undone = self.history.undone if ask == "undo" else self.history.redone
                 self.state = undone(self.state)
                 self.hands.touch()
+            elif ask == "cancel" and self.files.cancel():
+                self.closed |= self.content.waiting
             elif ask in SAVES:
                 self.state = saved(self.state, ask, self.content, self.renderer.render, self.options.folder)
                 if ask == "save" and self.state.message.startswith("saved"):
                     self.history.keep(self.state)
+        if self.files.times and not self.dirty:
+            self.files.show_time(self.state.time)
         if "quit" in asks or self.window.closing:
             self._quit()
         elif asks or self.state.message == "":
@@ -300,41 +323,7 @@ class Viewer:
         self.window.stay()
         self.say("edits are not saved: shift+s saves the scene; quit again to leave without")
 
-    def _finished(self, done: Done) -> None:
-        """Handles a finished job; bad input only sets the message."""
-        self.refresh()
-        self.files.finished(done.name)
-        if done.error is not None and done.name == EXTRACTING:
-            self.extractor.failed = self.extractor.wanted
-        if isinstance(done.error, InputError | MemoryError):
-            self.say(str(done.error) or "not enough memory")
-        elif done.error is not None:
-            raise done.error
-        elif not isinstance(done.result, News):
-            self.refiner.renew(self.content.counts, prod(self.size))
-        elif not done.result.stale(self.content):
-            self._opened(done.result)
-
-    def _opened(self, news: News) -> None:
-        """Takes a loaded file; a reloaded one keeps its view unless its scene file changed."""
-        content, scene, transfer = news.content, self.content.scene, self.content.transfer
-        if news.reopen is not None:
-            self.files.turn_to(news, self.now())
-        if news.reopen is not None or content.scene != scene:
-            self.state = self.state.opened(content)
-            self.history.begin(self.state)
-        elif self.state.base == transfer:
-            edited = self.history.unsaved(self.state)
-            self.state = replace(self.state, base=content.transfer, message="")
-            if not edited:
-                self.history.keep(self.state)
-        self._take(content)
-        self.files.refine(content)
-        # contents of the volume before refer to each other
-        gc.collect()
-        self.hands.touch()
-
-    def _take(self, content: Content) -> None:
+    def take(self, content: Content) -> None:
         """Sets the displayed content."""
         self.content, self.coming = content, None
         self.refiner.renew(content.counts, prod(self.size))
