@@ -220,7 +220,13 @@ def test_show_with_a_display_opens_the_window(volume: sg.Volume, monkeypatch: py
     """The window's own tests open one; here what it is opened with."""
     monkeypatch.setenv("DISPLAY", ":0")
     opened: list[Any] = []
-    monkeypatch.setattr("splatgl.app.view.opened", lambda content, options: opened.append((content, options)))
+
+    def open_window(files: Any, scene: Any, options: Any) -> None:
+        assert files.jobs.settled(60)
+        (done,) = files.jobs.collect()
+        opened.append((done.result.content, options))
+
+    monkeypatch.setattr("splatgl.app.view.opened", open_window)
     assert sg.show(volume, "microscopy", azimuth=70, size=(300, 200)) is None
     ((content, options),) = opened
     assert options.size == (300, 200) and content.transfer == sg.preset("microscopy", volume)

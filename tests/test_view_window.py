@@ -549,7 +549,7 @@ def test_watching(tmp_path: Path) -> None:
     moving = window.until(lambda told: any("moving: " in line for line in told["hud lines"]))
     assert any("% of the pixels" in line for line in moving["hud lines"]), moving["hud lines"]
     assert not moving["full"] and "of the pixels" in moving["level"] and moving["turning"]
-    turned = window.key("space")
+    turned = window.ask("stop")
     assert turned["full"] and any("refined to 1/255" in line for line in turned["hud lines"])
     assert any("in motion it was off by RMSE 0.0" in line for line in turned["hud lines"]), turned["hud lines"]
     np.save(tmp_path / "new.npy", blob().samples * (blob().samples > 20))

@@ -13,7 +13,7 @@ import queue
 import sys
 import threading
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -136,6 +136,11 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
     elif what == "look":
         # one picture after the events that are waiting
         viewer.step(0.02)
+    elif what == "stop":
+        # the turning ends right after a frame of less quality: at the finest level that is quick enough, few are
+        until(viewer, lambda: viewer.painter.frame is not None and not viewer.painter.frame.full)
+        viewer.state = replace(viewer.state, turning=False)
+        return answer(viewer, {"do": "settle"})
     elif what == "double":
         # seconds between the presses of a double click: a busy machine may bring the second one late
         mouse.DOUBLE = ask["within"]
