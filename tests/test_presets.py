@@ -157,6 +157,20 @@ def test_only_a_few_planes_of_a_big_volume_are_read() -> None:
     assert 0 < len(asked) <= PLANES
 
 
+@pytest.mark.parametrize("kind", ["bool", "i1", "u1", "<i2", ">i2", "<u2", ">u2", ">i4", "u4", "i8", ">u8"])
+def test_whole_numbers_have_the_statistics_of_the_same_numbers_as_floats(kind: str) -> None:
+    dtype = np.dtype(kind)
+    rng = np.random.default_rng(4)
+    low, high = (0, 1) if kind == "bool" else (np.iinfo(dtype).min, np.iinfo(dtype).max)
+    samples = np.clip(rng.normal(40.0, 900.0, (9, 20, 30)), low, high).astype(dtype)
+    # the ends, which float64 need not hold
+    samples[0, 0, :2] = low, high
+    whole, floats = statistics(Volume(samples)), statistics(Volume(samples.astype(np.float64)))
+    assert whole.values.dtype == np.float64
+    assert np.array_equal(whole.values, floats.values) and (np.diff(whole.values) >= 0).all()
+    assert (whole.background, whole.cuts, whole.whole) == (floats.background, floats.cuts, floats.whole)
+
+
 # --- real data: near the thresholds that are known to show it ---
 
 

@@ -89,7 +89,7 @@ def statistics(volume: Volume) -> Statistics:
     """The statistics of a volume's finite values; of a sparse one, all non-background values count."""
     volume = next((level for level in (volume, *volume.coarser) if level.count <= MOST_OF_LEVEL), volume)
     sample = _sample(volume)
-    finite = np.sort(sample[np.isfinite(sample)])
+    finite = _sorted(sample)
     if len(finite) == 0:
         return Statistics(finite, 1.0, (), 0)
     background = _share_of_lowest(finite)
@@ -129,12 +129,21 @@ def _share_of_lowest(values: np.ndarray) -> float:
 
 
 def _sample(volume: Volume) -> np.ndarray:
-    """float64 [d, h, w] of at most PLANES planes; includes first and last planes, rows and columns."""
+    """Samples [d, h, w] of at most PLANES planes, float64 or whole; with the first and last planes, rows, columns."""
     depth, height, width = volume.shape
     planes = np.unique(np.linspace(0, depth - 1, PLANES).round().astype(int))
     step = max(1, int(np.ceil(np.sqrt(len(planes) * height * width / VALUES))))
     y, x = (np.unique(np.append(np.arange(0, n, step), n - 1)) for n in (height, width))
-    return np.stack([np.asarray(volume.samples[int(z)])[np.ix_(y, x)].astype(np.float64) for z in planes])
+    own = volume.samples.dtype
+    kind = own.newbyteorder("=") if own.kind in "bui" else np.float64
+    return np.stack([np.asarray(volume.samples[int(z)])[np.ix_(y, x)].astype(kind) for z in planes])
+
+
+def _sorted(sample: np.ndarray) -> np.ndarray:
+    """The finite values, sorted, float64: whole numbers are converted last, as few bits are sorted fastest."""
+    if sample.dtype.kind == "f":
+        return np.sort(sample[np.isfinite(sample)])
+    return np.sort(sample, axis=None, kind="stable" if sample.dtype.itemsize <= 2 else None).astype(np.float64)
 
 
 def _with_outstanding(volume: Volume, lowest: float, ground: Ground | None) -> np.ndarray:
