@@ -16,6 +16,7 @@ from splatgl.app.annotations.request import check, check_size, check_time, lay, 
 from splatgl.app.backgrounds import AUTO, CLEAR, as_drawn, background, grounded
 from splatgl.app.meshes import MeshFile
 from splatgl.app.options import BACKGROUNDS, size
+from splatgl.app.plotted import is_scene, picture_of
 from splatgl.app.render import Drawing, draw, drawn, origin
 from splatgl.app.scene import Scene
 from splatgl.app.viewpoint import View, typed
@@ -76,7 +77,8 @@ def render(
 ) -> Image:
     """The picture of `x`, with the defaults of `splatgl render`, and bit for bit its pixels.
 
-    x: whatever `Volume.of` takes, a file, address, built-in scene or scene.toml, a Volume, or Splats.
+    x: whatever `Volume.of` takes, a file, address, built-in scene or scene.toml, a Volume, or Splats; a Scene or a
+    plotter of PyVista, of which view and settings alone may be given.
     transfer: a Transfer, the name of a preset or of a file, or the fields of a Transfer.
     options: as on the command line, of the view (azimuth, elevation, zoom, fov, size, eye, look_at, up, orthographic,
     height), unless there is a camera, and of the settings (blend, antialias, background, …); points, gradient,
@@ -85,6 +87,12 @@ def render(
     "#rrggbb"; none leaves the image transparent.
     Nothing is compared with float64; `check` does. Raises InputError for bad input, and if nothing is visible.
     """
+    if is_scene(x):
+        if transfer is not None:
+            raise expected("transfer", "none beside a scene, whose layers have theirs", type(transfer).__name__)
+        if "background" in options:
+            options["background"] = _background(options["background"])
+        return picture_of(x, camera, settings, options)
     scene, memory = scene_of(x, transfer, camera, settings, options)
     return picture(x, scene, memory)
 

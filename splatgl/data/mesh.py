@@ -92,6 +92,12 @@ class Mesh:
             return self
         return Mesh(self.vertices * (-1, -1, 1), self.faces, self.color, self.opacity, self.colors, self.name, frame)
 
+    def to_pyvista(self) -> Any:
+        """A pyvista.PolyData of the triangles, and of the colours of vertices. InputError without PyVista."""
+        from splatgl.data.arrays.vtk_images import poly_data
+
+        return poly_data(self)
+
     @classmethod
     def of_points(cls, points: Any, radius: float, **look: Any) -> Mesh:
         """Spheres around points [N, 3], world units. look: color, opacity, name."""

@@ -132,6 +132,12 @@ class Volume:
 
         return volume_of(x, **options)
 
+    def to_pyvista(self) -> Any:
+        """A pyvista.ImageData with the samples in its points, colours and vectors too. InputError without PyVista."""
+        from splatgl.data.arrays.vtk_images import image_data
+
+        return image_data(self)
+
     def __repr__(self) -> str:
         """One line: size, type, spacing, frame."""
         size = "×".join(map(str, self.shape[::-1]))

@@ -1,4 +1,4 @@
-"""ImageData of VTK and PyVista: point or cell data, on a grid with a direction."""
+"""ImageData of VTK and PyVista: point or cell data, on a grid with a direction; volumes from it, and back."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.data.arrays.plain import checked
-from splatgl.data.errors import expected
+from splatgl.data.errors import expected, missing_extra
+from splatgl.data.mesh import Mesh
 from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.volume import Volume
 
 if TYPE_CHECKING:
     from splatgl.data.arrays import ArrayOptions
+
+# names of arrays that have none
+VALUES, COLORS, VECTORS = "values", "colors", "vectors"
 
 
 def of_vtk(x: Any, options: ArrayOptions) -> Volume:
@@ -22,29 +26,80 @@ def of_vtk(x: Any, options: ArrayOptions) -> Volume:
     if not hasattr(x, "IsA") or not x.IsA("vtkImageData"):
         fix = "resample it: pyvista.ImageData(dimensions=…, spacing=…, origin=…).sample(x)"
         raise expected("array", "image data", f"a {type(x).__name__}", fix)
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    array, in_cells = _chosen(x, options)
+    array, in_cells = chosen(x, options)
     count = array.GetNumberOfComponents()
     if count > 1:
         fix = "add one of them as an array of its own"
         raise expected("array", "one number per voxel", f"{count} components in {array.GetName()!r}", fix)
+    return of_components(x, array, in_cells)[0]
+
+
+def of_components(x: Any, array: Any, in_cells: bool) -> list[Volume]:
+    """A volume of each component of an array of a vtkImageData, views of its memory."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
     extent = x.GetExtent()
     first, last = np.array(extent[::2]), np.array(extent[1::2])
     sizes = last - first + (0 if in_cells else 1)
     if min(sizes) < 1:
         raise expected("image data", "at least one voxel along each axis", "×".join(map(str, sizes)))
-    samples = checked(vtk_to_numpy(array).reshape(sizes[::-1]), "array")
     turn = x.GetDirectionMatrix()
     direction = np.array([[turn.GetElement(row, column) for column in range(3)] for row in range(3)])
     matrix = direction * np.array(x.GetSpacing())
     spacing, direction = axes_of(matrix, "direction and spacing")
     # the origin is that of index 0, which the extent need not hold
-    origin = matrix @ (first + 0.5 * in_cells) + np.array(x.GetOrigin())
-    return Volume(samples, spacing, triple(origin, "origin"), direction, name=array.GetName() or "")
+    origin = triple(matrix @ (first + 0.5 * in_cells) + np.array(x.GetOrigin()), "origin")
+    every = vtk_to_numpy(array).reshape(*sizes[::-1], -1)
+    parts = (checked(every[..., component], "array") for component in range(every.shape[3]))
+    return [Volume(part, spacing, origin, direction, name=array.GetName() or "") for part in parts]
 
 
-def _chosen(x: Any, options: ArrayOptions) -> tuple[Any, bool]:
+def image_data(volume: Volume) -> Any:
+    """The pyvista.ImageData of a volume: samples in its points, without a copy where VTK permits, and colours and
+    vectors if there are any. Raises InputError without PyVista.
+    """
+    pyvista = library("pyvista.ImageData")
+    place = {"spacing": volume.spacing, "origin": volume.origin, "direction_matrix": volume.direction}
+    found = pyvista.ImageData(dimensions=volume.shape[::-1], **place)
+    for name, array in ((COLORS, volume.color), (VECTORS, volume.vectors)):
+        if array is not None:
+            found.point_data[name] = _known(array).reshape(-1, 3)
+    name = volume.name or VALUES
+    found.point_data[name] = _known(volume.samples).ravel()
+    found.set_active_scalars(name)
+    return found
+
+
+def poly_data(mesh: Mesh) -> Any:
+    """The pyvista.PolyData of a mesh, with its colours, uint8, if it has any."""
+    pyvista = library("Mesh.to_pyvista")
+    found = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.faces)
+    if mesh.colors is not None:
+        found.point_data[COLORS] = mesh.colors
+    return found
+
+
+def library(what: str) -> Any:
+    """PyVista. Raises InputError, naming what needs it, without."""
+    try:
+        import pyvista
+    except ImportError as error:
+        raise missing_extra(what, "pyvista", "pyvista") from error
+    return pyvista
+
+
+def _known(array: Any) -> np.ndarray:
+    """The array in a type that VTK has."""
+    found = np.asarray(array[:])
+    kind = found.dtype.newbyteorder("=")
+    if kind.kind == "b":
+        kind = np.dtype(np.uint8)
+    elif kind.kind == "f" and kind.itemsize not in (4, 8):
+        kind = np.dtype(np.float32 if kind.itemsize < 4 else np.float64)
+    return np.ascontiguousarray(found, kind)
+
+
+def chosen(x: Any, options: ArrayOptions) -> tuple[Any, bool]:
     """The array, and whether it is of cells: the one named, the active scalars, or the only one."""
     sides = [(x.GetPointData(), False), (x.GetCellData(), True)]
     named = [(data.GetArray(i), in_cells) for data, in_cells in sides for i in range(data.GetNumberOfArrays())]

@@ -80,6 +80,28 @@ class Scene:
         object.__setattr__(self, "planes", self._planes())
         object.__setattr__(self, "meshes", tuple(each.placed(self.shown[0].volume.frame) for each in self.meshes))
 
+    @classmethod
+    def of(cls, x: Any) -> Scene:
+        """The visible volumes and meshes of a PyVista plotter, or of a window or renderer of VTK, where these are.
+
+        Volumes of even grids have their transfer functions, clipping planes and shading; meshes their colours, lines as
+        tubes and points as balls. Camera.of and Settings.of have the view, and blend, light and background. Raises
+        InputError where there is no volume, and for what has no like here.
+        """
+        from splatgl.splat.plotters.scenes import scene_of
+
+        return scene_of(x)
+
+    def to_pyvista(self, camera: Camera | None = None, settings: Settings | None = None, **options: Any) -> Any:
+        """A pyvista.Plotter of the same layers and meshes, view, blend, planes, light and background.
+
+        camera: None: from the front, to the right and above. options: of the plotter, such as off_screen. Raises
+        InputError for blends that VTK has not, and without PyVista.
+        """
+        from splatgl.splat.plotters.plotter import plotter_of
+
+        return plotter_of(self, camera, settings, options)
+
     def _planes(self) -> tuple[tuple[Plane, ...], ...]:
         """Those that cut each visible layer."""
         around = planes_of(self.clip, Box.of(each.volume for each in self.shown)) if self.clip else ()

@@ -154,6 +154,15 @@ class Settings:
         return replace(self, **changes)
 
     @classmethod
+    def of(cls, x: Any) -> Settings:
+        """Blend, light and background of a PyVista plotter, or of a window or renderer of VTK. Raises InputError for
+        blends that there are not.
+        """
+        from splatgl.splat.plotters.scenes import settings_of
+
+        return settings_of(x)
+
+    @classmethod
     def like(cls, version: str, **changes: Any) -> Settings:
         """The defaults of an earlier version, "0.1": its default picture, within its error bound."""
         if version not in LIKE:

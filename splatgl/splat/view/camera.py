@@ -125,14 +125,14 @@ class Camera:
 
     @classmethod
     def of(cls, x: Any, size: tuple[int, int] | None = None) -> Camera:
-        """The view of a camera of VTK or PyVista, or of a PyVista plotter.
+        """The view of a camera of VTK or PyVista, of a PyVista plotter, or of a window or renderer of VTK.
 
-        size: in pixels; None: the plotter's, or 512 × 512. Raises InputError for what has no such camera.
+        size: in pixels; None: the plotter's or window's, or 512 × 512. Raises InputError for what has no such camera.
         """
-        camera = getattr(x, "camera", x)
+        camera, size = _of_vtk(x, size)
         if not (hasattr(camera, "GetFocalPoint") and hasattr(camera, "GetParallelScale")):
             raise expected("camera", "a camera of VTK or PyVista, or a plotter", f"a {type(x).__name__}")
-        width, height = size or getattr(x, "window_size", None) or (512, 512)
+        width, height = size or (512, 512)
         placed = (camera.GetPosition(), camera.GetFocalPoint(), camera.GetViewUp())
         if camera.GetParallelProjection():
             # VTK's scale is half of the height
@@ -198,6 +198,17 @@ class Camera:
     def resized(self, size: tuple[int, int]) -> Camera:
         """The same view with another number of pixels and the same vertical field of view."""
         return Camera(self.eye, self.eye_from_world, _size(size), self.extent, self.perspective)
+
+
+def _of_vtk(x: Any, size: tuple[int, int] | None) -> tuple[Any, tuple[int, int] | None]:
+    """The camera of a plotter, window or renderer, or what is given, and the size in pixels, if it is known."""
+    size = size or getattr(x, "window_size", None)
+    if hasattr(x, "GetRenderers"):
+        x, size = x.GetRenderers().GetFirstRenderer(), size or x.GetSize()
+    if hasattr(x, "GetActiveCamera") and not hasattr(x, "camera"):
+        window = x.GetRenderWindow()
+        return x.GetActiveCamera(), size or (x.GetSize() if window is not None else None)
+    return getattr(x, "camera", x), size
 
 
 def check_reach(corners: np.ndarray, camera: Camera, spacing: float) -> None:

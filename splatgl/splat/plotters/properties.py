@@ -1,0 +1,186 @@
+"""Transfer functions and properties of VTK's volumes, both ways."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.color import srgb_from_linear
+from splatgl.data.errors import expected
+from splatgl.data.volume import Volume
+from splatgl.splat.classification.colormap import of_colors
+from splatgl.splat.classification.shading import Light
+from splatgl.splat.classification.transfer import Nodes, Transfer
+
+# values at which functions that are not linear between their nodes are looked up, and control colours at most
+SAMPLES, COLORS = 1024, 256
+# share of the values' range between the two nodes of a step, and of opacity that a node on a line may be off
+STEP, ON_LINE = 1e-6, 1e-9
+# VTK's number of piecewise linear nodes: value, result, midpoint, sharpness
+MIDDLE = 0.5
+# half of the way from one label to the next, and less
+HALF, WITHIN = 0.5, 0.49
+# VTK's volume property is of nearest samples, or of those between
+LINEAR = 1
+
+
+def transfer_of(looks: Any, index: int, spacing: float) -> Transfer:
+    """The transfer function of a component of a vtkVolumeProperty. spacing: the mean one of its volume, world units.
+
+    Raises InputError for transfer functions of two variables.
+    """
+    if looks.GetTransferFunctionMode():
+        raise expected("volume", "a transfer function of one variable", "one of two", "set a scalar opacity")
+    points = opacity_nodes(looks.GetScalarOpacity(index))
+    window, colors = _colors(looks, index, _support(points))
+    return Transfer(
+        points,
+        colors,
+        window,
+        unit=float(looks.GetScalarOpacityUnitDistance(index)),
+        gradient=_gradient(looks, index, spacing),
+        shading=bool(looks.GetShade(index)),
+    )
+
+
+def opacity_nodes(function: Any) -> Nodes:
+    """Nodes of a vtkPiecewiseFunction, with values from 0 to 1; others than linear ones are looked up."""
+    rows = _rows(function, 4)
+    if not len(rows):
+        return ((0.0, 0.0),)
+    places, shares = rows[:, 0], np.clip(rows[:, 1], 0.0, 1.0)
+    if not (rows[:, 2:] == (MIDDLE, 0.0)).all() or _logarithmic(function):
+        places = np.union1d(places, np.linspace(places[0], places[-1], SAMPLES))
+        shares = np.clip([function.GetValue(place) for place in places.tolist()], 0.0, 1.0)
+    found = _needed(np.stack([places, shares], axis=1)).tolist()
+    if not function.GetClamping():
+        # nothing beyond the ends
+        found = [[found[0][0], 0.0], *found, [found[-1][0], 0.0]]
+    return tuple((value, share) for value, share in found)
+
+
+def _rows(function: Any, length: int) -> np.ndarray:
+    """The nodes of a function of VTK [N, length], whose node is of that many numbers."""
+    found = np.zeros((function.GetSize(), length))
+    for number in range(len(found)):
+        row = [0.0] * length
+        function.GetNodeValue(number, row)
+        found[number] = row
+    return found
+
+
+def _logarithmic(function: Any) -> bool:
+    return bool(getattr(function, "GetUseLogScale", bool)())
+
+
+def _needed(nodes: np.ndarray) -> np.ndarray:
+    """The nodes without those on a line between the ones beside them."""
+    if len(nodes) < 3:
+        return nodes
+    x, y = nodes.T
+    width = x[2:] - x[:-2]
+    across = y[:-2] + (y[2:] - y[:-2]) * (x[1:-1] - x[:-2]) / np.where(width > 0, width, 1.0)
+    kept = np.ones(len(nodes), bool)
+    kept[1:-1] = (width <= 0) | (np.abs(across - y[1:-1]) > ON_LINE)
+    return np.asarray(nodes[kept])
+
+
+def _support(points: Nodes) -> tuple[float, float]:
+    """The values between which opacity is not 0; infinite where it goes on beyond the nodes."""
+    shown = [number for number, (_, share) in enumerate(points) if share > 0]
+    if not shown:
+        return -np.inf, np.inf
+    low = points[shown[0] - 1][0] if shown[0] else -np.inf
+    high = points[shown[-1] + 1][0] if shown[-1] + 1 < len(points) else np.inf
+    return low, high
+
+
+def _colors(looks: Any, index: int, support: tuple[float, float]) -> tuple[tuple[float, float] | None, str]:
+    """Window and colour map of the values that are seen, from sRGB, which VTK draws as it is."""
+    gray = looks.GetColorChannels(index) == 1
+    function = looks.GetGrayTransferFunction(index) if gray else looks.GetRGBTransferFunction(index)
+    low, high = function.GetRange()
+    low, high = max(low, min(support[0], high)), min(high, max(support[1], low))
+    rows = _rows(function, 4 if gray else 6)
+    linear = (rows[:, -2:] == (MIDDLE, 0.0)).all() and not _logarithmic(function)
+    plain = linear and (gray or (function.GetColorSpace() == 0 and not function.GetScale()))
+    inside = rows[(rows[:, 0] > low) & (rows[:, 0] < high), 0]
+    places = np.concatenate([[low], inside, [high]]) if plain else np.linspace(low, high, COLORS)
+    if len(places) > COLORS:
+        places = np.linspace(low, high, COLORS)
+    found = np.array([_color(function, place, gray) for place in places.tolist()])
+    if not low < high:
+        return None, of_colors(np.zeros(1), found[:1])
+    return (float(low), float(high)), of_colors((places - low) / (high - low), np.clip(found, 0.0, 1.0))
+
+
+def _color(function: Any, value: float, gray: bool) -> tuple[float, ...]:
+    return (function.GetValue(value),) * 3 if gray else tuple(function.GetColor(value))
+
+
+def _gradient(looks: Any, index: int, spacing: float) -> Nodes:
+    """Weights of gradients, which VTK has per mean spacing."""
+    if looks.GetDisableGradientOpacity(index) or not looks.HasGradientOpacity(index):
+        return ()
+    nodes = opacity_nodes(looks.GetGradientOpacity(index))
+    return () if all(weight == 1 for _, weight in nodes) else tuple((size / spacing, share) for size, share in nodes)
+
+
+def property_of(volume: Volume, transfer: Transfer, light: Light, lit: bool) -> Any:
+    """The vtkVolumeProperty of a transfer function. lit: whether it is shaded."""
+    from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
+    from vtkmodules.vtkRenderingCore import vtkColorTransferFunction, vtkVolumeProperty
+
+    opacity, color, looks = vtkPiecewiseFunction(), vtkColorTransferFunction(), vtkVolumeProperty()
+    values, shares = _tabulated(transfer)
+    for value, share in zip(values.tolist(), shares.tolist(), strict=True):
+        opacity.AddPoint(value, share)
+    places, colors = _colored(transfer)
+    for value, shade in zip(places.tolist(), srgb_from_linear(colors).tolist(), strict=True):
+        color.AddRGBPoint(value, *shade)
+    spacing = float(np.mean(volume.spacing))
+    looks.SetScalarOpacity(opacity)
+    looks.SetColor(color)
+    looks.SetScalarOpacityUnitDistance(transfer.unit or spacing)
+    if transfer.gradient:
+        weights = vtkPiecewiseFunction()
+        for size, weight in transfer.gradient:
+            weights.AddPoint(size * spacing, weight)
+        looks.SetGradientOpacity(weights)
+    looks.SetInterpolationType(0 if transfer.labels else LINEAR)
+    looks.SetShade(lit)
+    looks.SetAmbient(light.ambient)
+    looks.SetDiffuse(light.diffuse)
+    looks.SetSpecular(light.specular)
+    looks.SetSpecularPower(2.0**light.sharpness)
+    return looks
+
+
+def _colored(transfer: Transfer) -> tuple[np.ndarray, np.ndarray]:
+    """Values, all different, and linear colours [N, 3] between which VTK may be linear."""
+    if transfer.labels:
+        numbers = np.array([number for number, _, _ in transfer.labels], float)
+        return (numbers[:, None] + (-WITHIN, WITHIN)).ravel(), np.repeat(transfer.color(numbers), 2, axis=0)
+    low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+    places = np.unique((np.geomspace if transfer.logarithmic else np.linspace)(low, high, COLORS))
+    return places, transfer.color(places)
+
+
+def _tabulated(transfer: Transfer) -> tuple[np.ndarray, np.ndarray]:
+    """Values, all different, and opacities between which VTK may be linear."""
+    if transfer.labels:
+        rows = [(n + side, share) for n, _, full in transfer.labels for side, share in _plateau(full)]
+        return np.array([place for place, _ in rows]), np.array([share for _, share in rows])
+    values = transfer.bends
+    ends = np.array([value for value, _ in transfer.points])
+    steps = np.unique(ends[:-1][np.diff(ends) == 0])
+    width = max(float(np.ptp(values)), float(np.abs(values).max()), STEP) * STEP
+    before = [next(share for value, share in transfer.points if value == step) for step in steps]
+    places, shares = np.append(values, steps - width), np.append(transfer.opacity(values), before)
+    places, kept = np.unique(places, return_index=True)
+    return places, shares[kept]
+
+
+def _plateau(opacity: float) -> tuple[tuple[float, float], ...]:
+    return (-HALF, 0.0), (-WITHIN, opacity), (WITHIN, opacity), (HALF, 0.0)

@@ -1,0 +1,115 @@
+"""Volumes of a renderer of VTK as layers: samples, grid, transfer function and planes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.arrays import ArrayOptions
+from splatgl.data.arrays.vtk_images import chosen, of_components, of_vtk
+from splatgl.data.errors import expected
+from splatgl.data.readers.grid import axes_of, triple
+from splatgl.data.volume import Volume
+from splatgl.splat.layers.layers import Layer
+from splatgl.splat.plotters.properties import transfer_of
+from splatgl.splat.view.clip import Plane
+
+# VTK's numbers of ways to choose samples by the name or number of an array, and of the part that is cropped
+BY_NAME, SUBVOLUME = (3, 4), 0x2000
+# colours and an opacity
+COMPONENTS = 4
+
+
+def layers_of(prop: Any) -> Iterator[Layer]:
+    """The layers of a vtkVolume: one for each independent component of its samples.
+
+    Raises InputError for other data than even grids, and for what splatgl has no like of.
+    """
+    mapper, looks = prop.GetMapper(), prop.GetProperty()
+    source = mapper.GetInputAlgorithm()
+    if source is not None:
+        source.Update()
+    data = mapper.GetInputDataObject(0, 0)
+    asked = ArrayOptions(array=mapper.GetArrayName() or None) if mapper.GetScalarMode() in BY_NAME else ArrayOptions()
+    if not data.IsA("vtkImageData"):
+        of_vtk(data, asked)
+    array, in_cells = chosen(data, asked)
+    matrix = matrix_of(prop)
+    planes = (*clip_planes(mapper), *_cropping(mapper, matrix))
+    parts = [_placed(part, matrix) for part in of_components(data, array, in_cells)]
+    if len(parts) > 1 and not looks.GetIndependentComponents():
+        parts = [_colored(parts)]
+    for number, part in enumerate(parts):
+        transfer = transfer_of(looks, number, float(np.mean(part.spacing)))
+        if part.color is not None:
+            transfer = replace(transfer, colormap="gray", window=None)
+        weight = float(looks.GetComponentWeight(number)) if len(parts) > 1 else 1.0
+        yield Layer(part, transfer, float(np.clip(weight, 0.0, 1.0)), clip=planes)
+
+
+def matrix_of(prop: Any) -> np.ndarray:
+    """World-from-data [4, 4] of a vtkProp3D. Raises InputError for a perspective."""
+    prop.ComputeMatrix()
+    held = prop.GetMatrix()
+    found = np.array([[held.GetElement(row, column) for column in range(4)] for row in range(4)])
+    if not np.allclose(found[3], (0, 0, 0, 1)):
+        raise expected("matrix", "an affine one", found[3].tolist())
+    return found
+
+
+def clip_planes(mapper: Any) -> list[Plane]:
+    """The clipping planes of a mapper, world units: VTK keeps the side that their normals point to."""
+    held = mapper.GetClippingPlanes()
+    found = [] if held is None else [_plane(held.GetItem(number)) for number in range(held.GetNumberOfItems())]
+    return found
+
+
+def _plane(plane: Any) -> Plane:
+    """n and d of a vtkPlane, which may have a transform of its own."""
+    value = plane.FunctionValue
+    start = value((0.0, 0.0, 0.0))
+    return *(float(value(axis) - start) for axis in np.eye(3).tolist()), float(-start)  # type: ignore[return-value]
+
+
+def _cropping(mapper: Any, matrix: np.ndarray) -> list[Plane]:
+    """The planes of the box that a mapper crops to, along the axes of its data. Raises InputError for other regions."""
+    if not mapper.GetCropping():
+        return []
+    if mapper.GetCroppingRegionFlags() != SUBVOLUME:
+        raise expected("cropping", "the box between the planes", "other regions", "SetCroppingRegionFlagsToSubVolume()")
+    inverse, found = np.linalg.inv(matrix), []
+    for number, place in enumerate(mapper.GetCroppingRegionPlanes()):
+        side = -1.0 if number % 2 else 1.0
+        x, y, z, start = (side * inverse[number // 2]).tolist()
+        found.append((x, y, z, side * place - start))
+    return found
+
+
+def _placed(volume: Volume, matrix: np.ndarray) -> Volume:
+    """The volume in the world of its actor."""
+    if np.array_equal(matrix, np.eye(4)):
+        return volume
+    spacing, direction = axes_of(matrix[:3, :3] @ volume.world_from_index, "the actor's matrix")
+    origin = triple(matrix[:3, :3] @ np.array(volume.origin) + matrix[:3, 3], "the actor's matrix")
+    return replace(volume, spacing=spacing, origin=origin, direction=direction)
+
+
+def _colored(parts: list[Volume]) -> Volume:
+    """A volume of colours and opacities. Raises InputError for others that depend on each other."""
+    if len(parts) != COMPONENTS or parts[0].samples.dtype != np.uint8:
+        got = f"{len(parts)} of {parts[0].samples.dtype}"
+        raise expected("volume", "one component, independent ones, or four of uint8 for RGBA", got)
+    return replace(parts[3], color=np.stack([part.samples for part in parts[:3]], axis=-1))
+
+
+def blend_of(mapper: Any) -> str:
+    """The blend of a volume mapper. Raises InputError for those that splatgl has no like of."""
+    names = ("composite", "mip", "minip", "mean")
+    mode = int(mapper.GetBlendMode())
+    if not 0 <= mode < len(names):
+        told = {4: "additive", 5: "isosurface", 6: "slice"}.get(mode, str(mode))
+        raise expected("blend mode", "composite, maximum, minimum or average", told, "set another")
+    return names[mode]
