@@ -222,9 +222,9 @@ def test_list_bindings(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_remapping(tmp_path: Path) -> None:
-    (tmp_path / "keys.toml").write_text('[bindings]\nturn = ["t", "Ctrl+Space"]\nquit = "x"\n')
+    (tmp_path / "keys.toml").write_text('[bindings]\nturn = ["t", "Ctrl+Space"]\nquit = "y"\n')
     keys = keymap(load_bindings(tmp_path / "keys.toml"))
-    assert keys["t"] == keys["ctrl+space"] == "turn" and keys["x"] == "quit"
+    assert keys["t"] == keys["ctrl+space"] == "turn" and keys["y"] == "quit"
     assert "space" not in keys and "q" not in keys and keys["r"] == "reset"
 
 

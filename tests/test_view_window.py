@@ -48,6 +48,7 @@ NAMES |= {
     "escape": "Escape",
     "home": "Home",
     "tab": "Tab",
+    "delete": "Delete",
     "f1": "F1",
     "enter": "Return",
     "<": "less",
@@ -258,6 +259,10 @@ CHECKS: dict[str, Callable[[Told, Told], bool]] = {
     "panel": lambda before, after: after["panel"] != before["panel"] or "pip install" in after["message"],
     "ground": lambda before, after: (before["ground"], after["ground"]) == ("black", "white"),
     "help": toggles("help"),
+    "handles": lambda before, after: after["cuts"]["shown"] != before["cuts"]["shown"],
+    "cuts": lambda before, after: "nothing is cut" in after["message"],
+    "plane": lambda before, after: len(after["settings"]["clip"]) == 1 and after["cuts"]["shown"],
+    "uncut": lambda before, after: "nothing is cut" in after["message"],
     "quit": lambda before, after: after["closed"],
 }
 

@@ -63,6 +63,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "pivot": state.pose.pivot.tolist(),
         "middle": viewer.content.middle.tolist(),
         "settings": asdict(state.settings),
+        "cuts": asdict(state.cuts),
         "points": state.transfer.points,
         "window": state.transfer.window,
         "source": viewer.content.scene.volume,

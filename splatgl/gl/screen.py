@@ -16,6 +16,7 @@ import numpy as np
 from splatgl.data.errors import InputError, expected
 from splatgl.gl.context import adopt, current
 from splatgl.gl.loader import BackendError, switch_to
+from splatgl.gl.marks import Marker, Marks
 from splatgl.gl.program import build
 from splatgl.gl.window import WindowLoader
 
@@ -62,6 +63,7 @@ class Screen:
         self.owned.callback(self.ctx.release)
         self.textures: dict[str, moderngl.Texture] = {}
         self.programs: dict[tuple[str, bool], tuple[moderngl.Program, moderngl.VertexArray]] = {}
+        self.marker = Marker(self.ctx)
         with current(self.ctx):
             self.owned.callback(self._release)
             for name in UNITS:
@@ -107,6 +109,14 @@ class Screen:
                     program[name] = value
             whole.render(moderngl.TRIANGLES, vertices=3)
 
+    def mark(self, size: tuple[int, int], marks: Marks) -> None:
+        """Draws marks over what is in the window's back buffer of `size` pixels; restores the current context."""
+        if marks:
+            with self._working():
+                self.ctx.screen.use()
+                self.ctx.viewport = (0, 0, *size)
+                self.marker.draw(size, marks)
+
     def read(self, size: tuple[int, int]) -> np.ndarray:
         """The back buffer: uint8 [H, W, 3], row 0 on top."""
         with current(self.ctx):
@@ -141,6 +151,7 @@ class Screen:
         return self.programs[compare, overlay]
 
     def _release(self) -> None:
+        self.marker.release()
         while self.textures:
             self.textures.popitem()[1].release()
         while self.programs:

@@ -11,6 +11,7 @@ from splatgl.app.viewer.mouse import Mouse, wheeled
 from splatgl.app.viewer.pick import pivoted
 from splatgl.app.viewer.pose import Place
 from splatgl.app.viewer.state import acted
+from splatgl.app.viewer.tools import Tools
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.viewer import Viewer
@@ -26,6 +27,7 @@ class Hands:
         self.viewer = viewer
         self.keys = keymap(bindings)
         self.mouse = Mouse()
+        self.tools = Tools(viewer)
         self.touched = viewer.now()
         self.asked = 0
 
@@ -45,6 +47,8 @@ class Hands:
     def press(self, button: str, held: tuple[str, ...], place: Place) -> None:
         """Starts a drag; a double click sets the pivot."""
         viewer = self.viewer
+        if self.tools.press(button, held, place):
+            return
         if self.mouse.doubles(button, place, viewer.now()):
             viewer.state = pivoted(viewer.state, viewer.content, place)
             self.touch()
@@ -52,11 +56,12 @@ class Hands:
 
     def release(self, button: str) -> None:
         """Ends the drag."""
+        self.tools.release(button)
         self.mouse = self.mouse.release()
 
     def move(self, place: Place) -> None:
         """Moves the view by the current drag, if any, and stops the automatic rotation."""
-        if self.mouse.drag is not None:
+        if not self.tools.move(place) and self.mouse.drag is not None:
             viewer, pose = self.viewer, self.mouse.drag.to(place)
             viewer.state = replace(viewer.state, pose=pose.resized(viewer.size), turning=False)
             self.touch()

@@ -220,7 +220,8 @@ class Painter:
 def _enough(state: State, content: Content, level: Level, chosen: Plan) -> Splats:
     """The splats to draw: all, or only the visible ones where the result is equally good."""
     skin = content.skin(level.stride)
-    fits = chosen.program.look.blend.ordered and outside(skin, state.pose.camera.eye)
+    # planes bare what lies inside
+    fits = chosen.program.look.blend.ordered and not state.settings.clip and outside(skin, state.pose.camera.eye)
     if level == FULL:
         fits = fits and not chosen.program.seen.antialias and state.settings.tolerance > FAITHFUL
     return skin if fits else content.at(level.stride)

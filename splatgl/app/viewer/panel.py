@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from imgui_bundle import imgui
 
-from splatgl.app.viewer import curve, hud
+from splatgl.app.viewer import curve, hud, panel_cuts
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.curve import Canvas
 from splatgl.app.viewer.hud import Frame
@@ -77,6 +77,8 @@ class Panel:
             opened = imgui.TreeNodeFlags_.default_open
             if imgui.collapsing_header("Transfer function", opened):
                 state = self._transfer(state, content)
+            if imgui.collapsing_header("Cuts"):
+                state = panel_cuts.draw(state, content)
             if imgui.collapsing_header("Settings"):
                 state = _settings(state, content)
             if imgui.collapsing_header("Statistics"):

@@ -11,6 +11,7 @@ from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.state import State
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.clip import Clip, Plane
 from splatgl.splat.view.view import eye_from_index
 
 # splats within this many voxels of the ray count; the ray ends at this optical depth
@@ -20,14 +21,16 @@ ENOUGH = 0.7
 
 def pivoted(state: State, content: Content, place: tuple[float, float]) -> State:
     """The state with the matter under a pixel as its centre of rotation, if there is any."""
-    found = picked(content.at(STRIDES[1]), state.pose.camera, place)
+    found = picked(content.at(STRIDES[1]), state.pose.camera, place, state.settings.clip)
     if found is None:
         return replace(state, message="nothing here to turn about")
     return replace(state, pose=state.pose.about(found), message="turns about this point")
 
 
-def picked(splats: Splats, camera: Camera, place: tuple[float, float]) -> np.ndarray | None:
-    """World point [3] of the matter under a pixel; None if there is none.
+def picked(
+    splats: Splats, camera: Camera, place: tuple[float, float], cuts: tuple[Plane, ...] = ()
+) -> np.ndarray | None:
+    """World point [3] of the matter under a pixel that planes keep; None if there is none.
 
     The point is at optical depth ENOUGH (half of the light is absorbed), or, in fainter matter, at its middle.
     """
@@ -43,6 +46,8 @@ def picked(splats: Splats, camera: Camera, place: tuple[float, float]) -> np.nda
     points = splats.positions @ axes.T + origin.astype(np.float32)
     along = points @ unit.astype(np.float32)
     near = np.flatnonzero((along > 0) & ((points * points).sum(axis=1) - along * along < WITHIN**2))
+    clip = Clip.of(cuts, splats.grid)
+    near = near if clip is None else near[clip.keeps(splats.positions[near])]
     depth = splats.depths_of(near).astype(np.float64)
     if not depth.any():
         return None

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.app.viewer import cutting
 from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.cutting import Cuts
 from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.pose import Pose
 from splatgl.data.errors import InputError
@@ -55,7 +57,7 @@ class State:
 
     blur: motion blur while the view rotates. time: number of the time point of a series of `times`; playing: whether it
     goes on by itself. hud: of HUDS. asks: pending window actions ("screenshot", "save", "undo",
-    "redo", "quit"). message: shown until the next key.
+    "redo", "quit"). message: shown until the next key. cuts: box and planes, which `settings` has too.
     """
 
     pose: Pose
@@ -76,11 +78,14 @@ class State:
     playing: bool = False
     message: str = ""
     asks: tuple[str, ...] = field(default=())
+    cuts: Cuts = field(default_factory=Cuts)
 
     @classmethod
     def of(cls, content: Content, size: tuple[int, int]) -> State:
         """Initial state of a content: its home view at `size` pixels, its settings and transfer function."""
-        return cls(content.home(size), content.scene.settings, content.transfer, content.threshold)
+        settings = content.scene.settings
+        cuts = Cuts.of(settings.clip, content.volume)
+        return cls(content.home(size), settings, content.transfer, content.threshold, cuts=cuts)
 
     @property
     def moving(self) -> Settings:
@@ -271,4 +276,5 @@ ACTIONS: dict[str, Action] = {
     "ground": _ground,
     "help": _toggle("help"),
     "quit": _ask("quit"),
+    **cutting.ACTIONS,
 }

@@ -21,6 +21,7 @@ from splatgl.app.viewer.hands import Hands
 from splatgl.app.viewer.history import History
 from splatgl.app.viewer.hud import progress
 from splatgl.app.viewer.jobs import Jobs
+from splatgl.app.viewer.marking import marked
 from splatgl.app.viewer.pacing import LADDER, REST, STEP, TARGET
 from splatgl.app.viewer.painter import Painter
 from splatgl.app.viewer.refiner import Moment, Refiner
@@ -272,6 +273,7 @@ class Viewer:
         if self.state.panel and self.panel is None:
             self._open_panel()
         self.screen.draw(self.window.size, self.painter.look(self.state, self.reference))
+        self.screen.mark(self.window.size, marked(self))
         if self.panel is not None and self.state.panel:
             before = self.state
             self.state = self.panel.frame(self.state, self.content, self.painter.frame)

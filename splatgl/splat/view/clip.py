@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 # most planes of a picture: those of a box and ten more
 MOST_CLIPS = 16
+# normals whose length is 1 but for rounding
+UNIT = 1e-14
 # voxels along a ray behind a cut that are lit as its face
 FACE = 1.0
 
@@ -44,6 +46,8 @@ def _plane(row: Any) -> Plane:
     length = float(np.linalg.norm(np.array(numbers[:3], np.float64))) if fine else 0.0
     if not (fine and 0 < length < np.inf):
         raise expected("clip", "planes of four finite numbers: a normal n and d, kept where n · x ≥ d", repr(row)[:80])
+    # unit vectors stay as they are, bit for bit
+    length = 1.0 if abs(length - 1.0) < UNIT else length
     x, y, z, d = (float(n) / length for n in numbers)
     return x, y, z, d
 

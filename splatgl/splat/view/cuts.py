@@ -100,11 +100,11 @@ def crop_planes(text: str, volume: Volume) -> tuple[Plane, ...]:
             raise expected("crop", f"voxels from 0 to {size} along {'xyz'[axis]}", parts[axis])
         for sign, place, whole in ((1, begin, begin == 0), (-1, end, end == size)):
             if not whole:
-                found.append(_index_plane(volume, axis, sign, place - 0.5))
+                found.append(index_plane(volume, axis, sign, place - 0.5))
     return planes(found)
 
 
-def _index_plane(volume: Volume, axis: int, sign: int, place: float) -> Plane:
+def index_plane(volume: Volume, axis: int, sign: int, place: float) -> Plane:
     """The plane at a grid index along an axis, that keeps larger ones, or smaller."""
     index = np.zeros(3)
     index[axis] = sign
