@@ -185,6 +185,27 @@ def test_the_next_volume_is_read_meanwhile_and_no_more() -> None:
     assert read == [3, 4, 5, 6, 7] and not list(read_ahead(reader, []))
 
 
+def test_layers_and_meshes_are_in_movies(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Sharp frames are the stills of the same scene, of which layers and meshes are a part, also in a series."""
+    np.save("slab.npy", np.full((4, 20, 20), 90, np.uint8))
+    Path("flat.off").write_text("OFF\n3 1 0\n0 0 6\n16 0 6\n0 10 6\n3 0 1 2\n")
+    Path("s.toml").write_text('volume = "ball.npy"\n[[layer]]\nvolume = "slab.npy"\nopacity = 0.5\n')
+    beside = ["--layer", "slab.npy::0.5"]
+    for asked in (["s.toml"], ["ball.npy", *beside], ["ball.npy", "--mesh", "flat.off:red:0.5"]):
+        assert animate(*asked, "-o", "{frame}.npy", "--frames", "4", "--only", "1", "--motion", "off") == 0
+        assert main(["render", *asked, "--azimuth", "90", "-o", "still.npy", *SMALL]) == 0
+        assert np.abs(pixels("1.npy") - pixels("still.npy")).max() < 1e-5
+    assert animate("t*.npy", *beside, "-o", "t{frame}.npy", "--hold", "1") == 0
+    alone = Path("plain")
+    assert animate("t*.npy", "-o", f"{alone}/{{frame}}.npy") == 0
+    assert all(np.abs(pixels(f"t{n}.npy") - pixels(alone / f"{n}.npy")).max() > 0.1 for n in range(4))
+    capsys.readouterr()
+    assert animate("ball.npy", *beside, "-o", "x{frame}.npy", "--flow", "1") == 2
+    assert "--flow: expected a scene of one volume" in capsys.readouterr().err
+    assert animate("ball.npy", *beside, "-o", "x{frame}.npy", "--motion", "exact", "--frames", "2") == 2
+    assert capsys.readouterr().err.startswith("splatgl: motion of layers")
+
+
 def test_isabel_is_a_series(here: Path) -> None:
     folder = DATA / "isabel"
     if not folder.is_dir():

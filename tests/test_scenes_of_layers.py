@@ -167,13 +167,32 @@ def test_what_is_refused(renderer: sg.Renderer, field: sg.Scene, blocks: sg.Scen
     ):
         with pytest.raises(sg.InputError, match=said):
             renderer.render(field, camera, settings)
-    with pytest.raises(sg.InputError, match="motion: expected none"):
-        renderer.render(field, camera, motion=sg.Motion())
+    moving = sg.Motion(spin=(0, 0, 0.1))
+    with pytest.raises(sg.InputError, match="motion of layers: expected the mean of moments"):
+        renderer.render(field, camera, sg.Settings(motion="exact"), moving)
+    with pytest.raises(sg.InputError, match="motion of layers: expected a camera that moves"):
+        renderer.render(field, camera, motion=replace(moving, flow=np.zeros((3, 3))))
     for layers in ([], [sg.Layer(volume, visible=False)], [volume] * 9):
         with pytest.raises(sg.InputError, match="layers: expected 1 to 8 that are visible"):
             sg.Scene(layers)
     with pytest.raises(sg.InputError, match="opacity: expected a factor from 0 to 1"):
         sg.Layer(volume, opacity=1.5)
+
+
+def test_moving_layers_are_the_mean_of_their_moments(renderer: sg.Renderer, field: sg.Scene) -> None:
+    """All of them turn together; what does not move is sharp, to the last bit."""
+    camera, turn = sg.Camera.orbit(field, 20, 30, size=(32, 32)), sg.Motion(spin=(0, 0, 0.2))
+    still = renderer.render(field, camera, PLAIN)
+    for motion, settings in ((sg.Motion(), PLAIN), (turn, PLAIN.but(motion="off")), (turn, PLAIN.but(shutter=0))):
+        assert np.array_equal(renderer.render(field, camera, settings, motion).pixels, still.pixels)
+    image = renderer.render(field, camera, PLAIN.but(moments=2), turn)
+    # the middles of both halves of the half of a frame during which the shutter is open
+    parts = [renderer.render(field, turn.view(camera, at), PLAIN).pixels for at in (-0.125, -0.375)]
+    assert np.abs(image.pixels - np.mean(parts, axis=0)).max() < 1e-6
+    assert image.info["moments"] == 2 and np.abs(image.pixels - still.pixels).max() > 0.02
+    # by itself a frame has as many as keep steps below 1.5 pixels
+    quick, slow = (field.moments(camera, PLAIN, sg.Motion(spin=(0, 0, each))) for each in (1.0, 1e-5))
+    assert quick > 4 and slow == 2
 
 
 def test_a_view_shows_all_layers(blocks: sg.Scene) -> None:

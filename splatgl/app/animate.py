@@ -6,6 +6,7 @@ import argparse
 
 from splatgl.app.animation import FRAMES, FULL_TURN, Animation
 from splatgl.app.frames import Frames
+from splatgl.app.layered import add_layers
 from splatgl.app.movie import need, write_movie
 from splatgl.app.on_workers import draw_frames
 from splatgl.app.options import add_drawing, add_source, numbers
@@ -51,6 +52,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--annotate", metavar="NAMES", help=about)
     parser.add_argument("--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample (8)")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
+    add_layers(parser)
     add_workers(parser)
     add_drawing(parser)
     parser.set_defaults(run=run)

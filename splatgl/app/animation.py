@@ -19,6 +19,7 @@ from splatgl.app.annotations.subject import Subject
 from splatgl.app.backgrounds import backed
 from splatgl.app.frame_work import FrameView, Matter, Over, Work
 from splatgl.app.frames import Frames, mark_of
+from splatgl.app.layered import check_fits, is_layered, layered
 from splatgl.app.options import scene_from
 from splatgl.app.output import tell
 from splatgl.app.render import PATIENCE, nothing
@@ -33,6 +34,7 @@ from splatgl.splat.bricks.within import bricks_of, fits
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.order import order_for
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.layers.layers import Scene as Layers
 from splatgl.splat.motion.moments import moments
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.suited import blur, streaked
@@ -56,7 +58,8 @@ LOOKS = 64
 class Animation:
     """scenes: one per volume, with a common transfer function. numbers: the frames to render, of `count`; each volume
     of a series is shown for `hold` frames. flow: displacement of splats along the volume's vectors per frame, for
-    motion blur only. bands: of rows, in which volumes are drawn in bricks; 0: whole.
+    motion blur only. only: what frames of a single volume show. bands: of rows, in which volumes are drawn in bricks;
+    0: whole.
     """
 
     scenes: list[Scene]
@@ -67,7 +70,7 @@ class Animation:
     hold: int = 1
     flow: float | None = None
     bits: int = 8
-    only: Splats | None = None
+    only: Splats | Layers | None = None
     bands: int = 0
     over: Over | None = None
 
@@ -90,12 +93,12 @@ class Animation:
         scenes = [replace(each, settings=settings, view=cut.view, clip=None, crop="") for each in scenes]
         scene = scenes[0]
         series = len(scenes) > 1
-        bands = _bands(volume, transfer, scene, args.flow)
-        only = None if series or bands else scene.splats(volume, transfer, moving=scene.settings.shutter > 0)
-        if only is not None and not len(only):
-            raise nothing(scene, volume)
-        values = bands or (only is not None and only.post is not None)
+        joined = is_layered(scene, volume)
+        bands = 0 if joined else _bands(volume, transfer, scene, args.flow)
+        only = None if bands or (series and not joined) else _matter(scene, volume, transfer, args.flow)
+        values = bands or (isinstance(only, Splats) and only.post is not None)
         subject: Bounded = Opaque(volume, transfer) if values else only or volume
+        only = None if series else only
         count = args.frames or (len(scenes) * args.hold if series else FRAMES)
         if args.keyframes:
             found = keyframes(Path(args.keyframes), scene.view, volume, subject)
@@ -126,7 +129,8 @@ class Animation:
         files = [(s.volume, size, s.load) for s, size in zip(self.scenes, sizes, strict=True)]
         cameras = [self.track.camera(n) for n in {0, self.count // 2, self.count - 1}]
         views = [(c.eye.tolist(), c.eye_from_world.tolist(), c.size, c.extent, c.perspective) for c in cameras]
-        drawn = (self.scenes[0].settings, self.scenes[0].threshold, self.transfer.to_toml())
+        first = self.scenes[0]
+        drawn = (first.settings, first.threshold, self.transfer.to_toml(), *first.layers, *first.meshes)
         told = self.over.names if self.over else ()
         return mark_of(files, drawn, views, self.count, self.hold, self.flow, self.bits, *told)
 
@@ -171,7 +175,7 @@ class Animation:
         """Sorts a single volume's splats along every axis needed by any frame, before the first frame, so that memory
         use does not grow afterwards.
         """
-        if self.only is None or not BLENDS[self.scenes[0].settings.blend].ordered:
+        if not isinstance(self.only, Splats) or not BLENDS[self.scenes[0].settings.blend].ordered:
             return
         some = todo[:: max(len(todo) // LOOKS, 1)]
         for axis in {order_for(self.only, self.track.camera(n)).axis for n in some}:
@@ -189,11 +193,28 @@ class Animation:
         settings = self.scenes[0].settings
         if self.only is None or self.flow is not None or not isinstance(self.track, Turning):
             return None
+        turn, cameras = self.track.turn, [self.track.camera(n) for n in np.linspace(0, self.count - 1, LOOKS)]
+        if isinstance(self.only, Layers):
+            return max(self.only.moments(camera, settings, turn) for camera in cameras)
         if blur(self.only, settings) != "moments" or settings.shutter == 0:
             return None
-        shutter, turn = settings.shutter, self.track.turn
-        cameras = [self.track.camera(n) for n in np.linspace(0, self.count - 1, LOOKS)]
-        return max(moments(self.only, camera, turn, shutter) for camera in cameras)
+        return max(moments(self.only, camera, turn, settings.shutter) for camera in cameras)
+
+
+def _matter(scene: Scene, volume: Volume, transfer: Transfer, flow: float | None) -> Splats | Layers:
+    """What frames of one volume show. InputError where that is nothing."""
+    if not is_layered(scene, volume):
+        only = scene.splats(volume, transfer, moving=scene.settings.shutter > 0)
+        if not len(only):
+            raise nothing(scene, volume)
+        return only
+    if flow is not None:
+        raise expected("--flow", "a scene of one volume", "layers, channels or meshes")
+    drawn = layered(scene, volume, transfer)
+    check_fits(scene, drawn)
+    if not any(map(len, drawn.splats(scene.settings))):
+        raise nothing(scene, volume)
+    return drawn
 
 
 def _degrees(args: argparse.Namespace, count: int, series: bool) -> float:

@@ -12,6 +12,7 @@ from splatgl.app.annotations.annotate import annotated
 from splatgl.app.annotations.request import at_time
 from splatgl.app.annotations.subject import Subject
 from splatgl.app.frames import Frames
+from splatgl.app.layered import is_layered, layered
 from splatgl.app.render import origin
 from splatgl.app.scene import Scene
 from splatgl.data.image import Image
@@ -19,6 +20,7 @@ from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.bricks.within import required_bricks
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.layers.layers import Scene as Layers
 from splatgl.splat.motion.motion import Motion, flow_of
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings
@@ -30,8 +32,8 @@ if TYPE_CHECKING:
 # room above the brightest of some X-rays
 HEADROOM = 1.05
 
-# splats, or a volume in bricks, and velocities under flow
-Matter = tuple[Splats | Bricks, np.ndarray | None]
+# splats, a volume in bricks, or layers, and velocities under flow
+Matter = tuple[Splats | Bricks | Layers, np.ndarray | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +78,8 @@ class Work:
         volume = scene.open()
         if self.bands:
             return required_bricks(volume, self.transfer, self.settings), None
+        if is_layered(scene, volume):
+            return layered(scene, volume, self.transfer), None
         splats = scene.splats(volume, self.transfer, moving=scene.settings.shutter > 0)
         return splats, None if self.flow is None else flow_of(splats, volume, self.flow)
 
@@ -88,7 +92,7 @@ class Work:
             image = moving_bricks(renderer, subject, view.camera, self.settings, view.motion, self.bands)
         else:
             motion = view.motion if flow is None else replace(view.motion, flow=flow)
-            image = renderer.render(subject, view.camera, self.settings, motion)
+            image = renderer.render(subject, view.camera, _settings(subject, self.settings), motion)
         if self.top is not None and self.frames.path(view.frame).suffix.lower() == ".png":
             image = scaled(image, self.top)
         scene = self.scenes[view.volume]
@@ -110,9 +114,14 @@ class Work:
             if isinstance(subject, Bricks):
                 image = renderer.render_bricks(subject, camera, still, bands=self.bands)
             else:
-                image = renderer.render(subject, camera, still)
+                image = renderer.render(subject, camera, _settings(subject, still))
             top = max(top, float(image.pixels.max()))
         return top * HEADROOM or 1.0
+
+
+def _settings(subject: Splats | Layers, settings: Settings) -> Settings:
+    """The settings of a picture: layers have their planes themselves."""
+    return settings.but(clip=()) if isinstance(subject, Layers) else settings
 
 
 def scaled(image: Image, top: float) -> Image:

@@ -102,8 +102,7 @@ def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) 
         if getattr(how, name):
             raise expected(f"--{name}", "a picture of one volume", "layers" if scene.layers else "meshes")
     drawn, settings = layered(scene, volume, transfer), scene.settings.but(clip=())
-    for layer in drawn.shown:
-        _check_fits(how, scene, layer)
+    check_fits(scene, drawn, how.memory)
     camera = scene.view.camera(volume, drawn)
     with how.renderer() as renderer:
         if how.explain:
@@ -115,14 +114,15 @@ def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) 
     return check_layers(image, drawn, camera, settings, how.check)
 
 
-def _check_fits(how: Drawing, scene: Scene, layer: Layer) -> None:
-    """InputError for a layer that is drawn in bricks alone."""
+def check_fits(scene: Scene, drawn: Layers, memory: int | None = None) -> None:
+    """InputError for a layer that is drawn in bricks alone. memory: bytes; None: half of what is free."""
     from splatgl.splat.bricks.estimate import budget
     from splatgl.splat.bricks.within import bricks_of, fits
 
-    bricks = None if layer.threshold else bricks_of(layer.volume, layer.seen, scene.settings)
-    most = budget() if how.memory is None else how.memory
-    need = fits(bricks, scene.view.size, most) if bricks else None
-    if need is not None:
-        name = layer.volume.name or "layer"
-        raise expected(name, f"a layer that fits into {size_of(most)}", size_of(need.bytes), "use a smaller volume")
+    most = budget() if memory is None else memory
+    for layer in drawn.shown:
+        bricks = None if layer.threshold else bricks_of(layer.volume, layer.seen, scene.settings)
+        need = fits(bricks, scene.view.size, most) if bricks else None
+        if need is not None:
+            name = layer.volume.name or "layer"
+            raise expected(name, f"a layer that fits into {size_of(most)}", size_of(need.bytes), "use a smaller volume")

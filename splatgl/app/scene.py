@@ -171,11 +171,12 @@ class Scene:
         """The same scene with absolute paths, for processes in other folders."""
         reading = {name: _absolute(value) if name == "color" else value for name, value in self.load.items()}
         known = self.volume in SCENES and not self.load
-        volume, layers = (
-            self.volume if known else _absolute(self.volume),
-            tuple(each.anywhere() for each in self.layers),
+        volume = self.volume if known else _absolute(self.volume)
+        layers = tuple(each.anywhere() for each in self.layers)
+        meshes = tuple(
+            replace(each, file=_absolute(each.file)) if isinstance(each, MeshFile) else each for each in self.meshes
         )
-        return replace(self, volume=volume, load=reading, layers=layers)
+        return replace(self, volume=volume, load=reading, layers=layers, meshes=meshes)
 
     def open(self) -> Volume:
         """The volume: a built-in scene, or a file through its reader; a flat stack with the view of it."""

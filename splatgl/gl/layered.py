@@ -6,14 +6,18 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.gl.layer_tiles import Drawn
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.layers.layers import Scene, check_layer, common_samples, joined
+from splatgl.splat.motion.moments import Moments
+from splatgl.splat.motion.motion import Motion
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import suited
+from splatgl.splat.plan.suited import streaked, suited
 from splatgl.splat.view.camera import Camera
 
 if TYPE_CHECKING:
@@ -57,6 +61,34 @@ def render_scene(
         "tolerance_met": False,
     }
     return Image(pixels, {**info, **told})
+
+
+def render_moving_scene(
+    renderer: Renderer,
+    scene: Scene,
+    camera: Camera,
+    settings: Settings,
+    motion: Motion,
+    interrupted: Callable[[], bool] | None = None,
+) -> Image:
+    """The picture of all visible layers while the camera, or all of them, move: the mean of its moments. Raises
+    InputError as `render_scene`, for streaks, and for a flow.
+    """
+    if streaked(settings):
+        raise expected("motion of layers", "the mean of moments", f"motion {settings.motion}")
+    if motion.flow is not None:
+        raise expected("motion of layers", "a camera that moves, or all of them", "a flow")
+    count, still = scene.moments(camera, settings, motion), settings.but(motion="off", moments=None)
+
+    def draw(_: Splats, view: Camera, asked: Settings) -> Image:
+        return render_scene(renderer, scene, view, asked, interrupted)
+
+    if count < 2:
+        return render_scene(renderer, scene, camera, still, interrupted)
+    # nothing but the camera moves: what each moment draws is the scene
+    first = scene.drawn(settings)[0][0]
+    mean = Moments(draw, motion, settings.shutter, count)(first, camera, still)
+    return Image(mean.pixels.astype(np.float32), {**mean.info, "motion": "moments"})
 
 
 def _planned(renderer: Renderer, splats: Splats, camera: Camera, settings: Settings) -> Drawn:

@@ -17,7 +17,7 @@ from splatgl.data.image import Image
 from splatgl.data.mesh import Mesh
 from splatgl.gl.context import check_process, context_info, current, inherited, open_context
 from splatgl.gl.layer_tiles import Drawn
-from splatgl.gl.layered import render_scene
+from splatgl.gl.layered import render_moving_scene, render_scene
 from splatgl.gl.passes import Passes
 from splatgl.gl.sheet_tiles import Batches
 from splatgl.gl.target import check_size
@@ -107,14 +107,14 @@ class Renderer:
         known and within the tolerance, which for X-rays is relative to the brightest component. interrupted: called
         between portions of the drawing; if it returns True, Interrupted is raised, and later pictures are unaffected.
         Raises InputError for a size beyond OpenGL's, for the flow of other splats, and in a process that was forked
-        after the renderer was opened; and for a scene of several layers: for motion, and for settings that composite
-        splat by splat. Of these no bound is known.
+        after the renderer was opened; and for a scene of several layers: for streaks, a flow, and settings that
+        composite splat by splat. Of these no bound is known.
         """
         check_process(self.ctx)
         started = time.perf_counter()
         if isinstance(splats, Scene):
-            if motion is not None:
-                raise expected("motion", "none, of a scene of layers", "one")
+            if motion is not None and not motion.still:
+                return render_moving_scene(self, splats, camera, settings or Settings(), motion, interrupted)
             return render_scene(self, splats, camera, settings or Settings(), interrupted)
         chosen = self.plan(splats, camera, settings, motion)
         splats = suited(splats, settings or Settings(), chosen.exposure is not None)

@@ -18,6 +18,8 @@ from splatgl.splat.bricks.opaque import Opaque
 from splatgl.splat.classification.presets import default_transfer
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.motion.moments import moments
+from splatgl.splat.motion.motion import Motion
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.resolve import Resolved
 from splatgl.splat.plan.settings import Settings
@@ -132,6 +134,14 @@ class Scene:
         settled = [settings.but(clip=(*settings.clip, *own)) if own else settings for own in self.planes]
         every = list(zip(self.splats(settings), settled, strict=True))
         return [each for each in every if len(each[0])] or every[:1]
+
+    def moments(self, camera: Camera, settings: Settings, motion: Motion) -> int:
+        """How many pictures a moving one is the mean of: as many as the fastest layer takes; 1 for a sharp one."""
+        if settings.moments is not None:
+            return settings.moments
+        if settings.motion == "off" or settings.shutter == 0:
+            return 1
+        return max(moments(each, camera, motion, settings.shutter) for each, _ in self.drawn(settings))
 
     @property
     def corners(self) -> np.ndarray:
