@@ -192,13 +192,15 @@ def test_layers_and_meshes_are_in_movies(here: Path, capsys: pytest.CaptureFixtu
     Path("s.toml").write_text('volume = "ball.npy"\n[[layer]]\nvolume = "slab.npy"\nopacity = 0.5\n')
     beside = ["--layer", "slab.npy::0.5"]
     for asked in (["s.toml"], ["ball.npy", *beside], ["ball.npy", "--mesh", "flat.off:red:0.5"]):
-        assert animate(*asked, "-o", "{frame}.npy", "--frames", "4", "--only", "1", "--motion", "off") == 0
-        assert main(["render", *asked, "--azimuth", "90", "-o", "still.npy", *SMALL]) == 0
-        assert np.abs(pixels("1.npy") - pixels("still.npy")).max() < 1e-5
-    assert animate("t*.npy", *beside, "-o", "t{frame}.npy", "--hold", "1") == 0
+        asked += ["--eye", "30,-20,12"]
+        assert animate(*asked, "-o", "{frame}.npy", "--frames", "4", "--only", "0-1", "--motion", "off") == 0
+        assert main(["render", *asked, "-o", "still.npy", *SMALL]) == 0
+        assert np.abs(pixels("0.npy") - pixels("still.npy")).max() < 1e-6
+        assert np.abs(pixels("1.npy") - pixels("0.npy")).max() > 0.1
+    assert animate("t*.npy", *beside, "-o", "m{frame}.npy") == 0
     alone = Path("plain")
     assert animate("t*.npy", "-o", f"{alone}/{{frame}}.npy") == 0
-    assert all(np.abs(pixels(f"t{n}.npy") - pixels(alone / f"{n}.npy")).max() > 0.1 for n in range(4))
+    assert all(np.abs(pixels(f"m{n}.npy") - pixels(alone / f"{n}.npy")).max() > 0.1 for n in range(4))
     capsys.readouterr()
     assert animate("ball.npy", *beside, "-o", "x{frame}.npy", "--flow", "1") == 2
     assert "--flow: expected a scene of one volume" in capsys.readouterr().err

@@ -319,8 +319,6 @@ def test_commands_draw_meshes(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert (same.pixels == first).all()
     assert main(["render", source, "-o", str(out), "--mesh", f"{tmp_path / 'a.ply'}:nocolour", *options]) == 2
     assert "expected a colour such as" in capsys.readouterr().err
-    assert main(["animate", str(tmp_path / "s.toml"), "-o", str(tmp_path / "o.gif")]) == 2
-    assert "meshes: expected none" in capsys.readouterr().err
     (tmp_path / "s.toml").write_text('volume = "a.npy"\n[[mesh]]\ncolor = "red"\n')
     assert main(["render", str(tmp_path / "s.toml"), "-o", str(out)]) == 2
     assert "[[mesh]] 1: expected the key file" in capsys.readouterr().err
