@@ -21,6 +21,7 @@ __version__ = "0.2.0.dev0"
 if TYPE_CHECKING:
     from splatgl import distributed as distributed
     from splatgl.app.annotations.annotate import annotated as annotated
+    from splatgl.app.depths import depth_map as depth_map
     from splatgl.app.picture import render as render
     from splatgl.app.show import show as show
     from splatgl.data import scenes as scenes
@@ -71,6 +72,7 @@ _PUBLIC = {
     "annotated": "splatgl.app.annotations.annotate",
     "check": "splatgl.truth.check",
     "compare": "splatgl.truth.compare",
+    "depth_map": "splatgl.app.depths",
     "default_transfer": "splatgl.splat.classification.presets",
     "extract": "splatgl.splat.extraction.extract",
     "load": "splatgl.data.readers",

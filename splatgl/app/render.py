@@ -16,6 +16,7 @@ import numpy as np
 from splatgl import __version__
 from splatgl.app.annotations.request import asked_for, lay
 from splatgl.app.backgrounds import as_drawn, backed
+from splatgl.app.depths import add_depth, check_depth, write_depths
 from splatgl.app.layered import add_layers, draw_layers, is_layered
 from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import check_output, check_source, tell
@@ -90,6 +91,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     )
     group = parser.add_argument_group("accuracy")
     add_layers(parser)
+    add_depth(parser)
     parser.add_argument("--ref", metavar="FILE", help="compare with this picture; write only if it differs, and exit 1")
     parser.add_argument("--explain", action="store_true", help="say what is drawn, what is left out, and why")
     group.add_argument("--savings", action="store_true", help="draw with what is left out, and say what that takes")
@@ -125,12 +127,15 @@ def run(args: argparse.Namespace) -> int:
     check_output(output, SAVED)
     need(output.suffix.lower())
     check_source(output, args.source, scene.volume, args.color)
+    check_depth(args, scene)
     annotate = asked_for(args.annotate, args.ref, scene)
     reference = _reference(args.ref, output) if args.ref else None
     volume = scene.open()
     tell(volume, args.quiet, channels=not on_workers)
     transfer = scene.transfer_for(volume)
     scene = backed(args, scene.cut(volume), as_drawn(volume, transfer), output, reference.image if reference else None)
+    if write_depths(args, scene, volume, transfer):
+        return 0
     if on_workers:
         image = _on_workers(args, scene, volume, transfer)
     else:

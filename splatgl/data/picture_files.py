@@ -24,15 +24,15 @@ Info = Mapping[str, object]
 def need(suffix: str) -> None:
     """InputError, before any work, if the library of a suffix is missing."""
     if suffix in TIFF:
-        _tifffile()
+        tiff_library()
     elif suffix in EXR:
-        _openexr()
+        exr_library()
 
 
 def encode_tiff(pixels: np.ndarray, info: Info) -> bytes:
     """float32 RGBA, alpha associated (premultiplied), deflated; the provenance is the ImageDescription."""
     buffer = io.BytesIO()
-    _tifffile().imwrite(
+    tiff_library().imwrite(
         buffer,
         pixels.astype(np.float32),
         photometric="rgb",
@@ -46,7 +46,7 @@ def encode_tiff(pixels: np.ndarray, info: Info) -> bytes:
 
 def encode_exr(pixels: np.ndarray, info: Info) -> bytes:
     """float32 RGBA, linear and premultiplied, as OpenEXR has it, compressed without loss."""
-    library = _openexr()
+    library = exr_library()
     header = {
         "compression": library.ZIP_COMPRESSION,
         "type": library.scanlineimage,
@@ -74,7 +74,7 @@ def encode_jpeg(samples: np.ndarray, info: Info) -> bytes:
 def holds_floats(source: Path) -> bool:
     """Whether a TIFF holds float32 RGBA with associated alpha, as splatgl writes."""
     try:
-        library = _tifffile()
+        library = tiff_library()
     except InputError:
         return False
 
@@ -95,7 +95,7 @@ def load_tiff(source: Path) -> tuple[np.ndarray, dict[str, object]] | None:
     tifffile.
     """
     try:
-        library = _tifffile()
+        library = tiff_library()
     except InputError:
         return None
 
@@ -110,7 +110,7 @@ def load_tiff(source: Path) -> tuple[np.ndarray, dict[str, object]] | None:
 
 def load_exr(source: Path) -> tuple[np.ndarray, dict[str, object]]:
     """Pixels float32 [H, W, 4] and the provenance of an EXR with the channels RGB or RGBA."""
-    library = _openexr()
+    library = exr_library()
 
     def read() -> tuple[dict[str, Any], str]:
         part = library.File(str(source)).parts[0]
@@ -141,7 +141,8 @@ def _table(text: str) -> dict[str, object]:
     return found if isinstance(found, dict) else {}
 
 
-def _tifffile() -> Any:
+def tiff_library() -> Any:
+    """tifffile. Raises InputError if it is missing."""
     try:
         import tifffile
     except ImportError as error:
@@ -149,7 +150,8 @@ def _tifffile() -> Any:
     return tifffile
 
 
-def _openexr() -> Any:
+def exr_library() -> Any:
+    """OpenEXR. Raises InputError if it is missing."""
     try:
         import OpenEXR
     except ImportError as error:

@@ -14,9 +14,6 @@ from splatgl.splat.view.screen_bounds import Window
 from splatgl.truth.layers import LayerScene
 from splatgl.truth.sheets import SheetScene
 
-# pairs of a ray and a triangle that are looked at together
-PAIRS = 1 << 22
-
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
@@ -59,9 +56,10 @@ class SurfaceScene:
 def crossings(meshes: Sequence[Mesh], camera: Camera, window: Window, light_by: Light | None) -> Crossings:
     """The surfaces that the rays of a window's pixels cross, and the end of all, which shows nothing."""
     across, down = camera.slopes()
-    x, y = np.meshgrid(across[window.x : window.x + window.width], down[window.y : window.y + window.height])
-    lateral = np.stack([x.ravel(), y.ravel()], axis=1)
-    found = [_crossed(mesh, camera, lateral, light_by) for mesh in meshes if len(mesh) and mesh.opacity > 0]
+    across, down = across[window.x : window.x + window.width], down[window.y : window.y + window.height]
+    lateral = np.stack([each.ravel() for each in np.meshgrid(across, down)], axis=1)
+    shown = [mesh for mesh in meshes if len(mesh) and mesh.opacity > 0]
+    found = [_crossed(mesh, camera, lateral, (across, down), light_by) for mesh in shown]
     pixel = np.concatenate([np.arange(len(lateral)), *(each[0] for each in found)])
     distance = np.concatenate([np.full(len(lateral), np.inf), *(each[1] for each in found)])
     light = np.concatenate([np.zeros((len(lateral), 4)), *(each[2] for each in found)])
@@ -75,7 +73,7 @@ def crossings(meshes: Sequence[Mesh], camera: Camera, window: Window, light_by: 
 
 
 def _crossed(
-    mesh: Mesh, camera: Camera, lateral: np.ndarray, light_by: Light | None
+    mesh: Mesh, camera: Camera, lateral: np.ndarray, axes: tuple[np.ndarray, np.ndarray], light_by: Light | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pixels [N], distances [N] and light [N, 4] where rays through slopes, or lengths, [P, 2] cross a mesh.
 
@@ -84,7 +82,7 @@ def _crossed(
     corners = camera.eye_from_points(mesh.vertices)[mesh.faces]
     ahead = (corners[..., 2] > 0).any(axis=1) if camera.perspective else (corners[..., 2] >= 0).any(axis=1)
     faces = np.flatnonzero(ahead)
-    pixel, triangle = _candidates(corners[faces], camera, lateral)
+    pixel, triangle = _candidates(corners[faces], camera, *axes)
     triangle = faces[triangle]
     a, b, c = (corners[triangle, n] for n in range(3))
     ray = np.column_stack([lateral[pixel], np.ones(len(pixel))])
@@ -110,21 +108,24 @@ def _crossed(
     return pixel, depth * length, light
 
 
-def _candidates(corners: np.ndarray, camera: Camera, lateral: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _candidates(
+    corners: np.ndarray, camera: Camera, across: np.ndarray, down: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of a pixel and a triangle whose box on the screen holds it; of a triangle that crosses the eye's plane, all
-    pixels.
+    pixels. across [W], down [H]: ascending.
     """
     depth = corners[..., 2:] if camera.perspective else np.ones_like(corners[..., 2:])
     crosses = np.less_equal(depth, 0).any(axis=(1, 2))
     seen = corners[..., :2] / np.where(depth > 0, depth, 1.0)
     low = np.where(crosses[:, None], -np.inf, seen.min(axis=1))
     high = np.where(crosses[:, None], np.inf, seen.max(axis=1))
-    near = np.flatnonzero(((high >= lateral.min(axis=0)) & (low <= lateral.max(axis=0))).all(axis=1))
-    found = []
-    step = max(PAIRS // max(len(near), 1), 1)
-    for first in range(0, len(lateral), step):
-        at = lateral[first : first + step, None]
-        inside = np.asarray((at >= low[near]) & (at <= high[near]))
-        pixel, triangle = np.nonzero(inside.all(axis=2))
-        found.append((pixel + first, near[triangle]))
-    return np.concatenate([p for p, _ in found]), np.concatenate([t for _, t in found])
+    # the columns and rows of each box
+    (left, right), (top, bottom) = (
+        (np.searchsorted(axis, low[:, n]), np.searchsorted(axis, high[:, n], side="right"))
+        for n, axis in enumerate((across, down))
+    )
+    wide, count = right - left, (right - left) * (bottom - top)
+    triangle = np.repeat(np.arange(len(corners)), count)
+    place = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
+    row, column = np.divmod(place, np.maximum(wide, 1)[triangle])
+    return (row + top[triangle]) * len(across) + column + left[triangle], triangle
