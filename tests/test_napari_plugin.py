@@ -137,6 +137,29 @@ def test_times_are_read_when_they_are_shown(tmp_path: Path, monkeypatch: pytest.
     assert asked == [{}, {"time": 2}]
 
 
+def test_contrast_limits_of_time_points_are_of_all_planes(tmp_path: Path) -> None:
+    tifffile = pytest.importorskip("tifffile", reason="tifffile writes the file")
+    pytest.importorskip("dask", reason="time points are read by dask")
+    # the first plane is dark
+    movie = np.arange(3)[:, None, None, None] + np.array([0, 700, 40], np.uint16)[:, None, None] * np.ones((4, 5))
+    path = tmp_path / "movie.ome.tif"
+    tifffile.imwrite(path, movie.astype(np.uint16), metadata={"axes": "TZYX"}, photometric="minisblack")
+    ((data, given, kind),) = reading.read(str(path))
+    assert data.shape == (3, 3, 4, 5) and kind == "image" and given["contrast_limits"] == (0.0, 700.0)
+
+
+def test_what_is_read_in_parts_stays_lazy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    zarr = pytest.importorskip("zarr", reason="zarr writes the file")
+    pytest.importorskip("dask", reason="parts are read by dask")
+    samples = np.arange(6 * 7 * 8, dtype=np.uint16).reshape(6, 7, 8)
+    array = zarr.create_array(tmp_path / "a.zarr", shape=samples.shape, chunks=(2, 4, 4), dtype=samples.dtype)
+    array[:] = samples
+    monkeypatch.setattr("splatgl.data.readers.zarr_store.WHOLE", 100)
+    ((data, _, kind),) = reading.read(str(tmp_path / "a.zarr"))
+    assert kind == "image" and not isinstance(data, np.ndarray)
+    assert data.dtype == samples.dtype and np.array_equal(np.asarray(data), samples)
+
+
 def test_labels_are_labels(monkeypatch: pytest.MonkeyPatch) -> None:
     table = (sg.data.volume.Label(1, "liver", "#ff0000"), sg.data.volume.Label(2, "", None))
     volume = sg.Volume(F.astype(np.uint8) % 3, labels=table)

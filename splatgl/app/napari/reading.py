@@ -63,7 +63,8 @@ def _layer(path: str, first: Volume, number: int, channel: Volume) -> LayerData:
         return whole, {**given, **_named(channel)}, "labels"
     if channel.color is not None:
         return whole, {**given, "rgb": True}, "image"
-    return whole, {**given, **_shown(channel, len(first.channels) > 1)}, "image"
+    limits = _range(channel.samples) if several else {}
+    return whole, {**given, **limits, **_shown(channel, len(first.channels) > 1)}, "image"
 
 
 def _lazy(samples: Any) -> Any:
@@ -72,7 +73,8 @@ def _lazy(samples: Any) -> Any:
         return samples
     import dask.array
 
-    return dask.array.from_array(samples, chunks=getattr(samples, "chunks", "auto"), name=False)
+    chunks, meta = getattr(samples, "chunks", "auto"), np.empty((0,) * len(samples.shape), samples.dtype)
+    return dask.array.from_array(samples, chunks=chunks, name=False, meta=meta)
 
 
 def _time(path: str, channel: int, time: int) -> Any:
@@ -105,6 +107,13 @@ def _placed(volume: Volume, first: Volume, several: bool) -> dict[str, Any]:
     affine[lead:-1, -1] = volume.origin[TURN]
     affine[:lead, :lead] *= step or 1.0
     return {**given, "affine": affine}
+
+
+def _range(samples: Any) -> dict[str, Any]:
+    """Contrast limits of a time point in memory: napari would take those of one plane."""
+    known = samples[np.isfinite(samples)] if isinstance(samples, np.ndarray) else np.zeros(0)
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    return {"contrast_limits": (low, high)} if low < high else {}
 
 
 def _shown(volume: Volume, several: bool) -> dict[str, Any]:
