@@ -48,7 +48,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     about = f"frames a second of a movie ({FPS:g}; fewer for a short series, which lasts {SHORTEST:g} s)"
     group.add_argument("--fps", type=float, metavar="N", help=about)
     group.add_argument("--resume", action="store_true", help="keep the frames that are there already")
-    about = "scale,colorbar,axes,directions,title=TEXT,time: that of each volume of a series, or time=TEXT"
+    about = "scale,colorbar,axes,directions,box,title=TEXT,time: that of each volume of a series, or time=TEXT"
     parser.add_argument("--annotate", metavar="NAMES", help=about)
     parser.add_argument("--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample (8)")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")

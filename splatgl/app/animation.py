@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.app.annotations.request import of_movie
+from splatgl.app.annotations.request import of_movie, room
 from splatgl.app.annotations.subject import Subject
 from splatgl.app.backgrounds import backed
 from splatgl.app.frame_work import FrameView, Matter, Over, Work
@@ -99,6 +99,8 @@ class Animation:
         values = bands or (isinstance(only, Splats) and only.post is not None)
         subject: Bounded = Opaque(volume, transfer) if values else only or volume
         only = None if series else only
+        asked = of_movie(args.annotate, scenes)
+        subject = room(volume) if "box" in asked else subject
         count = args.frames or (len(scenes) * args.hold if series else FRAMES)
         if args.keyframes:
             found = keyframes(Path(args.keyframes), scene.view, volume, subject)
@@ -111,7 +113,6 @@ class Animation:
         if last >= count:
             raise expected("--only", f"frames from 0 to {count - 1}", f"{first}-{last}")
         numbers = range(first, last + 1)
-        asked = of_movie(args.annotate, scenes)
         over = Over(asked, Subject.of(volume), volume.time_step) if asked else None
         settings = scene.settings
         if args.flow is not None and settings.motion == "off" and settings.moments is None:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.app.annotations.annotate import annotated
-from splatgl.app.annotations.request import at_time
+from splatgl.app.annotations.annotate import annotated, on_ground
+from splatgl.app.annotations.request import at_time, unbacked
 from splatgl.app.annotations.subject import Subject
 from splatgl.app.frames import Frames
 from splatgl.app.layered import is_layered, layered
@@ -86,20 +86,23 @@ class Work:
     def frame(self, renderer: Renderer, matter: Matter, view: FrameView) -> bytes:
         """A frame's file, with motion blur as the settings say."""
         subject, flow = matter
+        settings = unbacked(self.settings, self.over.names if self.over else ())
         if isinstance(subject, Bricks):
             from splatgl.gl.slabs import moving_bricks
 
-            image = moving_bricks(renderer, subject, view.camera, self.settings, view.motion, self.bands)
+            image = moving_bricks(renderer, subject, view.camera, settings, view.motion, self.bands)
         else:
             motion = view.motion if flow is None else replace(view.motion, flow=flow)
-            image = renderer.render(subject, view.camera, _settings(subject, self.settings), motion)
+            image = renderer.render(subject, view.camera, _settings(subject, settings), motion)
         if self.top is not None and self.frames.path(view.frame).suffix.lower() == ".png":
             image = scaled(image, self.top)
         scene = self.scenes[view.volume]
         image = Image(image.pixels, {**image.info, **origin(scene, self.transfer)})
         if self.over is not None:
             names = at_time(self.over.names, scene, view.volume, self.over.step)
-            image = annotated(image, self.over.subject, self.transfer, view.camera, names, self.settings.background)
+            backdrop = self.settings.background
+            image = annotated(image, self.over.subject, self.transfer, view.camera, names, backdrop, steady=True)
+            image = on_ground(image, backdrop)
         ground = self.settings.background if BLENDS[self.settings.blend].unbounded else None
         return self.frames.encoded(view.frame, image, self.bits, ground)
 

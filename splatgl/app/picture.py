@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl import __version__
-from splatgl.app.annotations.request import check, check_size, check_time, lay, parsed
+from splatgl.app.annotations.request import check, check_size, check_time, lay, parsed, unbacked, with_room
 from splatgl.app.backgrounds import AUTO, CLEAR, as_drawn, background, grounded
 from splatgl.app.meshes import MeshFile
 from splatgl.app.options import BACKGROUNDS, size
@@ -111,7 +111,8 @@ def picture(x: Any, scene: Scene, memory: int | None = None, seen: bool = False)
         scene = replace(scene, settings=grounded(scene.settings, AUTO, as_drawn(volume, chosen)))
     check_size(scene.annotate, scene.view.size)
     check_time(scene.annotate)
-    image = draw(how, scene, volume, chosen)
+    scene = with_room(scene, volume, scene.annotate)
+    image = draw(how, replace(scene, settings=unbacked(scene.settings, scene.annotate)), volume, chosen)
     image = Image(image.pixels, {**image.info, **origin(scene, chosen)})
     return lay(image, scene, volume, chosen, scene.annotate, quiet=True) if scene.annotate else image
 

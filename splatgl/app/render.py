@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
@@ -14,7 +14,7 @@ from uuid import uuid4
 import numpy as np
 
 from splatgl import __version__
-from splatgl.app.annotations.request import asked_for, lay
+from splatgl.app.annotations.request import asked_for, lay, unbacked, with_room
 from splatgl.app.backgrounds import as_drawn, backed
 from splatgl.app.depths import add_depth, check_depth, write_depths
 from splatgl.app.layered import add_layers, draw_layers, is_layered
@@ -112,7 +112,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         metavar="SIZE",
         help="draw in bricks what needs more, such as 4GiB (half of what is free)",
     )
-    parser.add_argument("--annotate", metavar="NAMES", help="scale,colorbar,axes,directions,title=TEXT,time=TEXT")
+    parser.add_argument("--annotate", metavar="NAMES", help="scale,colorbar,axes,directions,box,title=TEXT,time=TEXT")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     add_workers(parser)
     add_drawing(parser)
@@ -136,10 +136,12 @@ def run(args: argparse.Namespace) -> int:
     scene = backed(args, scene.cut(volume), as_drawn(volume, transfer), output, reference.image if reference else None)
     if write_depths(args, scene, volume, transfer):
         return 0
+    scene = with_room(scene, volume, annotate)
+    drawn_as = replace(scene, settings=unbacked(scene.settings, annotate))
     if on_workers:
-        image = _on_workers(args, scene, volume, transfer)
+        image = _on_workers(args, drawn_as, volume, transfer)
     else:
-        image = draw(Drawing.of(args), scene, volume, transfer)
+        image = draw(Drawing.of(args), drawn_as, volume, transfer)
     image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
     behind = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     ended = 0

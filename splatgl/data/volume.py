@@ -81,6 +81,7 @@ class Volume:
     labels: of samples that number segments, the table of these (empty: none in the file); None: samples are amounts.
     channels: of a file of several, all that were read, each named; samples are those of the first.
     times: time points of the file, of which this is one; time_step: seconds between two.
+    value_unit: name of the unit of samples ("HU", "K"), as the file states it.
     notes: what the reader left out or assumed, each a line for the user.
     Raises InputError for samples that are not 3-D real numbers and for an impossible grid.
     """
@@ -101,6 +102,7 @@ class Volume:
     channels: tuple[Volume, ...] = ()
     times: int = 1
     time_step: float | None = None
+    value_unit: str = ""
 
     def __post_init__(self) -> None:
         parts = all(hasattr(self.samples, name) for name in ("shape", "dtype", "__getitem__"))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from splatgl.app.annotations import axes, color_bar, scale_bar
+from splatgl.app.annotations import axes, box, color_bar, scale_bar
+from splatgl.app.annotations.color_bar import ColorBar
 from splatgl.app.annotations.layer import Color, Layer, Rect
 from splatgl.app.annotations.request import check, check_size, check_time, text_of
 from splatgl.app.annotations.subject import Subject
@@ -23,12 +25,14 @@ def annotated(
     camera: Camera,
     annotate: Sequence[str],
     ground: Color | None = None,
+    steady: bool = False,
 ) -> Image:
-    """The picture under annotations: "scale", "colorbar", "axes", "directions", "title=TEXT", "time=TEXT".
+    """The picture under annotations: "scale", "colorbar", "axes", "directions", "box", "title=TEXT", "time=TEXT".
 
-    ground: linear RGB that a transparent picture will lie on, for the colour of text. An X-ray is scaled to its
-    maximum. info: "annotated", and "not_annotated", the reasons of what is left out. InputError for unknown names
-    and for pictures with a side below 64 pixels.
+    ground: linear RGB that a transparent picture will lie on, for the colour of text. steady: places do not depend on
+    what the picture shows, as in movies. An X-ray is scaled to its maximum. Edges behind the box lie behind what a
+    transparent picture shows. info: "annotated", and "not_annotated", the reasons of what is left out. InputError for
+    unknown names and for pictures with a side below 64 pixels.
     """
     asked = check(annotate)
     height, width = image.pixels.shape[:2]
@@ -39,18 +43,46 @@ def annotated(
         scale = 1 / (float(pixels.max()) or 1.0)
         info |= {"blend": "xray over scale", "scale": scale}
         pixels = pixels * np.float32(scale)
-    layer, subject = Layer.over(pixels, ground), volume if isinstance(volume, Subject) else Subject.of(volume)
+    subject = volume if isinstance(volume, Subject) else Subject.of(volume)
+    layer = Layer.over(pixels, ground)
+    bar = _bar(layer, subject, transfer, pixels, info) if "colorbar" in asked else None
+    compose(replace(layer, picture=None) if steady else layer, subject, camera, asked, bar)
+    if "box" in asked:
+        behind = Layer.over(pixels, ground)
+        box.draw_behind(behind, subject, camera)
+        pixels = pixels + (1 - pixels[..., 3:]) * behind.pixels
+    over = layer.pixels + (1 - layer.pixels[..., 3:]) * pixels
+    return Image(over.astype(np.float32), {**info, "annotated": list(asked), "not_annotated": list(layer.notes)})
+
+
+def on_ground(image: Image, ground: Color | None) -> Image:
+    """An annotated picture that was drawn without its background, on it."""
+    if ground is None or image.info.get("background") is not None or "box" not in _names(image):
+        return image
+    pixels = image.pixels + (1 - image.pixels[..., 3:]) * np.array([*ground, 1.0], np.float32)
+    return Image(pixels, {**image.info, "background": list(ground)})
+
+
+def _names(image: Image) -> list[str]:
+    names = image.info["annotated"]
+    return [str(name) for name in names] if isinstance(names, list) else []
+
+
+def compose(layer: Layer, subject: Subject, camera: Camera, asked: Sequence[str], bar: ColorBar | None) -> None:
+    """Draws what is asked for on an empty layer, but for edges behind the box."""
+    if "box" in asked:
+        box.draw_edges(layer, subject, camera)
     _write(layer, text_of(asked, "time"), text_of(asked, "title"))
-    if "colorbar" in asked:
-        _colors(layer, subject, transfer, pixels, info)
+    if bar is not None:
+        color_bar.draw(layer, bar)
     if "scale" in asked:
         scale_bar.draw(layer, subject, camera)
     if "axes" in asked:
         axes.draw_triad(layer, camera)
     if "directions" in asked:
         axes.draw_directions(layer, subject, camera)
-    over = layer.pixels + (1 - layer.pixels[..., 3:]) * pixels
-    return Image(over.astype(np.float32), {**info, "annotated": list(asked), "not_annotated": list(layer.notes)})
+    if "box" in asked:
+        box.draw_numbers(layer, subject, camera)
 
 
 def left_out(image: Image) -> list[str]:
@@ -60,30 +92,34 @@ def left_out(image: Image) -> list[str]:
 
 
 def _write(layer: Layer, time: str | None, title: str | None) -> None:
-    """The time at the upper left, and the title in the middle, below the time where both don't fit."""
-    top = layer.pad
+    """The time in a corner, and the title in the middle, below the time where both don't fit; where nothing is."""
+    (width, height), pad = layer.size, layer.pad
     for what, text in (("time", time), ("title", title)):
         if not text:
             continue
         wide, tall = layer.text_size(text)
-        left = layer.pad if what == "time" else (layer.size[0] - wide) // 2
-        rect = Rect(left, top, left + wide, top + tall)
-        if any(rect.meets(other) for other in layer.taken):
-            rect = Rect(left, top + tall, left + wide, top + 2 * tall)
-        if layer.reserve(rect, what):
+        lefts = [pad, width - pad - wide] if what == "time" else [(width - wide) // 2, pad, width - pad - wide]
+        tops = [pad, height - pad - tall] if what == "time" else [pad, pad + tall]
+        rect = layer.place([Rect(x, y, x + wide, y + tall) for y in tops for x in lefts], what)
+        if rect is not None:
             layer.text(text, rect.left, rect.top)
 
 
-def _colors(layer: Layer, subject: Subject, transfer: Transfer, pixels: np.ndarray, info: dict[str, object]) -> None:
-    rows = round(color_bar.TALL * layer.size[1])
-    if subject.colored:
-        layer.notes.append("no colour bar: the voxels have colours of their own")
-        return
-    if str(info.get("blend", "")).startswith("xray"):
+def _bar(
+    layer: Layer, subject: Subject, transfer: Transfer, pixels: np.ndarray, info: dict[str, object]
+) -> ColorBar | None:
+    """The colour bar of a picture; None, with a note, if there is none."""
+    blend, rows = str(info.get("blend", "")), round(color_bar.TALL * layer.size[1])
+    if blend.startswith("xray") and not subject.colored:
         bar = color_bar.of_sums(pixels, float(str(info["scale"])), rows)
     else:
-        bar = color_bar.of_values(transfer, subject.name, str(info.get("blend", "")), rows)
+        bar = bar_of(subject, transfer, blend, rows)
     if bar is None:
-        layer.notes.append("no colour bar: there is one value only")
-        return
-    color_bar.draw(layer, bar)
+        why = "the voxels have colours of their own" if subject.colored else "there is one value only"
+        layer.notes.append(f"no colour bar: {why}")
+    return bar
+
+
+def bar_of(subject: Subject, transfer: Transfer, blend: str, rows: int) -> ColorBar | None:
+    """The colour bar of values; None for volumes with colours, and one value."""
+    return None if subject.colored else color_bar.of_values(transfer, subject.value_name, blend, rows)

@@ -16,6 +16,10 @@ LONG, HEAD = 2.2, 0.55
 LETTERS = {"LPS": ("LR", "PA", "SI"), "RAS": ("RL", "AP", "SI")}
 # a second letter is told from this component of the direction on: 20° off the first
 OBLIQUE = 0.34
+# how often letters that are too near are moved apart
+ROUNDS = 20
+# shifts of a letter along an edge of the picture, as fractions of it, that are tried where it would lie on something
+SHIFTS = (0.0, -0.12, 0.12, -0.24, 0.24, -0.36, 0.36)
 
 
 def directions(camera: Camera) -> np.ndarray:
@@ -34,26 +38,53 @@ def draw_triad(layer: Layer, camera: Camera) -> None:
     """Draws it at the lower left, the farthest axis first."""
     long, em = LONG * layer.em, layer.em
     half = int(np.ceil(long + 1.3 * em))
-    bottom = layer.size[1] - layer.pad
-    if not layer.reserve(Rect(layer.pad, bottom - 2 * half, layer.pad + 2 * half, bottom), "axes"):
+    (width, height), pad, side = layer.size, layer.pad, 2 * half
+    starts = [(pad, height - pad - side), (width - pad - side, height - pad - side), (pad, pad)]
+    place = layer.place([Rect(x, y, x + side, y + side) for x, y in starts], "axes")
+    if place is None:
         return
-    middle = np.array([layer.pad + half, bottom - half], np.float64)
+    middle = np.array([place.left + half, place.top + half], np.float64)
     seen = directions(camera)
+    letters_at = middle + _apart(_ends(seen, em), em)
     for axis in np.argsort(-seen[:, 2], kind="stable"):
         along, color = seen[axis, :2], COLORS[axis]
         reach = float(np.linalg.norm(along))
         tip = middle + along * long
         if reach > 1e-6:
             unit = along / reach
-            side = np.array([-unit[1], unit[0]])
+            across = np.array([-unit[1], unit[0]])
             back = tip - unit * HEAD * em * min(1.0, reach * 2)
             layer.lines([[middle, back]], color)
-            layer.polygon(np.array([tip, back + side * 0.25 * em, back - side * 0.25 * em]), color)
-        else:
-            unit = np.array([0.7, -0.7])
-        width, height = layer.text_size("xyz"[axis])
-        place = tip + unit * 0.7 * em - np.array([width, height]) / 2
-        layer.text("xyz"[axis], round(place[0]), round(place[1]), color)
+            layer.polygon(np.array([tip, back + across * 0.25 * em, back - across * 0.25 * em]), color)
+    for axis, color in enumerate(COLORS):
+        corner = letters_at[axis] - np.array(layer.text_size("xyz"[axis])) / 2
+        layer.text("xyz"[axis], round(corner[0]), round(corner[1]), color)
+
+
+def _ends(seen: np.ndarray, em: int) -> np.ndarray:
+    """Where the letters of axes [3, 3] are, [3, 2], from the triad's middle: past the tips, or beside one that points
+    along the view.
+    """
+    reach = np.linalg.norm(seen[:, :2], axis=1)[:, None]
+    unit = np.where(reach > 1e-6, seen[:, :2] / np.maximum(reach, 1e-12), np.array([0.7, -0.7]))
+    return np.asarray(seen[:, :2] * LONG * em + unit * 0.7 * em)
+
+
+def _apart(places: np.ndarray, em: int) -> np.ndarray:
+    """Places [3, 2] moved until they are a font height apart, and not further from the middle than tips reach."""
+    found = places.copy()
+    for _ in range(ROUNDS):
+        for a, b in ((0, 1), (0, 2), (1, 2)):
+            gap = found[b] - found[a]
+            length = float(np.hypot(*gap))
+            if length >= em:
+                continue
+            # of two on one spot, the second goes sideways
+            unit = gap / length if length > 1e-6 * em else np.array([0.8, 0.6])
+            found[a] -= unit * (em - length) / 2
+            found[b] += unit * (em - length) / 2
+    most = (LONG + 0.7) * em
+    return np.asarray(found * np.minimum(1, most / np.maximum(np.linalg.norm(found, axis=1), 1e-9))[:, None])
 
 
 def draw_directions(layer: Layer, subject: Subject, camera: Camera) -> None:
@@ -70,8 +101,10 @@ def draw_directions(layer: Layer, subject: Subject, camera: Camera) -> None:
         top = (height - tall) // 2 if y == 0 else pad if y < 0 else height - pad - tall
         # the letter at the right goes above the colour bar: beside it, it would lie over the subject
         step = (0, -1) if x > 0 else (-x, -y)
-        place = _inwards(layer, Rect(left, top, left + wide, top + tall), step)
-        if layer.reserve(place, "directions"):
+        rect = _inwards(layer, Rect(left, top, left + wide, top + tall), step)
+        shifts = [(round(share * width * abs(y)), round(share * height * abs(x))) for share in SHIFTS]
+        place = layer.place([rect.moved(*shift) for shift in shifts], f"direction {text}")
+        if place is not None:
             layer.text(text, place.left, place.top)
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from splatgl.app.annotations.layer import Layer, Rect
+from splatgl.app.annotations.layer import Color, Layer, Rect
 from splatgl.app.annotations.ticks import log_ticks, ticks
 from splatgl.splat.classification.transfer import Transfer
 
@@ -67,27 +68,37 @@ def of_sums(pixels: np.ndarray, scale: float, rows: int) -> ColorBar | None:
 
 
 def draw(layer: Layer, bar: ColorBar) -> None:
-    """Draws it at the right; its rows are one pixel each."""
-    rows, em, pad, edge = len(bar.colors), layer.em, layer.pad, layer.edge
+    """Draws it at the right, or at the left where that alone is empty."""
+    patch = _drawn(bar, layer.em, layer.ink)
+    (tall, wide), pad = patch.shape[:2], layer.pad
+    top = (layer.size[1] - tall) // 2
+    places = [Rect(left, top, left + wide, top + tall) for left in (layer.size[0] - pad - wide, pad)]
+    place = layer.place(places, "colour bar")
+    if place is not None:
+        layer.lay(patch, (place.left, place.top))
+
+
+@lru_cache(maxsize=4)
+def _drawn(bar: ColorBar, em: int, ink: Color) -> np.ndarray:
+    """The bar, its numbers and its curve, linear and premultiplied, [h, w, 4]; its rows are one pixel each."""
+    sizes = Layer(np.zeros((1, 1, 4), np.float32), ink, font=em)
+    rows, edge = len(bar.colors), sizes.edge
     label = bar.label if len(bar.label) <= MOST_LETTERS else f"{bar.label[: MOST_LETTERS - 3]}..."
     marks = bar.marks()
     texts = [f"{mark:g}" for mark in marks]
-    line = layer.text_size(label)[1]
-    beside = max((layer.text_size(text)[0] for text in texts), default=0) + em // 2
+    line = sizes.text_size(label)[1]
+    beside = max((sizes.text_size(text)[0] for text in texts), default=0) + em // 2
     wide, curve = round(WIDE * em), round(CURVE * em) if bar.opacity is not None else 0
     below = "" if bar.opacity is None else f"opacity to {bar.opacity.max():.3g}"
-    widest = max(layer.text_size(label)[0], layer.text_size(below)[0], beside + wide + curve + 2 * edge)
-    right, top = layer.size[0] - pad, (layer.size[1] - rows) // 2
-    rect = Rect(right - widest, top - line - em // 2, right, top + rows + line + em // 2)
-    if not layer.reserve(rect, "colour bar"):
-        return
-    left = right - beside - wide
+    right = max(sizes.text_size(label)[0], sizes.text_size(below)[0], beside + wide + curve + 2 * edge)
+    top, left = line + em // 2, right - beside - wide
+    layer = Layer(np.zeros((top + rows + em // 2 + line, right, 4), np.float32), ink, font=em)
     layer.lines([_frame(left, top, wide, rows)])
-    layer.pixels[top : top + rows, left : left + wide] = 0
+    layer.clear(Rect(left, top, left + wide, top + rows))
     shape = (rows, wide)
     cover = np.broadcast_to(bar.colors[:, None, 3].astype(np.float32), shape)
     layer.stamp(cover, np.broadcast_to(bar.colors[:, None, :3], (*shape, 3)), (left, top))
-    layer.text(label, right - layer.text_size(label)[0], rect.top)
+    layer.text(label, right - layer.text_size(label)[0], 0)
     for mark, text in zip(marks, texts, strict=True):
         y = top + bar.down(mark) * rows
         layer.lines([[(left + wide, y), (left + wide + em / 3, y)]])
@@ -96,7 +107,8 @@ def draw(layer: Layer, bar: ColorBar) -> None:
         highest = float(bar.opacity.max()) or 1.0
         x = left - 2 * edge - bar.opacity / highest * (curve - 4 * edge)
         layer.lines([list(np.stack([x, top + np.arange(rows) + 0.5], axis=-1))])
-        layer.text(below, right - layer.text_size(below)[0], rect.bottom - line)
+        layer.text(below, right - layer.text_size(below)[0], top + rows + em // 2)
+    return layer.pixels
 
 
 def _frame(left: int, top: int, wide: int, tall: int) -> list[tuple[float, float]]:

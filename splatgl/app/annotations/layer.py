@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.app.annotations.strokes import near
 from splatgl.app.viewer.overlay import plain
 
 # font height as a fraction of the smaller side, and its least, in pixels
@@ -20,6 +21,8 @@ HALO_ALPHA = 0.7
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 # linear light that looks as far from black as from white
 MIDDLE = 0.18
+# light and opacity of a pixel that shows nothing
+EMPTY = 2e-3
 
 Color = tuple[float, float, float]
 Point = Sequence[float] | np.ndarray
@@ -39,17 +42,31 @@ class Rect:
         across = self.left < other.right and other.left < self.right
         return across and self.top < other.bottom and other.top < self.bottom
 
+    def moved(self, x: int, y: int) -> Rect:
+        """It, that many pixels further right and down."""
+        return Rect(self.left + x, self.top + y, self.right + x, self.bottom + y)
+
+
+# pixels that are drawn on: a rectangle, with the patch that alone lies there, or their numbers
+Touched = Rect | np.ndarray | tuple[Rect, np.ndarray]
+
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """pixels: float32 [H, W, 4], linear, premultiplied. ink: of text and lines; taken: reserved places; notes: what
-    is left out, and why.
+    """pixels: float32 [H, W, 4], linear, premultiplied. ink: of text and lines; picture: what it lies on, [H, W, 4], or
+    None; ground: linear RGB of that where it is empty. taken: reserved places; notes: what is left out, and why;
+    touched: what is drawn on. scratch: of lines, made with the first. font: its height, 0: as suits the picture.
     """
 
     pixels: np.ndarray
     ink: Color
+    picture: np.ndarray | None = None
+    ground: Color | None = None
     taken: list[Rect] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    touched: list[Touched] = field(default_factory=list)
+    scratch: list[np.ndarray] = field(default_factory=list, repr=False)
+    font: int = 0
 
     @classmethod
     def over(cls, pixels: np.ndarray, ground: Color | None) -> Layer:
@@ -57,10 +74,9 @@ class Layer:
 
         Transparency counts as `ground`, or else as white.
         """
-        seen = pixels[..., :3] + (1 - pixels[..., 3:]) * np.asarray(ground or WHITE, np.float32)
-        edge = np.concatenate([seen[0], seen[-1], seen[:, 0], seen[:, -1]])
-        ink = WHITE if float(edge.mean()) < MIDDLE else BLACK
-        return cls(np.zeros_like(pixels, dtype=np.float32), ink)
+        edges = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
+        seen = edges[:, :3] + (1 - edges[:, 3:]) * np.asarray(ground or WHITE, np.float32)
+        return cls(np.zeros_like(pixels, dtype=np.float32), ink_on(seen), pixels, ground)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -75,7 +91,7 @@ class Layer:
     @property
     def em(self) -> int:
         """Height of the font in pixels."""
-        return max(LEAST_FONT, round(FONT_SHARE * min(self.size)))
+        return self.font or max(LEAST_FONT, round(FONT_SHARE * min(self.size)))
 
     @property
     def pad(self) -> int:
@@ -92,42 +108,79 @@ class Layer:
         """Width of a line."""
         return max(1.25, self.em / 10)
 
-    def reserve(self, rect: Rect, what: str = "") -> bool:
-        """Takes a place; False, with a note about `what`, if it is not free or not within the picture."""
+    def free(self, rect: Rect) -> bool:
+        """Whether a place is within the picture, and not taken."""
         width, height = self.size
         inside = rect.left >= 0 and rect.top >= 0 and rect.right <= width and rect.bottom <= height
-        free = inside and not any(rect.meets(other) for other in self.taken)
-        if free:
-            self.taken.append(rect)
-        elif what:
-            self.notes.append(f"no room for the {what} in {width}×{height} pixels")
-        return free
+        return inside and not any(rect.meets(other) for other in self.taken)
+
+    def empty(self, rect: Rect) -> bool:
+        """Whether the picture shows nothing there; True if it is not known."""
+        if self.picture is None:
+            return True
+        part = self.picture[max(rect.top, 0) : rect.bottom, max(rect.left, 0) : rect.right]
+        if self.ground is not None:
+            over = part[..., :3] + (1 - part[..., 3:]) * np.asarray(self.ground, np.float32)
+            return bool((np.abs(over - np.asarray(self.ground, np.float32)) <= EMPTY).all())
+        return bool((part[..., 3] <= EMPTY).all())
+
+    def place(self, places: Sequence[Rect], what: str) -> Rect | None:
+        """Takes the first place that is free, of those where the picture is empty if there are any; None, with a note
+        about `what`, if none is free.
+        """
+        free = [each for each in places if self.free(each)]
+        found = next((each for each in free if self.empty(each)), free[0] if free else None)
+        if found is not None:
+            self.taken.append(found)
+        else:
+            self.notes.append(f"no room for the {what} in {self.size[0]}×{self.size[1]} pixels")
+        return found
 
     def text_size(self, text: str) -> tuple[int, int]:
         """Width and height of a line of text with its halo."""
-        return int(np.ceil(_font(self.em).getlength(readable(text)))) + 2 * self.edge, self.em + 2 * self.edge + 2
+        return text_size(text, self.em, self.edge)
 
     def text(self, text: str, left: int, top: int, color: Color | None = None) -> None:
         """A line of text with its halo; (left, top): of the place that `text_size` tells."""
-        width, height = self.text_size(text)
-        for stroke, paint, share in ((self.edge, self.halo, HALO_ALPHA), (0, color or self.ink, 1.0)):
-            mask, pen = _canvas(width, height)
-            # the baseline is the same for all text
-            at = (self.edge, self.edge + round(0.8 * self.em))
-            pen.text(at, readable(text), font=_font(self.em), fill=255, stroke_width=stroke, anchor="ls")
-            self.stamp(np.asarray(mask, np.float32) / 255 * share, paint, (left, top))
+        self.lay(_written(text, self.em, self.edge, color or self.ink, self.halo), (left, top))
 
     def lines(self, paths: Sequence[Sequence[Point]], color: Color | None = None, alpha: float = 1.0) -> None:
         """Antialiased lines through points (x, y), the centre of pixel (0, 0) at (½, ½), with a halo."""
-        for width, paint, share in (
-            (self.stroke + 2 * self.edge, self.halo, HALO_ALPHA * alpha / 2),
-            (self.stroke, color or self.ink, alpha),
-        ):
-            self._shape([np.asarray(path, np.float64) for path in paths], width, paint, share)
+        every = [np.asarray(path, np.float64) for path in paths]
+        parts = [np.concatenate([path[:-1], path[1:]], axis=1) for path in every if len(path) > 1]
+        if parts:
+            self.segments(np.concatenate(parts), color, alpha)
+
+    def segments(
+        self, segments: np.ndarray, color: Color | None = None, alpha: float = 1.0, width: float | None = None
+    ) -> None:
+        """Antialiased lines [S, 4], (x, y, x, y), with a halo; None: of the stroke's width."""
+        half = (self.stroke if width is None else width) / 2
+        if not self.scratch:
+            self.scratch.append(np.full(self.size[0] * self.size[1], np.inf, np.float32))
+        number = near(segments, half + self.edge + 0.5, self.size, self.scratch[0])
+        apart = self.scratch[0][number]
+        self.scratch[0][number] = np.inf
+        flat = self.pixels.reshape(-1, 4)
+        drawn = flat[number]
+        halves = ((half + self.edge, self.halo, HALO_ALPHA * alpha / 2), (half, color or self.ink, alpha))
+        for reach, paint, share in halves:
+            cover = (np.clip(reach + 0.5 - apart, 0, 1) * share)[:, None]
+            drawn = drawn * (1 - cover) + cover * np.array([*paint, 1.0], np.float32)
+        flat[number] = drawn
+        self.touched.append(number)
 
     def polygon(self, points: np.ndarray, color: Color) -> None:
         """A filled polygon [N, 2]."""
-        self._shape([points], 0.0, color, 1.0)
+        low = np.maximum(np.floor(points.min(axis=0) - 1), 0).astype(int)
+        high = np.minimum(np.ceil(points.max(axis=0) + 1), self.size).astype(int)
+        if (high <= low).any():
+            return
+        mask, pen = _canvas(*((high - low) * FINE).tolist())
+        # Pillow's coordinates are of pixels' centres
+        pen.polygon([tuple(point) for point in ((points - low) * FINE - 0.5).tolist()], fill=255)
+        cover = np.asarray(mask, np.float32).reshape(high[1] - low[1], FINE, high[0] - low[0], FINE).mean(axis=(1, 3))
+        self.stamp(cover / 255, color, (int(low[0]), int(low[1])))
 
     def bar(self, left: float, right: float, top: int, bottom: int) -> None:
         """A horizontal bar from `left` to `right`, its ends exact to fractions of a pixel, with a halo."""
@@ -141,35 +194,55 @@ class Layer:
 
     def stamp(self, mask: np.ndarray, color: Color | np.ndarray, at: tuple[int, int]) -> None:
         """Colour (linear RGB, or [h, w, 3]) 'over' the layer where `mask` [h, w] covers it; (x, y) of its corner."""
-        (width, height), (x, y) = self.size, at
-        rows = slice(max(y, 0), max(min(y + mask.shape[0], height), 0))
-        columns = slice(max(x, 0), max(min(x + mask.shape[1], width), 0))
-        if rows.start >= rows.stop or columns.start >= columns.stop:
-            return
-        inner = (slice(rows.start - y, rows.stop - y), slice(columns.start - x, columns.stop - x))
-        share = mask[inner][..., None]
-        paint = np.asarray(color, np.float32)
-        paint = paint[inner] if paint.ndim == 3 else np.broadcast_to(paint, (*share.shape[:2], 3))
-        self.pixels[rows, columns] *= 1 - share
-        self.pixels[rows, columns] += share * np.concatenate([paint, np.ones_like(share)], axis=-1)
+        paint = np.broadcast_to(np.asarray(color, np.float32), (*mask.shape, 3))
+        self.lay(np.concatenate([paint * mask[..., None], mask[..., None]], axis=-1), at)
 
-    def _shape(self, paths: list[np.ndarray], width: float, color: Color, alpha: float) -> None:
-        """Lines of a width, or a filled polygon if it is 0."""
-        every = np.concatenate(paths)
-        low = np.maximum(np.floor(every.min(axis=0) - width - 1), 0).astype(int)
-        high = np.minimum(np.ceil(every.max(axis=0) + width + 1), self.size).astype(int)
-        if (high <= low).any():
-            return
-        mask, pen = _canvas(*((high - low) * FINE).tolist())
-        for path in paths:
-            # Pillow's coordinates are of pixels' centres
-            points = [tuple(point) for point in ((path - low) * FINE - 0.5).tolist()]
-            if width:
-                pen.line(points, fill=255, width=max(1, round(width * FINE)), joint="curve")
+    def clear(self, rect: Rect) -> None:
+        """Takes away what is drawn there."""
+        self.pixels[rect.top : rect.bottom, rect.left : rect.right] = 0
+
+    def lay(self, patch: np.ndarray, at: tuple[int, int]) -> None:
+        """A premultiplied patch [h, w, 4] 'over' the layer; (x, y) of its corner."""
+        (width, height), (x, y) = self.size, at
+        left, top = max(x, 0), max(y, 0)
+        right, bottom = min(x + patch.shape[1], width), min(y + patch.shape[0], height)
+        if left < right and top < bottom:
+            inner = patch[top - y : bottom - y, left - x : right - x]
+            under = self.pixels[top:bottom, left:right]
+            alone = inner.shape == patch.shape and not under[..., 3].any()
+            if alone:
+                under[:] = patch
             else:
-                pen.polygon(points, fill=255)
-        cover = np.asarray(mask, np.float32).reshape(high[1] - low[1], FINE, high[0] - low[0], FINE).mean(axis=(1, 3))
-        self.stamp(cover / 255 * alpha, color, (int(low[0]), int(low[1])))
+                under *= 1 - inner[..., 3:]
+                under += inner
+            rect = Rect(left, top, right, bottom)
+            self.touched.append((rect, patch) if alone else rect)
+
+
+def ink_on(seen: np.ndarray) -> Color:
+    """Black or white, whichever reads on linear RGB [..., 3]."""
+    return WHITE if float(seen.mean()) < MIDDLE else BLACK
+
+
+@lru_cache(maxsize=1024)
+def text_size(text: str, em: int, edge: int) -> tuple[int, int]:
+    """Width and height of a line of text of that font height with its halo."""
+    return int(np.ceil(_font(em).getlength(readable(text)))) + 2 * edge, em + 2 * edge + 2
+
+
+@lru_cache(maxsize=256)
+def _written(text: str, em: int, edge: int, ink: Color, halo: Color) -> np.ndarray:
+    """A line of text and its halo, linear and premultiplied, [h, w, 4]."""
+    width, height = text_size(text, em, edge)
+    found: np.ndarray = np.zeros((height, width, 4), np.float32)
+    for stroke, paint, share in ((edge, halo, HALO_ALPHA), (0, ink, 1.0)):
+        mask, pen = _canvas(width, height)
+        # the baseline is the same for all text
+        at = (edge, edge + round(0.8 * em))
+        pen.text(at, readable(text), font=_font(em), fill=255, stroke_width=stroke, anchor="ls")
+        cover = np.asarray(mask, np.float32)[..., None] / 255 * share
+        found = found * (1 - cover) + cover * np.array([*paint, 1.0], np.float32)
+    return found
 
 
 def readable(text: str) -> str:

@@ -5,20 +5,26 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from splatgl.data.errors import expected
+from splatgl.splat.plan.blend_mode import BLENDS
 
 if TYPE_CHECKING:
     from splatgl.app.scene import Scene
     from splatgl.data.image import Image
     from splatgl.data.volume import Volume
     from splatgl.splat.classification.transfer import Transfer
+    from splatgl.splat.plan.settings import Settings
+    from splatgl.splat.view.cuts import Part
 
-NAMES = ("scale", "colorbar", "axes", "directions", "title", "time")
+NAMES = ("scale", "colorbar", "axes", "directions", "box", "title", "time")
 # those that take a text
 TEXTS = ("title", "time")
-KNOWN = "scale, colorbar, axes, directions, title=TEXT, time"
+KNOWN = "scale, colorbar, axes, directions, box, title=TEXT, time"
+# sizes of the box that a view is fitted to: its numbers lie around it
+ROOM = 1.25
 # smallest side of a picture, in pixels
 LEAST_SIDE = 64
 
@@ -100,11 +106,34 @@ def at_time(asked: Sequence[str], scene: Scene, number: int, step: float | None)
     return tuple(f"time={told}" if one == "time" else one for one in asked)
 
 
+def unbacked(settings: Settings, asked: Sequence[str]) -> Settings:
+    """The settings of a picture under annotations: with a box it is drawn without its background, so that edges behind
+    the box come between both. Sums have none.
+    """
+    return settings.but(background=None) if "box" in asked and not BLENDS[settings.blend].unbounded else settings
+
+
+def with_room(scene: Scene, volume: Volume, asked: Sequence[str]) -> Scene:
+    """The scene, with a view that shows the box and its numbers, where they are asked for."""
+    if "box" not in asked:
+        return scene
+    from splatgl.app.viewpoint import Fitted
+
+    return replace(scene, view=Fitted.of(scene.view, room(volume)))
+
+
+def room(volume: Volume) -> Part:
+    """What a view is fitted to that shows a volume's box and its numbers."""
+    from splatgl.splat.view.cuts import Part
+
+    return Part(volume.center + (volume.corners - volume.center) * ROOM)
+
+
 def lay(
     image: Image, scene: Scene, volume: Volume, transfer: Transfer, asked: Sequence[str], quiet: bool = False
 ) -> Image:
     """The picture of a scene under annotations; prints why some are left out."""
-    from splatgl.app.annotations.annotate import annotated, left_out
+    from splatgl.app.annotations.annotate import annotated, left_out, on_ground
     from splatgl.app.layered import is_layered, layered
     from splatgl.splat.bricks.opaque import Opaque
     from splatgl.splat.view.camera import Bounded
@@ -116,6 +145,7 @@ def lay(
         subject = scene.splats(volume, transfer)
     camera = scene.view.camera(volume, subject)
     found = annotated(image, volume, transfer, camera, asked, scene.settings.background)
+    found = on_ground(found, None if BLENDS[scene.settings.blend].unbounded else scene.settings.background)
     for note in () if quiet else left_out(found):
         print(f"splatgl: {note}", file=sys.stderr)
     return found

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from splatgl.app.annotations.layer import Layer, Rect
 from splatgl.app.annotations.subject import Subject
 from splatgl.app.annotations.ticks import nice_below
@@ -47,8 +49,17 @@ def length_text(length: float, unit: str) -> str:
     return f"{length * metres / METRES[fitting[-1]]:.6g} {fitting[-1]}"
 
 
+def in_digits(length: float, unit: str) -> tuple[float, str]:
+    """The factor from a unit to one in which a length has few digits, and that one's name."""
+    metres = METRES.get(unit)
+    if metres is None or 1 <= length < MOST * 10 or not length > 0:
+        return 1.0, unit
+    fitting = [name for name in LADDER if length * metres >= METRES[name]] or [LADDER[0]]
+    return metres / METRES[fitting[-1]], fitting[-1]
+
+
 def draw(layer: Layer, subject: Subject, camera: Camera) -> None:
-    """Draws it at the lower right."""
+    """Draws it at the lower right, or where there is nothing further left."""
     scale = scale_of(subject, camera)
     if scale is None:
         layer.notes.append("no scale bar: the centre of the volume is behind the eye")
@@ -58,11 +69,13 @@ def draw(layer: Layer, subject: Subject, camera: Camera) -> None:
     thick, (width, height) = max(2, round(layer.em / 5)), layer.size
     wide = max(scale.pixels + 2 * layer.edge, *(size[0] for size in sizes))
     tall = sum(size[1] for size in sizes) + thick + 2 * layer.edge
-    right, bottom = width - layer.pad, height - layer.pad
-    rect = Rect(int(right - wide) - 1, bottom - tall, right, bottom)
-    if not layer.reserve(rect, "scale bar"):
+    wide, bottom = int(np.ceil(wide)) + 1, height - layer.pad
+    ends = [width - layer.pad, (width + wide) // 2, layer.pad + wide]
+    rect = layer.place([Rect(end - wide, bottom - tall, end, bottom) for end in ends], "scale bar")
+    if rect is None:
         return
-    end, top = right - layer.edge, rect.top
+    right, top = rect.right, rect.top
+    end = right - layer.edge
     for label, size in zip(reversed(labels), reversed(sizes), strict=True):
         # the length is centred over the bar, or ends with it where it is wider
         center = end - scale.pixels / 2 - size[0] / 2

@@ -11,7 +11,10 @@ from splatgl.data.volume import Volume
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """corners [8, 3]: of the box, world units; center [3]. colored: whether voxels have their own colours."""
+    """corners [8, 3]: of the box, world units; center [3]. colored: whether voxels have their own colours.
+
+    value_unit: name of the values' unit.
+    """
 
     corners: np.ndarray
     center: np.ndarray
@@ -19,9 +22,15 @@ class Subject:
     name: str
     frame: str | None
     colored: bool
+    value_unit: str = ""
 
     @classmethod
     def of(cls, volume: Volume) -> Subject:
         """That of a volume."""
         colored = volume.color is not None
-        return cls(volume.corners, volume.center, volume.unit, volume.name, volume.frame, colored)
+        return cls(volume.corners, volume.center, volume.unit, volume.name, volume.frame, colored, volume.value_unit)
+
+    @property
+    def value_name(self) -> str:
+        """What a colour bar is called: the volume's name, and the unit of its values."""
+        return f"{self.name}, {self.value_unit}" if self.name and self.value_unit else self.name or self.value_unit

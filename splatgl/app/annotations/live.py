@@ -1,0 +1,120 @@
+"""`LiveOverlay`: annotations of an interactive view, drawn anew for each frame in a few milliseconds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from splatgl.app.annotations import box, color_bar
+from splatgl.app.annotations.annotate import bar_of, compose
+from splatgl.app.annotations.color_bar import ColorBar
+from splatgl.app.annotations.layer import BLACK, Color, Layer, Touched, ink_on
+from splatgl.app.annotations.request import check
+from splatgl.app.annotations.subject import Subject
+from splatgl.data.color import srgb_from_linear
+from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.view.camera import Camera
+
+# steps of linear light from 0 to 1 in the table to sRGB: an 8-bit step is missed in the darkest few alone
+STEPS = 4096
+SRGB = np.round(srgb_from_linear(np.arange(STEPS + 1) / STEPS) * 255).astype(np.uint8)
+
+
+def usual(subject: Subject) -> tuple[str, ...]:
+    """What a view has by default: a scale bar and axes, and directions of a patient."""
+    return ("scale", "axes", *(("directions",) if subject.frame else ()))
+
+
+class LiveOverlay:
+    """Draws overlays of one size after another; keeps its buffers, and text and colour bars that it has drawn."""
+
+    def __init__(self) -> None:
+        self.layer: Layer | None = None
+        self.pixels = np.zeros((0, 0, 4), np.uint8)
+        self.notes: tuple[str, ...] = ()
+
+    def drawn(
+        self,
+        subject: Subject,
+        transfer: Transfer,
+        camera: Camera,
+        asked: Sequence[str],
+        ground: Color = BLACK,
+        blend: str = "composite",
+    ) -> np.ndarray:
+        """uint8 [H, W, 4], sRGB with straight alpha, of the camera's size; good until the next call.
+
+        asked: names as of `annotated`. ground: linear RGB behind the picture, for the colour of text. Edges behind the
+        box are dashed; X-rays have no colour bar. notes: why annotations are left out. InputError for unknown names.
+        """
+        names, layer = check(asked), self._cleared(camera.size, ground)
+        bar = None
+        if "colorbar" in names:
+            bar = None if blend == "xray" else _bar(subject, transfer, blend, round(color_bar.TALL * camera.size[1]))
+            layer.notes.extend([] if bar else ["no colour bar of this picture"])
+        if "box" in names:
+            box.draw_behind(layer, subject, camera)
+        compose(layer, subject, camera, names, bar)
+        self.notes = tuple(layer.notes)
+        for part in layer.touched:
+            _encode(layer.pixels, self.pixels, part)
+        return self.pixels
+
+    def _cleared(self, size: tuple[int, int], ground: Color) -> Layer:
+        """An empty layer of that size."""
+        ink = ink_on(np.asarray(ground))
+        if self.layer is None or self.layer.size != size:
+            self.layer = Layer(np.zeros((size[1], size[0], 4), np.float32), ink)
+            self.pixels = np.zeros((size[1], size[0], 4), np.uint8)
+            return self.layer
+        for part in self.layer.touched:
+            for buffer in (self.layer.pixels, self.pixels):
+                if isinstance(part, np.ndarray):
+                    buffer.reshape(-1, 4)[part] = 0
+                else:
+                    rect = part[0] if isinstance(part, tuple) else part
+                    buffer[rect.top : rect.bottom, rect.left : rect.right] = 0
+        self.layer = Layer(self.layer.pixels, ink, scratch=self.layer.scratch)
+        return self.layer
+
+
+@lru_cache(maxsize=4)
+def _bar(subject: Subject, transfer: Transfer, blend: str, rows: int) -> ColorBar | None:
+    return bar_of(subject, transfer, blend, rows)
+
+
+def _encode(linear: np.ndarray, coded: np.ndarray, part: Touched) -> None:
+    """Writes what is drawn on one part as sRGB."""
+    if isinstance(part, np.ndarray):
+        coded.reshape(-1, 4)[part] = _srgb(linear.reshape(-1, 4)[part])
+        return
+    rect, patch = part if isinstance(part, tuple) else (part, None)
+    place = (slice(rect.top, rect.bottom), slice(rect.left, rect.right))
+    coded[place] = _srgb(linear[place]) if patch is None else _kept(_Patch(patch))
+
+
+@dataclass(frozen=True)
+class _Patch:
+    """A patch by its identity: texts and bars are kept where they are drawn, and so are these."""
+
+    pixels: np.ndarray = field(compare=False)
+    number: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "number", id(self.pixels))
+
+
+@lru_cache(maxsize=256)
+def _kept(patch: _Patch) -> np.ndarray:
+    return _srgb(patch.pixels)
+
+
+def _srgb(linear: np.ndarray) -> np.ndarray:
+    """uint8 sRGB with straight alpha of linear premultiplied pixels [..., 4]."""
+    alpha = linear[..., 3:]
+    straight = linear[..., :3] * (STEPS / np.maximum(alpha, 1e-6))
+    shades = SRGB[np.minimum(straight + 0.5, STEPS).astype(np.int16)]
+    return np.concatenate([shades, (alpha * 255 + 0.5).astype(np.uint8)], axis=-1)
