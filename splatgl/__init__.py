@@ -40,6 +40,10 @@ if TYPE_CHECKING:
     from splatgl.splat.classification.transfer import Transfer as Transfer
     from splatgl.splat.extraction.extract import extract as extract
     from splatgl.splat.extraction.splats import Splats as Splats
+    from splatgl.splat.flow.arrows import arrows as arrows
+    from splatgl.splat.flow.streamlines import streamlines as streamlines
+    from splatgl.splat.flow.vectors import directions as directions
+    from splatgl.splat.flow.vectors import magnitudes as magnitudes
     from splatgl.splat.kernel.kernels import PiecewiseCubic as PiecewiseCubic
     from splatgl.splat.kernel.kernels import register_kernel as register_kernel
     from splatgl.splat.layers.layers import Layer as Layer
@@ -70,6 +74,10 @@ _PUBLIC = {
     "Transfer": "splatgl.splat.classification.transfer",
     "Volume": "splatgl.data.volume",
     "annotated": "splatgl.app.annotations.annotate",
+    "arrows": "splatgl.splat.flow.arrows",
+    "directions": "splatgl.splat.flow.vectors",
+    "magnitudes": "splatgl.splat.flow.vectors",
+    "streamlines": "splatgl.splat.flow.streamlines",
     "check": "splatgl.truth.check",
     "compare": "splatgl.truth.compare",
     "depth_map": "splatgl.app.depths",

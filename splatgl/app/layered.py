@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from splatgl.app.meshes import MeshFile, mesh_option, with_look
 from splatgl.app.options import color_of, window_of
 from splatgl.app.scene import Scene
+from splatgl.app.vectors import add_vectors
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.sizes import size_of
@@ -43,6 +44,7 @@ def add_layers(parser: argparse.ArgumentParser) -> None:
     )
     about = "a surface in the picture (.ply, .stl, .obj, .vtp, …), or lines (.trk, .tck), a colour and an opacity"
     parser.add_argument("--mesh", type=mesh_option, action="append", metavar="FILE[:COLOUR[:OPACITY]]", help=about)
+    add_vectors(parser)
     parser.add_argument("--labels", metavar="FILE", help="a segmentation that is laid over the volume")
 
 
@@ -73,7 +75,7 @@ def of_channels(
 def is_layered(scene: Scene, volume: Volume) -> bool:
     """Whether a scene's picture is of several layers or channels, or has meshes."""
     of_channels = len(volume.channels) > 1 or scene.transfer.keys() & {"color_of", "window_of"}
-    return bool(scene.layers or scene.meshes or of_channels)
+    return bool(scene.layers or scene.meshes or scene.vectors.drawn or of_channels)
 
 
 def layers_of(scene: Scene, volume: Volume, transfer: Transfer) -> list[Layer]:
@@ -91,6 +93,7 @@ def layered(scene: Scene, volume: Volume, transfer: Transfer) -> Layers:
     from splatgl.splat.layers.layers import Scene as Layers
 
     meshes = [each.open() if isinstance(each, MeshFile) else each for each in scene.meshes]
+    meshes += scene.vectors.meshes(volume)
     return Layers(layers_of(scene, volume, transfer), scene.settings.clip, meshes)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from splatgl.app.backgrounds import AUTO, CLEAR, background
 from splatgl.app.scene import Scene
+from splatgl.app.vectors import asked_vectors
 from splatgl.app.viewpoint import View
 from splatgl.data.errors import expected
 from splatgl.data.readers import LoadOptions
@@ -180,7 +181,11 @@ def scene_from_transfer(args: argparse.Namespace) -> Scene:
     meshes = (*scene.meshes, *(getattr(args, "mesh", None) or ()))
     if meshes and not hasattr(args, "mesh"):
         raise expected("meshes", "none", len(meshes), "splatgl render draws them")
-    return replace(scene, transfer=transfer, threshold=threshold, layers=layers, meshes=meshes)
+    vectors = asked_vectors(vars(args), scene.vectors)
+    if vectors.drawn and not hasattr(args, "streamlines"):
+        raise expected("vectors", "none", "streamlines or arrows", "splatgl render draws them")
+    found = replace(scene, transfer=transfer, threshold=threshold, layers=layers, meshes=meshes)
+    return replace(found, vectors=vectors)
 
 
 def scene_from(args: argparse.Namespace) -> Scene:

@@ -19,6 +19,7 @@ from splatgl.app.options import BACKGROUNDS, size
 from splatgl.app.plotted import is_scene, picture_of
 from splatgl.app.render import Drawing, draw, drawn, origin
 from splatgl.app.scene import Scene
+from splatgl.app.vectors import asked_vectors
 from splatgl.app.viewpoint import View, typed
 from splatgl.data.arrays import ArrayOptions
 from splatgl.data.errors import expected
@@ -82,9 +83,9 @@ def render(
     transfer: a Transfer, the name of a preset or of a file, or the fields of a Transfer.
     options: as on the command line, of the view (azimuth, elevation, zoom, fov, size, eye, look_at, up, orthographic,
     height), unless there is a camera, and of the settings (blend, antialias, background, …); points, gradient,
-    colormap, window; clip (a condition, plane, or several), crop; meshes; annotate (names, as on the command line);
-    threshold, memory; those of `load` or `Volume.of` (spacing, array, …). background: linear RGB, or a name or
-    "#rrggbb"; none leaves the image transparent.
+    colormap, window; vectors ("magnitude", "direction"), streamlines, arrows (how many, or True); clip (a condition,
+    plane, or several), crop; meshes; annotate (names, as on the command line); threshold, memory; those of `load` or
+    `Volume.of` (spacing, array, …). background: linear RGB, or a name or "#rrggbb"; none leaves the image transparent.
     Nothing is compared with float64; `check` does. Raises InputError for bad input, and if nothing is visible.
     """
     if is_scene(x):
@@ -137,9 +138,10 @@ def scene_of(
     drawing = _taken(given, *(f.name for f in fields(Settings)))
     classified = {**_transfer(transfer), **_taken(given, *TRANSFER)}
     threshold, memory = given.pop("threshold", None), given.pop("memory", None)
+    vectors = _taken(given, "vectors", "streamlines", "arrows")
     if is_splats(x):
         extra = [*classified, *given, *cuts] + ["threshold"] * (threshold is not None)
-        extra += ["meshes"] * bool(meshes) + ["annotate"] * bool(over)
+        extra += ["meshes"] * bool(meshes) + ["annotate"] * bool(over) + [*vectors]
         if extra:
             raise expected("splats", "a view and settings", ", ".join(extra), "extract them with these")
         scene: Scene = Scene(x.name)
@@ -155,6 +157,7 @@ def scene_of(
         scene,
         **cuts,
         meshes=(*scene.meshes, *meshes),
+        vectors=asked_vectors(vectors, scene.vectors),
         annotate=scene.annotate if annotate is None else over,
         transfer={**scene.transfer, **classified},
         view=_view(scene.view, camera, viewing),

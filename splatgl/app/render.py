@@ -189,7 +189,8 @@ def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer
     for name in ("check", "field", "savings", "explain"):
         if getattr(args, name):
             raise expected(f"--{name}", "a picture that is drawn by this process", "--workers or --scheduler")
-    told = (("--threshold", scene.threshold), ("layers", len(scene.layers)), ("meshes", len(scene.meshes)))
+    meshes = len(scene.meshes) + int(scene.vectors.drawn)
+    told = (("--threshold", scene.threshold), ("layers", len(scene.layers)), ("meshes", meshes))
     for what, given in told:
         if given:
             raise expected(what, "none, with --workers or --scheduler", given)

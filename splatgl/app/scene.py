@@ -9,6 +9,7 @@ annotate = ["scale", "title=A"] # as --annotate
 [camera]                        # size, azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
 [settings]                      # as Settings
 [[mesh]]                        # file, color, opacity, radius
+[vectors]                       # show ("magnitude", "direction"), streamlines, arrows, colormap
 [[layer]]                       # more volumes: volume, threshold, opacity, clip, crop, [layer.load], [layer.transfer]
 """
 
@@ -23,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 from splatgl.app.annotations.request import check
 from splatgl.app.meshes import MeshFile
 from splatgl.app.stacks import seen_along_z
+from splatgl.app.vectors import FAINT, Vectors
 from splatgl.app.viewpoint import Fitted, View, typed
 from splatgl.data.errors import InputError, expected
 from splatgl.data.readers import LoadOptions, load
@@ -55,6 +57,7 @@ KEYS: dict[str, tuple[type, ...]] = {
     "annotate": (list,),
     "layer": (list,),
     "mesh": (list,),
+    "vectors": (dict,),
 }
 # keys of a transfer function that are of channels: pairs of a channel and a colour, or a window
 OF_CHANNELS = ("color_of", "window_of")
@@ -67,7 +70,7 @@ class Scene:
     """A complete description of an image to render. opacity: factor of the transfer function's opacities. clip:
     conditions of what is kept; of a layer None, those of the scene. crop: its part in voxels, which the view is fitted
     to. layers: more volumes in it, of which view and settings are not read. meshes: triangles in it. annotate:
-    what is laid over it, as --annotate names it.
+    what is laid over it, as --annotate names it. vectors: how those of its volume are drawn.
     """
 
     volume: str
@@ -82,6 +85,7 @@ class Scene:
     layers: tuple[Scene, ...] = ()
     meshes: tuple[MeshFile | Mesh, ...] = ()
     annotate: tuple[str, ...] = ()
+    vectors: Vectors = field(default_factory=Vectors)
 
     @classmethod
     def from_toml(cls, path: Path) -> Scene:
@@ -104,7 +108,9 @@ class Scene:
         meshes = [MeshFile.of_table(path.parent, f"{path} [[mesh]] {number}", each) for number, each in tables]
         with _named(str(path)):
             annotate = check(table.get("annotate", []))
-        found = replace(scene, view=view, settings=settings, annotate=annotate)
+        with _named(f"{path} [vectors]"):
+            vectors = Vectors.of_table(table.get("vectors", {}))
+        found = replace(scene, view=view, settings=settings, annotate=annotate, vectors=vectors)
         return replace(found, layers=tuple(layers), meshes=tuple(meshes))
 
     @classmethod
@@ -139,7 +145,9 @@ class Scene:
         Paths are relative if below `folder`, else absolute. Raises InputError for values that TOML cannot represent.
         """
         camera = {**_told(self.view), "size": self.view.size}
-        lines = self._lines(folder, "", {"camera": camera, "settings": self.settings.given})
+        lines = self._lines(
+            folder, "", {"camera": camera, "settings": self.settings.given, "vectors": self.vectors.told}
+        )
         for layer in self.layers:
             lines += ["", "[[layer]]", *layer._lines(folder, "layer.", {})]
         for mesh in self.meshes:
@@ -185,8 +193,8 @@ class Scene:
         return self._placed(load(self.volume, **self.load))
 
     def _placed(self, volume: Volume) -> Volume:
-        """A flat stack with the view of it, unless a view that is asked for says what is up."""
-        view = self.view
+        """What is drawn of a volume; a flat stack with the view of it, unless the view says what is up."""
+        volume, view = self.vectors.values(volume), self.view
         if view.eye is not None or view.up is not None:
             return volume
         return seen_along_z(volume, told=view.azimuth is None and view.elevation is None)
@@ -218,7 +226,10 @@ class Scene:
         return self if blend is None else replace(self, settings=self.settings.but(blend=blend))
 
     def transfer_for(self, volume: Volume) -> Transfer:
-        """The transfer function: the data's own or a preset's, overridden by the scene's options."""
+        """The transfer function: the data's own or a preset's, overridden by what is given; faint around lines."""
+        if self.vectors.drawn and not self.transfer.keys() & {"preset", "points", "only_labels"}:
+            plain = replace(self, vectors=Vectors(), opacity=self.opacity * FAINT)
+            return plain.transfer_for(volume)
         asked = {key: value for key, value in self.transfer.items() if key not in OF_CHANNELS}
         name = asked.pop("preset", None)
         if "only_labels" in asked:

@@ -1,0 +1,1 @@
+"""Pictures of vectors: streamlines, arrows, and volumes of magnitude and direction."""
