@@ -142,6 +142,36 @@ def test_calls_share_a_renderer_in_any_thread(volume: sg.Volume) -> None:
         assert other is not first
 
 
+ENDED = """
+import ctypes
+import numpy as np
+import splatgl as sg
+from splatgl.app.kept import kept_renderer
+from splatgl.gl.context import current
+ball = sg.scenes.ball(6)
+first = sg.render(ball, size=24).pixels
+with kept_renderer() as renderer, current(renderer.ctx):
+    backend = renderer.info.backend
+    egl = ctypes.CDLL("libEGL.so.1") if backend == "egl" else None
+    if egl is not None:
+        egl.eglGetCurrentDisplay.restype = ctypes.c_void_p
+        display = egl.eglGetCurrentDisplay()
+if egl is not None:
+    # as VTK does
+    egl.eglTerminate(ctypes.c_void_p(display))
+print(backend, np.array_equal(first, sg.render(ball, size=24).pixels))
+if egl is not None:
+    egl.eglTerminate(ctypes.c_void_p(display))
+"""
+
+
+def test_a_display_that_another_library_ends_is_opened_again() -> None:
+    run = subprocess.run([sys.executable, "-W", "ignore", "-c", ENDED], capture_output=True, text=True, check=True)
+    if not run.stdout.startswith("egl"):
+        pytest.skip(f"displays are EGL's, the context is {run.stdout.split()[0]}'s")
+    assert run.stdout.split() == ["egl", "True"] and run.stderr == ""
+
+
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked on Unix")
 def test_a_forked_process_never_uses_its_parents_renderer() -> None:
     """It draws with a library that its parent had not opened, or is told how to start processes."""

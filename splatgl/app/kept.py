@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from threading import RLock
 
 from splatgl.data.errors import InputError
-from splatgl.gl.context import inherited
+from splatgl.gl.context import current, inherited
 from splatgl.gl.loader import BackendError, restored
 from splatgl.gl.renderer import Renderer
 
@@ -23,6 +23,8 @@ def kept_renderer() -> Iterator[Renderer]:
     with _LOCK, restored():
         if _kept and inherited(_kept[0].ctx):
             # a forked process can't close it either
+            _kept.clear()
+        if _kept and not _usable(_kept[0]):
             _kept.clear()
         if not _kept:
             _kept.append(Renderer())
@@ -40,11 +42,23 @@ def kept_renderer() -> Iterator[Renderer]:
             raise
 
 
+def _usable(renderer: Renderer) -> bool:
+    """Whether its context is still there: VTK ends the display that it shares with others of the process."""
+    try:
+        with current(renderer.ctx):
+            return True
+    except BackendError:
+        return False
+
+
 def close_kept() -> None:
     """Closes the shared renderer; the next call opens another."""
     with _LOCK:
         while _kept:
-            _kept.pop().close()
+            last = _kept.pop()
+            # what is gone has freed itself
+            if inherited(last.ctx) or _usable(last):
+                last.close()
 
 
 atexit.register(close_kept)

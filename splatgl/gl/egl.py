@@ -22,6 +22,7 @@ class EglLoader(Loader):
     def __init__(self, device: int) -> None:
         super().__init__("EGL")
         self._context, self._egl = _create(device)
+        self._handle: int | None = None
         self.make_current()
 
     def address(self, name: str) -> int:
@@ -31,9 +32,12 @@ class EglLoader(Loader):
     def bind(self) -> None:
         """Makes the EGL context current and stores its handle; raises BackendError if EGL refuses."""
         self._context.__enter__()
-        if not self._egl.eglGetCurrentContext():
+        found = self._egl.eglGetCurrentContext()
+        if not found:
             raise BackendError("EGL refused to make its context current; is another window system's current here?")
-        self._handle = self._egl.eglGetCurrentContext()
+        if found != (self._handle or found):
+            raise BackendError("EGL's context is gone, as another library ended its display; open another Renderer")
+        self._handle = found
 
     def holds(self) -> bool:
         """Whether EGL's current context is this one."""
