@@ -258,6 +258,27 @@ def test_vtk_files(tmp_path: Path) -> None:
         sg.load_mesh(path)
 
 
+def test_meshes_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A source that is a mesh is drawn, lit, in a view that is fitted to it; its depths too."""
+    trimesh = pytest.importorskip("trimesh")
+    box = trimesh.creation.box((40.0, 20.0, 10.0)).apply_translation((5, 6, 7))
+    box.export(tmp_path / "a.stl")
+    out, depth = tmp_path / "o.npy", tmp_path / "d.npy"
+    options = ["-o", str(out), "--size", "60x40", "--quiet", "--orthographic", "--azimuth", "0", "--elevation", "0"]
+    assert main(["render", str(tmp_path / "a.stl"), *options, "--height", "16", "--depth", str(depth)]) == 0
+    picture, far = np.load(out), np.load(depth)
+    shown = far[20, 30] == far
+    # 24 × 16 world units, of which the box takes all and 10
+    assert shown[8:32].all() and not np.isfinite(far[:7]).any()
+    alone = sg.render(tmp_path / "a.stl", size=(60, 40), orthographic=True, height=16.0, azimuth=0.0, elevation=0.0)
+    assert alone.pixels[20, 30, 3] == pytest.approx(1) and not alone.pixels[:7].any()
+    assert np.ptp(picture[10:30, 5:55], axis=(0, 1)).max() < 1e-5
+    (tmp_path / "b.stl").write_bytes(b"solid")
+    assert main(["render", str(tmp_path / "b.stl"), *options]) == 2
+    told = capsys.readouterr().err
+    assert "b.stl" in told and told.count("\n") == 1
+
+
 def test_tracks(tmp_path: Path) -> None:
     nibabel = pytest.importorskip("nibabel")
     lines = [np.array([[0, 0, 0], [10, 0, 0]], np.float32), np.array([[0, 5, 0], [0, 5, 10], [5, 5, 10]], np.float32)]

@@ -6,7 +6,7 @@ import argparse
 import re
 from typing import TYPE_CHECKING
 
-from splatgl.app.meshes import MeshFile, mesh_option, with_look
+from splatgl.app.meshes import MeshFile, is_mesh, mesh_option, with_look
 from splatgl.app.options import color_of, window_of
 from splatgl.app.scene import Scene
 from splatgl.app.vectors import add_vectors
@@ -75,7 +75,7 @@ def of_channels(
 def is_layered(scene: Scene, volume: Volume) -> bool:
     """Whether a scene's picture is of several layers or channels, or has meshes."""
     of_channels = len(volume.channels) > 1 or scene.transfer.keys() & {"color_of", "window_of"}
-    return bool(scene.layers or scene.meshes or scene.vectors.drawn or of_channels)
+    return bool(scene.layers or scene.meshes or scene.vectors.drawn or of_channels or is_mesh(scene.volume))
 
 
 def layers_of(scene: Scene, volume: Volume, transfer: Transfer) -> list[Layer]:
@@ -92,7 +92,8 @@ def layered(scene: Scene, volume: Volume, transfer: Transfer) -> Layers:
     """The layers and meshes of a scene, of which `volume` is the first one's, cut by its planes."""
     from splatgl.splat.layers.layers import Scene as Layers
 
-    meshes = [each.open() if isinstance(each, MeshFile) else each for each in scene.meshes]
+    alone = [MeshFile(scene.volume)] if is_mesh(scene.volume) else []
+    meshes = [each.open() if isinstance(each, MeshFile) else each for each in (*alone, *scene.meshes)]
     meshes += scene.vectors.meshes(volume)
     return Layers(layers_of(scene, volume, transfer), scene.settings.clip, meshes)
 
@@ -112,7 +113,7 @@ def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) 
             for splats, own in drawn.drawn(settings):
                 print(f"{splats.name}:\n{renderer.plan(splats, camera, own).explain()}")
         image = renderer.render(drawn, camera, settings)
-    if not image.info["splats"]:
+    if not (image.info["splats"] or drawn.meshes):
         raise expected(scene.volume, "layers with an opacity", "none", "set the points to the values that matter")
     return check_layers(image, drawn, camera, settings, how.check)
 

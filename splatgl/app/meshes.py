@@ -8,8 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from splatgl.data.errors import InputError, expected
 from splatgl.data.toml import toml_value
+from splatgl.data.volume import Hints, Volume
 
 if TYPE_CHECKING:
     from splatgl.data.mesh import Mesh
@@ -56,6 +59,29 @@ class MeshFile:
         given |= {"opacity": float(self.opacity)} if self.opacity != 1 else {}
         told = [f"{key} = {toml_value(key, value)}" for key, value in given.items() if value is not None]
         return ["", "[[mesh]]", *told]
+
+
+# endings of sources that are meshes, drawn alone
+ALONE = (".ply", ".stl", ".obj", ".off", ".glb", ".vtp", ".trk", ".tck")
+# shortest side of the box around a mesh, in its longest
+FLAT = 1e-3
+
+
+def is_mesh(source: str) -> bool:
+    """Whether a source is a mesh, by its ending."""
+    return Path(source).suffix.lower() in ALONE
+
+
+def stage(source: str) -> Volume:
+    """A volume of nothing in the box of a mesh that is drawn alone: its world, and what the view is fitted to."""
+    mesh = MeshFile(source).open()
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    side = np.maximum(high - low, FLAT * max(float((high - low).max()), 1e-30))
+    # two samples along each axis, cells of half a side
+    (a, b, c), (x, y, z) = (side / 2).tolist(), ((low + high) / 2 - side / 4).tolist()
+    hints = Hints(points=((0.0, 0.0), (1.0, 0.0)), window=(0.0, 1.0))
+    nothing = np.zeros((2, 2, 2), np.uint8)
+    return Volume(nothing, (a, b, c), (x, y, z), name=Path(source).name, frame=mesh.frame, hints=hints)
 
 
 def mesh_option(text: str) -> MeshFile:

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl.app.annotations.request import check
-from splatgl.app.meshes import MeshFile
+from splatgl.app.meshes import MeshFile, is_mesh, stage
 from splatgl.app.stacks import seen_along_z
 from splatgl.app.vectors import FAINT, Vectors
 from splatgl.app.viewpoint import Fitted, View, typed
@@ -190,6 +190,8 @@ class Scene:
         """The volume: a built-in scene, or a file through its reader; a flat stack with the view of it."""
         if self.volume in SCENES and not self.load:
             return SCENES[self.volume]()
+        if is_mesh(self.volume):
+            return stage(self.volume)
         return self._placed(load(self.volume, **self.load))
 
     def _placed(self, volume: Volume) -> Volume:

@@ -94,6 +94,6 @@ def render_moving_scene(
 def _planned(renderer: Renderer, splats: Splats, camera: Camera, settings: Settings) -> Drawn:
     chosen = renderer.plan(splats, camera, settings)
     check_layer(chosen.resolved, splats.name)
-    if chosen.program.technique != "tiles":
+    if len(splats) and chosen.program.technique != "tiles":
         raise expected("layers", "an OpenGL with compute shaders, technique auto or tiles", "quads")
     return suited(splats, settings, moving=False), chosen
