@@ -4,7 +4,8 @@
 
 Two processes read the files, each limited to LIMIT bytes beyond its memory after imports, and SECONDS of processor
 time per file (WALL seconds of wall time). Loaded files are summed and described. Prints a table; exit code 1 if a
-reader raised anything but an InputError naming the file, printed, crashed, hung, or exceeded a limit.
+reader raised anything but an InputError naming the file, printed, crashed, hung, exceeded a limit, or left anything
+behind: handles, maps, processes, temporary files, memory.
 """
 
 from __future__ import annotations
@@ -29,13 +30,11 @@ from pathlib import Path
 
 import numpy as np
 
-import splatgl as sg
-from splatgl.app.info import describe
-from splatgl.app.scene import Scene
 from splatgl.data.errors import InputError
 
 sys.path.insert(0, str(Path(__file__).parent))
 from fuzz_seeds import SEEDS, Seed
+from fuzz_watch import Watch, quick_looks, read, uses_hdf5
 
 LIMIT = 2**30
 """Bytes of address space, and of resident memory, that reading one file may add: twice the readers' MAX_BYTES."""
@@ -43,11 +42,9 @@ LIMIT = 2**30
 SECONDS, WALL = 2.0, 15.0
 """Longest time for one file: of the processor, and on a clock that other work on the machine slows down."""
 
-TOUCH = 2**22
-"""Samples up to which a loaded volume is summed up and described whole; of a larger one both ends are."""
-
 PROCESSES = 2
-FAULTS = ("other", "printed", "crash", "hang", "over")
+WIDTH = 10
+FAULTS = ("other", "printed", "crash", "hang", "over", "leak")
 NUMBERS = ("0", "-1", "1", "3", "255", "65535", "99999", "2147483647", "4294967296", "9223372036854775807", "1e308")
 NUMBERS += ("99999999999999999999999", "-9999999", "nan", "inf", "1.5", "1e-320", "9" * 5000)
 WHOLES = (0, 1, 2, -1, -2, 7, 255, 32767, 65535, 10**6, 2**31 - 1, 2**32 - 1, 2**40, 2**63 - 1)
@@ -162,22 +159,6 @@ def write(seed: Seed, other: Seed, chance: random.Random, folder: Path) -> Path:
     return folder / main
 
 
-def read(path: Path, kind: str) -> None:
-    """Loads a file and reads every sample."""
-    if kind == "transfer":
-        sg.Transfer.load(path)
-        return
-    volume = Scene.from_toml(path).open() if kind == "scene" else sg.load(path)
-    whole_volume = volume.count <= TOUCH
-    others = [each.samples for each in (*volume.coarser, *volume.channels)]
-    for array in (volume.samples, volume.color, volume.vectors, *others):
-        if array is not None and volume.shape[1] * volume.shape[2] <= TOUCH:
-            for plane in range(array.shape[0]) if whole_volume else (0, array.shape[0] - 1):
-                np.sum(array[plane], dtype=np.float64)
-    if whole_volume:
-        describe(volume)
-
-
 def outcome(path: Path, kind: str) -> tuple[str, str]:
     """("loaded" | "refused" | a fault, message)."""
     started = time.process_time()
@@ -225,6 +206,8 @@ def case(reader: str, index: int, seed: int, folder: Path) -> Path:
 def work(reader: str, indices: range, seed: int, folder: Path, pipe: Connection) -> None:
     """Reads files one by one and sends (number, outcome, message)."""
     # 1. one valid file, so that imports do not count; then the limits
+    if uses_hdf5(list(SEEDS[reader]()[0].files)):
+        quick_looks()
     good = case(reader, -1, seed, folder)
     outcome(good, SEEDS[reader]()[0].kind)
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
@@ -234,6 +217,7 @@ def work(reader: str, indices: range, seed: int, folder: Path, pipe: Connection)
     printed = os.open(folder.with_suffix(".out"), os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
     os.dup2(printed, 1)
     os.dup2(printed, 2)
+    watch = Watch(folder)
     for index in indices:
         path = case(reader, index, seed, folder)
         before = _peak(reset=True)
@@ -243,7 +227,11 @@ def work(reader: str, indices: range, seed: int, folder: Path, pipe: Connection)
         if os.fstat(printed).st_size and result in ("loaded", "refused"):
             result, said = "printed", os.pread(printed, 200, 0).decode(errors="replace")
         os.ftruncate(printed, 0)
+        left = watch.after()
+        if left and result in ("loaded", "refused"):
+            result, said = "leak", left
         pipe.send((index, result, said))
+    pipe.send((-1, "memory", f"{watch.grown() / 2**20:.1f}"))
     pipe.close()
 
 
@@ -255,21 +243,23 @@ def _peak(reset: bool = False) -> int:
     return int(found[1]) * 1024 if found else 0
 
 
-def run(reader: str, count: int, seed: int, folder: Path) -> Iterator[tuple[int, str, str]]:
-    """(number, outcome, message) of each file, from PROCESSES processes, which are replaced when they end."""
+def run(reader: str, count: int, seed: int, folder: Path, processes: int = PROCESSES) -> Iterator[tuple[int, str, str]]:
+    """(number, outcome, message) of each file, from processes that are replaced when they end; of a process
+    (-1, "memory", MiB that it grew by).
+    """
     spawn = multiprocessing.get_context("spawn")
     tasks: dict[Connection, tuple[int, int, multiprocessing.process.BaseProcess, float]] = {}
 
     def start(slot: int, first: int) -> None:
         mine, theirs = spawn.Pipe(duplex=False)
         process = spawn.Process(
-            target=work, args=(reader, range(first, count, PROCESSES), seed, folder / f"{slot}", theirs)
+            target=work, args=(reader, range(first, count, processes), seed, folder / f"{slot}", theirs)
         )
         process.start()
         theirs.close()
         tasks[mine] = (slot, first, process, time.monotonic() + WALL)
 
-    for slot in range(min(PROCESSES, count)):
+    for slot in range(min(processes, count)):
         start(slot, slot)
     while tasks:
         ready = multiprocessing.connection.wait(list(tasks), timeout=0.5)
@@ -279,7 +269,8 @@ def run(reader: str, count: int, seed: int, folder: Path) -> Iterator[tuple[int,
                 try:
                     found = pipe.recv()
                     yield found
-                    tasks[pipe] = (slot, found[0] + PROCESSES, process, time.monotonic())
+                    following = found[0] + processes if found[0] >= 0 else count
+                    tasks[pipe] = (slot, following, process, time.monotonic())
                 except EOFError:
                     fault = "crash" if index < count else "done"
             if fault:
@@ -289,8 +280,8 @@ def run(reader: str, count: int, seed: int, folder: Path) -> Iterator[tuple[int,
                 process.join(WALL)
                 if fault != "done":
                     yield index, fault, f"exit code {process.exitcode}"
-                    if index + PROCESSES < count:
-                        start(slot, index + PROCESSES)
+                    if index + processes < count:
+                        start(slot, index + processes)
 
 
 def main() -> int:
@@ -298,23 +289,28 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=10_000, help="files per reader")
     parser.add_argument("--reader", choices=sorted(SEEDS), help="one reader only")
     parser.add_argument("--seed", type=int, default=1998)
+    parser.add_argument("--processes", type=int, default=PROCESSES)
     parser.add_argument("--keep", type=Path, help="folder for the files that show a fault")
     args = parser.parse_args()
-    columns = ("files", "refused", "loaded", *FAULTS)
-    print(f"{'reader':16}" + "".join(f"{name:>9}" for name in columns), flush=True)
+    columns = ("files", "refused", "loaded", *FAULTS, "grown MiB")
+    print(f"{'reader':16}" + "".join(f"{name:>{WIDTH}}" for name in columns), flush=True)
     wrong = 0
     with tempfile.TemporaryDirectory(prefix="splatgl-fuzz-") as scratch:
         for reader in [args.reader] if args.reader else SEEDS:
             counts: Counter[str] = Counter()
             faults = []
-            for index, result, said in run(reader, args.count, args.seed, Path(scratch)):
+            grown = 0.0
+            for index, result, said in run(reader, args.count, args.seed, Path(scratch), args.processes):
+                if result == "memory":
+                    grown = max(grown, float(said))
+                    continue
                 counts[result] += 1
                 if result in FAULTS:
                     faults.append(f"  {reader} {index}: {result}: {said[:300]}")
                     if args.keep:
                         case(reader, index, args.seed, args.keep / f"{reader}-{index}")
-            counts["files"] = counts.total()
-            print(f"{reader:16}" + "".join(f"{counts[name]:9}" for name in columns), flush=True)
+            counts["files"], counts["grown MiB"] = counts.total(), round(grown)
+            print(f"{reader:16}" + "".join(f"{counts[name]:{WIDTH}}" for name in columns), flush=True)
             print("\n".join(faults[:8]) + "\n" if faults else "", end="", flush=True)
             wrong += len(faults)
     return 1 if wrong else 0

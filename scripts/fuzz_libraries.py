@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import json
 import tempfile
 from functools import partial
 from pathlib import Path
@@ -32,7 +33,24 @@ def hdf5(libver: str = "latest") -> list[Seed]:
         {"chunks": (3, 5, 4), "compression": "gzip", "shuffle": True, "fletcher32": True},
         {"chunks": (3, 5, 4), "compression": "lzf", "maxshape": (None, None, 11)},
     ]
-    return [written("a.h5", partial(_hdf5, libver=libver, **way)) for way in ways]
+    times = written("a.h5", partial(_hdf5_times, libver=libver))
+    return [*(written("a.h5", partial(_hdf5, libver=libver, **way)) for way in ways), times]
+
+
+def _hdf5_times(path: Path, libver: str) -> None:
+    """Time points and channels by the labels of their axes, as ilastik writes them, and a scale of times."""
+    import h5py
+
+    with h5py.File(path, "w", libver=libver) as file:
+        both = np.stack([np.stack([CUBE, CUBE[::-1]], -1), np.stack([CUBE // 2, CUBE // 3], -1)])
+        node = file.create_dataset("cells", data=both, chunks=(1, 3, 9, 11, 2), compression="gzip")
+        node.attrs["axistags"] = json.dumps({"axes": [{"key": key} for key in "tzyxc"]})
+        for axis, label in enumerate("tzyxc"):
+            node.dims[axis].label = label
+        file["minutes"] = np.arange(2) * 5.0
+        file["minutes"].attrs["units"] = "minutes since 2020-01-01"
+        file["minutes"].make_scale("minutes")
+        node.dims[0].attach_scale(file["minutes"])
 
 
 def hdf5_old() -> list[Seed]:
@@ -64,18 +82,23 @@ def imaris() -> list[Seed]:
         for name, value in told.items():
             node.attrs[name] = np.array(list(str(value).encode()), "u1").view("S1")
 
-    def save(path: Path) -> None:
+    def save(path: Path, channels: int = 1, times: int = 1) -> None:
         with h5py.File(path, "w", libver="earliest") as file:
+            for number in range(channels):
+                told = {"Name": f"C{number}", "Color": "0.1 1 0.5", "ColorRange": "5 180"}
+                letters(file.create_group(f"DataSetInfo/Channel {number}"), **told)
             image = file.create_group("DataSetInfo/Image")
             letters(image, ExtMin0=0, ExtMin1=1, ExtMin2=2, ExtMax0=16.5, ExtMax1=19, ExtMax2=20, Unit="um")
             for level, cube in enumerate((CUBE, CUBE[::2, ::2, ::2])):
-                channel = file.create_group(f"DataSet/ResolutionLevel {level}/TimePoint 0/Channel 0")
-                sizes = zip("ZYX", cube.shape, strict=True)
-                letters(channel, **{f"ImageSize{axis}": size for axis, size in sizes})
-                padded = np.pad(cube, [(0, -size % 4) for size in cube.shape])
-                channel.create_dataset("Data", data=padded, chunks=(4, 4, 4), compression="gzip")
+                for time, number in np.ndindex(times, channels):
+                    name = f"DataSet/ResolutionLevel {level}/TimePoint {time}/Channel {number}"
+                    channel = file.create_group(name)
+                    sizes = zip("ZYX", cube.shape, strict=True)
+                    letters(channel, **{f"ImageSize{axis}": size for axis, size in sizes})
+                    padded = np.pad(cube, [(0, -size % 4) for size in cube.shape])
+                    channel.create_dataset("Data", data=padded, chunks=(4, 4, 4), compression="gzip")
 
-    return [written("a.ims", save)]
+    return [written("a.ims", save), written("a.ims", partial(save, channels=2, times=2))]
 
 
 def mrc() -> list[Seed]:
@@ -174,3 +197,45 @@ def _vtr(low: int, high: int) -> bytes:
         density=words(CUBE[low : high + 1]),
         axes="".join(f"{start}{words(each)}</DataArray>" for each in places),
     ).encode()
+
+
+TABLE = """################################################
+# ITK-SnAP Label Description File
+# File format:
+# IDX   -R-  -G-  -B-  -A--  VIS MSH  LABEL
+################################################
+    0     0    0    0        0  0  0    "Clear Label"
+    1   255    0    0        1  1  1    "Left hippocampus"
+    2     0  255   12      0.5  1  0    "A"
+   17     0    0  255        1  0  0    "hidden"
+"""
+
+
+def labels() -> list[Seed]:
+    """Segmentations with tables: ITK-SNAP's beside a NIfTI and an NRRD file, 3D Slicer's in NRRD, OME-Zarr's."""
+    import nibabel
+    import nrrd
+    import zarr
+
+    few = (CUBE % 4).astype(np.uint8)
+    image = written("a.nii", partial(nibabel.save, nibabel.Nifti1Image(few.T, np.diag([1.0, 2.0, 3.0, 1.0]))))
+    tags = {f"Segment{n}_{key}": value for n in range(2) for key, value in
+            (("Name", f"part {n}"), ("LabelValue", str(n + 1)), ("Color", "0.1 0.9 0.4"), ("Layer", "0"))}  # fmt: skip
+    plain = written("a.nrrd", lambda path: nrrd.write(str(path), few.T, {"encoding": "raw"}))
+    slicer = written("a.seg.nrrd", lambda path: nrrd.write(str(path), few.T, {"encoding": "raw", **tags}))
+
+    def ome(path: Path) -> None:
+        group = zarr.open_group(path, mode="w", zarr_format=2)
+        group.create_array("0", data=few, chunks=few.shape)
+        axes = [{"name": name} for name in "zyx"]
+        steps = [{"type": "scale", "scale": [1.0, 1.0, 1.0]}]
+        colors = [{"label-value": n, "rgba": [n, 50, 200, 255]} for n in (1, 2)]
+        group.attrs["multiscales"] = [{"axes": axes, "datasets": [{"path": "0", "coordinateTransformations": steps}]}]
+        group.attrs["image-label"] = {"colors": colors, "properties": [{"label-value": 1, "class": "a"}]}
+
+    return [
+        Seed("a.nii", {"a.label": TABLE.encode(), **image.files}),
+        Seed("a.nrrd", {"a.txt": TABLE.encode(), **plain.files}),
+        slicer,
+        written("a.zarr", ome),
+    ]

@@ -14,7 +14,7 @@ import numpy as np
 from fuzz_channels import channels_of_tiff, channels_of_zarr, times_of_nifti
 from fuzz_dicom import dicom_seeds
 from fuzz_files import CUBE, FLOW, RAW, Seed, X, Y, Z, one, vti, vti_appended, vtk_legacy, written
-from fuzz_libraries import hdf5, hdf5_old, imaris, mgh, mrc, netcdf, nibabel_pairs, nrrd_components, vtk_grids
+from fuzz_libraries import hdf5, hdf5_old, imaris, labels, mgh, mrc, netcdf, nibabel_pairs, nrrd_components, vtk_grids
 
 # --- NumPy, raw -------------------------------------------------------------------------------------------------------
 
@@ -313,6 +313,7 @@ _ALL: dict[str, Callable[[], list[Seed]]] = {
     "mgh": mgh,
     "nrrd-components": nrrd_components,
     "vtk-grids": vtk_grids,
+    "labels": labels,
     "vtk-ascii": partial(vtk_legacy, "ASCII"),
     "vtk-binary": partial(vtk_legacy, "BINARY"),
     "vti": vti,

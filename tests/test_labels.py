@@ -182,9 +182,19 @@ def test_itk_snaps_table_beside_a_segmentation(tmp_path: Path, name: str) -> Non
     nibabel.save(nibabel.Nifti1Image(segments().samples.T, np.eye(4)), path)
     assert not sg.load(path).labels
     (tmp_path / name).write_text(SNAP, encoding="utf-8")
-    right = (Label(2, "liver", "#ff0000"), Label(9, "vena, \u00e9paisse", "#0000ff"))
+    right = (Label(2, "liver", "#ff0000"), Label(9, "vena, \u00e9paisse", "#0000ff", 0.5))
     assert sg.load(path).labels == right
-    assert sg.default_transfer(sg.load(path)).labels == ((2, "#ff0000", 0.99), (9, "#0000ff", 0.99))
+    assert sg.default_transfer(sg.load(path)).labels == ((2, "#ff0000", 0.99), (9, "#0000ff", 0.495))
+
+
+def test_itk_snaps_table_hides_labels_unless_they_are_asked_for(tmp_path: Path) -> None:
+    np.save(tmp_path / "seg.npy", segments().samples)
+    (tmp_path / "seg.label").write_text(SNAP.replace("1  1  1", "1  0  1"))
+    volume = sg.load(tmp_path / "seg.npy")
+    assert [each.hidden for each in volume.labels or ()] == [True, False]
+    assert sg.default_transfer(volume).labels == ((2, "#ff0000", 0.0), (9, "#0000ff", 0.495))
+    shown = label_transfer(volume, [(2, 1.0), (9, 1.0)]).labels
+    assert shown == ((2, "#ff0000", 0.99), (9, "#0000ff", 0.495))
 
 
 def test_other_texts_are_no_tables(tmp_path: Path) -> None:
@@ -201,6 +211,7 @@ def test_other_texts_are_no_tables(tmp_path: Path) -> None:
     [
         (SNAP.replace("255    0    0", "256    0    0"), "seg.label, line 7: expected NUMBER R G B"),
         (SNAP.replace('"liver"', "liver"), "seg.label, line 7"),
+        (SNAP.replace("1  1  1", "1.5  1  1"), "seg.label, line 7"),
         (SNAP[: SNAP.index("    2 ")], "seg.label: expected labels, got none"),
     ],
 )

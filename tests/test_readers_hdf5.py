@@ -68,9 +68,12 @@ def test_one_of_several_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[s
 @pytest.mark.parametrize("axis", [0, 3])
 def test_a_short_axis_is_channels(tmp_path: Path, axis: int) -> None:
     path = save(tmp_path / "a.h5", data=np.stack([F, F + 1], axis))
-    with pytest.raises(InputError, match="pick one with channel=0 … channel=1"):
+    with pytest.raises(InputError, match="pick with channel=0 … channel=1, channel=all"):
         load(path)
     np.testing.assert_array_equal(load(path, channel=1).samples, F + 1)
+    both = load(path, channel="1,0").channels
+    assert [each.name for each in both] == ["1", "0"] and np.array_equal(both[0].samples, F + 1)
+    assert len(load(path, channel="all").channels) == 2
 
 
 def test_labels_tell_the_axes(tmp_path: Path) -> None:
@@ -291,5 +294,5 @@ def test_times_and_channels_of_one_dataset(tmp_path: Path) -> None:
         for dimension, name in zip(file["g/letter"].dims, "tczyx", strict=True):
             dimension.label = name
     np.testing.assert_array_equal(load(path, time=2, channel=1).samples, F + 21)
-    with pytest.raises(InputError, match="pick one with channel=0"):
+    with pytest.raises(InputError, match="pick with channel=0"):
         load(path, time=2)

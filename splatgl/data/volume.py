@@ -48,11 +48,16 @@ class Hints:
 
 @dataclass(frozen=True)
 class Label:
-    """A segment of an image: the number of its voxels, its name, and its colour "#rrggbb" (None: any)."""
+    """A segment of an image: the number of its voxels, its name, and its colour "#rrggbb" (None: any).
+
+    opacity: a factor from 0 to 1 of what labels have; hidden: not shown unless it is asked for.
+    """
 
     number: int
     name: str = ""
     color: str | None = None
+    opacity: float = 1.0
+    hidden: bool = False
 
 
 @dataclass(frozen=True, eq=False)

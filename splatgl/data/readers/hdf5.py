@@ -32,7 +32,7 @@ from splatgl.data.readers.hdf5_file import (
     texts_of,
 )
 from splatgl.data.readers.options import LoadOptions
-from splatgl.data.readers.several import SECONDS, Several
+from splatgl.data.readers.several import MOST_CHANNELS, SECONDS, Channel, Several
 from splatgl.data.volume import Volume
 
 _SPACINGS = (
@@ -79,13 +79,11 @@ def read(path: Path, options: LoadOptions) -> Volume:
             this = "three axes, and a first or last one of few channels"
             raise expected(dataset.name, this, _size(dataset.shape), "label its dimensions, or save one part of it")
         time = next((axis for axis in axes.others if labels[axis] in _TIMES), None)
-        told = Several()
-        if time is not None:
-            told = Several(times=dataset.shape[time], step=_time_step(path, dataset, time, options))
+        told = _several(path, dataset, axes, time, options)
 
-        def one(_channel: int | None) -> Volume:
+        def one(channel: int | None) -> Volume:
             extra: dict[int, tuple[str, int | None]] = {
-                axis: ("channel", options.channel_number if axis in axes.others else 0)
+                axis: ("channel", (channel if told.channels else options.channel_number) if axis in axes.others else 0)
                 for axis in range(len(dataset.shape))
                 if axis not in axes.space
             }
@@ -99,6 +97,16 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
         # the array is a dataset, not a time point
         return told.volume(replace(options, array=None), one)
+
+
+def _several(path: Path, dataset: Any, axes: _Axes, time: int | None, options: LoadOptions) -> Several:
+    """The time points, and the channels by their numbers, if one axis beside them is left."""
+    others = [axis for axis in axes.others if axis != time]
+    count = dataset.shape[others[0]] if len(others) == 1 else 1
+    channels = tuple(Channel(str(n)) for n in range(count)) if 1 < count <= MOST_CHANNELS else ()
+    if time is None:
+        return Several(channels)
+    return Several(channels, False, dataset.shape[time], _time_step(path, dataset, time, options))
 
 
 def contents(path: Path) -> list[str]:

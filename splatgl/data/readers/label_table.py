@@ -12,8 +12,10 @@ ENDINGS = (".label", ".lbl", ".txt")
 MARK = "ITK-SnAP Label Description File"
 # letters of a table at most, and of its first lines that tell what it is
 MOST, FIRST = 1 << 20, 400
-# number, red, green, blue, opacity, two switches of ITK-SNAP's display, and the name in quotation marks
-ROW = re.compile(r'\s*(\d{1,9})\s+(\d{1,3})\s+(\d{1,3})\s+(\d{1,3})\s+[\d.]+\s+\d+\s+\d+\s+"([^"]*)"\s*')
+# number, red, green, blue, opacity, whether it is shown, whether as a mesh, and the name in quotation marks
+ROW = re.compile(
+    r'\s*(\d{1,9})\s+(\d{1,3})\s+(\d{1,3})\s+(\d{1,3})\s+(\d+\.?\d*|\.\d+)\s+(\d+)\s+\d+\s+"([^"]*)"\s*'
+)
 
 
 def table_beside(path: Path, stem: str) -> tuple[Label, ...] | None:
@@ -39,9 +41,11 @@ def _labels(name: str, text: str) -> tuple[Label, ...]:
             continue
         row = ROW.fullmatch(line)
         rgb = [int(part) for part in row.group(2, 3, 4)] if row else [256]
-        if row is None or max(rgb) > 255:
+        opacity = float(row[5]) if row else 0.0
+        if row is None or max(rgb) > 255 or opacity > 1:
             raise expected(f"{name}, line {number}", 'NUMBER R G B A VIS MSH "NAME"', repr(line[:60]))
-        found[int(row[1])] = Label(int(row[1]), row[5], "#{:02x}{:02x}{:02x}".format(*rgb))
+        color, hidden = "#{:02x}{:02x}{:02x}".format(*rgb), not int(row[6])
+        found[int(row[1])] = Label(int(row[1]), row[7], color, opacity, hidden)
     found.pop(0, None)
     if not found:
         raise expected(name, "labels", "none", "remove the file")

@@ -19,6 +19,9 @@ SECONDS = {
 }
 """Units of time, as files spell them."""
 
+MOST_CHANNELS = 4096
+"""Most channels of an image: a damaged header may state any number."""
+
 MOST_SHOWN = 8
 """Most channels that a message names."""
 

@@ -7,11 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from splatgl.data.errors import expected
-from splatgl.data.readers.several import SECONDS, Channel, Several, rgb_of, window_of
+from splatgl.data.readers.several import MOST_CHANNELS, SECONDS, Channel, Several, rgb_of, window_of
 from splatgl.data.volume import Label
-
-MOST_CHANNELS = 4096
-"""Most channels of an image: a damaged header may state any number."""
 
 
 def axis_names(node: Any, multiscale: Mapping[str, Any] | None) -> list[str]:

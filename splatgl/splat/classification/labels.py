@@ -59,18 +59,18 @@ def labels_of(volume: Volume) -> tuple[Label, ...]:
 
 
 def shown_labels(labels: Sequence[Label], only: Sequence[tuple[int, float]] | None = None) -> Shown:
-    """Colours and opacities of labels. only: numbers of those that are shown, and factors of their opacities. Raises
-    InputError for a number that there is not.
+    """Colours and opacities of labels. only: numbers of those that are shown, hidden ones too, and factors of their
+    opacities. Raises InputError for a number that there is not.
     """
     table = {label.number: label for label in labels}
-    chosen = [(number, 1.0) for number in table] if only is None else list(only)
+    chosen = [(each.number, float(not each.hidden)) for each in labels] if only is None else list(only)
     for number, _ in chosen:
         if number not in table:
             known = [str(label.number) for label in labels[:20]]
             raise expected("labels", f"some of {', '.join(known)}{', …' * (len(table) > 20)}", number)
     named = ((table[number], factor) for number, factor in chosen)
     return checked_labels(
-        [(each.number, each.color or color_of(each.number), SOLID * factor) for each, factor in named]
+        [(each.number, each.color or color_of(each.number), SOLID * each.opacity * factor) for each, factor in named]
     )
 
 
