@@ -258,6 +258,21 @@ def test_vtk_files(tmp_path: Path) -> None:
         sg.load_mesh(path)
 
 
+def test_points_of_files(tmp_path: Path) -> None:
+    """A PLY without faces has a ball at each point, in its colour."""
+    trimesh = pytest.importorskip("trimesh")
+    points = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 5.0]])
+    colors = np.array([[255, 0, 0, 255], [0, 255, 0, 255], [9, 8, 7, 255]], np.uint8)
+    trimesh.PointCloud(points, colors=colors).export(tmp_path / "a.ply")
+    found = sg.load_mesh(tmp_path / "a.ply", radius=0.5)
+    assert len(found) == 3 * 320 and found.colors is not None
+    for n, (point, color) in enumerate(zip(points, colors, strict=True)):
+        some = slice(n * 162, (n + 1) * 162)
+        assert np.abs(np.linalg.norm(found.vertices[some] - point, axis=1) - 0.5).max() < 1e-6
+        assert (found.colors[some] == color[:3]).all()
+    assert 0 < np.ptp(sg.load_mesh(tmp_path / "a.ply").vertices[:162, 0]) < 0.5
+
+
 def test_meshes_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A source that is a mesh is drawn, lit, in a view that is fitted to it; its depths too."""
     trimesh = pytest.importorskip("trimesh")

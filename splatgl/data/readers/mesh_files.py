@@ -17,6 +17,8 @@ from splatgl.data.readers.vtk_xml import VtkXml, arrays_of, numbers_in, parse_vt
 
 # a line's radius, where none is given: a share of the diagonal of all
 THIN = 1 / 400
+# a ball's, as well
+THICK = 1 / 200
 # 3D Slicer and others say in a comment which way x and y point
 SPACE = re.compile(rb"SPACE\s*[=:]\s*(LPS|RAS)")
 HEADER = 1024
@@ -53,7 +55,8 @@ def load_mesh(
     return Mesh(found.vertices, found.faces, looks, opacity, colors, place.name, found.frame)
 
 
-def _triangles(path: Path, _radius: float | None) -> Mesh:
+def _triangles(path: Path, radius: float | None) -> Mesh:
+    """Triangles; of points without any, balls."""
     try:
         import trimesh
     except ImportError:
@@ -63,7 +66,19 @@ def _triangles(path: Path, _radius: float | None) -> Mesh:
         # of several parts, all
         joint: Any = found.to_mesh() if hasattr(found, "to_mesh") else found
         vertices, faces = np.asarray(joint.vertices), np.asarray(joint.faces)
+        if not len(faces) and isinstance(cloud := trimesh.load(path), trimesh.PointCloud):
+            return _balls(np.asarray(cloud.vertices), cloud.colors, radius, _frame(path))
     return Mesh(vertices, faces, colors=_colors(joint), frame=_frame(path))
+
+
+def _balls(points: np.ndarray, colors: np.ndarray | None, radius: float | None, frame: str | None) -> Mesh:
+    """A ball at each of points [N, 3]. colors: sRGB [N, 3 or 4] of these, or None."""
+    size = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
+    found = Mesh.of_points(points, radius or size * THICK or 1.0)
+    shown = None
+    if colors is not None and len(colors) == len(points) > 0:
+        shown = np.repeat(np.asarray(colors)[:, :3], len(found.vertices) // len(points), axis=0)
+    return Mesh(found.vertices, found.faces, colors=shown, frame=frame)
 
 
 def _colors(found: Any) -> np.ndarray | None:
