@@ -51,6 +51,14 @@ def test_slices_are_sorted_by_position(tmp_path: Path) -> None:
     assert volume.samples.dtype == np.int16
 
 
+def test_units_of_values(tmp_path: Path) -> None:
+    """Hounsfield's of a CT, unless the file says otherwise."""
+    assert sg.load(written(tmp_path / "a", Modality="CT")).value_unit == "HU"
+    assert sg.load(written(tmp_path / "b", Modality="CT", RescaleType="US")).value_unit == ""
+    assert sg.load(written(tmp_path / "c", Modality="MR")).value_unit == ""
+    assert sg.load(written(tmp_path / "d", Modality="PT", Units="BQML")).value_unit == "Bq/ml"
+
+
 def test_tilted_gantry_shears_the_grid(tmp_path: Path) -> None:
     """Each voxel lies where ImagePositionPatient puts it: positions move along the columns, too."""
     slope = np.tan(np.radians(15.0))

@@ -190,6 +190,12 @@ def _info() -> Callable[[argparse.ArgumentParser], None]:
     return add_info_parser
 
 
+def _pick() -> Callable[[argparse.ArgumentParser], None]:
+    from splatgl.app.pick_command import add_parser
+
+    return add_parser
+
+
 def _doctor() -> Callable[[argparse.ArgumentParser], None]:
     from splatgl.app.inspect import add_doctor_parser
 
@@ -234,6 +240,7 @@ COMMANDS: dict[str, tuple[str, Callable[[], Callable[[argparse.ArgumentParser], 
     "info": ("tell what is in a volume file", _info),
     "presets": ("tell which transfer functions there are by name, or draw a volume by each of them", _presets),
     "pyramid": ("write a volume, classified, with coarser levels that keep thin things", _pyramid),
+    "pick": ("tell the value and place under a pixel", _pick),
     "doctor": ("tell what this machine draws with, and whether it draws right", _doctor),
     "report": ("tell what accuracy costs: error against run time of every method", _report),
     "figure": ("draw a figure of the paper, or tell which of its claims hold", _figure),
@@ -248,6 +255,7 @@ OPERANDS = {
     "compare": " ACTUAL EXPECTED",
     "report": " [SOURCE…]",
     "info": " SOURCE",
+    "pick": " SOURCE X,Y",
     "presets": " [SOURCE]",
     "figure": " N",
     "explain-splat": " X,Y,Z",

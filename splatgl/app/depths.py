@@ -84,11 +84,11 @@ def depths_of(scene: Scene, volume: Volume, transfer: Transfer, at: float | str)
     from splatgl.truth.depth import depths
 
     drawn = layered(scene, volume, transfer)
-    camera = _camera(scene, volume, transfer, drawn)
+    camera = camera_of(scene, volume, transfer, drawn)
     return depths(drawn, camera, at, scene.settings.but(clip=())), camera
 
 
-def _camera(scene: Scene, volume: Volume, transfer: Transfer, drawn: Layers) -> Camera:
+def camera_of(scene: Scene, volume: Volume, transfer: Transfer, drawn: Layers) -> Camera:
     """The camera of the scene's picture, which is fitted to what that is drawn from."""
     from splatgl.splat.bricks.opaque import Opaque
     from splatgl.splat.extraction.extract import only_pre

@@ -16,13 +16,19 @@ from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.layers.layers import Layer, Scene
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.clip import Clip, Plane
+from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 from splatgl.truth.rays import Rays
+from splatgl.truth.surfaces import crossings
 
 # points along a ray, per smallest voxel, and most of them
 STEPS, MOST = 4, 1 << 20
 # optical depth at which half of the light is absorbed
 HALF = float(np.log(2))
+# optical depth of an opaque surface: nothing is behind it
+OPAQUE = 50.0
+# share of a distance within which two crossings of a mesh are one
+SAME = 1e-9
 MODES = ("first", "max")
 
 
@@ -30,7 +36,8 @@ MODES = ("first", "max")
 class Picked:
     """A point of a volume. place: world units; index: grid position (x, y, z); value: interpolated linearly.
 
-    distance: from the eye, or from its plane, world units. name: of the volume; layer: its number in the scene.
+    distance: from the eye, or from its plane, world units. name: of the volume; layer: its number in the scene. mesh:
+    number of the mesh that the point is of instead, named, without index and value (NaN) and in layer -1.
     """
 
     place: Triple
@@ -39,6 +46,7 @@ class Picked:
     distance: float
     name: str
     layer: int
+    mesh: int | None = None
 
 
 def pick(
@@ -52,32 +60,89 @@ def pick(
 
     mode "first": where half of the light is absorbed, or half of what is absorbed at all; "max": the largest value. Of
     layers, the one that absorbs most there. transfer: of a volume, its default one if there is none. Planes of a scene
-    cut it; its meshes, and weights by gradients, are not looked at. Raises InputError for a pixel beside the picture,
-    and for volumes that are read in parts.
+    cut it. Meshes absorb their opacity, and rays end at opaque ones; weights by gradients are not looked at. Raises
+    InputError for a pixel beside the picture, and for volumes that are read in parts.
     """
     if mode not in MODES:
         raise expected("mode", " or ".join(MODES), repr(mode))
     scene = Scene([Layer(x, transfer)]) if isinstance(x, Volume) else x
     number, cut = _number(pixel, camera), zip(scene.shown, scene.planes, strict=True)
     found = [_Ray.of(layer, planes, camera, number) for layer, planes in cut]
+    surfaces = _surfaces(scene, camera, number)
     ends = np.array([each.ends for each in found if each.ends[1] > each.ends[0]])
     if not len(ends):
-        return None
+        return _first_mesh(surfaces, scene, camera, number)
     near, far = float(ends[:, 0].min()), float(ends[:, 1].max())
     count = min(int(np.ceil((far - near) / min(each.step for each in found))), MOST)
     along = near + (np.arange(count) + 0.5) * (far - near) / count
     seen = [each.seen(along) for each in found]
     if mode == "max":
+        end = next((each.distance for each in surfaces if each.depth >= OPAQUE), np.inf)
+        seen = [(value, extinction, inside & (along < end)) for value, extinction, inside in seen]
         values = np.array([np.where(inside, value, -np.inf) for value, _, inside in seen])
         layer, place = divmod(int(values.argmax()), count)
-        return found[layer].picked(along[place], layer) if np.isfinite(values[layer, place]) else None
+        if np.isfinite(values[layer, place]):
+            return found[layer].picked(along[place], layer)
+        return _first_mesh(surfaces, scene, camera, number)
     extinctions = np.array([extinction for _, extinction, _ in seen])
-    depth = np.cumsum(extinctions.sum(axis=0)) * (far - near) / count
+    depths = extinctions.sum(axis=0) * (far - near) / count
+    # surfaces come between the points of the ray, in their order
+    before = np.searchsorted(along, [each.distance for each in surfaces])
+    depth = np.cumsum(np.insert(depths, before, [each.depth for each in surfaces]))
     if not depth[-1] > 0:
         return None
     place = int(np.searchsorted(depth, min(HALF, depth[-1] / 2)))
+    at = before + np.arange(len(surfaces))
+    if place in at:
+        return _on_mesh(surfaces[int(np.searchsorted(at, place))], scene, camera, number)
+    place -= int((at < place).sum())
     layer = int(extinctions[:, place].argmax())
     return found[layer].picked(along[place], layer)
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """A mesh that a ray crosses: its number, the distance, and the optical depth of its opacity."""
+
+    mesh: int
+    distance: float
+    depth: float
+
+
+def _surfaces(scene: Scene, camera: Camera, pixel: int) -> list[_Surface]:
+    """What the ray of a pixel crosses, nearest first."""
+    row, column = divmod(pixel, camera.size[0])
+    found = []
+    for number, mesh in enumerate(scene.meshes):
+        crossed = crossings([mesh], camera, Window(column, row, 1, 1), None)
+        depth = min(-float(np.log1p(-mesh.opacity)), OPAQUE) if mesh.opacity < 1 else OPAQUE
+        # a ray through an edge crosses both of its triangles, at one distance
+        told = np.sort(crossed.distance[0][np.isfinite(crossed.distance[0])])
+        told = told[np.diff(told, prepend=-np.inf) > SAME * np.abs(told)]
+        found += [_Surface(number, float(each), depth) for each in told]
+    return sorted(found, key=lambda each: each.distance)
+
+
+def _first_mesh(surfaces: list[_Surface], scene: Scene, camera: Camera, pixel: int) -> Picked | None:
+    """The surface at which half of the light is absorbed, or half of what all absorb; None if there is none."""
+    if not surfaces:
+        return None
+    depth = np.cumsum([each.depth for each in surfaces])
+    return _on_mesh(surfaces[int(np.searchsorted(depth, min(HALF, depth[-1] / 2)))], scene, camera, pixel)
+
+
+def _on_mesh(surface: _Surface, scene: Scene, camera: Camera, pixel: int) -> Picked:
+    """The point of a surface."""
+    row, column = divmod(pixel, camera.size[0])
+    across, down = (slopes[place] for slopes, place in zip(camera.slopes(), (column, row), strict=True))
+    if camera.perspective:
+        ray = np.array([across, down, 1.0])
+        seen = ray / np.linalg.norm(ray) * surface.distance
+    else:
+        seen = np.array([across, down, surface.distance])
+    nothing = (np.nan,) * 3
+    place = _triple(seen @ camera.eye_from_world + camera.eye)
+    return Picked(place, nothing, np.nan, surface.distance, scene.meshes[surface.mesh].name, -1, surface.mesh)
 
 
 def _number(pixel: Any, camera: Camera) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from splatgl.data.arrays.parts import Turned
 from splatgl.data.arrays.plain import checked
 from splatgl.data.errors import expected
-from splatgl.data.readers.grid import METRES, unit_name
+from splatgl.data.readers.grid import METRES, stated, unit_name
 from splatgl.data.volume import Volume
 
 if TYPE_CHECKING:
@@ -51,7 +51,9 @@ def of_xarray(x: Any, options: ArrayOptions) -> Volume:
     # a descending coordinate is an axis that points backwards
     direction = np.diag(np.sign(step[::-1]))
     name = str(array.name or array.attrs.get("long_name", ""))
-    return Volume(samples, (sx, sy, sz), (ox, oy, oz), direction, unit, name)
+    return Volume(
+        samples, (sx, sy, sz), (ox, oy, oz), direction, unit, name, value_unit=stated(array.attrs.get("units"))
+    )
 
 
 def _variable(x: Any, options: ArrayOptions) -> Any:

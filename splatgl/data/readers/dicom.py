@@ -50,6 +50,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
         frame=grid.frame,
         color=color,
         notes=(*notes, *left, *grid.notes),
+        value_unit=group[0].header.value_unit,
     )
 
 

@@ -23,7 +23,7 @@ TAGS = """
     DetectorInformationSequence SharedFunctionalGroupsSequence PerFrameFunctionalGroupsSequence
     GridFrameOffsetVector DoseGridScaling SamplesPerPixel PhotometricInterpretation PlanarConfiguration
     NumberOfFrames Rows Columns PixelSpacing BitsAllocated BitsStored HighBit PixelRepresentation
-    PixelPaddingValue PixelPaddingRangeLimit RescaleIntercept RescaleSlope ModalityLUTSequence
+    PixelPaddingValue PixelPaddingRangeLimit RescaleIntercept RescaleSlope RescaleType Units ModalityLUTSequence
     RedPaletteColorLookupTableDescriptor GreenPaletteColorLookupTableDescriptor
     BluePaletteColorLookupTableDescriptor RedPaletteColorLookupTableData GreenPaletteColorLookupTableData
     BluePaletteColorLookupTableData ExtendedOffsetTable ExtendedOffsetTableLengths
@@ -75,6 +75,10 @@ class Frame:
     times: Six
 
 
+# names of units of values
+UNITS = {"HU": "HU", "BQML": "Bq/ml", "CNTS": "counts", "PROPCNTS": "counts", "GML": "g/ml", "CM2ML": "cm²/ml"}
+
+
 @dataclass(frozen=True, eq=False)
 class Header:
     """What the frames of a file share. stored: (bits stored, whether signed); 0 bits for floating point.
@@ -102,6 +106,7 @@ class Header:
     pixels: str
     offset: int
     room: int
+    value_unit: str = ""
 
 
 @contextmanager
@@ -163,7 +168,16 @@ def header(source: Source) -> tuple[Header, Any]:
             pixels=keyword,
             offset=at,
             room=max(file.size - at, 0),
+            value_unit=_value_unit(told),
         ), told
+
+
+def _value_unit(told: Any) -> str:
+    """The unit of rescaled values: Hounsfield's of a CT, unless it says otherwise; of a PET its own."""
+    kind = plain_text(_lenient(told, "RescaleType")) or plain_text(_lenient(told, "Units"))
+    if not kind and plain_text(told.get("Modality")) == "CT":
+        return "HU"
+    return UNITS.get(kind, "")
 
 
 def frames(of: Header, told: Any) -> list[Frame]:

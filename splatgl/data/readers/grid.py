@@ -24,10 +24,20 @@ _SPELLINGS = {
 _SHORT = {spelling: short for short, spellings in _SPELLINGS.items() for spelling in spellings}
 
 
+# of pure numbers, and of what is not known
+NO_UNITS = ("1", "none", "unknown", "dimensionless", "unitless", "n/a", "us")
+
+
 def unit_name(text: str) -> str:
     """The short name of a unit of length ("millimeter" → "mm"), "" for none; unknown names are kept."""
     text = text.strip()
     return _SHORT.get(text.lower(), text)
+
+
+def stated(unit: object) -> str:
+    """The unit of values that a file states, "" for none: a short text, and no pure number."""
+    text = str(unit or "").strip()
+    return text if 0 < len(text) <= 24 and text.lower() not in NO_UNITS and text.isprintable() else ""
 
 
 def triple(values: object, what: str) -> Triple:

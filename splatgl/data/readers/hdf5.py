@@ -17,7 +17,7 @@ import numpy as np
 from splatgl.data.errors import choice, expected
 from splatgl.data.readers.even import even_steps
 from splatgl.data.readers.files import library, selection
-from splatgl.data.readers.grid import METRES, axes_of, triple, unit_name
+from splatgl.data.readers.grid import METRES, axes_of, stated, triple, unit_name
 from splatgl.data.readers.hdf5_file import (
     MOST_VALUES,
     Packed,
@@ -93,7 +93,14 @@ def read(path: Path, options: LoadOptions) -> Volume:
             samples: Any = samples_of(path, dataset, index, options.anywhere, _packed(dataset))
             matrix, origin, unit = _grid(path, dataset, axes, options)
             spacing, direction = axes_of(matrix, "spacing")
-            return Volume(_turned(samples, axes), spacing, triple(origin, "origin"), direction, unit)
+            return Volume(
+                _turned(samples, axes),
+                spacing,
+                triple(origin, "origin"),
+                direction,
+                unit,
+                value_unit=_value_unit(dataset),
+            )
 
         # the array is a dataset, not a time point
         return told.volume(replace(options, array=None), one)
@@ -244,6 +251,12 @@ def _unit(node: Any) -> str:
     """The unit of length that is stated, "" for none; NetCDF's is mostly that of the values."""
     found = {unit_name(text_of(node, name)) for name in ("unit", "units")} & set(METRES)
     return found.pop() if len(found) == 1 else ""
+
+
+def _value_unit(dataset: Any) -> str:
+    """The unit of values; a length may as well be that of the grid."""
+    told = text_of(dataset, "units") or text_of(dataset, "unit")
+    return "" if unit_name(told) in METRES else stated(told)
 
 
 def _coordinates(dataset: Any, axes: _Axes) -> list[Any]:

@@ -1,0 +1,99 @@
+"""`splatgl pick`: the value and place under a pixel of the picture that `render` draws with the same options."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import re
+from typing import TYPE_CHECKING
+
+from splatgl.app.depths import camera_of
+from splatgl.app.layered import add_layers, layered
+from splatgl.app.options import add_drawing, add_source, scene_from
+from splatgl.app.output import tell
+from splatgl.data.errors import expected
+
+if TYPE_CHECKING:
+    from splatgl.data.volume import Volume
+    from splatgl.truth.pick import Picked
+
+# exit code for a pixel that shows nothing
+NOTHING = 1
+
+
+def add_parser(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `splatgl pick`."""
+    add_source(parser)
+    parser.add_argument("pixel", type=_pixel, metavar="X,Y", help="column and row, from 0 at the upper left")
+    about = "what is looked for: where half of the light is absorbed (first), or the largest value (max; of mip)"
+    parser.add_argument("--mode", choices=("first", "max"), metavar="first|max", help=about)
+    parser.add_argument("--json", action="store_true", help="print one line of JSON")
+    parser.add_argument("--quiet", action="store_true", help="no notes about the file")
+    add_layers(parser)
+    add_drawing(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Prints what is found; returns 0, or NOTHING."""
+    from splatgl.truth.pick import pick
+
+    scene = scene_from(args)
+    width, height = scene.view.size
+    column, row = args.pixel
+    if not (column < width and row < height):
+        raise expected("X,Y", f"a pixel of {width}×{height}, or --size", f"{column},{row}")
+    volume = scene.open()
+    tell(volume, args.quiet or args.json)
+    transfer = scene.transfer_for(volume)
+    scene = scene.cut(volume)
+    layers = layered(scene, volume, transfer)
+    mode = args.mode or ("max" if scene.settings.blend == "mip" else "first")
+    found = pick(layers, camera_of(scene, volume, transfer, layers), args.pixel, mode=mode)
+    if found is None:
+        print("null" if args.json else "nothing is seen there")
+        return NOTHING
+    source = None if found.mesh is not None else layers.shown[found.layer].volume
+    print(as_json(found, source, volume.unit) if args.json else as_text(found, source, volume.unit))
+    return 0
+
+
+def as_text(found: Picked, source: Volume | None, unit: str) -> str:
+    """Lines of what is found. source: the volume that it lies in, None for a mesh."""
+    lines = [f"place: {_numbers(found.place)} {unit}".rstrip(), f"distance: {found.distance:.6g} {unit}".rstrip()]
+    if source is None:
+        return "\n".join([f"mesh: {found.name or found.mesh}", *lines])
+    value = f"value: {found.value:.6g} {source.value_unit}".rstrip()
+    label = _label(found, source)
+    named = [f"label: {label}"] if label else []
+    return "\n".join([f"layer: {found.name or found.layer}", value, *named, f"voxel: {_numbers(found.index)}", *lines])
+
+
+def as_json(found: Picked, source: Volume | None, unit: str) -> str:
+    """One line of JSON with the same."""
+    told: dict[str, object] = {"place": found.place, "unit": unit, "distance": found.distance, "name": found.name}
+    if source is None:
+        return json.dumps({**told, "mesh": found.mesh}, allow_nan=False, ensure_ascii=False)
+    told |= {"voxel": found.index, "value": found.value, "value_unit": source.value_unit, "layer": found.layer}
+    label = _label(found, source)
+    told |= {"label": label} if label else {}
+    return json.dumps(told, allow_nan=False, ensure_ascii=False)
+
+
+def _label(found: Picked, source: Volume) -> str:
+    """The name of the segment, "" if samples number none."""
+    number = round(found.value) if math.isfinite(found.value) else 0
+    named = next((each.name for each in source.labels or () if each.number == number), "")
+    return "" if source.labels is None else named or str(number)
+
+
+def _numbers(values: tuple[float, ...]) -> str:
+    return ", ".join(f"{value:.6g}" for value in values)
+
+
+def _pixel(text: str) -> tuple[int, int]:
+    if not re.fullmatch(r"\d{1,8},\d{1,8}", text):
+        raise argparse.ArgumentTypeError(f"expected a column and a row such as 200,150, got {text!r}")
+    column, row = text.split(",")
+    return int(column), int(row)
