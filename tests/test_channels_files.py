@@ -249,3 +249,17 @@ def test_nrrd_of_other_kinds_than_axes(tmp_path: Path) -> None:
     path.write_bytes("\n".join(("NRRD0004", *fields, "", "")).encode() + bytes(360))
     with pytest.raises(sg.InputError, match=r"kinds: expected one per axis \(4\), got 5"):
         sg.load(path)
+
+
+def test_composites_of_imagej_without_tables_are_in_its_colours(tmp_path: Path) -> None:
+    """ImageJ writes no lookup tables for red, green, blue, white, cyan, magenta and yellow, in this order."""
+    tifffile = pytest.importorskip("tifffile", reason="tifffile writes the file")
+    planes = np.arange(2 * 8 * 3 * 4, dtype=np.uint16).reshape(2, 8, 3, 4)
+    for mode, colors in (
+        ("composite", ["#ff0000", "#00ff00", "#0000ff", "#ffffff", "#00ffff", "#ff00ff", "#ffff00", None]),
+        ("grayscale", [None] * 8),
+    ):
+        path = tmp_path / f"{mode}.tif"
+        tifffile.imwrite(path, planes, imagej=True, metadata={"axes": "ZCYX", "mode": mode})
+        volume = sg.load(path, channel="all")
+        assert [each.hints.color for each in volume.channels] == colors

@@ -10,6 +10,8 @@ from splatgl.data.readers.several import SECONDS, Channel, Several, rgb_of, wind
 from splatgl.data.readers.xml_tree import parse_xml
 
 WHITE = "#ffffff"
+# ImageJ's colours of a composite without lookup tables, which it leaves out of its files
+COMPOSITE = ("#ff0000", "#00ff00", "#0000ff", WHITE, "#00ffff", "#ff00ff", "#ffff00")
 
 
 def several(tiff: Any, axes: str, shape: tuple[int, ...]) -> Several:
@@ -45,15 +47,14 @@ def _ome_color(text: str | None) -> str | None:
 def _of_imagej(metadata: Mapping[str, Any], count: int, times: int) -> Several:
     """Colours are the ends of lookup tables, windows the display ranges."""
     tables, ranges = metadata.get("LUTs", ()), metadata.get("Ranges", ())
-    labels = _labels(metadata.get("Labels", ()), count)
+    labels, composite = _labels(metadata.get("Labels", ()), count), metadata.get("mode") == "composite"
+    usual = dict(enumerate(COMPOSITE)) if composite and not len(tables) else {}
     found = []
     for n in range(count):
-        color = rgb_of([int(row[-1]) for row in tables[n]]) if n < len(tables) and len(tables[n]) == 3 else None
+        color = rgb_of([int(row[-1]) for row in tables[n]]) if n < len(tables) and len(tables[n]) == 3 else usual.get(n)
         window = window_of(*ranges[2 * n : 2 * n + 2]) if len(ranges) >= 2 * n + 2 else None
         found.append(Channel(labels[n], color, window))
-    together = count > 1 and (
-        metadata.get("mode") == "composite" or any(each.color not in (None, WHITE) for each in found)
-    )
+    together = count > 1 and (composite or any(each.color not in (None, WHITE) for each in found))
     return Several(tuple(found), together, times, _positive(metadata.get("finterval")) or None)
 
 
