@@ -159,7 +159,7 @@ def test_channels_are_one_picture(
     path, out = stained(tmp_path), tmp_path / "a.npy"
     monkeypatch.chdir(tmp_path)
     line = ["render", path.name, "--size", "48", "-o", "a.npy", "--window-of", "0=100,900", "--window-of", "GFP=50,800"]
-    assert main([*line, "--color-of", "DAPI=#ff00ff"]) == 0
+    assert main([*line, "--color-of", "DAPI=Fuchsia"]) == 0
     said = capsys.readouterr()
     assert "channels DAPI, GFP" in said.out and "time 0 of 2: --time picks another" in said.err
     volume = sg.load(path)
@@ -189,7 +189,7 @@ def test_one_channel_has_its_colour(tmp_path: Path) -> None:
     ("more", "said"),
     [
         (["--color-of", "RFP=#ff0000"], "channel: expected one of DAPI, GFP, got 'RFP'"),
-        (["--color-of", "GFP=red"], "expected CHANNEL=#RRGGBB"),
+        (["--color-of", "GFP=reddish"], "expected CHANNEL=COLOR"),
         (["--window-of", "GFP=5"], "expected 2 numbers"),
         (["--window-of", "GFP=5,5"], "LOW below HIGH"),
         (["--channel", "0", "--color-of", "0=#ff0000"], "expected several channels"),

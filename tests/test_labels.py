@@ -69,7 +69,7 @@ def test_some_labels_and_their_opacities() -> None:
     found = -np.expm1(-np.unique(splats.depths))
     assert np.allclose(found, [0.495, 0.99], atol=1e-6)
     assert sg.Transfer.from_toml(transfer.to_toml()) == transfer
-    with pytest.raises(sg.InputError, match=r"labels: expected some of 2, 7, 9, got 3"):
+    with pytest.raises(sg.InputError, match=r"only_labels: expected some of 2, 7, 9, got 3"):
         label_transfer(volume, [(3, 1.0)])
 
 

@@ -37,7 +37,11 @@ def add_layers(parser: argparse.ArgumentParser) -> None:
         help="another volume in the picture, with a preset or a colour map, and a factor of its opacities",
     )
     parser.add_argument(
-        "--color-of", type=color_of, action="append", metavar="CHANNEL=#RRGGBB", help="the colour of a channel"
+        "--color-of",
+        type=color_of,
+        action="append",
+        metavar="CHANNEL=COLOR",
+        help="the colour of a channel, #rrggbb or a name",
     )
     parser.add_argument(
         "--window-of", type=window_of, action="append", metavar="CHANNEL=LOW,HIGH", help="from clear to full"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -267,11 +266,18 @@ def _pairs(text: str) -> tuple[tuple[float, float], ...]:
 
 
 def color_of(text: str) -> tuple[str, str]:
-    """Parses CHANNEL=#RRGGBB."""
+    """Parses CHANNEL=COLOR; the colour is returned as #rrggbb."""
+    from PIL import ImageColor
+
     name, _, color = text.rpartition("=")
-    if not name or not re.fullmatch("#[0-9a-fA-F]{6}", color):
-        raise argparse.ArgumentTypeError(f"expected CHANNEL=#RRGGBB, got {text!r}")
-    return name, color.lower()
+    try:
+        rgb = ImageColor.getrgb(color[:40])
+    except ValueError:
+        rgb = ()
+    if not name or len(rgb) != 3:
+        this = "CHANNEL=COLOR, a colour #rrggbb, #rgb or of a name in CSS, such as lime"
+        raise argparse.ArgumentTypeError(f"expected {this}, got {text!r}")
+    return name, "#{:02x}{:02x}{:02x}".format(*rgb)
 
 
 def window_of(text: str) -> tuple[str, tuple[float, ...]]:

@@ -67,7 +67,7 @@ def shown_labels(labels: Sequence[Label], only: Sequence[tuple[int, float]] | No
     for number, _ in chosen:
         if number not in table:
             known = [str(label.number) for label in labels[:20]]
-            raise expected("labels", f"some of {', '.join(known)}{', …' * (len(table) > 20)}", number)
+            raise expected("only_labels", f"some of {', '.join(known)}{', …' * (len(table) > 20)}", number)
     named = ((table[number], factor) for number, factor in chosen)
     return checked_labels(
         [(each.number, each.color or color_of(each.number), SOLID * each.opacity * factor) for each, factor in named]
