@@ -288,6 +288,12 @@ def test_meshes_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     alone = sg.render(tmp_path / "a.stl", size=(60, 40), orthographic=True, height=16.0, azimuth=0.0, elevation=0.0)
     assert alone.pixels[20, 30, 3] == pytest.approx(1) and not alone.pixels[:7].any()
     assert np.ptp(picture[10:30, 5:55], axis=(0, 1)).max() < 1e-5
+    assert (
+        main(["animate", str(tmp_path / "a.stl"), "-o", str(tmp_path / "o.gif"), "--frames", "2", "--size", "16"]) == 0
+    )
+    for command in (["info"], ["view"], ["render", "--workers", "1"]):
+        assert main([command[0], str(tmp_path / "a.stl"), *command[1:]]) == 2
+        assert "mesh" in capsys.readouterr().err
     (tmp_path / "b.stl").write_bytes(b"solid")
     assert main(["render", str(tmp_path / "b.stl"), *options]) == 2
     told = capsys.readouterr().err

@@ -213,7 +213,7 @@ def _matter(scene: Scene, volume: Volume, transfer: Transfer, flow: float | None
         raise expected("--flow", "a scene of one volume", "layers, channels or meshes")
     drawn = layered(scene, volume, transfer)
     check_fits(scene, drawn)
-    if not any(map(len, drawn.splats(scene.settings))):
+    if not (drawn.meshes or any(map(len, drawn.splats(scene.settings)))):
         raise nothing(scene, volume)
     return drawn
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from splatgl.app.backgrounds import AUTO, CLEAR, background
+from splatgl.app.meshes import is_mesh
 from splatgl.app.scene import Scene
 from splatgl.app.vectors import asked_vectors
 from splatgl.app.viewpoint import View
@@ -144,6 +145,8 @@ def scene_from_source(args: argparse.Namespace) -> Scene:
     """The scene from the source and reader options."""
     _refuse_many(args)
     source, array = inside(args.source)
+    if is_mesh(source) and not hasattr(args, "mesh"):
+        raise expected(source, "a volume", "a mesh", "splatgl render draws it")
     path = Path(source)
     scene = Scene.from_toml(path) if path.suffix == ".toml" and not is_address(source) else Scene(source)
     reading = _given(args, *(f.name for f in fields(LoadOptions)))

@@ -18,6 +18,7 @@ from splatgl.app.annotations.request import asked_for, lay, unbacked, with_room
 from splatgl.app.backgrounds import as_drawn, backed
 from splatgl.app.depths import add_depth, check_depth, write_depths
 from splatgl.app.layered import add_layers, draw_layers, is_layered
+from splatgl.app.meshes import is_mesh
 from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import check_output, check_source, tell
 from splatgl.app.scene import Scene
@@ -189,7 +190,7 @@ def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer
     for name in ("check", "field", "savings", "explain"):
         if getattr(args, name):
             raise expected(f"--{name}", "a picture that is drawn by this process", "--workers or --scheduler")
-    meshes = len(scene.meshes) + int(scene.vectors.drawn)
+    meshes = len(scene.meshes) + scene.vectors.drawn + is_mesh(scene.volume)
     told = (("--threshold", scene.threshold), ("layers", len(scene.layers)), ("meshes", meshes))
     for what, given in told:
         if given:
