@@ -131,7 +131,14 @@ class Animation:
         cameras = [self.track.camera(n) for n in {0, self.count // 2, self.count - 1}]
         views = [(c.eye.tolist(), c.eye_from_world.tolist(), c.size, c.extent, c.perspective) for c in cameras]
         first = self.scenes[0]
-        drawn = (first.settings, first.threshold, self.transfer.to_toml(), *first.layers, *first.meshes, first.vectors)
+        drawn = (
+            first.settings,
+            first.threshold,
+            self.transfer.to_toml(),
+            *first.layers,
+            *first.meshes,
+            *first.vectors.told.items(),
+        )
         told = self.over.names if self.over else ()
         return mark_of(files, drawn, views, self.count, self.hold, self.flow, self.bits, *told)
 
