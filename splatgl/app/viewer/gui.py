@@ -52,6 +52,7 @@ class Gui:
         with current(window.screen.ctx):
             imgui.backends.opengl3_init(GLSL)
         imgui.get_style().window_rounding = 4.0
+        imgui.get_style().scale_all_sizes(window.scale)
         imgui.get_style().font_scale_main = window.scale
 
     @property

@@ -128,9 +128,10 @@ class Panel:
     def _curve(self, transfer: Transfer) -> Transfer:
         """Canvas with histogram and nodes; returns the edited transfer function."""
         corner, room = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail()
-        wide, high = max(room.x, 4 * EDGE) - 2 * EDGE, HEIGHT - 2 * EDGE
+        tall = HEIGHT * imgui.get_style().font_scale_main
+        wide, high = max(room.x, 4 * EDGE) - 2 * EDGE, tall - 2 * EDGE
         canvas = Canvas(corner.x + EDGE, corner.y + EDGE, wide, high, *self.range)
-        imgui.invisible_button("curve", (max(room.x, 1.0), HEIGHT + BAR))
+        imgui.invisible_button("curve", (max(room.x, 1.0), tall + BAR))
         hovered, active = imgui.is_item_hovered(), imgui.is_item_active()
         place = (imgui.get_io().mouse_pos.x, imgui.get_io().mouse_pos.y)
         points = self._dragged(transfer.points, canvas, place, hovered, active)
