@@ -222,9 +222,9 @@ def test_list_bindings(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_remapping(tmp_path: Path) -> None:
-    (tmp_path / "keys.toml").write_text('[bindings]\nturn = ["t", "Ctrl+Space"]\nquit = "y"\n')
+    (tmp_path / "keys.toml").write_text('[bindings]\nturn = ["t", "Ctrl+Space"]\nquit = "z"\n')
     keys = keymap(load_bindings(tmp_path / "keys.toml"))
-    assert keys["t"] == keys["ctrl+space"] == "turn" and keys["y"] == "quit"
+    assert keys["t"] == keys["ctrl+space"] == "turn" and keys["z"] == "quit"
     assert "space" not in keys and "q" not in keys and keys["r"] == "reset"
 
 
@@ -776,7 +776,7 @@ def test_what_is_saved_of_values_is_what_render_makes(
 
 def test_the_saved_picture_is_the_one_on_show(renderer: sg.Renderer, scene: Scene, tmp_path: Path) -> None:
     content = Content.open(scene)
-    state = State.of(content, SIZE)
+    state = replace(State.of(content, SIZE), annotate=())
     shown = renderer.render(content.at(1), state.pose.camera, state.settings).pixels
     saved = picture_of(scene_of(state, content), content, renderer.render).pixels
     assert np.abs(shown - saved).max() < 1e-5

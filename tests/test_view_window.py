@@ -49,6 +49,16 @@ NAMES |= {
     "home": "Home",
     "tab": "Tab",
     "delete": "Delete",
+    "page_up": "Prior",
+    "page_down": "Next",
+    "left": "Left",
+    "right": "Right",
+    "up": "Up",
+    "down": "Down",
+    "f11": "F11",
+    "+": "plus",
+    "=": "equal",
+    "-": "minus",
     "f1": "F1",
     "enter": "Return",
     "<": "less",
@@ -114,7 +124,7 @@ class Window:
 
     def key(self, key: str) -> Told:
         """Presses a key as the bindings name it; returns the state when all is at rest."""
-        *held, name = key.split("+")
+        *held, name = key.split("+") if key != "+" else [key]
         self.hands("key", "+".join([*held, NAMES.get(name, name)]))
         return self.ask("settle")
 
@@ -194,6 +204,8 @@ def silent(window: Window) -> None:
     """Nothing is written over the picture."""
     while window.key("i")["hud"] != "off":
         pass
+    if window.ask("look")["annotate"]:
+        assert not window.key("j")["annotate"]
 
 
 def direction(told: Told) -> np.ndarray:
@@ -213,6 +225,21 @@ def next_choice(name: str) -> Callable[[Told, Told], bool]:
         return after["settings"][name] == choices()[name][1] and choices()[name][1] in after["message"]
 
     return check
+
+
+def turned(axes: tuple[int, int], way: int) -> Callable[[Told, Told], bool]:
+    """About +z: the angle of the direction in the plane of two axes."""
+
+    def check(before: Told, after: Told) -> bool:
+        a, b = (direction(told)[list(axes)] for told in (before, after))
+        return way * float(a[0] * b[1] - a[1] * b[0]) > 0.1
+
+    return check
+
+
+def rolled(before: Told, after: Told) -> float:
+    """How far the scene is rolled clockwise: what was to the right is now lower."""
+    return float(np.array(after["axes"])[1] @ np.array(before["axes"])[0])
 
 
 def toggles(name: str) -> Callable[[Told, Told], bool]:
@@ -259,6 +286,22 @@ CHECKS: dict[str, Callable[[Told, Told], bool]] = {
     "panel": lambda before, after: after["panel"] != before["panel"] or "pip install" in after["message"],
     "ground": lambda before, after: (before["ground"], after["ground"]) == ("black", "white"),
     "help": toggles("help"),
+    "turn-left": turned((0, 1), 1),
+    "turn-right": turned((0, 1), -1),
+    "turn-up": lambda before, after: direction(after)[2] < direction(before)[2] - 0.1,
+    "turn-down": lambda before, after: direction(after)[2] > direction(before)[2] + 0.1,
+    "zoom-in": lambda before, after: np.subtract(after["eye"], before["eye"]) @ direction(before) > 0.5,
+    "zoom-out": lambda before, after: np.subtract(after["eye"], before["eye"]) @ direction(before) < -0.5,
+    "roll-left": lambda before, after: rolled(before, after) < -0.1,
+    "roll-right": lambda before, after: rolled(before, after) > 0.1,
+    "turntable": toggles("turntable"),
+    "annotations": lambda before, after: before["annotate"] == ["scale", "axes"] and not after["annotate"],
+    "colorbar": lambda before, after: "colorbar" in after["annotate"],
+    "box": lambda before, after: "box" in after["annotate"],
+    "probe": toggles("probe"),
+    "measure": lambda before, after: after["ruler"]["active"] and "click" in after["message"],
+    "light": lambda before, after: (before["settings"]["light"], after["settings"]["light"]) == ("head", "matte"),
+    "fullscreen": lambda before, after: after["fullscreen"] and after["size"] == [640, 480],
     "handles": lambda before, after: after["cuts"]["shown"] != before["cuts"]["shown"],
     "cuts": lambda before, after: "nothing is cut" in after["message"],
     "plane": lambda before, after: len(after["settings"]["clip"]) == 1 and after["cuts"]["shown"],

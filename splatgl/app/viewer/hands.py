@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from splatgl.app.viewer.bindings import Binding, keymap
 from splatgl.app.viewer.mouse import Mouse, wheeled
+from splatgl.app.viewer.moves import up_of
 from splatgl.app.viewer.pick import pivoted
 from splatgl.app.viewer.pose import Place
 from splatgl.app.viewer.state import acted
@@ -53,10 +54,13 @@ class Hands:
             viewer.state = pivoted(viewer.state, viewer.content, place)
             self.touch()
         self.mouse = self.mouse.press(button, held, place, viewer.state.pose, viewer.now())
+        drag = self.mouse.drag
+        if viewer.state.turntable and drag is not None:
+            self.mouse = replace(self.mouse, drag=replace(drag, up=up_of(viewer.content)))
 
     def release(self, button: str) -> None:
         """Ends the drag."""
-        self.tools.release(button)
+        self.tools.release(button, self.viewer.window.at)
         self.mouse = self.mouse.release()
 
     def move(self, place: Place) -> None:

@@ -7,9 +7,9 @@ from dataclasses import replace
 from splatgl.app.viewer.state import State
 
 # what an undo does not bring back: what is open on the screen, and what is asked for
-PASSING = ("message", "asks", "help", "hud", "panel", "turning", "time", "times", "playing")
+PASSING = ("message", "asks", "help", "hud", "panel", "turning", "time", "times", "playing", "fullscreen", "probe")
 # what a saved scene holds and a closed window loses; a view is soon found again
-EDITS = ("settings", "base", "threshold", "extinction")
+EDITS = ("settings", "base", "threshold", "extinction", "annotate")
 # largest number of steps
 MOST = 200
 

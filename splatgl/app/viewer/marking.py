@@ -1,4 +1,4 @@
-"""What is marked in the view: the box and planes of cuts with their handles."""
+"""What is marked in the view: annotations, handles of cuts, distances, and the value under the cursor."""
 
 from __future__ import annotations
 
@@ -8,28 +8,74 @@ import numpy as np
 
 from splatgl.app.viewer.cutting import Cuts
 from splatgl.app.viewer.handles import box_edges, handles, outline
+from splatgl.app.viewer.labels import beside, label
+from splatgl.app.viewer.legend import Legend, Scenery, ground_of
+from splatgl.app.viewer.measuring import Ruler, distance, told, under_cursor
 from splatgl.app.viewer.sight import seen, segment
 from splatgl.data.volume import Volume
-from splatgl.gl.marks import Color, Marks, Stroke
+from splatgl.gl.marks import Color, Marks, Sprite, Stroke
 from splatgl.splat.view.camera import Camera
 
 if TYPE_CHECKING:
+    from splatgl.app.viewer.content import Content
     from splatgl.app.viewer.viewer import Viewer
 
 # sRGB, of the box, of planes, and of what does not cut at present
 BOX: Color = (0.36, 0.72, 1.0, 0.9)
 PLANES: tuple[Color, ...] = ((1.0, 0.62, 0.2, 0.95), (0.45, 0.9, 0.45, 0.95), (0.95, 0.5, 0.85, 0.95))
+RULER: Color = (1.0, 0.85, 0.3, 1.0)
 RESTING: Color = (0.7, 0.7, 0.7, 0.7)
 # pixels at a content scale of 1
 LINE, DOT, TIP = 1.5, 11.0, 8.0
 
 
-def marked(viewer: Viewer) -> Marks:
-    """All that is marked now."""
-    state, content, scale = viewer.state, viewer.content, viewer.window.scale
-    if content.waiting:
-        return Marks()
-    return Marks((), tuple(of_cuts(state.cuts, content.volume, state.pose.camera, scale)))
+class Marking:
+    """What is marked over the picture, remembered from one frame to the next."""
+
+    def __init__(self) -> None:
+        self.legend = Legend()
+
+    def marked(self, viewer: Viewer) -> Marks:
+        """All that is marked now."""
+        state, content, scale = viewer.state, viewer.content, viewer.window.scale
+        frame = viewer.painter.frame
+        if content.waiting or frame is None:
+            return Marks()
+        camera = state.pose.camera
+        look = state.transfer, camera, state.settings.blend, ground_of(state)
+        legend = self.legend.sprites(Scenery(state.annotate, content.volume, *look))
+        strokes = of_cuts(state.cuts, content.volume, camera, scale)
+        lines, labels = of_ruler(state.ruler, content, camera, scale)
+        if state.probe and viewer.hands.mouse.drag is None:
+            labels += _probed(viewer, scale)
+        return Marks((*legend, *labels), (*strokes, *lines))
+
+
+def of_ruler(ruler: Ruler, content: Content, camera: Camera, scale: float) -> tuple[list[Stroke], list[Sprite]]:
+    """The line between two points with dots at its ends, and its length beside it."""
+    places = seen(camera, np.array(ruler.points).reshape(-1, 3))
+    dots = [(float(x), float(y)) for x, y in places if np.isfinite(x)]
+    strokes = [Stroke(each, each, RULER, TIP * scale, scale) for each in dots]
+    if len(ruler.points) < 2:
+        return strokes, []
+    line = segment(camera, *map(np.array, ruler.points))
+    if line is None:
+        return strokes, []
+    text = label((distance(ruler, content),), scale)
+    # beside the end to the right, where the line is not
+    end = max(line)
+    place = beside(end, (text.shape[1], text.shape[0]), camera.size, TIP * scale)
+    return [Stroke(*line, RULER, LINE * scale, scale), *strokes], [Sprite(text, place)]
+
+
+def _probed(viewer: Viewer, scale: float) -> list[Sprite]:
+    at, state = viewer.hands.tools.at, viewer.state
+    width, height = state.pose.camera.size
+    covered = viewer.panel is not None and state.panel and viewer.panel.touched
+    if covered or not (0 <= at[0] < width and 0 <= at[1] < height):
+        return []
+    text = label(told(under_cursor(state, viewer.content, at), viewer.content), scale)
+    return [Sprite(text, beside(at, (text.shape[1], text.shape[0]), (width, height), 1.5 * DOT * scale))]
 
 
 def of_cuts(cuts: Cuts, volume: Volume, camera: Camera, scale: float) -> list[Stroke]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
+import numpy as np
+
 from splatgl.app.viewer.pose import DRAG, NOTCH, Place, Pose
 
 # maximum seconds and pixels between the presses of a double click
@@ -13,14 +15,17 @@ DOUBLE, APART = 0.35, 5.0
 
 @dataclass(frozen=True, eq=False)
 class Drag:
-    """A drag: its operation and its start."""
+    """A drag: its operation and its start. up: of a turntable, world; None: of a trackball."""
 
     kind: str
     start: Place
     pose: Pose
+    up: np.ndarray | None = None
 
     def to(self, place: Place) -> Pose:
         """The pose for a cursor position; depends only on it and the start, not on the path."""
+        if self.kind == "rotate" and self.up is not None:
+            return self.pose.swept(self.start, place, self.up)
         if self.kind == "rotate":
             return self.pose.rotated(self.start, place)
         if self.kind == "roll":

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from imgui_bundle import imgui
 
-from splatgl.app.viewer import curve, hud, panel_cuts
+from splatgl.app.viewer import curve, hud, panel_cuts, panel_view
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.curve import Canvas
 from splatgl.app.viewer.hud import Frame
@@ -40,6 +40,7 @@ ABOUT = {
     "footprint": "The footprint texture, or a finer table over the squared distance.",
     "target": "The frame buffer's numbers; the paper's has 8 bits.",
     "shading": "C = c (0.3 + 0.7 |n l|), a light at the eye.",
+    "light": "At the eye, from above left on matte or glossy matter, or none that shades.",
     "order": "Read from the rows of splats, without a sort.",
     "technique": "How splats are drawn: quads, or gathered by tiles of pixels.",
     "motion": "Blur while the view is turned. moments: mean of pictures; exact: mean of the footprint along its "
@@ -77,6 +78,8 @@ class Panel:
             opened = imgui.TreeNodeFlags_.default_open
             if imgui.collapsing_header("Transfer function", opened):
                 state = self._transfer(state, content)
+            if imgui.collapsing_header("View"):
+                state = panel_view.draw(state, content)
             if imgui.collapsing_header("Cuts"):
                 state = panel_cuts.draw(state, content)
             if imgui.collapsing_header("Settings"):

@@ -19,6 +19,8 @@ NEAREST = 0.05
 STAND_OFF = 2.0
 # trackball radius, in halves of the image's shorter side
 BALL = 0.9
+# degrees of a turntable per shorter side of the image, and its highest elevation
+SWEEP, POLE = 180.0, 89.9
 # zoom factor per notch of the wheel, and per pixel of an upward drag
 NOTCH, DRAG = 0.85, 0.994
 # bounds of the visible extent, in scene radii
@@ -76,6 +78,21 @@ class Pose:
     def spun(self, degrees: float, up: np.ndarray) -> Pose:
         """Rotation about the world's `up` through the pivot: counter-clockwise seen from above."""
         return self._turned(_turn(self.camera.eye_from_world @ up, float(np.radians(degrees))))
+
+    def lifted(self, degrees: float) -> Pose:
+        """Rotation about the picture's horizontal through the pivot: the eye rises."""
+        return self._turned(_turn(np.array([1.0, 0.0, 0.0]), float(np.radians(degrees))))
+
+    def tipped(self, degrees: float) -> Pose:
+        """Rotation of the picture about the line of sight, clockwise."""
+        return self._turned(_turn(np.array([0.0, 0.0, 1.0]), float(np.radians(degrees))))
+
+    def swept(self, start: Place, stop: Place, up: np.ndarray) -> Pose:
+        """Turntable rotation for a cursor move: across about `up`, along it up to the poles."""
+        across, along = (np.array(stop) - np.array(start)) * SWEEP / min(self.camera.size)
+        now = float(np.degrees(np.arcsin(np.clip(-self.camera.forward @ up, -1.0, 1.0))))
+        lift = float(np.clip(now + along, -POLE, POLE)) - now
+        return self.lifted(lift).spun(-float(across), up)
 
     def panned(self, start: Place, stop: Place) -> Pose:
         """Translation in the image plane; points at the pivot's depth follow the cursor."""

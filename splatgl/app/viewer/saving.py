@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 
+from splatgl.app.annotations.request import LEAST_SIDE, lay
 from splatgl.app.render import origin
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
@@ -32,7 +33,9 @@ def scene_of(state: State, content: Content) -> Scene:
     shown = replace(content.scene, transfer=table, view=state.pose.view(), settings=settings)
     if content.portion and content.portion.level is not None:
         shown = replace(shown, load={**shown.load, "level": content.portion.level})
-    return replace(shown, threshold=state.threshold)
+    # what is laid over a window too small for it is not asked for
+    annotate = state.annotate if min(state.pose.camera.size) >= LEAST_SIDE else ()
+    return replace(shown, threshold=state.threshold, annotate=annotate)
 
 
 def picture_of(scene: Scene, content: Content, draw: Draw) -> Image:
@@ -41,7 +44,8 @@ def picture_of(scene: Scene, content: Content, draw: Draw) -> Image:
     content = content.following(transfer, scene.threshold, scene.settings)
     splats = content.at(1) if content.fresh else scene.splats(content.volume, transfer)
     image = draw(splats, scene.view.camera(content.volume, splats), scene.settings)
-    return Image(image.pixels, {**image.info, **origin(scene, transfer)})
+    image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
+    return lay(image, scene, content.volume, transfer, scene.annotate, quiet=True) if scene.annotate else image
 
 
 def save_picture(state: State, content: Content, draw: Draw, folder: Path) -> str:

@@ -8,32 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.app.viewer import cutting
+from splatgl.app.viewer import cutting, legend, measuring, moves
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.cutting import Cuts
+from splatgl.app.viewer.measuring import Ruler
 from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.pose import Pose
 from splatgl.data.errors import InputError
-from splatgl.gl.screen import GROUNDS
 from splatgl.splat.classification.transfer import OPAQUE, Transfer
 from splatgl.splat.motion.blur import MOTIONS
 from splatgl.splat.plan.plan import plan
 from splatgl.splat.plan.settings import Settings, choices
-from splatgl.splat.view.camera import Camera
 
 COMPARE = ("off", "split", "difference")
 # what is said of the picture
 HUDS = ("short", "full", "off")
-# azimuth and elevation of the standard views in degrees; the front is a scene's azimuth 0
-VIEWS = {
-    "isometric": (45.0, 35.264),
-    "front": (0.0, 0.0),
-    "back": (180.0, 0.0),
-    "right": (90.0, 0.0),
-    "left": (-90.0, 0.0),
-    "top": (0.0, 90.0),
-    "bottom": (0.0, -90.0),
-}
 # factors on extinction and threshold per key press; the lowest threshold above 0, and the highest
 OPACITY_STEP, THRESHOLD_STEP = 1.25, 1.5
 LOWEST, HIGHEST = 0.001, 0.99
@@ -58,6 +47,7 @@ class State:
     blur: motion blur while the view rotates. time: number of the time point of a series of `times`; playing: whether it
     goes on by itself. hud: of HUDS. asks: pending window actions ("screenshot", "save", "undo",
     "redo", "quit"). message: shown until the next key. cuts: box and planes, which `settings` has too.
+    annotate: what is laid over the picture, as of a scene. probe: whether the value under the cursor is told.
     """
 
     pose: Pose
@@ -79,13 +69,19 @@ class State:
     message: str = ""
     asks: tuple[str, ...] = field(default=())
     cuts: Cuts = field(default_factory=Cuts)
+    annotate: tuple[str, ...] = ()
+    turntable: bool = False
+    fullscreen: bool = False
+    probe: bool = False
+    ruler: Ruler = field(default_factory=Ruler)
 
     @classmethod
     def of(cls, content: Content, size: tuple[int, int]) -> State:
         """Initial state of a content: its home view at `size` pixels, its settings and transfer function."""
         settings = content.scene.settings
         cuts = Cuts.of(settings.clip, content.volume)
-        return cls(content.home(size), settings, content.transfer, content.threshold, cuts=cuts)
+        annotate = legend.usual_of(content)
+        return cls(content.home(size), settings, content.transfer, content.threshold, cuts=cuts, annotate=annotate)
 
     @property
     def moving(self) -> Settings:
@@ -102,7 +98,7 @@ class State:
     def opened(self, content: Content) -> State:
         """State for another content with its own view and settings; display options are kept."""
         fresh = State.of(content, self.pose.camera.size)
-        kept = ("hud", "help", "panel", "ground", "turning", "blur")
+        kept = ("hud", "help", "panel", "ground", "turning", "blur", "turntable", "fullscreen", "probe")
         return replace(fresh, **{name: getattr(self, name) for name in kept})
 
 
@@ -121,25 +117,6 @@ def acted(state: State, action: str, content: Content) -> State:
 
 def _reset(state: State, content: Content) -> State:
     return replace(state, pose=content.home(state.pose.camera.size), turning=False)
-
-
-def _view(name: str) -> Action:
-    def look(state: State, content: Content) -> State:
-        azimuth, elevation = VIEWS[name]
-        # in RAS the front is +y, in LPS −y
-        azimuth += 180.0 if content.volume.frame == "RAS" else 0.0
-        pose, up = state.pose, up_of(content)
-        camera = Camera.orbit(content.subject, azimuth, elevation, pose.fov, pose.camera.size, up=up)
-        seen = replace(pose, camera=camera, pivot=content.middle)
-        return replace(state, pose=seen if pose.camera.perspective else seen.switched(), turning=False)
-
-    return look
-
-
-def up_of(content: Content) -> np.ndarray:
-    """The scene's up direction."""
-    up = np.asarray(content.scene.view.up or content.volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
-    return np.asarray(up / np.linalg.norm(up))
 
 
 def _projection(state: State, content: Content) -> State:
@@ -219,10 +196,6 @@ def _toggle(name: str) -> Action:
     return toggle
 
 
-def _ground(state: State, content: Content) -> State:
-    return replace(state, ground=_next(GROUNDS, state.ground))
-
-
 def _close(state: State, content: Content) -> State:
     if state.help:
         return replace(state, help=False)
@@ -252,7 +225,6 @@ def _next(values: tuple[str, ...], value: str) -> str:
 
 ACTIONS: dict[str, Action] = {
     "reset": _reset,
-    **{name: _view(name) for name in VIEWS},
     "projection": _projection,
     **{name: _cycle(name) for name in CYCLES},
     "motion": _blur,
@@ -273,8 +245,10 @@ ACTIONS: dict[str, Action] = {
     "later": _time(1),
     "play": _play,
     "panel": _toggle("panel"),
-    "ground": _ground,
     "help": _toggle("help"),
     "quit": _ask("quit"),
+    **moves.ACTIONS,
     **cutting.ACTIONS,
+    **legend.ACTIONS,
+    **measuring.ACTIONS,
 }

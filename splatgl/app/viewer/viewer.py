@@ -21,12 +21,13 @@ from splatgl.app.viewer.hands import Hands
 from splatgl.app.viewer.history import History
 from splatgl.app.viewer.hud import progress
 from splatgl.app.viewer.jobs import Jobs
-from splatgl.app.viewer.marking import marked
+from splatgl.app.viewer.marking import Marking
+from splatgl.app.viewer.moves import up_of
 from splatgl.app.viewer.pacing import LADDER, REST, STEP, TARGET
 from splatgl.app.viewer.painter import Painter
 from splatgl.app.viewer.refiner import Moment, Refiner
 from splatgl.app.viewer.saving import SAVES, saved
-from splatgl.app.viewer.state import State, up_of
+from splatgl.app.viewer.state import State
 from splatgl.app.viewer.window import Window
 from splatgl.data.errors import InputError, missing_extra
 from splatgl.gl.portions import Interrupted
@@ -71,6 +72,7 @@ class Viewer:
             self.window = Window(self.screen, self.hands)
             self.extractor = Extractor(self.window.wake)
             self.reference = Reference(Jobs(self.window.wake))
+            self.marking = Marking()
             self.painter = Painter(self.screen, renderer, self.options.bindings)
             self.renderer = renderer
             self.content = content
@@ -124,6 +126,7 @@ class Viewer:
         """Handles events and finished jobs, renders a frame if one is due, and displays it. wait: maximum seconds."""
         self.window.wait(self._patience() if wait is None else wait)
         begun = time.perf_counter()
+        self.window.fill(self.state.fullscreen)
         for done in (*self.files.jobs.collect(), *self.extractor.collect()):
             arrived(self, done)
         if self.reference.collect():
@@ -273,7 +276,7 @@ class Viewer:
         if self.state.panel and self.panel is None:
             self._open_panel()
         self.screen.draw(self.window.size, self.painter.look(self.state, self.reference))
-        self.screen.mark(self.window.size, marked(self))
+        self.screen.mark(self.window.size, self.marking.marked(self))
         if self.panel is not None and self.state.panel:
             before = self.state
             self.state = self.panel.frame(self.state, self.content, self.painter.frame)

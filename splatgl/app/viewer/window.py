@@ -71,6 +71,8 @@ class Window:
         self.glfw, self.screen, self.listener, self.handle = glfw, screen, listener, screen.window
         # cursor position at the time of an event: a later query may return a newer one
         self.at: Place = self._pixels(*glfw.get_cursor_pos(self.handle))
+        # place and size before it covered the screen
+        self.before: tuple[int, int, int, int] | None = None
         # GLFW reports errors as warnings: failures that matter are checked where they occur
         warnings.simplefilter("ignore", glfw.GLFWError)
         _outlive_display()
@@ -121,6 +123,20 @@ class Window:
     def wake(self) -> None:
         """Ends a wait; callable from any thread."""
         self.glfw.post_empty_event()
+
+    def fill(self, whole: bool) -> None:
+        """Covers the screen, or goes back to where the window was."""
+        if whole == (self.before is not None):
+            return
+        monitor = self.glfw.get_primary_monitor() if whole else None
+        if monitor:
+            self.before = (*self.glfw.get_window_pos(self.handle), *self.glfw.get_window_size(self.handle))
+            mode = self.glfw.get_video_mode(monitor)
+            size = mode.size
+            self.glfw.set_window_monitor(self.handle, monitor, 0, 0, size.width, size.height, mode.refresh_rate)
+        elif self.before is not None:
+            self.glfw.set_window_monitor(self.handle, None, *self.before, self.glfw.DONT_CARE)  # type: ignore[arg-type]
+            self.before = None
 
     def title(self, text: str) -> None:
         """Sets the text of the title bar."""

@@ -1,0 +1,113 @@
+"""The value under the cursor, and the distance between two picked points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from splatgl.app.annotations.scale_bar import length_text
+from splatgl.app.viewer.sight import Place
+from splatgl.data.errors import InputError
+from splatgl.data.volume import Triple
+from splatgl.splat.layers.layers import Layer, Scene
+from splatgl.truth.pick import Picked, pick
+
+if TYPE_CHECKING:
+    from splatgl.app.viewer.content import Content
+    from splatgl.app.viewer.state import State
+
+# blends that show a largest value along the ray
+LARGEST = ("mip",)
+FIRST = "click on the first point; a drag turns the view"
+SECOND = "click on the second point"
+
+
+@dataclass(frozen=True)
+class Ruler:
+    """points: those picked, world units, at most two. active: whether clicks pick them."""
+
+    points: tuple[Triple, ...] = ()
+    active: bool = False
+
+    @property
+    def length(self) -> float | None:
+        """World length between both points; None until there are two."""
+        return float(np.linalg.norm(np.subtract(*self.points))) if len(self.points) == 2 else None
+
+    def with_point(self, point: Triple) -> Ruler:
+        """With one more point; after two it begins anew."""
+        return replace(self, points=(*(self.points if len(self.points) < 2 else ()), point))
+
+
+def under_cursor(state: State, content: Content, place: Place) -> Picked | None:
+    """What is seen under a position in pixels; None where nothing is, or the volume is not in memory."""
+    pixel = tuple(int(np.floor(each)) for each in place)
+    width, height = state.pose.camera.size
+    if content.waiting or not (0 <= pixel[0] < width and 0 <= pixel[1] < height):
+        return None
+    mode = "max" if state.settings.blend in LARGEST else "first"
+    try:
+        return pick(_scene(state, content), state.pose.camera, pixel, mode=mode)
+    except InputError:
+        return None
+
+
+def told(found: Picked | None, content: Content) -> tuple[str, ...]:
+    """Value, place and index in words."""
+    if found is None:
+        return ("nothing here",)
+    unit = content.volume.unit
+    place = ", ".join(f"{each:.4g}" for each in found.place)
+    index = ", ".join(f"{each:.0f}" for each in found.index)
+    return (
+        f"{found.name or 'value'}: {found.value:.6g}",
+        f"at {place}{' ' + unit if unit else ''}",
+        f"voxel {index}",
+    )
+
+
+def clicked(state: State, content: Content, place: Place) -> State:
+    """The state after a click while distances are measured."""
+    found = under_cursor(state, content, place)
+    if found is None:
+        return replace(state, message="nothing here to measure from")
+    ruler = state.ruler.with_point(found.place)
+    length = ruler.length
+    said = SECOND if length is None else f"distance {length_text(float(f'{length:.5g}'), content.volume.unit)}"
+    return replace(state, ruler=ruler, message=said)
+
+
+def distance(ruler: Ruler, content: Content) -> str:
+    """The length of the line in words; "" until there are two points."""
+    length = ruler.length
+    return "" if length is None else length_text(float(f"{length:.4g}"), content.volume.unit)
+
+
+# what the latest values were picked from: content, transfer function and cuts, which are compared by identity
+_latest: list[tuple[tuple[object, ...], Scene]] = []
+
+
+def _scene(state: State, content: Content) -> Scene:
+    key = content, state.transfer, state.settings.clip, state.threshold
+    if not _latest or any(a is not b and a != b for a, b in zip(_latest[0][0], key, strict=True)):
+        layer = Layer(content.volume, state.transfer, threshold=state.threshold)
+        _latest[:] = [(key, Scene([layer], state.settings.clip))]
+    return _latest[0][1]
+
+
+def _probe(state: State, content: Content) -> State:
+    said = "" if state.probe else "the value under the cursor"
+    return replace(state, probe=not state.probe, message=said)
+
+
+def _measure(state: State, content: Content) -> State:
+    if state.ruler.active:
+        return replace(state, ruler=Ruler(state.ruler.points))
+    if state.ruler.points:
+        return replace(state, ruler=Ruler())
+    return replace(state, ruler=Ruler(active=True), message=FIRST)
+
+
+ACTIONS: dict[str, Any] = {"probe": _probe, "measure": _measure}
