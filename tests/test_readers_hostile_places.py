@@ -128,6 +128,18 @@ def test_zarr_bombs(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         refused(store, "chunk 0.0.0: expected 594 bytes, got 16777216 at least")
 
 
+@pytest.mark.parametrize("length", [0, 335_544_364])
+def test_zarr_of_blosc_chunks_longer_than_their_files(store: Path, length: int) -> None:
+    """Blosc's library trusts the length in a chunk's header and reads beyond the file, which ends the process."""
+    from numcodecs import Blosc
+
+    chunk = bytearray(Blosc().encode(np.arange(594).astype(np.uint8).tobytes()))
+    chunk[12:16] = length.to_bytes(4, "little")
+    (store / "0.0.0").write_bytes(chunk)
+    change(store, compressor=Blosc().get_config())
+    refused(store, f"bytes stored, got {length} stated; the file is damaged")
+
+
 def test_zarr_of_more_chunks_than_files(store: Path) -> None:
     change(store, shape=[6, 9, 10**6], chunks=[1, 1, 1])
     refused(store, "chunks: expected at most")

@@ -23,6 +23,9 @@ _FILTERS = (
 )
 """Codecs that turn numbers into numbers; others run what is stored (pickle), or have no bound."""
 
+_BLOSC_HEADER = 16
+"""Bytes of the header of a Blosc chunk; the last four state its length."""
+
 _FREE_CHUNKS = 4096
 """Chunks read without a file behind each: a moment's work."""
 
@@ -164,7 +167,11 @@ def _check_chunk(file: Path, compressor: str, chunk: int) -> None:
         size = _inflated(file, room) if stored * DEFLATE_RATIO > MAX_BYTES else 0
     else:
         with file.open("rb") as opened:
-            size = _declared(opened.read(18), compressor, stored)
+            head = opened.read(18)
+        size = _declared(head, compressor, stored)
+        # Blosc is not told where a chunk ends: it reads as many bytes as the header states
+        if compressor == "blosc" and not _BLOSC_HEADER <= (length := int.from_bytes(head[12:16], "little")) <= stored:
+            raise expected(f"chunk {file.name}", f"{stored} bytes stored", f"{length} stated", "the file is damaged")
     if size > room:
         raise expected(f"chunk {file.name}", f"{chunk} bytes", f"{size} at least", "the file is damaged")
 
