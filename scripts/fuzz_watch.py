@@ -28,6 +28,9 @@ from splatgl.data.volume import Volume
 TOUCH = 2**22
 """Samples up to which a loaded volume is summed up and described whole; of a larger one both ends are."""
 
+FEW = 8
+"""Most channels of a file whose last time point is read too."""
+
 EVERY, GROWTH = 500, 48 * 2**20
 """Files between two looks at memory, and bytes that it may grow by beyond what the first of these took."""
 
@@ -53,7 +56,7 @@ def read(path: Path, kind: str) -> None:
             raise
         volume = sg.load(path, **{needed.option: picked})  # type: ignore[arg-type]
     _touch(volume)
-    if volume.times > 1:
+    if volume.times > 1 and len(volume.channels) <= FEW:
         _touch(sg.load(path, time=volume.times - 1))
 
 

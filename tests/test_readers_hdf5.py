@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from splatgl.data.errors import InputError
 from splatgl.data.readers import hdf5_file, load
 from splatgl.data.readers.chunked import Chunked
 from splatgl.data.readers.files import is_mapped
+from splatgl.data.readers.hdf5 import _SPACINGS
 
 h5py = pytest.importorskip("h5py")
 
@@ -296,3 +298,23 @@ def test_times_and_channels_of_one_dataset(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load(path, time=2, channel=1).samples, F + 21)
     with pytest.raises(InputError, match="pick with channel=0"):
         load(path, time=2)
+
+
+def test_attributes_that_cannot_be_listed_are_looked_at_by_name() -> None:
+    """A damaged list of attributes must not keep the look from those that the readers open, where HDF5 may loop."""
+
+    class Attributes:
+        asked: ClassVar[list[str]] = []
+
+        def __iter__(self) -> Any:
+            raise RuntimeError("Error iterating over attributes")
+
+        def get_id(self, name: str) -> Any:
+            self.asked.append(name)
+            raise KeyError(name)
+
+    from splatgl.data.readers import hdf5_probe
+
+    hdf5_probe.look("a", SimpleNamespace(attrs=Attributes()))
+    assert {"DIMENSION_LABELS", "axistags", "units", "ExtMin0", "ImageSizeX"} <= set(Attributes.asked)
+    assert set(_SPACINGS) <= set(Attributes.asked)

@@ -12,9 +12,27 @@ SECONDS = 3
 """Most processor time: ten thousand objects take about one."""
 
 
+ASKED = (
+    *("DIMENSION_LABELS", "DIMENSION_LIST", "axistags", "scale_factor", "add_offset", "_FillValue", "missing_value"),
+    *("element_size_um", "spacing", "Spacing", "voxel_size", "voxelSize", "VoxelSize", "voxelsize", "pixel_size"),
+    *("pixelSize", "resolution", "Resolution", "unit", "units", "NAME", "Name", "Color", "ColorRange", "Unit"),
+    *(f"{name}{axis}" for name in ("ExtMin", "ExtMax") for axis in range(3)),
+    *(f"ImageSize{axis}" for axis in "XYZ"),
+)
+"""Attributes that the readers look at by name, whether or not the list of all can be read."""
+
+
+def names(node: object) -> list[str]:
+    """The names of all attributes; of a damaged list those that the readers ask for."""
+    try:
+        return list(node.attrs)  # type: ignore[call-overload,attr-defined]
+    except Exception:
+        return list(ASKED)
+
+
 def look(_name: str, node: object) -> None:
     """Reads what describes a group or a dataset, and for the latter one value."""
-    for name in node.attrs:  # type: ignore[attr-defined]
+    for name in names(node):
         try:
             told = node.attrs.get_id(name)  # type: ignore[attr-defined]
             if told.get_storage_size() < 1 << 20:
