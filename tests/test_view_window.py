@@ -631,7 +631,7 @@ def test_memory_stays(window: Window, folder: Path) -> None:
 @pytest.fixture(scope="module")
 def panel(folder: Path) -> Iterator[Window]:
     pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
-    window = Window(folder / "blob.npy", folder, size=(600, 400), panel=True)
+    window = Window(folder / "blob.npy", folder, size=(600, 450), panel=True)
     yield window
     window.end()
 

@@ -274,7 +274,7 @@ def color_of(text: str) -> tuple[str, str]:
 
     name, _, color = text.rpartition("=")
     try:
-        rgb = ImageColor.getrgb(color[:40])
+        rgb: tuple[int, ...] = ImageColor.getrgb(color[:40])
     except ValueError:
         rgb = ()
     if not name or len(rgb) != 3:
