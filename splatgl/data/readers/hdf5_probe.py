@@ -25,7 +25,7 @@ ASKED = (
 def names(node: object) -> list[str]:
     """The names of all attributes; of a damaged list those that the readers ask for."""
     try:
-        return list(node.attrs)  # type: ignore[call-overload,attr-defined]
+        return list(node.attrs)  # type: ignore[attr-defined]
     except Exception:
         return list(ASKED)
 

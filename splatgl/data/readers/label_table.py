@@ -13,7 +13,8 @@ MARK = "ITK-SnAP Label Description File"
 # letters of a table at most, and of its first lines that tell what it is
 MOST, FIRST = 1 << 20, 400
 # number, red, green, blue, opacity, whether it is shown, whether as a mesh, and the name in quotation marks
-ROW = re.compile(r'\s*(\d{1,9})\s+(\d{1,3})\s+(\d{1,3})\s+(\d{1,3})\s+(\d+\.?\d*|\.\d+)\s+(\d+)\s+\d+\s+"([^"]*)"\s*')
+NUMBER_AND_COLOR = r"\s*(\d{1,9})\s+(\d{1,3})\s+(\d{1,3})\s+(\d{1,3})\s+"
+ROW = re.compile(NUMBER_AND_COLOR + r'(\d+\.?\d*|\.\d+)\s+(\d{1,9})\s+\d+\s+"([^"]*)"\s*')
 
 
 def table_beside(path: Path, stem: str) -> tuple[Label, ...] | None:
