@@ -2,18 +2,23 @@
 // splatgl/splat/classification/shading.py.
 // switch LIGHT 0
 #include "frame.glsl"
+#include "cues.glsl"
 
 // The factor of colours, and the highlight, of a surface with that normal, of any length; 1 and 0 without one. light:
-// where it shines, or 0: along the ray. Normals are turned to the side that is seen.
-vec2 surface_light(vec3 normal, vec3 toward, vec3 light) {
+// where it shines, or 0: along the ray. share: of ambient and of other light that reaches it. Normals are turned to the
+// side that is seen.
+vec2 surface_light(vec3 normal, vec3 toward, vec3 light, vec2 share) {
     float size2 = dot(normal, normal), inverse_size = inversesqrt(max(size2, 1e-37));
     float seen = dot(normal, toward) * inverse_size, cosine = min(abs(seen), 1.0), power = cosine;
-    if (LIGHT == 0) return vec2(size2 > 0.0 ? style.ambient + style.diffuse * cosine : 1.0, 0.0);
+    float unshaded = 1.0 - style.ambient * (1.0 - share.x) - (1.0 - style.ambient) * (1.0 - share.y);
+    if (LIGHT == 0)
+        return vec2(size2 > 0.0 ? style.ambient * share.x + style.diffuse * cosine * share.y : unshaded, 0.0);
     if (light != vec3(0.0)) {
         vec3 n = normal * (seen < 0.0 ? -inverse_size : inverse_size), between = toward + light;
         cosine = clamp(dot(n, light), 0.0, 1.0);
         power = clamp(dot(n, between) * inversesqrt(max(dot(between, between), 1e-37)), 0.0, 1.0);
     }
     for (int k = 0; k < int(style.sharpness); k++) power *= power;
-    return size2 > 0.0 ? vec2(style.ambient + style.diffuse * cosine, style.specular * power) : vec2(1.0, 0.0);
+    if (size2 <= 0.0) return vec2(unshaded, 0.0);
+    return vec2(style.ambient * share.x + style.diffuse * cosine * share.y, style.specular * power * share.y);
 }

@@ -91,6 +91,10 @@ vec4 start[ROWS];
 bool some[ROWS];
 // or, until all sheets are closed, of blends of one value: it, or their sum by length, and the length
 vec4 light[ROWS];
+#if CUED
+// of a pixel's ray: its cell at the first sheet, and cells per sheet
+vec3 first_cell[ROWS], cell_step[ROWS];
+#endif
 // of a pixel's ray: its ends in the box, in sheets from the first; reference lengths per sheet; unit world direction
 vec2 ends[ROWS];
 float lengths[ROWS];
@@ -135,6 +139,10 @@ void set_ray(int row) {
 #if LIMITED == 1
     near = max(near, texelFetch(nearest_depth, ivec2(pixel), 0).r * depth_unit * speed);
     far = min(far, texelFetch(farthest_depth, ivec2(pixel), 0).r * depth_unit * speed);
+#endif
+#if CUED
+    first_cell[row] = cell_at(start + direction * (first_sheet * thickness - offset));
+    cell_step[row] = cell_at(start + direction * ((first_sheet + 1.0) * thickness - offset)) - first_cell[row];
 #endif
     lengths[row] = length(along) / speed * thickness / style.opacity_length;
     ends[row] = clamp((vec2(near, max(far, near)) + offset) / thickness - first_sheet, shell.x, shell.y);
@@ -204,10 +212,22 @@ vec2 light_of(int row, vec3 gradient, float begin, float end) {
     vec3 shines = vec3(0.0);
     if (LIGHT == 1)
         for (int axis = 0; axis < 3; axis++) shines[axis] = dot(style.light.xyz, frame.eye_from_world[axis].xyz);
-    vec2 light = surface_light(gradient, toward[row], shines);
+    vec2 share = vec2(1.0);
+#if CUED
+    vec3 cell = first_cell[row] + cell_step[row] * (0.5 * (begin + end));
+    if (SHADING == 0) gradient = vec3(0.0);
+    share = reached(cell, gradient, toward[row]);
+#endif
+    vec2 light = surface_light(gradient, toward[row], shines, share);
+    if (SHADING == 0) return light;
 #if CLIPPED == 1
     float faced = clamp((face[row].w - begin) / max(end - begin, 1e-20), 0.0, 1.0);
-    if (face[row].xyz != vec3(0.0)) light = mix(light, surface_light(face[row].xyz, toward[row], shines), faced);
+    if (face[row].xyz != vec3(0.0)) {
+#if CUED
+        share = reached(cell, face[row].xyz, toward[row]);
+#endif
+        light = mix(light, surface_light(face[row].xyz, toward[row], shines, share), faced);
+    }
 #endif
     return light;
 }
@@ -295,7 +315,7 @@ void close_sheet(int row, int current) {
                 vec3 gradient = mix(near.rgb, mean.rgb, middle);
                 matter = weighed(matter, gradient, length_ * lengths[row]);
                 vec2 at = float(current - 1) + part;
-                if (SHADING == 1) {
+                if (SHADING == 1 || CUED) {
                     vec2 light = light_of(row, gradient, at.x, at.y);
                     matter.rgb = matter.rgb * light.x + (LIGHT == 1 ? matter.a * light.y : 0.0);
                 }

@@ -17,7 +17,7 @@ void main() {
     if (place.z <= texelFetch(nearest_depth, pixel, 0).r * (1.0 + 1e-6)) discard;
     if (place.z >= texelFetch(farthest_depth, pixel, 0).r) discard;
     vec3 ray = PERSPECTIVE == 1 ? normalize(place) : vec3(0.0, 0.0, 1.0);
-    vec2 shine = lit ? surface_light(normal, ray, style.light.xyz) : vec2(1.0, 0.0);
+    vec2 shine = lit ? surface_light(normal, ray, style.light.xyz, vec2(1.0)) : vec2(1.0, 0.0);
     light = vec4(color.rgb * shine.x + shine.y, 1.0) * color.a;
     depth = vec4(place.z);
 }

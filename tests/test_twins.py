@@ -20,7 +20,7 @@ from twins import COUNT, Twin, functions
 
 import splatgl as sg
 from splatgl.data.color import srgb_from_linear
-from splatgl.splat.classification.shading import LIGHTS, shone
+from splatgl.splat.cues.voxels import shone
 from splatgl.splat.extraction.records import POINT, POINT_VALUE, VALUE, VOXEL, linear_color, of_points
 from splatgl.splat.extraction.run_lengths import OCTAVES
 from splatgl.splat.integral.attenuation import filled_depth, run_along, run_lengths
@@ -231,7 +231,7 @@ def test_light(light: Any, twin: Twin, rng: np.random.Generator) -> None:
         normal = splats.records["normal"].astype(np.float64)
         color = rng.random((len(splats), 3))
         found = twin("splat_setup.glsl", expression, plan, splats, v=voxel.T, n=normal, c=color)[:, :3]
-        assert np.abs(found - shone(color, splats, camera, voxel, LIGHTS[light])).max() < 5e-6
+        assert np.abs(found - shone(color, splats, camera, voxel, plan.resolved)).max() < 5e-6
 
 
 @pytest.mark.parametrize("record", [VOXEL, VALUE, POINT, POINT_VALUE])

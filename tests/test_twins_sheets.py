@@ -322,7 +322,7 @@ def test_light_over_matter(
     found = twin("sheet_draw.comp", f"{steps}; result = behind(l, w)", plan, splats, state, **inputs)
     along = length * splats.unit / splats.grid.mean_spacing
     faced = np.clip(face[:, 3], 0, 1)
-    part = _Part(np.arange(COUNT), 0, (np.zeros(COUNT), np.ones(COUNT)), first, last, along, faced)
+    part = _Part(np.arange(COUNT), 0, (np.zeros(COUNT), np.ones(COUNT)), first, last, along, faced, np.zeros(COUNT))
     rays = replace(some_rays(rng), toward=toward, face=face[:, :3] if cut else None)
     right = behind(light, field.matter(part, rays))
     shines = np.broadcast_to(0.0 if field.shines is None else field.shines, (COUNT, 3))

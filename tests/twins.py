@@ -14,6 +14,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.gl import shader
+from splatgl.gl.cue_fields import SAMPLERS
 from splatgl.gl.program import build, splat_switches
 from splatgl.gl.tables import BLUR_UNIT, FOOTPRINT_UNIT, HALF_LINE_UNIT
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
@@ -21,7 +22,7 @@ from splatgl.splat.plan.plan import Plan
 from splatgl.splat.view.view import View
 
 COUNT = 2000
-UNITS = {"footprint_table": FOOTPRINT_UNIT, "half_table": HALF_LINE_UNIT, "blur_table": BLUR_UNIT}
+UNITS = {"footprint_table": FOOTPRINT_UNIT, "half_table": HALF_LINE_UNIT, "blur_table": BLUR_UNIT, **SAMPLERS}
 # what a stage declares of its own: storage qualifiers, layouts
 OWN = re.compile(r"^(#define (VARYING|FLAT)\b|layout\()")
 # a buffer of numbers, which a function reads or writes: here an array of one
@@ -92,6 +93,8 @@ def _bind(renderer: sg.Renderer, plan: Plan, splats: sg.Splats) -> list[Any]:
         made.append(renderer.ctx.buffer(block.tobytes()))
         made[-1].bind_to_uniform_block(binding)
     renderer.passes.tables.use(plan)
+    if plan.resolved.cues is not None:
+        renderer.passes.cues.use(plan.resolved.cues, plan.view)
     return made
 
 

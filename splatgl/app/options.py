@@ -127,6 +127,10 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
             group.add_argument(f"--{name}", choices=allowed, metavar="|".join(allowed))
     about = "where the light is: degrees to the right of the eye, and above it"
     group.add_argument("--light-from", type=numbers(2), metavar="SIDE,ABOVE", help=about)
+    about = "how much matter keeps ambient light off what is in or behind it, from 0 to 1 (0)"
+    group.add_argument("--ambient-occlusion", type=float, metavar="S", help=about)
+    about = "how dark shadows are, from 0 to 1 (0); a light at the eye is then above left"
+    group.add_argument("--shadows", type=float, metavar="S", help=about)
     group.add_argument("--samples", type=int, metavar="N", help="supersampling: samples along each axis of a pixel (4)")
     group.add_argument("--sheets", type=int, metavar="N", help="sheets that share a splat, 2 to 4")
     group.add_argument("--steps", type=int, metavar="N", help="parts between two sheets, each classified once")

@@ -191,7 +191,8 @@ def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer
         if getattr(args, name):
             raise expected(f"--{name}", "a picture that is drawn by this process", "--workers or --scheduler")
     meshes = len(scene.meshes) + scene.vectors.drawn + is_mesh(scene.volume)
-    told = (("--threshold", scene.threshold), ("layers", len(scene.layers)), ("meshes", meshes))
+    cues = [(f"--{name.replace('_', '-')}", getattr(scene.settings, name)) for name in ("ambient_occlusion", "shadows")]
+    told = (*cues, ("--threshold", scene.threshold), ("layers", len(scene.layers)), ("meshes", meshes))
     for what, given in told:
         if given:
             raise expected(what, "none, with --workers or --scheduler", given)

@@ -27,9 +27,17 @@ def summary(output: Path, image: Image, scene: Scene, volume: Volume, transfer: 
             f"{output}: {width}×{height} pixels, {info['blend']} of {info['splats']:,} splats{_behind(image, output)}",
             f"transfer function: {_transfer(scene, volume, transfer)}",
             f"view: {_view(scene, volume, image)}",
-            f"drawn in {info['seconds']:.2f} s by {by}; {_error(image)}",
+            f"drawn in {info['seconds']:.2f} s by {by}; {_error(image)}{_cues(image)}",
         ]
     )
+
+
+def _cues(image: Image) -> str:
+    """What ambient occlusion and shadows took."""
+    found = image.info.get("depth_cues")
+    if not isinstance(found, dict):
+        return ""
+    return f"; occlusion in {'×'.join(map(str, found['cells']))} cells took {found['seconds']:.2f} s"
 
 
 def _behind(image: Image, output: Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,7 @@ from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.gl.layer_tiles import Drawn
 from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.layers.layers import Scene, check_layer, common_samples, joined
+from splatgl.splat.layers.layers import Scene, casting, check_layer, common_samples, joined
 from splatgl.splat.motion.moments import Moments
 from splatgl.splat.motion.motion import Motion
 from splatgl.splat.plan.blend_mode import BLENDS
@@ -41,7 +42,7 @@ def render_scene(
         return renderer.render(drawn[0][0], camera, drawn[0][1], interrupted=interrupted)
     splats = [each for each, _ in drawn]
     if BLENDS[settings.blend].ordered:
-        layers = [_planned(renderer, each, camera, own) for each, own in drawn]
+        layers = _together([_planned(renderer, each, camera, own) for each, own in drawn], drawn)
         pixels = renderer.draw_layers(layers, scene.meshes, settings.shading != "off", interrupted)
         info: Mapping[str, object] = renderer.provenance(layers[0][0], camera, layers[0][1], 0.0)
     elif scene.meshes:
@@ -89,6 +90,13 @@ def render_moving_scene(
     first = scene.drawn(settings)[0][0]
     mean = Moments(draw, motion, settings.shutter, count)(first, camera, still)
     return Image(mean.pixels.astype(np.float32), {**mean.info, "motion": "moments"})
+
+
+def _together(layers: list[Drawn], drawn: list[tuple[Splats, Settings]]) -> list[Drawn]:
+    """The layers, each of which keeps light off the others."""
+    casters = [(splats, own) for (splats, _), (_, own) in zip(layers, drawn, strict=True)]
+    every = zip(layers, casting([plan.resolved for _, plan in layers], casters), strict=True)
+    return [(splats, replace(plan, resolved=each)) for (splats, plan), each in every]
 
 
 def _planned(renderer: Renderer, splats: Splats, camera: Camera, settings: Settings) -> Drawn:

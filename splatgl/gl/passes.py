@@ -12,6 +12,7 @@ import numpy as np
 
 from splatgl.data.mesh import Mesh
 from splatgl.gl.buffers import SplatBuffers
+from splatgl.gl.cue_fields import CueFields
 from splatgl.gl.draw_order import DrawOrder
 from splatgl.gl.layer_tiles import Drawn, LayerTiles, union
 from splatgl.gl.portions import Portions
@@ -55,6 +56,7 @@ class Passes:
         self.programs = Programs(ctx, owned)
         self.targets = Targets(ctx, owned)
         self.tables = Tables(ctx, owned)
+        self.cues = CueFields(ctx, owned)
         self.splats = SplatBuffers(ctx, owned)
         self.frame = ctx.buffer(reserve=FRAME.itemsize)
         owned.callback(self.frame.release)
@@ -79,6 +81,7 @@ class Passes:
         """Frees the buffers of splats and techniques."""
         self.splats.release()
         self.surfaces.release()
+        self.cues.release()
         for technique in self.techniques.values():
             technique.release()
 
@@ -182,6 +185,8 @@ class Passes:
         self.frame.bind_to_uniform_block(FRAME_BINDING)
         self.style.bind_to_uniform_block(STYLE_BINDING)
         self.tables.use(plan)
+        if plan.resolved.cues is not None:
+            self.cues.use(plan.resolved.cues, plan.view)
 
     def _resolve(self, drawn: Target, plan: Plan, background: tuple[float, float, float] | None) -> Target:
         program = self.programs.for_screen("resolve.frag")

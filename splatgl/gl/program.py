@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import moderngl
 import numpy as np
 
+from splatgl.gl.cue_fields import CUES_BINDING, SAMPLERS
 from splatgl.gl.shader import ShaderError, compose, declared_switches
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING
 from splatgl.splat.kernel.kernels import kernel, polynomials, single_polynomial
@@ -55,6 +56,8 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         **({"SHEETS": look.sheets, "STEPS": look.steps, "WEIGHTED": look.weighted} if look.sheets else {}),
         **({"CLIPPED": True} if look.clipped else {}),
         **({} if look.light.plain else {"LIGHT": True}),
+        **({"SKY": True} if look.sky else {}),
+        **({"SHADOWS": True} if look.shadows else {}),
         "ATTENUATION": f"ATTENUATION_{look.attenuation.upper().replace('-', '_')}",
         **({"PACKED": True} if program.packed else {}),
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",
@@ -114,9 +117,12 @@ def build_compute(ctx: moderngl.Context, name: str, switches: Switches) -> moder
 
 
 def _bind_blocks(program: moderngl.Program | moderngl.ComputeShader) -> None:
-    for block, binding in (("Frame", FRAME_BINDING), ("Style", STYLE_BINDING)):
+    for block, binding in (("Frame", FRAME_BINDING), ("Style", STYLE_BINDING), ("Cues", CUES_BINDING)):
         if block in program:
             program[block].binding = binding  # type: ignore[union-attr]
+    for sampler, unit in SAMPLERS.items():
+        if sampler in program:
+            program[sampler] = unit
 
 
 class Programs:

@@ -21,6 +21,7 @@ from splatgl.gl.layered import render_moving_scene, render_scene
 from splatgl.gl.passes import Passes
 from splatgl.gl.sheet_tiles import Batches
 from splatgl.gl.target import check_size
+from splatgl.gl.told import refuse_bricks, told_of
 from splatgl.splat.bound.bound import bound
 from splatgl.splat.bricks.bricks import Bricks, Seen
 from splatgl.splat.extraction.post import post_splats
@@ -30,7 +31,7 @@ from splatgl.splat.motion.moments import Moments, Shorter
 from splatgl.splat.motion.motion import Motion
 from splatgl.splat.plan.plan import Plan, plan
 from splatgl.splat.plan.settings import FULL_SHUTTER, Settings
-from splatgl.splat.plan.suited import one_by_one, suited
+from splatgl.splat.plan.suited import suited
 from splatgl.splat.view.camera import Camera
 
 # the finest form, table and target, against which coarser ones are measured
@@ -315,6 +316,7 @@ class Renderer:
             "opengl": self.info.version,
             "seconds": round(seconds, 6),
             **_blur(chosen),
+            **told_of(chosen),
         }
 
 
@@ -322,15 +324,6 @@ def _kind(chosen: Plan) -> tuple[object, ...]:
     """The choices that decide how coarse a picture is."""
     program = chosen.program
     return program.align, program.footprint, chosen.target, chosen.lookup.size, chosen.lookup.bits
-
-
-def refuse_bricks(whole: Splats, camera: Camera, settings: Settings) -> None:
-    """InputError for a picture that can't be drawn while its splats are extracted; whole: stands for them."""
-    why = one_by_one(settings, moving=False)
-    if settings.classification == "pre" or why:
-        raise expected("a volume in bricks", "values classified after reconstruction", why or "classification pre")
-    if not camera.perspective and camera.eye_from_points(whole.corners)[:, 2].min() < 0:
-        raise expected("a volume in bricks", "a parallel view from outside", "an eye whose plane cuts the volume")
 
 
 def _blur(chosen: Plan) -> dict[str, object]:

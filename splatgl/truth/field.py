@@ -19,6 +19,7 @@ from splatgl.data.volume import Volume
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.classification.shading import LIGHTS, Light, surface_light
 from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.cues.cues import Cues
 from splatgl.splat.extraction.post import PREFILTERED, gradients, needed, prefiltered
 from splatgl.splat.extraction.splats import Grid, Splats
 from splatgl.splat.kernel.kernels import Kernel
@@ -122,6 +123,8 @@ class Marched:
     unit: float
     light_by: Light | None
     shines: np.ndarray | None = None
+    cues: Cues | None = None
+    shading: bool = True
 
     def light(self, places: np.ndarray, toward: np.ndarray, face: np.ndarray | None) -> np.ndarray:
         """[P, 4]: colour, and extinction per mean spacing, at grid positions [3, P]; toward [P, 3]: ray, world axes.
@@ -139,7 +142,9 @@ class Marched:
                 if face is not None:
                     cut = face[some]
                     gradient = np.where((cut != 0).any(axis=1, keepdims=True), cut, gradient)
-                factor, highlight = surface_light(gradient, toward[some], self.light_by, self.shines)
+                gradient = gradient * self.shading
+                reached = self.cues.reached(places[:, some].T, gradient, toward[some]) if self.cues else None
+                factor, highlight = surface_light(gradient, toward[some], self.light_by, self.shines, reached)
                 found[some, :3] = found[some, :3] * factor[:, None] + highlight[:, None]
         return found
 
@@ -239,8 +244,10 @@ def kept_field_integral(
     free = distances(spread(kept, np.arange(-1, 2)))
     resolved = Resolved.of(ahead(splats, camera), camera, settings)
     look = resolved.look
-    light, shines = (look.light, look.light.within(camera)) if look.shading else (None, None)
-    marched = Marched(field, post.transfer, free, splats.grid.mean_spacing, splats.unit, light, shines)
+    cues = resolved.cues
+    light, shines = (look.light, look.light.within(camera)) if look.shading or cues else (None, None)
+    size = splats.grid.mean_spacing
+    marched = Marched(field, post.transfer, free, size, splats.unit, light, shines, cues, look.shading)
     rays = PixelRays.of(splats.grid, camera, samples, post.shape, resolved.clip)
     drawn = rays.means(marched, pixels, STEPS, settings.blend)
     return over_background(drawn, resolved)

@@ -14,7 +14,7 @@ import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
-from splatgl.splat.classification.shading import shone
+from splatgl.splat.cues.voxels import shone
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.kernels import Kernel
 from splatgl.splat.kernel.kernels import kernel as kernel_named
@@ -173,8 +173,7 @@ def ray_integral_at(
     voxel = view.voxels(splats.positions)
     color = splats.colors.astype(np.float64)
     resolved = Resolved.of(splats, camera, settings)
-    if resolved.look.shading:
-        color = shone(color, splats, camera, voxel, resolved.look.light)
+    color = shone(color, splats, camera, voxel, resolved)
     field = Field.of(splats, view.kernel, color)
 
     rays = samples_of(pixels, camera.size[0], samples)

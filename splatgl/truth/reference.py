@@ -15,14 +15,15 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.data.mesh import Mesh
 from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.classification.shading import Light, shone
+from splatgl.splat.classification.shading import Light
+from splatgl.splat.cues.voxels import shone
 from splatgl.splat.extraction.order import back_to_front, order_for
 from splatgl.splat.extraction.post import post_splats
 from splatgl.splat.extraction.records import record_type
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.integral.attenuation import filled_depth
 from splatgl.splat.kernel.tabulated import tabulated
-from splatgl.splat.layers.layers import Scene, joined
+from splatgl.splat.layers.layers import Scene, casting, joined
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.resolve import Resolved
 from splatgl.splat.plan.settings import Settings
@@ -84,7 +85,7 @@ def _render_layers(
     """The same of several layers."""
     started = time.perf_counter()
     if BLENDS[settings.blend].ordered:
-        resolved = [resolved_layer(each, camera, own) for each, own in layers]
+        resolved = casting([resolved_layer(each, camera, own) for each, own in layers], layers)
         scene = _layered([(each, found) for (each, _), found in zip(layers, resolved, strict=True)], settings, meshes)
         picture, first = _drawn_in_bands(scene, resolved[0], progress), resolved[0]
     else:
@@ -135,7 +136,7 @@ def _layer_windows(
         alone = [(each, own.but(background=None)) for each, own in layers]
         parts = [render_windows(each, camera, own, windows) for each, own in alone]
         return [joined(part, settings) for part in zip(*parts, strict=True)]
-    resolved = [resolved_layer(each, camera, own) for each, own in layers]
+    resolved = casting([resolved_layer(each, camera, own) for each, own in layers], layers)
     near = [_reaching(each, found, windows) for (each, _), found in zip(layers, resolved, strict=True)]
     every = list(zip(near, resolved, strict=True))
     some = [each for each in every if len(each[0])] or every[:1]
@@ -150,7 +151,7 @@ def _layered(
     scene = LayerScene(scenes) if len(scenes) > 1 else scenes[0]
     if not meshes:
         return scene
-    light = None if settings.shading == "off" else Light.of(settings.light, settings.light_from)
+    light = None if settings.shading == "off" else Light.of(settings.light, settings.light_from, settings.shadows > 0)
     return SurfaceScene(scene, meshes, layers[0][1].camera, light)
 
 
@@ -225,8 +226,7 @@ class _Scene:
         if len(splats) and blend.ordered:
             self.order = back_to_front(splats, order_for(splats, camera))[::-1]
         self.color = splats.colors.astype(np.float64)
-        if resolved.look.shading:
-            self.color = shone(self.color, splats, camera, voxel, resolved.look.light)
+        self.color = shone(self.color, splats, camera, voxel, resolved)
         depth = splats.records["optical_depth"].astype(np.float64)
         # opacity over the transfer function's reference length
         self.depth = -np.expm1(-depth * splats.unit / splats.grid.mean_spacing) if blend.peak else depth

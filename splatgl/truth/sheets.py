@@ -13,7 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.classification.shading import Light, shone, surface_light
+from splatgl.splat.classification.shading import Light, surface_light
+from splatgl.splat.cues.cues import Cues
+from splatgl.splat.cues.voxels import shone
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.tabulated import tabulated
 from splatgl.splat.plan.blend_mode import BlendMode
@@ -54,8 +56,7 @@ class SheetScene:
         self.field = None
         if depth is not None:
             color = splats.colors.astype(np.float64)
-            if resolved.look.shading:
-                color = shone(color, splats, self.camera, voxel, resolved.look.light)
+            color = shone(color, splats, self.camera, voxel, resolved)
             self.terms = depth[:, None] * np.concatenate([color, np.ones((len(splats), 1))], axis=1)
         else:
             self.field = _Field.of(splats, resolved, view)
@@ -190,13 +191,15 @@ class _Field:
     unit: float
     light: Light
     shines: np.ndarray | None
+    cues: Cues | None
 
     @classmethod
     def of(cls, splats: Splats, resolved: Resolved, view: View) -> _Field:
         assert splats.post is not None
-        look, spacing = resolved.look, splats.grid.mean_spacing
+        look = resolved.look
         shines = look.light.within(resolved.camera)
-        return cls(look.blend, splats.post, view, look.shading, look.weighted, spacing, splats.unit, look.light, shines)
+        seen, size, cues = (look.shading, look.weighted), splats.grid.mean_spacing, resolved.cues
+        return cls(look.blend, splats.post, view, *seen, size, splats.unit, look.light, shines, cues)
 
     def composited(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, 4]: sums [P, sheets, 5] of mass, value and gradient, from sheet `first` on."""
@@ -245,8 +248,9 @@ class _Field:
                 ends = [np.clip((i + end) / sheets.steps, low, high) for end in (0, 1)]
                 begin, end = (start[some] * (1 - at[:, None]) + mean[some] * at[:, None] for at in ends)
                 length = ends[1] - ends[0]
+                middle = ((first + n - 1) + (ends[0] + ends[1]) / 2) * sheets.thickness
                 faced = np.clip(face - ends[0], 0.0, length) / np.where(length > 0, length, 1.0)
-                yield _Part(some, first + n - 1, (ends[0], ends[1]), begin, end, stretch[some], faced)
+                yield _Part(some, first + n - 1, (ends[0], ends[1]), begin, end, stretch[some], faced, middle)
             before, known = np.where(valid[:, None], mean, 0.0), valid
 
     def places(self, rays: Rays, distance: np.ndarray, sheets: Sheets) -> np.ndarray:
@@ -256,24 +260,30 @@ class _Field:
     def matter(self, part: _Part, rays: Rays) -> np.ndarray:
         """[P, 4]: emission and optical depth of a part."""
         matter = self.weighed(part)
-        if self.shading:
+        if self.shading or self.cues is not None:
             factor, highlight = self.light_of(part, rays)
             matter[:, :3] = matter[:, :3] * factor[:, None] + matter[:, 3:] * highlight[:, None]
         return matter
 
     def light_of(self, part: _Part, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
         """Factors of colours [P] and highlights [P] of a part by its gradients; of the face of a cut by the plane."""
-        toward = rays.toward[part.pixel]
-        found = surface_light(part.gradient, toward, self.light, self.shines)
-        if rays.face is None:
+        found = self._surface(part, part.gradient if self.shading else np.zeros((len(part.pixel), 3)), rays)
+        if rays.face is None or not self.shading:
             return found
         face = rays.face[part.pixel]
         share = part.faced * face.any(axis=1)
         factor, highlight = (
-            mine * (1 - share) + own * share
-            for mine, own in zip(found, surface_light(face, toward, self.light, self.shines), strict=True)
+            mine * (1 - share) + own * share for mine, own in zip(found, self._surface(part, face, rays), strict=True)
         )
         return factor, highlight
+
+    def _surface(self, part: _Part, normal: np.ndarray, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
+        toward, reached = rays.toward[part.pixel], None
+        if self.cues is not None:
+            offset = np.broadcast_to(ray_offset(self.view, rays), len(rays.near))[part.pixel]
+            place = rays.start[:, part.pixel] + rays.direction[:, part.pixel] * (part.middle - offset)
+            reached = self.cues.reached(place.T, normal, toward)
+        return surface_light(normal, toward, self.light, self.shines, reached)
 
     def weighed(self, part: _Part) -> np.ndarray:
         """[P, 4]: colour times optical depth, and optical depth of a part."""
@@ -292,7 +302,7 @@ class _Part:
     """A part of what lies behind a sheet, of pixels [P]. ends: where it begins and ends, in sheets from that one.
 
     begin, end [P, 4]: values and gradients there. stretch [P]: mean spacings per sheet. faced [P]: its share within the
-    face of a cut.
+    face of a cut. middle [P]: distance of its middle, index units, as sheets are counted.
     """
 
     pixel: np.ndarray
@@ -302,6 +312,7 @@ class _Part:
     end: np.ndarray
     stretch: np.ndarray
     faced: np.ndarray
+    middle: np.ndarray
 
     @property
     def gradient(self) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
-from splatgl.splat.classification.shading import shone
+from splatgl.splat.cues.voxels import shone
 from splatgl.splat.extraction.order import back_to_front, order_for
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.integral.attenuation import run_along
@@ -92,8 +92,7 @@ class _Drawn:
         if blend.ordered:
             order = back_to_front(splats, order_for(splats, paths.camera))[::-1]
         color = splats.colors.astype(np.float64)
-        if resolved.look.shading:
-            color = shone(color, splats, paths.camera, paths.middle, resolved.look.light)
+        color = shone(color, splats, paths.camera, paths.middle, resolved)
         depth = splats.records["optical_depth"].astype(np.float64)
         coverage, isolated = np.ones(len(splats)), np.zeros(len(splats))
         if attenuation != "optical-depth":

@@ -9,11 +9,12 @@ from numbers import Real
 import numpy as np
 
 from splatgl.data.errors import expected
-from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.camera import Camera
 
 # ambient and diffuse shares of the head light
 AMBIENT, DIFFUSE = 0.3, 0.7
+# degrees by which light from above left is turned
+ABOVE_LEFT = (-35.0, 35.0)
 
 
 @dataclass(frozen=True)
@@ -33,9 +34,13 @@ class Light:
     above: float = 0.0
 
     @classmethod
-    def of(cls, name: str, place: tuple[float, float] | None = None) -> Light:
-        """A light by its name, from another place (side, above) if that is given."""
+    def of(cls, name: str, place: tuple[float, float] | None = None, shadows: bool = False) -> Light:
+        """A light by its name, from another place (side, above) if that is given; shadows: not at the eye, where none
+        that it casts is seen, unless that is given.
+        """
         found = LIGHTS[name]
+        if place is None and shadows and found.direction is None:
+            place = ABOVE_LEFT
         return found if place is None else replace(found, side=place[0], above=place[1])
 
     @property
@@ -59,8 +64,8 @@ class Light:
 # matte: from above left, as in print; glossy: likewise, with highlights; flat: shows colours more than shapes
 LIGHTS = {
     "head": Light(),
-    "matte": Light(0.25, 0.75, side=-35.0, above=35.0),
-    "glossy": Light(0.2, 0.55, 0.25, 5, side=-35.0, above=35.0),
+    "matte": Light(0.25, 0.75, side=ABOVE_LEFT[0], above=ABOVE_LEFT[1]),
+    "glossy": Light(0.2, 0.55, 0.25, 5, side=ABOVE_LEFT[0], above=ABOVE_LEFT[1]),
     "flat": Light(0.7, 0.3),
 }
 
@@ -76,10 +81,15 @@ def checked_place(place: object) -> tuple[float, float]:
 
 
 def surface_light(
-    normal: np.ndarray, toward: np.ndarray, light: Light, direction: np.ndarray | None
+    normal: np.ndarray,
+    toward: np.ndarray,
+    light: Light,
+    direction: np.ndarray | None,
+    reached: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Factors of colours [P] and highlights [P] of normals [P, 3] and unit vectors [P, 3] along rays; 1 and 0 without a
-    normal. direction: where the light shines, in the same axes; None: along each ray.
+    normal. direction: where the light shines, in the same axes; None: along each ray. reached: shares [P] of ambient
+    and of other light that reach the surface; None: all of it.
 
     Normals point to the side that is seen. Float64 twin of `shaders/light.glsl`.
     """
@@ -93,20 +103,8 @@ def surface_light(
         between = toward + direction
         length = np.linalg.norm(between, axis=1)
         half = np.clip((n * between).sum(axis=1) / np.where(length > 0, length, 1.0), 0.0, 1.0)
-    factor = np.where(size > 0, light.ambient + light.diffuse * cosine, 1.0)
-    highlight = np.where(size > 0, light.specular * half ** (2.0**light.sharpness), 0.0)
+    sky, direct = reached if reached is not None else (np.ones(len(size)), np.ones(len(size)))
+    unshaded = 1.0 - light.ambient * (1.0 - sky) - (1.0 - light.ambient) * (1.0 - direct)
+    factor = np.where(size > 0, light.ambient * sky + light.diffuse * cosine * direct, unshaded)
+    highlight = np.where(size > 0, light.specular * half ** (2.0**light.sharpness) * direct, 0.0)
     return factor, highlight
-
-
-def shone(color: np.ndarray, splats: Splats, camera: Camera, voxel: np.ndarray, light: Light) -> np.ndarray:
-    """Colours [N, 3] of voxels [3, N] (eye axes) by their normals.
-
-    Float64 twin of `shone` in `shaders/splat_setup.glsl`.
-    """
-    normal = splats.records["normal"].astype(np.float64) @ camera.eye_from_world.T
-    towards = voxel.T if camera.perspective else np.broadcast_to([0.0, 0.0, 1.0], normal.shape)
-    far = np.linalg.norm(towards, axis=1)
-    # a voxel at the eye has no direction to it: use the view direction
-    towards = np.where(far[:, None] > 0, towards / np.where(far > 0, far, 1.0)[:, None], [0.0, 0.0, 1.0])
-    factor, highlight = surface_light(normal, towards, light, light.direction)
-    return np.asarray(color * factor[:, None] + highlight[:, None])

@@ -6,7 +6,7 @@ Where they overlap, extinctions and emissions add up: the order is right at ever
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -166,6 +166,12 @@ def common_samples(
         return list(layers)
     samples = max(Resolved.of(ahead(splats, camera), camera, own).samples for splats, own in layers)
     return [(splats, own.but(antialias="supersample", samples=samples)) for splats, own in layers]
+
+
+def casting(resolved: Sequence[Resolved], layers: Sequence[tuple[Splats, Settings]]) -> list[Resolved]:
+    """Resolved settings of layers, of which all together keep ambient light and light off each."""
+    casters = tuple((splats, own.clip) for splats, own in layers)
+    return [each if each.cues is None else replace(each, cues=replace(each.cues, casters=casters)) for each in resolved]
 
 
 def check_layer(resolved: Resolved, name: str) -> None:

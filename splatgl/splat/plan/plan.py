@@ -140,6 +140,7 @@ class Plan:
             self.window,
             self.hiding,
             None if r.clip is None else (r.clip.normal.tobytes(), r.clip.place.tobytes()),
+            None if r.cues is None else r.cues.key,
         )
         return self.program, drawn, self.exposure, self.moments
 

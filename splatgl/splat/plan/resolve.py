@@ -11,6 +11,7 @@ import numpy as np
 
 from splatgl.data.errors import InputError, expected
 from splatgl.splat.classification.shading import LIGHTS, Light
+from splatgl.splat.cues.cues import Cues
 from splatgl.splat.extraction.splats import MOST_KEPT, Splats
 from splatgl.splat.kernel.kernels import Kernel, kernel
 from splatgl.splat.plan.blend_mode import BLENDS, BlendMode
@@ -46,7 +47,7 @@ class Look:
 
     sheets: sheets that share a splat; 0: splats composite one by one. steps: parts between two, each classified
     once; 0: splats are classified before. weighted: whether gradients weigh opacities classified there. clipped:
-    whether planes cut rays. light: of what is shaded.
+    whether planes cut rays. light: of what is shaded. sky, shadows: whether matter keeps ambient and direct light off.
     """
 
     blend: BlendMode
@@ -57,6 +58,8 @@ class Look:
     weighted: bool = False
     clipped: bool = False
     light: Light = LIGHTS["head"]
+    sky: bool = False
+    shadows: bool = False
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,7 @@ class Resolved:
     z_k: depth at which the smallest voxel is one sample wide [M98 Eq. 3]. depths: of the box of all splats, nearest and
     farthest. unsure: see widening.py. background: linear RGB, None: transparent. notes: omitted steps with reasons, a
     line each. sheets: None: splats composite one by one. clip: the planes that cut rays; None: no ray is cut.
+    cues: what light reaches matter; None: all of it.
     """
 
     look: Look
@@ -83,6 +87,7 @@ class Resolved:
     notes: tuple[str, ...] = ()
     sheets: Sheets | None = None
     clip: Clip | None = None
+    cues: Cues | None = None
 
     @property
     def kernel(self) -> Kernel:
@@ -112,7 +117,11 @@ class Resolved:
         attenuation = "optical-depth" if after else _attenuation(settings, antialias or moving)
         clip = Clip.of(settings.clip, splats.grid) if after else None
         look = Look(BLENDS[settings.blend], attenuation, shading, clipped=clip is not None)
-        look = replace(look, light=Light.of(settings.light, settings.light_from))
+        light = Light.of(settings.light, settings.light_from, settings.shadows > 0)
+        cues, cues_notes = _cues(splats, camera, settings, light)
+        if cues is not None:
+            look = replace(look, sky=cues.occlusion > 0, shadows=cues.light is not None)
+        look = replace(look, light=light)
         if sheets:
             weighted = splats.post is not None and bool(splats.post.transfer.gradient) and not look.blend.one_value
             look = replace(look, sheets=sheets.count, steps=sheets.steps, weighted=weighted)
@@ -127,9 +136,10 @@ class Resolved:
             unsure=widened.unsure,
             background=settings.background,
             tolerance=settings.tolerance,
-            notes=samples_notes + antialias_notes + shading_notes + sheets_notes,
+            notes=samples_notes + antialias_notes + shading_notes + cues_notes + sheets_notes,
             sheets=sheets,
             clip=clip,
+            cues=cues,
         )
 
 
@@ -219,6 +229,23 @@ def _shading(splats: Splats, settings: Settings) -> tuple[bool, tuple[str, ...]]
     if not splats.shaded or BLENDS[settings.blend].ordered:
         return splats.shaded, ()
     return False, (f"shading left out: {settings.blend} shows values, not surfaces; the picture would be another",)
+
+
+def _cues(splats: Splats, camera: Camera, settings: Settings, light: Light) -> tuple[Cues | None, tuple[str, ...]]:
+    """What light reaches matter, None if all; with notes."""
+    asked = [name for name in ("ambient_occlusion", "shadows") if getattr(settings, name) > 0]
+    if not asked or not len(splats):
+        return None, ()
+    if not BLENDS[settings.blend].ordered:
+        why = f"{settings.blend} shows values, not surfaces; the picture would be another"
+        return None, (f"{' and '.join(asked).replace('_', ' ')} left out: {why}",)
+    shines = light.within(camera) if settings.shadows > 0 else None
+    notes = ("shadows left out: those of a light at the eye are not seen",) * (settings.shadows > 0 and shines is None)
+    if not settings.ambient_occlusion and shines is None:
+        return None, notes
+    casters = ((splats, settings.clip),)
+    toward = None if shines is None else -shines
+    return Cues(casters, splats.grid, settings.ambient_occlusion, settings.shadows, toward), notes
 
 
 def _attenuation(settings: Settings, weakened: bool) -> str:

@@ -76,6 +76,7 @@ class Settings:
     occlusion auto | off (tiles terminate once the transmittance is below a share of the tolerance).
     target rgba32f | rgba16f | rgba8 | auto. shading auto (as the transfer function says) | on | off. light head (at the
     eye) | matte | glossy (both from above left) | flat; light_from: its degrees to the right of the eye and above it.
+    ambient_occlusion, shadows: strengths from 0 to 1 by which matter keeps the sky and the light off what is behind.
     motion auto (exact for X-rays of voxels, else moments) | moments (the mean of pictures while the shutter is open) |
     exact (the mean of the footprint along its path) | energy | paper [M98 Eq. 11] | off: motion blur.
     moments: number of pictures, each streaked over its part of the paths by exact, energy and paper; None: as many as
@@ -104,6 +105,8 @@ class Settings:
     shading: Shading = "auto"
     light: Lights = "head"
     light_from: tuple[float, float] | None = None
+    ambient_occlusion: float = 0.0
+    shadows: float = 0.0
     motion: Motions = "auto"
     moments: int | None = None
     shutter: float = 180.0
@@ -134,6 +137,9 @@ class Settings:
             raise expected("z_s", "a depth of at least 0", repr(self.z_s))
         if not (_is_number(self.shutter) and 0 <= self.shutter <= FULL_SHUTTER):
             raise expected("shutter", "an angle from 0 to 360 degrees", repr(self.shutter))
+        for name in ("ambient_occlusion", "shadows"):
+            if not (_is_number(getattr(self, name)) and 0 <= getattr(self, name) <= 1):
+                raise expected(name, "a strength from 0 to 1", repr(getattr(self, name)))
         if self.background is not None:
             object.__setattr__(self, "background", _background(self.background))
         if self.light_from is not None:

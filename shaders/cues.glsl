@@ -1,0 +1,53 @@
+// Shares of the sky and of the light that reach a place: ambient occlusion and shadows. Twin of splatgl/splat/cues/cues.py.
+// switch SKY 0
+// switch SHADOWS 0
+#define CUED (SKY == 1 || SHADOWS == 1)
+#if CUED
+layout(std140) uniform Cues {
+    vec4 cell_from_index[3];   // columns: grid steps to cells
+    vec4 cell_from_normal[3];  // a unit normal, world axes, to the place before the surface
+    vec4 cell_of_eye;
+    vec4 strength;             // of occlusion and of shadows
+} cues;
+uniform sampler3D sky_field;    // of each cell the first moment, world axes, and the mean
+uniform sampler3D shade_field;
+
+// In float32, where a sampler's weights may have 8 bits.
+vec4 trilinear(sampler3D field, vec3 place) {
+    ivec3 last = textureSize(field, 0) - 1;
+    vec3 inside = clamp(place, vec3(0.0), vec3(last));
+    ivec3 low = min(ivec3(inside), max(last - 1, 0)), high = min(low + 1, last);
+    vec3 part = inside - vec3(low);
+    vec4 planes[2];
+    for (int i = 0; i < 2; i++) {
+        int z = i == 0 ? low.z : high.z;
+        vec4 a = mix(texelFetch(field, ivec3(low.xy, z), 0), texelFetch(field, ivec3(high.x, low.y, z), 0), part.x);
+        vec4 b = mix(texelFetch(field, ivec3(low.x, high.y, z), 0), texelFetch(field, ivec3(high.xy, z), 0), part.x);
+        planes[i] = mix(a, b, part.y);
+    }
+    return mix(planes[0], planes[1], part.z);
+}
+
+// The cell of an offset from the eye, index axes.
+vec3 cell_at(vec3 offset) {
+    return cues.cell_of_eye.xyz + mat3(cues.cell_from_index[0].xyz, cues.cell_from_index[1].xyz, cues.cell_from_index[2].xyz) * offset;
+}
+
+// The shares of ambient and of direct light in a cell, of a surface with that normal, of any length, world axes.
+vec2 reached(vec3 cell, vec3 normal, vec3 toward) {
+    float size2 = dot(normal, normal);
+    vec3 n = normal * inversesqrt(max(size2, 1e-37));
+    if (dot(n, toward) > 0.0) n = -n;
+    cell += mat3(cues.cell_from_normal[0].xyz, cues.cell_from_normal[1].xyz, cues.cell_from_normal[2].xyz) * n;
+    vec2 found = vec2(1.0);
+#if SKY == 1
+    vec4 seen = trilinear(sky_field, cell);
+    float share = size2 > 0.0 ? seen.a + 2.0 * dot(n, seen.rgb) : 2.0 * seen.a;
+    found.x = 1.0 - cues.strength.x * (1.0 - clamp(share, 0.0, 1.0));
+#endif
+#if SHADOWS == 1
+    found.y = 1.0 - cues.strength.y * (1.0 - trilinear(shade_field, cell).r);
+#endif
+    return found;
+}
+#endif
