@@ -212,6 +212,7 @@ def test_other_texts_are_no_tables(tmp_path: Path) -> None:
         (SNAP.replace("255    0    0", "256    0    0"), "seg.label, line 7: expected NUMBER R G B"),
         (SNAP.replace('"liver"', "liver"), "seg.label, line 7"),
         (SNAP.replace("1  1  1", "1.5  1  1"), "seg.label, line 7"),
+        (SNAP.replace("1  1  1", f"1  {'9' * 5000}  1"), "seg.label, line 7"),
         (SNAP[: SNAP.index("    2 ")], "seg.label: expected labels, got none"),
     ],
 )
