@@ -318,3 +318,14 @@ def test_attributes_that_cannot_be_listed_are_looked_at_by_name() -> None:
     hdf5_probe.look("a", SimpleNamespace(attrs=Attributes()))
     assert {"DIMENSION_LABELS", "axistags", "units", "ExtMin0", "ImageSizeX"} <= set(Attributes.asked)
     assert set(_SPACINGS) <= set(Attributes.asked)
+
+
+def test_the_look_at_a_file_asks_for_fill_values(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a damaged message HDF5's library reads beyond it."""
+    from splatgl.data.readers import hdf5_probe
+
+    asked: list[str] = []
+    monkeypatch.setattr(h5py.Dataset, "fillvalue", property(lambda dataset: asked.append(dataset.name)))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        hdf5_probe.look("a", file.create_dataset("a", data=np.zeros((3, 3, 3))))
+    assert asked == ["/a"]

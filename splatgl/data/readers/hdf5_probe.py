@@ -5,6 +5,7 @@ HDF5's C library crashes or loops on some damaged files, where no exception can 
 
 import resource
 import sys
+from contextlib import suppress
 
 import h5py
 
@@ -40,6 +41,8 @@ def look(_name: str, node: object) -> None:
         except Exception:
             continue
     if isinstance(node, h5py.Dataset):
+        with suppress(Exception):
+            str(node.fillvalue)
         try:
             chunk = node.chunks
             if chunk is not None and node.size and not node.is_virtual and not node.external:
