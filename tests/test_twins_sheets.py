@@ -327,7 +327,9 @@ def test_light_over_matter(
     right = behind(light, field.matter(part, rays))
     shines = np.broadcast_to(0.0 if field.shines is None else field.shines, (COUNT, 3))
     inputs |= {"s": shines}
-    found_light = twin("sheet_draw.comp", "result.xy = surface_light(g, t, s)", plan, splats, state, **inputs)[:, :2]
+    found_light = twin(
+        "sheet_draw.comp", "result.xy = surface_light(g, t, s, vec2(1.0))", plan, splats, state, **inputs
+    )[:, :2]
     right_light = np.stack(surface_light(inputs["g"], toward, field.light, field.shines), axis=1)
     assert np.abs(found_light - right_light).max() < 1e-5
     assert plan.resolved.look.shading and np.abs(found - right).max() < (1e-5 if lit else 2e-6)
