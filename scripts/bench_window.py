@@ -15,6 +15,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from splatgl.app.options import size
 from splatgl.app.scene import Scene
@@ -115,7 +116,7 @@ def main() -> None:
     for file in args.files:
         begun = time.perf_counter()
         with Renderer("window") as renderer:
-            content = Content.open(Scene.from_toml(file) if file.endswith(".toml") else Scene(file))
+            content = Content.open(Scene.from_toml(Path(file)) if file.endswith(".toml") else Scene(file))
             viewer = Viewer(content, renderer, Options(size=args.size))
             while viewer.painter.frame is None:
                 viewer.step(0.0)
