@@ -610,6 +610,38 @@ def test_watching(tmp_path: Path) -> None:
     window.end()
 
 
+def test_a_file_of_time_points_has_a_slider(tmp_path: Path) -> None:
+    """Its ends are the first and the last one, which keys go through, too; a view stays."""
+    pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
+    tifffile = pytest.importorskip("tifffile")
+    series = np.stack([blob().samples * (blob().samples > low) for low in (0, 10, 20)]).astype(np.uint8)
+    tifffile.imwrite(tmp_path / "t.tif", series, imagej=True, metadata={"axes": "TZYX"})
+    window = Window(tmp_path / "t.tif", tmp_path, size=(600, 450), panel=True)
+    window.drop(tmp_path / "t.tif")
+    first = window.ask("settle")
+    assert (first["times"], first["time"]) == (3, 0)
+    window.ask("shot", path=str(tmp_path / "first.npy"))
+    window.hands("mousemove", SLIDER[1], SLIDER[2], "mousedown", 1)
+    window.ask("look")
+    window.hands("mouseup", 1)
+    window.until(lambda told: told["time"] == 2)
+    last = window.ask("settle")
+    assert last["time"] == 2 and last["eye"] == first["eye"]
+    window.ask("shot", path=str(tmp_path / "last.npy"))
+    # beside the panel
+    before, after = (np.load(tmp_path / name)[100:, :250].astype(int) for name in ("first.npy", "last.npy"))
+    assert np.abs(after - before).max() > 50
+    window.hands("mousemove", SLIDER[0], SLIDER[2], "mousedown", 1)
+    window.ask("look")
+    window.hands("mouseup", 1)
+    window.until(lambda told: told["time"] == 0)
+    window.ask("settle")
+    window.ask("shot", path=str(tmp_path / "again.npy"))
+    assert np.array_equal(np.load(tmp_path / "again.npy")[100:, :250], np.load(tmp_path / "first.npy")[100:, :250])
+    assert window.key(">")["time"] == 1
+    window.end()
+
+
 @pytest.mark.long
 def test_memory_stays(window: Window, folder: Path) -> None:
     """Many pictures and several files leave nothing behind."""
@@ -636,6 +668,8 @@ def panel(folder: Path) -> Iterator[Window]:
     window.end()
 
 
+# left and right ends of the slider of time points, and its height, in a window 600 pixels wide
+SLIDER = 282, 466, 45
 # the canvas of the curve, as it stands in a window 600 pixels wide
 LEFT, TOP, WIDE, HIGH = 276, 57, 302, 138
 

@@ -92,7 +92,8 @@ def told(viewer: Viewer) -> dict[str, Any]:
 def settled(viewer: Viewer) -> bool:
     frame = viewer.painter.frame
     still = frame is not None and frame.full and viewer.refiner.drawn == viewer._wanted() and not viewer.dirty
-    return still and not viewer.busy and not viewer.reference.jobs.busy
+    shown = not viewer.files.times or viewer.files.time == viewer.state.time
+    return still and shown and not viewer.busy and not viewer.reference.jobs.busy
 
 
 def arrived(viewer: Viewer) -> None:

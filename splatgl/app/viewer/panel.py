@@ -75,6 +75,8 @@ class Panel:
         flags |= imgui.WindowFlags_.always_auto_resize
         shown, _ = imgui.begin("splatgl", None, flags)
         if shown:
+            if state.times > 1:
+                state = _time(state)
             opened = imgui.TreeNodeFlags_.default_open
             if imgui.collapsing_header("Transfer function", opened):
                 state = self._transfer(state, content)
@@ -177,6 +179,16 @@ class Panel:
             imgui.text(f"values {low:.5g} to {high:.5g}, median {stats.percentile(50):.5g}")
         for line in hud.lines(state, content, frame, None)[1:]:
             imgui.text_wrapped(plain(line))
+
+
+def _time(state: State) -> State:
+    """The time points of a series or of a file."""
+    changed, time = imgui.slider_int("time", state.time, 0, state.times - 1)
+    if changed:
+        state = replace(state, time=min(max(time, 0), state.times - 1), playing=False)
+    imgui.same_line()
+    changed, playing = imgui.checkbox("play", state.playing)
+    return replace(state, playing=playing) if changed else state
 
 
 def _settings(state: State, content: Content) -> State:
