@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from splatgl.data.errors import InputError, expected
+from splatgl.data.readers.several import PICKED
 from splatgl.data.volume import Volume
 
 
@@ -36,9 +37,9 @@ def check_source(path: Path, *sources: str | None) -> None:
         raise expected(path, "another file than the source", "the source itself", "name another one with -o")
 
 
-def tell(volume: Volume, quiet: bool = False, channels: bool = False) -> None:
-    """Prints what the reader left out or assumed, on standard error. channels: whether all are drawn."""
-    notes = list(volume.notes)
+def tell(volume: Volume, quiet: bool = False, channels: bool = False, times: bool = False) -> None:
+    """Prints what the reader left out or assumed, on standard error. channels, times: whether all are shown."""
+    notes = [note for note in volume.notes if not (times and note.endswith(PICKED))]
     if len(volume.channels) > 1 and not channels:
         notes.append(f"channel {volume.channels[0].name} of {len(volume.channels)} is drawn: --channel picks another")
     for note in () if quiet else notes:

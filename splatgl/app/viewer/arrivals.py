@@ -30,7 +30,8 @@ def arrived(viewer: Viewer, done: Done) -> None:
         raise done.error
     elif not isinstance(done.result, News):
         viewer.refiner.renew(viewer.content.counts, prod(viewer.size))
-        if viewer.state.pose is viewer.home and viewer.content.whole:
+        # all time points have the view of the first
+        if viewer.state.pose is viewer.home and viewer.content.whole and viewer.files.time == 0:
             _fit(viewer)
     elif not done.result.stale(viewer.content):
         _opened(viewer, done.result)

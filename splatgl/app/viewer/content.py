@@ -69,7 +69,7 @@ class Content:
     def open(cls, scene: Scene) -> Content:
         """Reads the volume, or a stand-in, and extracts the splats of all strides; InputError as the readers raise."""
         volume = scene.open()
-        tell(volume)
+        tell(volume, times=True)
         transfer, scene = scene.transfer_for(volume), scene.cut(volume)
         shown = portion(volume, transfer, scene.settings)
         if shown.told or shown.finer:

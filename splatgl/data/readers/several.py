@@ -25,6 +25,9 @@ MOST_CHANNELS = 4096
 MOST_SHOWN = 8
 """Most channels that a message names."""
 
+PICKED = "--time picks another"
+"""The end of a note on the time point that is read if none is asked for."""
+
 
 @dataclass(frozen=True)
 class Channel:
@@ -81,7 +84,7 @@ class Several:
         made = [self._named(read(number), number) for number in numbers]
         notes = made[0].notes
         if self.times > 1 and options.time is None and options.array is None:
-            notes = (*notes, f"time 0 of {self.times}: --time picks another")
+            notes = (*notes, f"time 0 of {self.times}: {PICKED}")
         first = replace(made[0], times=self.times, time_step=self.step, notes=notes)
         return replace(first, channels=tuple(made)) if len(made) > 1 else first
 
