@@ -221,3 +221,12 @@ def test_a_damaged_table_is_told(tmp_path: Path, text: str, told: str) -> None:
     (tmp_path / "seg.label").write_text(text)
     with pytest.raises(sg.InputError, match=re.escape(told)):
         sg.load(tmp_path / "seg.npy")
+
+
+def test_a_stack_of_few_colours_is_no_segmentation() -> None:
+    """It keeps its colours, whatever its brightness is taken for."""
+    volume = segments()
+    color = np.stack([volume.samples, volume.samples // 2, 0 * volume.samples], axis=-1)
+    assert sg.default_transfer(volume).labels
+    painted = sg.Volume(volume.samples, color=color)
+    assert not sg.default_transfer(painted).labels

@@ -137,7 +137,8 @@ def _from_values(volume: Volume) -> Transfer:
         return _built(PRESETS[_chosen(volume, stats)], stats)
     if _two(stats):
         return replace(_built(PRESETS["terrain"], stats), colormap="ivory")
-    return label_transfer(volume)
+    # a picture's colours are no names, however few they are
+    return label_transfer(volume) if volume.color is None else _built(PRESETS[_chosen(volume, stats)], stats)
 
 
 def _is_labels(volume: Volume, stats: Statistics) -> bool:
