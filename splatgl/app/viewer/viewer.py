@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.app.viewer.answers import PLAYED, answered, moved_on
 from splatgl.app.viewer.arrivals import arrived
 from splatgl.app.viewer.bindings import BINDINGS, Binding
 from splatgl.app.viewer.content import Content
@@ -22,11 +23,9 @@ from splatgl.app.viewer.history import History
 from splatgl.app.viewer.hud import progress
 from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.marking import Marking
-from splatgl.app.viewer.moves import up_of
 from splatgl.app.viewer.pacing import LADDER, REST, STEP, TARGET
 from splatgl.app.viewer.painter import Painter
 from splatgl.app.viewer.refiner import Moment, Refiner
-from splatgl.app.viewer.saving import SAVES, saved
 from splatgl.app.viewer.state import State
 from splatgl.app.viewer.window import Window
 from splatgl.data.errors import InputError, missing_extra
@@ -36,10 +35,6 @@ from splatgl.gl.screen import Screen
 
 # maximum seconds to wait for events when idle: bounds the response to Ctrl-C
 IDLE = 0.25
-# automatic rotation in degrees per second
-SPEED = 30.0
-# minimum seconds between the time points of a series that is played
-PLAYED = 0.1
 
 
 @dataclass(frozen=True)
@@ -132,8 +127,8 @@ class Viewer:
         if self.reference.collect():
             self.refresh()
         self.state = self.files.look(self.state, self.now())
-        self._turn()
-        self._answer()
+        moved_on(self)
+        answered(self)
         if self.closed or min(self.window.size) < 1:
             return
         level = self._draw()
@@ -282,51 +277,6 @@ class Viewer:
             self.state = self.panel.frame(self.state, self.content, self.painter.frame)
             if self.state is not before:
                 self.hands.touch()
-
-    def _turn(self) -> None:
-        now = self.now()
-        if self.state.turning:
-            pose = self.state.pose.spun(SPEED * (now - self.ticked), up_of(self.content))
-            self.state = replace(self.state, pose=pose)
-            self.hands.touched = now
-        shown = self.files.time == self.state.time and not self.files.jobs.busy and not self.dirty
-        if self.state.playing and self.files.times and shown and now - self.played >= PLAYED:
-            self.state = replace(self.state, time=(self.state.time + 1) % len(self.files.times))
-            self.played = now
-        self.ticked = now
-        resting = now - self.hands.touched >= REST and not self.window.held
-        if resting and not self.state.asks:
-            self.history.note(self.state)
-
-    def _answer(self) -> None:
-        """Runs what the state asks of the window."""
-        asks, self.state = self.state.asks, replace(self.state, asks=())
-        for ask in asks:
-            if ask in ("undo", "redo"):
-                undone = self.history.undone if ask == "undo" else self.history.redone
-                self.state = undone(self.state)
-                self.hands.touch()
-            elif ask == "cancel" and self.files.cancel():
-                self.closed |= self.content.waiting
-            elif ask in SAVES:
-                self.state = saved(self.state, ask, self.content, self.renderer.render, self.options.folder)
-                if ask == "save" and self.state.message.startswith("saved"):
-                    self.history.keep(self.state)
-        if self.files.times and not self.dirty:
-            self.files.show_time(self.state.time)
-        if "quit" in asks or self.window.closing:
-            self._quit()
-        elif asks or self.state.message == "":
-            self.warned = False
-
-    def _quit(self) -> None:
-        """Closes the window, at the second request if edits would be lost."""
-        if not self.history.unsaved(self.state) or self.warned:
-            self.closed = True
-            return
-        self.warned = True
-        self.window.stay()
-        self.say("edits are not saved: shift+s saves the scene; quit again to leave without")
 
     def take(self, content: Content) -> None:
         """Sets the displayed content."""
