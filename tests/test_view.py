@@ -38,6 +38,7 @@ from splatgl.app.viewer.watch import Watch
 from splatgl.app.viewpoint import View
 from splatgl.data.coarse import coarser
 from splatgl.gl.screen import Screen
+from splatgl.splat.classification.statistics import statistics
 
 SIZE = (120, 80)
 # seconds after which a thread hangs
@@ -536,15 +537,31 @@ def test_overlay_says_what_it_should() -> None:
 # --- the curve of the panel ---------------------------------------------------------------------------------------
 
 
-def test_the_canvas_there_and_back() -> None:
-    canvas = curve.Canvas(10.0, 20.0, 300.0, 150.0, -100.0, 400.0)
-    for node in ((-100.0, 0.0), (33.0, 0.002), (250.0, 0.5), (400.0, 1.0)):
-        assert canvas.node(canvas.place(*node)) == pytest.approx(node, abs=1e-9)
+def test_the_scale_of_opacities_there_and_back() -> None:
+    for opacity in (0.0, 0.002, 0.01, 0.5, 1.0):
+        assert curve.fall(float(curve.rise(opacity))) == pytest.approx(opacity, abs=1e-12)
     # fine near zero: the lowest hundredth has a sixth of the height
     assert curve.rise(0.01) > 0.16 and curve.fall(0.0) == 0.0 and curve.fall(1.0) == 1.0
-    zoomed = canvas.zoomed(160.0, 0.5)
-    assert zoomed.node((160.0, 50.0))[0] == pytest.approx(canvas.node((160.0, 50.0))[0])
-    assert zoomed.high - zoomed.low == pytest.approx(250.0)
+
+
+def test_the_drawn_curve_is_the_transfer_function() -> None:
+    """Between its nodes too, where the scale bends it, at a step, and beyond its ends."""
+    transfer = sg.Transfer(points=[(10, 0.0), (20, 0.4), (20, 0.1), (30, 0.3)])
+    values, heights = curve.line(transfer.points, 0.0, 50.0)
+    assert values[0] == 0.0 and values[-1] == 50.0 and (np.diff(values) > -1e-9).all()
+    assert {(20.0, float(curve.rise(0.4))), (20.0, float(curve.rise(0.1)))} <= set(zip(values, heights, strict=True))
+    apart = np.abs(values - 20.0) > 1e-9
+    assert np.allclose(heights[apart], curve.rise(transfer.opacity(values[apart])), atol=1e-12)
+
+
+def test_bars_are_counts() -> None:
+    stats = statistics(sg.Volume(np.repeat([1.0, 2.0, 3.0], [6, 1, 1]).reshape(2, 2, 2)))
+    edges, bars = curve.histogram(stats, 1.0, 3.0, logarithmic=False)
+    assert edges[:4].tolist() == [1.0, 2.0, 3.0, 4.0] or len(edges) == 3
+    assert bars[0] == 1.0 and bars[1] == pytest.approx(1 / 6 if len(bars) > 2 else 2 / 6)
+    assert curve.histogram(stats, 1.0, 3.0)[1][1] > bars[1]
+    # nothing within the range
+    assert not curve.histogram(stats, 50.0, 60.0)[1].any()
 
 
 def test_nodes() -> None:
@@ -553,9 +570,6 @@ def test_nodes() -> None:
     assert curve.moved(nodes, 1, (99.0, 9.0)) == ((0.0, 0.0), (20.0, 1.0), (20.0, 1.0))
     assert curve.added(nodes, (12.0, 0.1)) == (((0.0, 0.0), (10.0, 0.5), (12.0, 0.1), (20.0, 1.0)), 2)
     assert curve.removed(nodes, 0) == nodes[1:] and curve.removed(nodes[:1], 0) == nodes[:1]
-    canvas = curve.Canvas(0.0, 0.0, 200.0, 100.0, 0.0, 20.0)
-    assert curve.nearest(nodes, canvas, (101.0, canvas.place(10.0, 0.5)[1])) == 1
-    assert curve.nearest(nodes, canvas, (50.0, 10.0)) is None
 
 
 # --- states -------------------------------------------------------------------------------------------------------

@@ -670,28 +670,69 @@ def panel(folder: Path) -> Iterator[Window]:
 
 # left and right ends of the slider of time points, and its height, in a window 600 pixels wide
 SLIDER = 282, 466, 45
-# the canvas of the curve, as it stands in a window 600 pixels wide
-LEFT, TOP, WIDE, HIGH = 276, 57, 302, 138
+# left end of the panel, in a window 600 pixels wide, and the axis of opacities
+LEFT, AXIS = 276, (-0.05, 1.05)
 
 
-def on_canvas(value: float, opacity: float) -> tuple[int, int]:
-    """Pixel of a node on the canvas, whose values are those of the blob: 0 to 40."""
-    x, y = curve.Canvas(LEFT, TOP, WIDE, HIGH, 0.0, 40.0).place(value, opacity)
-    return round(x), round(y)
+def on_plot(told: Told, value: float, opacity: float) -> tuple[int, int]:
+    """Pixel of a node of the opacity curve."""
+    (left, top, wide, high), (low, stop) = told["plot"]
+    share = (AXIS[1] - float(curve.rise(opacity))) / (AXIS[1] - AXIS[0])
+    return round(left + (value - low) / (stop - low) * wide), round(top + share * high)
+
+
+def pointed(window: Window, *place: int) -> None:
+    """The cursor is moved there, which the panel has seen before a button is pressed."""
+    window.hands("mousemove", *place)
+    for _ in range(3):
+        window.ask("look")
 
 
 def test_the_panel_edits_the_curve(panel: Window) -> None:
+    """A double click adds a point, which is dragged; right and ctrl click remove it; all are undone."""
     before = panel.ask("reset")
-    panel.key("tab")
-    place = on_canvas(20.0, 0.5)
-    # the first press is where no node is: a new one, which is dragged on
+    told = panel.key("tab")
+    panel.ask("double", within=PATIENCE)
+    place = on_plot(told, 20.0, 0.5)
+    pointed(panel, *place)
+    panel.hands("click", 1, "click", 1)
+    added = panel.ask("settle")
+    new = [node for node in added["points"] if node not in before["points"]]
+    assert len(new) == 1 and new[0] == pytest.approx((20.0, 0.5), abs=0.3)
+    pointed(panel, *on_plot(told, *new[0]))
     after = panel.drag(1, place, (place[0] + 20, place[1] + 30))
-    assert len(after["points"]) == len(before["points"]) + 1
-    new = [node for node in after["points"] if node not in before["points"]]
-    assert new and new[0][0] == pytest.approx(22.5, abs=1.5) and 0.05 < new[0][1] < 0.3
+    moved = [node for node in after["points"] if node not in before["points"]]
+    assert len(moved) == 1 and on_plot(told, *moved[0]) == pytest.approx((place[0] + 20, place[1] + 30), abs=2)
     assert after["full"] and np.allclose(after["eye"], before["eye"])
-    panel.hands("mousemove", *on_canvas(*new[0]), "click", 3)
-    assert len(panel.ask("settle")["points"]) == len(before["points"])
+    pointed(panel, *on_plot(told, *moved[0]))
+    panel.hands("click", 3)
+    assert panel.ask("settle")["points"] == before["points"]
+    assert panel.key("ctrl+z")["points"] == after["points"]
+    panel.hands("keydown", "ctrl", "click", 1, "keyup", "ctrl")
+    assert panel.ask("settle")["points"] == before["points"]
+    assert panel.key("ctrl+z")["points"] == after["points"] and panel.key("ctrl+z")["points"] == added["points"]
+    assert panel.key("ctrl+z")["points"] == before["points"]
+    assert panel.key("ctrl+shift+z")["points"] == added["points"]
+
+
+def test_the_curve_is_zoomed_and_moved(panel: Window) -> None:
+    """By the wheel about the cursor, and by a drag where no point is; no point changes."""
+    panel.ask("reset")
+    before = panel.key("tab")
+    place = on_plot(before, 15.0, 0.03)
+    pointed(panel, *place)
+    panel.hands("click", 4)
+    near = panel.ask("settle")
+    (low, high), (first, last) = near["plot"][1], before["plot"][1]
+    assert high - low < 0.95 * (last - first) and on_plot(near, 15.0, 0.03) == pytest.approx(place, abs=1)
+    pointed(panel, *place)
+    panel.hands("mousedown", 1)
+    pointed(panel, place[0] + 20, place[1])
+    pointed(panel, place[0] + 40, place[1])
+    panel.hands("mouseup", 1)
+    moved = panel.ask("settle")
+    assert on_plot(moved, 15.0, 0.03)[0] == pytest.approx(place[0] + 40, abs=2)
+    assert moved["points"] == before["points"] and np.allclose(moved["eye"], before["eye"])
 
 
 def test_the_panel_takes_no_shortcuts(panel: Window) -> None:
@@ -700,7 +741,7 @@ def test_the_panel_takes_no_shortcuts(panel: Window) -> None:
     before = panel.key("tab")
     turned = panel.drag(1, (100, 200), (140, 180))
     assert not np.allclose(turned["eye"], before["eye"])
-    panel.hands("mousemove", LEFT + 20, TOP + 200)
+    panel.hands("mousemove", LEFT + 20, 300)
     assert panel.key("b")["settings"]["blend"] == "xray"
     assert np.ptp(panel.shot()[20:300, LEFT:].astype(int)) > 100
 

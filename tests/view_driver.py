@@ -86,6 +86,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "closed": viewer.closed,
         "megabytes": int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 2**20,
         "textures": len(viewer.screen.textures),
+        "plot": viewer.panel and (viewer.panel.panel.curve.box, viewer.panel.panel.curve.range),
     }
 
 
@@ -151,6 +152,9 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
     elif what == "double":
         # seconds between the presses of a double click: a busy machine may bring the second one late
         mouse.DOUBLE = ask["within"]
+        if viewer.panel is not None:
+            io = viewer.panel.io
+            io.mouse_double_click_time, io.mouse_single_click_delay = ask["within"], 2 * ask["within"]
     elif what == "nudge":
         return nudged(viewer)
     elif what == "fail":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from imgui_bundle import imgui
+from imgui_bundle import imgui, implot
 
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.hud import Frame
@@ -15,6 +15,8 @@ from splatgl.app.viewer.window import Window
 from splatgl.gl.context import current
 
 GLSL = "#version 330"
+# maximum seconds of a double click, which frames in software draw out
+DOUBLE = 0.5
 RELEASE, PRESS = 0, 1
 ESCAPE = 256
 # GLFW codes of the keys used by text fields; letters are for ctrl+A, C, V, X, Z
@@ -44,16 +46,18 @@ class Gui:
         self.window = window
         self.panel = Panel()
         self.cursor: tuple[float, float] = (-1.0, -1.0)
-        self.context = imgui.create_context()
+        self.context, self.plots = imgui.create_context(), implot.create_context()
         self.io = imgui.get_io()
         # no ini file
         self.io.set_ini_filename("")
         self.last = time.perf_counter()
         with current(window.screen.ctx):
             imgui.backends.opengl3_init(GLSL)
+        self.io.mouse_double_click_time, self.io.mouse_single_click_delay = DOUBLE, 2 * DOUBLE
         imgui.get_style().window_rounding = 4.0
         imgui.get_style().scale_all_sizes(window.scale)
         imgui.get_style().font_scale_main = window.scale
+        _fit_plots(window.scale)
 
     @property
     def touched(self) -> bool:
@@ -120,4 +124,17 @@ class Gui:
         """Frees Dear ImGui's GPU resources and its context."""
         with current(self.window.screen.ctx):
             imgui.backends.opengl3_shutdown()
+        implot.destroy_context(self.plots)
         imgui.destroy_context(self.context)
+
+
+def _fit_plots(scale: float) -> None:
+    """Narrow margins for plots, and none of their mouse buttons beside the drag that moves an axis."""
+    style, keys = implot.get_style(), implot.get_input_map()
+    style.plot_padding = imgui.ImVec2(2.0 * scale, 4.0 * scale)
+    style.label_padding = imgui.ImVec2(3.0 * scale, 3.0 * scale)
+    for name in ("major_tick_len", "minor_tick_len", "major_tick_size", "minor_tick_size"):
+        size = getattr(style, name)
+        setattr(style, name, imgui.ImVec2(size.x * scale, size.y * scale))
+    # a double click makes a point instead
+    keys.fit = imgui.MouseButton_.middle

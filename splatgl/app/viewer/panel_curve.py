@@ -1,0 +1,152 @@
+"""The panel's opacity curve: ImPlot's axes over the values' histogram, with points that are dragged. Extra `gui`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from imgui_bundle import imgui, implot
+
+from splatgl.app.viewer import curve
+from splatgl.data.color import srgb_from_linear
+from splatgl.data.volume import Volume
+from splatgl.splat.classification.statistics import Statistics, statistics
+from splatgl.splat.classification.transfer import Nodes, Transfer
+
+# screen units at a content scale of 1: height of the plot, of the strip of colours below it, radius of a point
+HEIGHT, STRIP, POINT = 190.0, 10.0, 5.0
+# heights that the axis of opacities shows: with room for points at its ends
+ROOM = (-0.05, 1.05)
+# colours of the strip
+COLORS = 64
+HISTOGRAM, LINE, NODE = (0.36, 0.36, 0.42, 1.0), (1.0, 0.8, 0.3, 1.0), (1.0, 0.9, 0.6, 1.0)
+HINT = "drag a point; double click for a new one; right click or ctrl+click removes; the wheel zooms, a drag moves"
+
+
+class Curve:
+    """Draws the plot and holds its range of values and its histogram."""
+
+    def __init__(self) -> None:
+        self.volume: object = None
+        self.stats: Statistics | None = None
+        self.logarithmic = True
+        self.range = (0.0, 1.0)
+        self.bars = (np.zeros(2), np.zeros(1))
+        # whether the axis is to show the whole range
+        self.fits = True
+        self.held: int | None = None
+        # of the drawn plot: left, top, width, height, screen units
+        self.box = (0.0, 0.0, 1.0, 1.0)
+
+    def known(self, volume: Volume) -> Statistics:
+        """Statistics of the displayed volume's values, computed once."""
+        if self.stats is None or self.volume is not volume:
+            self.volume, self.stats = volume, statistics(volume)
+            self._whole()
+        return self.stats
+
+    def draw(self, transfer: Transfer, volume: Volume) -> Transfer:
+        """The plot, its strip of colours and its switches; returns the edited transfer function."""
+        stats, scale = self.known(volume), imgui.get_style().font_scale_main
+        points = transfer.points
+        quiet = implot.Flags_.canvas_only | implot.Flags_.no_frame
+        if implot.begin_plot("##curve", imgui.ImVec2(-1.0, HEIGHT * scale), quiet):
+            self._axes(volume)
+            self._histogram(stats)
+            values, heights = curve.line(points, *self.range)
+            implot.plot_line("##line", values, heights, implot.Spec(line_color=LINE, line_weight=2.0 * scale))
+            points = self._points(points, scale)
+            place, size = implot.get_plot_pos(), implot.get_plot_size()
+            self.box = place.x, place.y, size.x, size.y
+            implot.end_plot()
+        self._strip(transfer, STRIP * scale)
+        changed, self.logarithmic = imgui.checkbox("log counts", self.logarithmic)
+        imgui.set_item_tooltip("Bars by the logarithm of how many voxels have a value, or by the number.")
+        if changed:
+            self._count(*self.range)
+        imgui.same_line()
+        if imgui.button("all values"):
+            self._whole()
+        return transfer if points == transfer.points else _with_points(transfer, points)
+
+    def _axes(self, volume: Volume) -> None:
+        fixed = implot.AxisFlags_.no_highlight | implot.AxisFlags_.no_side_switch
+        implot.setup_axis(implot.ImAxis_.x1, volume.value_unit or None, fixed)
+        implot.setup_axis(implot.ImAxis_.y1, "opacity", fixed | implot.AxisFlags_.lock)
+        kind = implot.Cond_.always if self.fits else implot.Cond_.once
+        self.fits = False
+        implot.setup_axis_limits(implot.ImAxis_.x1, *self.range, kind)
+        implot.setup_axis_limits(implot.ImAxis_.y1, *ROOM, implot.Cond_.always)
+        ticks = [float(each) for each in curve.rise(curve.TICKS)]
+        implot.setup_axis_ticks(implot.ImAxis_.y1, ticks, [f"{each:g}" for each in curve.TICKS])
+        implot.setup_finish()
+
+    def _histogram(self, stats: Statistics) -> None:
+        limits = implot.get_plot_limits().x
+        if (limits.min, limits.max) != self.range and limits.min < limits.max:
+            self._count(limits.min, limits.max)
+        edges, bars = self.bars
+        grey = implot.Spec(line_color=HISTOGRAM, fill_color=HISTOGRAM, flags=implot.StairsFlags_.shaded)
+        implot.plot_stairs("##values", edges, np.append(bars, bars[-1:]), grey)
+
+    def _points(self, points: Nodes, scale: float) -> Nodes:
+        """The nodes after mouse input."""
+        at, ctrl = implot.get_plot_mouse_pos(), imgui.get_io().key_ctrl
+        pointed, held = None, None
+        low, high = self.range
+        for number, (value, opacity) in enumerate(points):
+            # what is out of the axis is no target of the mouse
+            if not low <= value <= high and number != self.held:
+                continue
+            asked = number, value, float(curve.rise(opacity)), NODE, POINT * scale, 0, False, False, False
+            moved, x, y, _, over, down = implot.drag_point(*asked)
+            pointed, held = (number if over else pointed), (number if down and not ctrl else held)
+            if number == self.held and imgui.is_mouse_released(imgui.MouseButton_.left):
+                # the last frame of a drag has a place, too
+                moved, x, y = True, at.x, at.y
+            if moved and not ctrl:
+                points = curve.moved(points, number, (x, curve.fall(y)))
+        self.held = held
+        hovered = implot.is_plot_hovered() or pointed is not None
+        removes = imgui.is_mouse_clicked(imgui.MouseButton_.right) or (
+            ctrl and imgui.is_mouse_clicked(imgui.MouseButton_.left)
+        )
+        if removes and pointed is not None:
+            return curve.removed(points, pointed)
+        if hovered and pointed is None and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
+            return curve.added(points, (at.x, curve.fall(at.y)))[0]
+        told = held if held is not None else pointed
+        if told is not None:
+            imgui.set_tooltip(f"{points[told][0]:.5g}: {points[told][1]:.4g}")
+        elif hovered:
+            imgui.set_tooltip(f"{at.x:.4g}: {curve.fall(at.y):.3g}\n{HINT}")
+        return points
+
+    def _strip(self, transfer: Transfer, high: float) -> None:
+        """The colour of every value, below the plot."""
+        low, stop = self.range
+        values = low + (np.arange(COLORS) + 0.5) / COLORS * (stop - low)
+        pen, top = imgui.get_window_draw_list(), imgui.get_cursor_screen_pos().y
+        step = self.box[2] / COLORS
+        for number, rgb in enumerate(srgb_from_linear(np.clip(transfer.color(values), 0.0, 1.0))):
+            left = self.box[0] + number * step
+            color = int(imgui.get_color_u32(imgui.ImVec4(*(float(each) for each in (*rgb, 1.0)))))
+            pen.add_rect_filled((left, top), (left + step + 1, top + high), color)
+        imgui.dummy((1.0, high))
+
+    def _whole(self) -> None:
+        """Shows all values."""
+        if self.stats is not None:
+            self._count(*curve.values_of(self.stats))
+            self.fits = True
+
+    def _count(self, low: float, high: float) -> None:
+        if self.stats is not None and low < high:
+            self.range = low, high
+            self.bars = curve.histogram(self.stats, low, high, self.logarithmic)
+
+
+def _with_points(transfer: Transfer, points: Nodes) -> Transfer:
+    """Replaces the nodes; the colour window is kept, even if it followed the first and last node."""
+    window = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+    return replace(transfer, points=points, window=window if window[0] < window[1] else None)
