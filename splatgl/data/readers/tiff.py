@@ -34,6 +34,7 @@ from splatgl.data.readers.several import as_microscope
 from splatgl.data.readers.terrain import grey_heights, terrain_of_picture
 from splatgl.data.readers.tiff_channels import several
 from splatgl.data.readers.tiff_checks import check_chain, check_ome
+from splatgl.data.readers.tiff_lzw import guard
 from splatgl.data.readers.tiff_parts import open_tiff, parts
 from splatgl.data.readers.xml_tree import parse_xml
 from splatgl.data.volume import Triple, Volume
@@ -189,6 +190,7 @@ class _FirstError(logging.Handler):
 def _describe(series: Any, tiff: Any) -> _Series:
     _check_codec(series)
     pages = [page for page in series.pages if page is not None]
+    guard(pages)
     segments = tuple(pair for page in pages for pair in zip(page.dataoffsets, page.databytecounts, strict=True))
     axes, shape = series.axes, tuple(series.shape)
     if min(shape, default=0) < 1:

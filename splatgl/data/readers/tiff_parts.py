@@ -10,6 +10,7 @@ from typing import Any
 from splatgl.data.errors import missing_extra
 from splatgl.data.readers.chunked import Chunked
 from splatgl.data.readers.files import library
+from splatgl.data.readers.tiff_lzw import guard
 from splatgl.data.readers.turned import Turned
 
 OTHER_KINDS = ("avs", "bif", "eer", "mmstack", "ndpi", "ndtiff", "philips", "qpi", "scn", "svs")
@@ -27,7 +28,7 @@ def open_tiff(path: Path) -> Any:
         return tifffile.TiffFile(path, _multifile=False, **kinds)
 
 
-def parts(path: Path, levels: Iterable[int], axes: str, index: Sequence[int | slice]) -> list[Chunked]:
+def parts(path: Path, levels: Sequence[int], axes: str, index: Sequence[int | slice]) -> list[Chunked]:
     """What `index` leaves free of those levels of the first series; the file is open for as long as one of them lives.
 
     axes: of the index; one that the series lacks has one entry.
@@ -39,6 +40,8 @@ def parts(path: Path, levels: Iterable[int], axes: str, index: Sequence[int | sl
     file = _OneFile(path)
     with library("TIFF"):
         series = file.tiff.series[0]
+        for level in levels:
+            guard(series.levels[level].pages)
         found = [(zarr.open_array(series.aszarr(level=level), mode="r"), series.levels[level].axes) for level in levels]
         arrays = [Turned(array, names, axes) for array, names in found]
     return [Chunked(str(path), array, index, file, "TIFF") for array in arrays]
