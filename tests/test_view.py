@@ -288,6 +288,13 @@ def test_what_gains_nothing_is_not_given_up() -> None:
     assert paced([0.2, 0.15, 0.14, *[0.079] * 7], 200)[-1] == 3
 
 
+def test_poor_rates_take_any_gain() -> None:
+    """What takes longer than a tenth of a second gives up pixels for a little; what takes less, for a third."""
+    slow = [0.9, 0.7, 0.6, 0.175, 0.145, 0.125, *[0.1] * 4]
+    assert paced(slow, 200)[-1] == 5
+    assert paced([cost / 2 for cost in slow], 200)[-1] == 3
+
+
 def test_motion_has_a_floor() -> None:
     """At least half of the pixels, and every second voxel of up to two million splats; more where nothing moves."""
     slow = [1.0, 0.8, 0.6, 0.5, 0.3, 0.15, 0.1, 0.08, 0.05, 0.02]

@@ -27,8 +27,9 @@ HELD = 0.2
 # fractions of the target: above SLOW a frame is slow; a finer level must be expected to take less than QUICK
 SLOW, QUICK = 1.15, 0.8
 SLOW_FRAMES, QUICK_FRAMES = 2, 4
-# a coarser level must be this many times faster, and expected to be so many times faster to be tried
-GAIN, TRIED = 1.3, 1.05
+# a coarser level must be this many times faster, and expected to be so many times faster to be tried; of frames that
+# take longer than POOR seconds, any gain counts
+GAIN, TRIED, POOR = 1.3, 1.05, 0.1
 # weight of the newest frame in a level's cost
 NEWEST = 0.5
 # before any measurement: seconds per pixel covered by tens of splats, and the cost of a splat in pixels (llvmpipe)
@@ -149,7 +150,7 @@ class Pace:
         left = known.finer_one
         if left is not None and met[level] > 1:
             known = replace(known, finer_one=None)
-            if known.expected(left) < GAIN * known.expected(level):
+            if known.expected(left) < known.gain * known.expected(level):
                 return replace(known, level=left, slow=0, quick=0, wait=2 * self.wait)
         return known._judged(min(cost, seconds) + fixed)
 
@@ -181,7 +182,7 @@ class Pace:
         gains = [
             level
             for level in self._allowed
-            if level > self.level and self.expected(level) * (GAIN if self.met[level] > 1 else TRIED) < now
+            if level > self.level and self.expected(level) * (self.gain if self.met[level] > 1 else TRIED) < now
         ]
         return next((level for level in gains if self.expected(level) <= self.target), next(iter(gains), None))
 
@@ -190,9 +191,15 @@ class Pace:
         return self.level > 0 and self.expected(self.level - 1) < QUICK * self.target
 
     @property
+    def gain(self) -> float:
+        """What a coarser level must gain, a factor."""
+        return GAIN if self.expected(self.level) < POOR else TRIED
+
+    @property
     def _enough(self) -> float:
         """Seconds of a frame that are short enough: the target, or those of the fastest level, or nearly so."""
-        return max(self.target, GAIN * min(map(self.expected, self._allowed)))
+        fastest = min(map(self.expected, self._allowed))
+        return max(self.target, min(GAIN * fastest, max(POOR, TRIED * fastest)))
 
     @property
     def _allowed(self) -> range:
