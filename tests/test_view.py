@@ -290,7 +290,7 @@ def test_what_gains_nothing_is_not_given_up() -> None:
 
 def test_poor_rates_take_any_gain() -> None:
     """What takes longer than a tenth of a second gives up pixels for a little; what takes less, for a third."""
-    slow = [0.9, 0.7, 0.6, 0.175, 0.145, 0.125, *[0.1] * 4]
+    slow = [0.9, 0.7, 0.6, 0.155, 0.145, 0.125, *[0.1] * 4]
     assert paced(slow, 200)[-1] == 5
     assert paced([cost / 2 for cost in slow], 200)[-1] == 3
 
