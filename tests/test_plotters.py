@@ -82,6 +82,34 @@ def test_what_is_no_plotter_is_refused() -> None:
             make([1, 2])
 
 
+def test_several_volumes_of_one_prop_are_layers(pyvista: Any) -> None:
+    """Each has the data of its port, and its own look and place."""
+    vtk = pytest.importorskip("vtk")
+    prop, mapper = vtk.vtkMultiVolume(), vtk.vtkGPUVolumeRayCastMapper()
+    prop.SetMapper(mapper)
+    for port, opacity in ((0, 0.25), (3, 0.75)):
+        mapper.SetInputDataObject(port, some(origin=(port, 0.0, 0.0)).to_pyvista())
+        volume, curve = vtk.vtkVolume(), vtk.vtkPiecewiseFunction()
+        curve.AddPoint(0, 0.0)
+        curve.AddPoint(200, opacity)
+        volume.GetProperty().SetScalarOpacity(curve)
+        volume.SetPosition(0.0, 0.0, 10.0 * port)
+        prop.SetVolume(volume, port)
+    made = pyvista.Plotter(off_screen=True, window_size=list(SIZE))
+    made.renderer.AddVolume(prop)
+    first, second = sg.Scene.of(made).shown
+    assert first.volume.origin == (0, 0, 0) and second.volume.origin == (3, 0, 30)
+    assert first.transfer.points[-1][1] == 0.25 and second.transfer.points[-1][1] == 0.75
+
+
+def test_a_mask_of_a_mapper_is_refused(pyvista: Any) -> None:
+    made = plotter(pyvista, some(), mapper="gpu")
+    (volume,) = list(made.renderer.GetVolumes())
+    volume.GetMapper().SetMaskInput(some().to_pyvista())
+    with pytest.raises(sg.InputError, match="mask: expected none"):
+        sg.Scene.of(made)
+
+
 # --- plotters to scenes ---
 
 

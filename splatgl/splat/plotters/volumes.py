@@ -24,15 +24,28 @@ COMPONENTS = 4
 
 
 def layers_of(prop: Any) -> Iterator[Layer]:
-    """The layers of a vtkVolume: one for each independent component of its samples.
+    """The layers of a vtkVolume, one for each independent component of its samples, or of those of a vtkMultiVolume.
 
     Raises InputError for other data than even grids, and for what splatgl has no like of.
     """
-    mapper, looks = prop.GetMapper(), prop.GetProperty()
-    source = mapper.GetInputAlgorithm()
+    mapper = prop.GetMapper()
+    if mapper.IsA("vtkGPUVolumeRayCastMapper") and mapper.GetMaskInput() is not None:
+        raise expected("mask", "none", "one of the mapper", "SetMaskInput(None), and mask the volume")
+    if not prop.IsA("vtkMultiVolume"):
+        yield from _layers(mapper, 0, prop)
+        return
+    for port in range(mapper.GetNumberOfInputPorts()):
+        if mapper.GetNumberOfInputConnections(port):
+            yield from _layers(mapper, port, prop.GetVolume(port))
+
+
+def _layers(mapper: Any, port: int, prop: Any) -> Iterator[Layer]:
+    """Those of the input of a mapper's port, with the look and the place of a vtkVolume."""
+    looks = prop.GetProperty()
+    source = mapper.GetInputAlgorithm(port, 0)
     if source is not None:
         source.Update()
-    data = mapper.GetInputDataObject(0, 0)
+    data = mapper.GetInputDataObject(port, 0)
     asked = ArrayOptions(array=mapper.GetArrayName() or None) if mapper.GetScalarMode() in BY_NAME else ArrayOptions()
     if not data.IsA("vtkImageData"):
         of_vtk(data, asked)
