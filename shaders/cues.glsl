@@ -2,6 +2,7 @@
 // switch SKY 0
 // switch SHADOWS 0
 #define CUED (SKY == 1 || SHADOWS == 1)
+#include "trilinear.glsl"
 #if CUED
 layout(std140) uniform Cues {
     vec4 cell_from_index[3];   // columns: grid steps to cells
@@ -11,22 +12,6 @@ layout(std140) uniform Cues {
 } cues;
 uniform sampler3D sky_field;    // of each cell the first moment, world axes, and the mean
 uniform sampler3D shade_field;
-
-// In float32, where a sampler's weights may have 8 bits.
-vec4 trilinear(sampler3D field, vec3 place) {
-    ivec3 last = textureSize(field, 0) - 1;
-    vec3 inside = clamp(place, vec3(0.0), vec3(last));
-    ivec3 low = min(ivec3(inside), max(last - 1, 0)), high = min(low + 1, last);
-    vec3 part = inside - vec3(low);
-    vec4 planes[2];
-    for (int i = 0; i < 2; i++) {
-        int z = i == 0 ? low.z : high.z;
-        vec4 a = mix(texelFetch(field, ivec3(low.xy, z), 0), texelFetch(field, ivec3(high.x, low.y, z), 0), part.x);
-        vec4 b = mix(texelFetch(field, ivec3(low.x, high.y, z), 0), texelFetch(field, ivec3(high.xy, z), 0), part.x);
-        planes[i] = mix(a, b, part.y);
-    }
-    return mix(planes[0], planes[1], part.z);
-}
 
 // The cell of an offset from the eye, index axes.
 vec3 cell_at(vec3 offset) {

@@ -4,6 +4,7 @@
 // switch WEIGHTED 0
 // switch LAYERED 0
 // switch CLIPPED 0
+// switch MASKED 0
 // switch LIMITED 0
 #constant LEAST_MASS  // below which a sheet holds no value
 #constant CELLS       // of the classification table
@@ -11,6 +12,10 @@
 #constant WEIGHTS     // cells of the table of weights by gradient, in the rows behind
 #constant MOST_CLIPS
 #constant FACE        // voxels along a ray behind a cut that are lit as its face
+#constant MASK_EDGE   // the mask at which matter ends
+#constant MASK_ZERO   // what a byte holds for components 0 and, beyond it, 1
+#constant MASK_ONE
+#constant MASK_SURE   // gradients from which on they light faces of a mask that they fit
 #include "sheets.glsl"
 #include "light.glsl"
 #if LAYERED == 1
@@ -70,6 +75,24 @@ uniform vec4 clip[MOST_CLIPS];
 uniform vec3 clip_normal[MOST_CLIPS];  // unit, world
 // of a pixel's ray: the normal of the plane behind which it begins, and the end of the face there, in sheets; or 0
 vec4 face[ROWS];
+#endif
+
+#if MASKED == 1
+uniform sampler3D mask_field;   // of voxels 1 or 0, and the gradient of it smoothed
+uniform vec3 mask_low;          // its first voxel from the eye, index axes
+// of a pixel's ray: its place in the mask at the first sheet, and voxels per sheet
+vec3 mask_first[ROWS], mask_step[ROWS];
+
+vec4 mask_at(int row, float sheet) {
+    return trilinear(mask_field, mask_first[row] + mask_step[row] * sheet);
+}
+
+// What is kept of a part, where the mask less MASK_EDGE is m at its ends, and linear between.
+vec2 kept_part(vec2 part, vec2 m) {
+    float cross = mix(part.x, part.y, m.x / (m.x == m.y ? 1.0 : m.x - m.y));
+    if (m.x >= 0.0) return vec2(part.x, m.y >= 0.0 ? part.y : cross);
+    return m.y >= 0.0 ? vec2(cross, part.y) : part.xx;
+}
 #endif
 
 #if LIMITED == 1
@@ -139,6 +162,10 @@ void set_ray(int row) {
 #if LIMITED == 1
     near = max(near, texelFetch(nearest_depth, ivec2(pixel), 0).r * depth_unit * speed);
     far = min(far, texelFetch(farthest_depth, ivec2(pixel), 0).r * depth_unit * speed);
+#endif
+#if MASKED == 1
+    mask_first[row] = start + direction * (first_sheet * thickness - offset) - mask_low;
+    mask_step[row] = direction * thickness;
 #endif
 #if CUED
     first_cell[row] = cell_at(start + direction * (first_sheet * thickness - offset));
@@ -220,6 +247,18 @@ vec2 light_of(int row, vec3 gradient, float begin, float end) {
 #endif
     vec2 light = surface_light(gradient, toward[row], shines, share);
     if (SHADING == 0) return light;
+#if MASKED == 1
+    vec3 normal = (mask_at(row, 0.5 * (begin + end)).gba * 255.0 - MASK_ZERO) / MASK_ONE;
+    float size2 = dot(gradient, gradient), face2 = dot(normal, normal), along = dot(gradient, normal);
+    float alike = along * along / max(size2 * face2, 1e-30) * (size2 / (size2 + MASK_SURE * MASK_SURE));
+    float shown = sqrt(face2) * (1.0 - alike);
+    if (shown > 0.0) {
+#if CUED
+        share = reached(cell, normal, toward[row]);
+#endif
+        light = mix(light, surface_light(normal, toward[row], shines, share), shown);
+    }
+#endif
 #if CLIPPED == 1
     float faced = clamp((face[row].w - begin) / max(end - begin, 1e-20), 0.0, 1.0);
     if (face[row].xyz != vec3(0.0)) {
@@ -303,8 +342,17 @@ void close_sheet(int row, int current) {
         vec2 inside = clamp(ends[row] - float(current - 1), 0.0, 1.0);
         vec2 place = vec2(near.a, mean.a - near.a) * class_scale.x + vec2(class_scale.y, 0.0);
         Until begin = class_until(place.x + inside.x * place.y);
+#if MASKED == 1
+        float kept = mask_at(row, float(current - 1) + inside.x).r - MASK_EDGE;
+#endif
         for (int i = 0; i < STEPS; i++) {
             vec2 part = clamp(vec2(float(i), float(i + 1)) / float(STEPS), inside.x, inside.y);
+#if MASKED == 1
+            float kept_then = mask_at(row, float(current - 1) + part.y).r - MASK_EDGE;
+            part = kept_part(part, vec2(kept, kept_then));
+            kept = kept_then;
+            begin = class_until(place.x + part.x * place.y);
+#endif
             float length_ = some[row] ? part.y - part.x : 0.0;
             float middle = 0.5 * (part.x + part.y);
             if (ONE_VALUE) light[row] = joined(light[row], mix(near.a, mean.a, middle), length_);

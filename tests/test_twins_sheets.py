@@ -23,7 +23,8 @@ from splatgl.splat.view.clip import FACE
 from splatgl.splat.view.view import View
 from splatgl.truth import blend as blends
 from splatgl.truth.rays import Rays
-from splatgl.truth.sheets import _Field, _Part, behind, composited, weighted
+from splatgl.truth.sheet_field import Part, SheetField, behind, weighted
+from splatgl.truth.sheets import composited
 
 # normals of planes, and distances from the middle
 CUTS = (((0.3, 0.5, 0.8), -1.0), ((-0.6, 0.2, 0.1), -1.4), ((0.0, -1.0, 0.0), -2.0))
@@ -93,13 +94,13 @@ def joined(light: np.ndarray, value: np.ndarray, length: np.ndarray, join: str) 
     return blends.joined(light, value, length, join)
 
 
-def shown(field: _Field, light: np.ndarray) -> np.ndarray:
+def shown(field: SheetField, light: np.ndarray) -> np.ndarray:
     """[N, 4]: the classes of values and lengths [N, 4]."""
     value = blends.joined_value(light, field.blend.join)
     return blends.classified(field.post.transfer, field.post.value(value))
 
 
-def close_sheet(field: _Field | None, sums: np.ndarray, rays: Rays, sheets: Sheets) -> np.ndarray:
+def close_sheet(field: SheetField | None, sums: np.ndarray, rays: Rays, sheets: Sheets) -> np.ndarray:
     """Light [4, N] of sheets' sums [N, sheets, 4 or 5]."""
     return (composited(sums) if field is None else field.composited(sums, rays, 0, sheets)).T
 
@@ -306,7 +307,7 @@ def test_light_over_matter(
     """Also of the face of a cut, of which a part may be before the end."""
     splats = samples()
     plan = planned(splats, "fitted", 3, clip=[(1.0, 0, 0, 0)] if cut else (), **lit)
-    field, state = _Field.of(splats, plan.resolved, plan.view), class_state(renderer, splats)
+    field, state = SheetField.of(splats, plan.resolved, plan.view), class_state(renderer, splats)
     light = rng.random((COUNT, 4))
     first = np.column_stack([rng.uniform(-0.3, 1.3, COUNT), rng.normal(size=(COUNT, 3))])
     last = np.column_stack([rng.uniform(-0.3, 1.3, COUNT), rng.normal(size=(COUNT, 3))])
@@ -322,7 +323,7 @@ def test_light_over_matter(
     found = twin("sheet_draw.comp", f"{steps}; result = behind(l, w)", plan, splats, state, **inputs)
     along = length * splats.unit / splats.grid.mean_spacing
     faced = np.clip(face[:, 3], 0, 1)
-    part = _Part(np.arange(COUNT), 0, (np.zeros(COUNT), np.ones(COUNT)), first, last, along, faced, np.zeros(COUNT))
+    part = Part(np.arange(COUNT), 0, (np.zeros(COUNT), np.ones(COUNT)), first, last, along, faced, np.zeros(COUNT))
     rays = replace(some_rays(rng), toward=toward, face=face[:, :3] if cut else None)
     right = behind(light, field.matter(part, rays))
     shines = np.broadcast_to(0.0 if field.shines is None else field.shines, (COUNT, 3))
@@ -341,7 +342,7 @@ def test_light_over_sheets(steps: int, renderer: sg.Renderer, twin: Twin, rng: n
     plan = planned(splats, "fitted", 2, **({"steps": steps} if steps else {}))
     field, state = None, {}
     if steps:
-        field = _Field.of(splats, plan.resolved, plan.view)
+        field = SheetField.of(splats, plan.resolved, plan.view)
         state = class_state(renderer, splats)
     # masses on both sides of the least, and emission beside depth
     mass = 10 ** rng.uniform(-4, 0, (COUNT, 2, 1))
@@ -370,7 +371,7 @@ def test_one_value_of_sheets(blend: str, renderer: sg.Renderer, twin: Twin, rng:
     """Its join, its class, and both over sheets whose ends are in the box."""
     splats = samples()
     plan = planned(splats, "fitted", 2, steps=2, blend=blend)
-    field = _Field.of(splats, plan.resolved, plan.view)
+    field = SheetField.of(splats, plan.resolved, plan.view)
     state = class_state(renderer, splats)
     light = np.column_stack([rng.uniform(-1, 2, COUNT), rng.uniform(0, 2, COUNT), np.zeros((COUNT, 2))])
     light[::5] = 0

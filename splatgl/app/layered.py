@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from splatgl.app.meshes import MeshFile, is_mesh, mesh_option, with_look
@@ -86,7 +87,7 @@ def layers_of(scene: Scene, volume: Volume, transfer: Transfer) -> list[Layer]:
     """All layers of a scene, of which `volume` is the first one's."""
     layers = of_channels(scene, volume, transfer)
     for source in scene.layers:
-        other = source.open()
+        other = (replace(source, mask=scene.mask) if source.mask is None else source).open()
         own = None if source.clip is None and not source.crop else source.cut(other).settings.clip
         layers += of_channels(source, other, source.transfer_for(other), own)
     return layers

@@ -117,6 +117,8 @@ def add_cuts(parser: argparse.ArgumentParser) -> None:
     about = "keep a part: x>0.3 of the volume's box, z<=30mm, x+y>1, or a point and a normal (repeatable)"
     group.add_argument("--clip", action="append", metavar="CONDITION", help=about)
     group.add_argument("--crop", metavar="A:B,C:D,E:F", help="keep these voxels along x, y, z, and fit the view")
+    about = "keep what lies where a file is not 0, or has these labels, or what lies outside of that (repeatable)"
+    group.add_argument("--mask", action="append", metavar="FILE[:N,N…][:outside]", help=about)
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
@@ -202,6 +204,7 @@ def scene_from(args: argparse.Namespace) -> Scene:
         settings = Settings.like(args.like, **settings.given)
     found = replace(scene, view=view_of(args, scene.view), settings=settings.but(**_settings(args)))
     found = replace(found, clip=found.clip if args.clip is None else tuple(args.clip), crop=args.crop or found.crop)
+    found = replace(found, mask=found.mask if args.mask is None else tuple(args.mask))
     return found if args.blend else found.blended()
 
 

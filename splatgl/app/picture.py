@@ -84,7 +84,8 @@ def render(
     options: as on the command line, of the view (azimuth, elevation, zoom, fov, size, eye, look_at, up, orthographic,
     height), unless there is a camera, and of the settings (blend, antialias, background, …); points, gradient,
     colormap, window; vectors ("magnitude", "direction"), streamlines, arrows (how many, or True); clip (a condition,
-    plane, or several), crop; meshes; annotate (names, as on the command line); threshold, memory; those of `load` or
+    plane, or several), crop, mask (whatever `Volume.masked` takes, or several); meshes; annotate (names, as on the
+    command line); threshold, memory; those of `load` or
     `Volume.of` (spacing, array, …). background: linear RGB, or a name or "#rrggbb"; none leaves the image transparent.
     Nothing is compared with float64; `check` does. Raises InputError for bad input, and if nothing is visible.
     """
@@ -132,7 +133,7 @@ def scene_of(
 ) -> tuple[Scene, int | None]:
     """The scene of `x` and the arguments of `render`, and the memory to draw in. Of splats, all but the volume."""
     given = dict(options)
-    viewing, cuts = _taken(given, *(f.name for f in fields(View))), _cuts(_taken(given, "clip", "crop"))
+    viewing, cuts = _taken(given, *(f.name for f in fields(View))), _cuts(_taken(given, "clip", "crop", "mask"))
     meshes, annotate = _meshes(given.pop("meshes", ())), given.pop("annotate", None)
     over = () if annotate is None else parsed(annotate) if isinstance(annotate, str) else check(annotate)
     drawing = _taken(given, *(f.name for f in fields(Settings)))
@@ -191,6 +192,9 @@ def _cuts(given: dict[str, Any]) -> dict[str, Any]:
     found: dict[str, Any] = {"crop": given["crop"]} if "crop" in given else {}
     if not isinstance(found.get("crop", ""), str):
         raise expected("crop", "A:B,C:D,E:F, voxels along x, y and z", repr(found["crop"])[:80])
+    if "mask" in given:
+        mask = given["mask"]
+        found["mask"] = tuple(mask) if isinstance(mask, list | tuple) else (mask,)
     clip = given.get("clip", ())
     if isinstance(clip, str) or not isinstance(clip, Iterable):
         clip = (clip,)

@@ -2,7 +2,7 @@
 
 volume = "head.nii.gz"          # beside the scene file, or the name of a built-in scene
 threshold = 0.0
-clip = ["x>0.3", "z>=30mm"]     # what is kept; crop = "10:90,:,:" in voxels
+clip = ["x>0.3", "z>=30mm"]     # what is kept; crop = "10:90,:,:" in voxels; mask = "brain.nii.gz", or several
 annotate = ["scale", "title=A"] # as --annotate
 [load]                          # as LoadOptions
 [transfer]                      # preset = "…", or points, colormap, window, scale, unit, gradient, shading
@@ -10,7 +10,7 @@ annotate = ["scale", "title=A"] # as --annotate
 [settings]                      # as Settings
 [[mesh]]                        # file, color, opacity, radius
 [vectors]                       # show ("magnitude", "direction"), streamlines, arrows, colormap
-[[layer]]                       # more volumes: volume, threshold, opacity, clip, crop, [layer.load], [layer.transfer]
+[[layer]]                       # more: volume, threshold, opacity, clip, crop, mask, [layer.load], [layer.transfer]
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl.app.annotations.request import check
+from splatgl.app.masks import mask_anywhere, mask_moved, mask_table
 from splatgl.app.meshes import MeshFile, is_mesh, stage
 from splatgl.app.stacks import seen_along_z
 from splatgl.app.vectors import FAINT, Vectors
@@ -54,6 +55,7 @@ KEYS: dict[str, tuple[type, ...]] = {
     "opacity": (int, float),
     "clip": (list,),
     "crop": (str,),
+    "mask": (str, list),
     "annotate": (list,),
     "layer": (list,),
     "mesh": (list,),
@@ -62,15 +64,16 @@ KEYS: dict[str, tuple[type, ...]] = {
 # keys of a transfer function that are of channels: pairs of a channel and a colour, or a window
 OF_CHANNELS = ("color_of", "window_of")
 # the keys of a layer
-LAYER = ("volume", "threshold", "load", "transfer", "opacity", "clip", "crop")
+LAYER = ("volume", "threshold", "load", "transfer", "opacity", "clip", "crop", "mask")
 
 
 @dataclass(frozen=True)
 class Scene:
     """A complete description of an image to render. opacity: factor of the transfer function's opacities. clip:
     conditions of what is kept; of a layer None, those of the scene. crop: its part in voxels, which the view is fitted
-    to. layers: more volumes in it, of which view and settings are not read. meshes: triangles in it. annotate:
-    what is laid over it, as --annotate names it. vectors: how those of its volume are drawn.
+    to. mask: files of what is kept; of a layer None, those of the scene. layers: more volumes in it, of which view and
+    settings are not read. meshes: triangles in it. annotate: what is laid over it, as --annotate names it. vectors: how
+    those of its volume are drawn.
     """
 
     volume: str
@@ -82,6 +85,7 @@ class Scene:
     opacity: float = 1.0
     clip: tuple[str, ...] | None = None
     crop: str = ""
+    mask: tuple[Any, ...] | None = None
     layers: tuple[Scene, ...] = ()
     meshes: tuple[MeshFile | Mesh, ...] = ()
     annotate: tuple[str, ...] = ()
@@ -137,6 +141,7 @@ class Scene:
         if not all(isinstance(each, str) for each in clip or ()):
             raise expected(f"{what}: clip", "conditions, each in quotes", repr(table["clip"])[:80])
         scene = cls(source, reading, table.get("transfer", {}), clip=clip, crop=table.get("crop", ""))
+        scene = replace(scene, mask=mask_table(path.parent, what, table.get("mask")))
         return replace(scene, threshold=float(table.get("threshold", 0.0)), opacity=float(table.get("opacity", 1.0)))
 
     def to_toml(self, folder: Path) -> str:
@@ -167,6 +172,8 @@ class Scene:
             if value != default:
                 lines.append(f"{name} = {toml_value(name, float(value))}")
         lines += [] if self.clip is None else [f"clip = {toml_value('clip', self.clip)}"]
+        masks = None if self.mask is None else [_mask_in(each, folder) for each in self.mask]
+        lines += [] if masks is None else [f"mask = {toml_value('mask', masks)}"]
         for name, told in (("crop", self.crop), ("annotate", self.annotate)):
             lines += [f"{name} = {toml_value(name, told)}"] if told else []
         for name, table in {"load": reading, "transfer": self.transfer, **more}.items():
@@ -184,19 +191,25 @@ class Scene:
         meshes = tuple(
             replace(each, file=_absolute(each.file)) if isinstance(each, MeshFile) else each for each in self.meshes
         )
-        return replace(self, volume=volume, load=reading, layers=layers, meshes=meshes)
+        mask = None if self.mask is None else tuple(map(mask_anywhere, self.mask))
+        return replace(self, volume=volume, load=reading, layers=layers, meshes=meshes, mask=mask)
 
     def open(self) -> Volume:
-        """The volume: a built-in scene, or a file through its reader; a flat stack with the view of it."""
+        """The volume: a built-in scene, or a file through its reader; masked; a flat stack with the view of it."""
         if self.volume in SCENES and not self.load:
-            return SCENES[self.volume]()
+            return self._masked(SCENES[self.volume]())
         if is_mesh(self.volume):
             return stage(self.volume)
         return self._placed(load(self.volume, **self.load))
 
+    def _masked(self, volume: Volume) -> Volume:
+        for mask in self.mask or ():
+            volume = volume.masked(mask)
+        return volume
+
     def _placed(self, volume: Volume) -> Volume:
         """What is drawn of a volume; a flat stack with the view of it, unless the view says what is up."""
-        volume, view = self.vectors.values(volume), self.view
+        volume, view = self._masked(self.vectors.values(volume)), self.view
         if view.eye is not None or view.up is not None:
             return volume
         return seen_along_z(volume, told=view.azimuth is None and view.elevation is None)
@@ -264,6 +277,13 @@ def _relative(path: str, folder: Path) -> str:
     near = place.relative_to(folder.resolve()).as_posix() if place.is_relative_to(folder.resolve()) else str(place)
     # a file may have the name of a built-in scene
     return f"./{near}" if near in SCENES else near
+
+
+def _mask_in(mask: Any, folder: Path) -> str:
+    """A mask in a scene in `folder`. Raises InputError for one in memory."""
+    if not isinstance(mask, str):
+        raise expected("scene", "masks in files, which a scene file can name", "one in memory")
+    return mask if is_address(mask) else mask_moved(mask, lambda file: _relative(file, folder))
 
 
 def _told(record: View) -> dict[str, Any]:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from splatgl.data.errors import expected
+
+if TYPE_CHECKING:
+    from splatgl.data.mask import Mask
 
 Triple = tuple[float, float, float]
 Places = tuple[int, int, int]
@@ -86,7 +89,7 @@ class Volume:
     labels: of samples that number segments, the table of these (empty: none in the file); None: samples are amounts.
     channels: of a file of several, all that were read, each named; samples are those of the first.
     times: time points of the file, of which this is one; time_step: seconds between two.
-    value_unit: name of the unit of samples ("HU", "K"), as the file states it.
+    value_unit: name of the unit of samples ("HU", "K"), as the file states it. masks: what cuts it; see `masked`.
     notes: what the reader left out or assumed, each a line for the user.
     Raises InputError for samples that are not 3-D real numbers and for an impossible grid.
     """
@@ -108,6 +111,7 @@ class Volume:
     times: int = 1
     time_step: float | None = None
     value_unit: str = ""
+    masks: tuple[Mask, ...] = ()
 
     def __post_init__(self) -> None:
         parts = all(hasattr(self.samples, name) for name in ("shape", "dtype", "__getitem__"))
@@ -139,6 +143,24 @@ class Volume:
 
         return volume_of(x, **options)
 
+    def masked(self, mask: Any, labels: Sequence[int] = (), outside: bool = False) -> Volume:
+        """The same samples, of which pictures show what a mask keeps: where it is not 0, or one of some labels.
+
+        mask: a Volume on any grid, which lies in the same world; an array [D, H, W] on this one; a file, or
+        "FILE:3,7:outside" as on the command line. Voxels are kept whose centres lie in voxels of the mask that are.
+        outside: keeps the others instead. Masks of masks keep what all do. Raises InputError where nothing is left.
+        """
+        from splatgl.data.mask import mask_of, masked
+
+        return masked(self, mask_of(mask, self, labels, outside))
+
+    def kept(self, low: Places, high: Places) -> np.ndarray:
+        """bool: which voxels low ≤ (z, y, x) < high all masks keep; all, if there are none."""
+        found = np.ones([b - a for a, b in zip(low, high, strict=True)], bool)
+        for mask in self.masks:
+            found &= mask.keeps(self, low, high)
+        return found
+
     def to_pyvista(self) -> Any:
         """A pyvista.ImageData with the samples in its points, colours and vectors too. InputError without PyVista."""
         from splatgl.data.arrays.vtk_images import image_data
@@ -151,7 +173,7 @@ class Volume:
         spacing = "×".join(f"{length:g}" for length in self.spacing)
         told = [f"{size} {self.samples.dtype}", f"spacing {spacing} {self.unit}".strip(), self.frame or ""]
         told += ["colours"] * (self.color is not None) + ["vectors"] * (self.vectors is not None)
-        told += [f"{1 + len(self.coarser)} levels"] * bool(self.coarser)
+        told += [f"{1 + len(self.coarser)} levels"] * bool(self.coarser) + ["masked"] * bool(self.masks)
         return f"<Volume {self.name!r}: {', '.join(each for each in told if each)}>"
 
     @property

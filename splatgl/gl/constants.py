@@ -10,7 +10,7 @@ from splatgl.splat.integral import approximations, attenuation
 from splatgl.splat.motion import blur_table, motion, motion_opacity
 from splatgl.splat.plan import tiling
 from splatgl.splat.sheets import sheets
-from splatgl.splat.view import block_culling, clip, eye_near, screen_bounds
+from splatgl.splat.view import block_culling, clip, eye_near, mask, screen_bounds
 
 # splats per row of the placed textures, and groups of four entries per row of the tile list
 ABREAST, LISTED = 1024, 2048
@@ -43,6 +43,10 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "LEAST": motion_opacity.LEAST,
     "LEAST_MASS": sheets.LEAST_MASS,
     "LISTED": np.uint32(LISTED),
+    "MASK_EDGE": mask.EDGE,
+    "MASK_ONE": float(mask.ONE),
+    "MASK_ZERO": float(mask.ZERO),
+    "MASK_SURE": mask.SURE,
     "MOST_CLIPS": clip.MOST_CLIPS,
     "MOST_DOUBLINGS": tiling.MOST_DOUBLINGS,
     "NEAREST": motion.NEAREST,

@@ -15,6 +15,7 @@ from splatgl.gl.buffers import SplatBuffers
 from splatgl.gl.cue_fields import CueFields
 from splatgl.gl.draw_order import DrawOrder
 from splatgl.gl.layer_tiles import Drawn, LayerTiles, union
+from splatgl.gl.mask_texture import MaskTexture
 from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
 from splatgl.gl.quads import Quads
@@ -57,6 +58,7 @@ class Passes:
         self.targets = Targets(ctx, owned)
         self.tables = Tables(ctx, owned)
         self.cues = CueFields(ctx, owned)
+        self.mask = MaskTexture(ctx, owned)
         self.splats = SplatBuffers(ctx, owned)
         self.frame = ctx.buffer(reserve=FRAME.itemsize)
         owned.callback(self.frame.release)
@@ -82,6 +84,7 @@ class Passes:
         self.splats.release()
         self.surfaces.release()
         self.cues.release()
+        self.mask.release()
         for technique in self.techniques.values():
             technique.release()
 
@@ -187,6 +190,8 @@ class Passes:
         self.tables.use(plan)
         if plan.resolved.cues is not None:
             self.cues.use(plan.resolved.cues, plan.view)
+        if plan.resolved.mask is not None:
+            self.mask.use(plan.resolved.mask, plan.program.look.shading)
 
     def _resolve(self, drawn: Target, plan: Plan, background: tuple[float, float, float] | None) -> Target:
         program = self.programs.for_screen("resolve.frag")

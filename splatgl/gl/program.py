@@ -10,6 +10,7 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.cue_fields import CUES_BINDING, SAMPLERS
+from splatgl.gl.mask_texture import MASK_SAMPLER, MASK_UNIT
 from splatgl.gl.shader import ShaderError, compose, declared_switches
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING
 from splatgl.splat.kernel.kernels import kernel, polynomials, single_polynomial
@@ -55,6 +56,7 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "PEAK": look.blend.peak or look.steps > 0,
         **({"SHEETS": look.sheets, "STEPS": look.steps, "WEIGHTED": look.weighted} if look.sheets else {}),
         **({"CLIPPED": True} if look.clipped else {}),
+        **({"MASKED": True} if look.masked else {}),
         **({} if look.light.plain else {"LIGHT": True}),
         **({"SKY": True} if look.sky else {}),
         **({"SHADOWS": True} if look.shadows else {}),
@@ -120,7 +122,7 @@ def _bind_blocks(program: moderngl.Program | moderngl.ComputeShader) -> None:
     for block, binding in (("Frame", FRAME_BINDING), ("Style", STYLE_BINDING), ("Cues", CUES_BINDING)):
         if block in program:
             program[block].binding = binding  # type: ignore[union-attr]
-    for sampler, unit in SAMPLERS.items():
+    for sampler, unit in (*SAMPLERS.items(), (MASK_SAMPLER, MASK_UNIT)):
         if sampler in program:
             program[sampler] = unit
 

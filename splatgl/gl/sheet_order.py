@@ -53,6 +53,8 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
         }
     if plan.resolved.clip is not None:
         found |= clip_uniforms(plan.resolved.clip, view)
+    if plan.resolved.mask is not None:
+        found["mask_low"] = tuple(plan.resolved.mask.low - view.eye_index)
     return found
 
 

@@ -20,6 +20,7 @@ from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.layers.layers import Layer, Scene
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.mask import kept_ends
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.truth.depth_field import LayerField
 from splatgl.truth.surfaces import crossings
@@ -166,9 +167,13 @@ def _through(field: LayerField, walk: Walk, some: np.ndarray, end: np.ndarray, n
     walk.value[number, some] = np.nan
     walk.value[number, some[inside]] = last
     known = np.flatnonzero(~(np.isnan(first) | np.isnan(last)))
-    first, last = first[known], last[known]
+    first, last, begin, to = first[known], last[known], depth[inside[known]], end[inside[known]]
+    if field.mask is not None:
+        at = field.kept(begin, ray[known]), field.kept(to, ray[known])
+        (low, high), slope = kept_ends(at, (begin, to)), (last - first) / (to - begin)
+        first, last, begin, to = first + slope * (low - begin), last + slope * (high - to), low, high
     mean = field.look.mean(first, last, (field.look.until(first), field.look.until(last)))
-    passed[inside[known]] = mean * (end - depth)[inside[known]] * field.length[ray[known]]
+    passed[inside[known]] = mean * (to - begin) * field.length[ray[known]]
     return passed
 
 
@@ -242,6 +247,8 @@ def _extreme(fields: Sequence[LayerField], shown: Sequence[Shown], rays: np.ndar
         ray = walk.ray[some]
         inside = np.flatnonzero((depth >= each.near[ray]) & (depth <= each.far[ray]) & (each.far > each.near)[ray])
         ray, value = ray[inside] - at, each.values(depth[inside], ray[inside])
+        if each.mask is not None:
+            value[each.kept(depth[inside], ray + at) < 0] = -np.inf
         better = np.flatnonzero(value > best[ray])
         best[ray[better]], place[ray[better]] = value[better], depth[inside[better]]
         layer[ray[better]] = number

@@ -16,6 +16,7 @@ from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.layers.layers import Layer
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.clip import Clip, Plane
+from splatgl.splat.view.mask import MaskField
 from splatgl.splat.view.view import View
 from splatgl.truth.rays import Rays
 
@@ -118,7 +119,7 @@ class Look:
 class LayerField:
     """A layer along rays. start, per_depth [3, P]: grid positions at depth 0, and per eye-space depth; near, far [P]:
     depths between which a ray is within the layer and its cuts; length [P]: of a ray, per depth. low, high: least and
-    greatest sample of each box of BLOCK cells; holds: whether any of it can be seen.
+    greatest sample of each box of BLOCK cells; holds: whether any of it can be seen. mask: what cuts it, or None.
     """
 
     samples: Samples
@@ -131,6 +132,7 @@ class LayerField:
     low: np.ndarray
     high: np.ndarray
     holds: np.ndarray
+    mask: MaskField | None = None
 
     @classmethod
     def of(
@@ -157,8 +159,12 @@ class LayerField:
         speed = length / (rays.stretch * grid.mean_spacing)
         low, high = _extremes(samples)
         holds = np.ones(low.shape, bool) if sign else look.holds(low, high)
+        mask = MaskField.of(volume)
+        if mask is not None:
+            kept = _extremes(Samples.of(volume.kept((0, 0, 0), volume.shape).astype(np.uint8)))[1] > 0
+            holds, high = holds & kept, np.where(kept, high, -np.inf)
         ends = rays.near / speed, rays.far / speed
-        return cls(samples, look, rays.start, rays.direction * speed, *ends, length, low, high, holds)
+        return cls(samples, look, rays.start, rays.direction * speed, *ends, length, low, high, holds, mask)
 
     def part(self, some: np.ndarray) -> LayerField:
         """Along some of the rays."""
@@ -174,6 +180,11 @@ class LayerField:
     def values(self, depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
         """Values at depths of rays, by number; NaN where none is known."""
         return self.samples.at(self.start[:, rays] + self.per_depth[:, rays] * depth)
+
+    def kept(self, depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """The mask less its edge at depths of rays; matter ends where it falls below 0."""
+        assert self.mask is not None
+        return self.mask.at(self.start[:, rays] + self.per_depth[:, rays] * depth)
 
     def free(self, depth: np.ndarray, rays: np.ndarray, best: np.ndarray | None = None) -> np.ndarray:
         """How far nothing can be seen from depths of rays on: 0 where something may be, infinite behind the layer.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -30,6 +30,7 @@ from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.clip import FACE, Clip
+from splatgl.splat.view.mask import MaskField, face_share
 from splatgl.splat.view.view import View
 from splatgl.truth.blend import classified, joined, joined_value, over_background
 from splatgl.truth.integral import OPAQUE, distances, samples_of, spread
@@ -113,7 +114,8 @@ def _taken(terms: np.ndarray, cell: np.ndarray) -> np.ndarray:
 class Marched:
     """A field and its look. free uint8 [D, H, W]: distance in voxels to one that opaque points need, at most LEAP.
 
-    spacing: mean spacing, unit: reference length of opacities, both in world units.
+    spacing: mean spacing, unit: reference length of opacities, both in world units. span: of the values over which the
+    transfer function varies.
     """
 
     field: Field
@@ -125,6 +127,12 @@ class Marched:
     shines: np.ndarray | None = None
     cues: Cues | None = None
     shading: bool = True
+    mask: MaskField | None = None
+    span: float = 1.0
+
+    def kept(self, places: np.ndarray) -> np.ndarray:
+        """bool [P]: whether the mask keeps grid positions [3, P]."""
+        return np.ones(places.shape[1], bool) if self.mask is None else self.mask.at(places) >= 0
 
     def light(self, places: np.ndarray, toward: np.ndarray, face: np.ndarray | None) -> np.ndarray:
         """[P, 4]: colour, and extinction per mean spacing, at grid positions [3, P]; toward [P, 3]: ray, world axes.
@@ -138,15 +146,27 @@ class Marched:
             size = np.linalg.norm(gradient, axis=1)
             opacity = self.transfer.opacity(value) * self.transfer.weight(size)
             found[some, 3] = self.transfer.extinction(opacity, self.unit) * self.spacing
+            found[some] *= self.kept(places[:, some])[:, None]
             if self.light_by is not None:
                 if face is not None:
                     cut = face[some]
                     gradient = np.where((cut != 0).any(axis=1, keepdims=True), cut, gradient)
-                gradient = gradient * self.shading
-                reached = self.cues.reached(places[:, some].T, gradient, toward[some]) if self.cues else None
-                factor, highlight = surface_light(gradient, toward[some], self.light_by, self.shines, reached)
+                factor, highlight = self._lit(places[:, some], gradient * self.shading, toward[some])
+                if self.mask is not None and self.shading:
+                    normal = self.mask.normals(places[:, some])
+                    share = face_share(gradient * (self.spacing / self.span), normal)
+                    on_face = self._lit(places[:, some], normal, toward[some])
+                    factor, highlight = (
+                        a * (1 - share) + b * share for a, b in zip((factor, highlight), on_face, strict=True)
+                    )
                 found[some, :3] = found[some, :3] * factor[:, None] + highlight[:, None]
         return found
+
+    def _lit(self, places: np.ndarray, normal: np.ndarray, toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Factors of colours, and highlights, of surfaces with normals [P, 3]."""
+        assert self.light_by is not None
+        reached = self.cues.reached(places.T, normal, toward) if self.cues else None
+        return surface_light(normal, toward, self.light_by, self.shines, reached)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,6 +232,7 @@ def field_integral(
     unit = transfer.unit or grid.mean_spacing
     shading = transfer.shading and BLENDS[blend].ordered
     marched = Marched(field, transfer, free, grid.mean_spacing, unit, LIGHTS["head"] if shading else None)
+    marched = replace(marched, mask=MaskField.of(volume), span=post.span)
     width, height = camera.size
     rays = PixelRays.of(grid, camera, samples, post.shape)
     drawn = rays.means(marched, np.arange(width * height), steps_per_voxel, blend)
@@ -248,6 +269,7 @@ def kept_field_integral(
     light, shines = (look.light, look.light.within(camera)) if look.shading or cues else (None, None)
     size = splats.grid.mean_spacing
     marched = Marched(field, post.transfer, free, size, splats.unit, light, shines, cues, look.shading)
+    marched = replace(marched, mask=resolved.mask, span=post.span)
     rays = PixelRays.of(splats.grid, camera, samples, post.shape, resolved.clip)
     drawn = rays.means(marched, pixels, STEPS, settings.blend)
     return over_background(drawn, resolved)
@@ -274,7 +296,7 @@ def _one_value(join: str, marched: Marched, rays: Rays, steps: int) -> np.ndarra
         for some in np.split(on, range(POINTS, len(on), POINTS)):
             places = rays.start[:, some] + rays.direction[:, some] * (rays.near[some] + (slab + 0.5) * step[some])
             value, _ = marched.field(places)
-            length = np.where(np.isfinite(value), step[some], 0.0)
+            length = np.where(np.isfinite(value) & marched.kept(places), step[some], 0.0)
             light[some] = joined(light[some], np.nan_to_num(value), length, join)
     return classified(marched.transfer, joined_value(light, join))
 

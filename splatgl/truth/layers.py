@@ -19,7 +19,8 @@ from splatgl.splat.plan.suited import suited
 from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.screen_bounds import Window
-from splatgl.truth.sheets import Pieces, SheetScene, behind
+from splatgl.truth.sheet_field import behind
+from splatgl.truth.sheets import Pieces, SheetScene
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.layers.layers import Layer, Scene
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.clip import Clip, Plane
+from splatgl.splat.view.mask import MaskField
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 from splatgl.truth.rays import Rays
@@ -187,6 +188,9 @@ class _Ray:
         value = np.full(len(along), np.nan)
         value[inside] = self._values(self.start[:, None] + self.direction[:, None] * along[inside])
         inside &= np.isfinite(value)
+        mask = MaskField.of(self.layer.volume)
+        if mask is not None:
+            inside &= mask.at(self.start[:, None] + self.direction[:, None] * along) >= 0
         look = self.layer.seen
         unit = look.unit or Grid(self.layer.volume.world_from_index, np.zeros(3)).mean_spacing
         extinction = np.zeros(len(along))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -52,13 +53,20 @@ class Opaque:
             keeps = partial(_within, opaque_intervals(self.transfer))
         _, height, width = volume.shape
         slabs = volume.slabs(max(1, SLAB_VOXELS // (height * width)), halo=0)
-        found = np.concatenate([_row_ends(slab, keeps(np.ascontiguousarray(slab.samples))) for slab in slabs])
+        found = np.concatenate([_row_ends(slab, self._kept(slab, keeps)) for slab in slabs])
         if not len(found):
             return None
         records = np.zeros(len(found), record)
         records["position"] = found
         grid = Grid(volume.world_from_index, np.asarray(volume.origin))
         return assemble(records, found, grid, grid.mean_spacing, volume.name)
+
+    def _kept(self, slab: Slab, keeps: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Which samples of a slab are opaque, and kept by masks."""
+        opaque, volume = keeps(np.ascontiguousarray(slab.samples)), self.volume
+        if volume.masks:
+            opaque = opaque & volume.kept((slab.start, 0, 0), (slab.stop, *volume.shape[1:]))
+        return opaque
 
 
 def _within(intervals: np.ndarray, samples: np.ndarray) -> np.ndarray:

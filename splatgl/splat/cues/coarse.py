@@ -76,6 +76,8 @@ def _weights(
         weight = np.minimum(depths(splats, part), MOST_DEPTH) * size**2
         if clip is not None:
             weight[~clip.keeps(position)] = 0.0
+        if splats.mask is not None:
+            weight[~splats.mask.keeps(position)] = 0.0
         place = position @ turn.T + moved
         return _shared(place, weight, count) if shared else [(_flat(np.rint(place).astype(np.int64), count), weight)]
 

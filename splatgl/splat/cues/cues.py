@@ -18,6 +18,7 @@ import numpy as np
 from splatgl.splat.cues.coarse import Caster, Coarse
 from splatgl.splat.cues.sweep import Sweep
 from splatgl.splat.extraction.splats import Grid, Splats
+from splatgl.splat.view.trilinear import trilinear as trilinear
 
 # cells: how far the sky is looked for; what begins nearer hides neither sky nor light; how far before a surface it is
 # asked what reaches it
@@ -99,20 +100,6 @@ class Cues:
         if self.fields.shade is not None:
             light = 1 - self.shadows * (1 - trilinear(self.fields.shade[..., None], place)[:, 0])
         return sky, light
-
-
-def trilinear(field: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """[P, n]: a field [Z, Y, X, n] at places [P, 3] (x, y, z) in cells, as at its edges beyond them."""
-    last = np.array(field.shape[2::-1]) - 1
-    inside = np.clip(place, 0, last)
-    low = np.minimum(inside.astype(np.int64), np.maximum(last - 1, 0))
-    part = inside - low
-    found = np.zeros((len(place), field.shape[3]))
-    for corner in np.ndindex(2, 2, 2):
-        x, y, z = np.minimum(low + np.array(corner), last).T
-        share = np.where(corner, part, 1 - part).prod(axis=1)
-        found += share[:, None] * field[z, y, x].astype(np.float64)
-    return found
 
 
 def _key(casters: Sequence[Caster], sky: bool, light: np.ndarray | None) -> tuple[object, ...]:

@@ -8,6 +8,7 @@ which only blends of one value see.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 from typing import Any, NamedTuple
@@ -20,6 +21,7 @@ from splatgl.splat.extraction.parts import in_parts
 from splatgl.splat.extraction.records import Gathered, record_type
 from splatgl.splat.extraction.splats import Grid, Splats, assemble
 from splatgl.splat.kernel.kernels import Kernel
+from splatgl.splat.view.mask import MaskField
 
 # steps of the prefilter, after which means of coefficients are near the samples
 PREFILTERED = {"b-spline": 4}
@@ -77,6 +79,10 @@ def box_records(volume: Volume, post: PostClassified, kernel: Kernel, low: Place
     read.
     """
     halo, nothing = halo_of(kernel), np.zeros(0, record_type(volume.shape, post=True))
+    mask = MaskField.of(volume)
+    near = None if mask is None else mask.near(low, high)
+    if near is not None and not near.any():
+        return nothing
     ends = volume.extent(low, high, halo)
     if ends is not None and not _meets(post, ends):
         return nothing
@@ -84,7 +90,7 @@ def box_records(volume: Volume, post: PostClassified, kernel: Kernel, low: Place
     if not _meets(post, samples):
         return nothing
     z, y, x = (slice(a - f, b - f) for a, b, f in zip(low, high, first, strict=True))
-    return post_records(volume, post, kernel, samples, first, (z, y, x))
+    return post_records(volume, post, kernel, samples, first, (z, y, x), near)
 
 
 def _meets(post: PostClassified, samples: np.ndarray) -> bool:
@@ -99,7 +105,8 @@ def _meets(post: PostClassified, samples: np.ndarray) -> bool:
 def post_splats(volume: Volume, post: PostClassified, records: np.ndarray) -> Splats:
     """The splats of records of a volume's voxels."""
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
-    return assemble(records, records["position"], grid, grid.mean_spacing, volume.name).classified_after(post)
+    found = assemble(records, records["position"], grid, grid.mean_spacing, volume.name).classified_after(post)
+    return replace(found, mask=MaskField.of(volume))
 
 
 def halo_of(kernel: Kernel) -> int:
@@ -114,15 +121,20 @@ def post_records(
     samples: np.ndarray,
     first: Places,
     own: tuple[slice, slice, slice],
+    near: np.ndarray | None = None,
 ) -> np.ndarray:
     """Records, in row order, of the finite voxels that `post` wants among `own` of a part of a volume's samples.
 
     first: place (z, y, x) of the part's first sample; it has a halo of `halo_of` around `own` within the volume.
+    near: which of `own` matter to what masks keep; None: all.
     """
     steps = PREFILTERED.get(kernel.name, 0)
     u = values_of(post, samples)
-    keep, near = needed(u, int(kernel.radius), post.wanted)
-    places = np.nonzero(keep[own] & np.isfinite(u[own]))
+    keep, beside = needed(u, int(kernel.radius), post.wanted)
+    wanted = keep[own] & np.isfinite(u[own])
+    if near is not None:
+        wanted &= near
+    places = np.nonzero(wanted)
     records = np.zeros(len(places[0]), record_type(volume.shape, post=True))
     if not len(records):
         return records
@@ -130,7 +142,7 @@ def post_records(
     margin = steps * STEP_HALO + 1
     inside = tuple(place + (part.start or 0) for place, part in zip(places, own, strict=True))
     box = tuple(slice(max(int(i.min()) - margin, 0), int(i.max()) + margin + 1) for i in inside)
-    values = Values(u, prefiltered(u[box], kernel, steps), near, tuple(part.start for part in box))
+    values = Values(u, prefiltered(u[box], kernel, steps), beside, tuple(part.start for part in box))
     spacing = Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
     world = np.linalg.inv(volume.world_from_index) * spacing
     in_parts(len(records), RECORDS, partial(_fill, records, values, inside, first, world))

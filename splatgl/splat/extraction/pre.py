@@ -91,15 +91,16 @@ def extract_pre(
         part = replace(part, samples=np.ascontiguousarray(part.samples))
         own = part.samples[part.before : part.before + part.stop - part.start]
         # voxels whose value may exceed the threshold
-        flat = np.flatnonzero(lookup.keeps(own))
+        hidden = None if not volume.masks else ~_kept(volume, part.start, len(own))
+        flat = np.flatnonzero(lookup.keeps(own) if hidden is None else lookup.keeps(own) & ~hidden)
         color = None if volume.color is None or not len(flat) else np.asarray(volume.color[part.start : part.stop])
-        field = _shown(lookup, part.samples) if transfer.labels and transfer.shading else part.samples
+        field = _shown(lookup, volume, part) if transfer.labels and transfer.shading else part.samples
         work = partial(_records, volume, _Part(part, color, field), flat, lookup, unit / grid.mean_spacing)
         found = in_parts(len(flat), RECORDS, work)
         for records, _ in found:
             gathered.add(records)
         if dropped:
-            dropped.add(lookup, own, part.start, flat, [opacity for _, opacity in found])
+            dropped.add(lookup, own, part.start, flat, [opacity for _, opacity in found], hidden)
 
     # the largest depth left out
     lost = dropped.largest() * grid.mean_spacing / unit if dropped else 0.0
@@ -115,9 +116,17 @@ class _Part:
     field: np.ndarray
 
 
-def _shown(lookup: Lookup, samples: np.ndarray) -> np.ndarray:
+def _kept(volume: Volume, first: int, planes: int) -> np.ndarray:
+    """Which voxels of some planes masks keep."""
+    return volume.kept((first, 0, 0), (first + planes, *volume.shape[1:]))
+
+
+def _shown(lookup: Lookup, volume: Volume, part: Slab) -> np.ndarray:
     """Where labels are shown, float32, smoothed along each axis: a surface's normals, whatever the numbers are."""
-    field: np.ndarray = lookup.keeps(samples).astype(np.float32)
+    keeps = lookup.keeps(part.samples)
+    field: np.ndarray = (keeps & _kept(volume, part.start - part.before, len(keeps)) if volume.masks else keeps).astype(
+        np.float32
+    )
     for axis in range(3):
         padded = np.pad(field, [(int(axis == each),) * 2 for each in range(3)], mode="edge")
         low, high = (np.take(padded, np.arange(k, k + field.shape[axis]), axis) for k in (0, 2))
@@ -201,10 +210,20 @@ class Dropped:
         d, h, w = shape
         self.sums = [np.zeros((h, w)), np.zeros((d, w)), np.zeros((d, h))]
 
-    def add(self, lookup: Lookup, own: np.ndarray, start: int, flat: np.ndarray, parts: list[np.ndarray]) -> None:
-        """Adds one slab: all of `own`, less the voxels kept at `flat` with opacity t, in parts."""
+    def add(
+        self,
+        lookup: Lookup,
+        own: np.ndarray,
+        start: int,
+        flat: np.ndarray,
+        parts: list[np.ndarray],
+        hidden: np.ndarray | None = None,
+    ) -> None:
+        """Adds one slab: all of `own` but what is hidden, less the voxels kept at `flat` with opacity t, in parts."""
         opacity = np.concatenate([*parts, np.zeros(0)])
         left = lookup.opacity(own)
+        if hidden is not None:
+            left = np.where(hidden, 0.0, left)
         if lookup.transfer.gradient:
             # voxels dropped by value count in full (an upper bound); the others with their t
             np.put(left, flat, np.where(opacity > lookup.threshold, 0.0, opacity))

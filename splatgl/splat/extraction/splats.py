@@ -22,6 +22,7 @@ from splatgl.splat.extraction.records import POINT, color_scale, linear_color
 
 if TYPE_CHECKING:
     from splatgl.splat.extraction.extract import Source
+    from splatgl.splat.view.mask import MaskField
 
 # most splats kept on the GPU, 400 MB of voxels' records: the limit of texture rows
 MOST_KEPT = 2**24
@@ -67,7 +68,7 @@ class Splats:
     row_z, row_y int32 [M]: the non-empty rows; row_start int64 [M+1] into the records.
     unit: reference length of opacities, world units. shaded: whether the transfer function shades.
     dropped_depth: largest optical depth that the threshold removed from one axis line. source: of all splats of a
-    volume, from which pictures that take others extract them.
+    volume, from which pictures that take others extract them. mask: what cuts rays through values; None: nothing.
     """
 
     records: np.ndarray
@@ -82,6 +83,7 @@ class Splats:
     name: str = ""
     post: PostClassified | None = None
     source: Source | None = None
+    mask: MaskField | None = None
 
     def __len__(self) -> int:
         return len(self.records)

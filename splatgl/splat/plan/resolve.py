@@ -20,6 +20,7 @@ from splatgl.splat.plan.suited import one_by_one
 from splatgl.splat.sheets.sheets import MOST_SHEETS, Sheets
 from splatgl.splat.view.camera import Camera, check_reach
 from splatgl.splat.view.clip import Clip
+from splatgl.splat.view.mask import MaskField
 from splatgl.splat.view.view import View
 from splatgl.splat.view.widening import widening
 
@@ -47,7 +48,8 @@ class Look:
 
     sheets: sheets that share a splat; 0: splats composite one by one. steps: parts between two, each classified
     once; 0: splats are classified before. weighted: whether gradients weigh opacities classified there. clipped:
-    whether planes cut rays. light: of what is shaded. sky, shadows: whether matter keeps ambient and direct light off.
+    whether planes cut rays. masked: whether a mask does. light: of what is shaded. sky, shadows: whether matter keeps
+    ambient and direct light off.
     """
 
     blend: BlendMode
@@ -57,6 +59,7 @@ class Look:
     steps: int = 0
     weighted: bool = False
     clipped: bool = False
+    masked: bool = False
     light: Light = LIGHTS["head"]
     sky: bool = False
     shadows: bool = False
@@ -71,7 +74,7 @@ class Resolved:
     z_k: depth at which the smallest voxel is one sample wide [M98 Eq. 3]. depths: of the box of all splats, nearest and
     farthest. unsure: see widening.py. background: linear RGB, None: transparent. notes: omitted steps with reasons, a
     line each. sheets: None: splats composite one by one. clip: the planes that cut rays; None: no ray is cut.
-    cues: what light reaches matter; None: all of it.
+    mask: what cuts them besides; None: nothing. cues: what light reaches matter; None: all of it.
     """
 
     look: Look
@@ -87,6 +90,7 @@ class Resolved:
     notes: tuple[str, ...] = ()
     sheets: Sheets | None = None
     clip: Clip | None = None
+    mask: MaskField | None = None
     cues: Cues | None = None
 
     @property
@@ -116,7 +120,8 @@ class Resolved:
         after = sheets is not None and sheets.steps > 0
         attenuation = "optical-depth" if after else _attenuation(settings, antialias or moving)
         clip = Clip.of(settings.clip, splats.grid) if after else None
-        look = Look(BLENDS[settings.blend], attenuation, shading, clipped=clip is not None)
+        mask = splats.mask if after else None
+        look = Look(BLENDS[settings.blend], attenuation, shading, clipped=clip is not None, masked=mask is not None)
         light = Light.of(settings.light, settings.light_from, settings.shadows > 0)
         cues, cues_notes = _cues(splats, camera, settings, light)
         if cues is not None:
@@ -139,6 +144,7 @@ class Resolved:
             notes=samples_notes + antialias_notes + shading_notes + cues_notes + sheets_notes,
             sheets=sheets,
             clip=clip,
+            mask=mask,
             cues=cues,
         )
 
