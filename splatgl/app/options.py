@@ -129,7 +129,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
             group.add_argument(f"--{name}", choices=allowed, metavar="|".join(allowed))
     about = "where the light is: degrees to the right of the eye, and above it"
     group.add_argument("--light-from", type=numbers(2), metavar="SIDE,ABOVE", help=about)
-    about = "how much matter keeps ambient light off what is in or behind it, from 0 to 1 (0); most seen with --light flat"
+    about = "how much matter keeps ambient light off what is near it, from 0 to 1 (0); most seen with --light flat"
     group.add_argument("--ambient-occlusion", type=float, metavar="S", help=about)
     about = "how dark shadows are, from 0 to 1 (0); a light at the eye is then above left"
     group.add_argument("--shadows", type=float, metavar="S", help=about)
