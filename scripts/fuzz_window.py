@@ -54,7 +54,7 @@ class Session:
         os.close(write)
         with os.fdopen(read) as pipe:
             number = pipe.readline().strip()
-        self.environment = {**os.environ, "DISPLAY": f":{number}"}
+        self.environment = {**os.environ, "DISPLAY": f":{number}", "SPLATGL_RECENT": "off"}
         self.errors = (self.folder / f"errors-{self.seed}.txt").open("w+")
         view = [sys.executable, "-m", "splatgl", "view", str(self.files[0]), "--folder", str(self.folder)]
         self.window = subprocess.Popen([*view, "--size", "640x480"], env=self.environment, stderr=self.errors)

@@ -16,9 +16,10 @@ from splatgl.gl.context import current
 
 @pytest.fixture(scope="session", autouse=True)
 def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Tests leave the user's cache alone."""
+    """Tests leave the user's cache and list of files alone."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SPLATGL_CACHE", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("SPLATGL_RECENT", "off")
         yield
 
 

@@ -97,18 +97,24 @@ def display() -> Iterator[str]:
 class Window:
     """A viewer in a process of its own, alone on a display of its own, and the hands at it."""
 
-    def __init__(self, source: Path, folder: Path, **options: Any) -> None:
+    def __init__(self, source: Path, folder: Path, environment: dict[str, str] | None = None, **options: Any) -> None:
         self.server, display = start_display()
         self.environment = {**os.environ, "DISPLAY": display}
         asked = json.dumps({"size": SIZE, "backend": "egl", "panel": False} | options)
         command = [sys.executable, str(DRIVER), str(source), str(folder), asked]
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-        self.process = subprocess.Popen(command, env=self.environment, text=True, **pipes)  # type: ignore[call-overload]
+        of_viewer = {**self.environment, **(environment or {})}
+        self.process = subprocess.Popen(command, env=of_viewer, text=True, **pipes)  # type: ignore[call-overload]
         self.state = self._read()
         self.folder = folder
 
     def hands(self, *arguments: object) -> None:
-        subprocess.run(["xdotool", *map(str, arguments)], env=self.environment, check=True, capture_output=True)
+        subprocess.run(
+            ["xdotool", *map(str, arguments)],
+            env=self.environment,
+            check=True,
+            capture_output=True,
+        )
 
     def ask(self, what: str, **more: Any) -> Told:
         self.process.stdin.write(json.dumps({"do": what, **more}) + "\n")
@@ -246,6 +252,11 @@ def toggles(name: str) -> Callable[[Told, Told], bool]:
     return lambda before, after: after[name] is (not before[name])
 
 
+def told_of_dialog(after: Told) -> bool:
+    """A dialog is open, or what it takes is said."""
+    return after["dialog"] or "pip install" in after["message"]
+
+
 def files(after: Told, pattern: str) -> bool:
     return "saved" in after["message"] and any(Path(after["source"]).parent.glob(pattern))
 
@@ -286,6 +297,8 @@ CHECKS: dict[str, Callable[[Told, Told], bool]] = {
     "panel": lambda before, after: after["panel"] != before["panel"] or "pip install" in after["message"],
     "ground": lambda before, after: (before["ground"], after["ground"]) == ("black", "white"),
     "help": toggles("help"),
+    "open": lambda before, after: told_of_dialog(after),
+    "save-as": lambda before, after: told_of_dialog(after),
     "turn-left": turned((0, 1), 1),
     "turn-right": turned((0, 1), -1),
     "turn-up": lambda before, after: direction(after)[2] < direction(before)[2] - 0.1,

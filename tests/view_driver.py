@@ -86,6 +86,8 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "closed": viewer.closed,
         "megabytes": int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 2**20,
         "textures": len(viewer.screen.textures),
+        "recent": viewer.recent.paths,
+        "dialog": viewer.dialogs.open is not None or bool(viewer.panel and viewer.panel.panel.popup),
         "plot": viewer.panel and (viewer.panel.panel.curve.box, viewer.panel.panel.curve.range),
     }
 
@@ -175,6 +177,9 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         viewer.state = type(viewer.state).of(content, viewer.size)
         viewer.history.begin(viewer.state)
         viewer.closed = False
+        if viewer.panel is not None and viewer.panel.panel.popup:
+            viewer.panel.panel.closes = True
+        viewer.dialogs.close()
         # the press before is not the first of a double click
         viewer.hands.mouse = mouse.Mouse()
         mouse.DOUBLE = DOUBLE

@@ -85,6 +85,7 @@ def run(args: argparse.Namespace) -> int:
         panel=not args.no_panel,
         watched=watched(args.source, scene) if args.watch else (),
         reopen=lambda: scene_from(args),
+        source=args.source,
     )
     opened(files, scene, options, args.backend, args.device, args.gpu)
     return 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from splatgl.app.viewer.dialogs import OPEN, SAVE
 from splatgl.app.viewer.moves import up_of
 from splatgl.app.viewer.pacing import REST
 from splatgl.app.viewer.saving import SAVES, saved
@@ -46,10 +47,17 @@ def answered(viewer: Viewer) -> None:
             viewer.hands.touch()
         elif ask == "cancel" and viewer.files.cancel():
             viewer.closed |= viewer.content.waiting
+        elif ask in (OPEN, SAVE):
+            viewer.dialogs.ask(ask)
+        elif ask.startswith(f"{OPEN} "):
+            viewer.hands.drop([ask.removeprefix(f"{OPEN} ")])
+        elif ask == "forget":
+            viewer.recent = viewer.recent.forgotten()
         elif ask in SAVES:
             viewer.state = saved(viewer.state, ask, viewer.content, viewer.renderer.render, viewer.options.folder)
             if ask == "save" and viewer.state.message.startswith("saved"):
                 viewer.history.keep(viewer.state)
+    viewer.dialogs.look()
     if viewer.files.times and not viewer.dirty:
         viewer.files.show_time(viewer.state.time)
     if "quit" in asks or viewer.window.closing:

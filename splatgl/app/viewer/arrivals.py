@@ -40,6 +40,8 @@ def arrived(viewer: Viewer, done: Done) -> None:
 def _opened(viewer: Viewer, news: News) -> None:
     """Takes a loaded file; a reloaded one keeps its view unless its scene file changed, a time point keeps all."""
     content, shown = news.content, viewer.content
+    if news.reopen is not None or shown.waiting:
+        viewer.recent = viewer.recent.opened(news.path or viewer.options.source)
     if news.reopen is not None:
         viewer.files.turn_to(news, viewer.now())
     if news.time is None and not news.finer:

@@ -74,6 +74,8 @@ BINDINGS = (
     Binding("later", (">",), "the next time point"),
     Binding("screenshot", ("s",), "save the picture (PNG)"),
     Binding("save", ("shift+s",), "save the floats (NPY) and the scene (scene.toml)"),
+    Binding("open", ("ctrl+o",), "open files"),
+    Binding("save-as", ("ctrl+s",), "save the scene or the picture under a name"),
     Binding("undo", ("ctrl+z",), "undo the last change"),
     Binding("redo", ("ctrl+shift+z", "ctrl+y"), "redo what was undone"),
     Binding("annotations", ("j",), "axes, scale bar and patient directions"),

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 from imgui_bundle import imgui
 
-from splatgl.app.viewer import curve, hud, panel_cuts, panel_view
+from splatgl.app.viewer import curve, hud, panel_cuts, panel_files, panel_view
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.hud import Frame
 from splatgl.app.viewer.overlay import plain
@@ -48,7 +47,9 @@ class Panel:
     """Draws the panel and holds what of it outlasts a frame."""
 
     def __init__(self) -> None:
-        self.curve = Curve()
+        self.curve, self.browser = Curve(), panel_files.Browser()
+        # paths that were opened lately
+        self.recent: tuple[str, ...] = ()
         self.place = (0.0, 0.0, 0.0, 0.0)
         # whether a list is open, and whether it is to close
         self.popup = self.closes = False
@@ -68,6 +69,8 @@ class Panel:
         if shown:
             if state.times > 1:
                 state = _time(state)
+            if imgui.collapsing_header("Files"):
+                state = panel_files.draw(state, self.recent)
             opened = imgui.TreeNodeFlags_.default_open
             if imgui.collapsing_header("Transfer function", opened):
                 state = self._transfer(state, content)
@@ -83,6 +86,7 @@ class Panel:
         self.place = (corner.x, corner.y, corner.x + size.x, corner.y + size.y)
         self.popup = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
         imgui.end()
+        self.browser.draw(window)
         return state
 
     def covers(self, x: float, y: float) -> bool:
@@ -107,7 +111,7 @@ class Panel:
             state = replace(state, extinction=float(f"{factor:.4g}"))
         changed, threshold = imgui.slider_float("threshold", state.threshold, 0.0, HIGHEST, "%.4f", logarithmic)
         if changed:
-            state = replace(state, threshold=float(np.clip(f"{threshold:.4g}", 0.0, HIGHEST)))
+            state = replace(state, threshold=min(max(float(f"{threshold:.4g}"), 0.0), HIGHEST))
         return state
 
     def _statistics(self, state: State, content: Content, frame: Frame | None) -> None:

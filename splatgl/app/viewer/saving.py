@@ -11,7 +11,7 @@ from splatgl.app.render import origin
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.state import State
-from splatgl.data.errors import InputError
+from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image, write_whole
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.splats import Splats
@@ -50,7 +50,10 @@ def picture_of(scene: Scene, content: Content, draw: Draw) -> Image:
 
 def save_picture(state: State, content: Content, draw: Draw, folder: Path) -> str:
     """Writes the next free picture-NNN.png; returns the message to show."""
-    target = free(folder, "picture", ".png")
+    return _picture(state, content, draw, free(folder, "picture", ".png"))
+
+
+def _picture(state: State, content: Content, draw: Draw, target: Path) -> str:
     scene = scene_of(state, content)
     ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     picture_of(scene, content, draw).save(target, background=ground)
@@ -76,6 +79,23 @@ def saved(state: State, ask: str, content: Content, draw: Draw, folder: Path) ->
         return replace(state, message=SAVES[ask](state, content, draw, folder))
     except InputError as error:
         return replace(state, message=str(error))
+
+
+def saved_as(state: State, content: Content, draw: Draw, target: Path) -> tuple[State, bool]:
+    """Writes a scene (.toml, also where a name has no ending) or a picture of it; the state with what it says, and
+    whether a scene was written.
+    """
+    scene = target.suffix.lower() in ("", ".toml")
+    target = target.with_suffix(".toml") if scene else target
+    try:
+        if target.exists() and Path(content.scene.volume).exists() and target.samefile(content.scene.volume):
+            raise expected(target, "another file", "the volume that is shown", "choose another name")
+        if scene:
+            write_whole(target, scene_of(state, content).to_toml(target.parent).encode())
+            return replace(state, message=f"saved {target.name}"), True
+        return replace(state, message=_picture(state, content, draw, target)), False
+    except InputError as error:
+        return replace(state, message=str(error)), False
 
 
 def free(folder: Path, stem: str, suffix: str) -> Path:

@@ -46,7 +46,7 @@ class State:
 
     blur: motion blur while the view rotates. time: number of the time point of a series of `times`; playing: whether it
     goes on by itself. hud: of HUDS. asks: pending window actions ("screenshot", "save", "undo",
-    "redo", "quit"). message: shown until the next key. cuts: box and planes, which `settings` has too.
+    "redo", "open", "quit"). message: shown until the next key. cuts: box and planes, which `settings` has too.
     annotate: what is laid over the picture, as of a scene. probe: whether the value under the cursor is told.
     """
 
@@ -237,6 +237,8 @@ ACTIONS: dict[str, Action] = {
     "turn": _toggle("turning"),
     "screenshot": _ask("screenshot"),
     "save": _ask("save"),
+    "open": _ask("open"),
+    "save-as": _ask("save-as"),
     "hud": lambda state, content: replace(state, hud=_next(HUDS, state.hud)),
     "undo": _ask("undo"),
     "redo": _ask("redo"),

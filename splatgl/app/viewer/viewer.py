@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -15,6 +16,7 @@ from splatgl.app.viewer.answers import PLAYED, answered, moved_on
 from splatgl.app.viewer.arrivals import arrived
 from splatgl.app.viewer.bindings import BINDINGS, Binding
 from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.dialogs import Dialogs
 from splatgl.app.viewer.difference import Reference, Wanted
 from splatgl.app.viewer.extracting import Extractor
 from splatgl.app.viewer.files import Files, Reopen
@@ -25,6 +27,7 @@ from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.marking import Marking
 from splatgl.app.viewer.pacing import LADDER, REST, STEP, TARGET
 from splatgl.app.viewer.painter import Painter
+from splatgl.app.viewer.recent import Recent
 from splatgl.app.viewer.refiner import Moment, Refiner
 from splatgl.app.viewer.state import State
 from splatgl.app.viewer.window import Window
@@ -39,7 +42,9 @@ IDLE = 0.25
 
 @dataclass(frozen=True)
 class Options:
-    """Startup options. reopen: reloads the scene when watched files change; folder: for saved images."""
+    """Startup options. reopen: reloads the scene when watched files change; folder: for saved images; source: the path
+    that is being read already.
+    """
 
     size: tuple[int, int] = (1024, 768)
     target: float = TARGET
@@ -49,6 +54,7 @@ class Options:
     panel: bool = True
     watched: tuple[str, ...] = ()
     reopen: Reopen | None = None
+    source: str = ""
 
 
 class Viewer:
@@ -82,6 +88,7 @@ class Viewer:
             self.screen.close()
             raise
         self.history = History(self.state)
+        self.dialogs, self.recent = Dialogs(self), Recent.of(os.environ)
         # the view that was fitted to what is shown
         self.home = self.state.pose
         self.files = files or Files(Jobs(self.window.wake), self.options.watched, self.options.reopen, self.now())
@@ -151,6 +158,7 @@ class Viewer:
     def close(self) -> None:
         """Frees the window and its resources, but not the renderer."""
         self.closed = True
+        self.dialogs.close()
         self.reference.forget()
         self.extractor.wanted = None
         if self.panel is not None:
@@ -274,6 +282,7 @@ class Viewer:
         self.screen.mark(self.window.size, self.marking.marked(self))
         if self.panel is not None and self.state.panel:
             before = self.state
+            self.panel.panel.recent = self.recent.paths
             self.state = self.panel.frame(self.state, self.content, self.painter.frame)
             if self.state is not before:
                 self.hands.touch()
@@ -283,6 +292,13 @@ class Viewer:
         self.content, self.coming = content, None
         self.refiner.renew(content.counts, prod(self.size))
         self.refresh()
+
+    def show_panel(self) -> Any:
+        """Opens the panel, whose library is there; returns what draws it."""
+        self.state = replace(self.state, panel=True)
+        if self.panel is None:
+            self._open_panel()
+        return self.panel.panel
 
     def _open_panel(self) -> None:
         """Creates the panel, or sets a message on how to install its library."""
