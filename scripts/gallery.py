@@ -44,7 +44,9 @@ ASAMA = f"{DATA}/terrain_asama"
 MALE = f"{DATA}/visible_male_128x256x256_uint8.raw"
 GALLERY = (
     Picture(
-        "bone", "CT, bone, glossy light", f"render {MALE} --preset ct-bone --light glossy --azimuth 40 --up 0,0,-1"
+        "bone",
+        "CT, bone under a sky: ambient occlusion",
+        f"render {MALE} --preset ct-bone --light flat --ambient-occlusion 1 --azimuth 40 --up 0,0,-1",
     ),
     Picture(
         "layers",
@@ -88,9 +90,9 @@ GALLERY = (
         "tunnel", "the checkerboard tunnel, antialiased", "render tunnel --antialias supersample --samples 4 --check 0"
     ),
     Picture(
-        "nerve",
-        "a phantom of nerve fibres, annotated",
-        "render nerve --zoom 0.8 --annotate scale,colorbar,axes --check 0",
+        "flow",
+        "blood in the carotid arteries: streamlines by speed",
+        f"render {DATA}/carotid_76x49x45_scalar_and_velocity.vtk --streamlines 150 --elevation 30 --zoom 1.2 --background black",
     ),
 )
 
