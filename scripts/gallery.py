@@ -92,7 +92,8 @@ GALLERY = (
     Picture(
         "flow",
         "blood in the carotid arteries: streamlines by speed",
-        f"render {DATA}/carotid_76x49x45_scalar_and_velocity.vtk --streamlines 150 --elevation 30 --zoom 1.2 --background black",
+        f"render {DATA}/carotid_76x49x45_scalar_and_velocity.vtk --streamlines 150"
+        " --elevation 30 --zoom 1.2 --background black",
     ),
 )
 
