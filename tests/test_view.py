@@ -223,9 +223,9 @@ def test_list_bindings(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_remapping(tmp_path: Path) -> None:
-    (tmp_path / "keys.toml").write_text('[bindings]\nturn = ["t", "Ctrl+Space"]\nquit = "z"\n')
+    (tmp_path / "keys.toml").write_text('[bindings]\nturn = ["t", "Ctrl+Space"]\nquit = "h"\n')
     keys = keymap(load_bindings(tmp_path / "keys.toml"))
-    assert keys["t"] == keys["ctrl+space"] == "turn" and keys["z"] == "quit"
+    assert keys["t"] == keys["ctrl+space"] == "turn" and keys["h"] == "quit"
     assert "space" not in keys and "q" not in keys and keys["r"] == "reset"
 
 
@@ -554,11 +554,14 @@ def test_the_scale_of_opacities_there_and_back() -> None:
 def test_the_drawn_curve_is_the_transfer_function() -> None:
     """Between its nodes too, where the scale bends it, at a step, and beyond its ends."""
     transfer = sg.Transfer(points=[(10, 0.0), (20, 0.4), (20, 0.1), (30, 0.3)])
-    values, heights = curve.line(transfer.points, 0.0, 50.0)
+    values, heights = curve.line(transfer, 0.0, 50.0)
     assert values[0] == 0.0 and values[-1] == 50.0 and (np.diff(values) > -1e-9).all()
     assert {(20.0, float(curve.rise(0.4))), (20.0, float(curve.rise(0.1)))} <= set(zip(values, heights, strict=True))
     apart = np.abs(values - 20.0) > 1e-9
     assert np.allclose(heights[apart], curve.rise(transfer.opacity(values[apart])), atol=1e-12)
+    bent = sg.Transfer(points=[(1, 0.0), (100, 0.4)], scale="log")
+    values, heights = curve.line(bent, 1.0, 100.0)
+    assert np.allclose(heights, curve.rise(0.2 * np.log10(values)), atol=1e-12)
 
 
 def test_bars_are_counts() -> None:

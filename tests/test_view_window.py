@@ -313,6 +313,8 @@ CHECKS: dict[str, Callable[[Told, Told], bool]] = {
     "box": lambda before, after: "box" in after["annotate"],
     "probe": toggles("probe"),
     "measure": lambda before, after: after["ruler"]["active"] and "click" in after["message"],
+    "slices": lambda before, after: after["slices"]["shown"] and after["size"][0] < before["size"][0],
+    "slice-colors": lambda before, after: after["slices"]["colored"] and after["slices"]["shown"],
     "light": lambda before, after: (before["settings"]["light"], after["settings"]["light"]) == ("head", "matte"),
     "fullscreen": lambda before, after: after["fullscreen"] and after["size"] == [640, 480],
     "handles": lambda before, after: after["cuts"]["shown"] != before["cuts"]["shown"],

@@ -68,6 +68,8 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "turntable": state.turntable,
         "probe": state.probe,
         "ruler": asdict(state.ruler),
+        "slices": asdict(state.slices),
+        "panes": [asdict(pane) for pane in viewer.slicing.panes()],
         "fullscreen": viewer.window.before is not None,
         "points": state.transfer.points,
         "window": state.transfer.window,
@@ -96,7 +98,7 @@ def settled(viewer: Viewer) -> bool:
     frame = viewer.painter.frame
     still = frame is not None and frame.full and viewer.refiner.drawn == viewer._wanted() and not viewer.dirty
     shown = not viewer.files.times or viewer.files.time == viewer.state.time
-    return still and shown and not viewer.busy and not viewer.reference.jobs.busy
+    return still and shown and not viewer.busy and not viewer.slicing.jobs.busy and not viewer.reference.jobs.busy
 
 
 def arrived(viewer: Viewer) -> None:
@@ -174,7 +176,7 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         content, scene = viewer.content, viewer.content.scene
         content = content.following(content.transfer, scene.threshold, scene.settings)
         viewer.state = viewer.state.opened(content)
-        viewer.state = type(viewer.state).of(content, viewer.size)
+        viewer.state = type(viewer.state).of(content, viewer.whole)
         viewer.history.begin(viewer.state)
         viewer.closed = False
         if viewer.panel is not None and viewer.panel.panel.popup:

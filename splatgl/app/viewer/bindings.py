@@ -83,6 +83,8 @@ BINDINGS = (
     Binding("box", ("ctrl+j",), "the volume's box, with numbers"),
     Binding("probe", ("y",), "the value under the cursor"),
     Binding("measure", ("e",), "the distance between two points: click on them"),
+    Binding("slices", ("z",), "three linked slices beside the picture"),
+    Binding("slice-colors", ("shift+z",), "slices in grey, or in the colours of values"),
     Binding("light", ("l",), "next light: head, matte, glossy, flat"),
     Binding("fullscreen", ("f11", "f"), "fullscreen"),
     Binding("hud", ("i",), "say what is drawn and how: in short, in full, or not"),
@@ -98,6 +100,7 @@ MOUSE = (
     ("wheel, right drag", "zoom to the cursor"),
     ("ctrl + left drag", "roll"),
     ("double click", "turn about the point under the cursor"),
+    ("wheel, click on a slice", "move it, move the others there"),
     ("drop a file", "open it; several are a time series"),
 )
 

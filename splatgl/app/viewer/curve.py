@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from splatgl.splat.classification.statistics import Statistics
-from splatgl.splat.classification.transfer import Nodes
+from splatgl.splat.classification.transfer import Nodes, Transfer
 
 # opacities below this share about as much of the axis as each decade above it
 FINE = 0.01
@@ -31,12 +31,15 @@ def fall(height: float) -> float:
     return float(np.clip(np.sinh(height * np.arcsinh(1.0 / FINE)) * FINE, 0.0, 1.0)) if height < 1.0 else 1.0
 
 
-def line(nodes: Nodes, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+def line(transfer: Transfer, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
     """Values [n] and heights [n] of the curve from low to high: straight in opacity, constant beyond its ends."""
+    nodes = transfer.points
     ends = ((min(low, nodes[0][0]), nodes[0][1]), *nodes, (max(high, nodes[-1][0]), nodes[-1][1]))
     share = np.linspace(0.0, 1.0, SAMPLES)[:, None]
     found = [np.array(start) * (1.0 - share) + np.array(stop) * share for start, stop in pairwise(ends)]
     values, opacities = np.concatenate(found).T
+    if transfer.logarithmic:
+        opacities = transfer.opacity(values)
     return np.ascontiguousarray(values), rise(opacities)
 
 

@@ -115,7 +115,9 @@ class Gui:
         with current(self.window.screen.ctx):
             imgui.backends.opengl3_new_frame()
             imgui.new_frame()
-            state = self.panel.draw(state, content, frame, (width, height))
+            # beside the slices
+            room = round(width * state.pose.camera.size[0] / max(pixels[0], 1))
+            state = self.panel.draw(state, content, frame, (room, height))
             imgui.render()
             imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
         return state

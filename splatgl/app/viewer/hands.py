@@ -48,10 +48,14 @@ class Hands:
     def press(self, button: str, held: tuple[str, ...], place: Place) -> None:
         """Starts a drag; a double click sets the pivot."""
         viewer = self.viewer
-        if self.tools.press(button, held, place):
+        if viewer.slicing.press(button, place) or self.tools.press(button, held, place):
             return
         if self.mouse.doubles(button, place, viewer.now()):
+            before = viewer.state.pose.pivot
             viewer.state = pivoted(viewer.state, viewer.content, place)
+            if viewer.state.pose.pivot is not before:
+                found = viewer.state.slices.through(viewer.state.pose.pivot, viewer.content.volume)
+                viewer.state = replace(viewer.state, slices=found)
             self.touch()
         self.mouse = self.mouse.press(button, held, place, viewer.state.pose, viewer.now())
         drag = self.mouse.drag
@@ -60,25 +64,29 @@ class Hands:
 
     def release(self, button: str) -> None:
         """Ends the drag."""
+        self.viewer.slicing.release()
         self.tools.release(button, self.viewer.window.at)
         self.mouse = self.mouse.release()
 
     def move(self, place: Place) -> None:
         """Moves the view by the current drag, if any, and stops the automatic rotation."""
-        if not self.tools.move(place) and self.mouse.drag is not None:
+        if not self.viewer.slicing.move(place) and not self.tools.move(place) and self.mouse.drag is not None:
             viewer, pose = self.viewer, self.mouse.drag.to(place)
             viewer.state = replace(viewer.state, pose=pose.resized(viewer.size), turning=False)
             self.touch()
 
     def wheel(self, notches: float, place: Place) -> None:
-        """Zooms at `place`; upwards zooms in."""
+        """Zooms at `place`; upwards zooms in. Over a slice it moves that."""
+        if self.viewer.slicing.wheel(notches, place):
+            return
         self.viewer.state = replace(self.viewer.state, pose=wheeled(self.viewer.state.pose, place, notches))
         self.touch()
 
     def resize(self, size: tuple[int, int]) -> None:
-        """Fits the view to `size` in pixels; a minimised window keeps its last size."""
+        """Fits the view to a window of `size` in pixels; a minimised one keeps its last size."""
         if min(size) > 0:
-            self.viewer.state = replace(self.viewer.state, pose=self.viewer.state.pose.resized(size))
+            viewer = self.viewer
+            viewer.state = replace(viewer.state, pose=viewer.state.pose.resized(viewer.size))
             self.touch()
 
     def drop(self, paths: list[str]) -> None:

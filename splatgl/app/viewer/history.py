@@ -7,7 +7,20 @@ from dataclasses import replace
 from splatgl.app.viewer.state import State
 
 # what an undo does not bring back: what is open on the screen, and what is asked for
-PASSING = ("message", "asks", "help", "hud", "panel", "turning", "time", "times", "playing", "fullscreen", "probe")
+PASSING = (
+    "message",
+    "asks",
+    "help",
+    "hud",
+    "panel",
+    "turning",
+    "time",
+    "times",
+    "playing",
+    "fullscreen",
+    "probe",
+    "slices",
+)
 # what a saved scene holds and a closed window loses; a view is soon found again
 EDITS = ("settings", "base", "threshold", "extinction", "annotate")
 # largest number of steps

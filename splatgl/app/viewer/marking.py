@@ -12,6 +12,7 @@ from splatgl.app.viewer.labels import beside, label
 from splatgl.app.viewer.legend import Legend, Scenery, ground_of
 from splatgl.app.viewer.measuring import Ruler, distance, told, under_cursor
 from splatgl.app.viewer.sight import seen, segment
+from splatgl.app.viewer.slicing import left_of, outlines
 from splatgl.data.volume import Volume
 from splatgl.gl.marks import Color, Marks, Sprite, Stroke
 from splatgl.splat.view.camera import Camera
@@ -48,7 +49,12 @@ class Marking:
         lines, labels = of_ruler(state.ruler, content, camera, scale)
         if state.probe and viewer.hands.mouse.drag is None:
             labels += _probed(viewer, scale)
-        return Marks((*legend, *labels), (*strokes, *lines))
+        if not state.slices.shown:
+            return Marks((*legend, *labels), (*strokes, *lines))
+        beside = viewer.slicing.marks()
+        lines += outlines(state.slices, content.volume, camera, scale)
+        seen_of = left_of((*strokes, *lines), camera.size[0])
+        return Marks((*legend, *labels, *beside.sprites), (*seen_of, *beside.strokes))
 
 
 def of_ruler(ruler: Ruler, content: Content, camera: Camera, scale: float) -> tuple[list[Stroke], list[Sprite]]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from imgui_bundle import imgui
 
-from splatgl.app.viewer import curve, hud, panel_cuts, panel_files, panel_view
+from splatgl.app.viewer import curve, hud, panel_cuts, panel_files, panel_slices, panel_view
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.hud import Frame
 from splatgl.app.viewer.overlay import plain
@@ -76,6 +76,8 @@ class Panel:
                 state = self._transfer(state, content)
             if imgui.collapsing_header("View"):
                 state = panel_view.draw(state, content)
+            if imgui.collapsing_header("Slices"):
+                state = panel_slices.draw(state, content)
             if imgui.collapsing_header("Cuts"):
                 state = panel_cuts.draw(state, content)
             if imgui.collapsing_header("Settings"):

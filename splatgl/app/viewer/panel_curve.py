@@ -53,7 +53,7 @@ class Curve:
         if implot.begin_plot("##curve", imgui.ImVec2(-1.0, HEIGHT * scale), quiet):
             self._axes(volume)
             self._histogram(stats)
-            values, heights = curve.line(points, *self.range)
+            values, heights = curve.line(transfer, *self.range)
             implot.plot_line("##line", values, heights, implot.Spec(line_color=LINE, line_weight=2.0 * scale))
             points = self._points(points, scale)
             place, size = implot.get_plot_pos(), implot.get_plot_size()

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.app.viewer import cutting, legend, measuring, moves
+from splatgl.app.viewer import cutting, legend, measuring, moves, slices
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.cutting import Cuts
 from splatgl.app.viewer.measuring import Ruler
 from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.pose import Pose
+from splatgl.app.viewer.slices import Slices
 from splatgl.data.errors import InputError
 from splatgl.splat.classification.transfer import OPAQUE, Transfer
 from splatgl.splat.motion.blur import MOTIONS
@@ -74,6 +75,7 @@ class State:
     fullscreen: bool = False
     probe: bool = False
     ruler: Ruler = field(default_factory=Ruler)
+    slices: Slices = field(default_factory=Slices)
 
     @classmethod
     def of(cls, content: Content, size: tuple[int, int]) -> State:
@@ -99,7 +101,8 @@ class State:
         """State for another content with its own view and settings; display options are kept."""
         fresh = State.of(content, self.pose.camera.size)
         kept = ("hud", "help", "panel", "ground", "turning", "blur", "turntable", "fullscreen", "probe")
-        return replace(fresh, **{name: getattr(self, name) for name in kept})
+        beside = replace(self.slices, place=fresh.slices.place)
+        return replace(fresh, slices=beside, **{name: getattr(self, name) for name in kept})
 
 
 def stronger(opacity: float, factor: float) -> float:
@@ -253,4 +256,5 @@ ACTIONS: dict[str, Action] = {
     **cutting.ACTIONS,
     **legend.ACTIONS,
     **measuring.ACTIONS,
+    **slices.ACTIONS,
 }

@@ -29,6 +29,8 @@ from splatgl.app.viewer.pacing import LADDER, REST, STEP, TARGET
 from splatgl.app.viewer.painter import Painter
 from splatgl.app.viewer.recent import Recent
 from splatgl.app.viewer.refiner import Moment, Refiner
+from splatgl.app.viewer.slices import column
+from splatgl.app.viewer.slicing import Slicing
 from splatgl.app.viewer.state import State
 from splatgl.app.viewer.window import Window
 from splatgl.data.errors import InputError, missing_extra
@@ -73,13 +75,13 @@ class Viewer:
             self.window = Window(self.screen, self.hands)
             self.extractor = Extractor(self.window.wake)
             self.reference = Reference(Jobs(self.window.wake))
-            self.marking = Marking()
+            self.marking, self.slicing = Marking(), Slicing(self)
             self.painter = Painter(self.screen, renderer, self.options.bindings)
             self.renderer = renderer
             self.content = content
             # the next one, whose coarsest splats are being extracted
             self.coming: Content | None = None
-            self.state = replace(State.of(content, self.size), ground=self.options.ground)
+            self.state = replace(State.of(content, self.whole), ground=self.options.ground)
             self.panel: Any = None
             if self.options.panel and find_spec("imgui_bundle"):
                 self.state = replace(self.state, panel=True)
@@ -103,10 +105,16 @@ class Viewer:
         self.dirty = 1
 
     @property
-    def size(self) -> tuple[int, int]:
-        """The window's, pixels, at least 1."""
+    def whole(self) -> tuple[int, int]:
+        """The window's size, pixels, at least 1."""
         width, height = self.window.size
         return max(width, 1), max(height, 1)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """The picture's, pixels: the window's without the slices."""
+        width, height = self.whole
+        return max(width - column(self.whole, self.state.slices.shown), 1), height
 
     @property
     def busy(self) -> str | None:
@@ -131,13 +139,15 @@ class Viewer:
         self.window.fill(self.state.fullscreen)
         for done in (*self.files.jobs.collect(), *self.extractor.collect()):
             arrived(self, done)
-        if self.reference.collect():
+        if self.reference.collect() or self.slicing.collect():
             self.refresh()
         self.state = self.files.look(self.state, self.now())
         moved_on(self)
         answered(self)
         if self.closed or min(self.window.size) < 1:
             return
+        if self.state.pose.camera.size != self.size:
+            self.hands.resize(self.window.size)
         level = self._draw()
         self._compare()
         self._show()
@@ -278,7 +288,7 @@ class Viewer:
         """Draws the window's content into its back buffer."""
         if self.state.panel and self.panel is None:
             self._open_panel()
-        self.screen.draw(self.window.size, self.painter.look(self.state, self.reference))
+        self.screen.draw(self.size, self.painter.look(self.state, self.reference))
         self.screen.mark(self.window.size, self.marking.marked(self))
         if self.panel is not None and self.state.panel:
             before = self.state

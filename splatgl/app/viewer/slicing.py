@@ -1,0 +1,235 @@
+"""`Slicing`: draws the three slices of a window, and what the mouse does there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from splatgl.app.annotations.axes import letters
+from splatgl.app.viewer.jobs import Jobs
+from splatgl.app.viewer.labels import label
+from splatgl.app.viewer.moves import up_of
+from splatgl.app.viewer.sight import Place, segment
+from splatgl.app.viewer.slices import ANATOMY, Pane, Slices, colors, grey, panes, plane, strided, window_of, world_axes
+from splatgl.data.volume import Volume
+from splatgl.gl.marks import Color, Marks, Sprite, Stroke
+from splatgl.splat.view.camera import Camera
+
+if TYPE_CHECKING:
+    from splatgl.app.viewer.content import Content
+    from splatgl.app.viewer.state import State
+    from splatgl.app.viewer.viewer import Viewer
+
+# sRGB, of the slices across x, y and z of the grid, and behind them
+LINES: tuple[Color, ...] = ((1.0, 0.42, 0.36, 0.9), (0.45, 0.86, 0.42, 0.9), (0.45, 0.62, 1.0, 0.9))
+GROUND = np.array([[[18, 18, 20, 255]]], np.uint8)
+# pixels at a content scale of 1: of lines, and between labels and edges
+LINE, GAP = 1.0, 2.0
+
+Key = tuple[object, ...]
+
+
+class Slicing:
+    """The slices of a viewer: the latest pixels of each, and the pane that is dragged in."""
+
+    def __init__(self, viewer: Viewer) -> None:
+        self.viewer = viewer
+        self.jobs = Jobs(viewer.window.wake)
+        # of each axis: what its pixels are of, and they; the value that all go through
+        self.drawn: dict[int, tuple[Key, np.ndarray]] = {}
+        self.asked: dict[int, Key] = {}
+        self.dragged: int | None = None
+
+    def panes(self) -> tuple[Pane, ...]:
+        """Those that are shown now."""
+        viewer = self.viewer
+        if not viewer.state.slices.shown or viewer.content.waiting:
+            return ()
+        return panes(viewer.content.volume, up_of(viewer.content), viewer.whole, viewer.window.scale)
+
+    def press(self, button: str, place: Place) -> bool:
+        """A button is pressed; whether that was on the slices."""
+        found = next((pane for pane in self.panes() if pane.holds(place)), None)
+        if found is not None and button == "left":
+            self.dragged = found.axis
+            self._link(found, place)
+        return found is not None
+
+    def move(self, place: Place) -> bool:
+        """The cursor moves; whether it drags the linked point."""
+        if self.dragged is None:
+            return False
+        for pane in self.panes():
+            if pane.axis == self.dragged:
+                self._link(pane, place)
+        return True
+
+    def release(self) -> None:
+        """A button is released."""
+        self.dragged = None
+
+    def wheel(self, notches: float, place: Place) -> bool:
+        """The wheel moves a slice by voxels; whether the cursor was over one."""
+        found = next((pane for pane in self.panes() if pane.holds(place)), None)
+        if found is not None and notches:
+            slices, volume = self.viewer.state.slices, self.viewer.content.volume
+            self._show(slices.moved(found.axis, round(notches) or int(np.sign(notches)), volume))
+        return found is not None
+
+    def collect(self) -> bool:
+        """Takes slices that were read in a thread; whether there were any."""
+        done = self.jobs.collect()
+        for each in done:
+            if each.error is not None:
+                self.viewer.say(str(each.error))
+            else:
+                axis, key, pixels = each.result
+                self.drawn[axis] = key, pixels
+        if done:
+            self.asked.clear()
+        return bool(done)
+
+    def marks(self) -> Marks:
+        """The slices with their lines and letters; nothing while they are hidden."""
+        viewer, found = self.viewer, self.panes()
+        if not found:
+            self.drawn.clear()
+            return Marks()
+        state, content, scale = viewer.state, viewer.content, viewer.window.scale
+        volume, index = content.volume, state.slices.index(content.volume)
+        left = found[0].room[0]
+        sprites = [Sprite(GROUND, (left, 0.0, float(viewer.whole[0]), float(viewer.whole[1])))]
+        strokes: list[Stroke] = []
+        for pane in found:
+            pixels = self._pixels(pane, state, content)
+            if pixels is not None:
+                sprites.append(Sprite(pixels, pane.box, smooth=True))
+            sprites += _labels(pane, index, volume, scale)
+            strokes += _cross(pane, index, volume, scale)
+        if isinstance(volume.samples, np.ndarray):
+            value = f"{volume.samples[index[::-1]]:.6g} {volume.value_unit}".rstrip()
+            corner = left + GAP * scale, viewer.whole[1] - GAP * scale
+            sprites.append(_at(value, corner, (0.0, 1.0), scale))
+        return Marks(tuple(sprites), tuple(strokes))
+
+    def _link(self, pane: Pane, place: Place) -> None:
+        slices, volume = self.viewer.state.slices, self.viewer.content.volume
+        self._show(slices.at(pane.index(place, slices.index(volume), volume), volume))
+
+    def _show(self, slices: Slices) -> None:
+        # the picture stays as it is, and goes on being refined
+        self.viewer.state = replace(self.viewer.state, slices=slices)
+        self.viewer.refresh()
+
+    def _pixels(self, pane: Pane, state: State, content: Content) -> np.ndarray | None:
+        """Those of a slice; of samples that are read in parts the ones before until a thread has read them."""
+        volume, transfer, colored = content.volume, state.transfer, state.slices.colored
+        index = state.slices.index(volume)[pane.axis]
+        look = transfer if colored or transfer.labels else window_of(transfer)
+        logarithmic = transfer.logarithmic
+        key: Key = (volume, index, look, logarithmic, pane.box)
+        known = self.drawn.get(pane.axis)
+        if known is not None and known[0] == key:
+            return known[1]
+
+        def work() -> tuple[int, Key, np.ndarray]:
+            if volume.color is not None:
+                rgb = strided(plane(volume.color, pane, index), pane)
+                return pane.axis, key, np.dstack([rgb, np.full(rgb.shape[:2], 255, np.uint8)])
+            values = strided(plane(volume.samples, pane, index), pane)
+            shade = grey(values, look, logarithmic) if isinstance(look, tuple) else colors(values, look)
+            return pane.axis, key, shade
+
+        if isinstance(volume.samples, np.ndarray):
+            self.drawn[pane.axis] = key, work()[2]
+        elif not self.asked:
+            self.asked[pane.axis] = key
+            self.jobs.submit("reading a slice", work)
+        found = self.drawn.get(pane.axis)
+        return None if found is None else found[1]
+
+
+def _cross(pane: Pane, index: tuple[int, ...], volume: Volume, scale: float) -> list[Stroke]:
+    """Where the two other slices cut one, and its frame."""
+    x, y = pane.place(index, volume)
+    left, top, right, bottom = pane.box
+    thin = LINE * scale
+    rim = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]
+    frame = [Stroke(rim[n], rim[n + 1], LINES[pane.axis], thin, 0.0) for n in range(4)]
+    upright = Stroke((x, top), (x, bottom), LINES[pane.across], thin, 0.0)
+    return [*frame, upright, Stroke((left, y), (right, y), LINES[pane.down], thin, 0.0)]
+
+
+def _labels(pane: Pane, index: tuple[int, ...], volume: Volume, scale: float) -> list[Sprite]:
+    """The slice's name and number, and letters of directions at its edges."""
+    name = ANATOMY[world_axes(volume)[pane.axis]] if volume.frame else "xyz"[pane.axis]
+    left, top, right, bottom = pane.room
+    gap, middle = GAP * scale, ((left + right) / 2, (top + bottom) / 2)
+    title = _at(f"{name} {index[pane.axis]}", (left + gap, top + gap), (0.0, 0.0), scale)
+    found = [title]
+    for side, axis in enumerate((pane.across, pane.down)):
+        towards = volume.world_from_index[:, axis] * (-1 if pane.back[side] else 1)
+        towards = towards / np.linalg.norm(towards)
+        for sign in (-1, 1):
+            text = _direction(volume.frame, sign * towards)
+            if text:
+                edge = ((left + gap, right - gap), (top + gap, bottom - gap))[side][sign > 0]
+                share = (sign + 1) / 2
+                if side == 0:
+                    found.append(_at(text, (edge, middle[1]), (share, 0.5), scale))
+                else:
+                    # beside the title in a narrow pane
+                    wide = label((text,), scale).shape[1]
+                    x = max(middle[0], title.place[2] + gap + wide / 2) if sign < 0 else middle[0]
+                    found.append(_at(text, (x, edge), (0.5, share), scale))
+    return found
+
+
+def _direction(frame: str | None, towards: np.ndarray) -> str:
+    """Letters of a patient's direction, or the axis of the world that points there."""
+    if frame:
+        return letters(frame, towards)
+    axis = int(np.argmax(np.abs(towards)))
+    return "xyz"[axis] if towards[axis] > 0 else ""
+
+
+def _at(text: str, place: Place, anchor: Place, scale: float) -> Sprite:
+    """A label with its point at these shares of its size at a place."""
+    pixels = label((text,), scale)
+    high, wide = pixels.shape[:2]
+    left, top = round(place[0] - anchor[0] * wide), round(place[1] - anchor[1] * high)
+    return Sprite(pixels, (left, top, left + wide, top + high))
+
+
+def outlines(slices: Slices, volume: Volume, camera: Camera, scale: float) -> list[Stroke]:
+    """The slices' edges in the 3-D picture."""
+    if not slices.shown:
+        return []
+    strokes, index, sizes = [], slices.index(volume), volume.shape[::-1]
+    for axis in range(3):
+        a, b = (each for each in range(3) if each != axis)
+        corners = np.zeros((4, 3))
+        corners[:, axis] = index[axis]
+        corners[:, a] = np.array([0, 1, 1, 0]) * sizes[a] - 0.5
+        corners[:, b] = np.array([0, 0, 1, 1]) * sizes[b] - 0.5
+        points = corners @ volume.world_from_index.T + np.asarray(volume.origin)
+        for start, stop in zip(points, np.roll(points, -1, axis=0), strict=True):
+            seen = segment(camera, start, stop)
+            if seen is not None:
+                strokes.append(Stroke(*seen, LINES[axis], LINE * scale, scale))
+    return strokes
+
+
+def left_of(strokes: tuple[Stroke, ...], edge: float) -> tuple[Stroke, ...]:
+    """What of strokes is left of an edge, pixels."""
+    found = []
+    for each in strokes:
+        (x, y), (u, v) = sorted((each.start, each.stop))
+        if u <= edge:
+            found.append(each)
+        elif x < edge:
+            share = (edge - x) / (u - x)
+            found.append(replace(each, start=(x, y), stop=(edge, y + share * (v - y))))
+    return tuple(found)
