@@ -182,6 +182,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     pages[0].save("neuron.tif", save_all=True, append_images=pages[1:])
     Pillow.fromarray((samples[8] / 2).astype(np.uint8)).save("height.png")
     Pillow.new("RGB", (16, 16), (90, 120, 60)).save("photo.jpg")
+    nrrd.write("seg.nrrd", np.uint8(3 * (x < 0.3) + 4 * (y > 0.8)), {"spacings": [1, 0.9, 0.9]})
     trimesh.creation.box((9, 4, 6)).export("implant.ply")
     for name, text in toml_files().items():
         Path(name).write_text(text, encoding="utf-8")

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from splatgl.data.errors import expected
 from splatgl.data.mask import OUTSIDE, named
 from splatgl.data.readers.remote import is_address
+
+if TYPE_CHECKING:
+    from splatgl.data.volume import Volume
+    from splatgl.splat.classification.transfer import Transfer
 
 
 def mask_table(folder: Path, what: str, given: Any) -> tuple[str, ...] | None:
@@ -33,3 +37,12 @@ def mask_moved(mask: str, moved: Callable[[str], str]) -> str:
     file, labels, outside = named(mask)
     told = [moved(file), ",".join(map(str, labels)), OUTSIDE * outside]
     return ":".join(part for part in told if part)
+
+
+def check_masked(source: str, volume: Volume, transfer: Transfer) -> None:
+    """InputError for masks that keep nothing that can be seen."""
+    from splatgl.splat.bricks.opaque import Opaque
+
+    if volume.masks and Opaque(volume, transfer).nothing:
+        fix = "set the points to the values that matter, or take another mask"
+        raise expected(source, "voxels with an opacity that its masks keep", "none", fix)

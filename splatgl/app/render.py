@@ -18,6 +18,7 @@ from splatgl.app.annotations.request import asked_for, lay, unbacked, with_room
 from splatgl.app.backgrounds import as_drawn, backed
 from splatgl.app.depths import add_depth, check_depth, write_depths
 from splatgl.app.layered import add_layers, draw_layers, is_layered
+from splatgl.app.masks import check_masked
 from splatgl.app.meshes import is_mesh
 from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import check_output, check_source, tell
@@ -167,6 +168,7 @@ def draw(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> Imag
     """The image, drawn by this process."""
     if is_layered(scene, volume):
         return draw_layers(how, scene, volume, transfer)
+    check_masked(scene.volume, volume, transfer)
     camera, told = None, dict[str, object]()
     if volume.coarser:
         camera, chosen = _level(how, scene, volume, transfer)

@@ -32,6 +32,11 @@ class Opaque:
     transfer: Transfer
 
     @property
+    def nothing(self) -> bool:
+        """Whether no sample is opaque, of those that are looked at."""
+        return self._ends is None and self.volume.count <= (MOST_OF_LEVELS if self.volume.coarser else MOST)
+
+    @property
     def corners(self) -> np.ndarray:
         """The eight corners [8, 3], world units, of the box of opaque samples; of all, if there is none."""
         return self.volume.corners if self._ends is None else self._ends.corners
