@@ -291,7 +291,7 @@ def test_meshes_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert (
         main(["animate", str(tmp_path / "a.stl"), "-o", str(tmp_path / "o.gif"), "--frames", "2", "--size", "16"]) == 0
     )
-    for command in (["info"], ["view"], ["render", "--workers", "1"]):
+    for command in (["info"], ["render", "--workers", "1"]):
         assert main([command[0], str(tmp_path / "a.stl"), *command[1:]]) == 2
         assert "mesh" in capsys.readouterr().err
     (tmp_path / "b.stl").write_bytes(b"solid")

@@ -28,12 +28,13 @@ from splatgl.app.viewer.mouse import Mouse, wheeled
 from splatgl.app.viewer.overlay import Overlay, Text, drawn, plain
 from splatgl.app.viewer.pacing import FULL, LADDER, STRIDES, Level, Pace
 from splatgl.app.viewer.painter import Painter
+from splatgl.app.viewer.parts import stronger
 from splatgl.app.viewer.pick import picked
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.refiner import Moment, Refiner
 from splatgl.app.viewer.saving import free, picture_of, save_picture, save_scene, scene_of
 from splatgl.app.viewer.skin import outside, skinned
-from splatgl.app.viewer.state import ACTIONS, State, acted, stronger
+from splatgl.app.viewer.state import ACTIONS, State, acted
 from splatgl.app.viewer.watch import Watch
 from splatgl.app.viewpoint import View
 from splatgl.data.coarse import coarser

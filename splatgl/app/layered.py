@@ -7,7 +7,7 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from splatgl.app.meshes import MeshFile, is_mesh, mesh_option, with_look
+from splatgl.app.meshes import is_mesh, mesh_option, surfaces_of, with_look
 from splatgl.app.options import color_of, window_of
 from splatgl.app.scene import Scene
 from splatgl.app.vectors import add_vectors
@@ -70,26 +70,31 @@ def of_channels(
     if len(volume.channels) < 2:
         if colors or windows:
             raise expected("--color-of and --window-of", "several channels", "one", "load more by --channel")
-        return [Layer(volume, transfer, threshold=scene.threshold, clip=planes)]
-    base = transfer if scene.transfer.keys() & {"points", "preset"} else None
+        return [Layer(volume, transfer, visible=scene.visible, threshold=scene.threshold, clip=planes)]
+    # of which each has the opacity below
+    plain = replace(scene, opacity=1.0)
+    base = plain.transfer_for(volume) if scene.transfer.keys() & {"points", "preset"} else None
     found = channel_transfers(volume, colors, windows, base)
-    looks = zip(volume.channels, found, strict=True)
-    return [Layer(each, look.weakened(scene.opacity), threshold=scene.threshold, clip=planes) for each, look in looks]
+    looks = zip(volume.channels, (each.weakened(scene.opacity) for each in found), strict=True)
+    return [Layer(each, look, 1.0, scene.visible, scene.threshold, planes) for each, look in looks]
 
 
 def is_layered(scene: Scene, volume: Volume) -> bool:
     """Whether a scene's picture is of several layers or channels, or has meshes."""
     of_channels = len(volume.channels) > 1 or scene.transfer.keys() & {"color_of", "window_of"}
-    return bool(scene.layers or scene.meshes or scene.vectors.drawn or of_channels or is_mesh(scene.volume))
+    alone = is_mesh(scene.volume) or not scene.visible
+    return bool(scene.layers or scene.meshes or scene.vectors.drawn or of_channels or alone)
 
 
 def layers_of(scene: Scene, volume: Volume, transfer: Transfer) -> list[Layer]:
-    """All layers of a scene, of which `volume` is the first one's."""
+    """All layers of a scene that are to be seen, of which `volume` is the first one's; if none is, that one, clear."""
     layers = of_channels(scene, volume, transfer)
-    for source in scene.layers:
+    for source in (each for each in scene.layers if each.visible):
         other = (replace(source, mask=scene.mask) if source.mask is None else source).open()
         own = None if source.clip is None and not source.crop else source.cut(other).settings.clip
         layers += of_channels(source, other, source.transfer_for(other), own)
+    if not any(each.visible for each in layers):
+        return [replace(layers[0], transfer=layers[0].seen.weakened(0.0), visible=True)]
     return layers
 
 
@@ -97,8 +102,7 @@ def layered(scene: Scene, volume: Volume, transfer: Transfer) -> Layers:
     """The layers and meshes of a scene, of which `volume` is the first one's, cut by its planes."""
     from splatgl.splat.layers.layers import Scene as Layers
 
-    alone = [MeshFile(scene.volume)] if is_mesh(scene.volume) else []
-    meshes = [each.open() if isinstance(each, MeshFile) else each for each in (*alone, *scene.meshes)]
+    meshes = [each.open() for each in surfaces_of(scene) if each.visible]
     meshes += scene.vectors.meshes(volume)
     return Layers(layers_of(scene, volume, transfer), scene.settings.clip, meshes)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,26 +15,46 @@ from splatgl.data.toml import toml_value
 from splatgl.data.volume import Hints, Volume
 
 if TYPE_CHECKING:
+    from splatgl.app.scene import Scene
     from splatgl.data.mesh import Mesh
 
 # the keys of a table, and their types
-KEYS: dict[str, tuple[type, ...]] = {"file": (str,), "color": (str,), "opacity": (int, float), "radius": (int, float)}
+KEYS: dict[str, tuple[type, ...]] = {
+    "file": (str,),
+    "color": (str,),
+    "opacity": (int, float),
+    "radius": (int, float),
+    "visible": (bool,),
+}
 
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A mesh of a scene. color: #rrggbb or a name of CSS; "": the file's. radius: of lines, world units, or None."""
+    """A mesh of a scene. color: #rrggbb or a name of CSS; "": the file's. radius: of lines, world units, or None.
+    visible: whether it is drawn.
+    """
 
     file: str
     color: str = ""
     opacity: float = 1.0
     radius: float | None = None
+    visible: bool = True
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return Path(self.file).name
+
+    @property
+    def linear(self) -> tuple[float, float, float] | None:
+        """Its colour, linear RGB; None: the file's. Raises InputError for a colour that has no name."""
+        return _linear(self.color) if self.color else None
 
     def open(self) -> Mesh:
         """The mesh. Raises InputError as `load_mesh`, and for a colour that has no name."""
         from splatgl.data.readers.mesh_files import load_mesh
 
-        return load_mesh(self.file, _linear(self.color) if self.color else None, self.opacity, self.radius)
+        return load_mesh(self.file, self.linear, self.opacity, self.radius)
 
     @classmethod
     def of_table(cls, folder: Path, what: str, table: Any) -> MeshFile:
@@ -47,7 +67,7 @@ class MeshFile:
         if "file" not in table:
             raise expected(what, "the key file", ", ".join(table) or "none")
         for key, value in table.items():
-            if not isinstance(value, KEYS[key]) or isinstance(value, bool):
+            if not isinstance(value, KEYS[key]) or isinstance(value, bool) != (bool in KEYS[key]):
                 raise expected(f"{what}: {key}", " or ".join(kind.__name__ for kind in KEYS[key]), repr(value)[:80])
         if not 0 <= table.get("opacity", 1) <= 1:
             raise expected(f"{what}: opacity", "a factor from 0 to 1", table["opacity"])
@@ -57,8 +77,26 @@ class MeshFile:
         """The lines of its table; file: its path there."""
         given = {"file": file, "color": self.color or None, "radius": self.radius}
         given |= {"opacity": float(self.opacity)} if self.opacity != 1 else {}
+        given |= {} if self.visible else {"visible": False}
         told = [f"{key} = {toml_value(key, value)}" for key, value in given.items() if value is not None]
         return ["", "[[mesh]]", *told]
+
+
+@dataclass(frozen=True)
+class HeldMesh(MeshFile):
+    """A mesh in memory."""
+
+    held: Mesh | None = None
+
+    def open(self) -> Mesh:
+        """The mesh with its opacity, and in its colour if there is one."""
+        assert self.held is not None
+        look: dict[str, Any] = {} if self.linear is None else {"color": self.linear, "colors": None}
+        return replace(self.held, opacity=self.opacity, **look)
+
+    def lines(self, file: str) -> list[str]:
+        """Raises InputError: a scene file names a mesh's file."""
+        raise expected("scene", "meshes in files, which a scene file can name", "one in memory")
 
 
 # endings of sources that are meshes, drawn alone
@@ -82,6 +120,16 @@ def stage(source: str) -> Volume:
     hints = Hints(points=((0.0, 0.0), (1.0, 0.0)), window=(0.0, 1.0))
     nothing = np.zeros((2, 2, 2), np.uint8)
     return Volume(nothing, (a, b, c), (x, y, z), name=Path(source).name, frame=mesh.frame, hints=hints)
+
+
+def surfaces_of(scene: Scene) -> list[MeshFile]:
+    """The meshes of a scene, with the one that stands for its volume unless it is among them."""
+    found = [
+        each if isinstance(each, MeshFile) else HeldMesh(each.name, opacity=each.opacity, held=each)
+        for each in scene.meshes
+    ]
+    alone = is_mesh(scene.volume) and scene.volume not in [each.file for each in found]
+    return [MeshFile(scene.volume), *found] if alone else found
 
 
 def mesh_option(text: str) -> MeshFile:

@@ -8,9 +8,9 @@ annotate = ["scale", "title=A"] # as --annotate
 [transfer]                      # preset = "…", or points, colormap, window, scale, unit, gradient, shading
 [camera]                        # size, azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
 [settings]                      # as Settings
-[[mesh]]                        # file, color, opacity, radius
+[[mesh]]                        # file, color, opacity, radius, visible
 [vectors]                       # show ("magnitude", "direction"), streamlines, arrows, colormap
-[[layer]]                       # more: volume, threshold, opacity, clip, crop, mask, [layer.load], [layer.transfer]
+[[layer]]                       # more: volume, threshold, opacity, visible, clip, crop, mask, [layer.load], …
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from splatgl.app.annotations.request import check
 from splatgl.app.masks import mask_anywhere, mask_moved, mask_table
-from splatgl.app.meshes import MeshFile, is_mesh, stage
+from splatgl.app.meshes import HeldMesh, MeshFile, is_mesh, stage
 from splatgl.app.stacks import seen_along_z
 from splatgl.app.vectors import FAINT, Vectors
 from splatgl.app.viewpoint import Fitted, View, typed
@@ -53,6 +53,7 @@ KEYS: dict[str, tuple[type, ...]] = {
     "camera": (dict,),
     "settings": (dict,),
     "opacity": (int, float),
+    "visible": (bool,),
     "clip": (list,),
     "crop": (str,),
     "mask": (str, list),
@@ -64,16 +65,16 @@ KEYS: dict[str, tuple[type, ...]] = {
 # keys of a transfer function that are of channels: pairs of a channel and a colour, or a window
 OF_CHANNELS = ("color_of", "window_of")
 # the keys of a layer
-LAYER = ("volume", "threshold", "load", "transfer", "opacity", "clip", "crop", "mask")
+LAYER = ("volume", "threshold", "load", "transfer", "opacity", "visible", "clip", "crop", "mask")
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A complete description of an image to render. opacity: factor of the transfer function's opacities. clip:
-    conditions of what is kept; of a layer None, those of the scene. crop: its part in voxels, which the view is fitted
-    to. mask: files of what is kept; of a layer None, those of the scene. layers: more volumes in it, of which view and
-    settings are not read. meshes: triangles in it. annotate: what is laid over it, as --annotate names it. vectors: how
-    those of its volume are drawn.
+    """A complete description of an image to render. opacity: factor of the transfer function's opacities. visible:
+    whether its volume is drawn. clip: conditions of what is kept; of a layer None, those of the scene. crop: its part
+    in voxels, which the view is fitted to. mask: files of what is kept; of a layer None, those of the scene. layers:
+    more volumes in it, of which view and settings are not read. meshes: triangles in it. annotate: what is laid over
+    it, as --annotate names it. vectors: how those of its volume are drawn.
     """
 
     volume: str
@@ -83,6 +84,7 @@ class Scene:
     settings: Settings = field(default_factory=Settings)
     threshold: float = 0.0
     opacity: float = 1.0
+    visible: bool = True
     clip: tuple[str, ...] | None = None
     crop: str = ""
     mask: tuple[Any, ...] | None = None
@@ -122,7 +124,7 @@ class Scene:
         """The source, transfer function, threshold and opacity of a scene, or of one of its layers."""
         _check_keys(what, table, known)
         for key in known & table.keys():
-            if not isinstance(table[key], KEYS[key]) or isinstance(table[key], bool):
+            if not isinstance(table[key], KEYS[key]) or isinstance(table[key], bool) != (bool in KEYS[key]):
                 raise expected(f"{what}: {key}", " or ".join(k.__name__ for k in KEYS[key]), repr(table[key]))
         if "volume" not in table:
             raise expected(what, "the key volume", ", ".join(table) or "an empty file")
@@ -141,7 +143,8 @@ class Scene:
         if not all(isinstance(each, str) for each in clip or ()):
             raise expected(f"{what}: clip", "conditions, each in quotes", repr(table["clip"])[:80])
         scene = cls(source, reading, table.get("transfer", {}), clip=clip, crop=table.get("crop", ""))
-        scene = replace(scene, mask=mask_table(path.parent, what, table.get("mask")))
+        masks = mask_table(path.parent, what, table.get("mask"))
+        scene = replace(scene, mask=masks, visible=table.get("visible", True))
         return replace(scene, threshold=float(table.get("threshold", 0.0)), opacity=float(table.get("opacity", 1.0)))
 
     def to_toml(self, folder: Path) -> str:
@@ -156,9 +159,8 @@ class Scene:
         for layer in self.layers:
             lines += ["", "[[layer]]", *layer._lines(folder, "layer.", {})]
         for mesh in self.meshes:
-            if not isinstance(mesh, MeshFile):
-                raise expected("scene", "meshes in files, which a scene file can name", "one in memory")
-            lines += mesh.lines(_relative(mesh.file, folder))
+            file = mesh if isinstance(mesh, MeshFile) else HeldMesh(mesh.name, held=mesh)
+            lines += file.lines(_relative(file.file, folder))
         return "\n".join(lines) + "\n"
 
     def _lines(self, folder: Path, prefix: str, more: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -171,6 +173,7 @@ class Scene:
         for name, value, default in (("threshold", self.threshold, 0.0), ("opacity", self.opacity, 1.0)):
             if value != default:
                 lines.append(f"{name} = {toml_value(name, float(value))}")
+        lines += [] if self.visible else ["visible = false"]
         lines += [] if self.clip is None else [f"clip = {toml_value('clip', self.clip)}"]
         masks = None if self.mask is None else [_mask_in(each, folder) for each in self.mask]
         lines += [] if masks is None else [f"mask = {toml_value('mask', masks)}"]

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
+from splatgl.app.layered import add_layers
 from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import check_folder
 from splatgl.app.viewer.bindings import BINDINGS, listing, load_bindings
@@ -30,6 +31,7 @@ AT_ONCE = 0.1
 def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl view`."""
     add_source(parser)
+    add_layers(parser)
     group = parser.add_argument_group("window")
     group.add_argument("--list-bindings", action=ListBindings, help="print which key does what")
     group.add_argument("--bindings", metavar="FILE.toml", help="other keys: a table [bindings] of action = keys")

@@ -58,6 +58,12 @@ def answered(viewer: Viewer) -> None:
             if ask == "save" and viewer.state.message.startswith("saved"):
                 viewer.history.keep(viewer.state)
     viewer.dialogs.look()
+    picked = viewer.state.picked
+    if picked is not None:
+        state, scene = viewer.state, viewer.content.scene
+        kept = replace(scene, settings=state.settings, annotate=state.annotate, meshes=state.meshes)
+        viewer.files.pick(kept, *picked)
+        viewer.state = replace(state, picked=None)
     if viewer.files.times and not viewer.dirty:
         viewer.files.show_time(viewer.state.time)
     if "quit" in asks or viewer.window.closing:

@@ -5,15 +5,23 @@ from __future__ import annotations
 import gc
 from dataclasses import replace
 from math import prod
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from splatgl.app.viewer.extracting import EXTRACTING
-from splatgl.app.viewer.files import News
+from splatgl.app.viewer.files import Brought, News
 from splatgl.app.viewer.jobs import Done
+from splatgl.app.viewer.parts import bare
+from splatgl.app.viewer.together import Together
 from splatgl.data.errors import InputError
 
 if TYPE_CHECKING:
+    from splatgl.app.viewer.content import Content
+    from splatgl.app.viewer.state import State
     from splatgl.app.viewer.viewer import Viewer
+    from splatgl.splat.classification.transfer import Transfer
 
 
 def arrived(viewer: Viewer, done: Done) -> None:
@@ -28,6 +36,8 @@ def arrived(viewer: Viewer, done: Done) -> None:
             viewer.failed, viewer.closed = done.error, True
     elif done.error is not None:
         raise done.error
+    elif isinstance(done.result, Brought):
+        _brought(viewer, done.result)
     elif not isinstance(done.result, News):
         viewer.refiner.renew(viewer.content.counts, prod(viewer.size))
         # all time points have the view of the first
@@ -48,18 +58,36 @@ def _opened(viewer: Viewer, news: News) -> None:
         viewer.files.times, viewer.files.time = news.times or viewer.files.times, 0
     if news.time is None and (news.reopen is not None or content.scene != shown.scene):
         viewer.files.times = news.times
-        viewer.state = replace(viewer.state.opened(content), times=len(news.times))
+        before = viewer.state.pose
+        viewer.state = replace(viewer.state.opened(content), times=len(news.times), picks=news.picks)
         viewer.home = viewer.state.pose
+        if news.picked and np.array_equal(content.volume.corners, shown.volume.corners):
+            viewer.state = replace(viewer.state, pose=before)
         viewer.history.begin(viewer.state)
-    elif news.time is None and viewer.state.base == shown.transfer:
+    elif news.time is None and _bases(viewer.state) == _bases(shown):
         edited = viewer.history.unsaved(viewer.state)
-        viewer.state = replace(viewer.state, base=content.transfer, message="")
+        viewer.state = replace(viewer.state.based_on(content), message="")
         if not edited:
             viewer.history.keep(viewer.state)
     viewer.take(content)
     viewer.files.refine(content)
     # contents of the volume before refer to each other
     gc.collect()
+    viewer.hands.touch()
+
+
+def _bases(x: State | Content) -> list[Transfer]:
+    return [look.base for look in x.looks]
+
+
+def _brought(viewer: Viewer, brought: Brought) -> None:
+    """Lays meshes over what is shown, which is edited meanwhile; undoing it takes them away again."""
+    viewer.history.note(viewer.state)
+    viewer.take(Together.with_meshes(viewer.content, brought.read))
+    names = ", ".join(Path(each.file).name for each in brought.files)
+    # a file that is dropped again takes the place of the one before
+    kept = [each for each in viewer.state.meshes if bare(each) not in brought.read]
+    viewer.state = viewer.state.joined((*kept, *brought.files), f"{names} lies in the picture; ctrl+z takes it away")
     viewer.hands.touch()
 
 

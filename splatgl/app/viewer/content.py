@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
+from splatgl.app.layered import is_layered
+from splatgl.app.meshes import MeshFile
 from splatgl.app.output import tell
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.pacing import STRIDES
+from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.portion import Portion, portion
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.skin import skinned
 from splatgl.app.viewpoint import FOV, View
 from splatgl.data.coarse import coarser
+from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.splat.bricks.opaque import Opaque
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.extract import Progress, extract, only_pre
 from splatgl.splat.extraction.splats import MOST_KEPT, Grid, Splats
+from splatgl.splat.layers.layers import Scene as Layers
+from splatgl.splat.plan.resolve import Resolved
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import kind, one_by_one
 from splatgl.splat.view.camera import Bounded, Camera
@@ -69,8 +76,17 @@ class Content:
     def open(cls, scene: Scene) -> Content:
         """Reads the volume, or a stand-in, and extracts the splats of all strides; InputError as the readers raise."""
         volume = scene.open()
-        tell(volume, times=True)
-        transfer, scene = scene.transfer_for(volume), scene.cut(volume)
+        several = is_layered(scene, volume)
+        tell(volume, channels=several, times=True)
+        if several:
+            from splatgl.app.viewer.together import Together
+
+            return Together.opened(scene, volume)
+        return cls.of_volume(scene.cut(volume), volume, scene.transfer_for(volume))
+
+    @classmethod
+    def of_volume(cls, scene: Scene, volume: Volume, transfer: Transfer) -> Content:
+        """Of a volume that is read, or of a stand-in."""
         shown = portion(volume, transfer, scene.settings)
         if shown.told or shown.finer:
             # opacities stay those of the finest voxels
@@ -95,6 +111,34 @@ class Content:
         content = content.classified(scene.settings)
         content.skin(STRIDES[-1])
         return content
+
+    @property
+    def looks(self) -> tuple[Look, ...]:
+        """How each part of the content is seen; of one volume, that one."""
+        return (Look(self.transfer, self.threshold),)
+
+    @property
+    def surfaces(self) -> tuple[MeshFile, ...]:
+        """The meshes of a scene beside its volumes."""
+        return ()
+
+    @property
+    def channels(self) -> list[Content]:
+        """The parts that are channels of one volume."""
+        return [self]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """A name of each part."""
+        return (self.volume.name or self.scene.volume,)
+
+    def mesh(self, file: MeshFile) -> Mesh | None:
+        """What is read of a mesh; None if it is not."""
+        return None
+
+    def part(self, number: int) -> Content:
+        """One part of the content."""
+        return self
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -183,6 +227,10 @@ class Content:
             self.skins[stride] = self.skin(1, progress) if same else skinned(self.at(stride, progress))
         return self.skins[stride]
 
+    def extract(self, stride: int, progress: Progress | None = None) -> None:
+        """Extracts the splats at a stride, all and those that are not hidden."""
+        self.skin(stride, progress)
+
     @property
     def after(self) -> bool:
         """Whether splats are classified after reconstruction."""
@@ -193,6 +241,23 @@ class Content:
         """Whether extraction with the transfer function would give the finest splats."""
         post = self.at(1).post if self.whole else None
         return self.whole and (post is None or post.fresh)
+
+    def followed(
+        self, looks: Sequence[Look], surfaces: Sequence[MeshFile], settings: Settings, moving: bool = False
+    ) -> Content:
+        """The content as its parts are to be seen; this one if it is."""
+        return self.following(looks[0].transfer, looks[0].threshold, settings, moving)
+
+    def subject_at(self, stride: int, settings: Settings) -> tuple[Splats | Layers, Settings]:
+        """What a renderer draws at a stride, with these settings."""
+        return self.at(stride), settings
+
+    def check(self, settings: Settings, resolved: Resolved) -> None:
+        """InputError for settings that this content is not drawn with."""
+
+    def anew(self) -> Content:
+        """The same without any splats: those that are there may be of values extracted for another transfer."""
+        return replace(self, made={}, skins={}, beside={})
 
     def following(self, transfer: Transfer, threshold: float, settings: Settings, moving: bool = False) -> Content:
         """The content of these values, as a picture with these settings takes it; this one if it is."""

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.jobs import Jobs
 from splatgl.data.image import Image
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.layers.layers import Scene as Layers
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
 from splatgl.truth import reference
@@ -49,11 +51,18 @@ def enlarged(picture: np.ndarray, size: tuple[int, int], step: int) -> np.ndarra
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """Inputs of a reference; compared by identity."""
+    """Inputs of a reference; compared by identity. count: of splats."""
 
-    splats: Splats
+    splats: Splats | Layers
     camera: Camera
     settings: Settings
+    count: int
+
+    @classmethod
+    def of(cls, content: Content, camera: Camera, settings: Settings) -> Wanted:
+        """Of all splats of a content."""
+        subject, settings = content.subject_at(1, settings)
+        return cls(subject, camera, settings, content.counts[0])
 
 
 class Reference:
@@ -69,8 +78,8 @@ class Reference:
         """Starts rendering a reference; the same request starts only once."""
         self.forget()
         self.wanted = wanted
-        if len(wanted.splats) > MOST:
-            self.said = f"no reference: {len(wanted.splats):,} splats would take minutes; raise the threshold"
+        if wanted.count > MOST:
+            self.said = f"no reference: {wanted.count:,} splats would take minutes; raise the threshold"
             return
         self.said = "the float64 reference is being drawn ..."
         self.jobs.submit("reference", lambda: (wanted, self._draw(wanted)))

@@ -41,7 +41,7 @@ class Extractor:
             self.wanted = content
         elif self.jobs.busy or self.failed is content:
             return
-        missing = [stride for stride in reversed(STRIDES) if stride not in content.skins]
+        missing = [stride for stride in reversed(STRIDES) if stride not in content.extracted]
         quick = [stride for stride in missing if content.voxels(stride) <= QUICK]
         due = missing if resting else quick or missing[: not content.extracted]
         if due:
@@ -64,5 +64,5 @@ class Extractor:
                     self.share = number / max(count, 1)
                     yield part
 
-            content.skin(stride, parts)
+            content.extract(stride, parts)
             self.jobs.wake()

@@ -8,11 +8,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from splatgl.app.meshes import MeshFile, is_mesh
 from splatgl.app.scene import Scene
 from splatgl.app.series import by_numbers, time_points
+from splatgl.app.viewer.choices import Pick, opened
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.jobs import Jobs
+from splatgl.app.viewer.parts import read as _read
 from splatgl.app.viewer.watch import Watch
+from splatgl.data.mesh import Mesh
 from splatgl.data.scenes import SCENES
 from splatgl.splat.plan.settings import Settings
 
@@ -27,7 +31,8 @@ class News:
     """Content loaded by the worker thread. reopen: for a newly opened file, `path`, the function that reloads it.
 
     finer: whether it is a finer portion of a content with the same scene. times: of a newly opened file, the scenes of
-    its time points, or of the files opened with it; time: the number of the one that this is.
+    its time points, or of the files opened with it; time: the number of the one that this is. picks: what else the file
+    holds; picked: whether this is what was picked of it.
     """
 
     content: Content
@@ -36,10 +41,20 @@ class News:
     finer: bool = False
     times: tuple[Scene, ...] = ()
     time: int | None = None
+    picks: tuple[Pick, ...] = ()
+    picked: bool = False
 
     def stale(self, shown: Content) -> bool:
         """Whether this is a portion of what is no longer shown."""
         return self.finer and self.content.scene is not shown.scene
+
+
+@dataclass(frozen=True, eq=False)
+class Brought:
+    """Meshes loaded by the worker thread, which join what is shown. read: by `bare`."""
+
+    files: tuple[MeshFile, ...]
+    read: dict[MeshFile, Mesh]
 
 
 class Files:
@@ -70,13 +85,20 @@ class Files:
         self.opening = Path(scene.volume).name
         self._read(f"opening {self.opening}", lambda: _opened(scene))
 
-    def open(self, paths: Sequence[str], settings: Settings) -> None:
-        """Opens another file: a volume with the current settings, a scene file with its own. Several are a series."""
-        named = sorted(paths, key=by_numbers)
-        path = named[0]
+    def open(self, paths: Sequence[str], settings: Settings, empty: bool = False) -> None:
+        """Opens another file: a volume with the current settings, a scene file with its own. Several are a series, and
+        meshes beside them lie in their picture. Meshes alone are laid over what is shown; empty: where that is nothing.
+        """
+        meshes = [MeshFile(path) for path in paths if is_mesh(path)]
+        named = sorted((path for path in paths if not is_mesh(path)), key=by_numbers)
+        if meshes and not (named or empty):
+            self._read(f"reading {Path(meshes[0].file).name}", lambda: Brought(tuple(meshes), _read(meshes)))
+            return
+        path, beside = (named[0], tuple(meshes)) if named else (meshes[0].file, tuple(meshes[1:]))
 
         def scene() -> Scene:
-            return Scene.from_toml(Path(path)) if path.endswith(".toml") else Scene(path, settings=settings)
+            found = Scene.from_toml(Path(path)) if path.endswith(".toml") else Scene(path, settings=settings)
+            return replace(found, meshes=(*found.meshes, *beside))
 
         def read() -> News:
             times = tuple(replace(scene(), volume=each) for each in named) if len(named) > 1 else ()
@@ -84,6 +106,18 @@ class Files:
 
         self.opening = Path(path).name
         self._read(f"opening {self.opening}", read)
+
+    def pick(self, scene: Scene, option: str, value: str) -> None:
+        """Opens what else the file of a scene holds."""
+        read = replace(scene, load={**scene.load, option: value})
+        # other samples have other values
+        read = replace(read, transfer={name: each for name, each in read.transfer.items() if name == "preset"})
+
+        def found() -> News:
+            return replace(_opened(read), reopen=lambda: read, path=scene.volume, picked=True)
+
+        self.opening = f"{option} {value}"
+        self._read(f"opening {self.opening}", found)
 
     def show_time(self, number: int) -> None:
         """Reads another time point, once what is being read is there."""
@@ -113,7 +147,7 @@ class Files:
         self.watch, changed = self.watch.look(now)
         reopen = self.reopen
         if changed and reopen is not None and not self.opening:
-            self._read("reading again", lambda: News(Content.open(reopen())))
+            self._read("reading again", lambda: News(opened(reopen())[0]))
         if self.watch.missing and not missing:
             return replace(state, message=f"{self.watch.missing} is gone: its last picture stays")
         if missing and not self.watch.missing:
@@ -131,17 +165,21 @@ class Files:
         if self.watch is not None:
             self.watch = Watch.of(watched(news.path, news.content.scene), now)
 
-    def _read(self, what: str, work: Callable[[], News]) -> None:
+    def _read(self, what: str, work: Callable[[], News | Brought]) -> None:
         self.begun = time.monotonic()
         self.jobs.submit(what, work)
 
 
 def _opened(scene: Scene, times: tuple[Scene, ...] = ()) -> News:
-    content = Content.open(scene)
+    content, picks = opened(scene)
+    # what has to be picked of the file is picked of every time point
+    scene = replace(scene, load=content.scene.load) if len(content.channels) == 1 else scene
     found = times or tuple(time_points(scene, content.volume, None))
-    return News(content, times=found if len(found) > 1 else ())
+    return News(content, times=found if len(found) > 1 else (), picks=picks)
 
 
 def watched(path: str, scene: Scene) -> tuple[str, ...]:
     """The files of the scene opened from `path`; empty for a built-in scene."""
-    return tuple(dict.fromkeys(file for file in (path, scene.volume) if file not in SCENES))
+    meshes = [each.file for each in scene.meshes if isinstance(each, MeshFile)]
+    every = (path, scene.volume, *(each.volume for each in scene.layers), *meshes)
+    return tuple(dict.fromkeys(file for file in every if file not in SCENES))

@@ -92,7 +92,8 @@ class Hands:
     def drop(self, paths: list[str]) -> None:
         """Opens the files; the current content stays until they are loaded."""
         if paths:
-            self.viewer.files.open(paths, self.viewer.state.settings)
+            viewer = self.viewer
+            viewer.files.open(paths, viewer.state.settings, viewer.content.waiting)
             self.touch()
 
     def refresh(self) -> None:

@@ -20,9 +20,11 @@ PASSING = (
     "fullscreen",
     "probe",
     "slices",
+    "picks",
+    "picked",
 )
 # what a saved scene holds and a closed window loses; a view is soon found again
-EDITS = ("settings", "base", "threshold", "extinction", "annotate")
+EDITS = ("settings", "looks", "meshes", "annotate")
 # largest number of steps
 MOST = 200
 

@@ -43,7 +43,7 @@ class Marking:
         if content.waiting or frame is None:
             return Marks()
         camera = state.pose.camera
-        look = state.transfer, camera, state.settings.blend, ground_of(state)
+        look = state.looks[0].transfer, camera, state.settings.blend, ground_of(state)
         legend = self.legend.sprites(Scenery(state.annotate, content.volume, *look))
         strokes = of_cuts(state.cuts, content.volume, camera, scale)
         lines, labels = of_ruler(state.ruler, content, camera, scale)

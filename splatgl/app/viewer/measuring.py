@@ -60,6 +60,8 @@ def told(found: Picked | None, content: Content) -> tuple[str, ...]:
         return ("nothing here",)
     unit = content.volume.unit
     place = ", ".join(f"{each:.4g}" for each in found.place)
+    if found.mesh is not None:
+        return (found.name or "mesh", f"at {place}{' ' + unit if unit else ''}")
     index = ", ".join(f"{each:.0f}" for each in found.index)
     return (
         f"{found.name or 'value'}: {found.value:.6g}",
@@ -90,10 +92,13 @@ _latest: list[tuple[tuple[object, ...], Scene]] = []
 
 
 def _scene(state: State, content: Content) -> Scene:
-    key = content, state.transfer, state.settings.clip, state.threshold
+    key = content, state.looks, state.settings.clip
     if not _latest or any(a is not b and a != b for a, b in zip(_latest[0][0], key, strict=True)):
-        layer = Layer(content.volume, state.transfer, threshold=state.threshold)
-        _latest[:] = [(key, Scene([layer], state.settings.clip))]
+        scene, _ = content.subject_at(1, state.settings)
+        if not isinstance(scene, Scene):
+            layer = Layer(content.volume, state.looks[0].transfer, threshold=state.threshold)
+            scene = Scene([layer], state.settings.clip)
+        _latest[:] = [(key, scene)]
     return _latest[0][1]
 
 

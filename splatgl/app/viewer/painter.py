@@ -27,6 +27,7 @@ from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.motion.motion import Motion
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.plan import Plan
+from splatgl.splat.plan.suited import streaked
 from splatgl.splat.view.camera import Camera
 
 # minimum seconds between HUD updates in motion
@@ -79,8 +80,9 @@ class Painter:
         asked = state.settings.but(motion=state.blur, classification="auto")
         chosen = self.renderer.plan(content.finest, state.pose.camera, asked)
         splats = _enough(state, content, level, chosen)
-        # the reference has no tint
-        tint, z_k = state.beyond and state.compare == "off", chosen.resolved.z_k
+        # the reference has no tint, nor have layers
+        tint = state.beyond and state.compare == "off" and not state.parts
+        z_k = chosen.resolved.z_k
         if tint and not content.after:
             splats = tinted(splats, camera, z_k)
         # of a picture of reconstructed values, its light is tinted, before the background
@@ -88,10 +90,11 @@ class Painter:
         motion = self._motion(state, camera) if gliding else None
         # previews are short and not cancelled
         ask = interrupted if level == FULL else None
+        matter, drawn_with = (splats, settings) if not state.parts else content.subject_at(level.stride, settings)
         render = partial(
-            self.renderer.render, camera=camera, settings=settings, motion=motion, verify_bound=False, interrupted=ask
+            self.renderer.render, camera=camera, settings=drawn_with, motion=motion, verify_bound=False, interrupted=ask
         )
-        image = render(splats)
+        image = render(matter)
         pixels = image.pixels
         if tint and content.after:
             pixels = tinted_light(pixels, render(nearer(splats, camera, z_k)).pixels)
@@ -183,7 +186,7 @@ class Painter:
     def _motion(self, state: State, camera: Camera) -> Motion | None:
         """Camera motion since the last frame."""
         before = self.pose
-        if state.blur == "off" or before is None or before is state.pose:
+        if state.blur == "off" or before is None or before is state.pose or (state.parts and streaked(state.moving)):
             return None
         same = before.camera.perspective == camera.perspective
         return Motion(camera=before.camera.resized(camera.size)) if same else None
@@ -219,6 +222,8 @@ class Painter:
 
 def _enough(state: State, content: Content, level: Level, chosen: Plan) -> Splats:
     """The splats to draw: all, or only the visible ones where the result is equally good."""
+    if state.parts:
+        return content.at(level.stride)
     skin = content.skin(level.stride)
     # planes bare what lies inside
     fits = chosen.program.look.blend.ordered and not state.settings.clip and outside(skin, state.pose.camera.eye)

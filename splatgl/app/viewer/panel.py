@@ -6,7 +6,8 @@ from dataclasses import replace
 
 from imgui_bundle import imgui
 
-from splatgl.app.viewer import curve, hud, panel_cuts, panel_files, panel_slices, panel_view
+from splatgl.app.meshes import is_mesh
+from splatgl.app.viewer import curve, hud, panel_cuts, panel_files, panel_parts, panel_slices, panel_view
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.hud import Frame
 from splatgl.app.viewer.overlay import plain
@@ -71,9 +72,16 @@ class Panel:
                 state = _time(state)
             if imgui.collapsing_header("Files"):
                 state = panel_files.draw(state, self.recent)
+            state = panel_parts.pick(state, content)
             opened = imgui.TreeNodeFlags_.default_open
-            if imgui.collapsing_header("Transfer function", opened):
-                state = self._transfer(state, content)
+            if state.parts and imgui.collapsing_header("Layers", opened):
+                state = panel_parts.draw(state, content)
+            edited = content.part(state.selected)
+            several = f" of {plain(content.names[state.selected])}" if len(state.parts) > 1 else ""
+            # of a mesh alone there is none
+            curved = not is_mesh(edited.scene.volume)
+            if curved and imgui.collapsing_header(f"Transfer function{several}###curve", opened):
+                state = self._transfer(state, edited)
             if imgui.collapsing_header("View"):
                 state = panel_view.draw(state, content)
             if imgui.collapsing_header("Slices"):
@@ -83,7 +91,7 @@ class Panel:
             if imgui.collapsing_header("Settings"):
                 state = _settings(state, content)
             if imgui.collapsing_header("Statistics"):
-                self._statistics(state, content, frame)
+                self._statistics(state, edited, frame)
         corner, size = imgui.get_window_pos(), imgui.get_window_size()
         self.place = (corner.x, corner.y, corner.x + size.x, corner.y + size.y)
         self.popup = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)

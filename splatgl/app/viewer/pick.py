@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.measuring import under_cursor
 from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.state import State
 from splatgl.splat.extraction.splats import Splats
@@ -21,7 +22,12 @@ ENOUGH = 0.7
 
 def pivoted(state: State, content: Content, place: tuple[float, float]) -> State:
     """The state with the matter under a pixel as its centre of rotation, if there is any."""
-    found = picked(content.at(STRIDES[1]), state.pose.camera, place, state.settings.clip)
+    if state.parts:
+        # of layers and meshes
+        seen = under_cursor(state, content, place)
+        found = None if seen is None else np.array(seen.place)
+    else:
+        found = picked(content.at(STRIDES[1]), state.pose.camera, place, state.settings.clip)
     if found is None:
         return replace(state, message="nothing here to turn about")
     return replace(state, pose=state.pose.about(found), message="turns about this point")

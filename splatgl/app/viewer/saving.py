@@ -3,47 +3,63 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 from splatgl.app.annotations.request import LEAST_SIDE, lay
+from splatgl.app.meshes import MeshFile, surfaces_of
 from splatgl.app.render import origin
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.state import State
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image, write_whole
-from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.layers.layers import Scene as Layers
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
 
-Draw = Callable[[Splats, Camera, Settings], Image]
+Draw = Callable[[Splats | Layers, Camera, Settings], Image]
 
 
 def scene_of(state: State, content: Content) -> Scene:
     """The scene equivalent to the window's state."""
-    transfer = state.transfer
-    table = {f.name: getattr(transfer, f.name) for f in fields(Transfer) if getattr(transfer, f.name) is not None}
     # motion blur does not affect a still image, but it does affect an animation of the scene
     settings = state.settings if state.blur == "off" else state.settings.but(motion=state.blur)
-    if settings.classification == "post" and not content.following(state.transfer, state.threshold, settings).after:
+    if settings.classification == "post" and not content.followed(state.looks, state.meshes, settings).after:
         settings = settings.but(classification="pre")
-    shown = replace(content.scene, transfer=table, view=state.pose.view(), settings=settings)
-    if content.portion and content.portion.level is not None:
-        shown = replace(shown, load={**shown.load, "level": content.portion.level})
+    first, *others = [_part(content.part(number), look) for number, look in enumerate(state.looks)]
+    meshes = tuple(each for each in state.meshes if each != MeshFile(content.scene.volume))
+    shown = replace(content.scene, load=first.load, transfer=first.transfer, threshold=first.threshold)
+    shown = replace(shown, opacity=first.opacity, visible=first.visible, layers=tuple(others), meshes=meshes)
     # what is laid over a window too small for it is not asked for
     annotate = state.annotate if min(state.pose.camera.size) >= LEAST_SIDE else ()
-    return replace(shown, threshold=state.threshold, annotate=annotate)
+    return replace(shown, view=state.pose.view(), settings=settings, annotate=annotate)
+
+
+def _look(scene: Scene, content: Content) -> Look:
+    """How a part is seen in a scene."""
+    base = replace(scene, opacity=1.0).transfer_for(content.volume)
+    return Look(base, scene.threshold, 1.0, scene.opacity, scene.visible)
+
+
+def _part(content: Content, look: Look) -> Scene:
+    """The scene of a volume, or of a layer, as it is seen."""
+    scene, portion = content.scene, content.portion
+    load = scene.load if portion is None or portion.level is None else {**scene.load, "level": portion.level}
+    found = replace(scene, load=load, transfer=look.table, threshold=look.threshold)
+    return replace(found, opacity=look.opacity, visible=look.visible)
 
 
 def picture_of(scene: Scene, content: Content, draw: Draw) -> Image:
-    """The image that `splatgl render` makes of a scene, drawn by the window's renderer."""
+    """The image that `splatgl render` makes of a scene of this content, drawn by the window's renderer."""
     transfer = scene.transfer_for(content.volume)
-    content = content.following(transfer, scene.threshold, scene.settings)
-    splats = content.at(1) if content.fresh else scene.splats(content.volume, transfer)
-    image = draw(splats, scene.view.camera(content.volume, splats), scene.settings)
+    looks = [_look(each, content.part(number)) for number, each in enumerate((scene, *scene.layers))]
+    content = content.followed(looks, surfaces_of(scene), scene.settings)
+    subject, settings = (content if content.fresh else content.anew()).subject_at(1, scene.settings)
+    image = draw(subject, scene.view.camera(content.volume, subject), settings)
     image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
     return lay(image, scene, content.volume, transfer, scene.annotate, quiet=True) if scene.annotate else image
 

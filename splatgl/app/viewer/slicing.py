@@ -125,7 +125,7 @@ class Slicing:
 
     def _pixels(self, pane: Pane, state: State, content: Content) -> np.ndarray | None:
         """Those of a slice; of samples that are read in parts the ones before until a thread has read them."""
-        volume, transfer, colored = content.volume, state.transfer, state.slices.colored
+        volume, transfer, colored = content.volume, state.looks[0].given, state.slices.colored
         index = state.slices.index(volume)[pane.axis]
         look = transfer if colored or transfer.labels else window_of(transfer)
         logarithmic = transfer.logarithmic

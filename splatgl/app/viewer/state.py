@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
+from splatgl.app.meshes import MeshFile
 from splatgl.app.viewer import cutting, legend, measuring, moves, slices
+from splatgl.app.viewer.choices import Pick
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.cutting import Cuts
 from splatgl.app.viewer.measuring import Ruler
 from splatgl.app.viewer.pacing import STRIDES
+from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.slices import Slices
 from splatgl.data.errors import InputError
-from splatgl.splat.classification.transfer import OPAQUE, Transfer
+from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.motion.blur import MOTIONS
 from splatgl.splat.plan.plan import plan
 from splatgl.splat.plan.settings import Settings, choices
@@ -28,6 +29,8 @@ HUDS = ("short", "full", "off")
 OPACITY_STEP, THRESHOLD_STEP = 1.25, 1.5
 LOWEST, HIGHEST = 0.001, 0.99
 # motion blur modes of a rotating view
+# what of a look is that of the selected part, and edited
+EDITED = ("base", "threshold", "extinction")
 BLURS = ("off", "moments", *MOTIONS)
 ONE_TIME = "this is one point in time; drop several files for a series"
 # settings cycled by a key, and their messages
@@ -49,6 +52,9 @@ class State:
     goes on by itself. hud: of HUDS. asks: pending window actions ("screenshot", "save", "undo",
     "redo", "open", "quit"). message: shown until the next key. cuts: box and planes, which `settings` has too.
     annotate: what is laid over the picture, as of a scene. probe: whether the value under the cursor is told.
+    parts: how the layers of a content of several are seen, of which `selected` is the one that base, threshold and
+    extinction are of, and edit; none: one volume. meshes: those of the scene. picks: what else its file holds; picked:
+    the option of one of them, and its value, to be opened.
     """
 
     pose: Pose
@@ -71,6 +77,11 @@ class State:
     asks: tuple[str, ...] = field(default=())
     cuts: Cuts = field(default_factory=Cuts)
     annotate: tuple[str, ...] = ()
+    parts: tuple[Look, ...] = ()
+    selected: int = 0
+    meshes: tuple[MeshFile, ...] = ()
+    picks: tuple[Pick, ...] = ()
+    picked: tuple[str, str] | None = None
     turntable: bool = False
     fullscreen: bool = False
     probe: bool = False
@@ -83,7 +94,9 @@ class State:
         settings = content.scene.settings
         cuts = Cuts.of(settings.clip, content.volume)
         annotate = legend.usual_of(content)
-        return cls(content.home(size), settings, content.transfer, content.threshold, cuts=cuts, annotate=annotate)
+        looks = content.looks
+        found = cls(content.home(size), settings, looks[0].base, looks[0].threshold, cuts=cuts, annotate=annotate)
+        return replace(found, parts=looks if content.surfaces or len(looks) > 1 else (), meshes=content.surfaces)
 
     @property
     def moving(self) -> Settings:
@@ -92,10 +105,40 @@ class State:
 
     @property
     def transfer(self) -> Transfer:
-        """The transfer function to render: node extinctions times the factor."""
-        if self.extinction == 1.0:
-            return self.base
-        return replace(self.base, points=tuple((v, stronger(a, self.extinction)) for v, a in self.base.points))
+        """The transfer function of what is selected: node extinctions times the factor."""
+        return Look(self.base, self.threshold, self.extinction).given
+
+    @property
+    def looks(self) -> tuple[Look, ...]:
+        """How each part is seen; of one volume, that one."""
+        if not self.parts:
+            return (Look(self.base, self.threshold, self.extinction),)
+        own = {name: getattr(self, name) for name in EDITED}
+        return _put(self.parts, self.selected, replace(self.parts[self.selected], **own))
+
+    def looking(self, number: int, look: Look) -> State:
+        """With another look of a part."""
+        found = replace(self, parts=_put(self.looks, number, look))
+        return found if number != self.selected else replace(found, **{name: getattr(look, name) for name in EDITED})
+
+    def selecting(self, number: int) -> State:
+        """With another part selected, whose transfer function is edited."""
+        return replace(self, parts=self.looks, selected=number).looking(number, self.looks[number])
+
+    def based_on(self, content: Content) -> State:
+        """With the transfer functions of a content that is read again, none of which was edited."""
+        looks = content.looks
+        if len(looks) != len(self.looks):
+            return replace(self, parts=looks, selected=0).looking(0, looks[0])
+        if not self.parts:
+            return replace(self, base=looks[0].base)
+        bases = zip(self.looks, looks, strict=True)
+        found = replace(self, parts=tuple(replace(mine, base=other.base) for mine, other in bases))
+        return replace(found, base=looks[self.selected].base)
+
+    def joined(self, meshes: Sequence[MeshFile], message: str) -> State:
+        """With these meshes in the picture."""
+        return replace(self, parts=self.looks, meshes=tuple(meshes), message=message)
 
     def opened(self, content: Content) -> State:
         """State for another content with its own view and settings; display options are kept."""
@@ -105,9 +148,8 @@ class State:
         return replace(fresh, slices=beside, **{name: getattr(self, name) for name in kept})
 
 
-def stronger(opacity: float, factor: float) -> float:
-    """The opacity for `factor` times the extinction; 1 stays 1."""
-    return opacity if opacity >= OPAQUE else float(-np.expm1(factor * np.log1p(-opacity)))
+def _put(parts: tuple[Look, ...], number: int, look: Look) -> tuple[Look, ...]:
+    return (*parts[:number], look, *parts[number + 1 :])
 
 
 Action = Callable[[State, Content], State]
@@ -150,7 +192,9 @@ def _blur(state: State, content: Content) -> State:
 def drawable(settings: Settings, state: State, content: Content) -> bool:
     """Whether these settings are valid for this volume."""
     try:
-        plan(content.classified(settings).at(STRIDES[-1]), state.pose.camera, settings.but(classification="auto"))
+        splats = content.classified(settings).at(STRIDES[-1])
+        chosen = plan(splats, state.pose.camera, settings.but(classification="auto"))
+        content.check(settings, chosen.resolved)
     except InputError:
         return False
     return True

@@ -248,7 +248,7 @@ class Viewer:
                 self.extractor.want(self.coming, False)
                 return
             self.take(self.coming)
-        content = self.content.following(state.transfer, state.threshold, state.moving, blurs)
+        content = self.content.followed(state.looks, state.meshes, state.moving, blurs)
         if content is not self.content and not content.extracted:
             self.coming = content
             self.extractor.want(content, False)
@@ -270,7 +270,7 @@ class Viewer:
                 self.reference.forget()
         elif self.reference.wanted is None:
             settings = self.state.settings.but(classification="auto")
-            self.reference.ask(Wanted(self.content.at(1), self.state.pose.camera, settings))
+            self.reference.ask(Wanted.of(self.content, self.state.pose.camera, settings))
 
     def _show(self) -> None:
         """Displays the image, its overlay and the panel if any of them changed."""
