@@ -153,11 +153,14 @@ def _settings(state: State, content: Content) -> State:
         changed, index = imgui.combo(name, allowed.index(chosen), list(allowed))
         imgui.set_item_tooltip(plain(about))
         if name == "motion":
-            state = replace(state, blur=allowed[index])
+            # an open section that changes nothing redraws nothing
+            state = replace(state, blur=allowed[index]) if changed else state
             continue
         settings = state.settings.but(**{name: allowed[index]})
         if changed and drawable(settings, state, content):
             state = replace(state, settings=settings)
+        if name == "light":
+            state = panel_view.cues(state)
     changed, level = imgui.slider_float(
         "tolerance", state.settings.tolerance * 255, 0.05, 16.0, "%.2f/255", imgui.SliderFlags_.logarithmic
     )

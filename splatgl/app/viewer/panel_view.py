@@ -26,6 +26,15 @@ OVER = {
 }
 
 
+CUES = {
+    "ambient_occlusion": (
+        "ambient occl.",
+        "Ambient occlusion: how much matter keeps ambient light off what is in or behind it; 0 is off.",
+    ),
+    "shadows": ("shadows", "How dark shadows are; a light at the eye is then above left; 0 is off."),
+}
+
+
 def draw(state: State, content: Content) -> State:
     """The section's controls; returns the edited state."""
     frame = content.volume.frame
@@ -63,6 +72,17 @@ def _over(state: State, content: Content) -> State:
     changed, measuring = imgui.checkbox("distance", state.ruler.active or bool(state.ruler.points))
     imgui.set_item_tooltip("Click on two points of what is seen (e).")
     return replace(state, ruler=Ruler(active=measuring)) if changed else state
+
+
+def cues(state: State) -> State:
+    """What shows shape by the light that matter takes away; it takes a moment after every edit of a curve."""
+    for name, (label, about) in CUES.items():
+        changed, strength = imgui.slider_float(label, getattr(state.settings, name), 0.0, 1.0, "%.2f")
+        imgui.set_item_tooltip(about)
+        if changed:
+            settings = state.settings.but(**{name: round(min(max(strength, 0.0), 1.0), 2)})
+            state = replace(state, settings=settings)
+    return state
 
 
 def _ground(state: State) -> State:
