@@ -213,7 +213,9 @@ def test_meshes_look_as_their_files_say(folder: Path) -> None:
     """Colour and opacity are changed without reading again."""
     file = MeshFile(str(folder / "ball.ply"), "#3366cc", 0.3)
     found = Together.with_meshes(Content.open(Scene(str(folder / "blob.npy"))), read([file]))
-    (mesh,) = found.followed(found.looks, (file,), sg.Settings()).meshes
+    made = found.followed(found.looks, (file,), sg.Settings())
+    assert isinstance(made, Together)
+    (mesh,) = made.meshes
     right = file.open()
     assert np.array_equal(mesh.shades, right.shades) and mesh.opacity == right.opacity
     assert np.array_equal(mesh.normals, right.normals)
