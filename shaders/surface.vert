@@ -9,11 +9,14 @@ in vec4 in_color;     // linear RGB, and opacity
 out vec3 place;
 out vec3 normal;
 out vec4 color;
+in vec2 in_value;     // the place of its value in a colour map, and which; below 0: none
+out vec2 value;
 
 void main() {
     place = in_place;
     normal = in_normal;
     color = in_color;
+    value = in_value;
     vec2 at = place.xy * frame.clip_scale;
     float sum = depths.y + depths.x, length_ = depths.y - depths.x;
     if (PERSPECTIVE == 1) gl_Position = vec4(at, (place.z * sum - 2.0 * depths.x * depths.y) / length_, place.z);

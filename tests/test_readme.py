@@ -184,9 +184,19 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     Pillow.new("RGB", (16, 16), (90, 120, 60)).save("photo.jpg")
     nrrd.write("seg.nrrd", np.uint8(3 * (x < 0.3) + 4 * (y > 0.8)), {"spacings": [1, 0.9, 0.9]})
     trimesh.creation.box((9, 4, 6)).export("implant.ply")
+    Path("surface.vtp").write_text(SURFACE)
     for name, text in toml_files().items():
         Path(name).write_text(text, encoding="utf-8")
     return tmp_path
+
+
+# a tetrahedron with numbers
+SURFACE = """<VTKFile type="PolyData" byte_order="LittleEndian"><PolyData><Piece NumberOfPoints="4" NumberOfPolys="4">
+<PointData Scalars="height"><DataArray type="Float32" Name="height" format="ascii">2 3 11 3</DataArray>
+<DataArray type="Float32" Name="wave" format="ascii">0 1 -1 0.5</DataArray></PointData>
+<Points><DataArray type="Float32" NumberOfComponents="3" format="ascii">2 2 2 13 4 3 8 8 11 5 12 3</DataArray></Points>
+<Polys><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 0 2 3 0 3 1 1 3 2</DataArray>
+<DataArray type="Int64" Name="offsets" format="ascii">3 6 9 12</DataArray></Polys></Piece></PolyData></VTKFile>"""
 
 
 def toml_files() -> dict[str, str]:

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.app.annotations.request import of_movie, room
-from splatgl.app.annotations.subject import Subject
+from splatgl.app.annotations.subject import Scale, Subject
 from splatgl.app.backgrounds import backed
 from splatgl.app.frame_work import FrameView, Matter, Over, Work
 from splatgl.app.frames import Frames, mark_of
 from splatgl.app.layered import check_fits, is_layered, layered
+from splatgl.app.meshes import is_mesh
 from splatgl.app.options import scene_from
 from splatgl.app.output import tell
 from splatgl.app.render import PATIENCE, nothing
@@ -98,6 +99,7 @@ class Animation:
         only = None if bands or (series and not joined) else _matter(scene, volume, transfer, args.flow)
         values = bands or (isinstance(only, Splats) and only.post is not None)
         subject: Bounded = Opaque(volume, transfer) if values else only or volume
+        scales = Scale.of(only.meshes) if isinstance(only, Layers) else ()
         only = None if series else only
         asked = of_movie(args.annotate, scenes)
         subject = room(volume) if "box" in asked else subject
@@ -113,7 +115,8 @@ class Animation:
         if last >= count:
             raise expected("--only", f"frames from 0 to {count - 1}", f"{first}-{last}")
         numbers = range(first, last + 1)
-        over = Over(asked, Subject.of(volume), volume.time_step) if asked else None
+        told = replace(Subject.of(volume), scales=scales, empty=is_mesh(scene.volume))
+        over = Over(asked, told, volume.time_step) if asked else None
         settings = scene.settings
         if args.flow is not None and settings.motion == "off" and settings.moments is None:
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
@@ -138,6 +141,7 @@ class Animation:
             *first.layers,
             *first.meshes,
             *first.vectors.told.items(),
+            *(first.mask or ()),
         )
         told = self.over.names if self.over else ()
         return mark_of(files, drawn, views, self.count, self.hold, self.flow, self.bits, *told)

@@ -47,8 +47,10 @@ def add_layers(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--window-of", type=window_of, action="append", metavar="CHANNEL=LOW,HIGH", help="from clear to full"
     )
-    about = "a surface in the picture (.ply, .stl, .obj, .vtp, …), or lines (.trk, .tck), a colour and an opacity"
+    about = "a surface (.ply, .stl, .obj, .vtp, …) or lines (.trk, .tck), a colour, or MAP=ARRAY for values, an opacity"
     parser.add_argument("--mesh", type=mesh_option, action="append", metavar="FILE[:COLOUR[:OPACITY]]", help=about)
+    about = "--clip and --crop cut meshes, too"
+    parser.add_argument("--clip-meshes", action="store_true", help=about)
     add_vectors(parser)
     parser.add_argument("--labels", metavar="FILE", help="a segmentation that is laid over the volume")
 

@@ -24,20 +24,27 @@ KEYS: dict[str, tuple[type, ...]] = {
     "color": (str,),
     "opacity": (int, float),
     "radius": (int, float),
+    "array": (str,),
+    "window": (list,),
+    "clip": (bool,),
     "visible": (bool,),
 }
 
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A mesh of a scene. color: #rrggbb or a name of CSS; "": the file's. radius: of lines, world units, or None.
-    visible: whether it is drawn.
+    """A mesh of a scene. color: #rrggbb or a name of CSS, or of a colour map for its values; "": the file's. radius: of
+    lines, world units, or None. array: the name of its values, "": the file's first; window: of these. clip: whether
+    the scene's planes cut it. visible: whether it is drawn.
     """
 
     file: str
     color: str = ""
     opacity: float = 1.0
     radius: float | None = None
+    array: str = ""
+    window: tuple[float, float] | None = None
+    clip: bool = False
     visible: bool = True
 
     @property
@@ -47,14 +54,24 @@ class MeshFile:
 
     @property
     def linear(self) -> tuple[float, float, float] | None:
-        """Its colour, linear RGB; None: the file's. Raises InputError for a colour that has no name."""
+        """Its colour, linear RGB; None: the file's, or those of its values. Raises InputError for what is no name of a
+        colour or a colour map.
+        """
         return _linear(self.color) if self.color else None
 
     def open(self) -> Mesh:
         """The mesh. Raises InputError as `load_mesh`, and for a colour that has no name."""
         from splatgl.data.readers.mesh_files import load_mesh
 
-        return load_mesh(self.file, self.linear, self.opacity, self.radius)
+        found = load_mesh(self.file, None, self.opacity, self.radius, self.array or None, self.window)
+        return self.dressed(found)
+
+    def dressed(self, mesh: Mesh) -> Mesh:
+        """A mesh of the same file in this colour and opacity."""
+        from splatgl.data.readers.mesh_files import dressed
+
+        made = replace(mesh, opacity=self.opacity, clipped=self.clip)
+        return dressed(made, self.linear or self.color or None)
 
     @classmethod
     def of_table(cls, folder: Path, what: str, table: Any) -> MeshFile:
@@ -71,12 +88,19 @@ class MeshFile:
                 raise expected(f"{what}: {key}", " or ".join(kind.__name__ for kind in KEYS[key]), repr(value)[:80])
         if not 0 <= table.get("opacity", 1) <= 1:
             raise expected(f"{what}: opacity", "a factor from 0 to 1", table["opacity"])
-        return cls(**{**table, "file": str(folder / table["file"])})
+        given = {**table, "file": str(folder / table["file"])}
+        if "window" in table:
+            numbers = [n for n in table["window"] if isinstance(n, int | float) and not isinstance(n, bool)]
+            if len(numbers) != len(table["window"]) or len(numbers) != 2 or not numbers[0] < numbers[1]:
+                raise expected(f"{what}: window", "two numbers, the first below the second", repr(table["window"])[:80])
+            given["window"] = (float(numbers[0]), float(numbers[1]))
+        return cls(**given)
 
     def lines(self, file: str) -> list[str]:
         """The lines of its table; file: its path there."""
-        given = {"file": file, "color": self.color or None, "radius": self.radius}
+        given: dict[str, Any] = {"file": file, "color": self.color or None, "radius": self.radius}
         given |= {"opacity": float(self.opacity)} if self.opacity != 1 else {}
+        given |= {"array": self.array or None, "window": self.window, "clip": self.clip or None}
         given |= {} if self.visible else {"visible": False}
         told = [f"{key} = {toml_value(key, value)}" for key, value in given.items() if value is not None]
         return ["", "[[mesh]]", *told]
@@ -91,8 +115,7 @@ class HeldMesh(MeshFile):
     def open(self) -> Mesh:
         """The mesh with its opacity, and in its colour if there is one."""
         assert self.held is not None
-        look: dict[str, Any] = {} if self.linear is None else {"color": self.linear, "colors": None}
-        return replace(self.held, opacity=self.opacity, **look)
+        return replace(self.dressed(self.held), clipped=self.clip or self.held.clipped)
 
     def lines(self, file: str) -> list[str]:
         """Raises InputError: a scene file names a mesh's file."""
@@ -132,9 +155,20 @@ def surfaces_of(scene: Scene) -> list[MeshFile]:
     return [MeshFile(scene.volume), *found] if alone else found
 
 
+def clipped(mesh: MeshFile | Mesh) -> MeshFile | Mesh:
+    """The same, cut by planes."""
+    return replace(mesh, clip=True) if isinstance(mesh, MeshFile) else replace(mesh, clipped=True)
+
+
 def mesh_option(text: str) -> MeshFile:
-    """An argparse type: the mesh of FILE[:COLOUR[:OPACITY]]."""
-    return MeshFile(*with_look(text, lambda last: "." not in last and "/" not in last, "COLOUR"))
+    """An argparse type: the mesh of FILE[:COLOUR[:OPACITY]]; COLOUR: or MAP, MAP=ARRAY or =ARRAY."""
+    file, look, opacity = with_look(text, _is_color, "COLOUR")
+    color, _, array = look.partition("=")
+    return MeshFile(file, color, opacity, array=array)
+
+
+def _is_color(text: str) -> bool:
+    return not any(sign in text.partition("=")[0] for sign in "./")
 
 
 def with_look(text: str, is_look: Callable[[str], bool], word: str) -> tuple[str, str, float]:
@@ -159,13 +193,20 @@ def _number(text: str) -> float | None:
         return None
 
 
-def _linear(color: str) -> tuple[float, float, float]:
+def _linear(color: str) -> tuple[float, float, float] | None:
+    """Of a colour; None for the name of a colour map. Raises InputError for others."""
     from splatgl.app.backgrounds import background
+    from splatgl.splat.classification.colormap import colormap
 
     try:
         found = background(color)
     except argparse.ArgumentTypeError:
         found = ""
-    if isinstance(found, str):
-        raise InputError(f"mesh: expected a colour such as #e8dcc8 or red, got {color!r}")
-    return found
+    if not isinstance(found, str):
+        return found
+    try:
+        colormap(color)
+    except InputError:
+        this = "a colour such as #e8dcc8 or red, or a colour map such as viridis"
+        raise InputError(f"mesh: expected {this}, got {color!r}") from None
+    return None

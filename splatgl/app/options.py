@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from splatgl.app.backgrounds import AUTO, CLEAR, background
-from splatgl.app.meshes import is_mesh
+from splatgl.app.meshes import MeshFile, clipped, is_mesh
 from splatgl.app.scene import Scene
 from splatgl.app.vectors import asked_vectors
 from splatgl.app.viewpoint import View
@@ -187,6 +187,10 @@ def scene_from_transfer(args: argparse.Namespace) -> Scene:
     if layers and not hasattr(args, "layer"):
         raise expected("layers", "none", len(layers), "splatgl render draws them")
     meshes = (*scene.meshes, *(getattr(args, "mesh", None) or ()))
+    if getattr(args, "clip_meshes", False):
+        named = [each.file for each in meshes if isinstance(each, MeshFile)]
+        alone = (MeshFile(scene.volume),) if is_mesh(scene.volume) and scene.volume not in named else ()
+        meshes = tuple(clipped(each) for each in (*alone, *meshes))
     if meshes and not hasattr(args, "mesh"):
         raise expected("meshes", "none", len(meshes), "splatgl render draws them")
     vectors = asked_vectors(vars(args), scene.vectors)

@@ -14,7 +14,7 @@ import numpy as np
 from splatgl import __version__
 from splatgl.app.annotations.request import check, check_size, check_time, lay, parsed, unbacked, with_room
 from splatgl.app.backgrounds import AUTO, CLEAR, as_drawn, background, grounded
-from splatgl.app.meshes import MeshFile
+from splatgl.app.meshes import MeshFile, clipped
 from splatgl.app.options import BACKGROUNDS, size
 from splatgl.app.plotted import is_scene, picture_of
 from splatgl.app.render import Drawing, draw, drawn, origin
@@ -135,6 +135,7 @@ def scene_of(
     given = dict(options)
     viewing, cuts = _taken(given, *(f.name for f in fields(View))), _cuts(_taken(given, "clip", "crop", "mask"))
     meshes, annotate = _meshes(given.pop("meshes", ())), given.pop("annotate", None)
+    clip_meshes = bool(given.pop("clip_meshes", False))
     over = () if annotate is None else parsed(annotate) if isinstance(annotate, str) else check(annotate)
     drawing = _taken(given, *(f.name for f in fields(Settings)))
     classified = {**_transfer(transfer), **_taken(given, *TRANSFER)}
@@ -157,7 +158,7 @@ def scene_of(
     found = replace(
         scene,
         **cuts,
-        meshes=(*scene.meshes, *meshes),
+        meshes=tuple(clipped(each) if clip_meshes else each for each in (*scene.meshes, *meshes)),
         vectors=asked_vectors(vectors, scene.vectors),
         annotate=scene.annotate if annotate is None else over,
         transfer={**scene.transfer, **classified},

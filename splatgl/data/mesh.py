@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 from typing import Any
@@ -20,6 +20,8 @@ SMOOTH = np.cos(np.radians(45.0))
 SIDES = 8
 # a bone's colour, sRGB
 COLOR = "#e8dcc8"
+# of values
+COLORMAP = "viridis"
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +29,11 @@ class Mesh:
     """Triangles, lit from both sides. vertices float64 [N, 3]: world units; faces int64 [M, 3]: numbers of vertices.
 
     color: "#rrggbb", or linear RGB. colors uint8 [N, 3]: sRGB of each vertex instead, or None. opacity: from 0 to 1, of
-    each triangle. frame: "LPS", "RAS" or None, as of volumes. Raises InputError for other shapes and numbers.
+    each triangle. frame: "LPS", "RAS" or None, as of volumes.
+    values float64 [N]: numbers of vertices, which are drawn in the colours of `colormap` over `window` (None: from the
+    least to the largest) unless there are colours; NaN in `color`. quantity: their name.
+    clipped: whether planes of scenes and settings cut it, too. corner_normals [M, 3, 3]: of the corners of triangles,
+    instead of those of the surface. Raises InputError for other shapes and numbers.
     """
 
     vertices: np.ndarray
@@ -37,6 +43,12 @@ class Mesh:
     colors: np.ndarray | None = None
     name: str = ""
     frame: str | None = None
+    values: np.ndarray | None = None
+    colormap: str = COLORMAP
+    window: tuple[float, float] | None = None
+    quantity: str = ""
+    clipped: bool = False
+    corner_normals: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         vertices = _array("vertices", self.vertices, np.float64)
@@ -53,8 +65,13 @@ class Mesh:
         if not 0 <= self.opacity <= 1:
             raise expected("opacity", "a number from 0 to 1", self.opacity)
         object.__setattr__(self, "color", _color(self.color))
-        for name, value in (("vertices", vertices), ("faces", faces), ("colors", colors)):
+        values = None if self.values is None else _values(self.values, len(vertices))
+        for name, value in (("vertices", vertices), ("faces", faces), ("colors", colors), ("values", values)):
             object.__setattr__(self, name, value)
+        if self.window is not None:
+            object.__setattr__(self, "window", _window(self.window))
+        if self.corner_normals is not None and np.shape(self.corner_normals) != (len(faces), 3, 3):
+            raise expected("corner_normals", f"an array {(len(faces), 3, 3)}", np.shape(self.corner_normals))
 
     def __len__(self) -> int:
         """The number of triangles."""
@@ -67,6 +84,8 @@ class Mesh:
     @cached_property
     def normals(self) -> np.ndarray:
         """Unit normals float64 [M, 3, 3] of the corners of triangles; 0 of those without an area."""
+        if self.corner_normals is not None:
+            return np.asarray(self.corner_normals, np.float64)
         corners = self.vertices[self.faces]
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         mean = np.zeros_like(self.vertices)
@@ -90,7 +109,29 @@ class Mesh:
         """The mesh in another frame; as it is, if either is not known."""
         if {self.frame, frame} != {"LPS", "RAS"}:
             return self
-        return Mesh(self.vertices * (-1, -1, 1), self.faces, self.color, self.opacity, self.colors, self.name, frame)
+        turn = np.array([-1.0, -1.0, 1.0])
+        normals = None if self.corner_normals is None else self.corner_normals * turn
+        return replace(self, vertices=self.vertices * turn, frame=frame, corner_normals=normals)
+
+    @property
+    def ranged(self) -> tuple[float, float]:
+        """The values at the ends of the colour map; 0 and 1 without finite values, and a range around one value."""
+        if self.window is not None:
+            return self.window
+        known = np.zeros(0) if self.values is None else self.values[np.isfinite(self.values)]
+        low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+        return (low, high) if low < high else (low - 0.5, low + 0.5)
+
+    @property
+    def mapped(self) -> bool:
+        """Whether its values give its colours."""
+        return self.values is not None and self.colors is None
+
+    def cut(self, planes: Sequence[Sequence[float]]) -> Mesh:
+        """What lies where n · x ≥ d of all planes (n_x, n_y, n_z, d): triangles are cut, whatever their size."""
+        from splatgl.data.mesh_cut import cut
+
+        return cut(self, planes)
 
     def to_pyvista(self) -> Any:
         """A pyvista.PolyData of the triangles, and of the colours of vertices. InputError without PyVista."""
@@ -128,6 +169,28 @@ def _array(what: str, given: Any, kind: Any) -> np.ndarray:
     if found.ndim != 2 or found.shape[1] != 3:
         raise expected(what, "an array [N, 3]", str(found.shape))
     return found
+
+
+def _values(given: Any, count: int) -> np.ndarray:
+    """float64 [N], NaN where they are not finite."""
+    try:
+        found: np.ndarray = np.array(given, np.float64)
+    except (TypeError, ValueError) as error:
+        raise expected("values", "numbers", type(given).__name__) from error
+    if found.shape != (count,):
+        raise expected("values", f"one for each of {count} vertices", f"shape {found.shape}")
+    found[~np.isfinite(found)] = np.nan
+    return found
+
+
+def _window(given: Any) -> tuple[float, float]:
+    try:
+        low, high = (float(number) for number in given)
+    except (TypeError, ValueError):
+        low = high = np.nan
+    if not -np.inf < low < high < np.inf:
+        raise expected("window", "two finite numbers, the first below the second", repr(given)[:80])
+    return low, high
 
 
 def _color(given: str | Sequence[float]) -> tuple[float, float, float]:
@@ -176,9 +239,15 @@ def _ball() -> tuple[np.ndarray, np.ndarray]:
     return vertices, faces
 
 
+def ringed(line: np.ndarray) -> np.ndarray:
+    """The points of a line [N, 3] around which its tube has SIDES vertices each; none of fewer than two that differ."""
+    moves = np.flatnonzero(np.append(True, (np.diff(line, axis=0) != 0).any(axis=1))) if len(line) else np.zeros(0, int)
+    return moves if len(moves) > 1 else moves[:0]
+
+
 def _tube(line: np.ndarray, radius: float) -> np.ndarray:
     """Rings [n · SIDES, 3] around a line's points; none of fewer than two that differ."""
-    line = line[np.append(True, (np.diff(line, axis=0) != 0).any(axis=1))] if len(line) else line
+    line = line[ringed(line)]
     if len(line) < 2:
         return np.zeros((0, 3))
     along = _unit(np.gradient(line, axis=0))

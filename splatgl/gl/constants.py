@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.classification import post
+from splatgl.splat.classification import colormap, mesh_colors, post
 from splatgl.splat.extraction import records, run_lengths
 from splatgl.splat.integral import approximations, attenuation
 from splatgl.splat.motion import blur_table, motion, motion_opacity
@@ -38,11 +38,13 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "FIRST_ORDER": approximations.FIRST_ORDER,
     "GRAZING": attenuation.GRAZING,
     "HALF_LINE_REACH": eye_near.HALF_LINE_REACH,
+    "KNOWN": mesh_colors.KNOWN,
     "LANES": LANES,
     "LARGEST_DEPTH": attenuation.LARGEST_DEPTH,
     "LEAST": motion_opacity.LEAST,
     "LEAST_MASS": sheets.LEAST_MASS,
     "LISTED": np.uint32(LISTED),
+    "MAP_ENTRIES": colormap.ENTRIES,
     "MASK_EDGE": mask.EDGE,
     "MASK_ONE": float(mask.ONE),
     "MASK_ZERO": float(mask.ZERO),

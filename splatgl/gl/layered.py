@@ -40,10 +40,10 @@ def render_scene(
     drawn = common_samples(scene.drawn(settings), camera, settings)
     if len(drawn) == 1 and not scene.meshes:
         return renderer.render(drawn[0][0], camera, drawn[0][1], interrupted=interrupted)
-    splats = [each for each, _ in drawn]
+    splats, meshes = [each for each, _ in drawn], scene.surfaces(settings)
     if BLENDS[settings.blend].ordered:
         layers = _together([_planned(renderer, each, camera, own) for each, own in drawn], drawn)
-        pixels = renderer.draw_layers(layers, scene.meshes, settings.shading != "off", interrupted)
+        pixels = renderer.draw_layers(layers, meshes, settings.shading != "off", interrupted)
         info: Mapping[str, object] = renderer.provenance(layers[0][0], camera, layers[0][1], 0.0)
     elif scene.meshes:
         raise expected("meshes", "blend composite", settings.blend)
@@ -55,7 +55,7 @@ def render_scene(
         "scene": " + ".join(each.name for each in splats),
         "layers": [each.name for each in splats],
         "splats": sum(map(len, splats)),
-        "triangles": sum(map(len, scene.meshes)),
+        "triangles": sum(map(len, meshes)),
         "background": None if settings.background is None else list(settings.background),
         "seconds": round(time.perf_counter() - started, 6),
         "error_bound": None,

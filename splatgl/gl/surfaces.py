@@ -17,6 +17,7 @@ from splatgl.data.mesh import Mesh
 from splatgl.gl.program import BLEND_STATES, Programs
 from splatgl.gl.target import Target, check_size
 from splatgl.gl.tiles import set_uniforms
+from splatgl.splat.classification.mesh_colors import places_of, tables_of
 from splatgl.splat.view.camera import Camera
 
 # texture units of depths before and behind; those of the units below are in use while volumes are drawn
@@ -29,8 +30,10 @@ NOWHERE = 1e9
 MOST_PEELS = 64
 # nearest depth that is rasterised, in shares of the farthest
 NEAREST = 1e-5
-# floats of a corner: place, normal, colour
-CORNER = "3f 3f 4f"
+# of colour maps of values
+MAPS_UNIT = 21
+# floats of a corner: place, normal, colour, value
+CORNER = "3f 3f 4f 2f"
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,10 +88,15 @@ class Surfaces:
         """
         opaque = [mesh for mesh in meshes if mesh.opacity == 1]
         clear = [mesh for mesh in meshes if 0 < mesh.opacity < 1]
-        corners = [corners_of(part, camera, unit) for part in (opaque, clear)]
+        maps = sum(each.mapped for each in opaque)
+        corners = [corners_of(opaque, 0, camera, unit), corners_of(clear, maps, camera, unit)]
         depths = depth_range(np.concatenate([each["place"][:, 2] for each in corners]), camera.perspective)
+        tables = tables_of([*opaque, *clear])
+        mapped = self.ctx.texture(tables.shape[1::-1], 3, tables.tobytes(), dtype="f4")
+        mapped.filter = (moderngl.NEAREST, moderngl.NEAREST)
         buffers = [self.ctx.buffer(each.tobytes()) if len(each) else None for each in corners]
         end, before, now, ends = self._sized(camera.size)
+        mapped.use(MAPS_UNIT)
         try:
             for target, depth in ((ends, NOWHERE), (before, -NOWHERE)):
                 target.framebuffer.use()
@@ -103,6 +111,7 @@ class Surfaces:
                 raise InputError(f"meshes: expected at most {MOST_PEELS} surfaces behind each other, got more")
             yield Limits(before.depth, end.depth, unit), end.light
         finally:
+            mapped.release()
             for buffer in buffers:
                 if buffer is not None:
                     buffer.release()
@@ -141,8 +150,8 @@ class Surfaces:
         if corners is None:
             return False
         drawing = self.programs.for_meshes(*program)
-        set_uniforms(drawing, **units, depths=how[0], lit=how[1])
-        vertices = self.ctx.vertex_array(drawing, [(corners, CORNER, "in_place", "in_normal", "in_color")])
+        set_uniforms(drawing, **units, depths=how[0], lit=how[1], maps=MAPS_UNIT)
+        vertices = self.ctx.vertex_array(drawing, [(corners, CORNER, "in_place", "in_normal", "in_color", "in_value")])
         self.ctx.enable_only(moderngl.DEPTH_TEST)
         self.ctx.depth_func = "<"
         query = self.ctx.query(samples=True)
@@ -168,10 +177,12 @@ class Surfaces:
         return Peel(light, depth, self.ctx.framebuffer([light, depth], buffer), buffer)
 
 
-def corners_of(meshes: Sequence[Mesh], camera: Camera, unit: float) -> np.ndarray:
-    """Corners of all triangles [3 M]: places from the eye over `unit`, normals in eye axes, colours and opacities."""
+def corners_of(meshes: Sequence[Mesh], maps: int, camera: Camera, unit: float) -> np.ndarray:
+    """Corners of all triangles [3 M]: places from the eye over `unit`, normals in eye axes, colours and opacities,
+    places of values in colour maps and the numbers of these, of which `maps` are of other meshes.
+    """
     count = sum(3 * len(mesh) for mesh in meshes)
-    found = np.zeros(count, [("place", "<f4", 3), ("normal", "<f4", 3), ("color", "<f4", 4)])
+    found = np.zeros(count, [("place", "<f4", 3), ("normal", "<f4", 3), ("color", "<f4", 4), ("value", "<f4", 2)])
     first = 0
     for mesh in meshes:
         some = found[first : first + 3 * len(mesh)]
@@ -179,6 +190,10 @@ def corners_of(meshes: Sequence[Mesh], camera: Camera, unit: float) -> np.ndarra
         some["place"] = places[mesh.faces].reshape(-1, 3)
         some["normal"] = mesh.normals.reshape(-1, 3) @ camera.eye_from_world.T
         some["color"][:, :3], some["color"][:, 3] = mesh.shades.reshape(-1, 3), mesh.opacity
+        some["value"][:, 1] = maps if mesh.mapped else -1.0
+        if mesh.mapped:
+            some["value"][:, 0] = places_of(mesh)[mesh.faces].ravel()
+            maps += 1
         first += 3 * len(mesh)
     return found
 

@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from splatgl.data.errors import expected
+from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.layers.layers import Layer, Scene
@@ -68,7 +69,7 @@ def depths(
     if sign:
         walk = partial(_extreme, fields, [partial(_shown, layer.seen, sign) for layer, _ in cut])
     else:
-        walk = partial(_absorbed, fields, _surfaces(scene, camera), LEAST - float(np.log1p(-share)))
+        walk = partial(_absorbed, fields, _surfaces(scene.surfaces(settings), camera), LEAST - float(np.log1p(-share)))
     groups = [np.arange(first, min(first + RAYS, count)) for first in range(0, count, RAYS)]
     with ThreadPoolExecutor(min(os.cpu_count() or 1, THREADS)) as pool:
         found = np.concatenate(list(pool.map(walk, groups)))
@@ -99,13 +100,13 @@ class Surfaces:
     passed: np.ndarray
 
 
-def _surfaces(scene: Scene, camera: Camera) -> Surfaces:
+def _surfaces(meshes: Sequence[Mesh], camera: Camera) -> Surfaces:
     count = camera.size[0] * camera.size[1]
-    if not scene.meshes:
+    if not meshes:
         return Surfaces(np.full((count, 1), np.inf), np.zeros((count, 1)))
     width, height = camera.size
     bands = [Window(0, top, width, min(BAND, height - top)) for top in range(0, height, BAND)]
-    found = [crossings(scene.meshes, camera, band, None) for band in bands]
+    found = [crossings(meshes, camera, band, None) for band in bands]
     most = max(each.distance.shape[1] for each in found)
     distance, opacity = np.full((count, most), np.inf), np.zeros((count, most))
     for band, each in zip(bands, found, strict=True):

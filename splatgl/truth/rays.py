@@ -17,7 +17,8 @@ class Rays:
 
     near, far [P]: distances from the start between which a ray is in the box, equal if nowhere. stretch [P]: mean
     spacings per index unit along the ray. toward [P, 3]: unit vectors along it in world axes. face [P, 3]: normal of
-    the plane that cuts its beginning off, world axes, 0 without one; None: no plane cuts any.
+    the plane that cuts its beginning off, world axes, 0 without one; None: no plane cuts any. entry [P]: distances at
+    which rays enter what planes leave, whatever parts of them are taken.
     """
 
     start: np.ndarray
@@ -27,6 +28,7 @@ class Rays:
     stretch: np.ndarray
     toward: np.ndarray
     face: np.ndarray | None = None
+    entry: np.ndarray | None = None
 
     def between(self, near: np.ndarray, far: np.ndarray) -> Rays:
         """The parts of the rays between distances [P], mean spacings."""
@@ -67,4 +69,5 @@ class Rays:
             near, far = np.maximum(near, enters), np.minimum(far, leaves)
         hit = far > near
         stretch = np.linalg.norm(along, axis=0) / speed
-        return cls(start, direction, np.where(hit, near, 0.0), np.where(hit, far, 0.0), stretch, toward, face)
+        near, far = np.where(hit, near, 0.0), np.where(hit, far, 0.0)
+        return cls(start, direction, near, far, stretch, toward, face, near)

@@ -63,7 +63,7 @@ def render(
     started = time.perf_counter()
     settings = settings or Settings()
     if isinstance(splats, Scene):
-        drawn, meshes = layers_of(splats, camera, settings), splats.meshes
+        drawn, meshes = layers_of(splats, camera, settings), splats.surfaces(settings)
         if len(drawn) > 1 or meshes:
             return _render_layers(drawn, camera, settings, progress, meshes)
         splats, settings = drawn[0]
@@ -115,7 +115,7 @@ def render_windows(
 ) -> list[np.ndarray]:
     """Windows of pixels of the same image, float64 [h, w, 4]: enough to check another image of many splats."""
     if isinstance(splats, Scene):
-        drawn, meshes = layers_of(splats, camera, settings), splats.meshes
+        drawn, meshes = layers_of(splats, camera, settings), splats.surfaces(settings)
         if len(drawn) > 1 or meshes:
             return _layer_windows(drawn, camera, settings, windows, meshes)
         splats, settings = drawn[0]

@@ -80,6 +80,7 @@ class SheetField:
         before = np.zeros((pixels, 4))
         known = np.zeros(pixels, bool)
         near, far = self.places(rays, rays.near, sheets), self.places(rays, rays.far, sheets)
+        entry = near if rays.entry is None else self.places(rays, rays.entry, sheets)
         stretch = rays.stretch * sheets.thickness
         padded = np.concatenate([sums, np.zeros((pixels, 1, 5))], axis=1)
         for n in range(padded.shape[1]):
@@ -91,7 +92,7 @@ class SheetField:
             some = np.flatnonzero((valid | known) & seen())
             # the part within the box
             low, high = (np.clip(end[some] - (first + n - 1), 0.0, 1.0) for end in (near, far))
-            face = near[some] - (first + n - 1) + FACE / sheets.thickness
+            face = entry[some] - (first + n - 1) + FACE / sheets.thickness
             for i in range(sheets.steps):
                 ends = self._kept(
                     [np.clip((i + end) / sheets.steps, low, high) for end in (0, 1)], first + n - 1, some, rays, sheets

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.mesh import Mesh
+from splatgl.splat.classification.mesh_colors import colors_at
 from splatgl.splat.classification.shading import Light, surface_light
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.screen_bounds import Window
@@ -99,7 +100,7 @@ def _crossed(
     pixel, triangle, ray, depth = pixel[hit], triangle[hit], ray[hit], depth[hit]
     share = np.stack([1 - u - v, u, v], axis=1)[hit][..., None]
     normal = (mesh.normals[triangle] * share).sum(axis=1) @ camera.eye_from_world.T
-    color = (mesh.shades[triangle] * share).sum(axis=1)
+    color = colors_at(mesh, triangle, share[..., 0])
     length = np.linalg.norm(ray, axis=1)
     if light_by is not None:
         factor, highlight = surface_light(normal, ray / length[:, None], light_by, light_by.direction)

@@ -45,8 +45,8 @@ def annotated(
         pixels = pixels * np.float32(scale)
     subject = volume if isinstance(volume, Subject) else Subject.of(volume)
     layer = Layer.over(pixels, ground)
-    bar = _bar(layer, subject, transfer, pixels, info) if "colorbar" in asked else None
-    compose(replace(layer, picture=None) if steady else layer, subject, camera, asked, bar)
+    bars = _bars(layer, subject, transfer, pixels, info) if "colorbar" in asked else []
+    compose(replace(layer, picture=None) if steady else layer, subject, camera, asked, bars)
     if "box" in asked:
         behind = Layer.over(pixels, ground)
         box.draw_behind(behind, subject, camera)
@@ -68,12 +68,12 @@ def _names(image: Image) -> list[str]:
     return [str(name) for name in names] if isinstance(names, list) else []
 
 
-def compose(layer: Layer, subject: Subject, camera: Camera, asked: Sequence[str], bar: ColorBar | None) -> None:
+def compose(layer: Layer, subject: Subject, camera: Camera, asked: Sequence[str], bars: Sequence[ColorBar]) -> None:
     """Draws what is asked for on an empty layer, but for edges behind the box."""
     if "box" in asked:
         box.draw_edges(layer, subject, camera)
     _write(layer, text_of(asked, "time"), text_of(asked, "title"))
-    if bar is not None:
+    for bar in bars:
         color_bar.draw(layer, bar)
     if "scale" in asked:
         scale_bar.draw(layer, subject, camera)
@@ -105,10 +105,26 @@ def _write(layer: Layer, time: str | None, title: str | None) -> None:
             layer.text(text, rect.left, rect.top)
 
 
+def _bars(
+    layer: Layer, subject: Subject, transfer: Transfer, pixels: np.ndarray, info: dict[str, object]
+) -> list[ColorBar]:
+    """The colour bars of a picture, of its volume and of meshes; none, with a note, if there are none."""
+    of_meshes = scale_bars(subject, layer.size[1])
+    if subject.empty and of_meshes:
+        return of_meshes
+    bar = _bar(layer, subject, transfer, pixels, info)
+    return of_meshes if bar is None else [bar, *of_meshes]
+
+
+def scale_bars(subject: Subject, height: int) -> list[ColorBar]:
+    """The colour bars of meshes in a picture of that height."""
+    return [color_bar.of_scale(each, round(color_bar.TALL * height)) for each in subject.scales]
+
+
 def _bar(
     layer: Layer, subject: Subject, transfer: Transfer, pixels: np.ndarray, info: dict[str, object]
 ) -> ColorBar | None:
-    """The colour bar of a picture; None, with a note, if there is none."""
+    """The colour bar of a volume; None, with a note, if there is none."""
     blend, rows = str(info.get("blend", "")), round(color_bar.TALL * layer.size[1])
     if blend.startswith("xray") and not subject.colored:
         bar = color_bar.of_sums(pixels, float(str(info["scale"])), rows)

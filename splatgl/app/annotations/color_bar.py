@@ -9,7 +9,9 @@ from functools import lru_cache
 import numpy as np
 
 from splatgl.app.annotations.layer import Color, Layer, Rect
+from splatgl.app.annotations.subject import Scale
 from splatgl.app.annotations.ticks import log_ticks, ticks
+from splatgl.splat.classification.colormap import colormap
 from splatgl.splat.classification.transfer import Transfer
 
 # the bar's height as a fraction of the picture's, and its and the curve's width in font heights
@@ -54,6 +56,15 @@ def of_values(transfer: Transfer, name: str, blend: str, rows: int) -> ColorBar 
     about = ABOUT.get(blend, "")
     label = f"{about} of {name}" if about and name else about or name or "value"
     return ColorBar(low, high, colors, transfer.opacity(values), label, transfer.logarithmic)
+
+
+def of_scale(scale: Scale, rows: int) -> ColorBar:
+    """The bar of values of a mesh."""
+    down = (np.arange(rows) + 0.5) / rows
+    table = colormap(scale.colormap)
+    at = (1 - down) * (len(table) - 1)
+    colors = np.stack([np.interp(at, np.arange(len(table)), each) for each in table.T] + [np.ones(rows)], axis=-1)
+    return ColorBar(scale.low, scale.high, colors, None, scale.label or "value")
 
 
 def of_sums(pixels: np.ndarray, scale: float, rows: int) -> ColorBar | None:

@@ -57,7 +57,7 @@ class LiveOverlay:
             layer.notes.extend([] if bar else ["no colour bar of this picture"])
         if "box" in names:
             box.draw_behind(layer, subject, camera)
-        compose(layer, subject, camera, names, bar)
+        compose(layer, subject, camera, names, [] if bar is None else [bar])
         self.notes = tuple(layer.notes)
         for part in layer.touched:
             _encode(layer.pixels, self.pixels, part)

@@ -70,9 +70,7 @@ def dressed(surfaces: Sequence[MeshFile], found: Mapping[MeshFile, Mesh]) -> tup
 
 
 def _looking(surface: MeshFile, mesh: Mesh) -> Mesh:
-    color = surface.linear
-    look: dict[str, Any] = {} if color is None else {"color": color, "colors": None}
-    made = replace(mesh, opacity=surface.opacity, **look)
+    made = surface.dressed(mesh)
     # which take as long as a frame, and do not depend on colours
     vars(made)["normals"] = mesh.normals
     return made

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -11,8 +12,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatgl.data.errors import InputError, expected, missing_extra
-from splatgl.data.mesh import COLOR, Mesh
+from splatgl.data.mesh import SIDES, Mesh, ringed
 from splatgl.data.readers.files import library, quiet
+from splatgl.data.readers.mesh_values import by_cells, colored, numbers_of, of_ply, together
 from splatgl.data.readers.vtk_xml import VtkXml, arrays_of, numbers_in, parse_vtk
 
 # a line's radius, where none is given: a share of the diagonal of all
@@ -23,7 +25,10 @@ THICK = 1 / 200
 SPACE = re.compile(rb"SPACE\s*[=:]\s*(LPS|RAS)")
 HEADER = 1024
 
-Read = Callable[[Path, float | None], Mesh]
+# radius of lines, and the name of an array of numbers
+Read = Callable[[Path, float | None, str | None], Mesh]
+# "#rrggbb", which no colour map is called
+CODE = re.compile("#[0-9a-fA-F]{6}")
 
 
 def load_mesh(
@@ -31,10 +36,15 @@ def load_mesh(
     color: str | tuple[float, float, float] | None = None,
     opacity: float = 1.0,
     radius: float | None = None,
+    array: str | None = None,
+    window: tuple[float, float] | None = None,
 ) -> Mesh:
-    """The triangles of a file, in its own coordinates. color: instead of the file's. radius: of lines, world units.
+    """The triangles of a file, in its own coordinates. color: instead of the file's; or the name of a colour map, for
+    numbers of its points or cells. radius: of lines, world units. array: the name of those numbers, if there are
+    several. window: of their values, at the ends of the map.
 
-    Raises InputError for what is no mesh.
+    Numbers are drawn where the file has no colours, or a map or an array is named. Raises InputError for what is no
+    mesh, for an array that there is not, and for a map without any numbers.
     """
     place = Path(path)
     read = MESHES.get(place.suffix.lower())
@@ -45,30 +55,54 @@ def load_mesh(
             raise InputError("expected a file, got " + ("a folder" if place.is_dir() else "nothing of that name"))
         # all that a file says is untrusted: any failure is attributed to it
         with quiet(), library("a mesh"):
-            found = read(place, radius)
+            found = read(place, radius, array)
         if not len(found):
             raise expected("mesh", "at least one triangle or line", "none")
     except (InputError, OSError) as error:
         raise InputError(f"{path}: {error}") from error
-    colors = found.colors if color is None else None
-    looks = COLOR if color is None else color
-    return Mesh(found.vertices, found.faces, looks, opacity, colors, place.name, found.frame)
+    found = replace(found, opacity=opacity, name=place.name, window=window)
+    return dressed(found, color)
 
 
-def _triangles(path: Path, radius: float | None) -> Mesh:
+def dressed(mesh: Mesh, color: str | tuple[float, float, float] | None) -> Mesh:
+    """The mesh in a colour, or with its values in a colour map. Raises InputError for a map without any values."""
+    if color is None:
+        return mesh
+    if not isinstance(color, str) or CODE.fullmatch(color):
+        return replace(mesh, color=color, colors=None, values=None)
+    if mesh.values is None:
+        what = f"{mesh.name}: numbers at its points or cells".strip(": ")
+        raise expected("mesh", f"{what}, for the colour map {color}", "none")
+    return replace(mesh, colormap=color, colors=None)
+
+
+def _triangles(path: Path, radius: float | None, array: str | None) -> Mesh:
     """Triangles; of points without any, balls."""
     try:
         import trimesh
     except ImportError:
         raise missing_extra("meshes", "trimesh", "mesh") from None
     with library("a mesh"):
-        found: Any = trimesh.load_mesh(path, process=True)
+        plain = path.suffix.lower() == ".ply"
+        found: Any = trimesh.load_mesh(path, process=not plain)
         # of several parts, all
         joint: Any = found.to_mesh() if hasattr(found, "to_mesh") else found
+        numbers = of_ply(joint.metadata.get("_ply_raw"), array)
+        if numbers is not None and len(joint.faces) and numbers.values is not None:
+            joint.vertex_attributes["values"] = numbers.values
+        if plain:
+            joint.process(validate=False)
         vertices, faces = np.asarray(joint.vertices), np.asarray(joint.faces)
         if not len(faces) and isinstance(cloud := trimesh.load(path), trimesh.PointCloud):
-            return _balls(np.asarray(cloud.vertices), cloud.colors, radius, _frame(path))
-    return Mesh(vertices, faces, colors=_colors(joint), frame=_frame(path))
+            points, numbers = np.asarray(cloud.vertices), of_ply(cloud.metadata.get("_ply_raw"), array)
+            balls = _balls(points, cloud.colors, radius, _frame(path))
+            each = np.repeat(np.arange(len(points)), len(balls.vertices) // max(len(points), 1))
+            return replace(colored(balls, numbers, each), colors=balls.colors if array is None else None)
+        mesh = Mesh(vertices, faces, colors=_colors(joint), frame=_frame(path))
+        if numbers is None:
+            return mesh
+        values = np.asarray(joint.vertex_attributes["values"])
+    return replace(mesh, values=values, quantity=numbers.name, colors=mesh.colors if array is None else None)
 
 
 def _balls(points: np.ndarray, colors: np.ndarray | None, radius: float | None, frame: str | None) -> Mesh:
@@ -95,7 +129,9 @@ def _frame(path: Path) -> str | None:
     return found[1].decode() if found else None
 
 
-def _tracks(path: Path, radius: float | None) -> Mesh:
+def _tracks(path: Path, radius: float | None, array: str | None) -> Mesh:
+    if array is not None:
+        raise expected("array", "none, of tracks", repr(array))
     try:
         import nibabel
     except ImportError:
@@ -113,21 +149,33 @@ def _tubes(lines: list[np.ndarray], radius: float | None) -> Mesh:
     return Mesh.of_lines(lines, radius or size * THIN or 1.0)
 
 
-def _vtp(path: Path, radius: float | None) -> Mesh:
+def _vtp(path: Path, radius: float | None, array: str | None) -> Mesh:
     """All pieces of PolyData: polygons and strips as triangles, lines as tubes; vertices alone are left out."""
     file = parse_vtk(path, ("PolyData",))
-    vertices, faces = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)]
-    first = 0
-    for piece in file.root.iter("Piece"):
-        points = _points(file, piece)
-        triangles = _fans(*_cells(file, piece, "Polys", len(points)))
-        triangles += [_strip(cell) for cell in np.split(*_cells(file, piece, "Strips", len(points)))]
-        lines = [points[cell] for cell in np.split(*_cells(file, piece, "Lines", len(points)))]
-        tubes = _tubes(lines, radius)
-        vertices += [points, tubes.vertices]
-        faces += [each + first for each in triangles] + [tubes.faces + first + len(points)]
-        first += len(points) + len(tubes.vertices)
-    return Mesh(np.concatenate(vertices), np.concatenate(faces))
+    return together([part for piece in file.root.iter("Piece") for part in _piece(file, piece, radius, array)])
+
+
+def _piece(file: VtkXml, piece: Element, radius: float | None, array: str | None) -> list[Mesh]:
+    """Triangles and tubes of a piece, with their numbers or colours."""
+    points = _points(file, piece)
+    kinds = {name: _cells(file, piece, name, len(points)) for name in ("Verts", "Lines", "Polys", "Strips")}
+    # as VTK counts cells
+    starts = dict(zip(kinds, np.cumsum([0, *(len(ends) for _, ends in kinds.values())]).tolist(), strict=False))
+    numbers = numbers_of(file, piece, (len(points), sum(len(ends) for _, ends in kinds.values())), array)
+    fans, owners = _fans(*kinds["Polys"])
+    strips = [_strip(cell) for cell in np.split(*kinds["Strips"])]
+    cells = [each + starts["Polys"] for each in owners]
+    cells += [np.full(len(each), starts["Strips"] + n) for n, each in enumerate(strips)]
+    surface = Mesh(points, np.concatenate([np.zeros((0, 3), np.int64), *fans, *strips]))
+    lines = np.split(*kinds["Lines"])
+    tubes = _tubes([points[cell] for cell in lines], radius)
+    if numbers is not None and numbers.of_cells:
+        surface = by_cells(surface, numbers, np.concatenate([np.zeros(0, np.int64), *cells]))
+        rings = [np.full(len(ringed(points[cell])), starts["Lines"] + n) for n, cell in enumerate(lines)]
+    else:
+        surface = colored(surface, numbers, np.arange(len(points)))
+        rings = [cell[ringed(points[cell])] for cell in lines]
+    return [surface, colored(tubes, numbers, np.repeat(np.concatenate([np.zeros(0, np.int64), *rings]), SIDES))]
 
 
 def _points(file: VtkXml, piece: Element) -> np.ndarray:
@@ -168,14 +216,16 @@ def _count(piece: Element, name: str) -> int:
     return count
 
 
-def _fans(numbers: np.ndarray, ends: np.ndarray) -> list[np.ndarray]:
-    """Triangles [N, 3] of polygons, those of as many corners together."""
-    sizes, found = np.diff(ends, prepend=0), []
+def _fans(numbers: np.ndarray, ends: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Triangles [N, 3] of polygons, those of as many corners together, and the numbers [N] of these."""
+    sizes, found, owners = np.diff(ends, prepend=0), [], []
     for size in np.unique(sizes[sizes > 2]).tolist():
-        cells = numbers[(ends - sizes)[sizes == size][:, None] + np.arange(size)]
+        some = np.flatnonzero(sizes == size)
+        cells = numbers[(ends - sizes)[some][:, None] + np.arange(size)]
         first = np.broadcast_to(cells[:, :1], (len(cells), size - 2))
         found.append(np.stack([first, cells[:, 1:-1], cells[:, 2:]], axis=2).reshape(-1, 3))
-    return found
+        owners.append(np.repeat(some, size - 2))
+    return found, owners
 
 
 def _strip(cell: np.ndarray) -> np.ndarray:

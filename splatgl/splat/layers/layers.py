@@ -64,8 +64,8 @@ class Layer:
 class Scene:
     """Layers of one picture, in any order; volumes stand for layers by default. clip: conditions such as "x>0.3" of the
     box around the visible layers, or planes as of Settings. meshes: triangles, in the same world; in another frame, LPS
-    or RAS, than the first layer they are turned into its own. Raises InputError for too many layers, for none that is
-    visible, and for planes that leave nothing.
+    or RAS, than the first layer they are turned into its own; planes cut those that are `clipped`. Raises InputError
+    for too many layers, for none that is visible, and for planes that leave nothing.
     """
 
     layers: Sequence[Layer | Volume]
@@ -80,7 +80,9 @@ class Scene:
         if not 1 <= len(self.shown) <= MOST_LAYERS:
             raise expected("layers", f"1 to {MOST_LAYERS} that are visible", len(self.shown))
         object.__setattr__(self, "planes", self._planes())
-        object.__setattr__(self, "meshes", tuple(each.placed(self.shown[0].volume.frame) for each in self.meshes))
+        placed = tuple(each.placed(self.shown[0].volume.frame) for each in self.meshes)
+        found = tuple(each.cut(self._around) if each.clipped and self._around else each for each in placed)
+        object.__setattr__(self, "meshes", found)
 
     @classmethod
     def of(cls, x: Any) -> Scene:
@@ -106,10 +108,19 @@ class Scene:
 
     def _planes(self) -> tuple[tuple[Plane, ...], ...]:
         """Those that cut each visible layer."""
-        around = planes_of(self.clip, Box.of(each.volume for each in self.shown)) if self.clip else ()
+        around = self._around
         return tuple(
             around if each.clip is None else planes_of(each.clip, Box.of([each.volume])) for each in self.shown
         )
+
+    @property
+    def _around(self) -> tuple[Plane, ...]:
+        """The planes of all that has none of its own."""
+        return planes_of(self.clip, Box.of(each.volume for each in self.shown)) if self.clip else ()
+
+    def surfaces(self, settings: Settings) -> tuple[Mesh, ...]:
+        """The meshes, cut by the planes of settings, too, if they are to be."""
+        return tuple(each.cut(settings.clip) if each.clipped and settings.clip else each for each in self.meshes)
 
     @property
     def shown(self) -> tuple[Layer, ...]:
