@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import ctypes.util
 import json
 import os
 import select
@@ -60,6 +62,7 @@ NAMES |= {
     "=": "equal",
     "-": "minus",
     "f1": "F1",
+    "f12": "F12",
     "enter": "Return",
     "<": "less",
     ">": "greater",
@@ -68,15 +71,30 @@ NAMES |= {
 Told = dict[str, Any]
 
 
-def start_display() -> tuple[subprocess.Popen[bytes], str]:
+def start_display(screen: str = "640x480") -> tuple[subprocess.Popen[bytes], str]:
     """An X server on a number that is free, and its name."""
     read, write = os.pipe()
-    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "640x480x24", "-nolisten", "tcp"]
+    # what clients leave behind stays
+    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{screen}x24", "-nolisten", "tcp", "-noreset"]
     server = subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL)
     os.close(write)
     with os.fdopen(read) as pipe:
         number = pipe.readline().strip()
     return server, f":{number}"
+
+
+def set_dpi(display: str, dpi: int) -> None:
+    """What xrdb does with Xft.dpi: GLFW reads its content scale there."""
+    name = ctypes.util.find_library("X11")
+    assert name
+    library = ctypes.CDLL(name)
+    library.XOpenDisplay.restype = ctypes.c_void_p
+    library.XDefaultRootWindow.restype = ctypes.c_ulong
+    server = ctypes.c_void_p(library.XOpenDisplay(display.encode()))
+    root, text = ctypes.c_ulong(library.XDefaultRootWindow(server)), f"Xft.dpi:\t{dpi}\n".encode()
+    # RESOURCE_MANAGER, of type STRING, in 8 bits, replaced
+    library.XChangeProperty(server, root, ctypes.c_ulong(23), ctypes.c_ulong(31), 8, 0, text, len(text))
+    library.XCloseDisplay(server)
 
 
 def shown(environment: dict[str, str], pid: int, title: str = "") -> str:
@@ -98,7 +116,11 @@ class Window:
     """A viewer in a process of its own, alone on a display of its own, and the hands at it."""
 
     def __init__(self, source: Path, folder: Path, environment: dict[str, str] | None = None, **options: Any) -> None:
-        self.server, display = start_display()
+        """options: those of the viewer; dpi: of the display's text, which is twice as large at 192."""
+        dpi = options.pop("dpi", 0)
+        self.server, display = start_display("1280x960" if dpi else "640x480")
+        if dpi:
+            set_dpi(display, dpi)
         self.environment = {**os.environ, "DISPLAY": display}
         asked = json.dumps({"size": SIZE, "backend": "egl", "panel": False} | options)
         command = [sys.executable, str(DRIVER), str(source), str(folder), asked]

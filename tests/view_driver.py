@@ -89,6 +89,8 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "megabytes": int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 2**20,
         "textures": len(viewer.screen.textures),
         "recent": viewer.recent.paths,
+        "scale": viewer.window.scale,
+        "place": viewer.panel and viewer.panel.panel.place,
         "dialog": viewer.dialogs.open is not None or bool(viewer.panel and viewer.panel.panel.popup),
         "plot": viewer.panel and (viewer.panel.panel.curve.box, viewer.panel.panel.curve.range),
     }
@@ -191,10 +193,27 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         for number in range(ask["times"]):
             viewer.hands.move((100.0 + number % 40, 90.0))
             viewer.step(0.0)
+    elif what == "request":
+        # as a window manager does
+        viewer.window.glfw.set_window_should_close(viewer.window.handle, True)
+        return answer(viewer, {"do": "settle"})
     elif what == "close":
         viewer.window.glfw.set_window_should_close(viewer.window.handle, True)
         viewer.step(0.0)
     return told(viewer)
+
+
+def asked_first(viewer: Viewer, folder: Path) -> Any:
+    """Keeps the first frame that is shown in first.npy; returns what showed frames before."""
+    show = viewer.window.show
+
+    def kept() -> None:
+        np.save(folder / "first.npy", viewer.screen.read(viewer.window.size))
+        viewer.window.show = show  # type: ignore[method-assign]
+        show()
+
+    viewer.window.show = kept  # type: ignore[method-assign]
+    return show
 
 
 def main() -> None:
@@ -208,7 +227,9 @@ def main() -> None:
     scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
     with Renderer(backend) as renderer:
         viewer = Viewer(Content.open(scene), renderer, Options(folder=Path(folder), reopen=lambda: scene, **asked))
+        first = asked_first(viewer, Path(folder))
         until(viewer, lambda: settled(viewer))
+        viewer.window.show = first
         print(json.dumps(told(viewer)), flush=True)
         ask = {"do": ""}
         while ask["do"] not in ("end", "close"):

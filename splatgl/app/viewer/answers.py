@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 # automatic rotation in degrees per second
 SPEED = 30.0
+UNSAVED = "edits are not saved: shift+s saves the scene; quit again to leave without"
 # minimum seconds between the time points of a series that is played
 PLAYED = 0.1
 
@@ -68,7 +69,7 @@ def answered(viewer: Viewer) -> None:
         viewer.files.show_time(viewer.state.time)
     if "quit" in asks or viewer.window.closing:
         _quit(viewer)
-    elif asks or viewer.state.message == "":
+    elif viewer.state.message != UNSAVED:
         viewer.warned = False
 
 
@@ -79,4 +80,4 @@ def _quit(viewer: Viewer) -> None:
         return
     viewer.warned = True
     viewer.window.stay()
-    viewer.say("edits are not saved: shift+s saves the scene; quit again to leave without")
+    viewer.say(UNSAVED)

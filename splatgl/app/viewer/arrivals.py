@@ -31,7 +31,7 @@ def arrived(viewer: Viewer, done: Done) -> None:
     if done.error is not None and done.name == EXTRACTING:
         viewer.extractor.failed = viewer.extractor.wanted
     if isinstance(done.error, InputError | MemoryError):
-        viewer.say(str(done.error) or "not enough memory")
+        viewer.say(str(done.error) or "not enough memory", done.name.split()[0])
         if viewer.content.waiting:
             viewer.failed, viewer.closed = done.error, True
     elif done.error is not None:
@@ -39,6 +39,7 @@ def arrived(viewer: Viewer, done: Done) -> None:
     elif isinstance(done.result, Brought):
         _brought(viewer, done.result)
     elif not isinstance(done.result, News):
+        viewer.over(done.name.split()[0])
         viewer.refiner.renew(viewer.content.counts, prod(viewer.size))
         # all time points have the view of the first
         if viewer.state.pose is viewer.home and viewer.content.whole and viewer.files.time == 0:
@@ -50,6 +51,8 @@ def arrived(viewer: Viewer, done: Done) -> None:
 def _opened(viewer: Viewer, news: News) -> None:
     """Takes a loaded file; a reloaded one keeps its view unless its scene file changed, a time point keeps all."""
     content, shown = news.content, viewer.content
+    for what in () if news.finer else ("opening", "reading"):
+        viewer.over(what)
     if news.reopen is not None or shown.waiting:
         viewer.recent = viewer.recent.opened(news.path or viewer.options.source)
     if news.reopen is not None:

@@ -23,6 +23,7 @@ from splatgl.splat.plan.settings import Settings
 if TYPE_CHECKING:
     from splatgl.app.viewer.state import State
 
+GONE = "is gone: its last picture stays"
 Reopen = Callable[[], Scene]
 
 
@@ -143,20 +144,20 @@ class Files:
         """Reloads the file if it has changed; returns the state with what there is to say."""
         if self.watch is None:
             return state
-        missing = self.watch.missing
+        gone = self.watch.gone > 1
         self.watch, changed = self.watch.look(now)
         reopen = self.reopen
         if changed and reopen is not None and not self.opening:
             self._read("reading again", lambda: News(opened(reopen())[0]))
-        if self.watch.missing and not missing:
-            return replace(state, message=f"{self.watch.missing} is gone: its last picture stays")
-        if missing and not self.watch.missing:
+        if self.watch.missing and not gone:
+            return replace(state, message=f"{self.watch.missing} {GONE}")
+        if gone and not self.watch.gone and state.message.endswith(GONE):
             return replace(state, message="")
         return state
 
     def finished(self, name: str) -> None:
-        """Notes that a job has ended."""
-        if name == f"opening {self.opening}":
+        """Notes that a job has ended; one that waits may open a file of the same name."""
+        if name.startswith("opening ") and not (self.jobs.busy or "").startswith("opening "):
             self.opening = ""
 
     def turn_to(self, news: News, now: float) -> None:

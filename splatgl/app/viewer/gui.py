@@ -51,6 +51,8 @@ class Gui:
         # no ini file
         self.io.set_ini_filename("")
         self.last = time.perf_counter()
+        # whether nothing is drawn yet: ImGui measures what it has not seen before, and shows it in the next frame
+        self.fresh = True
         with current(window.screen.ctx):
             imgui.backends.opengl3_init(GLSL)
         self.io.mouse_double_click_time, self.io.mouse_single_click_delay = DOUBLE, 2 * DOUBLE
@@ -113,12 +115,14 @@ class Gui:
         self.io.delta_time = max(now - self.last, 1e-4)
         self.last = now
         with current(self.window.screen.ctx):
-            imgui.backends.opengl3_new_frame()
-            imgui.new_frame()
-            # beside the slices
-            room = round(width * state.pose.camera.size[0] / max(pixels[0], 1))
-            state = self.panel.draw(state, content, frame, (room, height))
-            imgui.render()
+            room = round(width * state.pose.camera.size[0] / max(pixels[0], 1)), height
+            for _ in range(1 + self.fresh):
+                imgui.backends.opengl3_new_frame()
+                imgui.new_frame()
+                # beside the slices
+                state = self.panel.draw(state, content, frame, room)
+                imgui.render()
+            self.fresh = False
             imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
         return state
 

@@ -103,7 +103,7 @@ class Hands:
     def raw(self, kind: str, *values: Any) -> bool:
         """Passes an event to the panel; True if it is the panel's. A cursor that moves elsewhere shows nothing new."""
         viewer = self.viewer
-        if viewer.panel is None or not viewer.state.panel:
+        if viewer.panel is None or not viewer.state.panel or viewer.state.help:
             return False
         over = viewer.panel.touched
         taken = bool(viewer.panel.event(kind, *values))

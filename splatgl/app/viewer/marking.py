@@ -40,8 +40,9 @@ class Marking:
         """All that is marked now."""
         state, content, scale = viewer.state, viewer.content, viewer.window.scale
         frame = viewer.painter.frame
-        if content.waiting or frame is None:
-            return Marks()
+        if content.waiting or frame is None or state.help:
+            # nothing lies over the help
+            return viewer.slicing.marks()
         camera = state.pose.camera
         look = state.looks[0].transfer, camera, state.settings.blend, ground_of(state)
         legend = self.legend.sprites(Scenery(state.annotate, content.volume, *look))

@@ -203,7 +203,7 @@ class Painter:
         texts, size = [], state.pose.camera.size
         corner = self.corner if state.hud == "short" else "top left"
         if self.words and corner:
-            texts.append(Text(self.words, corner))
+            texts.append(Text(self.words, corner, fit=state.hud == "full"))
         if state.help:
             rows = [(", ".join(binding.keys), binding.about) for binding in self.bindings]
             texts.append(Text(tuple("\t".join(row) for row in (*rows, *MOUSE)), "middle", fit=True))

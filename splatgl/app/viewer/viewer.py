@@ -100,6 +100,8 @@ class Viewer:
         self.ticked = self.played = self.now()
         # whether the next request to quit is obeyed although edits are lost
         self.warned = False
+        # what the latest error was of, and what it said
+        self.trouble = ("", "")
         self.closed = False
         self.failed: BaseException | None = None
         self.dirty = 1
@@ -217,16 +219,26 @@ class Viewer:
             return None
         except InputError as error:
             self.refiner.refuse(wanted)
-            self.say(str(error))
+            self.say(str(error), "picture")
             return None
+        self.over("picture")
         self.refiner.done(wanted, level, frame.full)
         self.dirty = max(self.dirty, 1 + frame.full)
         return level
 
-    def say(self, message: str) -> None:
-        """Shows a message until the next key."""
+    def say(self, message: str, of: str = "") -> None:
+        """Shows a message until the next key, or until what it is of is over."""
         self.state = replace(self.state, message=message)
+        self.trouble = (of, message) if of else self.trouble
         self.refresh()
+
+    def over(self, of: str) -> None:
+        """Takes back what was said of something, now that it is over."""
+        if self.trouble[0] == of:
+            if self.state.message == self.trouble[1]:
+                self.state = replace(self.state, message="")
+                self.refresh()
+            self.trouble = ("", "")
 
     def _blurs(self) -> bool:
         """Whether the view moves continuously and motion is blurred."""
@@ -260,7 +272,10 @@ class Viewer:
         if waiting:
             self.extractor.want(waiting[0], self.now() - self.hands.touched >= REST)
         if content.heavy and content.extracted[0] == 2 and not state.message:
-            self.say(f"some {8 * len(content.at(2)):,} splats: too many to draw all; make more of it transparent")
+            said = f"some {8 * len(content.at(2)):,} splats: too many to draw all; make more of it transparent"
+            self.say(said, "count")
+        elif not content.heavy:
+            self.over("count")
 
     def _compare(self) -> None:
         """Requests the reference of a full-quality frame once the view is at rest."""
@@ -290,7 +305,7 @@ class Viewer:
             self._open_panel()
         self.screen.draw(self.size, self.painter.look(self.state, self.reference))
         self.screen.mark(self.window.size, self.marking.marked(self))
-        if self.panel is not None and self.state.panel:
+        if self.panel is not None and self.state.panel and not self.state.help:
             before = self.state
             self.panel.panel.recent = self.recent.paths
             self.state = self.panel.frame(self.state, self.content, self.painter.frame)
