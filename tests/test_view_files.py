@@ -171,7 +171,11 @@ def test_without_the_library_keys_say_so(folder: Path) -> None:
     paths = os.pathsep.join([str(hidden), *filter(None, [os.environ.get("PYTHONPATH")])])
     window = Window(folder / "blob.npy", folder, {"PYTHONPATH": paths}, panel=True)
     assert not window.state["panel"] and shutil.which("xdotool")
-    for key, what in (("ctrl+o", "the file dialog"), ("ctrl+s", "the file dialog"), ("tab", "the panel")):
+    for key, what in (
+        ("ctrl+o", "the file dialog"),
+        ("ctrl+s", "the file dialog"),
+        ("tab", "the panel with the opacity curve, colours, settings, cuts and files"),
+    ):
         told = window.key(key)
         assert told["message"].startswith(f"{what}: needs") and "splatgl[gui]" in told["message"]
         assert not told["panel"] and not told["closed"]

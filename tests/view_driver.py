@@ -229,7 +229,7 @@ def main() -> None:
         viewer = Viewer(Content.open(scene), renderer, Options(folder=Path(folder), reopen=lambda: scene, **asked))
         first = asked_first(viewer, Path(folder))
         until(viewer, lambda: settled(viewer))
-        viewer.window.show = first
+        viewer.window.show = first  # type: ignore[method-assign]
         print(json.dumps(told(viewer)), flush=True)
         ask = {"do": ""}
         while ask["do"] not in ("end", "close"):

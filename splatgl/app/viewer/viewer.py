@@ -40,6 +40,8 @@ from splatgl.gl.screen import Screen
 
 # maximum seconds to wait for events when idle: bounds the response to Ctrl-C
 IDLE = 0.25
+# what is missing without its library
+PANEL = "the panel with the opacity curve, colours, settings, cuts and files"
 
 
 @dataclass(frozen=True)
@@ -328,7 +330,7 @@ class Viewer:
     def _open_panel(self) -> None:
         """Creates the panel, or sets a message on how to install its library."""
         if not find_spec("imgui_bundle"):
-            said = str(missing_extra("the panel", "imgui-bundle", "gui"))
+            said = str(missing_extra(PANEL, "imgui-bundle", "gui"))
             self.state = replace(self.state, panel=False, message=said)
         else:
             from splatgl.app.viewer.gui import Gui
