@@ -19,8 +19,8 @@ from splatgl.app.viewer.recent import MOST, Recent
 
 driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 WITH_GUI = "needs the extra gui: pip install splatgl[gui]"
-# places in a window of 600 × 450 pixels: the section Files, the second file of it; in the dialog, the fourth row
-SECTION, SECOND, ROW = (400, 45), (300, 105), (92, 131)
+# places in a window of 600 × 450 pixels: the section Files, the second file of it; in the dialog, the fifth row
+SECTION, SECOND, ROW = (400, 45), (300, 105), (92, 148)
 
 
 def test_recent_files_are_kept(tmp_path: Path) -> None:
