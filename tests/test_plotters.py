@@ -102,12 +102,33 @@ def test_several_volumes_of_one_prop_are_layers(pyvista: Any) -> None:
     assert first.transfer.points[-1][1] == 0.25 and second.transfer.points[-1][1] == 0.75
 
 
-def test_a_mask_of_a_mapper_is_refused(pyvista: Any) -> None:
+def test_masks_of_mappers(pyvista: Any) -> None:
+    """Binary ones mask the volume, where it lies; others are refused, and by plotters those of volumes."""
     made = plotter(pyvista, some(), mapper="gpu")
     (volume,) = list(made.renderer.GetVolumes())
-    volume.GetMapper().SetMaskInput(some().to_pyvista())
-    with pytest.raises(sg.InputError, match="mask: expected none"):
+    inside = np.indices(some().shape)[2] < 4
+    mask = sg.Volume(inside.astype(np.uint8) * 255, (1.0, 2.0, 1.5), (3.0, -4.0, 5.0))
+    volume.GetMapper().SetMaskInput(mask.to_pyvista())
+    volume.GetMapper().SetMaskTypeToBinary()
+    found = only(made).volume
+    assert (found.kept((0, 0, 0), found.shape) == inside).all()
+    with pytest.raises(sg.InputError, match="some: expected no masks"):
+        sg.Scene([some().masked(inside)]).to_pyvista(off_screen=True)
+    volume.GetMapper().SetMaskTypeToLabelMap()
+    with pytest.raises(sg.InputError, match="mask: expected a binary one"):
         sg.Scene.of(made)
+    volume.GetMapper().SetMaskTypeToBinary()
+    volume.GetMapper().SetMaskInput(some((3, 3, 3)).to_pyvista())
+    with pytest.raises(sg.InputError, match="mask: expected a binary one"):
+        sg.Scene.of(made)
+
+
+def test_values_of_meshes_are_kept(pyvista: Any) -> None:
+    mesh = sg.Mesh(np.eye(3), [[0, 1, 2]], values=[1.0, 2.0, 4.0], quantity="t", colormap="gray")
+    assert mesh.to_pyvista().point_data["t"].tolist() == [1.0, 2.0, 4.0]
+    made = sg.Scene([some()], meshes=[mesh]).to_pyvista(off_screen=True)
+    (back,) = [each for each in sg.Scene.of(made).meshes if len(each) == 1]
+    assert back.colors.tolist() == [[0] * 3, [85] * 3, [255] * 3]
 
 
 # --- plotters to scenes ---

@@ -76,6 +76,8 @@ def poly_data(mesh: Mesh) -> Any:
     found = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.faces)
     if mesh.colors is not None:
         found.point_data[COLORS] = mesh.colors
+    if mesh.values is not None:
+        found.point_data[mesh.quantity or VALUES] = mesh.values
     return found
 
 

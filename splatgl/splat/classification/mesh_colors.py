@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from splatgl.data.color import srgb_from_linear
 from splatgl.data.mesh import Mesh
 from splatgl.splat.classification.colormap import ENTRIES, colormap
 
@@ -26,6 +28,16 @@ def tables_of(meshes: Sequence[Mesh]) -> np.ndarray:
     """float32 [R, ENTRIES, 3]: linear RGB of the maps of those meshes that have values; one row without any."""
     found = [colormap(mesh.colormap) for mesh in meshes if mesh.mapped]
     return np.array(found or [np.zeros((ENTRIES, 3))], np.float32)
+
+
+def painted(mesh: Mesh) -> Mesh:
+    """A mesh with the colours of its values at its vertices, for what does not look them up between."""
+    if not mesh.mapped:
+        return mesh
+    every = replace(mesh, faces=np.arange(len(mesh.vertices))[:, None] * np.ones(3, np.int64), corner_normals=None)
+    linear = colors_at(every, np.arange(len(mesh.vertices)), np.broadcast_to([1.0, 0.0, 0.0], (len(mesh.vertices), 3)))
+    colors = np.rint(srgb_from_linear(linear) * 255).astype(np.uint8)
+    return replace(mesh, colors=colors, values=None)
 
 
 def colors_at(mesh: Mesh, triangle: np.ndarray, share: np.ndarray) -> np.ndarray:

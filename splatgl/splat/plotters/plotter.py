@@ -10,6 +10,7 @@ from splatgl.data.arrays.vtk_images import image_data, library, poly_data
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
+from splatgl.splat.classification.mesh_colors import painted
 from splatgl.splat.classification.shading import Light
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.layers.layers import Layer, Scene
@@ -37,7 +38,7 @@ def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, o
     for layer, own in zip(scene.shown, scene.planes, strict=True):
         planes = (*settings.clip, *own)
         plotter.add_actor(_volume(pyvista, layer, light, settings, planes), reset_camera=False)
-    for mesh in scene.meshes:
+    for mesh in map(painted, scene.surfaces(settings)):
         color = srgb_from_linear(np.array(mesh.color)).tolist()
         look = {"scalars": "colors", "rgb": True} if mesh.colors is not None else {"color": color}
         shares = {"ambient": light.ambient, "diffuse": light.diffuse, "specular": light.specular}
@@ -69,6 +70,8 @@ def _volume(pyvista: Any, layer: Layer, light: Light, settings: Settings, planes
     from vtkmodules.vtkRenderingVolumeOpenGL2 import vtkSmartVolumeMapper
 
     mapper, found, volume = vtkSmartVolumeMapper(), pyvista.Volume(), layer.volume
+    if volume.masks:
+        raise expected(volume.name or "volume", "no masks, which this mapper of VTK has not", "some")
     lit = settings.shading == "on" or (settings.shading == "auto" and layer.seen.shading)
     looks = property_of(volume, layer.seen, light, lit)
     data = image_data(Volume(volume.samples, volume.spacing, name=volume.name))

@@ -21,6 +21,8 @@ from splatgl.splat.view.clip import Plane
 BY_NAME, SUBVOLUME = (3, 4), 0x2000
 # colours and an opacity
 COMPONENTS = 4
+# of masks of mappers: what is not 0 is seen
+BINARY = 0
 
 
 def layers_of(prop: Any) -> Iterator[Layer]:
@@ -29,8 +31,6 @@ def layers_of(prop: Any) -> Iterator[Layer]:
     Raises InputError for other data than even grids, and for what splatgl has no like of.
     """
     mapper = prop.GetMapper()
-    if mapper.IsA("vtkGPUVolumeRayCastMapper") and mapper.GetMaskInput() is not None:
-        raise expected("mask", "none", "one of the mapper", "SetMaskInput(None), and mask the volume")
     if not prop.IsA("vtkMultiVolume"):
         yield from _layers(mapper, 0, prop)
         return
@@ -52,7 +52,7 @@ def _layers(mapper: Any, port: int, prop: Any) -> Iterator[Layer]:
     array, in_cells = chosen(data, asked)
     matrix = matrix_of(prop)
     planes = (*clip_planes(mapper), *_cropping(mapper, matrix))
-    parts = [_placed(part, matrix) for part in of_components(data, array, in_cells)]
+    parts = [_masked(_placed(part, matrix), mapper) for part in of_components(data, array, in_cells)]
     if len(parts) > 1 and not looks.GetIndependentComponents():
         parts = [_colored(parts)]
     for number, part in enumerate(parts):
@@ -61,6 +61,21 @@ def _layers(mapper: Any, port: int, prop: Any) -> Iterator[Layer]:
             transfer = replace(transfer, colormap="gray", window=None)
         weight = float(looks.GetComponentWeight(number)) if len(parts) > 1 else 1.0
         yield Layer(part, transfer, float(np.clip(weight, 0.0, 1.0)), clip=planes)
+
+
+def _masked(volume: Volume, mapper: Any) -> Volume:
+    """A volume by the mask of its mapper, if that has one. Raises InputError for one of labels, and of another size."""
+    mask = mapper.GetMaskInput() if mapper.IsA("vtkGPUVolumeRayCastMapper") else None
+    if mask is None:
+        return volume
+    array, in_cells = chosen(mask, ArrayOptions())
+    (found,) = of_components(mask, array, in_cells)
+    if mapper.GetMaskType() != BINARY or found.shape != volume.shape:
+        told = "one of labels" if mapper.GetMaskType() != BINARY else f"one of {found.shape}"
+        raise expected(
+            "mask", f"a binary one of {volume.shape} voxels", told, "SetMaskInput(None), and mask the volume"
+        )
+    return volume.masked(np.asarray(found.samples))
 
 
 def matrix_of(prop: Any) -> np.ndarray:
