@@ -129,7 +129,8 @@ class Together(Content):
     @property
     def channels(self) -> list[Content]:
         """The parts of the first volume."""
-        return [part for part in self.parts if part.scene.volume == self.scene.volume]
+        found = [part for part in self.parts if part.scene.volume == self.scene.volume and "channel" in part.scene.load]
+        return found or [self.parts[0]]
 
     # --- what the window asks of any content -----------------------------------------------------------------------
 
