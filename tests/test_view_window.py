@@ -250,7 +250,8 @@ def next_choice(name: str) -> Callable[[Told, Told], bool]:
     def check(before: Told, after: Told) -> bool:
         if len(choices()[name]) < 2:
             return f"{name} is always" in after["message"]
-        return after["settings"][name] == choices()[name][1] and choices()[name][1] in after["message"]
+        chosen = choices()[name][1]
+        return after["settings"][name] == chosen and after["message"].startswith(f"{name} {chosen}")
 
     return check
 

@@ -221,7 +221,9 @@ class Viewer:
             return None
         except InputError as error:
             self.refiner.refuse(wanted)
-            self.say(str(error), "picture")
+            # the content before need not suit what is asked of the one that is coming
+            if self.coming is None:
+                self.say(str(error), "picture")
             return None
         self.over("picture")
         self.refiner.done(wanted, level, frame.full)
