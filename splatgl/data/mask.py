@@ -149,7 +149,10 @@ def masked(volume: Volume, mask: Mask) -> Volume:
     channels, coarser = (
         tuple(replace(each, masks=(*each.masks, mask)) for each in some) for some in (volume.channels, volume.coarser)
     )
-    return replace(found, channels=channels, coarser=coarser, notes=(*volume.notes, told))
+    made = replace(found, channels=channels, coarser=coarser, notes=(*volume.notes, told))
+    # not to be looked up again
+    vars(made).update({name: value for name, value in vars(found).items() if name == "_kept"})
+    return made
 
 
 def _span(volume: Volume, frame: str | None) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,8 @@ Triple = tuple[float, float, float]
 Places = tuple[int, int, int]
 # limits in world units: float64 holds the fourth powers of these and of far larger distances
 LEAST_LENGTH, MOST_LENGTH = 1e-40, 1e40
+# most voxels that masks are looked up for once, and kept, 1 byte each
+MOST_LOOKED_UP = 2**28
 # maximum ratio of a voxel's sides: float32 holds its square, and distances in either
 MOST_OBLONG = 1e9
 
@@ -156,6 +159,15 @@ class Volume:
 
     def kept(self, low: Places, high: Places) -> np.ndarray:
         """bool: which voxels low ≤ (z, y, x) < high all masks keep; all, if there are none."""
+        if self.masks and self.count <= MOST_LOOKED_UP:
+            return np.asarray(self._kept[tuple(map(slice, low, high))])
+        return self._looked_up(low, high)
+
+    @cached_property
+    def _kept(self) -> np.ndarray:
+        return self._looked_up((0, 0, 0), self.shape)
+
+    def _looked_up(self, low: Places, high: Places) -> np.ndarray:
         found = np.ones([b - a for a, b in zip(low, high, strict=True)], bool)
         for mask in self.masks:
             found &= mask.keeps(self, low, high)
