@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.files import Files, News
 from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.overlay import FONT, Text, _fitted
-from splatgl.app.viewer.portion import Portion
+from splatgl.app.viewer.state import State
 from splatgl.splat.plan.settings import Settings
 
 driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
@@ -128,38 +128,42 @@ def test_a_file_that_is_removed_says_so(tmp_path: Path) -> None:
 
 
 def test_a_dropped_file_is_not_replaced(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of two files of one name, the second waits for the first, whose finer voxels do not take its place."""
-    gate, read = threading.Event(), []
+    """Of two files of one name the second is still being read when the one that is watched changes: no reason to read
+    that again.
+    """
+    gates = {name: threading.Event() for name in ("a/v.npy", "b/v.npy")}
 
     def opened(scene: Scene, times: tuple[Scene, ...] = ()) -> News:
-        assert gate.wait(300.0)
-        read.append(scene.volume)
+        assert gates[scene.volume].wait(300.0)
         return News(content)
 
     content = Content.open(Scene(str(folder / "blob.npy")))
-    finer = Content.open(Scene(str(folder / "blob.npy")))
-    object.__setattr__(finer, "portion", Portion(finer.volume, "every 2nd voxel", lambda: cast(Any, None)))
+    np.save(folder / "watched.npy", blob().samples)
     monkeypatch.setattr(reading, "_opened", opened)
     woken = threading.Semaphore(0)
-    found = Files(Jobs(woken.release), (), None, 0.0)
-    for name in ("a/v.npy", "b/v.npy"):
+    found = Files(Jobs(woken.release), (str(folder / "watched.npy"),), lambda: content.scene, 0.0)
+    for name in gates:
         found.open([name], Settings())
         # the first is being read before the second is asked for
         while found.jobs.waiting is not None and name == "a/v.npy":
             pass
-    gate.set()
-    for _ in range(2):
-        assert woken.acquire(timeout=300.0)
-        for done in found.jobs.collect():
-            assert done.error is None
-            found.finished(done.name)
-            if found.jobs.busy:
-                # what of the first comes later waits until the second is there
-                found.refine(finer)
+    gates["a/v.npy"].set()
+    assert woken.acquire(timeout=300.0)
+    for done in found.jobs.collect():
+        found.finished(done.name)
+    os.utime(folder / "watched.npy", (1, 1))
+    state = State.of(content, (120, 80))
+    found.look(state, 1e9)
+    assert found.jobs.waiting is None and (found.jobs.busy or "").startswith("opening")
+    gates["b/v.npy"].set()
     assert found.jobs.settled(300.0)
     for done in found.jobs.collect():
         found.finished(done.name)
-    assert read == ["a/v.npy", "b/v.npy"] and found.opening == ""
+    # now it is
+    os.utime(folder / "watched.npy", (2, 2))
+    found.look(state, 2e9)
+    assert found.opening == "" and found.jobs.settled(300.0)
+    assert [done.name for done in found.jobs.collect()] == ["reading again"]
 
 
 @driven

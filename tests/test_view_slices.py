@@ -81,7 +81,7 @@ def test_others_lie_as_the_views_from_above_front_and_right() -> None:
 
 def test_slices_have_the_volume_s_proportions() -> None:
     volume = sg.Volume(np.zeros((10, 20, 40), np.uint8), spacing=(1.0, 3.0, 2.0))
-    for pane in shown(volume):
+    for pane in (*shown(volume), *panes(volume, UP, (200, 900))):
         left, top, right, bottom = pane.box
         lengths = [volume.shape[2 - axis] * volume.spacing[axis] for axis in (pane.across, pane.down)]
         assert (right - left) / (bottom - top) == pytest.approx(lengths[0] / lengths[1])
@@ -93,9 +93,12 @@ def test_slices_have_the_volume_s_proportions() -> None:
 
 
 @pytest.mark.parametrize("frame", [None, "LPS", "RAS"])
-def test_every_pixel_is_the_voxel_that_is_there(frame: str | None, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("order", list(permutations(range(3))))
+def test_every_pixel_is_the_voxel_that_is_there(
+    frame: str | None, order: tuple[int, ...], rng: np.random.Generator
+) -> None:
     """The middle of each voxel in a slice is found at its pixel, and its value is in that row and column."""
-    direction = np.eye(3)[:, rng.permutation(3)] * rng.choice([-1, 1], 3)
+    direction = np.eye(3)[:, list(order)] * rng.choice([-1, 1], 3)
     volume = sg.Volume(rng.random((4, 5, 6)), direction=direction, spacing=(1.0, 2.0, 0.5), frame=frame)
     for pane in shown(volume):
         at = (2, 3, 1)
