@@ -195,6 +195,25 @@ def test_moving_layers_are_the_mean_of_their_moments(renderer: sg.Renderer, fiel
     assert quick > slow == 2
 
 
+def test_volumes_in_another_frame_are_turned(renderer: sg.Renderer, rng: np.random.Generator) -> None:
+    """LPS and RAS are of one patient: the picture is that of two in one frame, with what is cut off each."""
+    turn, look = np.diag([-1.0, -1.0, 1.0]), sg.Transfer([(0.4, 0), (0.7, 0.6)], colormap="viridis", shading=True)
+    samples, vectors = noise(rng, (14, 15, 16)), np.ones((14, 15, 16, 3))
+    first = sg.Volume(noise(rng, (16, 16, 16)), frame="LPS")
+    same = sg.Volume(samples, (1, 1, 1), (3, 2, 1), frame="LPS", vectors=vectors)
+    other = sg.Volume(samples, (1, 1, 1), (-3, -2, 1), turn, frame="RAS", vectors=vectors * (-1, -1, 1))
+    camera = sg.Camera.orbit(first, 30, 20, size=(32, 24))
+    pictures = []
+    for second, clip in ((same, [(1, 0, 0, 8.3)]), (other, [(-1, 0, 0, 8.3)])):
+        masked = second.masked(np.indices(samples.shape)[1] < 11)
+        layers = [sg.Layer(first, look, 0.4), sg.Layer(masked, look, 0.8, clip=clip)]
+        scene = sg.Scene(layers)
+        assert np.allclose(scene.layers[1].volume.vectors, 1) and scene.layers[1].volume.frame == "LPS"
+        pictures.append(renderer.render(scene, camera, PLAIN).pixels)
+    assert np.abs(pictures[0] - pictures[1]).max() < 2e-4 and pictures[0][..., 3].max() > 0.5
+    assert same.placed("LPS") is same and same.placed(None) is same
+
+
 def test_a_view_shows_all_layers(blocks: sg.Scene) -> None:
     camera = sg.Camera.orbit(blocks, 20, 30, size=(64, 64))
     x, y, depth = camera.eye_from_points(blocks.corners).T

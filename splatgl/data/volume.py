@@ -157,6 +157,17 @@ class Volume:
 
         return masked(self, mask_of(mask, self, labels, outside))
 
+    def placed(self, frame: str | None) -> Volume:
+        """The volume in another frame, its channels and levels with it; as it is, if either is not known."""
+        if {self.frame, frame} != {"LPS", "RAS"}:
+            return self
+        turn = np.array([-1.0, -1.0, 1.0])
+        x, y, z = (turn * self.origin).tolist()
+        vectors = None if self.vectors is None else self.vectors * turn.astype(self.vectors.dtype)
+        channels, coarser = (tuple(each.placed(frame) for each in some) for some in (self.channels, self.coarser))
+        made = replace(self, origin=(x, y, z), direction=turn[:, None] * self.direction, frame=frame)
+        return replace(made, vectors=vectors, channels=channels, coarser=coarser)
+
     def kept(self, low: Places, high: Places) -> np.ndarray:
         """bool: which voxels low ≤ (z, y, x) < high all masks keep; all, if there are none."""
         if self.masks and self.count <= MOST_LOOKED_UP:

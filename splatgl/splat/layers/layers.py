@@ -6,6 +6,7 @@ Where they overlap, extinctions and emissions add up: the order is right at ever
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -53,6 +54,19 @@ class Layer:
         transfer = self.transfer or default_transfer(self.volume)
         object.__setattr__(self, "transfer", transfer.weakened(self.opacity))
 
+    def placed(self, frame: str | None) -> Layer:
+        """The layer with its volume, and the planes that cut it, in another frame."""
+        volume = self.volume.placed(frame)
+        if volume is self.volume:
+            return self
+        # its opacity is in its transfer function already
+        made = copy(self)
+        object.__setattr__(made, "volume", volume)
+        if self.clip is not None:
+            own = planes_of(self.clip, Box.of([self.volume]))
+            object.__setattr__(made, "clip", tuple((-x, -y, z, d) for x, y, z, d in own))
+        return made
+
     @property
     def seen(self) -> Transfer:
         """The transfer function, with the layer's opacity in it."""
@@ -63,9 +77,9 @@ class Layer:
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Layers of one picture, in any order; volumes stand for layers by default. clip: conditions such as "x>0.3" of the
-    box around the visible layers, or planes as of Settings. meshes: triangles, in the same world; in another frame, LPS
-    or RAS, than the first layer they are turned into its own; planes cut those that are `clipped`. Raises InputError
-    for too many layers, for none that is visible, and for planes that leave nothing.
+    box around the visible layers, or planes as of Settings. meshes: triangles, in the same world. Layers and meshes in
+    another frame, LPS or RAS, than the first layer are turned into its own; planes cut those that are `clipped`. Raises
+    InputError for too many layers, for none that is visible, and for planes that leave nothing.
     """
 
     layers: Sequence[Layer | Volume]
@@ -76,11 +90,13 @@ class Scene:
 
     def __post_init__(self) -> None:
         layers = tuple(Layer(each) if isinstance(each, Volume) else each for each in self.layers)
-        object.__setattr__(self, "layers", layers)
+        known = (each.volume.frame for each in layers if each.visible and each.opacity > 0)
+        first = next((frame for frame in known if frame), None)
+        object.__setattr__(self, "layers", tuple(each.placed(first) for each in layers))
         if not 1 <= len(self.shown) <= MOST_LAYERS:
             raise expected("layers", f"1 to {MOST_LAYERS} that are visible", len(self.shown))
         object.__setattr__(self, "planes", self._planes())
-        placed = tuple(each.placed(self.shown[0].volume.frame) for each in self.meshes)
+        placed = tuple(each.placed(first) for each in self.meshes)
         found = tuple(each.cut(self._around) if each.clipped and self._around else each for each in placed)
         object.__setattr__(self, "meshes", found)
 
