@@ -39,7 +39,7 @@ REFUSED = r"(?m)^\| setting \| tiles .*\n(\|.*\n)*"
 METHODS = r"(?s)<details><summary>all \d+ methods, by what is varied</summary>.*?</details>"
 SIZE = (400, 400)
 # size of the viewer's window; a palette keeps its image small
-WINDOW, COLORS = (860, 560), 128
+WINDOW, COLORS = (1240, 640), 128
 # options of the gallery: CT of the Visible Male (z runs downwards), a neuron, CT of a stent
 SKULL = "--preset ct-bone --spacing 1.57774,0.995861,1.00797 --up 0,0,-1 --azimuth 40 --elevation -5 --zoom 1.05"
 NEURON = "--zoom 1.2"
@@ -90,7 +90,7 @@ def classification(skull: str) -> None:
 
 
 def window(source: str) -> None:
-    """The viewer with its panel, showing a volume or a scene at full quality."""
+    """The viewer with its panel and slices, showing a volume or a scene at full quality."""
     from splatgl.app.viewer.content import Content
     from splatgl.app.viewer.viewer import Options, Viewer
 
@@ -98,8 +98,10 @@ def window(source: str) -> None:
     with sg.Renderer("window") as renderer:
         viewer = Viewer(Content.open(scene), renderer, Options(size=WINDOW))
         try:
-            # a few extra frames for the panel
-            while viewer.painter.frame is None or not viewer.painter.frame.full:
+            # with slices beside it, and a few extra frames for the panel
+            viewer.hands.key("z")
+            viewer.step()
+            while viewer.painter.frame is None or not viewer.painter.frame.full or viewer.busy:
                 viewer.step()
             for _ in range(10):
                 viewer.refresh()
