@@ -76,8 +76,9 @@ def _mesh(content: Content, mesh: MeshFile) -> MeshFile:
     imgui.text(plain(mesh.name))
     opacity = _opacity(mesh.opacity, room, left + room * NAME + imgui.get_style().item_spacing.x)
     found = content.mesh(mesh)
-    given = mesh.linear or (None if found is None or found.colors is not None else found.color)
-    # colours of its vertices are the file's, until one is picked
+    own = found is not None and found.colors is None and found.values is None
+    given = mesh.linear or (found.color if found is not None and own else None)
+    # those of its vertices and values are many, until one is picked
     color = _color((0.5, 0.5, 0.5) if given is None else tuple(map(float, given)))
     return replace(mesh, visible=visible, opacity=opacity, color=mesh.color if color is None else color)
 
