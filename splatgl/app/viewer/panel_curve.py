@@ -35,6 +35,9 @@ class Curve:
         # whether the axis is to show the whole range
         self.fits = True
         self.held: int | None = None
+        # the strip's colours, and what they are of
+        self.colored: object = None
+        self.colors: list[imgui.ImVec4] = []
         # of the drawn plot: left, top, width, height, screen units
         self.box = (0.0, 0.0, 1.0, 1.0)
 
@@ -123,15 +126,19 @@ class Curve:
         return points
 
     def _strip(self, transfer: Transfer, high: float) -> None:
-        """The colour of every value, below the plot."""
-        low, stop = self.range
-        values = low + (np.arange(COLORS) + 0.5) / COLORS * (stop - low)
+        """The colour of every value, below the plot; worked out where it changes."""
+        key = transfer, self.range
+        if key != self.colored:
+            low, stop = self.range
+            values = low + (np.arange(COLORS) + 0.5) / COLORS * (stop - low)
+            found = srgb_from_linear(np.clip(transfer.color(values), 0.0, 1.0))
+            self.colored, self.colors = key, [imgui.ImVec4(*(float(each) for each in (*rgb, 1.0))) for rgb in found]
         pen, top = imgui.get_window_draw_list(), imgui.get_cursor_screen_pos().y
         step = self.box[2] / COLORS
-        for number, rgb in enumerate(srgb_from_linear(np.clip(transfer.color(values), 0.0, 1.0))):
+        for number, color in enumerate(self.colors):
             left = self.box[0] + number * step
-            color = int(imgui.get_color_u32(imgui.ImVec4(*(float(each) for each in (*rgb, 1.0)))))
-            pen.add_rect_filled((left, top), (left + step + 1, top + high), color)
+            corners = imgui.ImVec2(left, top), imgui.ImVec2(left + step + 1, top + high)
+            pen.add_rect_filled(*corners, int(imgui.get_color_u32(color)))
         imgui.dummy((1.0, high))
 
     def _whole(self) -> None:
