@@ -200,6 +200,7 @@ def test_edits_are_undone(state: State) -> None:
     assert not history.unsaved(state.selecting(1))
     hidden = state.looking(1, replace(state.looks[1], visible=False))
     history.note(hidden)
+    assert history.unsaved(hidden)
     faint = replace(hidden, meshes=(replace(hidden.meshes[0], opacity=0.2), hidden.meshes[1]))
     history.note(faint)
     assert history.unsaved(faint)
