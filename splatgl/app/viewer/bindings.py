@@ -100,7 +100,7 @@ MOUSE = (
     ("wheel, right drag", "zoom to the cursor"),
     ("ctrl+left drag", "roll"),
     ("double click", "turn about the point under the cursor"),
-    ("drop a file", "open it; several: a time series; a mesh: over what is shown"),
+    ("drop a file", "open it; several: a series; a mesh: over it"),
 )
 
 
