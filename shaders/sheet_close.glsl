@@ -93,6 +93,13 @@ vec2 kept_part(vec2 part, vec2 m) {
     if (m.x >= 0.0) return vec2(part.x, m.y >= 0.0 ? part.y : cross);
     return m.y >= 0.0 ? vec2(cross, part.y) : part.xx;
 }
+
+// The share of light by the mask's normal; by the gradient of values the rest.
+float face_share(vec3 gradient, vec3 normal) {
+    float size2 = dot(gradient, gradient), face2 = dot(normal, normal), along = dot(gradient, normal);
+    float alike = along * along / max(size2 * face2, 1e-30) * (size2 / (size2 + MASK_SURE * MASK_SURE));
+    return sqrt(face2) * (1.0 - alike);
+}
 #endif
 
 #if LIMITED == 1
@@ -249,9 +256,7 @@ vec2 light_of(int row, vec3 gradient, float begin, float end) {
     if (SHADING == 0) return light;
 #if MASKED == 1
     vec3 normal = (mask_at(row, 0.5 * (begin + end)).gba * 255.0 - MASK_ZERO) / MASK_ONE;
-    float size2 = dot(gradient, gradient), face2 = dot(normal, normal), along = dot(gradient, normal);
-    float alike = along * along / max(size2 * face2, 1e-30) * (size2 / (size2 + MASK_SURE * MASK_SURE));
-    float shown = sqrt(face2) * (1.0 - alike);
+    float shown = face_share(gradient, normal);
     if (shown > 0.0) {
 #if CUED
         share = reached(cell, normal, toward[row]);

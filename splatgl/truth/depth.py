@@ -21,7 +21,7 @@ from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.layers.layers import Layer, Scene
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.mask import kept_ends
+from splatgl.splat.view.mask import kept_part
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.truth.depth_field import LayerField
 from splatgl.truth.surfaces import crossings
@@ -171,7 +171,7 @@ def _through(field: LayerField, walk: Walk, some: np.ndarray, end: np.ndarray, n
     first, last, begin, to = first[known], last[known], depth[inside[known]], end[inside[known]]
     if field.mask is not None:
         at = field.kept(begin, ray[known]), field.kept(to, ray[known])
-        (low, high), slope = kept_ends(at, (begin, to)), (last - first) / (to - begin)
+        (low, high), slope = kept_part(at, (begin, to)), (last - first) / (to - begin)
         first, last, begin, to = first + slope * (low - begin), last + slope * (high - to), low, high
     mean = field.look.mean(first, last, (field.look.until(first), field.look.until(last)))
     passed[inside[known]] = mean * (to - begin) * field.length[ray[known]]

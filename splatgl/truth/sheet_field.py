@@ -15,7 +15,7 @@ from splatgl.splat.plan.blend_mode import BlendMode
 from splatgl.splat.plan.resolve import Resolved
 from splatgl.splat.sheets.sheets import LEAST_MASS, Sheets, index_direction
 from splatgl.splat.view.clip import FACE
-from splatgl.splat.view.mask import MaskField, face_share, kept_ends
+from splatgl.splat.view.mask import MaskField, face_share, kept_part
 from splatgl.splat.view.view import View
 from splatgl.truth.blend import classified, joined, joined_value
 from splatgl.truth.rays import Rays
@@ -111,7 +111,7 @@ class SheetField:
         if self.mask is None:
             return ends
         at = [self.mask.at(self._points((sheet + end) * sheets.thickness, some, rays)) for end in ends]
-        return list(kept_ends((at[0], at[1]), (ends[0], ends[1])))
+        return list(kept_part((at[0], at[1]), (ends[0], ends[1])))
 
     def _points(self, distance: np.ndarray, some: np.ndarray, rays: Rays) -> np.ndarray:
         """Grid positions [3, P] at distances, index units as sheets are counted, of some rays."""

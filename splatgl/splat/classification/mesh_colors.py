@@ -41,12 +41,16 @@ def painted(mesh: Mesh) -> Mesh:
 
 
 def colors_at(mesh: Mesh, triangle: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Linear RGB [P, 3] at points of triangles [P], by the shares [P, 3] of their corners; twin of `surface.frag`."""
+    """Linear RGB [P, 3] at points of triangles [P], by the shares [P, 3] of their corners."""
     if not mesh.mapped:
         return np.asarray((mesh.shades[triangle] * share[..., None]).sum(axis=1))
     place = (places_of(mesh)[mesh.faces[triangle]] * share).sum(axis=1)
+    return mapped_color(colormap(mesh.colormap), place, np.asarray(mesh.color))
+
+
+def mapped_color(table: np.ndarray, place: np.ndarray, plain: np.ndarray) -> np.ndarray:
+    """Linear RGB [P, 3] at places [P] of a map; `plain` where there is no value. Twin of `shaders/mesh_maps.glsl`."""
     at = np.clip(place, 0.0, 1.0) * (ENTRIES - 1)
     low = np.minimum(at.astype(np.int64), ENTRIES - 2)
-    table = colormap(mesh.colormap)
     found = table[low] + (table[low + 1] - table[low]) * (at - low)[:, None]
-    return np.where((place < KNOWN)[:, None], np.asarray(mesh.color), found)
+    return np.where((place < KNOWN)[:, None], plain, found)

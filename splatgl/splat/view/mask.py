@@ -157,7 +157,7 @@ class MaskField:
         return found
 
 
-def kept_ends(at: tuple[np.ndarray, np.ndarray], ends: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def kept_part(at: tuple[np.ndarray, np.ndarray], ends: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """The ends of what is kept between two [P], where the mask less EDGE is `at`, and linear between."""
     first, last = at
     with np.errstate(divide="ignore", invalid="ignore"):
