@@ -126,14 +126,15 @@ def test_nothing_overlaps_or_is_cut_off(size: tuple[int, int], shown: float) -> 
         camera = sg.Camera.orbit(volume, 30, 20, size=size, zoom=0.7)
         layer = Layer.over(np.full((size[1], size[0], 4), shown, np.float32), (0, 0, 0))
         subject = Subject.of(volume)
-        compose(layer, subject, camera, asked, bar_of(subject, TRANSFER, "composite", round(0.45 * size[1])))
+        bar = bar_of(subject, TRANSFER, "composite", round(0.45 * size[1]))
+        compose(layer, subject, camera, asked, [] if bar is None else [bar])
         assert not any(a.meets(b) for a, b in itertools.combinations(layer.taken, 2))
         for rect in layer.taken:
             assert rect.left >= 0 and rect.top >= 0 and rect.right <= size[0] and rect.bottom <= size[1]
         assert size[0] > 256 or layer.notes
         # without the box nothing is drawn outside of the places
         layer = Layer(np.zeros((size[1], size[0], 4), np.float32), WHITE)
-        compose(layer, subject, camera, [each for each in asked if each != "box"], None)
+        compose(layer, subject, camera, [each for each in asked if each != "box"], ())
         for rect in layer.taken:
             layer.clear(rect)
         assert not layer.pixels.any()
@@ -170,7 +171,7 @@ def test_an_eye_within_the_box_is_told() -> None:
     center = OBLONG.center
     camera = sg.Camera.look_at(center, center + np.array([0, 1.0, 0]), (0, 0, 1), 120, (200, 200))
     layer = Layer(np.zeros((200, 200, 4), np.float32), WHITE)
-    compose(layer, Subject.of(OBLONG), camera, ["box"], None)
+    compose(layer, Subject.of(OBLONG), camera, ["box"], ())
     box.draw_behind(layer, Subject.of(OBLONG), camera)
     assert layer.notes == ["no numbers of the box: the eye is in it"] and layer.pixels.any()
     assert np.isfinite(layer.pixels).all()

@@ -164,6 +164,12 @@ def array(name: str, text: str, kind: str = "Float32", components: int = 1) -> s
     return f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="ascii">{text}</DataArray>'
 
 
+def numbers(mesh: sg.Mesh) -> np.ndarray:
+    """Its values, which it has."""
+    assert mesh.values is not None
+    return mesh.values
+
+
 def vtp(folder: Path, points: str = "", cells: str = "", active: str = "") -> str:
     (folder / "a.vtp").write_text(VTP.format(points=points, cells=cells, active=active))
     return str(folder / "a.vtp")
@@ -174,11 +180,11 @@ def test_numbers_of_vtk_files(tmp_path: Path) -> None:
     both = array("Normals", "0 0 1 " * 5, components=3) + array("a", "1 2 3 4 5") + array("b", "5 4 3 2 nan")
     speed = array("v", "3 4 0 0 0 2 0 1 0 1 0 0 0 0 0", components=3)
     found = sg.load_mesh(vtp(tmp_path, both + speed))
-    assert found.mapped and found.quantity == "a" and found.values[:5].tolist() == [1, 2, 3, 4, 5]
-    assert found.ranged == (1, 5) and set(found.values[5:]) == {4.0, 5.0}
+    assert found.mapped and found.quantity == "a" and numbers(found)[:5].tolist() == [1, 2, 3, 4, 5]
+    assert found.ranged == (1, 5) and set(numbers(found)[5:]) == {4.0, 5.0}
     other = sg.load_mesh(vtp(tmp_path, both, active='Scalars="b"'), "hot", 0.5)
-    assert (other.quantity, other.colormap, other.opacity) == ("b", "hot", 0.5) and np.isnan(other.values[4])
-    assert sg.load_mesh(vtp(tmp_path, speed), array="v").values[:5].tolist() == [5, 2, 1, 1, 0]
+    assert (other.quantity, other.colormap, other.opacity) == ("b", "hot", 0.5) and np.isnan(numbers(other)[4])
+    assert numbers(sg.load_mesh(vtp(tmp_path, speed), array="v"))[:5].tolist() == [5, 2, 1, 1, 0]
     assert sg.load_mesh(vtp(tmp_path, speed)).values is None
     plain = sg.load_mesh(vtp(tmp_path, both), "#ff0000")
     assert not plain.mapped and plain.color == (1.0, 0.0, 0.0)
@@ -193,7 +199,7 @@ def test_numbers_of_vtk_files(tmp_path: Path) -> None:
 def test_numbers_of_cells(tmp_path: Path) -> None:
     """Each polygon has its own, over smooth normals; VTK counts lines before polygons."""
     found = sg.load_mesh(vtp(tmp_path, cells=array("n", "7 8 9", "Int32") + array("vtkGhostType", "0 0 0", "UInt8")))
-    corners = found.values[found.faces]
+    corners = numbers(found)[found.faces]
     assert corners[:3].tolist() == [[9.0] * 3, [8.0] * 3, [8.0] * 3] and (corners[3:] == 7).all()
     assert found.quantity == "n" and found.normals.shape == (len(found), 3, 3)
     turned = sg.Mesh(found.vertices, found.faces, frame="LPS", corner_normals=found.normals).placed("RAS")
