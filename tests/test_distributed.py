@@ -265,6 +265,17 @@ def test_bad_options(
     assert error.startswith(f"splatgl: {said}") and error.count("\n") == 1 and not (tmp_path / "a.png").exists()
 
 
+@pytest.mark.parametrize("address", ["nonsense", "tcp://127.0.0.1:9"])
+def test_dask_computes_as_before_where_no_scheduler_answers(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    dask = pytest.importorskip("dask")
+    monkeypatch.setattr(cluster, "TIMEOUT", 0.5)
+    with dask.config.set(scheduler="sync"):
+        with pytest.raises(sg.InputError, match="no Dask scheduler"), connected(None, address, None):
+            pass
+        assert dask.config.get("scheduler") == "sync" and dask.delayed(abs)(-1).compute() == 1
+
+
 def test_a_scheduler_without_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr(cluster, "TIMEOUT", 1.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,13 +19,6 @@ ROOT = Path(__file__).parents[1]
 MANIFEST = Path(reading.__file__).with_name("napari.yaml")
 SPACING, ORIGIN = (0.5, 0.7, 2.0), (-3.0, 4.0, 5.0)
 TURNED = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-
-
-@pytest.fixture(autouse=True)
-def threads() -> Iterator[None]:
-    """Dask computes in threads, whatever a closed client of another test has left in its settings."""
-    with pytest.importorskip("dask").config.set(scheduler="threads"):
-        yield
 
 
 class Image:

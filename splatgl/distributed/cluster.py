@@ -77,11 +77,15 @@ def connected(
 
 
 def _client(scheduler: str) -> Client:
+    import dask
     from distributed import Client
 
+    before = dask.config.get("scheduler", None)
     try:
         return Client(scheduler, timeout=TIMEOUT)
     except Exception as error:
+        # one that finds none stays what Dask computes with
+        dask.config.set(scheduler=before)
         raise InputError(f"{scheduler}: no Dask scheduler of this version answers: {_line(error)}") from None
 
 
