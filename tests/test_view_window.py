@@ -695,6 +695,20 @@ def test_memory_stays(window: Window, folder: Path) -> None:
     assert told["megabytes"] - began["megabytes"] < 4
 
 
+@pytest.mark.long
+def test_memory_stays_where_the_window_is_resized(panel: Window) -> None:
+    """Pictures of other sizes leave no room behind that none of them fits."""
+    sizes = (640, 480), (450, 350), (600, 450)
+    megabytes = []
+    for _ in range(12):
+        for size in sizes:
+            panel.hands("windowsize", "--sync", panel.identity, *size)
+            told = panel.ask("settle")
+        megabytes.append(told["megabytes"])
+    # it grew by a hundred where freed pictures were kept
+    assert max(megabytes[6:]) - max(megabytes[3:6]) < 20, megabytes
+
+
 # --- the panel ----------------------------------------------------------------------------------------------------
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from splatgl.app.viewer.answers import PLAYED, answered, moved_on
 from splatgl.app.viewer.arrivals import arrived
 from splatgl.app.viewer.bindings import BINDINGS, Binding
+from splatgl.app.viewer.blocks import give_back_large
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.dialogs import Dialogs
 from splatgl.app.viewer.difference import Reference, Wanted
@@ -70,6 +71,7 @@ class Viewer:
     def __init__(
         self, content: Content, renderer: Renderer, options: Options | None = None, files: Files | None = None
     ) -> None:
+        give_back_large()
         self.options = options or Options()
         self.screen = Screen(self.options.size, "splatgl")
         try:
