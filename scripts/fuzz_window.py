@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import os
 import random
+import signal
 import statistics
 import subprocess
 import sys
@@ -56,7 +57,9 @@ class Session:
             number = pipe.readline().strip()
         self.environment = {**os.environ, "DISPLAY": f":{number}", "SPLATGL_RECENT": "off"}
         self.errors = (self.folder / f"errors-{self.seed}.txt").open("w+")
-        view = [sys.executable, "-m", "splatgl", "view", str(self.files[0]), "--folder", str(self.folder)]
+        # a window that hangs is aborted, and says where
+        python = [sys.executable, "-X", "faulthandler"]
+        view = [*python, "-m", "splatgl", "view", str(self.files[0]), "--folder", str(self.folder)]
         self.window = subprocess.Popen([*view, "--size", "640x480"], env=self.environment, stderr=self.errors)
         self.chance = random.Random(self.seed)
         search = ["search", "--sync", "--onlyvisible", "--all", "--pid", str(self.window.pid), "--name", ""]
@@ -152,14 +155,16 @@ def run(files: Sequence[Path], seed: int, seconds: float, folder: Path) -> list[
         try:
             session.once()
         except subprocess.TimeoutExpired as error:
-            wrong.append(f"hangs: {error}")
+            wrong.append(f"hangs after {session.done[-5:]}: {error}")
+            session.window.send_signal(signal.SIGABRT)
+            session.window.wait(HANGS)
             break
         if session.window.poll() is None:
             memory.append((gone, session.megabytes))
-    if session.window.poll() is not None:
+    if not wrong and session.window.poll() is not None:
         wrong.append(f"ended with {session.window.returncode} after {session.done[-5:]}")
     said = session.end()
-    if "Traceback" in said:
+    if wrong or "Traceback" in said:
         wrong.append(said)
     warm = [size for at, size in memory if at > WARM * seconds]
     half = len(warm) // 2

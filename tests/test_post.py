@@ -434,8 +434,8 @@ def test_what_cannot_be_classified_after_is_told(changes: dict[str, Any], said: 
 def test_what_extraction_refuses(renderer: sg.Renderer) -> None:
     volume = sg.Volume(cells(), color=np.zeros((*cells().shape, 3), np.uint8))
     for asked, given, said in (
-        (sg.Volume(cells()), {"threshold": 0.1}, "threshold take classification pre"),
-        (volume, {}, "colours of its own take classification pre"),
+        (sg.Volume(cells()), {"threshold": 0.1}, "only classification pre is possible, because of threshold"),
+        (volume, {}, "only classification pre is possible, because of colours of its own"),
         (sg.Volume(cells()), {"kernel": "box"}, "^kernel: expected"),
         (
             sg.Volume(cells()),

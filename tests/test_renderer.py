@@ -85,10 +85,36 @@ def test_the_general_path_draws_cubes_alike(letter: sg.Splats, renderer: sg.Rend
     assert not (simple == general).all()
 
 
+def test_programs_used_longest_ago_are_freed_and_compiled_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Settings after settings: the programs of each are few, and those of all would fill the memory."""
+    splats = sg.extract(sg.scenes.ball(6), sg.default_transfer(sg.scenes.ball(6)))
+    camera = sg.Camera.orbit(splats, size=(24, 24))
+    many = [
+        SPLATS.but(blend=blend, technique=technique, samples=2, antialias="supersample")
+        for technique in ("tiles", "quads")
+        for blend in ("composite", "xray", "mip")
+    ]
+    with sg.Renderer() as own:
+        right = [own.render(splats, camera, settings).pixels for settings in many]
+        programs = own.passes.programs
+        assert programs.compiled == len(programs.kept) > 8
+        monkeypatch.setattr("splatgl.gl.program.MOST_PROGRAMS", 6)
+        for _ in range(2):
+            before = programs.compiled
+            for settings, pixels in zip(many, right, strict=True):
+                assert (own.render(splats, camera, settings).pixels == pixels).all()
+                assert len(programs.kept) <= 6
+            assert programs.compiled > before
+        # the latest ones are there
+        before = programs.compiled
+        own.render(splats, camera, many[-1])
+        assert programs.compiled == before
+
+
 def test_a_moving_camera_compiles_and_makes_nothing(letter: sg.Splats, renderer: sg.Renderer) -> None:
     first = sg.Camera.orbit(letter, 0, 20, size=(48, 48))
     renderer.render(letter, first, SPLATS)
-    programs, target = len(renderer.passes.programs.tiles), renderer.passes.targets.kept["draw"]
+    programs, target = renderer.passes.programs.compiled, renderer.passes.targets.kept["draw"]
     kept = renderer.passes.splats.of(letter).textured
     assert kept is not None
     records = kept.records
@@ -98,7 +124,7 @@ def test_a_moving_camera_compiles_and_makes_nothing(letter: sg.Splats, renderer:
     orders = dict(kept.orders.kept)
     for camera in turn:
         renderer.render(letter, camera, SPLATS)
-    assert len(renderer.passes.programs.tiles) <= programs + 2
+    assert renderer.passes.programs.compiled <= programs + 2
     assert renderer.passes.splats.of(letter).textured is kept and kept.records is records
     assert len(orders) > 8 and dict(kept.orders.kept) == orders
     assert renderer.passes.targets.kept["draw"] is target

@@ -634,6 +634,20 @@ def test_splats_are_classified_as_the_settings_say(after: Content) -> None:
     assert other.at(1).post is not None and other.at(1).post.kernel == "crawfis-max"
 
 
+def test_blends_of_one_value_have_no_threshold(after: Content) -> None:
+    """Voxels that are left out would change means and minima without a word."""
+    state = State.of(after, SIZE)
+    mean = replace(state, settings=POST.but(blend="mean"))
+    told = acted(mean, "threshold-up", after)
+    assert told.threshold == 0.0 and told.message == "no threshold: blend mean takes the values of all voxels"
+    assert acted(state, "threshold-up", after).threshold > 0
+    # nor are values that were extracted without one taken for it
+    every = after.classified(POST.but(blend="mean"))
+    assert every.at(1).post is not None
+    with pytest.raises(sg.InputError, match="only classification pre is possible, because of threshold"):
+        every.following(every.transfer, 0.1, POST.but(blend="mean")).at(1)
+
+
 def test_edits_of_kept_values_extract_nothing(after: Content) -> None:
     points = {
         "colours": replace(after.transfer, colormap="viridis"),

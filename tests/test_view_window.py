@@ -548,6 +548,22 @@ def test_values_classified_after_reconstruction(values: Window, folder: Path) ->
         assert told["settings"]["classification"] == asked and told_of(told, "classified after") == (asked != "pre")
 
 
+def test_what_cannot_be_extracted_leaves_the_picture(values: Window) -> None:
+    """The window says why, its keys work on, and it goes on once something else is asked for."""
+    window = values
+    plain = window.ask("settle")
+    told = window.ask("set", threshold=0.2, settings={"blend": "mean"})
+    assert "because of threshold" in told["message"] and told["splats"] == plain["splats"]
+    # the views need something to look at
+    for key in ("r", "1", "ctrl+z", "ctrl+shift+z"):
+        window.hands("key", key)
+    told = window.ask("look")
+    assert not told["closed"] and told["splats"] == plain["splats"]
+    told = window.ask("set", threshold=0.0)
+    told = window.ask("settle")
+    assert told["full"] and told["settings"]["blend"] == "mean" and told["splats"] > plain["splats"]
+
+
 def test_z_k_is_shown(window: Window) -> None:
     """Far enough off, the plane is in front of the volume: all is tinted, and nothing of it in its colours."""
     silent(window)

@@ -163,6 +163,14 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
             io.mouse_double_click_time, io.mouse_single_click_delay = ask["within"], 2 * ask["within"]
     elif what == "nudge":
         return nudged(viewer)
+    elif what == "set":
+        # what neither keys nor the panel ask for
+        settings = viewer.state.settings.but(**ask.get("settings", {}))
+        viewer.state = replace(viewer.state, settings=settings, threshold=ask["threshold"])
+        viewer.hands.touch()
+        viewer.step(0.0)
+        until(viewer, lambda: not viewer.extractor.jobs.busy)
+        viewer.step(0.0)
     elif what == "fail":
         # an OpenGL error in the window's own context, as after the loss of it
         with current(viewer.screen.ctx):

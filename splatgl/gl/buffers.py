@@ -87,7 +87,7 @@ class Instances:
         self.ctx = ctx
         self.buffer: moderngl.Buffer | None = None
         self.record = np.dtype("V0")
-        self.arrays: dict[int, moderngl.VertexArray] = {}
+        self.arrays: dict[moderngl.Program, moderngl.VertexArray] = {}
 
     def fill(self, records: np.ndarray) -> None:
         """Uploads records in the order in which they are drawn."""
@@ -100,9 +100,9 @@ class Instances:
 
     def vertices(self, program: moderngl.Program, first: int) -> moderngl.VertexArray:
         """A vertex array of the written instances, from `first` on."""
-        array = self.arrays.get(program.glo)
+        array = self.arrays.get(program)
         if array is None:
-            array = self.arrays[program.glo] = self.ctx.vertex_array(program, [])
+            array = self.arrays[program] = self.ctx.vertex_array(program, [])
         for name, buffer, kind, layout, offset, stride in self._attributes():
             if name in program:
                 location = program[name].location  # type: ignore[union-attr]
@@ -294,7 +294,7 @@ def _write(texture: moderngl.Texture, words: np.ndarray) -> None:
         texture.write(part, (0, first // ABREAST, texture.width, len(part) // ABREAST), alignment=4)
 
 
-def _release(arrays: dict[int, moderngl.VertexArray], *buffers: moderngl.Buffer | None) -> None:
+def _release(arrays: dict[moderngl.Program, moderngl.VertexArray], *buffers: moderngl.Buffer | None) -> None:
     for array in arrays.values():
         array.release()
     arrays.clear()

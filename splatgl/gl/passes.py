@@ -62,7 +62,6 @@ class Passes:
         self.splats = SplatBuffers(ctx, owned)
         self.frame = ctx.buffer(reserve=FRAME.itemsize)
         owned.callback(self.frame.release)
-        self.whole: dict[int, moderngl.VertexArray] = {}
         self.tiles = Tiles(ctx, self.programs, self.splats, self._whole)
         self.sheets = SheetTiles(ctx, self.programs, self.splats, self._whole, self.tables)
         self.layers = LayerTiles(ctx, self.programs, self.splats, self._whole, self.tables)
@@ -208,7 +207,7 @@ class Passes:
 
     def _whole(self, program: moderngl.Program) -> None:
         """Draws one triangle over the whole target."""
-        if program.glo not in self.whole:
-            self.whole[program.glo] = self.ctx.vertex_array(program, [])
-            self.owned.callback(self.whole[program.glo].release)
-        self.whole[program.glo].render(moderngl.TRIANGLES, vertices=3)
+        if program.extra is None:
+            # freed with the program
+            program.extra = self.ctx.vertex_array(program, [])
+        program.extra.render(moderngl.TRIANGLES, vertices=3)

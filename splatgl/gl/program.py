@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from typing import cast
 
 import moderngl
 import numpy as np
@@ -18,6 +19,10 @@ from splatgl.splat.plan.plan import Program
 
 Switches = Mapping[str, str | int | bool]
 Chosen = tuple[tuple[str, str | int | bool], ...]
+Compiled = moderngl.Program | moderngl.ComputeShader
+
+# most compiled programs that are kept: a combination of settings takes some five, of 2 MB each with llvmpipe
+MOST_PROGRAMS = 128
 
 
 @dataclass(frozen=True)
@@ -118,7 +123,7 @@ def build_compute(ctx: moderngl.Context, name: str, switches: Switches) -> moder
     return program
 
 
-def _bind_blocks(program: moderngl.Program | moderngl.ComputeShader) -> None:
+def _bind_blocks(program: Compiled) -> None:
     for block, binding in (("Frame", FRAME_BINDING), ("Style", STYLE_BINDING), ("Cues", CUES_BINDING)):
         if block in program:
             program[block].binding = binding  # type: ignore[union-attr]
@@ -128,48 +133,59 @@ def _bind_blocks(program: moderngl.Program | moderngl.ComputeShader) -> None:
 
 
 class Programs:
-    """The program cache; compiles on the first use of a plan's choices."""
+    """The program cache; compiles on the first use of a plan's choices, and frees what was used longest ago."""
 
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
         self.ctx = ctx
-        self.owned = owned
-        self.splat: dict[Chosen, moderngl.Program] = {}
-        self.screen: dict[tuple[str, Chosen], moderngl.Program] = {}
-        self.tiles: dict[tuple[str, Chosen], moderngl.ComputeShader] = {}
+        # by shader files and switches, the latest used last; and how many were compiled
+        self.kept: dict[tuple[tuple[str, ...], Chosen], Compiled] = {}
+        self.compiled = 0
         # the switches that a shader reads, found once per request
         self.read: dict[tuple[object, ...], Chosen] = {}
+        owned.callback(self._free, 0)
 
     def for_splats(self, program: Program) -> moderngl.Program:
         """The program that draws splats as quads with a plan's choices."""
         stages = "splat.vert", "splat.frag"
-        key = self._read(stages, program, {})
-        if key not in self.splat:
-            self.splat[key] = self._keep(build(self.ctx, *stages, dict(key)))
-        return self.splat[key]
+        return self._drawing(*stages, self._read(stages, program, {}))
 
     def for_screen(
         self, fragment: str, program: Program | None = None, more: Switches | None = None
     ) -> moderngl.Program:
         """A fragment shader over the whole target, with a plan's choices if it has any; more: its own switches."""
-        key = (fragment, self._read((fragment,), program, more or {}) if program else ())
-        if key not in self.screen:
-            self.screen[key] = self._keep(build(self.ctx, "whole.vert", fragment, dict(key[1])))
-        return self.screen[key]
+        chosen = self._read((fragment,), program, more or {}) if program else ()
+        return self._drawing("whole.vert", fragment, chosen)
 
     def for_meshes(self, perspective: bool, light: bool) -> moderngl.Program:
         """The program that draws triangles. light: whether it is another than the plain one."""
-        key = ("surface.frag", (("PERSPECTIVE", perspective), ("LIGHT", light)))
-        if key not in self.screen:
-            self.screen[key] = self._keep(build(self.ctx, "surface.vert", "surface.frag", dict(key[1])))
-        return self.screen[key]
+        return self._drawing("surface.vert", "surface.frag", (("PERSPECTIVE", perspective), ("LIGHT", light)))
 
     def for_tiles(self, name: str, program: Program, more: Switches) -> moderngl.ComputeShader:
         """One of the tile compute shaders; more: its own switches."""
-        key = (name, self._read((name,), program, more))
-        if key not in self.tiles:
-            self.tiles[key] = build_compute(self.ctx, name, dict(key[1]))
-            self.owned.callback(self.tiles[key].release)
-        return self.tiles[key]
+        chosen = self._read((name,), program, more)
+        found = self._kept((name,), chosen, lambda: build_compute(self.ctx, name, dict(chosen)))
+        return cast(moderngl.ComputeShader, found)
+
+    def _drawing(self, vertex: str, fragment: str, chosen: Chosen) -> moderngl.Program:
+        found = self._kept((vertex, fragment), chosen, lambda: build(self.ctx, vertex, fragment, dict(chosen)))
+        return cast(moderngl.Program, found)
+
+    def _kept(self, stages: tuple[str, ...], chosen: Chosen, compiled: Callable[[], Compiled]) -> Compiled:
+        """What is compiled of these files and switches."""
+        found = self.kept.pop((stages, chosen), None)
+        if found is None:
+            found = compiled()
+            self.compiled += 1
+        self.kept[stages, chosen] = found
+        self._free(MOST_PROGRAMS)
+        return found
+
+    def _free(self, most: int) -> None:
+        while len(self.kept) > most:
+            found = self.kept.pop(next(iter(self.kept)))
+            if isinstance(found, moderngl.Program) and found.extra is not None:
+                found.extra.release()
+            found.release()
 
     def _read(self, stages: tuple[str, ...], program: Program, more: Switches) -> Chosen:
         """The plan's switches that the shaders read; a change of any other recompiles nothing."""
@@ -179,7 +195,3 @@ class Programs:
             chosen = {**splat_switches(program), **more}
             self.read[asked] = tuple((switch, value) for switch, value in chosen.items() if switch in read)
         return self.read[asked]
-
-    def _keep(self, program: moderngl.Program) -> moderngl.Program:
-        self.owned.callback(program.release)
-        return program

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.app.viewer.extracting import EXTRACTING
 from splatgl.app.viewer.files import Brought, News
 from splatgl.app.viewer.jobs import Done
 from splatgl.app.viewer.parts import bare
@@ -28,8 +27,6 @@ def arrived(viewer: Viewer, done: Done) -> None:
     """Handles a finished job; bad input only sets the message, or closes a window that has nothing to show."""
     viewer.refresh()
     viewer.files.finished(done.name)
-    if done.error is not None and done.name == EXTRACTING:
-        viewer.extractor.failed = viewer.extractor.wanted
     if isinstance(done.error, InputError | MemoryError):
         viewer.say(str(done.error) or "not enough memory", done.name.split()[0])
         if viewer.content.waiting:

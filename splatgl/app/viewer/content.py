@@ -282,9 +282,11 @@ class Content:
         """
         # pre where it is all that volume or settings allow
         asked = settings.but(classification="auto") if settings.classification == "post" else settings
-        found = kind(asked, moving, only_pre(self.volume, self.transfer, self.threshold), self.volume.count)
+        why = only_pre(self.volume, self.transfer, self.threshold)
+        found = kind(asked, moving, why, self.volume.count)
         if found == self.kind:
-            return self
+            # values that are kept for other transfer functions are not this one's
+            return replace(self, made={}, skins={}, beside={}) if why and self.after and self.made else self
         other = self.beside.get(found[0] != "pre")
         if other is None or other.kind != found:
             other = replace(self, kind=found, before=self.counts, made={}, skins={})

@@ -8,6 +8,7 @@ from typing import TypeVar
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.jobs import Done, Jobs
 from splatgl.app.viewer.pacing import STRIDES
+from splatgl.data.errors import InputError
 
 # voxels of a stride that are extracted while a transfer function is being edited: some 0.1 s
 QUICK = 1 << 19
@@ -64,5 +65,9 @@ class Extractor:
                     self.share = number / max(count, 1)
                     yield part
 
-            content.extract(stride, parts)
+            try:
+                content.extract(stride, parts)
+            except (InputError, MemoryError):
+                self.failed = content
+                raise
             self.jobs.wake()

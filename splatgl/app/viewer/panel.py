@@ -12,7 +12,7 @@ from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.hud import Frame
 from splatgl.app.viewer.overlay import plain
 from splatgl.app.viewer.panel_curve import Curve
-from splatgl.app.viewer.state import BLURS, HIGHEST, State, drawable
+from splatgl.app.viewer.state import BLURS, HIGHEST, State, drawable, thresholded
 from splatgl.splat.classification.colormap import CORE
 from splatgl.splat.classification.presets import PRESETS, preset
 from splatgl.splat.classification.statistics import Statistics
@@ -121,7 +121,7 @@ class Panel:
             state = replace(state, extinction=float(f"{factor:.4g}"))
         changed, threshold = imgui.slider_float("threshold", state.threshold, 0.0, HIGHEST, "%.4f", logarithmic)
         if changed:
-            state = replace(state, threshold=min(max(float(f"{threshold:.4g}"), 0.0), HIGHEST))
+            state = thresholded(state, min(max(threshold, 0.0), HIGHEST))
         return state
 
     def _statistics(self, state: State, content: Content, frame: Frame | None) -> None:

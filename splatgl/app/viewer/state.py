@@ -19,6 +19,7 @@ from splatgl.app.viewer.slices import Slices
 from splatgl.data.errors import InputError
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.motion.blur import MOTIONS
+from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.plan import plan
 from splatgl.splat.plan.settings import Settings, choices
 
@@ -230,9 +231,16 @@ def _threshold(factor: float) -> Action:
     def change(state: State, content: Content) -> State:
         moved = max(state.threshold * factor, LOWEST) if factor > 1 else state.threshold * factor
         moved = 0.0 if moved < LOWEST * 0.999 else min(moved, HIGHEST)
-        return replace(state, threshold=float(f"{moved:.4g}"), message=f"threshold {moved:.4g}")
+        return thresholded(replace(state, message=f"threshold {moved:.4g}"), moved)
 
     return change
+
+
+def thresholded(state: State, threshold: float) -> State:
+    """With another threshold, to four digits; blends of one value have none."""
+    if BLENDS[state.settings.blend].post_only and threshold > 0:
+        return replace(state, message=f"no threshold: blend {state.settings.blend} takes the values of all voxels")
+    return replace(state, threshold=float(f"{threshold:.4g}"))
 
 
 def _toggle(name: str) -> Action:

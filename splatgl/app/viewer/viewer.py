@@ -262,11 +262,16 @@ class Viewer:
         """
         state = self.state
         if self.coming is not None:
-            if not self.coming.extracted and self.extractor.failed is not self.coming:
+            if self.coming.extracted:
+                self.take(self.coming)
+            elif self.coming is not self.extractor.failed:
                 self.extractor.want(self.coming, False)
                 return
-            self.take(self.coming)
-        content = self.content.followed(state.looks, state.meshes, state.moving, blurs)
+        asked = self.coming or self.content
+        content = asked.followed(state.looks, state.meshes, state.moving, blurs)
+        if content is self.coming:
+            # it failed, until something else is asked for
+            return
         if content is not self.content and not content.extracted:
             self.coming = content
             self.extractor.want(content, False)

@@ -118,7 +118,7 @@ def extract(
     if classification == "pre" or (classification == "auto" and why):
         found = extract_pre(volume, transfer, threshold, planes, progress)
     elif why:
-        raise InputError(f"{volume.name or 'volume'}: {why} take classification pre")
+        raise InputError(f"{volume.name or 'volume'}: only classification pre is possible, because of {why}")
     else:
         post = PostClassified.of(transfer, kernel, (width, height, depth), classification == "post-all")
         found = extract_post(volume, post, kernel_named(kernel), planes * height * width, progress)
