@@ -114,7 +114,7 @@ def test_widened_kernels_are_their_twin_s(renderer: sg.Renderer) -> None:
         assert differences(renderer, splats, eyes(splats)[view], settings).max() < allowed
 
 
-@pytest.mark.parametrize("tolerance", [2e-3, 1 / 255, 0.01])
+@pytest.mark.parametrize("tolerance", [2e-3, 1 / 255, 0.01, 4 / 255, 8 / 255])
 def test_the_error_is_of_the_tolerance_s_size(renderer: sg.Renderer, tolerance: float) -> None:
     """A polynomial whose error is 4e−5, or 4e−4, of a footprint's peak weighs values; single pixels are off by more."""
     splats, settings = matter(), sg.Settings(sheets=2, steps=1, tolerance=tolerance)
@@ -256,6 +256,24 @@ def test_the_voxels_kept_suffice(kernel: str, monkeypatch: pytest.MonkeyPatch) -
     camera = sg.Camera.orbit(volume, 30, 20, size=(32, 24))
     pictures = [sg.reference.render(splats, camera, EXACT).pixels for splats in (few, every)]
     assert pictures[1].max() > 0.5 and np.abs(pictures[0] - pictures[1]).max() < 1e-3
+
+
+def test_lean_splats_draw_nearly_the_same(renderer: sg.Renderer) -> None:
+    """A picture in motion is not off by leaving out the voxels that only the rims of kernels need."""
+    r = np.linalg.norm(np.indices((20, 20, 20)) - 9.5, axis=0)
+    volume = sg.Volume(1 / (1 + np.exp((r - 5) / 0.8)))
+    every = sg.extract(volume, RAMP, classification="post")
+    lean = sg.extract(volume, RAMP, classification="post", lean=True)
+    assert 0.5 * len(every) < len(lean) < 0.95 * len(every)
+    assert set(lean.records["position"].view("u2,u2,u2").ravel().tolist()) < set(
+        every.records["position"].view("u2,u2,u2").ravel().tolist()
+    )
+    # of all voxels there are none to leave out
+    whole = {"classification": "post-all", "lean": True}
+    assert len(sg.extract(volume, RAMP, **whole)) == volume.count  # type: ignore[arg-type]
+    camera = sg.Camera.orbit(every, 30, 20, size=(120, 90))
+    apart = renderer.render(lean, camera).pixels - renderer.render(every, camera).pixels
+    assert 0 < np.sqrt((apart**2).mean()) < 1 / 255
 
 
 def test_records_do_not_depend_on_parts(monkeypatch: pytest.MonkeyPatch) -> None:

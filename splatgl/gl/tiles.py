@@ -170,7 +170,7 @@ class Tiles:
     def _placing(self, plan: Plan, switches: dict[str, bool]) -> moderngl.Program:
         program = self.programs.for_screen("tile_place.frag", plan.program, switches)
         single = plan.program.footprint == "single"
-        set_uniforms(program, reach=single_reach(plan.kernel.name) if single else 1.0)
+        set_uniforms(program, reach=single_reach(plan.kernel.name, plan.resolved.tolerance) if single else 1.0)
         return program
 
     def _make_placed(self, number: int, height: int) -> None:

@@ -212,7 +212,7 @@ class Content:
         if stride not in self.made:
             volume, (how, kernel) = self.volumes[STRIDES.index(stride)], self.kind
             transfer = self._at(stride, self.transfer)
-            asked = {"progress": progress, "classification": how, "kernel": kernel}
+            asked = {"progress": progress, "classification": how, "kernel": kernel, "lean": stride > 1}
             self.made[stride] = extract(volume, transfer, self.threshold, **asked)  # type: ignore[arg-type]
         return self.made[stride]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from splatgl.app.viewer.content import Content
@@ -14,7 +14,7 @@ from splatgl.splat.plan.plan import Plan
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """The displayed frame: the renderer's info, seconds, level, plan, and the fraction of splats beyond z_k.
+    """The displayed frame: the renderer's info, seconds, level, plan, and what tells the fraction of splats beyond z_k.
 
     hidden: number of splats omitted because no view shows them. blurred: whether motion blur was applied.
     off: for a full frame that replaced a preview, the preview's error against it. whole: seconds of a frame in motion
@@ -25,7 +25,7 @@ class Frame:
     seconds: float
     level: Level
     plan: Plan
-    beyond: float
+    beyond: Callable[[], float]
     hidden: int
     blurred: bool = False
     off: Difference | None = None
@@ -128,7 +128,7 @@ def _tolerance(tolerance: float) -> str:
 def _depths(content: Content, frame: Frame) -> str:
     z_k, unit = frame.plan.resolved.z_k, content.volume.unit
     if frame.plan.program.seen.perspective:
-        return f"z_k = {z_k:.4g}{' ' + unit if unit else ''}, {frame.beyond:.0%} of the splats beyond"
+        return f"z_k = {z_k:.4g}{' ' + unit if unit else ''}, {frame.beyond():.0%} of the splats beyond"
     return "z_k: voxels are " + ("narrower" if z_k == 0 else "wider") + " than pixels everywhere"
 
 

@@ -6,6 +6,8 @@ panel, swap), which none does. SLOW_FRAMES slow frames switch to a coarser level
 a level that turns out to gain nothing is left again. QUICK_FRAMES quick frames switch to the next finer level, if that
 is expected to stay well within the target; every switch back doubles the wait before the next attempt, which prevents
 flicker. Costs of levels are measured; for levels not drawn yet they are estimated from the work.
+
+All levels but FULL are drawn to LENIENT, an error far below that of coarser voxels.
 """
 
 from __future__ import annotations
@@ -27,15 +29,17 @@ HELD = 0.2
 # fractions of the target: above SLOW a frame is slow; a finer level must be expected to take less than QUICK
 SLOW, QUICK = 1.15, 0.8
 SLOW_FRAMES, QUICK_FRAMES = 2, 4
-# a coarser level must be this many times faster, and expected to be so many times faster to be tried; of frames that
-# take longer than POOR seconds, any gain counts
+# a coarser level must be this many times faster, and expected to be so many times faster to be tried; frames that take
+# longer than POOR seconds go down to the floor, as single measurements of what gains little are not to be trusted
 GAIN, TRIED, POOR = 1.3, 1.05, 0.1
-# weight of the newest frame in a level's cost
-NEWEST = 0.5
+# weight of the newest frame in a level's cost, and how many times the cost before it counts at most
+NEWEST, MOST_RISE = 0.5, 2.0
 # before any measurement: seconds per pixel covered by tens of splats, and the cost of a splat in pixels (llvmpipe)
 PIXEL, PIXELS_PER_SPLAT = 1.5e-7, 2.0
 # number of splats above which every fourth voxel may be drawn, and seconds of a frame above which there is no floor
 MANY, STUCK = 2_000_000, 0.2
+# tolerance in motion
+LENIENT = 8 / 255
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,10 @@ class Level:
 
     def settings(self, asked: Settings) -> Settings:
         """The requested settings with the reductions of a preview."""
-        return asked.but(antialias="paper") if self != FULL and asked.antialias in AVERAGED else asked
+        if self == FULL:
+            return asked
+        lenient = asked.but(tolerance=max(asked.tolerance, LENIENT))
+        return lenient.but(antialias="paper") if asked.antialias in AVERAGED else lenient
 
     def __str__(self) -> str:
         pixels = [f"{self.scale**2:.0%} of the pixels"] if self.scale < 1 else []
@@ -136,7 +143,8 @@ class Pace:
         """
         before = self.costs[level]
         settled = before is not None and self.met[level] > 1
-        cost = before + NEWEST * (seconds - before) if before is not None and settled else seconds
+        # one frame that waited for something else is no trend
+        cost = before + NEWEST * (min(seconds, MOST_RISE * before) - before) if before is not None and settled else seconds
         # the scene's cost changed: scale the other levels alike
         trend = cost / max(before, 1e-9) if before is not None and settled else 1.0
         costs = tuple(
@@ -150,12 +158,15 @@ class Pace:
         left = known.finer_one
         if left is not None and met[level] > 1:
             known = replace(known, finer_one=None)
-            if known.expected(left) < known.gain * known.expected(level):
+            if known.expected(level) < POOR and known.expected(left) < GAIN * known.expected(level):
                 return replace(known, level=left, slow=0, quick=0, wait=2 * self.wait)
         return known._judged(min(cost, seconds) + fixed)
 
     def _judged(self, seconds: float) -> Pace:
         """With another level, if one is due after a frame of so many seconds."""
+        if self.level not in self._allowed:
+            # the floor is no longer stuck
+            return replace(self, level=self.floor, slow=0, quick=0)
         slow = self.slow + 1 if seconds > SLOW * self.target else 0
         quick = self.quick + 1 if self.finer() and not slow else 0
         coarser = self.coarser() if slow >= SLOW_FRAMES else None
@@ -170,7 +181,7 @@ class Pace:
         """Starts at the finest level expected to meet the target; if none is, at the finest that is nearly as fast as
         any.
         """
-        level = next(level for level in self._allowed if self.expected(level) <= self._enough)
+        level = next((level for level in self._allowed if self.expected(level) <= self._enough), self._allowed[-1])
         left = 0 if level and self.met[0] else None
         return replace(self, level=level, slow=0, quick=0, wait=QUICK_FRAMES, finer_one=left)
 
@@ -182,7 +193,8 @@ class Pace:
         gains = [
             level
             for level in self._allowed
-            if level > self.level and self.expected(level) * (self.gain if self.met[level] > 1 else TRIED) < now
+            if level > self.level
+            and (now >= POOR or self.expected(level) * (GAIN if self.met[level] > 1 else TRIED) < now)
         ]
         return next((level for level in gains if self.expected(level) <= self.target), next(iter(gains), None))
 
@@ -191,15 +203,9 @@ class Pace:
         return self.level > 0 and self.expected(self.level - 1) < QUICK * self.target
 
     @property
-    def gain(self) -> float:
-        """What a coarser level must gain, a factor."""
-        return GAIN if self.expected(self.level) < POOR else TRIED
-
-    @property
     def _enough(self) -> float:
-        """Seconds of a frame that are short enough: the target, or those of the fastest level, or nearly so."""
-        fastest = min(map(self.expected, self._allowed))
-        return max(self.target, min(GAIN * fastest, max(POOR, TRIED * fastest)))
+        """Seconds of a frame that are short enough: the target, or nearly those of the fastest level up to POOR."""
+        return max(self.target, min(GAIN * min(map(self.expected, self._allowed)), POOR))
 
     @property
     def _allowed(self) -> range:

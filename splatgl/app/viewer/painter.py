@@ -106,7 +106,7 @@ class Painter:
         self.subject, self.pose, self.pixels = subject, state.pose, pixels
         self.brightest = float(self.pixels.max()) or 1.0
         self.screen.put("picture", self.pixels)
-        beyond = share_beyond(content.sample, state.pose.camera, z_k)
+        beyond = partial(share_beyond, content.sample, state.pose.camera, z_k)
         hidden = len(content.at(level.stride)) - len(splats)
         # that of the picture itself
         drawn_by = self.renderer.plan(splats, camera, settings, motion)

@@ -73,6 +73,7 @@ def extract(
     progress: Progress | None = None,
     classification: str = "auto",
     kernel: str = POST_KERNEL,
+    lean: bool = False,
 ) -> Splats: ...
 
 
@@ -88,6 +89,7 @@ def extract(
     progress: Progress | None = None,
     classification: str = "auto",
     kernel: str = POST_KERNEL,
+    lean: bool = False,
 ) -> Splats | Scene:
     """The splats of all finite voxels that the transfer function asks for, in row order. Of several transfer functions,
     one for each of the volume's channels: the scene of these layers, extracted when it is drawn.
@@ -96,7 +98,8 @@ def extract(
     for `kernel`, which are classified after reconstruction, of all voxels that opaque points need; "post-all": of all,
     as blends of one value need; for volumes without colours, and without a threshold. "auto": post where it is
     possible, of at most MOST_KEPT voxels, else pre; a picture whose settings take others extracts those once, from the
-    volume, which the splats keep.
+    volume, which the splats keep. lean: of "post", without the quarter that only the rims of kernels need: for pictures
+    in motion, of coarser voxels.
 
     threshold is an opacity per reference length in [0, 1); slab: planes, or as many voxels, read at a time.
     progress wraps the iteration over such parts (parts, their number). Raises InputError for a threshold
@@ -121,7 +124,7 @@ def extract(
         raise InputError(f"{volume.name or 'volume'}: only classification pre is possible, because of {why}")
     else:
         post = PostClassified.of(transfer, kernel, (width, height, depth), classification == "post-all")
-        found = extract_post(volume, post, kernel_named(kernel), planes * height * width, progress)
+        found = extract_post(volume, post, kernel_named(kernel), planes * height * width, progress, lean)
     if classification != "auto":
         return found
     many = found.post is not None and len(found) > MOST_KEPT

@@ -34,7 +34,7 @@ MOST_SIDE, MOST_AREA = 16384, 2**26
 # kernel of splats that are classified before
 PRE_KERNEL = "crawfis-max"
 # sheets that share a splat, and parts between two, from these tolerances on
-SHEETS = ((0.005, 2, 2), (3e-3, 3, 2), (0.0, 3, 3))
+SHEETS = ((0.03, 2, 1), (0.005, 2, 2), (3e-3, 3, 2), (0.0, 3, 3))
 # such points of blends of one value: there means are as smooth as the field on average, and extremes neither too large
 # nor too small
 ONE_VALUE_STEPS = 2
