@@ -55,7 +55,8 @@ def answered(viewer: Viewer) -> None:
         elif ask == "forget":
             viewer.recent = viewer.recent.forgotten()
         elif ask in SAVES:
-            viewer.state = saved(viewer.state, ask, viewer.content, viewer.renderer.render, viewer.options.folder)
+            told = viewer.state, ask, viewer.content, viewer.renderer.render, viewer.options.folder
+            viewer.state = saved(*told, viewer.slicing.picture())
             if ask == "save" and viewer.state.message.startswith("saved"):
                 viewer.history.keep(viewer.state)
     viewer.dialogs.look()

@@ -80,7 +80,8 @@ class Dialogs:
         if self.kind == OPEN:
             viewer.hands.drop(list(paths))
             return
-        viewer.state, kept = saved_as(viewer.state, viewer.content, viewer.renderer.render, Path(paths[0]))
+        told = viewer.state, viewer.content, viewer.renderer.render, Path(paths[0])
+        viewer.state, kept = saved_as(*told, viewer.slicing.picture())
         if kept:
             viewer.history.keep(viewer.state)
         viewer.refresh()

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from splatgl.app.annotations.request import LEAST_SIDE, lay
 from splatgl.app.meshes import MeshFile, surfaces_of
 from splatgl.app.render import origin
@@ -13,6 +15,7 @@ from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.state import State
+from splatgl.data.color import linear_from_srgb
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image, write_whole
 from splatgl.splat.extraction.splats import Splats
@@ -64,20 +67,30 @@ def picture_of(scene: Scene, content: Content, draw: Draw) -> Image:
     return lay(image, scene, content.volume, transfer, scene.annotate, quiet=True) if scene.annotate else image
 
 
-def save_picture(state: State, content: Content, draw: Draw, folder: Path) -> str:
-    """Writes the next free picture-NNN.png; returns the message to show."""
-    return _picture(state, content, draw, free(folder, "picture", ".png"))
+def save_picture(state: State, content: Content, draw: Draw, folder: Path, beside: np.ndarray | None = None) -> str:
+    """Writes the next free picture-NNN.png; returns the message to show. beside: as of `with_slices`."""
+    return _picture(state, content, draw, free(folder, "picture", ".png"), beside)
 
 
-def _picture(state: State, content: Content, draw: Draw, target: Path) -> str:
+def _picture(state: State, content: Content, draw: Draw, target: Path, beside: np.ndarray | None) -> str:
     scene = scene_of(state, content)
     ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
-    picture_of(scene, content, draw).save(target, background=ground)
+    image = picture_of(scene, content, draw)
+    (image if beside is None else with_slices(image, beside)).save(target, background=ground)
     return f"saved {target.name}"
 
 
-def save_scene(state: State, content: Content, draw: Draw, folder: Path) -> str:
-    """Writes the next free scene-NNN.toml and the float image beside it; returns the message to show."""
+def with_slices(image: Image, beside: np.ndarray) -> Image:
+    """A picture with the slices at its right, as the window shows them: uint8 [H, w, 3], sRGB."""
+    # an X-ray is shown relative to its brightest
+    one = (float(image.pixels.max()) or 1.0) if BLENDS[str(image.info["blend"])].unbounded else 1.0
+    light = np.ones((*beside.shape[:2], 4))
+    light[..., :3] = linear_from_srgb(beside / 255)
+    return Image(np.concatenate([image.pixels, (one * light).astype(np.float32)], axis=1), image.info)
+
+
+def save_scene(state: State, content: Content, draw: Draw, folder: Path, beside: np.ndarray | None = None) -> str:
+    """Writes the next free scene-NNN.toml and the float image beside it, without slices; returns the message to show."""
     target = free(folder, "scene", ".toml")
     scene = scene_of(state, content)
     picture_of(scene, content, draw).save(target.with_suffix(".npy"))
@@ -89,15 +102,19 @@ def save_scene(state: State, content: Content, draw: Draw, folder: Path) -> str:
 SAVES = {"screenshot": save_picture, "save": save_scene}
 
 
-def saved(state: State, ask: str, content: Content, draw: Draw, folder: Path) -> State:
+def saved(
+    state: State, ask: str, content: Content, draw: Draw, folder: Path, beside: np.ndarray | None = None
+) -> State:
     """Runs one of SAVES; returns the state with its message."""
     try:
-        return replace(state, message=SAVES[ask](state, content, draw, folder))
+        return replace(state, message=SAVES[ask](state, content, draw, folder, beside))
     except InputError as error:
         return replace(state, message=str(error))
 
 
-def saved_as(state: State, content: Content, draw: Draw, target: Path) -> tuple[State, bool]:
+def saved_as(
+    state: State, content: Content, draw: Draw, target: Path, beside: np.ndarray | None = None
+) -> tuple[State, bool]:
     """Writes a scene (.toml, also where a name has no ending) or a picture of it; the state with what it says, and
     whether a scene was written.
     """
@@ -109,7 +126,7 @@ def saved_as(state: State, content: Content, draw: Draw, target: Path) -> tuple[
         if scene:
             write_whole(target, scene_of(state, content).to_toml(target.parent).encode())
             return replace(state, message=f"saved {target.name}"), True
-        return replace(state, message=_picture(state, content, draw, target)), False
+        return replace(state, message=_picture(state, content, draw, target, beside)), False
     except InputError as error:
         return replace(state, message=str(error)), False
 

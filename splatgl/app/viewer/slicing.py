@@ -114,6 +114,17 @@ class Slicing:
             sprites.append(_at(value, corner, (0.0, 1.0), scale))
         return Marks(tuple(sprites), tuple(strokes))
 
+    def picture(self) -> np.ndarray | None:
+        """What the window shows at the right of its picture, uint8 [H, w, 3], sRGB; None while slices are hidden."""
+        viewer = self.viewer
+        if not self.panes():
+            return None
+        viewer.screen.draw(viewer.size, viewer.painter.look(viewer.state, viewer.reference))
+        viewer.screen.mark(viewer.window.size, self.marks())
+        # what is shown next has the panel again
+        viewer.refresh()
+        return np.asarray(viewer.screen.read(viewer.window.size)[:, viewer.size[0] :])
+
     def _link(self, pane: Pane, place: Place) -> None:
         slices, volume = self.viewer.state.slices, self.viewer.content.volume
         self._show(slices.at(pane.index(place, slices.index(volume), volume), volume))
