@@ -254,11 +254,13 @@ def test_slices_are_shown_moved_and_hidden(window: Window) -> None:
     # beside them, the mouse turns the view
     assert window.drag(1, (100, 100), (140, 80))["axes"] != told["axes"]
     assert window.key("shift+z")["slices"]["colored"] and np.ptp(window.shot()[:, 300:].astype(int), axis=2).max() > 20
-    # what is seen is saved
-    shot, name = window.shot(), window.key("s")["message"].split()[-1]
-    saved = (sg.Image.load(window.folder / name).over((0.0, 0.0, 0.0)).straight()[..., :3] * 255).round()
-    assert saved.shape == shot.shape and np.abs(saved[:, 300:] - shot[:, 300:]).max() <= 1
-    assert np.median(np.abs(saved[:200, :300] - shot[:200, :300])) == 0
+    # what is seen is saved, with annotations and without
+    for key in ("b", "j"):
+        assert window.key(key)["settings"]["blend"] == "xray"
+        shot, name = window.shot(), window.key("s")["message"].split()[-1]
+        saved = (sg.Image.load(window.folder / name).over((0.0, 0.0, 0.0)).straight()[..., :3] * 255).round()
+        assert saved.shape == shot.shape and np.abs(saved[:, 300:] - shot[:, 300:]).max() <= 1
+        assert np.median(np.abs(saved[:200, :300] - shot[:200, :300])) == 0
     window.ask("reset")
     assert np.array_equal(window.shot(), plain) and window.ask("look")["size"] == before["size"]
     name = window.key("s")["message"].split()[-1]

@@ -82,8 +82,8 @@ def _picture(state: State, content: Content, draw: Draw, target: Path, beside: n
 
 def with_slices(image: Image, beside: np.ndarray) -> Image:
     """A picture with the slices at its right, as the window shows them: uint8 [H, w, 3], sRGB."""
-    # an X-ray is shown relative to its brightest
-    one = (float(image.pixels.max()) or 1.0) if BLENDS[str(image.info["blend"])].unbounded else 1.0
+    # an X-ray is saved relative to its brightest
+    one = (float(image.pixels.max()) or 1.0) if image.info["blend"] == "xray" else 1.0
     light = np.ones((*beside.shape[:2], 4))
     light[..., :3] = linear_from_srgb(beside / 255)
     return Image(np.concatenate([image.pixels, (one * light).astype(np.float32)], axis=1), image.info)
