@@ -548,6 +548,19 @@ def test_values_classified_after_reconstruction(values: Window, folder: Path) ->
         assert told["settings"]["classification"] == asked and told_of(told, "classified after") == (asked != "pre")
 
 
+def test_the_first_pictures_are_from_the_right_eye(tmp_path: Path) -> None:
+    """What is shown of a file that is still being extracted is the whole of it, not its corner."""
+    np.save(tmp_path / "large.npy", np.kron(blob(30).samples, np.ones((3, 3, 3), np.float32)))
+    window = Window(tmp_path / "large.npy", tmp_path, behind=True)
+    told = window.state
+    assert told["full"] and len(told["eyes"]) > 1
+    apart = np.linalg.norm(np.array(told["eyes"]) - told["eye"], axis=1)
+    assert apart.max() < 0.1 * np.linalg.norm(np.subtract(told["eye"], told["middle"]))
+    # in full once: splats that change nothing in the view do not draw it again
+    assert told["levels"].count("in full") == 1
+    window.end()
+
+
 def test_what_cannot_be_extracted_leaves_the_picture(values: Window) -> None:
     """The window says why, its keys work on, and it goes on once something else is asked for."""
     window = values

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.app.scene import Scene
+from splatgl.app.view import reading
 from splatgl.app.viewer import hud, mouse, portion
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.viewer import Options, Viewer
@@ -211,6 +212,21 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
     return told(viewer)
 
 
+def noted(viewer: Viewer) -> tuple[list[list[float]], list[str]]:
+    """The eyes and levels of all pictures that are drawn from now on."""
+    eyes: list[list[float]] = []
+    levels: list[str] = []
+    draw = viewer.painter.draw
+
+    def noting(state: Any, content: Any, level: Any, *rest: Any) -> Any:
+        eyes.append(state.pose.camera.eye.tolist())
+        levels.append(str(level))
+        return draw(state, content, level, *rest)
+
+    viewer.painter.draw = noting  # type: ignore[method-assign]
+    return eyes, levels
+
+
 def asked_first(viewer: Viewer, folder: Path) -> Any:
     """Keeps the first frame that is shown in first.npy; returns what showed frames before."""
     show = viewer.window.show
@@ -234,11 +250,18 @@ def main() -> None:
         vars(portion)["budget"] = partial(int, asked.pop("free"))
     scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
     with Renderer(backend) as renderer:
-        viewer = Viewer(Content.open(scene), renderer, Options(folder=Path(folder), reopen=lambda: scene, **asked))
+        behind = asked.pop("behind", False)
+        options = Options(folder=Path(folder), reopen=lambda: scene, **asked)
+        if behind:
+            # the window is there before its file is read
+            viewer = Viewer(Content.nothing(scene), renderer, options, reading(scene))
+        else:
+            viewer = Viewer(Content.open(scene), renderer, options)
+        eyes, levels = noted(viewer)
         first = asked_first(viewer, Path(folder))
         until(viewer, lambda: settled(viewer))
         viewer.window.show = first  # type: ignore[method-assign]
-        print(json.dumps(told(viewer)), flush=True)
+        print(json.dumps({**told(viewer), "eyes": eyes, "levels": levels}), flush=True)
         ask = {"do": ""}
         while ask["do"] not in ("end", "close"):
             try:

@@ -56,7 +56,7 @@ def _opened(viewer: Viewer, news: News) -> None:
         viewer.files.turn_to(news, viewer.now())
     if news.time is None and not news.finer:
         viewer.files.times, viewer.files.time = news.times or viewer.files.times, 0
-    if news.time is None and (news.reopen is not None or content.scene != shown.scene):
+    if news.time is None and (news.reopen is not None or shown.waiting or content.scene != shown.scene):
         viewer.files.times = news.times
         before = viewer.state.pose
         viewer.state = replace(viewer.state.opened(content), times=len(news.times), picks=news.picks)
@@ -93,7 +93,10 @@ def _brought(viewer: Viewer, brought: Brought) -> None:
 
 def _fit(viewer: Viewer) -> None:
     """Fits a view that nobody has changed to the finest splats, as `splatgl render` does."""
-    viewer.home = viewer.content.home(viewer.size)
+    home = viewer.content.home(viewer.size)
+    if home.view() == viewer.home.view():
+        return
+    viewer.home = home
     viewer.state = replace(viewer.state, pose=viewer.home)
     if not viewer.history.past and not viewer.history.unsaved(viewer.state):
         viewer.history.begin(viewer.state)

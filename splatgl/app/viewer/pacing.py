@@ -144,7 +144,9 @@ class Pace:
         before = self.costs[level]
         settled = before is not None and self.met[level] > 1
         # one frame that waited for something else is no trend
-        cost = before + NEWEST * (min(seconds, MOST_RISE * before) - before) if before is not None and settled else seconds
+        cost = (
+            before + NEWEST * (min(seconds, MOST_RISE * before) - before) if before is not None and settled else seconds
+        )
         # the scene's cost changed: scale the other levels alike
         trend = cost / max(before, 1e-9) if before is not None and settled else 1.0
         costs = tuple(

@@ -149,11 +149,12 @@ class Viewer:
             self.refresh()
         self.state = self.files.look(self.state, self.now())
         moved_on(self)
+        # what is saved has the window's size, and what is drawn that of what was opened and toggled
+        self._fill()
         answered(self)
         if self.closed or min(self.window.size) < 1:
             return
-        if self.state.pose.camera.size != self.size:
-            self.hands.resize(self.window.size)
+        self._fill()
         level = self._draw()
         self._compare()
         self._show()
@@ -161,6 +162,11 @@ class Viewer:
             picture, whole = self.painter.frame.seconds, time.perf_counter() - begun
             self.painter.whole = whole
             self.refiner.took(level, picture, whole - picture)
+
+    def _fill(self) -> None:
+        """Fits the picture into the window."""
+        if self.state.pose.camera.size != self.size:
+            self.hands.resize(self.window.size)
 
     def now(self) -> float:
         """Monotonic clock in seconds."""

@@ -40,7 +40,12 @@ Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 
 
 def extract_post(
-    volume: Volume, post: PostClassified, kernel: Kernel, voxels: int, progress: Progress | None = None, lean: bool = False
+    volume: Volume,
+    post: PostClassified,
+    kernel: Kernel,
+    voxels: int,
+    progress: Progress | None = None,
+    lean: bool = False,
 ) -> Splats:
     """Splats of value and gradient, in row order, of all finite voxels that `post` wants.
 
