@@ -307,7 +307,7 @@ def test_motion_has_a_floor() -> None:
 
 
 def test_a_hiccup_leaves_the_floor_where_it_is() -> None:
-    """One frame that waits for something else does not make a picture coarse for good; below the floor is for stuck ones."""
+    """One frame that waits for something else makes no picture coarse; below the floor is for those that are stuck."""
     floor = LADDER.index(Level(0.71, 2))
     pace = Pace.of(SCENE_COUNTS, 300_000, 0.033).drawn(0, 1.0).started()
     for seconds in (0.11, 0.11, 0.11, 0.7, 0.11, 0.11):

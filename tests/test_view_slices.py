@@ -261,12 +261,11 @@ def test_slices_are_shown_moved_and_hidden(window: Window) -> None:
         saved = (sg.Image.load(window.folder / name).over((0.0, 0.0, 0.0)).straight()[..., :3] * 255).round()
         assert saved.shape == shot.shape and np.abs(saved[:, 300:] - shot[:, 300:]).max() <= 1
         assert np.median(np.abs(saved[:200, :300] - shot[:200, :300])) == 0
-    # by a key that comes with another one, which changes the window's size
-    window.hands("key", "f11", "s")
-    told = window.ask("settle")
+    # while the window's size changes
+    told = window.ask("set", state={"fullscreen": True}, asks=["screenshot"])
     shape = sg.Image.load(window.folder / told["message"].split()[-1]).pixels.shape
-    assert told["fullscreen"] and shape == (*told["size of picture"][:1], window.shot().shape[1], 4)
-    window.key("f11")
+    assert told["fullscreen"] and shape == (told["size"][1], window.shot().shape[1], 4)
+    window.key("F11")
     window.ask("reset")
     assert np.array_equal(window.shot(), plain) and window.ask("look")["size"] == before["size"]
     name = window.key("s")["message"].split()[-1]

@@ -565,14 +565,14 @@ def test_what_cannot_be_extracted_leaves_the_picture(values: Window) -> None:
     """The window says why, its keys work on, and it goes on once something else is asked for."""
     window = values
     plain = window.ask("settle")
-    told = window.ask("set", threshold=0.2, settings={"blend": "mean"})
+    told = window.ask("set", state={"threshold": 0.2}, settings={"blend": "mean"})
     assert "because of threshold" in told["message"] and told["splats"] == plain["splats"]
     # the views need something to look at
     for key in ("r", "1", "ctrl+z", "ctrl+shift+z"):
         window.hands("key", key)
     told = window.ask("look")
     assert not told["closed"] and told["splats"] == plain["splats"]
-    told = window.ask("set", threshold=0.0)
+    told = window.ask("set", state={"threshold": 0.0})
     told = window.ask("settle")
     assert told["full"] and told["settings"]["blend"] == "mean" and told["splats"] > plain["splats"]
 

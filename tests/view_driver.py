@@ -165,9 +165,10 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
     elif what == "nudge":
         return nudged(viewer)
     elif what == "set":
-        # what neither keys nor the panel ask for
+        # what neither keys nor the panel ask for, or not at once
         settings = viewer.state.settings.but(**ask.get("settings", {}))
-        viewer.state = replace(viewer.state, settings=settings, threshold=ask["threshold"])
+        asks = tuple(ask.get("asks", ()))
+        viewer.state = replace(viewer.state, settings=settings, asks=asks, **ask.get("state", {}))
         viewer.hands.touch()
         viewer.step(0.0)
         until(viewer, lambda: not viewer.extractor.jobs.busy)

@@ -142,13 +142,12 @@ class Pace:
         can change that level.
         """
         before = self.costs[level]
-        settled = before is not None and self.met[level] > 1
-        # one frame that waited for something else is no trend
-        cost = (
-            before + NEWEST * (min(seconds, MOST_RISE * before) - before) if before is not None and settled else seconds
-        )
-        # the scene's cost changed: scale the other levels alike
-        trend = cost / max(before, 1e-9) if before is not None and settled else 1.0
+        cost, trend = seconds, 1.0
+        if before is not None and self.met[level] > 1:
+            # one frame that waited for something else is no trend
+            cost = before + NEWEST * (min(seconds, MOST_RISE * before) - before)
+            # the scene's cost changed: scale the other levels alike
+            trend = cost / max(before, 1e-9)
         costs = tuple(
             cost if i == level else None if other is None else other * trend for i, other in enumerate(self.costs)
         )

@@ -90,7 +90,7 @@ def with_slices(image: Image, beside: np.ndarray) -> Image:
 
 
 def save_scene(state: State, content: Content, draw: Draw, folder: Path, beside: np.ndarray | None = None) -> str:
-    """Writes the next free scene-NNN.toml and the float image beside it, without slices; returns the message to show."""
+    """Writes the next free scene-NNN.toml and its float image, without slices; returns the message to show."""
     target = free(folder, "scene", ".toml")
     scene = scene_of(state, content)
     picture_of(scene, content, draw).save(target.with_suffix(".npy"))

@@ -57,7 +57,7 @@ def extract_post(
     all_boxes = (box for layer in layers for box in layer)
     told = progress(all_boxes, count) if progress else all_boxes
     for layer in layers:
-        found = [box_records(volume, post, kernel, *box, lean) for box in islice(told, len(layer))]
+        found = [box_records(volume, post, kernel, low, high, lean) for low, high in islice(told, len(layer))]
         records = np.concatenate(found) if len(found) > 1 else found[0]
         # row by row in each box: planes of all boxes one after another
         order = np.argsort(records["position"][:, 2], kind="stable") if len(found) > 1 else slice(None)

@@ -328,8 +328,8 @@ def _cubic_integral(piece: tuple[float, float, float, float], d: np.ndarray, t: 
 INNER_TERMS, OUTER_TERMS, SPLIT, END = 8, 7, 0.3, 0.998
 # of the single one, of its part before the first knot, and F/F(0) down to which its error is relative
 SINGLE_TERMS, NEAR_TERMS, SINGLE_LEAST = 6, 2, 0.03
-# share of a kernel's mass that tiles may leave out with it, by tolerance: at first less than its error; then pictures of
-# bones and a tooth change by RMSE 0.0004 and 0.0008, single pixels by 0.07 and 0.11
+# share of a kernel's mass that tiles may leave out with it, from these tolerances on: pictures of bones change by RMSE
+# 0.0008 and 0.0004, single pixels by 0.06; the last is less than its error
 SINGLE_TAILS = (8 / 255, 0.03), (4 / 255, 0.01), (0.0, 2e-4)
 # iterations of reweighted least squares
 REWEIGHTED = 30
