@@ -1,6 +1,8 @@
 """A program that drags files onto a window and drops them there, as a file manager does (XDND 5), with libX11 alone.
 
 python drag_source.py WINDOW PATH…
+
+Without a path it ends in the middle of the drag.
 """
 
 from __future__ import annotations
@@ -46,6 +48,9 @@ def main(window: int, paths: list[str]) -> None:
     X.XSetSelectionOwner(display, ctypes.c_ulong(atom("XdndSelection")), ctypes.c_ulong(mine), ctypes.c_ulong(0))
     tell("XdndEnter", VERSION << 24, atom("text/uri-list"), 0, 0)
     tell("XdndPosition", 0, 0, 0, atom("XdndActionCopy"))
+    if not paths:
+        X.XCloseDisplay(display)
+        return
     event = Event()
     while True:
         X.XNextEvent(display, ctypes.byref(event))

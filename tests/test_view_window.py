@@ -878,6 +878,16 @@ def test_a_window_that_goes_away(display: str, folder: Path) -> None:
     assert process.returncode == 2
 
 
+def test_a_drag_whose_source_ends(window: Window, folder: Path) -> None:
+    """A file manager that fails in the middle of a drag takes no window with it."""
+    window.ask("settle")
+    # the window answers when the other one is gone
+    window.process.send_signal(signal.SIGSTOP)
+    subprocess.run([sys.executable, str(DRAG_SOURCE), window.identity], env=window.environment, check=True)
+    window.process.send_signal(signal.SIGCONT)
+    assert window.ask("settle")["full"] and window.drop(folder / "blob.npy")["full"]
+
+
 def test_a_context_that_fails(window: Window) -> None:
     """One line, which `splatgl view` ends with."""
     assert window.ask("fail")["message"].startswith("window: OpenGL failed: GL_INVALID_ENUM; close other programs")

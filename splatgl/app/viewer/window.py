@@ -16,8 +16,8 @@ from splatgl.gl.screen import Screen
 BUTTONS = ("left", "right", "middle")
 # exit code after losing the display
 GONE = 2
-# offset of error_code in Xlib's XErrorEvent
-CODE = 32
+# offsets of resourceid and error_code in Xlib's XErrorEvent
+RESOURCE, CODE = 16, 32
 # smallest window, in screen coordinates
 SMALLEST = 64
 
@@ -75,7 +75,7 @@ class Window:
         self.before: tuple[int, int, int, int] | None = None
         # GLFW reports errors as warnings: failures that matter are checked where they occur
         warnings.simplefilter("ignore", glfw.GLFWError)
-        _outlive_display()
+        _outlive_display(self.handle)
         glfw.swap_interval(1)
         glfw.set_window_size_limits(self.handle, SMALLEST, SMALLEST, glfw.DONT_CARE, glfw.DONT_CARE)
         glfw.set_key_callback(self.handle, self._key)
@@ -184,26 +184,33 @@ class Window:
         self.listener.drop([os.fsdecode(path) for path in paths])
 
 
-def _outlive_display() -> None:
-    """Prints one line and exits with GONE if the X server or the window disappears, instead of Xlib's own exit."""
+def _outlive_display(handle: Any) -> None:
+    """Prints one line and exits with GONE if the X server or the window disappears, instead of Xlib's own exit. Errors
+    of other programs' windows, such as that of a drag's source that ends, are none.
+    """
     name = ctypes.util.find_library("X11") if sys.platform.startswith("linux") else None
     if name is None:
         return
+    import glfw
+
+    own = {glfw.get_x11_window(handle), glfw.get_glx_window(handle)}
+
+    def failed(_: Any, event: int) -> int:
+        number = ctypes.string_at(event, CODE + 1)[CODE]
+        # nearly always BadWindow (3) or BadDrawable (9)
+        lost = ctypes.c_ulong.from_address(event + RESOURCE).value in own
+        return _gone(f"the window went away (X error {number})") if lost else 0
+
     library = ctypes.CDLL(name)
     lost = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(lambda _: _gone("the display went away"))
-    failed = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(_failed)
+    told = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(failed)
     library.XSetIOErrorHandler(lost)
-    library.XSetErrorHandler(failed)
-    _kept.extend([lost, failed])
+    library.XSetErrorHandler(told)
+    _kept.extend([lost, told])
 
 
 # keeps callbacks used by C from being garbage-collected
 _kept: list[Any] = []
-
-
-def _failed(_: Any, event: int) -> int:
-    """X error handler; the error is nearly always BadWindow (3) or BadDrawable (9)."""
-    return _gone(f"the window went away (X error {ctypes.string_at(event, CODE + 1)[CODE]})")
 
 
 def _gone(said: str) -> int:
