@@ -726,6 +726,16 @@ def test_memory_stays(window: Window, folder: Path) -> None:
 
 
 @pytest.mark.long
+def test_edits_leave_nothing_behind(values: Window) -> None:
+    """Contents refer to themselves, and hold what is extracted: those of edits that are over are freed at rest."""
+    window = values
+    before = window.ask("settle")["contents"]
+    for _ in range(12):
+        window.key("]")
+    # but for those that undo, and what is shown, may hold
+    assert window.ask("settle")["contents"] <= before + 2
+
+
 def test_memory_stays_where_the_window_is_resized(panel: Window) -> None:
     """Pictures of other sizes leave no room behind that none of them fits."""
     sizes = (640, 480), (450, 350), (600, 450)

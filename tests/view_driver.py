@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
+import gc
 import json
 import os
 import queue
@@ -89,6 +90,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "closed": viewer.closed,
         "megabytes": int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 2**20,
         "textures": len(viewer.screen.textures),
+        "contents": sum(isinstance(each, Content) for each in gc.get_objects()),
         "recent": viewer.recent.paths,
         "scale": viewer.window.scale,
         "place": viewer.panel and viewer.panel.panel.place,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -36,6 +37,10 @@ def moved_on(viewer: Viewer) -> None:
     resting = now - viewer.hands.touched >= REST and not viewer.window.held
     if resting and not state.asks:
         viewer.history.note(state)
+    if resting and viewer.swept is not viewer.painter.frame:
+        # contents and pictures that were given up refer to themselves, and hold splats and textures
+        gc.collect()
+        viewer.swept = viewer.painter.frame
 
 
 def answered(viewer: Viewer) -> None:

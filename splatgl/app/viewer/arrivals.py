@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from dataclasses import replace
 from math import prod
 from pathlib import Path
@@ -71,8 +70,6 @@ def _opened(viewer: Viewer, news: News) -> None:
             viewer.history.keep(viewer.state)
     viewer.take(content)
     viewer.files.refine(content)
-    # contents of the volume before refer to each other
-    gc.collect()
     viewer.hands.touch()
 
 

@@ -23,7 +23,7 @@ from splatgl.app.viewer.extracting import Extractor
 from splatgl.app.viewer.files import Files, Reopen
 from splatgl.app.viewer.hands import Hands
 from splatgl.app.viewer.history import History
-from splatgl.app.viewer.hud import progress
+from splatgl.app.viewer.hud import Frame, progress
 from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.marking import Marking
 from splatgl.app.viewer.pacing import LADDER, REST, STEP, TARGET
@@ -102,6 +102,8 @@ class Viewer:
         self.files.refine(content)
         self.refiner = Refiner(content.counts, prod(self.size), self.options.target)
         self.ticked = self.played = self.now()
+        # the frame after which what is given up was last freed
+        self.swept: Frame | None = None
         # whether the next request to quit is obeyed although edits are lost
         self.warned = False
         # what the latest error was of, and what it said
