@@ -19,6 +19,8 @@ SPEED = 30.0
 UNSAVED = "edits are not saved: shift+s saves the scene; quit again to leave without"
 # minimum seconds between the time points of a series that is played
 PLAYED = 0.1
+# seconds after which what is given up is freed although the window is busy: it takes some 20 ms
+SWEPT = 5.0
 
 
 def moved_on(viewer: Viewer) -> None:
@@ -37,10 +39,11 @@ def moved_on(viewer: Viewer) -> None:
     resting = now - viewer.hands.touched >= REST and not viewer.window.held
     if resting and not state.asks:
         viewer.history.note(state)
-    if resting and viewer.swept is not viewer.painter.frame:
+    frame, swept = viewer.swept
+    if viewer.painter.frame is not frame and (resting or now - swept > SWEPT):
         # contents and pictures that were given up refer to themselves, and hold splats and textures
         gc.collect()
-        viewer.swept = viewer.painter.frame
+        viewer.swept = viewer.painter.frame, now
 
 
 def answered(viewer: Viewer) -> None:

@@ -102,8 +102,8 @@ class Viewer:
         self.files.refine(content)
         self.refiner = Refiner(content.counts, prod(self.size), self.options.target)
         self.ticked = self.played = self.now()
-        # the frame after which what is given up was last freed
-        self.swept: Frame | None = None
+        # the frame after which what is given up was last freed, and when
+        self.swept: tuple[Frame | None, float] = None, self.now()
         # whether the next request to quit is obeyed although edits are lost
         self.warned = False
         # what the latest error was of, and what it said
