@@ -660,6 +660,12 @@ def test_blends_of_one_value_have_no_threshold(after: Content) -> None:
     told = acted(mean, "threshold-up", after)
     assert told.threshold == 0.0 and told.message == "no threshold: blend mean takes the values of all voxels"
     assert acted(state, "threshold-up", after).threshold > 0
+    # nor are they chosen while one is about to be extracted
+    pending, met = replace(state, threshold=0.1), set()
+    for _ in range(6):
+        pending = acted(pending, "blend", after)
+        met.add(pending.settings.blend)
+    assert met == {"composite", "xray", "mip"}
     # nor are values that were extracted without one taken for it
     every = after.classified(POST.but(blend="mean"))
     assert every.at(1).post is not None

@@ -191,9 +191,9 @@ def _blur(state: State, content: Content) -> State:
 
 
 def drawable(settings: Settings, state: State, content: Content) -> bool:
-    """Whether these settings are valid for this volume."""
+    """Whether these settings are valid for this volume as the state sees it."""
     try:
-        splats = content.classified(settings).at(STRIDES[-1])
+        splats = content.followed(state.looks, state.meshes, settings).at(STRIDES[-1])
         chosen = plan(splats, state.pose.camera, settings.but(classification="auto"))
         content.check(settings, chosen.resolved)
     except InputError:
