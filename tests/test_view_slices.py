@@ -17,6 +17,7 @@ import splatgl as sg
 from splatgl.app.annotations.axes import letters
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.saving import with_slices
 from splatgl.app.viewer.slices import (
     Pane,
     Slices,
@@ -223,6 +224,15 @@ def window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Window]:
     found = Window(folder / "grid.toml", folder, size=(400, 300))
     yield found
     found.end()
+
+
+def test_slices_are_saved_at_the_picture_s_height() -> None:
+    """Whatever height the window has by then."""
+    picture = sg.Image(np.full((6, 5, 4), 0.5, np.float32), {"blend": "composite"})
+    for height in (4, 6, 9):
+        both = with_slices(picture, np.full((height, 3, 3), 255, np.uint8)).pixels
+        assert both.shape == (6, 8, 4) and (both[:, :5] == 0.5).all() and (both[:height, 5:] == 1).all()
+        assert (both[height:, 5:, :3] == 0).all()
 
 
 @driven

@@ -82,6 +82,9 @@ def _picture(state: State, content: Content, draw: Draw, target: Path, beside: n
 
 def with_slices(image: Image, beside: np.ndarray) -> Image:
     """A picture with the slices at its right, as the window shows them: uint8 [H, w, 3], sRGB."""
+    height = image.pixels.shape[0]
+    # a window that is being resized may be of another height by now
+    beside = np.pad(beside[:height], ((0, max(height - len(beside), 0)), (0, 0), (0, 0)))
     # an X-ray is saved relative to its brightest
     one = (float(image.pixels.max()) or 1.0) if image.info["blend"] == "xray" else 1.0
     light = np.ones((*beside.shape[:2], 4))
