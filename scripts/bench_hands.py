@@ -24,7 +24,7 @@ from pathlib import Path
 from splatgl.app.options import size
 
 # seconds after which something will not come; pixels along a side of the square that is watched; of a drag
-PATIENCE, SIDE, DRAGGED = 120.0, 160, 4.0
+PATIENCE, SIDE, DRAGGED = 120.0, 400, 4.0
 # keysyms: p and ]
 KEYS = {"p": 0x70, "]": 0x5D}
 PIXMAP, ALL_PLANES, DATA, PITCH = 2, 0xFFFFFFFF, 16, 44
@@ -117,7 +117,7 @@ def told(hands: Hands, file: str, wide: tuple[int, int], times: int) -> str:
     window = int(subprocess.run(search, env=environment, capture_output=True, text=True, check=True).stdout.split()[-1])
     opened = [time.perf_counter() - begun]
     # a window is one colour until it shows something
-    until(lambda: (now := hands.seen()) != black and len(set(now[::4])) > 4)
+    until(lambda: (now := hands.seen()) != black and len(set(now[::16])) > 4)
     opened.append(time.perf_counter() - begun)
 
     def refined() -> bool:
