@@ -193,7 +193,9 @@ def _outlive_display(handle: Any) -> None:
         return
     import glfw
 
-    own = {glfw.get_x11_window(handle), glfw.get_glx_window(handle)}
+    # a GLFW for Wayland has neither, and a window without the other has number 0
+    ways = (getattr(glfw, name, None) for name in ("get_x11_window", "get_glx_window"))
+    own = {way(handle) for way in ways if way is not None} - {0, None}
 
     def failed(_: Any, event: int) -> int:
         number = ctypes.string_at(event, CODE + 1)[CODE]
