@@ -143,7 +143,10 @@ def test_a_report_without_a_field(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     asked = ["--quick", "--size", "12", "--rounds", "1", "--only", "exact", "post b-spline", "sheets 3", "--quiet"]
     assert main(["report", "letter-f", "balls", *asked, "-o", str(tmp_path)]) == 0
     text = (tmp_path / "report.md").read_text()
-    assert text.count("**The field** is no truth here: letter-f: colours of its own") == 1
+    assert (
+        text.count("**The field** is no truth here: letter-f: only classification pre is possible, because of colours")
+        == 1
+    )
     assert text.count("**The field itself** (the formula") == 1
     rows = {(row["scene"], row["method"]): row for row in csv.DictReader((tmp_path / "report.csv").open())}
     assert "colours" in rows["letter-f", "post b-spline"]["omitted"] and not rows["letter-f", "exact"]["field_rmse"]

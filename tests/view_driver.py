@@ -226,7 +226,7 @@ def noted(viewer: Viewer) -> tuple[list[list[float]], list[str]]:
         levels.append(str(level))
         return draw(state, content, level, *rest)
 
-    viewer.painter.draw = noting  # type: ignore[method-assign]
+    viewer.painter.draw = noting  # type: ignore[method-assign, assignment]
     return eyes, levels
 
 

@@ -212,7 +212,9 @@ class Content:
         if stride not in self.made:
             volume, (how, kernel) = self.volumes[STRIDES.index(stride)], self.kind
             transfer = self._at(stride, self.transfer)
-            asked = {"progress": progress, "classification": how, "kernel": kernel, "lean": stride > 1}
+            # what is drawn in motion alone leaves out what hardly shows
+            how = "post-lean" if how == "post" and stride > 1 else how
+            asked = {"progress": progress, "classification": how, "kernel": kernel}
             self.made[stride] = extract(volume, transfer, self.threshold, **asked)  # type: ignore[arg-type]
         return self.made[stride]
 

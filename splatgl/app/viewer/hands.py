@@ -89,6 +89,11 @@ class Hands:
             viewer.state = replace(viewer.state, pose=viewer.state.pose.resized(viewer.size))
             self.touch()
 
+    def fill(self) -> None:
+        """Fits the picture into the window, if it does not."""
+        if self.viewer.state.pose.camera.size != self.viewer.size:
+            self.resize(self.viewer.window.size)
+
     def drop(self, paths: list[str]) -> None:
         """Opens the files; the current content stays until they are loaded."""
         if paths:

@@ -152,11 +152,11 @@ class Viewer:
         self.state = self.files.look(self.state, self.now())
         moved_on(self)
         # what is saved has the window's size, and what is drawn that of what was opened and toggled
-        self._fill()
+        self.hands.fill()
         answered(self)
         if self.closed or min(self.window.size) < 1:
             return
-        self._fill()
+        self.hands.fill()
         level = self._draw()
         self._compare()
         self._show()
@@ -164,11 +164,6 @@ class Viewer:
             picture, whole = self.painter.frame.seconds, time.perf_counter() - begun
             self.painter.whole = whole
             self.refiner.took(level, picture, whole - picture)
-
-    def _fill(self) -> None:
-        """Fits the picture into the window."""
-        if self.state.pose.camera.size != self.size:
-            self.hands.resize(self.window.size)
 
     def now(self) -> float:
         """Monotonic clock in seconds."""

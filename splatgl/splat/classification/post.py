@@ -29,7 +29,8 @@ class PostClassified:
     """transfer: of reconstructed values. kernel: whose coefficients the values are.
 
     shape: voxels along x, y, z; rays end at the box of their cells. low, span: record values are (ρ − low)/span.
-    kept [n, 2]: intervals of values that voxels were kept for.
+    kept [n, 2]: intervals of values that voxels were kept for. lean: whether those that only the rims of kernels need
+    are left out.
     """
 
     transfer: Transfer
@@ -38,6 +39,7 @@ class PostClassified:
     low: float
     span: float
     kept: np.ndarray
+    lean: bool = False
 
     @classmethod
     def of(cls, transfer: Transfer, kernel: str, shape: tuple[int, int, int], every: bool = False) -> PostClassified:

@@ -73,7 +73,6 @@ def extract(
     progress: Progress | None = None,
     classification: str = "auto",
     kernel: str = POST_KERNEL,
-    lean: bool = False,
 ) -> Splats: ...
 
 
@@ -89,17 +88,16 @@ def extract(
     progress: Progress | None = None,
     classification: str = "auto",
     kernel: str = POST_KERNEL,
-    lean: bool = False,
 ) -> Splats | Scene:
     """The splats of all finite voxels that the transfer function asks for, in row order. Of several transfer functions,
     one for each of the volume's channels: the scene of these layers, extracted when it is drawn.
 
     classification "pre": colours and opacities of voxels with t = F(∇, ρ) > threshold. "post": values and gradients
     for `kernel`, which are classified after reconstruction, of all voxels that opaque points need; "post-all": of all,
-    as blends of one value need; for volumes without colours, and without a threshold. "auto": post where it is
-    possible, of at most MOST_KEPT voxels, else pre; a picture whose settings take others extracts those once, from the
-    volume, which the splats keep. lean: of "post", without the quarter that only the rims of kernels need: for pictures
-    in motion, of coarser voxels.
+    as blends of one value need; "post-lean": without the quarter of "post" that only the rims of kernels need, for
+    pictures in motion; these for volumes without colours, and without a threshold. "auto": post where it is possible, of
+    at most MOST_KEPT voxels, else pre; a picture whose settings take others extracts those once, from the volume, which
+    the splats keep.
 
     threshold is an opacity per reference length in [0, 1); slab: planes, or as many voxels, read at a time.
     progress wraps the iteration over such parts (parts, their number). Raises InputError for a threshold
@@ -109,8 +107,8 @@ def extract(
         return _layers(volume, list(transfer), threshold)
     if not 0.0 <= threshold < 1.0:
         raise expected("threshold", "an opacity of at least 0 and less than 1", threshold)
-    if classification not in ("auto", "pre", "post", "post-all"):
-        raise expected("classification", "auto, pre, post or post-all", repr(classification))
+    if classification not in ("auto", "pre", "post", "post-all", "post-lean"):
+        raise expected("classification", "auto, pre, post, post-all or post-lean", repr(classification))
     spacing = Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
     unit = transfer.unit or spacing
     if not 1 / MOST_UNIT <= unit / spacing <= MOST_UNIT:
@@ -124,7 +122,8 @@ def extract(
         raise InputError(f"{volume.name or 'volume'}: only classification pre is possible, because of {why}")
     else:
         post = PostClassified.of(transfer, kernel, (width, height, depth), classification == "post-all")
-        found = extract_post(volume, post, kernel_named(kernel), planes * height * width, progress, lean)
+        post = replace(post, lean=classification == "post-lean")
+        found = extract_post(volume, post, kernel_named(kernel), planes * height * width, progress)
     if classification != "auto":
         return found
     many = found.post is not None and len(found) > MOST_KEPT

@@ -40,16 +40,11 @@ Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 
 
 def extract_post(
-    volume: Volume,
-    post: PostClassified,
-    kernel: Kernel,
-    voxels: int,
-    progress: Progress | None = None,
-    lean: bool = False,
+    volume: Volume, post: PostClassified, kernel: Kernel, voxels: int, progress: Progress | None = None
 ) -> Splats:
     """Splats of value and gradient, in row order, of all finite voxels that `post` wants.
 
-    voxels: read at a time, about; records do not depend on it. lean: as of `post_records`.
+    voxels: read at a time, about; records do not depend on it.
     """
     gathered = Gathered(record_type(volume.shape, post=True))
     layers = boxes(volume.shape, voxels)
@@ -57,7 +52,7 @@ def extract_post(
     all_boxes = (box for layer in layers for box in layer)
     told = progress(all_boxes, count) if progress else all_boxes
     for layer in layers:
-        found = [box_records(volume, post, kernel, low, high, lean) for low, high in islice(told, len(layer))]
+        found = [box_records(volume, post, kernel, *box) for box in islice(told, len(layer))]
         records = np.concatenate(found) if len(found) > 1 else found[0]
         # row by row in each box: planes of all boxes one after another
         order = np.argsort(records["position"][:, 2], kind="stable") if len(found) > 1 else slice(None)
@@ -79,9 +74,7 @@ def boxes(shape: tuple[int, int, int], voxels: int) -> list[list[Box]]:
     ]
 
 
-def box_records(
-    volume: Volume, post: PostClassified, kernel: Kernel, low: Places, high: Places, lean: bool = False
-) -> np.ndarray:
+def box_records(volume: Volume, post: PostClassified, kernel: Kernel, low: Places, high: Places) -> np.ndarray:
     """Records, in row order, of the voxels low ≤ (z, y, x) < high that `post` wants; what is known to hold none is not
     read.
     """
@@ -97,7 +90,7 @@ def box_records(
     if not _meets(post, samples):
         return nothing
     z, y, x = (slice(a - f, b - f) for a, b, f in zip(low, high, first, strict=True))
-    return post_records(volume, post, kernel, samples, first, (z, y, x), near, lean)
+    return post_records(volume, post, kernel, samples, first, (z, y, x), near)
 
 
 def _meets(post: PostClassified, samples: np.ndarray) -> bool:
@@ -129,16 +122,15 @@ def post_records(
     first: Places,
     own: tuple[slice, slice, slice],
     near: np.ndarray | None = None,
-    lean: bool = False,
 ) -> np.ndarray:
     """Records, in row order, of the finite voxels that `post` wants among `own` of a part of a volume's samples.
 
     first: place (z, y, x) of the part's first sample; it has a halo of `halo_of` around `own` within the volume.
-    near: which of `own` matter to what masks keep; None: all. lean: without those that only the rims of kernels need.
+    near: which of `own` matter to what masks keep; None: all.
     """
     steps = PREFILTERED.get(kernel.name, 0)
     u = values_of(post, samples)
-    keep, beside = needed(u, 1 if lean else int(kernel.radius), post.wanted)
+    keep, beside = needed(u, 1 if post.lean else int(kernel.radius), post.wanted)
     wanted = keep[own] & np.isfinite(u[own])
     if near is not None:
         wanted &= near
