@@ -96,8 +96,8 @@ def extract(
     for `kernel`, which are classified after reconstruction, of all voxels that opaque points need; "post-all": of all,
     as blends of one value need; "post-lean": without the quarter of "post" that only the rims of kernels need, for
     pictures in motion; these for volumes without colours, and without a threshold. "auto": post where it is possible,
-    of at most MOST_KEPT voxels, else pre; a picture whose settings take others extracts those once, from the volume, which
-    the splats keep.
+    of at most MOST_KEPT voxels, else pre; a picture whose settings take others extracts those once, from the volume,
+    which the splats keep.
 
     threshold is an opacity per reference length in [0, 1); slab: planes, or as many voxels, read at a time.
     progress wraps the iteration over such parts (parts, their number). Raises InputError for a threshold
