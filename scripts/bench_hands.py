@@ -2,7 +2,7 @@
 
     .venv/bin/python scripts/bench_hands.py [FILE …] [--size WxH] [--times N]
 
-Needs Xvfb and xdotool. Each file is opened in a process of its own: seconds until the window is there, until it shows
+Needs Xvfb. Each file is opened in a process of its own: seconds until the window is there, until it shows
 something, and until its title says "refined"; then milliseconds from a key to changed pixels (of `p`, which changes the
 projection, and `]`, which changes opacities), median and worst; and pictures a second of a drag along a circle.
 """
@@ -82,11 +82,23 @@ class Hands:
         X.XFree(ctypes.c_void_p(found))
         return pixels
 
-    def title(self, window: int) -> str:
-        """What a window's title says."""
-        found = ctypes.c_char_p()
-        X.XFetchName(self.display, ctypes.c_ulong(window), ctypes.byref(found))
-        return (found.value or b"").decode(errors="replace")
+    def titles(self) -> list[str]:
+        """What the titles of all windows say."""
+        some, count = (ctypes.c_ulong * 2)(), ctypes.c_uint()
+        windows = ctypes.POINTER(ctypes.c_ulong)()
+        X.XQueryTree(self.display, self.root, some, some, ctypes.byref(windows), ctypes.byref(count))
+        said = []
+        for window in windows[: count.value]:
+            found = ctypes.c_char_p()
+            X.XFetchName(self.display, ctypes.c_ulong(window), ctypes.byref(found))
+            said.append((found.value or b"").decode(errors="replace"))
+        if count.value:
+            X.XFree(windows)
+        return said
+
+    def told(self, word: str) -> bool:
+        """Whether a title holds a word."""
+        return any(word in title for title in self.titles())
 
     def end(self) -> None:
         """Ends the display."""
@@ -113,19 +125,30 @@ def told(hands: Hands, file: str, wide: tuple[int, int], times: int) -> str:
     black = hands.seen()
     begun = time.perf_counter()
     process = subprocess.Popen(view, env=environment)
-    search = ["xdotool", "search", "--sync", "--onlyvisible", "--all", "--pid", str(process.pid), "--name", ""]
-    window = int(subprocess.run(search, env=environment, capture_output=True, text=True, check=True).stdout.split()[-1])
-    opened = [time.perf_counter() - begun]
-    # a window is one colour until it shows something
-    until(lambda: (now := hands.seen()) != black and len(set(now[::16])) > 4)
-    opened.append(time.perf_counter() - begun)
+    try:
+        opened = []
+        for reached in (lambda: hands.told("splatgl"), lambda: shows(hands, black), lambda: hands.told("refined")):
+            until(reached)
+            opened.append(time.perf_counter() - begun)
+        return " | ".join([" ".join(f"{each:5.2f}" for each in opened) + " s", *(waits(hands, times) if times else ())])
+    finally:
+        process.terminate()
+        process.wait(PATIENCE)
+
+
+def shows(hands: Hands, black: bytes) -> bool:
+    """Whether the window shows something: until then it is of one colour."""
+    now = hands.seen()
+    return now != black and len(set(now[::16])) > 4
+
+
+def waits(hands: Hands, times: int) -> list[str]:
+    """What keys and a drag take."""
 
     def refined() -> bool:
-        return "refined" in hands.title(window)
+        return hands.told("refined")
 
-    until(refined)
-    opened.append(time.perf_counter() - begun)
-    parts = [" ".join(f"{each:5.2f}" for each in opened) + " s"]
+    parts = []
     for name, symbol in KEYS.items():
         found = []
         for _ in range(times):
@@ -141,10 +164,7 @@ def told(hands: Hands, file: str, wide: tuple[int, int], times: int) -> str:
         hands.key(ord(key))
     time.sleep(0.3)
     until(refined)
-    parts.append(f"drag {dragged(hands):5.1f}/s")
-    process.terminate()
-    process.wait(PATIENCE)
-    return " | ".join(parts)
+    return [*parts, f"drag {dragged(hands):5.1f}/s"]
 
 
 def dragged(hands: Hands) -> float:
@@ -168,13 +188,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", default=["nerve", "terrain", "tunnel"])
     parser.add_argument("--size", type=size, default=(1024, 768))
-    parser.add_argument("--times", type=int, default=20)
+    parser.add_argument("--times", type=int, default=20, help="presses of each key; 0: opens only (20)")
     args = parser.parse_args()
     print("window, first, refined | key to pixels: median, worst | drag")
     for file in args.files:
         hands = Hands(args.size)
-        print(f"{Path(file).name}: {told(hands, file, args.size, args.times)}", flush=True)
-        hands.end()
+        try:
+            print(f"{Path(file).name}: {told(hands, file, args.size, args.times)}", flush=True)
+        finally:
+            hands.end()
 
 
 if __name__ == "__main__":

@@ -572,7 +572,12 @@ def test_what_cannot_be_extracted_leaves_the_picture(values: Window) -> None:
         window.hands("key", key)
     told = window.ask("look")
     assert not told["closed"] and told["splats"] == plain["splats"]
+    # no key hides that the picture is another one
+    window.hands("key", "r")
+    window.ask("look")
+    assert "because of threshold" in window.ask("look")["message"]
     told = window.ask("set", state={"threshold": 0.0})
+    assert "because of" not in window.ask("settle")["message"]
     told = window.ask("settle")
     assert told["full"] and told["settings"]["blend"] == "mean" and told["splats"] > plain["splats"]
 

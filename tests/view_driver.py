@@ -101,7 +101,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
 
 def settled(viewer: Viewer) -> bool:
     frame = viewer.painter.frame
-    still = frame is not None and frame.full and viewer.refiner.drawn == viewer._wanted() and not viewer.dirty
+    still = frame is not None and frame.full and viewer.refiner.drawn == viewer.wanted() and not viewer.dirty
     shown = not viewer.files.times or viewer.files.time == viewer.state.time
     return still and shown and not viewer.busy and not viewer.slicing.jobs.busy and not viewer.reference.jobs.busy
 

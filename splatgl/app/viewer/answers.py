@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import gc
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from splatgl.app.viewer.dialogs import OPEN, SAVE
 from splatgl.app.viewer.moves import up_of
 from splatgl.app.viewer.pacing import REST
-from splatgl.app.viewer.saving import SAVES, saved
+from splatgl.app.viewer.saving import PICTURE, SAVES, saved
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.viewer import Viewer
@@ -19,12 +18,10 @@ SPEED = 30.0
 UNSAVED = "edits are not saved: shift+s saves the scene; quit again to leave without"
 # minimum seconds between the time points of a series that is played
 PLAYED = 0.1
-# seconds after which what is given up is freed although the window is busy: it takes some 20 ms
-SWEPT = 5.0
 
 
 def moved_on(viewer: Viewer) -> None:
-    """Turns and plays on, and notes a step of the history once all rests."""
+    """Turns and plays on; once all rests, notes a step of the history and frees what is given up."""
     now, state = viewer.now(), viewer.state
     if state.turning:
         viewer.state = state = replace(
@@ -39,11 +36,7 @@ def moved_on(viewer: Viewer) -> None:
     resting = now - viewer.hands.touched >= REST and not viewer.window.held
     if resting and not state.asks:
         viewer.history.note(state)
-    frame, swept = viewer.swept
-    if viewer.painter.frame is not frame and (resting or now - swept > SWEPT):
-        # contents and pictures that were given up refer to themselves, and hold splats and textures
-        gc.collect()
-        viewer.swept = viewer.painter.frame, now
+    viewer.sweep.look(viewer.painter.frame, resting, now)
 
 
 def answered(viewer: Viewer) -> None:
@@ -64,7 +57,7 @@ def answered(viewer: Viewer) -> None:
             viewer.recent = viewer.recent.forgotten()
         elif ask in SAVES:
             told = viewer.state, ask, viewer.content, viewer.renderer.render, viewer.options.folder
-            viewer.state = saved(*told, viewer.slicing.picture())
+            viewer.state = saved(*told, viewer.slicing.picture() if ask == PICTURE else None)
             if ask == "save" and viewer.state.message.startswith("saved"):
                 viewer.history.keep(viewer.state)
     viewer.dialogs.look()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +15,10 @@ from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.layers.layers import Scene as Layers
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
-from splatgl.truth import reference
+from splatgl.truth import reference as truth
+
+if TYPE_CHECKING:
+    from splatgl.app.viewer.viewer import Viewer
 
 # above this many splats a reference takes minutes and gigabytes
 MOST = 2_000_000
@@ -109,4 +113,15 @@ class Reference:
 
         if wanted is not self.wanted:
             raise Cancelled
-        return reference.render(wanted.splats, wanted.camera, wanted.settings, progress=progress)
+        return truth.render(wanted.splats, wanted.camera, wanted.settings, progress=progress)
+
+
+def follow(viewer: Viewer) -> None:
+    """Requests the reference of a viewer's full-quality frame once its view is at rest."""
+    state, frame, reference = viewer.state, viewer.painter.frame, viewer.reference
+    if state.compare == "off" or frame is None or not frame.full or viewer.refiner.drawn != viewer.wanted():
+        if reference.wanted is not None:
+            reference.forget()
+    elif reference.wanted is None:
+        settings = state.settings.but(classification="auto")
+        reference.ask(Wanted.of(viewer.content, state.pose.camera, settings))

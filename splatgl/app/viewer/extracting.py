@@ -27,8 +27,9 @@ class Extractor:
     def __init__(self, wake: Callable[[], None]) -> None:
         self.jobs = Jobs(wake)
         self.wanted: Content | None = None
-        # the content whose extraction failed: it is not tried again
+        # the content whose extraction failed, and why: it is not tried again
         self.failed: Content | None = None
+        self.why = ""
         self.share = 0.0
 
     @property
@@ -67,7 +68,7 @@ class Extractor:
 
             try:
                 content.extract(stride, parts)
-            except (InputError, MemoryError):
-                self.failed = content
+            except (InputError, MemoryError) as error:
+                self.failed, self.why = content, str(error) or "not enough memory"
                 raise
             self.jobs.wake()

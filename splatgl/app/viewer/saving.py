@@ -92,8 +92,8 @@ def with_slices(image: Image, beside: np.ndarray) -> Image:
     return Image(np.concatenate([image.pixels, (one * light).astype(np.float32)], axis=1), image.info)
 
 
-def save_scene(state: State, content: Content, draw: Draw, folder: Path, beside: np.ndarray | None = None) -> str:
-    """Writes the next free scene-NNN.toml and its float image, without slices; returns the message to show."""
+def save_scene(state: State, content: Content, draw: Draw, folder: Path) -> str:
+    """Writes the next free scene-NNN.toml and the float image beside it; returns the message to show."""
     target = free(folder, "scene", ".toml")
     scene = scene_of(state, content)
     picture_of(scene, content, draw).save(target.with_suffix(".npy"))
@@ -101,16 +101,18 @@ def save_scene(state: State, content: Content, draw: Draw, folder: Path, beside:
     return f"saved {target.with_suffix('.npy').name} and {target.name}"
 
 
-# save actions by name
-SAVES = {"screenshot": save_picture, "save": save_scene}
+# save actions
+SAVES = PICTURE, SCENE = "screenshot", "save"
 
 
 def saved(
     state: State, ask: str, content: Content, draw: Draw, folder: Path, beside: np.ndarray | None = None
 ) -> State:
-    """Runs one of SAVES; returns the state with its message."""
+    """Runs one of SAVES; returns the state with its message. beside: as of `with_slices`, of a picture."""
     try:
-        return replace(state, message=SAVES[ask](state, content, draw, folder, beside))
+        if ask == SCENE:
+            return replace(state, message=save_scene(state, content, draw, folder))
+        return replace(state, message=save_picture(state, content, draw, folder, beside))
     except InputError as error:
         return replace(state, message=str(error))
 

@@ -15,15 +15,15 @@ import numpy as np
 from splatgl.app.viewer.answers import PLAYED, answered, moved_on
 from splatgl.app.viewer.arrivals import arrived
 from splatgl.app.viewer.bindings import BINDINGS, Binding
-from splatgl.app.viewer.blocks import give_back_large
+from splatgl.app.viewer.blocks import Sweep, give_back_large
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.dialogs import Dialogs
-from splatgl.app.viewer.difference import Reference, Wanted
-from splatgl.app.viewer.extracting import Extractor
+from splatgl.app.viewer.difference import Reference, follow
+from splatgl.app.viewer.extracting import EXTRACTING, Extractor
 from splatgl.app.viewer.files import Files, Reopen
 from splatgl.app.viewer.hands import Hands
 from splatgl.app.viewer.history import History
-from splatgl.app.viewer.hud import Frame, progress
+from splatgl.app.viewer.hud import progress
 from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.marking import Marking
 from splatgl.app.viewer.pacing import LADDER, REST, STEP, TARGET
@@ -102,8 +102,7 @@ class Viewer:
         self.files.refine(content)
         self.refiner = Refiner(content.counts, prod(self.size), self.options.target)
         self.ticked = self.played = self.now()
-        # the frame after which what is given up was last freed, and when
-        self.swept: tuple[Frame | None, float] = None, self.now()
+        self.sweep = Sweep(self.ticked)
         # whether the next request to quit is obeyed although edits are lost
         self.warned = False
         # what the latest error was of, and what it said
@@ -158,7 +157,7 @@ class Viewer:
             return
         self.hands.fill()
         level = self._draw()
-        self._compare()
+        follow(self)
         self._show()
         if level is not None and self.painter.frame is not None:
             picture, whole = self.painter.frame.seconds, time.perf_counter() - begun
@@ -193,7 +192,7 @@ class Viewer:
         if self.state.playing and self.files.times and not self.files.jobs.busy:
             return max(0.0, self.played + PLAYED - self.now())
         moment = self._moment()
-        due = self.refiner.patience(self._wanted(), moment)
+        due = self.refiner.patience(self.wanted(), moment)
         if not moment.whole:
             due = min(IDLE if due is None else due, max(0.0, REST - moment.idle) or IDLE)
         return IDLE if due is None or (due == 0.0 and moment.held) else min(due, IDLE)
@@ -204,7 +203,7 @@ class Viewer:
         held = self.hands.mouse.drag is not None and (frame is None or frame.plan.program.technique == "quads")
         return Moment(self.now() - self.hands.touched, self.state.turning, held, self.content.extracted)
 
-    def _wanted(self) -> tuple[object, ...]:
+    def wanted(self) -> tuple[object, ...]:
         """Key of a frame: all its inputs, as values or immutable objects."""
         return self.state.pose, self.state.settings, self.content, self.state.beyond and self.state.compare == "off"
 
@@ -214,7 +213,7 @@ class Viewer:
         """
         blurs = self._blurs()
         self._extract(blurs)
-        wanted, moment, asked = self._wanted(), self._moment(), self.hands.asked
+        wanted, moment, asked = self.wanted(), self._moment(), self.hands.asked
         level = self.refiner.level(wanted, moment)
         if level is None:
             return None
@@ -273,7 +272,9 @@ class Viewer:
         asked = self.coming or self.content
         content = asked.followed(state.looks, state.meshes, state.moving, blurs)
         if content is self.coming:
-            # it failed, until something else is asked for
+            # it failed, until something else is asked for; the picture is another one, which no key hides
+            if not state.message:
+                self.say(self.extractor.why, EXTRACTING)
             return
         if content is not self.content and not content.extracted:
             self.coming = content
@@ -290,16 +291,6 @@ class Viewer:
             self.say(said, "count")
         elif not content.heavy:
             self.over("count")
-
-    def _compare(self) -> None:
-        """Requests the reference of a full-quality frame once the view is at rest."""
-        frame = self.painter.frame
-        if self.state.compare == "off" or frame is None or not frame.full or self.refiner.drawn != self._wanted():
-            if self.reference.wanted is not None:
-                self.reference.forget()
-        elif self.reference.wanted is None:
-            settings = self.state.settings.but(classification="auto")
-            self.reference.ask(Wanted.of(self.content, self.state.pose.camera, settings))
 
     def _show(self) -> None:
         """Displays the image, its overlay and the panel if any of them changed."""
@@ -328,6 +319,7 @@ class Viewer:
 
     def take(self, content: Content) -> None:
         """Sets the displayed content."""
+        self.over(EXTRACTING)
         self.content, self.coming = content, None
         self.refiner.renew(content.counts, prod(self.size))
         self.refresh()
