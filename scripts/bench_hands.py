@@ -25,8 +25,8 @@ from splatgl.app.options import size
 
 # seconds after which something will not come; pixels along a side of the square that is watched; of a drag
 PATIENCE, SIDE, DRAGGED = 120.0, 400, 4.0
-# keysyms: p and ]
-KEYS = {"p": 0x70, "]": 0x5D}
+# keys that are pressed in turn: each changes the picture again, where more and more opacity would end to
+KEYS = {"p": "pp", "]": "]["}
 PIXMAP, ALL_PLANES, DATA, PITCH = 2, 0xFFFFFFFF, 16, 44
 
 
@@ -54,9 +54,9 @@ class Hands:
         self.root = ctypes.c_ulong(X.XDefaultRootWindow(self.display))
         self.middle = screen[0] // 2, screen[1] // 2
 
-    def key(self, symbol: int) -> None:
+    def key(self, letter: str) -> None:
         """Presses a key and lets it go."""
-        code = X.XKeysymToKeycode(self.display, ctypes.c_ulong(symbol))
+        code = X.XKeysymToKeycode(self.display, ctypes.c_ulong(ord(letter)))
         for down in (1, 0):
             TEST.XTestFakeKeyEvent(self.display, code, down, ctypes.c_ulong(0))
         X.XFlush(self.display)
@@ -149,21 +149,17 @@ def waits(hands: Hands, times: int) -> list[str]:
         return hands.told("refined")
 
     parts = []
-    for name, symbol in KEYS.items():
+    for name, letters in KEYS.items():
         found = []
-        for _ in range(times):
+        for number in range(times):
             time.sleep(0.2)
             before = hands.seen()
-            hands.key(symbol)
+            hands.key(letters[number % 2])
             found.append(until(lambda before=before: hands.seen() != before))  # type: ignore[misc]
             # the first new picture, and what it becomes
             time.sleep(0.1)
             until(refined)
         parts.append(f"{name} {statistics.median(found) * 1e3:4.0f} {max(found) * 1e3:5.0f} ms")
-    for key in ("[",) * times:
-        hands.key(ord(key))
-    time.sleep(0.3)
-    until(refined)
     return [*parts, f"drag {dragged(hands):5.1f}/s"]
 
 
