@@ -723,11 +723,12 @@ def test_memory_stays(window: Window, folder: Path) -> None:
     began = window.ask("turn", times=20)
     after = window.ask("turn", times=120)
     window.hands("mouseup", 1)
-    assert after["megabytes"] - began["megabytes"] < 2 and after["textures"] == began["textures"] == 3
+    # a picture that each frame left would be 17 MB or more; a machine that many share changes the level by some
+    assert after["megabytes"] - began["megabytes"] < 8 and after["textures"] == began["textures"] == 3
     for number in range(6):
         told = window.drop(folder / ("other ä %41.npy" if number % 2 else "blob.npy"))
         began = told if number == 2 else began
-    assert told["megabytes"] - began["megabytes"] < 4
+    assert told["megabytes"] - began["megabytes"] < 8 and told["contents"] <= began["contents"] + 1
 
 
 @pytest.mark.long
