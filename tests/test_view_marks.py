@@ -11,10 +11,11 @@ import pytest
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
+from splatgl.app.viewer.added import with_marks
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.labels import beside, label
 from splatgl.app.viewer.legend import Legend, Scenery, cropped
-from splatgl.app.viewer.marking import of_ruler
+from splatgl.app.viewer.marking import RULER, TIP, of_ruler
 from splatgl.app.viewer.measuring import Ruler, clicked, told, under_cursor
 from splatgl.app.viewer.mouse import Mouse
 from splatgl.app.viewer.moves import TURN, angles, name_of, up_of
@@ -22,6 +23,7 @@ from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.saving import save_picture, save_scene
 from splatgl.app.viewer.sight import seen
 from splatgl.app.viewer.state import State, acted
+from splatgl.data.color import linear_from_srgb
 
 SIZE = (160, 120)
 BLACK, USUAL = (0.0, 0.0, 0.0), ("scale", "axes")
@@ -70,6 +72,29 @@ def test_a_distance_is_that_of_its_points(content: Content) -> None:
     ended = acted(state, "measure", content)
     assert not ended.ruler.active and ended.ruler.length
     assert acted(ended, "measure", content).ruler == Ruler()
+
+
+@pytest.mark.parametrize("blend", ["composite", "xray"])
+def test_a_distance_is_saved(content: Content, blend: str) -> None:
+    """Line, dots and length, where the window shows them, as light as there."""
+    state = along_x(content)
+    # through the middle of pixels, of a tenth of a voxel
+    points = tuple((8.0, 7.45 - 3 * side, 7.45) for side in (-1, 1))
+    strokes, labels = of_ruler(Ruler(points), content, state.pose.camera, 1.0)
+    picture = sg.Image(np.full((SIZE[1], SIZE[0], 4), 0.1, np.float32), {"blend": blend})
+    picture.pixels[0, 0] = 0.25
+    found = with_marks(picture, strokes, labels).pixels
+    one = 0.25 if blend == "xray" else 1.0
+    marked = np.abs(found - picture.pixels).max(axis=2) > 0
+    color = one * linear_from_srgb(np.array(RULER[:3]))
+    for x, y in (strokes[0].start, strokes[0].stop, np.mean([strokes[0].start, strokes[0].stop], axis=0)):
+        assert np.allclose(found[int(y), int(x), :3], color, atol=0.01), (x, y)
+    # a dot is round: what it covers beside its corners
+    x, y = (int(each) for each in strokes[1].start)
+    reach = int(TIP / 2 + 1)
+    assert marked[y - reach : y + reach + 1, x].all() and not marked[y - reach - 1, x - reach - 1]
+    left, top, right, bottom = map(int, labels[0].place)
+    assert marked[top:bottom, left:right].all() and found[top:bottom, left:right, :3].max() == pytest.approx(one)
 
 
 def test_labels_stay_in_the_window() -> None:

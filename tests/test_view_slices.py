@@ -16,8 +16,8 @@ from test_view_window import MISSING, SIZE, Window
 import splatgl as sg
 from splatgl.app.annotations.axes import letters
 from splatgl.app.scene import Scene
+from splatgl.app.viewer.added import with_slices
 from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.saving import with_slices
 from splatgl.app.viewer.slices import (
     Pane,
     Slices,
@@ -271,6 +271,9 @@ def test_slices_are_shown_moved_and_hidden(window: Window) -> None:
         saved = (sg.Image.load(window.folder / name).over((0.0, 0.0, 0.0)).straight()[..., :3] * 255).round()
         assert saved.shape == shot.shape and np.abs(saved[:, 300:] - shot[:, 300:]).max() <= 1
         assert np.median(np.abs(saved[:200, :300] - shot[:200, :300])) == 0
+        # their lines, too, above what is written; edges are blended in linear light, which makes them wider
+        lines, found = (np.ptp(each[40:140, :300].astype(int), axis=2) > 60 for each in (shot, saved))
+        assert 0.01 < lines.mean() < found.mean() < 2 * lines.mean() and (lines & ~found).mean() < 1e-3
     # while the window's size changes
     told = window.ask("set", state={"fullscreen": True}, asks=["screenshot"])
     shape = sg.Image.load(window.folder / told["message"].split()[-1]).pixels.shape

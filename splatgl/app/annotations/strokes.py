@@ -16,7 +16,8 @@ def near(segments: np.ndarray, reach: float, size: tuple[int, int], scratch: np.
         return np.zeros(0, np.intp)
     start, along = inside[:, :2], inside[:, 2:] - inside[:, :2]
     length = np.hypot(along[:, 0], along[:, 1])
-    unit = along / np.where(length > 0, length, 1.0)[:, None]
+    # a dot has any direction
+    unit = np.where(length[:, None] > 0, along / np.where(length > 0, length, 1.0)[:, None], [1.0, 0.0])
     # steps along the axis that a segment runs along most, and, at each, as many pixels across as any needs
     steep = np.abs(along[:, 1]) > np.abs(along[:, 0])
     ends = np.sort(np.where(steep[:, None], inside[:, [1, 3]], inside[:, [0, 2]]), axis=1)

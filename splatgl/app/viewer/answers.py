@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
+from splatgl.app.viewer.added import as_seen
 from splatgl.app.viewer.dialogs import OPEN, SAVE
 from splatgl.app.viewer.moves import up_of
 from splatgl.app.viewer.pacing import REST
-from splatgl.app.viewer.saving import PICTURE, SAVES, saved
+from splatgl.app.viewer.saving import SAVES, saved
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.viewer import Viewer
@@ -57,7 +59,7 @@ def answered(viewer: Viewer) -> None:
             viewer.recent = viewer.recent.forgotten()
         elif ask in SAVES:
             told = viewer.state, ask, viewer.content, viewer.renderer.render, viewer.options.folder
-            viewer.state = saved(*told, viewer.slicing.picture() if ask == PICTURE else None)
+            viewer.state = saved(*told, partial(as_seen, viewer))
             if ask == "save" and viewer.state.message.startswith("saved"):
                 viewer.history.keep(viewer.state)
     viewer.dialogs.look()

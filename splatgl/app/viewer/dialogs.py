@@ -6,10 +6,12 @@ import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splatgl.app.viewer.added import as_seen
 from splatgl.app.viewer.saving import free, saved_as
 from splatgl.data.errors import missing_extra
 from splatgl.data.readers import FORMATS
@@ -81,7 +83,7 @@ class Dialogs:
             viewer.hands.drop(list(paths))
             return
         told = viewer.state, viewer.content, viewer.renderer.render, Path(paths[0])
-        viewer.state, kept = saved_as(*told, viewer.slicing.picture())
+        viewer.state, kept = saved_as(*told, partial(as_seen, viewer))
         if kept:
             viewer.history.keep(viewer.state)
         viewer.refresh()

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from splatgl.app.annotations.request import LEAST_SIDE, lay
 from splatgl.app.meshes import MeshFile, surfaces_of
 from splatgl.app.render import origin
@@ -15,7 +13,6 @@ from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.state import State
-from splatgl.data.color import linear_from_srgb
 from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image, write_whole
 from splatgl.splat.extraction.splats import Splats
@@ -25,6 +22,7 @@ from splatgl.splat.plan.settings import Settings
 from splatgl.splat.view.camera import Camera
 
 Draw = Callable[[Splats | Layers, Camera, Settings], Image]
+Add = Callable[[Image], Image]
 
 
 def scene_of(state: State, content: Content) -> Scene:
@@ -67,29 +65,21 @@ def picture_of(scene: Scene, content: Content, draw: Draw) -> Image:
     return lay(image, scene, content.volume, transfer, scene.annotate, quiet=True) if scene.annotate else image
 
 
-def save_picture(state: State, content: Content, draw: Draw, folder: Path, beside: np.ndarray | None = None) -> str:
-    """Writes the next free picture-NNN.png; returns the message to show. beside: as of `with_slices`."""
-    return _picture(state, content, draw, free(folder, "picture", ".png"), beside)
+def nothing(image: Image) -> Image:
+    """The picture alone."""
+    return image
 
 
-def _picture(state: State, content: Content, draw: Draw, target: Path, beside: np.ndarray | None) -> str:
+def save_picture(state: State, content: Content, draw: Draw, folder: Path, add: Add = nothing) -> str:
+    """Writes the next free picture-NNN.png; returns the message to show. add: what the window adds to the picture."""
+    return _picture(state, content, draw, free(folder, "picture", ".png"), add)
+
+
+def _picture(state: State, content: Content, draw: Draw, target: Path, add: Add) -> str:
     scene = scene_of(state, content)
     ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
-    image = picture_of(scene, content, draw)
-    (image if beside is None else with_slices(image, beside)).save(target, background=ground)
+    add(picture_of(scene, content, draw)).save(target, background=ground)
     return f"saved {target.name}"
-
-
-def with_slices(image: Image, beside: np.ndarray) -> Image:
-    """A picture with the slices at its right, as the window shows them: uint8 [H, w, 3], sRGB."""
-    height = image.pixels.shape[0]
-    # a window that is being resized may be of another height by now
-    beside = np.pad(beside[:height], ((0, max(height - len(beside), 0)), (0, 0), (0, 0)))
-    # an X-ray is saved relative to its brightest
-    one = (float(image.pixels.max()) or 1.0) if image.info["blend"] == "xray" else 1.0
-    light = np.ones((*beside.shape[:2], 4))
-    light[..., :3] = linear_from_srgb(beside / 255)
-    return Image(np.concatenate([image.pixels, (one * light).astype(np.float32)], axis=1), image.info)
 
 
 def save_scene(state: State, content: Content, draw: Draw, folder: Path) -> str:
@@ -102,24 +92,21 @@ def save_scene(state: State, content: Content, draw: Draw, folder: Path) -> str:
 
 
 # save actions
-SAVES = PICTURE, SCENE = "screenshot", "save"
+SCENE = "save"
+SAVES = ("screenshot", SCENE)
 
 
-def saved(
-    state: State, ask: str, content: Content, draw: Draw, folder: Path, beside: np.ndarray | None = None
-) -> State:
-    """Runs one of SAVES; returns the state with its message. beside: as of `with_slices`, of a picture."""
+def saved(state: State, ask: str, content: Content, draw: Draw, folder: Path, add: Add = nothing) -> State:
+    """Runs one of SAVES; returns the state with its message. add: as of `save_picture`."""
     try:
         if ask == SCENE:
             return replace(state, message=save_scene(state, content, draw, folder))
-        return replace(state, message=save_picture(state, content, draw, folder, beside))
+        return replace(state, message=save_picture(state, content, draw, folder, add))
     except InputError as error:
         return replace(state, message=str(error))
 
 
-def saved_as(
-    state: State, content: Content, draw: Draw, target: Path, beside: np.ndarray | None = None
-) -> tuple[State, bool]:
+def saved_as(state: State, content: Content, draw: Draw, target: Path, add: Add = nothing) -> tuple[State, bool]:
     """Writes a scene (.toml, also where a name has no ending) or a picture of it; the state with what it says, and
     whether a scene was written.
     """
@@ -131,7 +118,7 @@ def saved_as(
         if scene:
             write_whole(target, scene_of(state, content).to_toml(target.parent).encode())
             return replace(state, message=f"saved {target.name}"), True
-        return replace(state, message=_picture(state, content, draw, target, beside)), False
+        return replace(state, message=_picture(state, content, draw, target, add)), False
     except InputError as error:
         return replace(state, message=str(error)), False
 
