@@ -40,6 +40,8 @@ from splatgl.app.viewpoint import View
 from splatgl.data.coarse import coarser
 from splatgl.gl.screen import Screen
 from splatgl.splat.classification.statistics import statistics
+from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.plan.settings import Settings
 
 SIZE = (120, 80)
 # seconds after which a thread hangs
@@ -890,6 +892,22 @@ def test_more_splats_than_can_be_held(monkeypatch: pytest.MonkeyPatch, scene: Sc
     changed.skin(2)
     assert changed.heavy
     assert not content.changed(sg.Transfer([(39, 0.0), (40, 0.5)]), 0.0).heavy
+
+
+def test_values_that_are_kept_serve_no_threshold(scene: Scene) -> None:
+    """mip keeps values through a threshold; minip, which takes the same, still allows none."""
+    content = Content.open(replace(scene, settings=Settings(blend="mip")))
+    state = acted(State.of(content, SIZE), "threshold-up", content)
+    content = content.followed(state.looks, state.meshes, state.settings)
+    assert state.threshold > 0 and not content.after
+    for _ in BLENDS:
+        state = acted(state, "blend", content)
+        assert not BLENDS[state.settings.blend].post_only
+        content = content.followed(state.looks, state.meshes, state.settings)
+        assert all(len(content.at(stride)) for stride in STRIDES)
+    # the values are still there for what they are of
+    less = replace(state, threshold=0.0, settings=state.settings.but(blend="mip"))
+    assert content.followed(less.looks, less.meshes, less.settings).made
 
 
 def test_jobs_do_the_newest() -> None:

@@ -22,7 +22,7 @@ Chosen = tuple[tuple[str, str | int | bool], ...]
 Compiled = moderngl.Program | moderngl.ComputeShader
 
 # most compiled programs that are kept: a combination of settings takes some five, of 2 MB each with llvmpipe
-MOST_PROGRAMS = 128
+MOST_PROGRAMS = 48
 
 
 @dataclass(frozen=True)

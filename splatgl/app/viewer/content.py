@@ -289,7 +289,11 @@ class Content:
         if found == self.kind:
             # values that are kept for other transfer functions are not this one's
             return replace(self, made={}, skins={}, beside={}) if why and self.after and self.made else self
-        other = self.beside.get(found[0] != "pre")
+        after = found[0] != "pre"
+        if why and after:
+            # nor of values that cannot be extracted: that is told once they are asked for
+            return replace(self, kind=found, before=self.counts, made={}, skins={}, beside={})
+        other = self.beside.get(after)
         if other is None or other.kind != found:
             other = replace(self, kind=found, before=self.counts, made={}, skins={})
         return other
