@@ -145,7 +145,7 @@ def test_a_dropped_file_is_not_replaced(folder: Path, monkeypatch: pytest.Monkey
     for name in gates:
         found.open([name], Settings())
         # the first is being read before the second is asked for
-        while found.jobs.waiting is not None and name == "a/v.npy":
+        while found.jobs.waiting and name == "a/v.npy":
             pass
     gates["a/v.npy"].set()
     assert woken.acquire(timeout=300.0)
@@ -154,7 +154,7 @@ def test_a_dropped_file_is_not_replaced(folder: Path, monkeypatch: pytest.Monkey
     os.utime(folder / "watched.npy", (1, 1))
     state = State.of(content, (120, 80))
     found.look(state, 1e9)
-    assert found.jobs.waiting is None and (found.jobs.busy or "").startswith("opening")
+    assert not found.jobs.waiting and (found.jobs.busy or "").startswith("opening")
     gates["b/v.npy"].set()
     assert found.jobs.settled(300.0)
     for done in found.jobs.collect():

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
-import gc
 import json
 import os
 import queue
@@ -18,6 +17,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+from weakref import WeakSet
 
 import numpy as np
 
@@ -34,6 +34,9 @@ DOUBLE = mouse.DOUBLE
 PAGE = os.sysconf("SC_PAGE_SIZE")
 # seconds after which something hangs: no picture takes as long on a machine that many share
 PATIENCE = 240.0
+
+# those that are not freed yet; a list of all objects would hold what other threads are making
+CONTENTS: WeakSet[Content] = WeakSet()
 
 
 def told(viewer: Viewer) -> dict[str, Any]:
@@ -90,7 +93,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "closed": viewer.closed,
         "megabytes": int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 2**20,
         "textures": len(viewer.screen.textures),
-        "contents": sum(isinstance(each, Content) for each in gc.get_objects()),
+        "contents": len(CONTENTS),
         "recent": viewer.recent.paths,
         "scale": viewer.window.scale,
         "place": viewer.panel and viewer.panel.panel.place,
@@ -243,7 +246,19 @@ def asked_first(viewer: Viewer, folder: Path) -> Any:
     return show
 
 
+def counted() -> None:
+    """Has contents counted from now on."""
+    made = Content.__post_init__
+
+    def noted(content: Content) -> None:
+        made(content)
+        CONTENTS.add(content)
+
+    Content.__post_init__ = noted  # type: ignore[method-assign]
+
+
 def main() -> None:
+    counted()
     source, folder, asked = sys.argv[1], sys.argv[2], json.loads(sys.argv[3])
     lines: queue.Queue[str] = queue.Queue()
     threading.Thread(target=lambda: [lines.put(line) for line in sys.stdin], daemon=True).start()

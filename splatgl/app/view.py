@@ -21,7 +21,7 @@ from splatgl.data.errors import InputError, expected
 
 if TYPE_CHECKING:
     from splatgl.app.scene import Scene
-    from splatgl.app.viewer.files import Files
+    from splatgl.app.viewer.files import Files, Reopen
     from splatgl.app.viewer.viewer import Options
 
 # seconds in which most mistakes in what is asked for are found, before a window is opened
@@ -73,9 +73,8 @@ def run(args: argparse.Namespace) -> int:
         raise expected("--frame-time", "milliseconds above 0", args.frame_time)
     bindings = load_bindings(args.bindings) if args.bindings else BINDINGS
     scene = scene_from(args)
-    files = reading(scene)
+    files = reading(scene, args.source if args.watch else "", lambda: scene_from(args))
     # after what may be bad input: these take longer than to tell it
-    from splatgl.app.viewer.files import watched
     from splatgl.app.viewer.viewer import Options
 
     options = Options(
@@ -85,21 +84,21 @@ def run(args: argparse.Namespace) -> int:
         bindings=bindings,
         ground=args.ground or Options.ground,
         panel=not args.no_panel,
-        watched=watched(args.source, scene) if args.watch else (),
-        reopen=lambda: scene_from(args),
         source=args.source,
     )
     opened(files, scene, options, args.backend, args.device, args.gpu)
     return 0
 
 
-def reading(scene: Scene) -> Files:
-    """Begins to read a scene. Raises what its reader does, if that is found out within AT_ONCE."""
-    from splatgl.app.viewer.files import Files
+def reading(scene: Scene, source: str = "", reopen: Reopen | None = None) -> Files:
+    """Begins to read a scene. Raises what its reader does, if that is found out within AT_ONCE. source: of what is
+    watched, and read again by `reopen`.
+    """
+    from splatgl.app.viewer.files import Files, watched
     from splatgl.app.viewer.jobs import Jobs
 
     jobs = Jobs(lambda: None)
-    files = Files(jobs, (), None, time.monotonic())
+    files = Files(jobs, watched(source, scene) if source else (), reopen, time.monotonic())
     files.begin(scene)
     if jobs.settled(AT_ONCE) and jobs.done and jobs.done[0].error is not None:
         raise jobs.done[0].error
@@ -120,7 +119,6 @@ def opened(
     from splatgl.gl.loader import BackendError
     from splatgl.gl.renderer import Renderer
 
-    files.follow(options.watched, options.reopen, time.monotonic())
     with Renderer(backend, device, gpu) as renderer:
         viewer = Viewer(Content.nothing(scene), renderer, options, files)
         try:

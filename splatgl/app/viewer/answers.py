@@ -51,6 +51,7 @@ def answered(viewer: Viewer) -> None:
             viewer.hands.touch()
         elif ask == "cancel" and viewer.files.cancel():
             viewer.closed |= viewer.content.waiting
+            viewer.state = replace(viewer.state, time=viewer.files.time)
         elif ask in (OPEN, SAVE):
             viewer.dialogs.ask(ask)
         elif ask.startswith(f"{OPEN} "):

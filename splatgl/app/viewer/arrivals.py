@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.app.viewer.files import Brought, News
+from splatgl.app.viewer.files import OPENING, TIME, Brought, News
 from splatgl.app.viewer.jobs import Done
 from splatgl.app.viewer.parts import bare
 from splatgl.app.viewer.together import Together
@@ -30,6 +30,12 @@ def arrived(viewer: Viewer, done: Done) -> None:
         viewer.say(str(done.error) or "not enough memory", done.name.split()[0])
         if viewer.content.waiting:
             viewer.failed, viewer.closed = done.error, True
+        elif done.name.startswith(TIME):
+            # the slider goes back to what is shown
+            viewer.state = replace(viewer.state, time=viewer.files.time, playing=False)
+        elif done.name.startswith(OPENING):
+            # which waited for what was to be opened
+            viewer.files.refine(viewer.content)
     elif done.error is not None:
         raise done.error
     elif isinstance(done.result, Brought):
@@ -52,8 +58,14 @@ def _opened(viewer: Viewer, news: News) -> None:
     if news.reopen is not None or shown.waiting:
         viewer.recent = viewer.recent.opened(news.path or viewer.options.source)
     if news.reopen is not None:
-        viewer.files.turn_to(news, viewer.now())
-    if news.time is None and not news.finer:
+        viewer.files.turn_to(news)
+    elif not shown.waiting and isinstance(shown, Together) and shown.read:
+        # meshes that were laid over what is shown meanwhile
+        own = content.read if isinstance(content, Together) else {}
+        content = Together.with_meshes(content, {**shown.read, **own})
+    if news.time is not None:
+        viewer.files.time = news.time
+    elif not news.finer:
         viewer.files.times, viewer.files.time = news.times or viewer.files.times, 0
     if news.time is None and (news.reopen is not None or shown.waiting or content.scene != shown.scene):
         viewer.files.times = news.times
@@ -68,6 +80,9 @@ def _opened(viewer: Viewer, news: News) -> None:
         viewer.state = replace(viewer.state.based_on(content), message="")
         if not edited:
             viewer.history.keep(viewer.state)
+    if len(content.looks) != len(viewer.state.looks):
+        # a file or a time point of other channels
+        viewer.state = viewer.state.based_on(content)
     viewer.take(content)
     viewer.files.refine(content)
     viewer.hands.touch()

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from splatgl.app.viewer.state import State
 
 GONE = "is gone: its last picture stays"
+# what jobs begin with
+OPENING, TIME = "opening", "reading time"
 Reopen = Callable[[], Scene]
 
 
@@ -33,7 +35,7 @@ class News:
 
     finer: whether it is a finer portion of a content with the same scene. times: of a newly opened file, the scenes of
     its time points, or of the files opened with it; time: the number of the one that this is. picks: what else the file
-    holds; picked: whether this is what was picked of it.
+    holds; picked: whether this is what was picked of it. watch: its files as they were before they were read.
     """
 
     content: Content
@@ -44,6 +46,7 @@ class News:
     time: int | None = None
     picks: tuple[Pick, ...] = ()
     picked: bool = False
+    watch: Watch | None = None
 
     def stale(self, shown: Content) -> bool:
         """Whether this is a portion of what is no longer shown."""
@@ -67,7 +70,7 @@ class Files:
         # when the files that are being read were asked for, and the one that nothing but another one replaces
         self.begun = now
         self.opening = ""
-        # the scenes of a series, and the number of the one that is shown or being read
+        # the scenes of a series, and the number of the one that is shown
         self.times: tuple[Scene, ...] = ()
         self.time = 0
 
@@ -83,8 +86,7 @@ class Files:
 
     def begin(self, scene: Scene) -> None:
         """Opens the scene that the window was opened for."""
-        self.opening = Path(scene.volume).name
-        self._read(f"opening {self.opening}", lambda: _opened(scene))
+        self._open(Path(scene.volume).name, lambda: _opened(scene))
 
     def open(self, paths: Sequence[str], settings: Settings, empty: bool = False) -> None:
         """Opens another file: a volume with the current settings, a scene file with its own. Several are a series, and
@@ -93,7 +95,8 @@ class Files:
         meshes = [MeshFile(path) for path in paths if is_mesh(path)]
         named = sorted((path for path in paths if not is_mesh(path)), key=by_numbers)
         if meshes and not (named or empty):
-            self._read(f"reading {Path(meshes[0].file).name}", lambda: Brought(tuple(meshes), _read(meshes)))
+            what = f"reading {Path(meshes[0].file).name}"
+            self._read(what, lambda: Brought(tuple(meshes), _read(meshes)), what)
             return
         path, beside = (named[0], tuple(meshes)) if named else (meshes[0].file, tuple(meshes[1:]))
 
@@ -102,11 +105,12 @@ class Files:
             return replace(found, meshes=(*found.meshes, *beside))
 
         def read() -> News:
-            times = tuple(replace(scene(), volume=each) for each in named) if len(named) > 1 else ()
-            return replace(_opened(scene(), times), reopen=scene, path=path)
+            found = scene()
+            times = tuple(replace(found, volume=each) for each in named) if len(named) > 1 else ()
+            watch = Watch.of(watched(path, found), time.monotonic())
+            return replace(_opened(found, times), reopen=scene, path=path, watch=watch)
 
-        self.opening = Path(path).name
-        self._read(f"opening {self.opening}", read)
+        self._open(Path(path).name, read)
 
     def pick(self, scene: Scene, option: str, value: str) -> None:
         """Opens what else the file of a scene holds."""
@@ -115,17 +119,16 @@ class Files:
         read = replace(read, transfer={name: each for name, each in read.transfer.items() if name == "preset"})
 
         def found() -> News:
-            return replace(_opened(read), reopen=lambda: read, path=scene.volume, picked=True)
+            watch = Watch.of(watched(scene.volume, read), time.monotonic())
+            return replace(_opened(read), reopen=lambda: read, path=scene.volume, picked=True, watch=watch)
 
-        self.opening = f"{option} {value}"
-        self._read(f"opening {self.opening}", found)
+        self._open(f"{option} {value}", found)
 
     def show_time(self, number: int) -> None:
         """Reads another time point, once what is being read is there."""
         if number != self.time and not self.jobs.busy:
             scene = self.times[number]
-            self.time = number
-            self._read(f"reading time {number}", lambda: News(Content.open(scene), time=number))
+            self._read(f"{TIME} {number}", lambda: News(Content.open(scene), time=number), TIME)
 
     def cancel(self) -> bool:
         """Gives up what is being read; whether there was anything."""
@@ -138,17 +141,18 @@ class Files:
     def refine(self, content: Content) -> None:
         """Reads the finer portion of what a content shows, if there is one."""
         if content.portion and content.portion.finer and not self.opening:
-            self._read("reading finer voxels", lambda: News(content.finer(), finer=True))
+            self._read("reading finer voxels", lambda: News(content.finer(), finer=True), "finer")
 
     def look(self, state: State, now: float) -> State:
         """Reloads the file if it has changed; returns the state with what there is to say."""
-        if self.watch is None:
+        # a change meanwhile is seen afterwards, of the file that is shown by then
+        if self.watch is None or self.opening:
             return state
         gone = self.watch.gone > 1
         self.watch, changed = self.watch.look(now)
         reopen = self.reopen
-        if changed and reopen is not None and not self.opening:
-            self._read("reading again", lambda: News(opened(reopen())[0]))
+        if changed and reopen is not None:
+            self._read("reading again", lambda: News(opened(reopen())[0]), "again")
         if self.watch.missing and not gone:
             return replace(state, message=f"{self.watch.missing} {GONE}")
         if gone and not self.watch.gone and state.message.endswith(GONE):
@@ -157,18 +161,22 @@ class Files:
 
     def finished(self, name: str) -> None:
         """Notes that a job has ended; one that waits may open a file of the same name."""
-        if name.startswith("opening ") and not (self.jobs.busy or "").startswith("opening "):
+        if name.startswith(f"{OPENING} ") and not any(each.startswith(f"{OPENING} ") for each in self.jobs.names):
             self.opening = ""
 
-    def turn_to(self, news: News, now: float) -> None:
+    def turn_to(self, news: News) -> None:
         """Watches the newly opened file instead, if watching is on."""
         self.reopen = news.reopen
         if self.watch is not None:
-            self.watch = Watch.of(watched(news.path, news.content.scene), now)
+            self.watch = news.watch
 
-    def _read(self, what: str, work: Callable[[], News | Brought]) -> None:
+    def _open(self, what: str, work: Callable[[], News]) -> None:
+        self.opening = what
+        self._read(f"{OPENING} {what}", work, OPENING)
+
+    def _read(self, what: str, work: Callable[[], News | Brought], kind: str) -> None:
         self.begun = time.monotonic()
-        self.jobs.submit(what, work)
+        self.jobs.submit(what, work, kind)
 
 
 def _opened(scene: Scene, times: tuple[Scene, ...] = ()) -> News:

@@ -85,8 +85,12 @@ class Hands:
     def resize(self, size: tuple[int, int]) -> None:
         """Fits the view to a window of `size` in pixels; a minimised one keeps its last size."""
         if min(size) > 0:
-            viewer = self.viewer
-            viewer.state = replace(viewer.state, pose=viewer.state.pose.resized(viewer.size))
+            viewer, before = self.viewer, self.viewer.state.pose
+            pose = before.resized(viewer.size)
+            viewer.state = replace(viewer.state, pose=pose)
+            # it is the same view
+            viewer.history.fitted(before, pose)
+            viewer.home = pose if viewer.home is before else viewer.home
             self.touch()
 
     def fill(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.state import State
 
 # what an undo does not bring back: what is open on the screen, and what is asked for
@@ -58,6 +59,11 @@ class History:
             return replace(state, message="nothing to redo")
         self.past.append(self.now)
         return self._at(self.future.pop(), state, "redone")
+
+    def fitted(self, before: Pose, pose: Pose) -> None:
+        """Takes another size of the window as no step."""
+        if self.now.pose is before:
+            self.now = replace(self.now, pose=pose)
 
     def begin(self, state: State) -> None:
         """Forgets everything: the state is that of another content."""

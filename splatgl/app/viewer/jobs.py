@@ -1,4 +1,4 @@
-"""Background jobs: one worker thread and a queue of length one, where a new job replaces the waiting one."""
+"""Background jobs: one worker thread and a queue, where a new job replaces a waiting one of its kind."""
 
 from __future__ import annotations
 
@@ -23,23 +23,30 @@ class Jobs:
     def __init__(self, wake: Callable[[], None]) -> None:
         self.wake = wake
         self.lock = threading.Lock()
-        self.waiting: tuple[str, Callable[[], Any]] | None = None
+        # by kind, the newest last
+        self.waiting: dict[str, tuple[str, Callable[[], Any]]] = {}
         self.running: str | None = None
         self.done: list[Done] = []
         self.thread: threading.Thread | None = None
 
     @property
     def busy(self) -> str | None:
-        """Name of the waiting or else the running job; None if idle."""
-        with self.lock:
-            return self.waiting[0] if self.waiting else self.running
+        """Name of the job that waits last, or else the running one; None if idle."""
+        names = self.names
+        return names[-1] if names else None
 
-    def submit(self, name: str, work: Callable[[], Any]) -> None:
-        """Runs `work` once the thread is free, unless a newer job replaces it first."""
+    @property
+    def names(self) -> list[str]:
+        """Those of the running job and of the waiting ones, in their order."""
         with self.lock:
-            self.waiting = (name, work)
-            if self.running is None:
-                self.running = name
+            return [*([self.running] if self.running else []), *(name for name, _ in self.waiting.values())]
+
+    def submit(self, name: str, work: Callable[[], Any], kind: str = "") -> None:
+        """Runs `work` after all that waits, unless a newer job of its kind replaces it first."""
+        with self.lock:
+            self.waiting.pop(kind, None)
+            self.waiting[kind] = (name, work)
+            if self.thread is None:
                 # daemon: closing the window does not wait for a large file
                 self.thread = threading.Thread(target=self._run, name="splatgl-view", daemon=True)
                 self.thread.start()
@@ -60,10 +67,10 @@ class Jobs:
     def _run(self) -> None:
         while True:
             with self.lock:
-                if self.waiting is None:
-                    self.running = None
+                if not self.waiting:
+                    self.running = self.thread = None
                     return
-                (name, work), self.waiting = self.waiting, None
+                name, work = self.waiting.pop(next(iter(self.waiting)))
                 self.running = name
             try:
                 done = Done(name, result=work())
