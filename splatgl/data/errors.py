@@ -22,6 +22,15 @@ class Choice(InputError):
         self.found = tuple(found)
 
 
+# what is said in a line, and ends nothing that could go on
+TOLD = (InputError, MemoryError)
+
+
+def told(error: BaseException) -> str:
+    """What one of TOLD says."""
+    return str(error) or "not enough memory"
+
+
 def choice(error: InputError, option: str, found: Sequence[tuple[str, str]]) -> Choice:
     """The error as one that a reader option resolves; found: such as [("a", "3 × 4 × 5 float32"), …]."""
     return Choice(str(error), option, found)

@@ -13,7 +13,7 @@ from splatgl.app.viewer.files import OPENING, TIME, Brought, News
 from splatgl.app.viewer.jobs import Done
 from splatgl.app.viewer.parts import bare
 from splatgl.app.viewer.together import Together
-from splatgl.data.errors import InputError
+from splatgl.data.errors import TOLD, told
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.content import Content
@@ -26,8 +26,8 @@ def arrived(viewer: Viewer, done: Done) -> None:
     """Handles a finished job; bad input only sets the message, or closes a window that has nothing to show."""
     viewer.refresh()
     viewer.files.finished(done.name)
-    if isinstance(done.error, InputError | MemoryError):
-        viewer.say(str(done.error) or "not enough memory", done.name.split()[0])
+    if isinstance(done.error, TOLD):
+        viewer.say(told(done.error), done.name.split()[0])
         if viewer.content.waiting:
             viewer.failed, viewer.closed = done.error, True
         elif done.name.startswith(TIME):

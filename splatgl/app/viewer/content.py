@@ -132,6 +132,11 @@ class Content:
         """A name of each part."""
         return (self.volume.name or self.scene.volume,)
 
+    @property
+    def drawing(self) -> list[Content]:
+        """The parts whose splats are drawn."""
+        return [self]
+
     def mesh(self, file: MeshFile) -> Mesh | None:
         """What is read of a mesh; None if it is not."""
         return None

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.jobs import Jobs
+from splatgl.app.viewer.jobs import Cancelled, Jobs
+from splatgl.data.errors import TOLD, told
 from splatgl.data.image import Image
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.layers.layers import Scene as Layers
@@ -22,10 +23,6 @@ if TYPE_CHECKING:
 
 # above this many splats a reference takes minutes and gigabytes
 MOST = 2_000_000
-
-
-class Cancelled(Exception):
-    """The picture changed before its reference was done."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +93,9 @@ class Reference:
         """Collects a finished reference; True if anything changed."""
         news = self.jobs.collect()
         for done in news:
-            if done.error is not None and not isinstance(done.error, Cancelled):
+            if isinstance(done.error, TOLD):
+                self.said = f"no reference: {told(done.error)}"
+            elif done.error is not None and not isinstance(done.error, Cancelled):
                 raise done.error
             if done.error is None and done.result[0] is self.wanted:
                 self.image, self.said = done.result[1], ""

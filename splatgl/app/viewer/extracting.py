@@ -6,19 +6,15 @@ from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.jobs import Done, Jobs
+from splatgl.app.viewer.jobs import Cancelled, Done, Jobs
 from splatgl.app.viewer.pacing import STRIDES
-from splatgl.data.errors import InputError
+from splatgl.data.errors import TOLD, told
 
 # voxels of a stride that are extracted while a transfer function is being edited: some 0.1 s
 QUICK = 1 << 19
 EXTRACTING = "extracting"
 
 T = TypeVar("T")
-
-
-class Cancelled(Exception):
-    """Other splats are wanted."""
 
 
 class Extractor:
@@ -68,7 +64,7 @@ class Extractor:
 
             try:
                 content.extract(stride, parts)
-            except (InputError, MemoryError) as error:
-                self.failed, self.why = content, str(error) or "not enough memory"
+            except TOLD as error:
+                self.failed, self.why = content, told(error)
                 raise
             self.jobs.wake()

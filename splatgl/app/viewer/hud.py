@@ -50,7 +50,7 @@ def short(state: State, content: Content, frame: Frame | None, busy: str | None)
     told = [content.portion.told] if content.portion and content.portion.told else []
     if content.waiting:
         return (name, *([busy] if busy else []))
-    return (name, *told, view, *([busy] if busy else []), progress(frame))
+    return (name, *told, view, busy or progress(frame))
 
 
 def lines(state: State, content: Content, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
@@ -89,7 +89,8 @@ def _splats(content: Content, frame: Frame) -> list[str]:
 
 
 def _numbers(content: Content, frame: Frame) -> list[str]:
-    kept, total = len(content.finest), content.volume.count
+    kept = sum(len(part.finest) for part in content.drawing)
+    total = sum(part.volume.count for part in content.drawing)
     if frame.level.stride > 1 or not content.whole:
         return [f"of {total:,} voxels, blocks of {frame.level.stride}^3 are drawn"]
     left = (

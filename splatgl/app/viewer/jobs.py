@@ -8,6 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 
+class Cancelled(Exception):
+    """What a job makes is no longer wanted."""
+
+
 @dataclass(frozen=True)
 class Done:
     """A finished job's name and its result, or the error it raised."""

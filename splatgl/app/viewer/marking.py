@@ -50,9 +50,9 @@ class Marking:
         lines, labels = of_ruler(state.ruler, content, camera, scale)
         if state.probe and viewer.hands.mouse.drag is None:
             labels += _probed(viewer, scale)
-        if not state.slices.shown:
-            return Marks((*legend, *labels), (*strokes, *lines))
         beside = viewer.slicing.marks()
+        if not beside:
+            return Marks((*legend, *labels), (*strokes, *lines))
         lines += outlines(state.slices, content.volume, camera, scale)
         seen_of = left_of((*strokes, *lines), camera.size[0])
         return Marks((*legend, *labels, *beside.sprites), (*seen_of, *beside.strokes))

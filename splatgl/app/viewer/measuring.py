@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -87,19 +88,19 @@ def distance(ruler: Ruler, content: Content) -> str:
     return "" if length is None else length_text(float(f"{length:.4g}"), content.volume.unit)
 
 
-# what the latest values were picked from: content, transfer function and cuts, which are compared by identity
-_latest: list[tuple[tuple[object, ...], Scene]] = []
+# what the latest values of a content were picked from, of these looks and cuts
+_latest: WeakKeyDictionary[Content, tuple[tuple[object, ...], Scene]] = WeakKeyDictionary()
 
 
 def _scene(state: State, content: Content) -> Scene:
-    key = content, state.looks, state.settings.clip
-    if not _latest or any(a is not b and a != b for a, b in zip(_latest[0][0], key, strict=True)):
+    key, known = (state.looks, state.settings.clip), _latest.get(content)
+    if known is None or known[0] != key:
         scene, _ = content.subject_at(1, state.settings)
         if not isinstance(scene, Scene):
             layer = Layer(content.volume, state.looks[0].transfer, threshold=state.threshold)
             scene = Scene([layer], state.settings.clip)
-        _latest[:] = [(key, scene)]
-    return _latest[0][1]
+        known = _latest[content] = key, scene
+    return known[1]
 
 
 def _probe(state: State, content: Content) -> State:

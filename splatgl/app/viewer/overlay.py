@@ -69,7 +69,12 @@ def drawn(overlay: Overlay) -> np.ndarray:
 
 def plain(text: str) -> str:
     """Text with characters missing from the font replaced."""
-    return text.translate(PLAIN)
+    return legible(text.translate(PLAIN))
+
+
+def legible(text: str) -> str:
+    """Text that can be encoded: names of files may hold bytes that are no letters."""
+    return text.encode(errors="replace").decode()
 
 
 def box(text: Text, size: tuple[int, int], scale: float) -> tuple[int, int, int, int]:

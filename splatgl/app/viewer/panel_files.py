@@ -10,6 +10,7 @@ from pathlib import Path
 from imgui_bundle import imgui
 
 from splatgl.app.viewer.dialogs import OPEN, SAVE, opened, suffixes
+from splatgl.app.viewer.overlay import legible, plain
 from splatgl.app.viewer.state import State
 
 # largest size in screen units at a content scale of 1, and what is left of the window around it
@@ -27,9 +28,9 @@ def draw(state: State, recent: Sequence[str]) -> State:
         state = replace(state, asks=(*state.asks, SAVE))
     imgui.set_item_tooltip("A scene, a picture or its floats, by the name's ending (ctrl+s).")
     for number, path in enumerate(recent):
-        if imgui.selectable(f"{Path(path).name}##{number}", False)[0]:
+        if imgui.selectable(f"{plain(Path(path).name)}##{number}", False)[0]:
             state = opened(state, path)
-        imgui.set_item_tooltip(path)
+        imgui.set_item_tooltip(legible(path))
     if recent and imgui.small_button("forget these"):
         state = replace(state, asks=(*state.asks, "forget"))
     return state
@@ -84,11 +85,11 @@ class Browser:
         if self.said:
             imgui.text_wrapped(self.said)
         for name in ("..", *self.folders):
-            if imgui.selectable(f"{name}/", False, stays)[0]:
+            if imgui.selectable(f"{legible(name)}/", False, stays)[0]:
                 self._go(self.folder.parent if name == ".." else self.folder / name)
                 return
         for name in self.files:
-            if imgui.selectable(name, name == self.name, twice)[0]:
+            if imgui.selectable(legible(name), name == self.name, twice)[0]:
                 self.name = name
                 if self.kind == OPEN and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
                     self._choose(name)
@@ -100,12 +101,14 @@ class Browser:
             # what is typed replaces the name
             imgui.set_keyboard_focus_here()
         flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
-        entered, self.name = imgui.input_text("##name", self.name, flags)
+        shown = legible(self.name)
+        entered, name = imgui.input_text("##name", shown, flags)
+        self.name = self.name if name == shown else name
         imgui.same_line()
         changed, self.all = imgui.checkbox("all files", self.all)
         if changed:
             self._go(self.folder)
-        there = bool(self.name) and (self.folder / self.name).exists()
+        there = bool(self.name) and os.path.exists(self.folder / self.name)
         word = "open" if self.kind == OPEN else "replace it" if there else "save"
         # a name that is entered replaces nothing unasked
         if (imgui.button(word) or (entered and word != "replace it")) and self.name:
@@ -121,7 +124,7 @@ class Browser:
 
     def _choose(self, name: str) -> None:
         found = self.folder / name
-        if name and self.kind == OPEN and found.is_dir():
+        if name and self.kind == OPEN and os.path.isdir(found):
             self._go(found)
             return
         self.chosen = (str(found),)
@@ -130,7 +133,7 @@ class Browser:
     def _go(self, folder: Path) -> None:
         """Lists another folder; one that cannot be read says why."""
         self.folder, self.said = Path(os.path.abspath(folder)), ""
-        self.typed, self.folders, self.files = str(self.folder), [], []
+        self.typed, self.folders, self.files = legible(str(self.folder)), [], []
         try:
             with os.scandir(self.folder) as entries:
                 found = sorted((not each.is_dir(), each.name) for each in entries if each.name[0] != ".")

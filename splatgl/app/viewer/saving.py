@@ -1,7 +1,10 @@
-"""Saves screenshots and scenes; a screenshot matches `splatgl render` of the saved scene pixel for pixel."""
+"""Saves screenshots and scenes; a screenshot matches `splatgl render` of the saved scene pixel for pixel, but for what
+the window adds.
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +16,7 @@ from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.state import State
-from splatgl.data.errors import InputError, expected
+from splatgl.data.errors import TOLD, expected, told
 from splatgl.data.image import Image, write_whole
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.layers.layers import Scene as Layers
@@ -23,6 +26,7 @@ from splatgl.splat.view.camera import Camera
 
 Draw = Callable[[Splats | Layers, Camera, Settings], Image]
 Add = Callable[[Image], Image]
+RENDERED = "splatgl render draws it, as large as it is"
 
 
 def scene_of(state: State, content: Content) -> Scene:
@@ -76,6 +80,8 @@ def save_picture(state: State, content: Content, draw: Draw, folder: Path, add: 
 
 
 def _picture(state: State, content: Content, draw: Draw, target: Path, add: Add) -> str:
+    if content.heavy:
+        raise expected("picture", "splats that fit into memory", "too many", f"save the scene: {RENDERED}")
     scene = scene_of(state, content)
     ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     add(picture_of(scene, content, draw)).save(target, background=ground)
@@ -86,6 +92,9 @@ def save_scene(state: State, content: Content, draw: Draw, folder: Path) -> str:
     """Writes the next free scene-NNN.toml and the float image beside it; returns the message to show."""
     target = free(folder, "scene", ".toml")
     scene = scene_of(state, content)
+    if content.heavy:
+        write_whole(target, scene.to_toml(target.parent).encode())
+        return f"saved {target.name}: {RENDERED}"
     picture_of(scene, content, draw).save(target.with_suffix(".npy"))
     write_whole(target, scene.to_toml(target.parent).encode())
     return f"saved {target.with_suffix('.npy').name} and {target.name}"
@@ -102,8 +111,8 @@ def saved(state: State, ask: str, content: Content, draw: Draw, folder: Path, ad
         if ask == SCENE:
             return replace(state, message=save_scene(state, content, draw, folder))
         return replace(state, message=save_picture(state, content, draw, folder, add))
-    except InputError as error:
-        return replace(state, message=str(error))
+    except TOLD as error:
+        return replace(state, message=told(error))
 
 
 def saved_as(state: State, content: Content, draw: Draw, target: Path, add: Add = nothing) -> tuple[State, bool]:
@@ -111,16 +120,31 @@ def saved_as(state: State, content: Content, draw: Draw, target: Path, add: Add 
     whether a scene was written.
     """
     scene = target.suffix.lower() in ("", ".toml")
-    target = target.with_suffix(".toml") if scene else target
     try:
-        if target.exists() and Path(content.scene.volume).exists() and target.samefile(content.scene.volume):
-            raise expected(target, "another file", "the volume that is shown", "choose another name")
+        if not target.name or os.path.isdir(target):
+            raise expected(target, "a file's name", "a folder")
+        target = target.with_suffix(".toml") if scene else target
+        if any(_same(target, each) for each in sources(content)):
+            raise expected(target, "another file", "what is shown", "choose another name")
         if scene:
             write_whole(target, scene_of(state, content).to_toml(target.parent).encode())
             return replace(state, message=f"saved {target.name}"), True
         return replace(state, message=_picture(state, content, draw, target, add)), False
-    except InputError as error:
-        return replace(state, message=str(error)), False
+    except TOLD as error:
+        return replace(state, message=told(error)), False
+
+
+def sources(content: Content) -> list[str]:
+    """The files and folders that a content was read from."""
+    parts = [content.part(number) for number in range(len(content.looks))]
+    return [*(each.scene.volume for each in (content, *parts)), *(mesh.file for mesh in content.surfaces)]
+
+
+def _same(target: Path, other: str) -> bool:
+    """Whether a path is a file, or in a folder, that is read."""
+    found = os.path.realpath(target)
+    read = os.path.realpath(other)
+    return found == read or (os.path.isdir(read) and os.path.dirname(found) == read and os.path.exists(found))
 
 
 def free(folder: Path, stem: str, suffix: str) -> Path:

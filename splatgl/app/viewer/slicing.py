@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 # sRGB, of the slices across x, y and z of the grid, and behind them
 LINES: tuple[Color, ...] = ((1.0, 0.42, 0.36, 0.9), (0.45, 0.86, 0.42, 0.9), (0.45, 0.62, 1.0, 0.9))
 GROUND = np.array([[[18, 18, 20, 255]]], np.uint8)
+# seconds that a saved picture waits for a slice
+LONGEST = 60.0
 # pixels at a content scale of 1: of lines, and between labels and edges
 LINE, GAP = 1.0, 2.0
 
@@ -40,6 +42,8 @@ class Slicing:
         # of each axis: what its pixels are of, and they; the value that all go through
         self.drawn: dict[int, tuple[Key, np.ndarray]] = {}
         self.asked: dict[int, Key] = {}
+        # what could not be read: it is not asked for again
+        self.failed: dict[int, Key] = {}
         self.dragged: int | None = None
 
     def panes(self) -> tuple[Pane, ...]:
@@ -83,7 +87,8 @@ class Slicing:
         done = self.jobs.collect()
         for each in done:
             if each.error is not None:
-                self.viewer.say(str(each.error))
+                self.viewer.say(f"a slice cannot be read: {each.error}")
+                self.failed.update(self.asked)
             else:
                 axis, key, pixels = each.result
                 self.drawn[axis] = key, pixels
@@ -119,6 +124,11 @@ class Slicing:
         viewer = self.viewer
         if not self.panes():
             return None
+        self.marks()
+        while self.asked and self.jobs.settled(LONGEST):
+            # one after the other
+            self.collect()
+            self.marks()
         viewer.screen.draw(viewer.size, viewer.painter.look(viewer.state, viewer.reference))
         viewer.screen.mark(viewer.window.size, self.marks())
         # what is shown next has the panel again
@@ -155,6 +165,8 @@ class Slicing:
 
         if isinstance(volume.samples, np.ndarray):
             self.drawn[pane.axis] = key, work()[2]
+        elif self.failed.get(pane.axis) == key:
+            return None
         elif not self.asked:
             self.asked[pane.axis] = key
             self.jobs.submit("reading a slice", work)

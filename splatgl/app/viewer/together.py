@@ -135,25 +135,39 @@ class Together(Content):
     # --- what the window asks of any content -----------------------------------------------------------------------
 
     @property
-    def _extracting(self) -> list[Content]:
+    def drawing(self) -> list[Content]:
         """Those whose splats are drawn; the first also where nothing is seen but meshes."""
         return self.shown or [self.parts[0]]
 
     @property
+    def finest(self) -> Splats:
+        """Those of the first part that is drawn."""
+        return self.drawing[0].finest
+
+    @property
+    def sample(self) -> Splats:
+        """Those of the first part that is drawn."""
+        return self.drawing[0].sample
+
+    def at(self, stride: int, progress: Progress | None = None) -> Splats:
+        """Those of the first part that is drawn."""
+        return self.drawing[0].at(stride, progress)
+
+    @property
     def counts(self) -> tuple[int, ...]:
         """Number of splats at each of STRIDES, of all that is seen."""
-        return tuple(map(sum, zip(*(part.counts for part in self._extracting), strict=True)))
+        return tuple(map(sum, zip(*(part.counts for part in self.drawing), strict=True)))
 
     @property
     def extracted(self) -> tuple[int, ...]:
         """The strides of which the splats of all that is seen are extracted."""
-        common = set.intersection(*(set(part.extracted) for part in self._extracting))
+        common = set.intersection(*(set(part.extracted) for part in self.drawing))
         return tuple(sorted(common))
 
     @property
     def complete(self) -> bool:
         """Whether all splats that are to be drawn are extracted."""
-        return all(part.complete for part in self._extracting)
+        return all(part.complete for part in self.drawing)
 
     @property
     def whole(self) -> bool:
@@ -163,20 +177,20 @@ class Together(Content):
     @property
     def heavy(self) -> bool:
         """Whether the finest splats of a part are too many."""
-        return any(part.heavy for part in self._extracting)
+        return any(part.heavy for part in self.drawing)
 
     @property
     def fresh(self) -> bool:
         """Whether extraction would give the same splats."""
-        return all(part.fresh for part in self._extracting)
+        return all(part.fresh for part in self.drawing)
 
     def voxels(self, stride: int) -> int:
         """Number of voxels at a stride, of all that is seen."""
-        return sum(part.voxels(stride) for part in self._extracting)
+        return sum(part.voxels(stride) for part in self.drawing)
 
     def extract(self, stride: int, progress: Progress | None = None) -> None:
         """Extracts the splats at a stride of all that is seen."""
-        for part in self._extracting:
+        for part in self.drawing:
             part.extract(stride, progress)
 
     def followed(

@@ -34,13 +34,14 @@ from splatgl.app.viewer.slices import column
 from splatgl.app.viewer.slicing import Slicing
 from splatgl.app.viewer.state import State
 from splatgl.app.viewer.window import Window
-from splatgl.data.errors import InputError, missing_extra
+from splatgl.data.errors import TOLD, missing_extra, told
 from splatgl.gl.portions import Interrupted
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen
 
 # maximum seconds to wait for events when idle: bounds the response to Ctrl-C
 IDLE = 0.25
+OTHER = "the picture before"
 # what is missing without its library
 PANEL = "the panel with the opacity curve, colours, settings, cuts and files"
 
@@ -107,6 +108,8 @@ class Viewer:
         self.warned = False
         # what the latest error was of, and what it said
         self.trouble = ("", "")
+        # why the latest picture was not drawn
+        self.refusal = ""
         self.closed = False
         self.failed: BaseException | None = None
         self.dirty = 1
@@ -127,6 +130,13 @@ class Viewer:
     def busy(self) -> str | None:
         """What is being done in other threads; None if nothing is."""
         return self.files.busy or ("opening" if self.content.waiting else self.extractor.busy)
+
+    @property
+    def stale(self) -> str | None:
+        """What is said while the picture of the state cannot be drawn; None if it can."""
+        # the content before need not suit what is asked of the one that is coming
+        refused = self.coming is None and self.wanted() == self.refiner.refused
+        return OTHER if refused or (self.coming and self.coming is self.extractor.failed) else None
 
     def refresh(self) -> None:
         """Redisplays the window's content in the next step."""
@@ -216,6 +226,9 @@ class Viewer:
         wanted, moment, asked = self.wanted(), self._moment(), self.hands.asked
         level = self.refiner.level(wanted, moment)
         if level is None:
+            if self.stale and not self.state.message:
+                # as EXTRACTING: no key hides that the picture is another one
+                self.say(self.refusal, "picture")
             return None
         if wanted != self.refiner.drawn:
             self.reference.forget()
@@ -223,11 +236,10 @@ class Viewer:
             frame = self.painter.draw(self.state, self.content, LADDER[level], blurs, lambda: self._given_up(asked))
         except Interrupted:
             return None
-        except InputError as error:
+        except TOLD as error:
             self.refiner.refuse(wanted)
-            # the content before need not suit what is asked of the one that is coming
-            if self.coming is None:
-                self.say(str(error), "picture")
+            self.refusal = told(error)
+            self.refresh()
             return None
         self.over("picture")
         self.refiner.done(wanted, level, frame.full)
@@ -287,7 +299,8 @@ class Viewer:
         if waiting:
             self.extractor.want(waiting[0], self.now() - self.hands.touched >= REST)
         if content.heavy and content.extracted[0] == 2 and not state.message:
-            said = f"some {8 * len(content.at(2)):,} splats: too many to draw all; make more of it transparent"
+            count = sum(8 * len(part.at(2)) for part in content.drawing if part.heavy)
+            said = f"some {count:,} splats: too many to draw all; make more of it transparent"
             self.say(said, "count")
         elif not content.heavy:
             self.over("count")
@@ -295,14 +308,15 @@ class Viewer:
     def _show(self) -> None:
         """Displays the image, its overlay and the panel if any of them changed."""
         said = self.painter.compared(self.state, self.reference)
-        if self.painter.write(self.state, self.content, self.window.scale, self.busy, said):
+        doing = self.busy or self.stale
+        if self.painter.write(self.state, self.content, self.window.scale, doing, said):
             self.refresh()
         if not self.dirty:
             return
         self.dirty -= 1
         self._compose()
         self.window.show()
-        self.window.title(f"{self.content.volume.name} - splatgl - {self.busy or progress(self.painter.frame)}")
+        self.window.title(f"{self.content.volume.name} - splatgl - {doing or progress(self.painter.frame)}")
 
     def _compose(self) -> None:
         """Draws the window's content into its back buffer."""
@@ -320,7 +334,7 @@ class Viewer:
     def take(self, content: Content) -> None:
         """Sets the displayed content."""
         self.over(EXTRACTING)
-        self.content, self.coming = content, None
+        self.content, self.coming, self.extractor.failed = content, None, None
         self.refiner.renew(content.counts, prod(self.size))
         self.refresh()
 

@@ -10,6 +10,7 @@ import warnings
 from typing import Any, Protocol
 
 from splatgl.app.viewer.keys import from_character, from_key, modifiers
+from splatgl.app.viewer.overlay import legible
 from splatgl.app.viewer.pose import Place
 from splatgl.gl.screen import Screen
 
@@ -140,7 +141,7 @@ class Window:
 
     def title(self, text: str) -> None:
         """Sets the text of the title bar."""
-        self.glfw.set_window_title(self.handle, text)
+        self.glfw.set_window_title(self.handle, legible(text))
 
     def show(self) -> None:
         """Swaps the buffers."""
