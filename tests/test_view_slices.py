@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from test_view import blob
-from test_view_window import MISSING, SIZE, Window
+from test_view_window import MISSING, Window
 
 import splatgl as sg
 from splatgl.app.annotations.axes import letters
@@ -30,7 +31,7 @@ from splatgl.app.viewer.slices import (
     window_of,
     world_axes,
 )
-from splatgl.app.viewer.slicing import left_of
+from splatgl.app.viewer.slicing import Slicing, left_of
 from splatgl.app.viewer.state import State, acted
 from splatgl.data.color import srgb_from_linear
 from splatgl.gl.marks import Stroke
@@ -303,16 +304,47 @@ def test_slices_follow_the_window_and_the_file(window: Window) -> None:
     window.ask("settle")
 
 
+def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And says so; its pane is empty, where another one's picture would stand under its number."""
+    zarr = pytest.importorskip("zarr")
+    zarr.save(str(tmp_path / "grid.zarr"), np.zeros((16, 16, 16), np.float32))
+    monkeypatch.setattr("splatgl.data.readers.zarr_store.WHOLE", 1000)
+    content = Content.open(Scene(str(tmp_path / "grid.zarr"), transfer={"points": ((0.0, 0.0), (1.0, 0.5))}))
+    assert not isinstance(content.volume.samples, np.ndarray)
+    state = replace(State.of(content, (400, 300)), slices=Slices(shown=True))
+    said: list[str] = []
+    window = SimpleNamespace(wake=lambda: None, scale=1.0)
+    viewer = SimpleNamespace(window=window, state=state, content=content, whole=(400, 300), say=said.append)
+    slicing, asked = Slicing(cast(Any, viewer)), []
+
+    def plane(*given: object) -> None:
+        asked.append(given)
+        raise KeyError("chunk")
+
+    monkeypatch.setattr("splatgl.app.viewer.slicing.plane", plane)
+    for _ in range(8):
+        marks = slicing.marks()
+        assert slicing.jobs.settled(300.0)
+        slicing.collect()
+    assert len(asked) == 3 == len(said) and "slice cannot be read" in said[0]
+    assert not any(each.smooth for each in marks.sprites)
+
+
 @driven
 def test_samples_in_parts_are_read_behind_the_window(tmp_path: Path) -> None:
     zarr = pytest.importorskip("zarr")
     values = np.tensordot([400.0, 20.0, 1.0], np.indices((16, 16, 16)), 1).astype(np.float32)
     zarr.save(str(tmp_path / "grid.zarr"), values)
-    window = Window(tmp_path / "grid.zarr", tmp_path, size=(400, 300))
+    window = Window(tmp_path / "grid.zarr", tmp_path, size=(400, 300), whole=1000)
     told = window.key("z")
     left, top, right, bottom = map(round, told["panes"][0]["box"])
     first = window.shot()[top:bottom, left:right].mean()
     window.hands("mousemove", (left + right) // 2, (top + bottom) // 2, "click", 5, "click", 5)
     assert window.ask("settle")["slices"]["place"][2] < told["slices"]["place"][2]
-    assert window.shot()[top:bottom, left:right].mean() < first - 3 and SIZE
+    assert window.shot()[top:bottom, left:right].mean() < first - 3
+    # a picture that is saved at once has the slice that it names
+    name = window.ask("set", place=[0.5, 0.5, 0.9], asks=["screenshot"])["message"].split()[-1]
+    window.ask("settle")
+    saved = (sg.Image.load(tmp_path / name).over((0.0, 0.0, 0.0)).straight()[..., :3] * 255).round()
+    assert np.abs(saved[top:bottom, left:right] - window.shot()[top:bottom, left:right]).max() <= 1
     window.end()

@@ -27,6 +27,7 @@ from splatgl.app.viewer import hud, mouse, portion
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.viewer import Options, Viewer
 from splatgl.data.errors import InputError
+from splatgl.data.readers import zarr_store
 from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
 
@@ -173,7 +174,9 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         # what neither keys nor the panel ask for, or not at once
         settings = viewer.state.settings.but(**ask.get("settings", {}))
         asks = tuple(ask.get("asks", ()))
-        viewer.state = replace(viewer.state, settings=settings, asks=asks, **ask.get("state", {}))
+        slices = replace(viewer.state.slices, place=tuple(ask.get("place", viewer.state.slices.place)))
+        changes = {"settings": settings, "asks": asks, "slices": slices, **ask.get("state", {})}
+        viewer.state = replace(viewer.state, **changes)
         viewer.hands.touch()
         viewer.step(0.0)
         until(viewer, lambda: not viewer.extractor.jobs.busy)
@@ -266,6 +269,9 @@ def main() -> None:
     if "free" in asked:
         # bytes of memory that contents may take
         vars(portion)["budget"] = partial(int, asked.pop("free"))
+    if "whole" in asked:
+        # bytes of samples that are read at once
+        vars(zarr_store)["WHOLE"] = asked.pop("whole")
     scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
     with Renderer(backend) as renderer:
         behind = asked.pop("behind", False)
