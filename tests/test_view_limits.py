@@ -1,0 +1,136 @@
+"""What a window cannot draw, save or name is said, and ends nothing."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from test_view import SIZE, blob
+from test_view_window import MISSING, Window
+
+import splatgl as sg
+from splatgl.app.scene import Scene
+from splatgl.app.viewer import hud
+from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.difference import Reference
+from splatgl.app.viewer.jobs import Done
+from splatgl.app.viewer.overlay import legible, plain
+from splatgl.app.viewer.pacing import FULL, STRIDES
+from splatgl.app.viewer.painter import Painter
+from splatgl.app.viewer.saving import saved, saved_as
+from splatgl.app.viewer.state import State
+from splatgl.app.viewer.viewer import Viewer
+
+
+@pytest.fixture
+def content(tmp_path: Path) -> Content:
+    np.save(tmp_path / "blob.npy", blob(48).samples)
+    return Content.open(Scene(str(tmp_path / "blob.npy"), transfer={"points": ((4.0, 0.0), (30.0, 0.6))}))
+
+
+def no_memory(*_: object) -> sg.Image:
+    raise MemoryError
+
+
+def test_no_memory_is_said(content: Content, tmp_path: Path) -> None:
+    state = State.of(content, SIZE)
+    for ask in ("screenshot", "save"):
+        assert saved(state, ask, content, no_memory, tmp_path).message == "not enough memory"
+    assert saved_as(state, content, no_memory, tmp_path / "a.png")[0].message == "not enough memory"
+    reference = Reference(cast(Any, SimpleNamespace(collect=lambda: [Done("reference", error=MemoryError())])))
+    assert reference.collect() and reference.said == "no reference: not enough memory"
+    assert sorted(os.listdir(tmp_path)) == ["blob.npy"]
+
+
+def test_too_many_splats_are_a_scene_without_a_picture(
+    content: Content, renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = content.changed(content.transfer, 0.001).classified(sg.Settings())
+    content.skin(2)
+    monkeypatch.setattr("splatgl.app.viewer.content.MOST_KEPT", 100)
+    assert content.heavy
+    state = State.of(content, SIZE)
+    assert "too many" in saved(state, "screenshot", content, renderer.render, tmp_path).message
+    said = saved(state, "save", content, renderer.render, tmp_path).message
+    assert said.startswith("saved scene-001.toml") and "splatgl render" in said
+    assert sorted(os.listdir(tmp_path)) == ["blob.npy", "scene-001.toml"] and not content.whole
+    assert Scene.from_toml(tmp_path / "scene-001.toml").threshold == 0.001
+
+
+@pytest.mark.parametrize("name", ["/", ".", "x" * 300 + ".png", "x" * 300])
+def test_names_that_cannot_be(content: Content, renderer: sg.Renderer, tmp_path: Path, name: str) -> None:
+    state, kept = saved_as(State.of(content, SIZE), content, renderer.render, tmp_path / name)
+    assert state.message and not kept and not state.message.startswith("saved")
+    assert sorted(os.listdir(tmp_path)) == ["blob.npy"]
+
+
+def test_what_is_shown_is_not_overwritten(renderer: sg.Renderer, tmp_path: Path) -> None:
+    """Neither a volume, a layer, nor a file of a folder; others beside these may be."""
+    zarr = pytest.importorskip("zarr")
+    zarr.save(str(tmp_path / "grid.zarr"), blob(8).samples)
+    np.save(tmp_path / "layer.npy", blob(8).samples)
+    content = Content.open(Scene(str(tmp_path / "grid.zarr"), layers=(Scene(str(tmp_path / "layer.npy")),)))
+    state = State.of(content, SIZE)
+    meta = tmp_path / "grid.zarr" / "zarr.json"
+    before = meta.read_bytes()
+    for taken in (meta, tmp_path / "layer.npy"):
+        assert "what is shown" in saved_as(state, content, renderer.render, taken)[0].message
+    assert meta.read_bytes() == before
+    assert saved_as(state, content, renderer.render, tmp_path / "2.png")[0].message == "saved 2.png"
+
+
+def test_hidden_parts_are_not_extracted(renderer: sg.Renderer, tmp_path: Path) -> None:
+    for name, side in (("a", 48), ("b", 40)):
+        np.save(tmp_path / f"{name}.npy", blob(side).samples)
+    content = Content.open(Scene(str(tmp_path / "a.npy"), layers=(Scene(str(tmp_path / "b.npy")),)))
+    state = State.of(content, SIZE)
+    state = state.looking(0, replace(state.looks[0], visible=False))
+    content = content.followed(state.looks, state.meshes, state.settings)
+    for stride in STRIDES:
+        content.extract(stride)
+    assert content.whole
+    screen = SimpleNamespace(put=lambda name, pixels: None)
+    frame = Painter(cast(Any, screen), renderer, ()).draw(state, content, FULL, False, lambda: False)
+    assert not content.part(0).whole and content.part(1).whole and frame.hidden == 0
+    # what is told is of what is drawn
+    told = " ".join(hud.lines(state, content, frame, None))
+    assert f"{len(content.part(1).finest):,} of {40**3:,} voxels" in told
+
+
+def test_another_picture_is_not_called_refined(content: Content) -> None:
+    """Neither while it is refused, nor once its extraction has failed."""
+    state = State.of(content, SIZE)
+    told = hud.short(state, content, None, "the picture before")
+    assert told[-1] == "the picture before"
+    stale = cast(Any, Viewer.stale).fget
+    refiner, extractor = SimpleNamespace(refused=("x",)), SimpleNamespace(failed=None)
+    viewer = SimpleNamespace(coming=None, refiner=refiner, extractor=extractor, wanted=lambda: ("x",))
+    assert stale(viewer) and not stale(SimpleNamespace(**{**vars(viewer), "wanted": lambda: ("y",)}))
+    viewer.coming = content
+    assert not stale(viewer)
+    extractor.failed = content
+    assert stale(viewer)
+
+
+def test_names_with_bytes_that_are_no_letters() -> None:
+    assert legible("caf\udce9 ×") == "caf? ×" and plain("caf\udce9 ×") == "caf? x"
+
+
+@pytest.mark.skipif(bool(MISSING), reason="needs Xvfb and xdotool")
+def test_a_file_with_such_a_name_opens(tmp_path: Path) -> None:
+    pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
+    np.save(tmp_path / "first.npy", blob().samples)
+    strange = os.fsdecode(b"caf\xe9.npy")
+    try:
+        np.save(tmp_path / "plain.npy", blob(20).samples)
+        (tmp_path / "plain.npy").rename(tmp_path / strange)
+    except OSError:
+        pytest.skip("no such names in this file system")
+    window = Window(tmp_path / strange, tmp_path, size=(500, 400), panel=True)
+    assert window.ask("settle")["full"] and window.key("?")["help"]
+    window.end()
