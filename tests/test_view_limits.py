@@ -96,7 +96,7 @@ def test_hidden_parts_are_not_extracted(renderer: sg.Renderer, tmp_path: Path) -
     assert content.whole
     screen = SimpleNamespace(put=lambda name, pixels: None)
     frame = Painter(cast(Any, screen), renderer, ()).draw(state, content, FULL, False, lambda: False)
-    assert not content.part(0).whole and content.part(1).whole and frame.hidden == 0
+    assert 1 not in content.part(0).made and content.part(1).whole and frame.hidden == 0
     # what is told is of what is drawn
     told = " ".join(hud.lines(state, content, frame, None))
     assert f"{len(content.part(1).finest):,} of {40**3:,} voxels" in told
