@@ -125,13 +125,18 @@ def test_a_plane_follows_the_cursor(camera: sg.Camera) -> None:
     assert moved.planes[0][:3] == cuts.planes[0][:3]
     assert moved.planes[0][3] - cuts.planes[0][3] == pytest.approx(1.25)
     # end on, upwards is away from the eye: a pixel is as long as it is wide at that depth
-    away = Cuts().with_plane(0, (*camera.forward, float(camera.forward @ volume.center)))
-    foot = next(each for each in handles(away, volume) if each.what == "plane")
+    axis = camera.forward
+    for _ in range(30):
+        # along the ray to its own foot
+        away = Cuts().with_plane(0, (*axis, float(axis @ volume.center)))
+        foot = next(each for each in handles(away, volume) if each.what == "plane")
+        if camera.perspective:
+            axis = (foot.point - camera.eye) / np.linalg.norm(foot.point - camera.eye)
     (start,) = seen(camera, foot.point[None])
     moved = Held(foot, tuple(start), away).to(volume, camera, (start[0], start[1] - 10))
     depth = camera.eye_from_points(foot.point)[2]
-    if nearest_on_line(camera, tuple(start), foot.point, foot.axis) is None:
-        assert moved.planes[0][3] - away.planes[0][3] == pytest.approx(10 * camera.pixel_pitch(depth))
+    assert nearest_on_line(camera, tuple(start), foot.point, foot.axis) is None
+    assert moved.planes[0][3] - away.planes[0][3] == pytest.approx(10 * camera.pixel_pitch(depth))
 
 
 @CAMERAS

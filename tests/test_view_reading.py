@@ -44,9 +44,8 @@ def viewer_of(content: Content, found: Files, **more: Any) -> Any:
     """What of a viewer takes what arrives."""
     state = State.of(content, SIZE)
     viewer = SimpleNamespace(
-        content=content, state=state, home=state.pose, files=found, history=History(state), size=SIZE, **more
+        content=content, state=state, home=state.pose, files=found, history=History(state), size=SIZE, said=[], **more
     )
-    viewer.said: list[str] = []
     viewer.hands = SimpleNamespace(touch=lambda: None, drop=lambda paths: None)
     viewer.refresh, viewer.over, viewer.now = lambda: None, lambda what: None, lambda: 0.0
     viewer.say = lambda text, of="": viewer.said.append(text)

@@ -257,7 +257,7 @@ def counted() -> None:
         made(content)
         CONTENTS.add(content)
 
-    Content.__post_init__ = noted  # type: ignore[method-assign]
+    Content.__post_init__ = noted  # type: ignore[assignment, method-assign]
 
 
 def main() -> None:

@@ -14,8 +14,8 @@ from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.mouse import Mouse, wheeled
 from splatgl.app.viewer.pacing import FULL, LADDER, REST, TARGET, Level
-from splatgl.app.viewer.pose import Place
 from splatgl.app.viewer.refiner import Moment, Refiner
+from splatgl.app.viewer.sight import Place
 from splatgl.app.viewer.skin import outside
 from splatgl.data.image import Image
 from splatgl.splat.plan.blend_mode import BLENDS

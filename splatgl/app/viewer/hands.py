@@ -10,7 +10,7 @@ from splatgl.app.viewer.bindings import Binding, keymap
 from splatgl.app.viewer.mouse import Mouse, wheeled
 from splatgl.app.viewer.moves import up_of
 from splatgl.app.viewer.pick import pivoted
-from splatgl.app.viewer.pose import Place
+from splatgl.app.viewer.sight import Place
 from splatgl.app.viewer.state import acted
 from splatgl.app.viewer.tools import Tools
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from splatgl.app.viewer.bindings import NAMED, chord
 
 # GLFW key codes (glfw3.h): ASCII for printable keys; function keys and the number pad follow
-FIRST_FUNCTION, FIRST_PAD, LAST_PAD = 290, 320, 329
+FIRST_FUNCTION, FIRST_PAD = 290, 320
 CODES = {
     256: "escape",
     257: "enter",

@@ -77,9 +77,8 @@ def clicked(state: State, content: Content, place: Place) -> State:
     if found is None:
         return replace(state, message="nothing here to measure from")
     ruler = state.ruler.with_point(found.place)
-    length = ruler.length
-    said = SECOND if length is None else f"distance {length_text(float(f'{length:.5g}'), content.volume.unit)}"
-    return replace(state, ruler=ruler, message=said)
+    length = distance(ruler, content)
+    return replace(state, ruler=ruler, message=f"distance {length}" if length else SECOND)
 
 
 def distance(ruler: Ruler, content: Content) -> str:

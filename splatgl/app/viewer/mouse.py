@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.app.viewer.pose import DRAG, NOTCH, Place, Pose
+from splatgl.app.viewer.pose import DRAG, NOTCH, Pose
+from splatgl.app.viewer.sight import Place
 
 # maximum seconds and pixels between the presses of a double click
 DOUBLE, APART = 0.35, 5.0

@@ -133,10 +133,10 @@ def _block(lines: tuple[str, ...], height: float, count: int) -> Block:
 
 
 def _corner(corner: str, size: tuple[int, int], box: tuple[int, int], pad: int) -> tuple[int, int]:
-    right, bottom = size[0] - box[0] - pad, size[1] - box[1] - pad
+    bottom = size[1] - box[1] - pad
     if corner == "middle":
         return max(0, (size[0] - box[0]) // 2), max(0, (size[1] - box[1]) // 2)
-    return right if "right" in corner else pad, bottom if "bottom" in corner else pad
+    return pad, bottom if "bottom" in corner else pad
 
 
 @lru_cache(maxsize=512)

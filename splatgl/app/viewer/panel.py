@@ -12,7 +12,7 @@ from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.hud import Frame
 from splatgl.app.viewer.overlay import plain
 from splatgl.app.viewer.panel_curve import Curve
-from splatgl.app.viewer.state import BLURS, HIGHEST, State, drawable, thresholded
+from splatgl.app.viewer.state import BLURS, HIGHEST, State, refusal, thresholded
 from splatgl.splat.classification.colormap import CORE
 from splatgl.splat.classification.presets import PRESETS, preset
 from splatgl.splat.classification.statistics import Statistics
@@ -157,8 +157,9 @@ def _settings(state: State, content: Content) -> State:
             state = replace(state, blur=allowed[index]) if changed else state
             continue
         settings = state.settings.but(**{name: allowed[index]})
-        if changed and drawable(settings, state, content):
-            state = replace(state, settings=settings)
+        if changed:
+            why = refusal(settings, state, content)
+            state = replace(state, message=why) if why else replace(state, settings=settings, message="")
         if name == "light":
             state = panel_view.cues(state)
     changed, level = imgui.slider_float(

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from splatgl.app.viewer.sight import Place
 from splatgl.app.viewpoint import View
 from splatgl.data.volume import Triple
 from splatgl.splat.view.camera import Camera
@@ -25,8 +26,6 @@ SWEEP, POLE = 180.0, 89.9
 NOTCH, DRAG = 0.85, 0.994
 # bounds of the visible extent, in scene radii
 CLOSEST, FARTHEST = 1e-4, 1e3
-
-Place = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,9 +29,9 @@ HUDS = ("short", "full", "off")
 # factors on extinction and threshold per key press; the lowest threshold above 0, and the highest
 OPACITY_STEP, THRESHOLD_STEP = 1.25, 1.5
 LOWEST, HIGHEST = 0.001, 0.99
-# motion blur modes of a rotating view
 # what of a look is that of the selected part, and edited
 EDITED = ("base", "threshold", "extinction")
+# motion blur modes of a rotating view
 BLURS = ("off", "moments", *MOTIONS)
 ONE_TIME = "this is one point in time; drop several files for a series"
 # settings cycled by a key, and their messages
@@ -50,9 +50,12 @@ class State:
     """pose, settings: camera and rendering options. base: the transfer function; extinction: a factor on it.
 
     blur: motion blur while the view rotates. time: number of the time point of a series of `times`; playing: whether it
-    goes on by itself. hud: of HUDS. asks: pending window actions ("screenshot", "save", "undo",
-    "redo", "open", "quit"). message: shown until the next key. cuts: box and planes, which `settings` has too.
-    annotate: what is laid over the picture, as of a scene. probe: whether the value under the cursor is told.
+    goes on by itself. hud: of HUDS. asks: pending window actions ("screenshot", "save", "save-as", "undo", "redo",
+    "open", "open PATH", "cancel", "forget", "quit"). message: shown until the next key. cuts: box and planes, which
+    `settings` has too. annotate: what is laid over the picture, as of a scene. probe: whether the value under the
+    cursor is told. ruler: what is measured. slices: those beside the picture. turntable: whether a drag turns about a
+    fixed axis.
+
     parts: how the layers of a content of several are seen, of which `selected` is the one that base, threshold and
     extinction are of, and edit; none: one volume. meshes: those of the scene. picks: what else its file holds; picked:
     the option of one of them, and its value, to be opened.
@@ -192,13 +195,18 @@ def _blur(state: State, content: Content) -> State:
 
 def drawable(settings: Settings, state: State, content: Content) -> bool:
     """Whether these settings are valid for this volume as the state sees it."""
+    return not refusal(settings, state, content)
+
+
+def refusal(settings: Settings, state: State, content: Content) -> str:
+    """Why these settings are not valid for this volume as the state sees it; "" if they are."""
     try:
         splats = content.followed(state.looks, state.meshes, settings).at(STRIDES[-1])
         chosen = plan(splats, state.pose.camera, settings.but(classification="auto"))
         content.check(settings, chosen.resolved)
-    except InputError:
-        return False
-    return True
+    except InputError as error:
+        return str(error)
+    return ""
 
 
 def _beyond(state: State, content: Content) -> State:

@@ -28,7 +28,7 @@ from splatgl.splat.view.camera import Bounded
 from splatgl.splat.view.clip import Plane
 
 # pictures' layers that are kept: those of each stride, and with the cuts before
-MOST_KEPT = 2 * len(STRIDES)
+MOST_DRAWN = 2 * len(STRIDES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +266,7 @@ class Together(Content):
         return Drawn(layers, clip, self.meshes, take=lambda: tuple(part.at(stride) for part in parts))
 
     def _forget(self) -> None:
-        while len(self.drawn) >= MOST_KEPT:
+        while len(self.drawn) >= MOST_DRAWN:
             del self.drawn[next(iter(self.drawn))]
 
     @property

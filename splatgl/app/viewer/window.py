@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 from splatgl.app.viewer.keys import from_character, from_key, modifiers
 from splatgl.app.viewer.overlay import legible
-from splatgl.app.viewer.pose import Place
+from splatgl.app.viewer.sight import Place
 from splatgl.gl.screen import Screen
 
 BUTTONS = ("left", "right", "middle")
