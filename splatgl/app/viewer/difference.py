@@ -52,7 +52,7 @@ def enlarged(picture: np.ndarray, size: tuple[int, int], step: int) -> np.ndarra
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """Inputs of a reference; compared by identity. count: of splats."""
+    """Inputs of a reference; compared by identity. count: of splats that are seen from some side."""
 
     splats: Splats | Layers
     camera: Camera
