@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.jobs import Cancelled, Done, Jobs
 from splatgl.app.viewer.pacing import STRIDES
 from splatgl.data.errors import TOLD, told
+
+if TYPE_CHECKING:
+    from splatgl.app.viewer.viewer import Viewer
 
 # voxels of a stride that are extracted while a transfer function is being edited: some 0.1 s
 QUICK = 1 << 19
@@ -68,3 +71,12 @@ class Extractor:
                 self.failed, self.why = content, told(error)
                 raise
             self.jobs.wake()
+
+
+def weighed(viewer: Viewer, content: Content) -> None:
+    """Says where the splats of what is shown are too many to be drawn, as long as they are."""
+    if content.heavy and content.extracted[0] == 2 and not viewer.state.message:
+        count = sum(8 * len(part.at(2)) for part in content.drawing if part.heavy)
+        viewer.say(f"some {count:,} splats: too many to draw all; make more of it transparent", "count")
+    elif not content.heavy:
+        viewer.over("count")

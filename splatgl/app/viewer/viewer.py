@@ -19,7 +19,7 @@ from splatgl.app.viewer.blocks import Sweep, give_back_large
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.dialogs import Dialogs
 from splatgl.app.viewer.difference import Reference, follow
-from splatgl.app.viewer.extracting import EXTRACTING, Extractor
+from splatgl.app.viewer.extracting import EXTRACTING, Extractor, weighed
 from splatgl.app.viewer.files import Files, Reopen
 from splatgl.app.viewer.hands import Hands
 from splatgl.app.viewer.history import History
@@ -106,10 +106,8 @@ class Viewer:
         self.sweep = Sweep(self.ticked)
         # whether the next request to quit is obeyed although edits are lost
         self.warned = False
-        # what the latest error was of, and what it said
-        self.trouble = ("", "")
-        # why the latest picture was not drawn
-        self.refusal = ""
+        # what the latest error was of, and what it said; why the latest picture was not drawn
+        self.trouble, self.refusal = ("", ""), ""
         self.closed = False
         self.failed: BaseException | None = None
         self.dirty = 1
@@ -298,12 +296,7 @@ class Viewer:
         waiting = [each for each in (content, moving) if not each.complete]
         if waiting:
             self.extractor.want(waiting[0], self.now() - self.hands.touched >= REST)
-        if content.heavy and content.extracted[0] == 2 and not state.message:
-            count = sum(8 * len(part.at(2)) for part in content.drawing if part.heavy)
-            said = f"some {count:,} splats: too many to draw all; make more of it transparent"
-            self.say(said, "count")
-        elif not content.heavy:
-            self.over("count")
+        weighed(self, content)
 
     def _show(self) -> None:
         """Displays the image, its overlay and the panel if any of them changed."""
