@@ -3,12 +3,14 @@
     .venv/bin/python scripts/fuzz_window.py [FILE …] [--seconds S] [--seed N]
 
 Needs Xvfb and xdotool. FILE: what is opened first, and dropped now and then; two small files of its own by default.
-Ends with 1 after a traceback, a window that ends or hangs, or memory that grows.
+Memory is compared where the same picture is at rest: now and then the first file is shown as it was at first. Ends with
+1 after a traceback, a window that ends or hangs, or memory that grows.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import random
 import signal
@@ -30,8 +32,9 @@ SCREEN = 900, 700
 LETTERS = "abcdefghijklmnoprstuvwxyz0123456789"
 NAMED = "space Tab Escape F1 Home End Left Right Up Down Prior Next Return bracketleft bracketright comma period less"
 KEYS = (*LETTERS, *NAMED.split(), "greater", "question", "plus", "minus", "ctrl+z", "ctrl+shift+z", "shift+s", "ctrl+1")
-# share of the run after which memory is expected to be flat, and by how much it may grow from there
-WARM, GROWTH = 0.3, 1.05
+# share of the run after which memory is expected to be flat, by how much it may grow from there, and how often it is
+# measured at rest
+WARM, GROWTH, RESTS = 0.3, 1.05, 40
 # seconds without an answer to a key after which the window hangs
 HANGS = 120.0
 PAGE = os.sysconf("SC_PAGE_SIZE")
@@ -131,6 +134,23 @@ class Session:
         subprocess.run(command, env=self.environment, timeout=HANGS, check=False)
         return f"drop {[path.name for path in paths]}"
 
+    def rested(self) -> float:
+        """Megabytes held while the first file is shown at rest, with the settings of a scene of it."""
+        scene = self.folder / "rest.toml"
+        scene.write_text(f"volume = {json.dumps(str(self.files[0].resolve()))}\n")
+        # ends what turns, plays, is open or is being read
+        self.hands("key", *["Escape"] * 4)
+        self.hands("windowsize", self.identity, 640, 480)
+        command = [sys.executable, str(DRAG_SOURCE), self.identity, str(scene)]
+        subprocess.run(command, env=self.environment, timeout=HANGS, check=False)
+        end = time.monotonic() + HANGS
+        while "refined" not in self.hands("getwindowname", self.identity) and time.monotonic() < end:
+            time.sleep(0.2)
+        # what is given up is freed at rest
+        time.sleep(1.0)
+        self.done.append("rest")
+        return self.megabytes
+
     @property
     def megabytes(self) -> float:
         """Memory that the window's process holds."""
@@ -151,9 +171,12 @@ def run(files: Sequence[Path], seed: int, seconds: float, folder: Path) -> list[
     """What went wrong in so many seconds of random input."""
     session = Session(files, seed, folder)
     begun, memory, wrong = time.monotonic(), [], []
+    rests: list[tuple[float, float]] = []
     while (gone := time.monotonic() - begun) < seconds and session.window.poll() is None:
         try:
             session.once()
+            if gone > len(rests) * seconds / RESTS:
+                rests.append((gone, session.rested()))
         except subprocess.TimeoutExpired as error:
             if session.window.poll() is not None:
                 # a drop into nothing waits for an answer
@@ -169,13 +192,14 @@ def run(files: Sequence[Path], seed: int, seconds: float, folder: Path) -> list[
     said = session.end()
     if wrong or "Traceback" in said:
         wrong.append(said)
-    warm = [size for at, size in memory if at > WARM * seconds]
+    warm = [size for at, size in rests if at > WARM * seconds]
     half = len(warm) // 2
     told = "too short for memory"
     if half:
-        # sizes of windows and of files come and go: what grows lifts the middle of them
         earlier, later = statistics.median(warm[:half]), statistics.median(warm[half:])
-        told = f"{earlier:.0f} then {later:.0f} MB, {max(warm[:half]):.0f} then {max(warm[half:]):.0f} at most"
+        most = max(size for _, size in memory)
+        told = f"at rest {earlier:.0f} then {later:.0f} MB, {most:.0f} at most"
+        print(" ".join(f"{size:.0f}" for _, size in rests))
         if later > GROWTH * earlier:
             wrong.append(f"memory grows: {told}")
     print(f"seed {seed}: {len(session.done)} inputs in {gone:.0f} s, {told}, {len(wrong)} faults", flush=True)
