@@ -81,5 +81,7 @@ class Jobs:
             except BaseException as error:  # the window's thread says it, or raises it
                 done = Done(name, error=error)
             with self.lock:
+                # whoever collects it finds it ended
                 self.done.append(done)
+                self.running = None
             self.wake()

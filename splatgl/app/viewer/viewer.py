@@ -224,7 +224,7 @@ class Viewer:
         wanted, moment, asked = self.wanted(), self._moment(), self.hands.asked
         level = self.refiner.level(wanted, moment)
         if level is None:
-            if self.stale and not self.state.message:
+            if self.coming is None and self.stale and not self.state.message:
                 # as EXTRACTING: no key hides that the picture is another one
                 self.say(self.refusal, "picture")
             return None
@@ -281,6 +281,7 @@ class Viewer:
                 return
         asked = self.coming or self.content
         content = asked.followed(state.looks, state.meshes, state.moving, blurs)
+        self.coming = None if content is self.content else self.coming
         if content is self.coming:
             # it failed, until something else is asked for; the picture is another one, which no key hides
             if not state.message:
