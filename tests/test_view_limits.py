@@ -70,18 +70,18 @@ def test_names_that_cannot_be(content: Content, renderer: sg.Renderer, tmp_path:
 
 
 def test_what_is_shown_is_not_overwritten(renderer: sg.Renderer, tmp_path: Path) -> None:
-    """Neither a volume, a layer, nor a file of a folder; others beside these may be."""
-    zarr = pytest.importorskip("zarr")
-    zarr.save(str(tmp_path / "grid.zarr"), blob(8).samples)
-    np.save(tmp_path / "layer.npy", blob(8).samples)
-    content = Content.open(Scene(str(tmp_path / "grid.zarr"), layers=(Scene(str(tmp_path / "layer.npy")),)))
+    """Neither a volume nor a layer, by whatever name; others beside these may be."""
+    for name in ("a", "layer"):
+        np.save(tmp_path / f"{name}.npy", blob(8).samples)
+    content = Content.open(Scene(str(tmp_path / "a.npy"), layers=(Scene(str(tmp_path / "layer.npy")),)))
     state = State.of(content, SIZE)
-    meta = tmp_path / "grid.zarr" / "zarr.json"
-    before = meta.read_bytes()
-    for taken in (meta, tmp_path / "layer.npy"):
-        assert "what is shown" in saved_as(state, content, renderer.render, taken)[0].message
-    assert meta.read_bytes() == before
-    assert saved_as(state, content, renderer.render, tmp_path / "2.png")[0].message == "saved 2.png"
+    os.link(tmp_path / "layer.npy", tmp_path / "link.npy")
+    before = (tmp_path / "layer.npy").read_bytes()
+    for taken in ("a.npy", "layer.npy", "link.npy"):
+        assert "what is shown" in saved_as(state, content, renderer.render, tmp_path / taken)[0].message
+    assert (tmp_path / "layer.npy").read_bytes() == before
+    for _ in range(2):
+        assert saved_as(state, content, renderer.render, tmp_path / "b.npy")[0].message == "saved b.npy"
 
 
 def test_hidden_parts_are_not_extracted(renderer: sg.Renderer, tmp_path: Path) -> None:
@@ -100,6 +100,19 @@ def test_hidden_parts_are_not_extracted(renderer: sg.Renderer, tmp_path: Path) -
     # what is told is of what is drawn
     told = " ".join(hud.lines(state, content, frame, None))
     assert f"{len(content.part(1).finest):,} of {40**3:,} voxels" in told
+
+
+def test_too_many_splats_of_one_layer_are_not_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor those of the other one at that stride, over and over."""
+    for name, low in (("a", 0), ("b", 20)):
+        np.save(tmp_path / f"{name}.npy", blob(48).samples * (blob(48).samples > low))
+    content = Content.open(Scene(str(tmp_path / "a.npy"), layers=(Scene(str(tmp_path / "b.npy")),)))
+    for stride in STRIDES[1:]:
+        content.extract(stride)
+    first, second = (len(content.part(number).at(2)) for number in (0, 1))
+    assert first != second and not content.complete
+    monkeypatch.setattr("splatgl.app.viewer.content.MOST_KEPT", 4 * (first + second))
+    assert content.heavy and content.complete and sum(part.heavy for part in content.drawing) == 1
 
 
 def test_another_picture_is_not_called_refined(content: Content) -> None:

@@ -19,9 +19,11 @@ from splatgl.app.viewer.answers import answered
 from splatgl.app.viewer.arrivals import arrived
 from splatgl.app.viewer.choices import opened
 from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.extracting import Extractor, followed
 from splatgl.app.viewer.files import TIME, Brought, Files, News
 from splatgl.app.viewer.history import History
 from splatgl.app.viewer.jobs import Done, Jobs
+from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.parts import read
 from splatgl.app.viewer.state import State
 from splatgl.app.viewer.together import Together
@@ -118,6 +120,53 @@ def test_a_time_point_that_is_not_there_leaves_the_one_that_is_shown(folder: Pat
     answered(viewer)
     gate.set()
     assert (viewer.state.time, found.jobs.busy, viewer.closed) == (1, None, False)
+    # what waited for a file that is given up goes on
+    finer = replace(viewer.content, portion=SimpleNamespace(finer=lambda: None))
+    viewer.content, viewer.state = finer, replace(viewer.state, asks=("cancel",))
+    gate = threading.Event()
+    found._open("b.npy", lambda: cast(News, gate.wait(LONGEST)))
+    answered(viewer)
+    assert found.jobs.names == ["reading finer voxels"] or found.jobs.settled(LONGEST)
+    gate.set()
+    assert all_done(found)[0].name == "reading finer voxels"
+
+
+def test_a_job_that_is_told_has_ended() -> None:
+    """Whoever is woken by it finds nothing running, or a file would stay to be opened for good."""
+    found, seen = files(), []
+    found.jobs.wake = lambda: seen.append(list(found.jobs.names))
+    for _ in range(20):
+        found._open("b.npy", lambda: cast(News, None))
+        (done,) = all_done(found)
+        found.finished(done.name)
+        assert found.opening == ""
+    assert seen == [[]] * 20
+
+
+def test_a_failed_extraction_that_is_taken_back_is_over(folder: Path) -> None:
+    """The picture is that of the state again: nothing is said, and nothing redrawn."""
+    content = Content.open(Scene(str(folder / "a.npy")))
+    for stride in STRIDES:
+        content.extract(stride)
+    viewer = viewer_of(content, files(), coming=None, extractor=Extractor(lambda: None))
+    viewer.hands.touched = 0.0
+    taken: list[Content] = []
+
+    def take(content: Content) -> None:
+        taken.append(content)
+        viewer.content, viewer.coming, viewer.extractor.failed = content, None, None
+
+    viewer.take = take
+    viewer.state = replace(viewer.state, settings=viewer.state.settings.but(classification="pre"))
+    followed(viewer, False)
+    assert viewer.coming is not None and viewer.extractor.jobs.settled(LONGEST)
+    viewer.coming = replace(viewer.coming, made={}, skins={})
+    viewer.extractor.failed, viewer.extractor.why = viewer.coming, "not enough memory"
+    followed(viewer, False)
+    assert viewer.said[-1] == "not enough memory" and not taken
+    viewer.state = replace(viewer.state, settings=content.scene.settings)
+    followed(viewer, False)
+    assert viewer.coming is None and viewer.content is content
 
 
 def test_other_channels_have_their_own_looks(folder: Path) -> None:
@@ -130,9 +179,13 @@ def test_other_channels_have_their_own_looks(folder: Path) -> None:
         contents.append(opened(Scene(str(path), {"channel": "all"}))[0])
     assert [len(each.looks) for each in contents] == [3, 2]
     viewer = viewer_of(contents[0], files())
+    viewer.history.note(viewer.state.selecting(2))
     viewer.state = viewer.state.selecting(2)
     arrived(viewer, Done(TIME, News(contents[1], time=1)))
     assert len(viewer.state.looks) == 2 and viewer.state.selected == 0
+    # steps of the others cannot be taken back, and nothing is lost that was edited
+    assert viewer.history.undone(viewer.state).message == "nothing to undo"
+    assert not viewer.history.unsaved(viewer.state)
 
 
 def test_a_change_while_another_file_is_read_is_seen_afterwards(folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import permutations
@@ -314,7 +315,9 @@ def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypat
     state = replace(State.of(content, (400, 300)), slices=Slices(shown=True))
     said: list[str] = []
     window = SimpleNamespace(wake=lambda: None, scale=1.0)
-    viewer = SimpleNamespace(window=window, state=state, content=content, whole=(400, 300), say=said.append)
+    viewer = SimpleNamespace(
+        window=window, state=state, content=content, whole=(400, 300), say=said.append, now=time.monotonic
+    )
     slicing, asked = Slicing(cast(Any, viewer)), []
 
     def plane(*given: object) -> None:
@@ -328,6 +331,18 @@ def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypat
         slicing.collect()
     assert len(asked) == 3 == len(said) and "slice cannot be read" in said[0]
     assert not any(each.smooth for each in marks.sprites)
+    # nor is it saved, under a number that it has not; once it can be read, it is, after slices were hidden
+    with pytest.raises(sg.InputError, match="cannot be read: 'chunk'; hide the slices"):
+        slicing.picture()
+    monkeypatch.undo()
+    viewer.state = replace(state, slices=Slices())
+    assert not slicing.marks()
+    viewer.state = state
+    for _ in range(3):
+        slicing.marks()
+        assert slicing.jobs.settled(300.0)
+        slicing.collect()
+    assert sum(each.smooth for each in slicing.marks().sprites) == 3 and not slicing.failed
 
 
 @driven

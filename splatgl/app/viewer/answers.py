@@ -49,9 +49,8 @@ def answered(viewer: Viewer) -> None:
             undone = viewer.history.undone if ask == "undo" else viewer.history.redone
             viewer.state = undone(viewer.state)
             viewer.hands.touch()
-        elif ask == "cancel" and viewer.files.cancel():
-            viewer.closed |= viewer.content.waiting
-            viewer.state = replace(viewer.state, time=viewer.files.time)
+        elif ask == "cancel":
+            _cancelled(viewer)
         elif ask in (OPEN, SAVE):
             viewer.dialogs.ask(ask)
         elif ask.startswith(f"{OPEN} "):
@@ -76,6 +75,17 @@ def answered(viewer: Viewer) -> None:
         _quit(viewer)
     elif viewer.state.message != UNSAVED:
         viewer.warned = False
+
+
+def _cancelled(viewer: Viewer) -> None:
+    """Gives up what is being read; closes a window that has nothing to show."""
+    opening = viewer.files.opening
+    if viewer.files.cancel():
+        viewer.closed |= viewer.content.waiting
+        viewer.state = replace(viewer.state, time=viewer.files.time)
+        if opening:
+            # what waited for it
+            viewer.files.refine(viewer.content)
 
 
 def _quit(viewer: Viewer) -> None:

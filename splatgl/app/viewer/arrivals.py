@@ -76,16 +76,23 @@ def _opened(viewer: Viewer, news: News) -> None:
             viewer.state = replace(viewer.state, pose=before)
         viewer.history.begin(viewer.state)
     elif news.time is None and _bases(viewer.state) == _bases(shown):
-        edited = viewer.history.unsaved(viewer.state)
-        viewer.state = replace(viewer.state.based_on(content), message="")
-        if not edited:
-            viewer.history.keep(viewer.state)
-    if len(content.looks) != len(viewer.state.looks):
-        # a file or a time point of other channels
-        viewer.state = viewer.state.based_on(content)
+        _based(viewer, content)
+        viewer.state = replace(viewer.state, message="")
+    elif len(content.looks) != len(viewer.state.looks):
+        _based(viewer, content)
     viewer.take(content)
     viewer.files.refine(content)
     viewer.hands.touch()
+
+
+def _based(viewer: Viewer, content: Content) -> None:
+    """Takes the transfer functions of a content, and forgets the steps of others, if it has other channels."""
+    edited, count = viewer.history.unsaved(viewer.state), len(viewer.state.looks)
+    viewer.state = viewer.state.based_on(content)
+    if len(content.looks) != count:
+        viewer.history.forget(viewer.state)
+    if not edited:
+        viewer.history.keep(viewer.state)
 
 
 def _bases(x: State | Content) -> list[Transfer]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.jobs import Cancelled, Done, Jobs
-from splatgl.app.viewer.pacing import STRIDES
+from splatgl.app.viewer.pacing import REST, STRIDES
 from splatgl.data.errors import TOLD, told
 
 if TYPE_CHECKING:
@@ -73,7 +73,38 @@ class Extractor:
             self.jobs.wake()
 
 
-def weighed(viewer: Viewer, content: Content) -> None:
+def followed(viewer: Viewer, blurs: bool) -> None:
+    """Takes the content that a viewer's state asks for once its coarsest splats are there; the finer ones follow at
+    rest. Until then the picture is that of the content before.
+    """
+    state, extractor = viewer.state, viewer.extractor
+    if viewer.coming is not None:
+        if viewer.coming.extracted:
+            viewer.take(viewer.coming)
+        elif viewer.coming is not extractor.failed:
+            extractor.want(viewer.coming, False)
+            return
+    asked = viewer.coming or viewer.content
+    content = asked.followed(state.looks, state.meshes, state.moving, blurs)
+    if content is viewer.coming:
+        # it failed, until something else is asked for; the picture is another one, which no key hides
+        if not state.message:
+            viewer.say(extractor.why, EXTRACTING)
+        return
+    if content is not viewer.content and not content.extracted:
+        viewer.coming = content
+        extractor.want(content, False)
+        return
+    if content is not viewer.content or viewer.coming is not None:
+        viewer.take(content)
+    moving = content.classified(state.moving, True)
+    waiting = [each for each in (content, moving) if not each.complete]
+    if waiting:
+        extractor.want(waiting[0], viewer.now() - viewer.hands.touched >= REST)
+    _weighed(viewer, content)
+
+
+def _weighed(viewer: Viewer, content: Content) -> None:
     """Says where the splats of what is shown are too many to be drawn, as long as they are."""
     if content.heavy and content.extracted[0] == 2 and not viewer.state.message:
         count = sum(8 * len(part.at(2)) for part in content.drawing if part.heavy)

@@ -67,7 +67,12 @@ class History:
 
     def begin(self, state: State) -> None:
         """Forgets everything: the state is that of another content."""
-        self.past, self.future, self.now, self.saved = [], [], state, state
+        self.forget(state)
+        self.saved = state
+
+    def forget(self, state: State) -> None:
+        """Forgets the steps: those of other layers or channels cannot be taken back."""
+        self.past, self.future, self.now = [], [], state
 
     def keep(self, state: State) -> None:
         """Notes that the state's edits are saved."""

@@ -135,16 +135,14 @@ def saved_as(state: State, content: Content, draw: Draw, target: Path, add: Add 
 
 
 def sources(content: Content) -> list[str]:
-    """The files and folders that a content was read from."""
+    """What a content was read from."""
     parts = [content.part(number) for number in range(len(content.looks))]
     return [*(each.scene.volume for each in (content, *parts)), *(mesh.file for mesh in content.surfaces)]
 
 
 def _same(target: Path, other: str) -> bool:
-    """Whether a path is a file, or in a folder, that is read."""
-    found = os.path.realpath(target)
-    read = os.path.realpath(other)
-    return found == read or (os.path.isdir(read) and os.path.dirname(found) == read and os.path.exists(found))
+    """Whether two paths are one file."""
+    return os.path.exists(target) and os.path.exists(other) and os.path.samefile(target, other)
 
 
 def free(folder: Path, stem: str, suffix: str) -> Path:

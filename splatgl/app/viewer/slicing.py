@@ -13,6 +13,7 @@ from splatgl.app.viewer.labels import label
 from splatgl.app.viewer.moves import up_of
 from splatgl.app.viewer.sight import Place, segment
 from splatgl.app.viewer.slices import ANATOMY, Pane, Slices, colors, grey, panes, plane, strided, window_of, world_axes
+from splatgl.data.errors import InputError
 from splatgl.data.volume import Volume
 from splatgl.gl.marks import Color, Marks, Sprite, Stroke
 from splatgl.splat.view.camera import Camera
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 LINES: tuple[Color, ...] = ((1.0, 0.42, 0.36, 0.9), (0.45, 0.86, 0.42, 0.9), (0.45, 0.62, 1.0, 0.9))
 GROUND = np.array([[[18, 18, 20, 255]]], np.uint8)
 # seconds that a saved picture waits for a slice
-LONGEST = 60.0
+LONGEST = 20.0
 # pixels at a content scale of 1: of lines, and between labels and edges
 LINE, GAP = 1.0, 2.0
 
@@ -42,8 +43,8 @@ class Slicing:
         # of each axis: what its pixels are of, and they; the value that all go through
         self.drawn: dict[int, tuple[Key, np.ndarray]] = {}
         self.asked: dict[int, Key] = {}
-        # what could not be read: it is not asked for again
-        self.failed: dict[int, Key] = {}
+        # what could not be read, and why: it is not asked for again until slices are hidden
+        self.failed: dict[int, tuple[Key, str]] = {}
         self.dragged: int | None = None
 
     def panes(self) -> tuple[Pane, ...]:
@@ -87,11 +88,13 @@ class Slicing:
         done = self.jobs.collect()
         for each in done:
             if each.error is not None:
-                self.viewer.say(f"a slice cannot be read: {each.error}")
-                self.failed.update(self.asked)
+                why = f"a slice cannot be read: {each.error}"
+                self.viewer.say(why)
+                self.failed.update({axis: (key, why) for axis, key in self.asked.items()})
             else:
                 axis, key, pixels = each.result
                 self.drawn[axis] = key, pixels
+                self.failed.pop(axis, None)
         if done:
             self.asked.clear()
         return bool(done)
@@ -101,6 +104,7 @@ class Slicing:
         viewer, found = self.viewer, self.panes()
         if not found:
             self.drawn.clear()
+            self.failed.clear()
             return Marks()
         state, content, scale = viewer.state, viewer.content, viewer.window.scale
         volume, index = content.volume, state.slices.index(content.volume)
@@ -120,15 +124,22 @@ class Slicing:
         return Marks(tuple(sprites), tuple(strokes))
 
     def picture(self) -> np.ndarray | None:
-        """What the window shows at the right of its picture, uint8 [H, w, 3], sRGB; None while slices are hidden."""
+        """What the window shows at the right of its picture, uint8 [H, w, 3], sRGB; None while slices are hidden.
+
+        Raises InputError for slices that cannot be read.
+        """
         viewer = self.viewer
         if not self.panes():
             return None
         self.marks()
-        while self.asked and self.jobs.settled(LONGEST):
+        end = viewer.now() + LONGEST
+        while self.asked and self.jobs.settled(max(end - viewer.now(), 0.0)):
             # one after the other
             self.collect()
             self.marks()
+        if self.asked or self.failed:
+            why = next((why for _, why in self.failed.values()), f"slices: not read within {LONGEST:.0f} s")
+            raise InputError(f"{why}; hide the slices to save the picture alone")
         viewer.screen.draw(viewer.size, viewer.painter.look(viewer.state, viewer.reference))
         viewer.screen.mark(viewer.window.size, self.marks())
         # what is shown next has the panel again
@@ -153,6 +164,7 @@ class Slicing:
         key: Key = (volume, index, look, logarithmic, pane.box)
         known = self.drawn.get(pane.axis)
         if known is not None and known[0] == key:
+            self.failed.pop(pane.axis, None)
             return known[1]
 
         def work() -> tuple[int, Key, np.ndarray]:
@@ -165,7 +177,7 @@ class Slicing:
 
         if isinstance(volume.samples, np.ndarray):
             self.drawn[pane.axis] = key, work()[2]
-        elif self.failed.get(pane.axis) == key:
+        elif pane.axis in self.failed and self.failed[pane.axis][0] == key:
             return None
         elif not self.asked:
             self.asked[pane.axis] = key

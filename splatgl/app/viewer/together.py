@@ -165,11 +165,6 @@ class Together(Content):
         return tuple(sorted(common))
 
     @property
-    def complete(self) -> bool:
-        """Whether all splats that are to be drawn are extracted."""
-        return all(part.complete for part in self.drawing)
-
-    @property
     def whole(self) -> bool:
         """Whether the finest splats are extracted."""
         return 1 in self.extracted

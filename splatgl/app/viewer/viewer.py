@@ -19,7 +19,7 @@ from splatgl.app.viewer.blocks import Sweep, give_back_large
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.dialogs import Dialogs
 from splatgl.app.viewer.difference import Reference, follow
-from splatgl.app.viewer.extracting import EXTRACTING, Extractor, weighed
+from splatgl.app.viewer.extracting import EXTRACTING, Extractor, followed
 from splatgl.app.viewer.files import Files, Reopen
 from splatgl.app.viewer.hands import Hands
 from splatgl.app.viewer.history import History
@@ -132,7 +132,6 @@ class Viewer:
     @property
     def stale(self) -> str | None:
         """What is said while the picture of the state cannot be drawn; None if it can."""
-        # the content before need not suit what is asked of the one that is coming
         refused = self.coming is None and self.wanted() == self.refiner.refused
         return OTHER if refused or (self.coming and self.coming is self.extractor.failed) else None
 
@@ -220,13 +219,12 @@ class Viewer:
         Returns its level; None if none was due.
         """
         blurs = self._blurs()
-        self._extract(blurs)
+        followed(self, blurs)
         wanted, moment, asked = self.wanted(), self._moment(), self.hands.asked
         level = self.refiner.level(wanted, moment)
         if level is None:
-            if self.coming is None and self.stale and not self.state.message:
-                # as EXTRACTING: no key hides that the picture is another one
-                self.say(self.refusal, "picture")
+            if wanted == self.refiner.refused:
+                self._refused()
             return None
         if wanted != self.refiner.drawn:
             self.reference.forget()
@@ -237,12 +235,19 @@ class Viewer:
         except TOLD as error:
             self.refiner.refuse(wanted)
             self.refusal = told(error)
-            self.refresh()
+            # of a view that turns, too, which is refused anew each time
+            self._refused()
             return None
         self.over("picture")
         self.refiner.done(wanted, level, frame.full)
         self.dirty = max(self.dirty, 1 + frame.full)
         return level
+
+    def _refused(self) -> None:
+        """Says why the picture is another one, which no key hides."""
+        # the content before need not suit what is asked of the one that is coming
+        if self.coming is None and not self.state.message:
+            self.say(self.refusal, "picture")
 
     def say(self, message: str, of: str = "") -> None:
         """Shows a message until the next key, or until what it is of is over."""
@@ -267,37 +272,6 @@ class Viewer:
         """Polls events during a frame; True after new input, which cancels it."""
         self.window.wait(0.0)
         return self.hands.asked != asked or self.window.closing
-
-    def _extract(self, blurs: bool) -> None:
-        """Takes the content that the state asks for once its coarsest splats are there; the finer ones follow at rest.
-        Until then the picture is that of the content before.
-        """
-        state = self.state
-        if self.coming is not None:
-            if self.coming.extracted:
-                self.take(self.coming)
-            elif self.coming is not self.extractor.failed:
-                self.extractor.want(self.coming, False)
-                return
-        asked = self.coming or self.content
-        content = asked.followed(state.looks, state.meshes, state.moving, blurs)
-        self.coming = None if content is self.content else self.coming
-        if content is self.coming:
-            # it failed, until something else is asked for; the picture is another one, which no key hides
-            if not state.message:
-                self.say(self.extractor.why, EXTRACTING)
-            return
-        if content is not self.content and not content.extracted:
-            self.coming = content
-            self.extractor.want(content, False)
-            return
-        if content is not self.content:
-            self.take(content)
-        moving = content.classified(state.moving, True)
-        waiting = [each for each in (content, moving) if not each.complete]
-        if waiting:
-            self.extractor.want(waiting[0], self.now() - self.hands.touched >= REST)
-        weighed(self, content)
 
     def _show(self) -> None:
         """Displays the image, its overlay and the panel if any of them changed."""
