@@ -144,7 +144,9 @@ class Session:
         command = [sys.executable, str(DRAG_SOURCE), self.identity, str(scene)]
         subprocess.run(command, env=self.environment, timeout=HANGS, check=False)
         end = time.monotonic() + HANGS
-        while "refined" not in self.hands("getwindowname", self.identity) and time.monotonic() < end:
+        while "refined" not in self.hands("getwindowname", self.identity):
+            if time.monotonic() > end:
+                raise subprocess.TimeoutExpired("a refined picture", HANGS)
             time.sleep(0.2)
         # what is given up is freed at rest
         time.sleep(1.0)

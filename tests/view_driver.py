@@ -25,6 +25,8 @@ from splatgl.app.scene import Scene
 from splatgl.app.view import reading
 from splatgl.app.viewer import hud, mouse, portion
 from splatgl.app.viewer.content import Content
+from splatgl.app.viewer.files import Files
+from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.viewer import Options, Viewer
 from splatgl.data.errors import InputError
 from splatgl.data.readers import zarr_store
@@ -275,12 +277,13 @@ def main() -> None:
     scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
     with Renderer(backend) as renderer:
         behind = asked.pop("behind", False)
-        options = Options(folder=Path(folder), reopen=lambda: scene, **asked)
+        files = Files(Jobs(lambda: None), tuple(asked.pop("watched", ())), lambda: scene, time.monotonic())
+        options = Options(folder=Path(folder), **asked)
         if behind:
             # the window is there before its file is read
             viewer = Viewer(Content.nothing(scene), renderer, options, reading(scene))
         else:
-            viewer = Viewer(Content.open(scene), renderer, options)
+            viewer = Viewer(Content.open(scene), renderer, options, files)
         eyes, levels = noted(viewer)
         first = asked_first(viewer, Path(folder))
         until(viewer, lambda: settled(viewer))

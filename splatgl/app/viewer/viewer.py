@@ -20,7 +20,7 @@ from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.dialogs import Dialogs
 from splatgl.app.viewer.difference import Reference, follow
 from splatgl.app.viewer.extracting import EXTRACTING, Extractor, followed
-from splatgl.app.viewer.files import Files, Reopen
+from splatgl.app.viewer.files import Files
 from splatgl.app.viewer.hands import Hands
 from splatgl.app.viewer.history import History
 from splatgl.app.viewer.hud import progress
@@ -48,9 +48,7 @@ PANEL = "the panel with the opacity curve, colours, settings, cuts and files"
 
 @dataclass(frozen=True)
 class Options:
-    """Startup options. reopen: reloads the scene when watched files change; folder: for saved images; source: the path
-    that is being read already.
-    """
+    """Startup options. folder: for saved images; source: the path that is being read already."""
 
     size: tuple[int, int] = (1024, 768)
     target: float = TARGET
@@ -58,8 +56,6 @@ class Options:
     bindings: tuple[Binding, ...] = BINDINGS
     ground: str = "black"
     panel: bool = True
-    watched: tuple[str, ...] = ()
-    reopen: Reopen | None = None
     source: str = ""
 
 
@@ -98,7 +94,7 @@ class Viewer:
         self.dialogs, self.recent = Dialogs(self), Recent.of(os.environ)
         # the view that was fitted to what is shown
         self.home = self.state.pose
-        self.files = files or Files(Jobs(self.window.wake), self.options.watched, self.options.reopen, self.now())
+        self.files = files or Files(Jobs(self.window.wake), (), None, self.now())
         self.files.jobs.wake = self.window.wake
         self.files.refine(content)
         self.refiner = Refiner(content.counts, prod(self.size), self.options.target)
