@@ -299,6 +299,16 @@ def test_the_last_few_splats_stay(renderer: sg.Renderer, monkeypatch: pytest.Mon
     assert [buffer.splats for buffer in kept.kept] == [clouds[4]]
 
 
+@pytest.mark.parametrize("technique", ["quads", "tiles"])
+def test_what_is_freed_is_made_again(letter: sg.Splats, renderer: sg.Renderer, technique: str) -> None:
+    camera, settings = sg.Camera.orbit(letter, size=(40, 30)), SPLATS.but(technique=technique)
+    once = renderer.render(letter, camera, settings).pixels
+    assert renderer.passes.splats.kept
+    renderer.free()
+    assert not renderer.passes.splats.kept and not renderer.passes.tiles.buffers
+    assert (renderer.render(letter, camera, settings).pixels == once).all()
+
+
 def test_the_mean_of_moments_carries_the_mean_of_their_bounds(letter: sg.Splats, renderer: sg.Renderer) -> None:
     camera, each = sg.Camera.orbit(letter, size=(12, 9)), []
 

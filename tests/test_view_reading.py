@@ -46,8 +46,10 @@ def viewer_of(content: Content, found: Files, **more: Any) -> Any:
     """What of a viewer takes what arrives."""
     state = State.of(content, SIZE)
     viewer = SimpleNamespace(
-        content=content, state=state, home=state.pose, files=found, history=History(state), size=SIZE, said=[], **more
+        content=content, state=state, home=state.pose, files=found, history=History(state), size=SIZE, **more
     )
+    viewer.said, viewer.freed = [], []
+    viewer.renderer = SimpleNamespace(free=lambda: viewer.freed.append(viewer.state))
     viewer.hands = SimpleNamespace(touch=lambda: None, drop=lambda paths: None)
     viewer.refresh, viewer.over, viewer.now = lambda: None, lambda what: None, lambda: 0.0
     viewer.say = lambda text, of="": viewer.said.append(text)
@@ -129,6 +131,12 @@ def test_a_time_point_that_is_not_there_leaves_the_one_that_is_shown(folder: Pat
     assert found.jobs.names == ["reading finer voxels"] or found.jobs.settled(LONGEST)
     gate.set()
     assert all_done(found)[0].name == "reading finer voxels"
+    # time points are drawn with the buffers of those before; another file frees these
+    assert not viewer.freed
+    found.open([str(folder / "b.npy")], Settings())
+    (done,) = all_done(found)
+    arrived(viewer, done)
+    assert len(viewer.freed) == 1
 
 
 def test_a_job_that_is_told_has_ended() -> None:

@@ -201,7 +201,8 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         viewer.state = type(viewer.state).of(content, viewer.whole)
         viewer.history.begin(viewer.state)
         viewer.closed = False
-        if viewer.panel is not None and viewer.panel.panel.popup:
+        if viewer.panel is not None:
+            # whether a list is open or not, which Escape cannot know: a click may close it in the same moment
             viewer.panel.panel.closes = True
         viewer.dialogs.close()
         # the press before is not the first of a double click

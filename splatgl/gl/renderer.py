@@ -82,6 +82,13 @@ class Renderer:
         with current(self.ctx):
             self.owned.close()
 
+    def free(self) -> None:
+        """Frees what is kept on the device for the next picture: splats, tables and lists of tiles; it is made again
+        on demand.
+        """
+        with current(self.ctx):
+            self.passes.release()
+
     def plan(
         self, splats: Splats, camera: Camera, settings: Settings | None = None, motion: Motion | None = None
     ) -> Plan:

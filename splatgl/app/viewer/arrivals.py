@@ -75,6 +75,8 @@ def _opened(viewer: Viewer, news: News) -> None:
         if news.picked and np.array_equal(content.volume.corners, shown.volume.corners):
             viewer.state = replace(viewer.state, pose=before)
         viewer.history.begin(viewer.state)
+        # what is kept for pictures of the file before would stay as long as the window
+        viewer.renderer.free()
     elif news.time is None and _bases(viewer.state) == _bases(shown):
         _based(viewer, content)
         viewer.state = replace(viewer.state, message="")

@@ -61,9 +61,10 @@ class Panel:
         imgui.set_next_window_pos((window[0] - wide - MARGIN, MARGIN), imgui.Cond_.always)
         imgui.set_next_window_size_constraints((wide, 0.0), (wide, max(window[1] - 2 * MARGIN, 1.0)))
         imgui.set_next_window_bg_alpha(0.85)
-        if self.closes:
+        # a click of the same moment may have closed it
+        if self.closes and imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
             imgui.internal.close_popup_to_level(0, True)
-            self.closes = False
+        self.closes = False
         flags = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move
         flags |= imgui.WindowFlags_.always_auto_resize
         shown, _ = imgui.begin("splatgl", None, flags)
