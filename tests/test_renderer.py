@@ -307,6 +307,9 @@ def test_what_is_freed_is_made_again(letter: sg.Splats, renderer: sg.Renderer, t
     renderer.free()
     assert not renderer.passes.splats.kept and not renderer.passes.tiles.buffers
     assert (renderer.render(letter, camera, settings).pixels == once).all()
+    # what is bound is none of what is freed: a window's OpenGL refuses to bind it again
+    renderer.free()
+    assert renderer.ctx.fbo.glo == 0
 
 
 def test_the_mean_of_moments_carries_the_mean_of_their_bounds(letter: sg.Splats, renderer: sg.Renderer) -> None:
