@@ -27,7 +27,7 @@ from splatgl.app.viewer.keys import from_character, from_key
 from splatgl.app.viewer.mouse import Mouse, wheeled
 from splatgl.app.viewer.overlay import Overlay, Text, drawn, plain
 from splatgl.app.viewer.pacing import FULL, LADDER, STRIDES, Level, Pace
-from splatgl.app.viewer.painter import Painter
+from splatgl.app.viewer.painter import MOMENTS, Painter
 from splatgl.app.viewer.parts import stronger
 from splatgl.app.viewer.pick import picked
 from splatgl.app.viewer.pose import Pose
@@ -723,6 +723,19 @@ def test_the_window_draws_values_and_what_they_cannot_be(after: Content, rendere
     blurred = replace(blurred, pose=blurred.pose.spun(5.0, np.array([0.0, 0.0, 1.0])))
     frame = painter.draw(blurred, before, FULL, True, lambda: False)
     assert frame.blurred and any("motion exact takes" in line for line in said_of(blurred, before, frame))
+
+
+def test_slow_pictures_blur_no_longer_paths(after: Content, renderer: sg.Renderer) -> None:
+    """Of a path however long, few moments; of a slow picture's, the last tenth of a second."""
+    painter, state = Painter(cast(Screen, Kept()), renderer, ()), replace(State.of(after, SIZE), blur="moments")
+    turned = replace(state, pose=state.pose.spun(90.0, np.array([0.0, 0.0, 1.0])))
+
+    def moments(seconds: float) -> object:
+        painter.draw(state, after, FULL, True, lambda: False)
+        painter.begun = time.perf_counter() - seconds
+        return painter.draw(turned, after, FULL, True, lambda: False).info["moments"]
+
+    assert moments(0.0) == MOMENTS and moments(20.0) == 2
 
 
 def said_of(state: State, content: Content, frame: hud.Frame) -> tuple[str, ...]:

@@ -32,6 +32,9 @@ from splatgl.splat.view.camera import Camera
 
 # minimum seconds between HUD updates in motion
 CALM = 0.25
+# motion blur: seconds of a motion that are blurred together, and moments that a picture is the mean of, at most; a slow
+# picture would otherwise be of a longer path, thus of more moments, and slower still
+BLURRED, MOMENTS = 0.1, 8
 # pixels per character of a message line, at a content scale of 1
 LETTER = 7.5
 # share of the window's width that the text takes at most
@@ -52,9 +55,10 @@ class Painter:
         self.screen, self.renderer, self.bindings = screen, renderer, bindings
         self.frame: Frame | None = None
         self.pixels = np.zeros((1, 1, 4), np.float32)
-        # inputs and pose of the last frame
+        # inputs and pose of the last frame, and when it was begun
         self.subject: tuple[object, ...] = ()
         self.pose: Pose | None = None
+        self.begun = 0.0
         # the preview just replaced by a full frame, until their difference is in the HUD
         self.stand_in: np.ndarray | None = None
         self.fresh = False
@@ -87,7 +91,9 @@ class Painter:
             splats = tinted(splats, camera, z_k)
         # of a picture of reconstructed values, its light is tinted, before the background
         settings = level.settings(asked.but(background=None) if tint and content.after else asked)
-        motion = self._motion(state, camera) if gliding else None
+        motion = self._motion(state, camera, started - self.begun) if gliding else None
+        if motion is not None and self.renderer.plan(splats, camera, settings, motion).moments > MOMENTS:
+            settings = settings.but(moments=MOMENTS)
         # previews are short and not cancelled
         ask = interrupted if level == FULL else None
         matter, drawn_with = (splats, settings) if not state.parts else content.subject_at(level.stride, settings)
@@ -103,7 +109,7 @@ class Painter:
         subject = (state.pose, state.settings, content, state.beyond)
         replaces = level == FULL and self.frame is not None and not self.frame.full
         self.fresh, self.stand_in = replaces, self.pixels if replaces and subject == self.subject else None
-        self.subject, self.pose, self.pixels = subject, state.pose, pixels
+        self.subject, self.pose, self.pixels, self.begun = subject, state.pose, pixels, started
         self.brightest = float(self.pixels.max()) or 1.0
         self.screen.put("picture", self.pixels)
         beyond = partial(share_beyond, content.sample, state.pose.camera, z_k)
@@ -183,13 +189,15 @@ class Painter:
             return f"left: this picture; right: the float64 reference. Difference: {numbers}"
         return f"difference from the float64 reference: {numbers}; white is {found.largest:.2g}"
 
-    def _motion(self, state: State, camera: Camera) -> Motion | None:
-        """Camera motion since the last frame."""
+    def _motion(self, state: State, camera: Camera, seconds: float) -> Motion | None:
+        """Camera motion since the last frame, which was begun so many seconds ago; at most its last BLURRED seconds."""
         before = self.pose
         if state.blur == "off" or before is None or before is state.pose or (state.parts and streaked(state.moving)):
             return None
-        same = before.camera.perspective == camera.perspective
-        return Motion(camera=before.camera.resized(camera.size)) if same else None
+        if before.camera.perspective != camera.perspective:
+            return None
+        motion = Motion(camera=before.camera.resized(camera.size))
+        return motion if seconds <= BLURRED else Motion(camera=motion.view(camera, -BLURRED / seconds))
 
     def _off(self, stand_in: np.ndarray) -> Difference:
         """The preview's error against the current frame; for an X-ray, relative to its brightest pixel."""
