@@ -35,8 +35,8 @@ KEYS = (*LETTERS, *NAMED.split(), "greater", "question", "plus", "minus", "ctrl+
 # share of the run after which memory is expected to be flat, by how much it may grow from there, and how often it is
 # measured at rest
 WARM, GROWTH, RESTS = 0.3, 1.05, 40
-# seconds without an answer to a key after which the window hangs
-HANGS = 120.0
+# seconds without an answer to a key after which the window hangs, and for which a picture at rest has been refined
+HANGS, STILL = 120.0, 3.0
 PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
@@ -143,13 +143,14 @@ class Session:
         self.hands("windowsize", self.identity, 640, 480)
         command = [sys.executable, str(DRAG_SOURCE), self.identity, str(scene)]
         subprocess.run(command, env=self.environment, timeout=HANGS, check=False)
-        end = time.monotonic() + HANGS
-        while "refined" not in self.hands("getwindowname", self.identity):
+        end, since = time.monotonic() + HANGS, time.monotonic()
+        # the picture before may be refined, too; what is given up is freed at rest
+        while time.monotonic() - since < STILL:
+            time.sleep(0.2)
+            if "refined" not in self.hands("getwindowname", self.identity):
+                since = time.monotonic()
             if time.monotonic() > end:
                 raise subprocess.TimeoutExpired("a refined picture", HANGS)
-            time.sleep(0.2)
-        # what is given up is freed at rest
-        time.sleep(1.0)
         self.done.append("rest")
         return self.megabytes
 
