@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,12 +11,14 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from test_context import resident_mebibytes
 from test_view import SIZE, blob
 from test_view_window import MISSING, Window
 
 import splatgl as sg
 from splatgl.app.scene import Scene
 from splatgl.app.viewer import hud
+from splatgl.app.viewer.blocks import Sweep
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.difference import Reference
 from splatgl.app.viewer.jobs import Done
@@ -128,6 +131,16 @@ def test_another_picture_is_not_called_refined(content: Content) -> None:
     assert not stale(viewer)
     extractor.failed = content
     assert stale(viewer)
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other allocators give back by themselves, or never")
+def test_memory_below_what_is_kept_goes_back() -> None:
+    small = [np.ones(2**13) for _ in range(3000)]
+    kept, most = small[-50:], resident_mebibytes()
+    del small
+    sweep = Sweep(0.0)
+    sweep.look(object(), True, 1.0)
+    assert most - resident_mebibytes() > 100 and len(kept) == 50
 
 
 def test_names_with_bytes_that_are_no_letters() -> None:

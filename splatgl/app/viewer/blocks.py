@@ -8,7 +8,7 @@ from contextlib import suppress
 
 # glibc's number of the option, and bytes of a block that is given back as soon as it is freed
 M_MMAP_THRESHOLD, LARGE = -3, 1 << 20
-# seconds after which what is given up is freed although the window is busy: it takes some 20 ms
+# seconds after which what is given up is freed although the window is busy: it takes some 30 ms
 SWEPT = 5.0
 
 
@@ -18,6 +18,14 @@ def give_back_large() -> None:
     """
     with suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE)
+
+
+def give_back_free() -> None:
+    """What is freed of small blocks goes back, too: what lies above keeps it, and a peak would last as long as the
+    window. Only glibc needs that.
+    """
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 class Sweep:
@@ -33,4 +41,5 @@ class Sweep:
         """Sweeps once a frame that is shown at rest, and seldom where there is no rest."""
         if frame is not self.frame and (resting or now - self.at > SWEPT):
             gc.collect()
+            give_back_free()
             self.frame, self.at = frame, now
