@@ -79,9 +79,10 @@ class Passes:
         owned.callback(self.release)
 
     def release(self) -> None:
-        """Frees the buffers of splats and techniques."""
+        """Frees the targets, and the buffers of splats and techniques."""
         # moderngl binds the framebuffer that was current once it has made another: that must not be one of the freed
         self.ctx.detect_framebuffer(0).use()
+        self.targets.release()
         self.splats.release()
         self.surfaces.release()
         self.cues.release()

@@ -174,7 +174,7 @@ class Ring:
     """
 
     def __init__(self, ctx: moderngl.Context, kind: Kind) -> None:
-        self.kind, self.count, self.slots, self.top = kind, kind.sheets, kind.sheets + kind.post, 0
+        self.ctx, self.kind, self.count, self.slots, self.top = ctx, kind, kind.sheets, kind.sheets + kind.post, 0
         size = kind.size[0], kind.rows
         self.sums = [ctx.texture(size, 4, dtype="f4") for _ in range(self.slots)]
         self.masses = [ctx.texture(size, 1, dtype="f4") for _ in range(self.slots * kind.post)]
@@ -197,6 +197,8 @@ class Ring:
         """Empties a sheet within a window of the picture."""
         x, y, width, height = window.box
         self.each[sheet % self.slots].clear(viewport=(x, y - self.top, width, height))
+        # llvmpipe keeps freed textures until as many passes are under way again as with them
+        self.ctx.finish()
 
     def use(self, sheet: int) -> None:
         """Binds the textures of a sheet and of the one before."""
