@@ -20,7 +20,7 @@ from splatgl.gl.program import BLEND_STATES, Programs
 from splatgl.gl.quads import CORNERS
 from splatgl.gl.sheet_order import sheet_uniforms
 from splatgl.gl.tables import CLASS_UNIT, HALF_LINE_UNIT, Tables
-from splatgl.gl.target import Target
+from splatgl.gl.target import Target, settle
 from splatgl.gl.tiles import bands_of, set_uniforms
 from splatgl.gl.uniforms import frame_block
 from splatgl.splat.extraction.splats import Splats, corners_of
@@ -197,8 +197,7 @@ class Ring:
         """Empties a sheet within a window of the picture."""
         x, y, width, height = window.box
         self.each[sheet % self.slots].clear(viewport=(x, y - self.top, width, height))
-        # llvmpipe keeps freed textures until as many passes are under way again as with them
-        self.ctx.finish()
+        settle(self.ctx)
 
     def use(self, sheet: int) -> None:
         """Binds the textures of a sheet and of the one before."""

@@ -15,7 +15,7 @@ import numpy as np
 from splatgl.data.errors import InputError
 from splatgl.data.mesh import Mesh
 from splatgl.gl.program import BLEND_STATES, Programs
-from splatgl.gl.target import Target, check_size
+from splatgl.gl.target import Target, check_size, settle
 from splatgl.gl.tiles import set_uniforms
 from splatgl.splat.classification.mesh_colors import places_of, tables_of
 from splatgl.splat.view.camera import Camera
@@ -101,6 +101,7 @@ class Surfaces:
             for target, depth in ((ends, NOWHERE), (before, -NOWHERE)):
                 target.framebuffer.use()
                 target.framebuffer.clear(red=depth)
+                settle(self.ctx)
             self._draw(buffers[0], end, before, ends, (camera.perspective, not plain), (depths, lit))
             for _ in range(MOST_PEELS):
                 if not self._draw(buffers[1], now, before, end, (camera.perspective, not plain), (depths, lit)):
@@ -128,6 +129,7 @@ class Surfaces:
         self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
         self.ctx.blend_func = blend.source, blend.destination
         self.whole(program)
+        settle(self.ctx)
 
     def _draw(
         self,
@@ -148,6 +150,7 @@ class Surfaces:
         self.ctx.enable_only(moderngl.NOTHING)
         self.whole(clear)
         if corners is None:
+            settle(self.ctx)
             return False
         drawing = self.programs.for_meshes(*program)
         set_uniforms(drawing, **units, depths=how[0], lit=how[1], maps=MAPS_UNIT)

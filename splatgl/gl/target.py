@@ -43,6 +43,14 @@ class Target:
         """Binds and clears the target."""
         self.framebuffer.use()
         self.framebuffer.clear()
+        settle(self.framebuffer.ctx)
+
+
+def settle(ctx: moderngl.Context) -> None:
+    """Waits for a pass into a framebuffer before the next into another. llvmpipe keeps freed textures until as many
+    passes are under way again as with them: of one at a time, the next gives them back.
+    """
+    ctx.finish()
 
 
 class Targets:
