@@ -17,6 +17,7 @@ import numpy as np
 
 from splatgl.splat.cues.coarse import Caster, Coarse
 from splatgl.splat.cues.sweep import Sweep
+from splatgl.splat.extraction.kept import Same
 from splatgl.splat.extraction.splats import Grid, Splats
 from splatgl.splat.view.trilinear import trilinear as trilinear
 
@@ -104,7 +105,7 @@ class Cues:
 
 def _key(casters: Sequence[Caster], sky: bool, light: np.ndarray | None) -> tuple[object, ...]:
     seen = None if light is None else tuple(np.round(light, 9).tolist())
-    return tuple((id(splats.records), id(splats.post), planes) for splats, planes in casters), sky, seen
+    return tuple((Same(s.records), s.post and Same(s.post), planes) for s, planes in casters), sky, seen
 
 
 def _made(casters: Sequence[Caster], sky: bool, light: np.ndarray | None) -> Fields:

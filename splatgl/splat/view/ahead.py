@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from weakref import WeakKeyDictionary
-
 import numpy as np
 
+from splatgl.splat.extraction.kept import LatestParts
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.view.camera import Camera
 
 # rounding: a splat behind the plane by less than this share of its distance from the eye counts as on it
 ON_PLANE = 1e-9
-# cache: the latest clipping plane of each set of splats, and its result
-_latest: WeakKeyDictionary[Splats, tuple[tuple[float, ...], Splats]] = WeakKeyDictionary()
+# cache: of the latest plane through the eye
+_latest = LatestParts()
 
 
 def ahead(splats: Splats, camera: Camera) -> Splats:
@@ -23,16 +22,12 @@ def ahead(splats: Splats, camera: Camera) -> Splats:
     if depth[:, 2].min() >= 0.0:
         return splats
     plane = (*camera.eye.tolist(), *camera.forward.tolist())
-    latest = _latest.get(splats)
-    if latest is None or latest[0] != plane:
-        latest = plane, _cut(splats, camera, ON_PLANE * float(np.linalg.norm(depth, axis=1).max()))
-        _latest[splats] = latest
-    return latest[1]
+    slack = ON_PLANE * float(np.linalg.norm(depth, axis=1).max())
+    return _latest.of(splats, plane, lambda: _kept(splats, camera, slack))
 
 
-def _cut(splats: Splats, camera: Camera, slack: float) -> Splats:
-    """The splats without those behind the eye by more than `slack`, world units."""
+def _kept(splats: Splats, camera: Camera, slack: float) -> np.ndarray:
+    """bool [N]: which splats are not behind the eye by more than `slack`, world units."""
     normal = camera.forward @ splats.grid.world_from_index
     offset = camera.forward @ (splats.grid.origin - camera.eye)
-    kept = splats.positions @ normal + offset >= -slack
-    return splats if kept.all() else splats.part(kept)
+    return np.asarray(splats.positions @ normal + offset >= -slack)

@@ -10,11 +10,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from splatgl.data.errors import expected
+from splatgl.splat.extraction.kept import LatestParts
 
 if TYPE_CHECKING:
     from splatgl.splat.extraction.splats import Grid, Splats
@@ -28,8 +28,8 @@ FACE = 1.0
 
 # n_x, n_y, n_z, d: kept are the points x with n · x ≥ d, world units; n is a unit vector
 Plane = tuple[float, float, float, float]
-# cache: the latest planes of each set of splats, and those that they keep
-_latest: WeakKeyDictionary[Splats, tuple[tuple[Plane, ...], Splats]] = WeakKeyDictionary()
+# cache: of the latest planes
+_latest = LatestParts()
 
 
 def planes(given: Any) -> tuple[Plane, ...]:
@@ -98,9 +98,4 @@ def clipped(splats: Splats, found: tuple[Plane, ...]) -> Splats:
     clip = Clip.of(found, splats.grid) if len(splats) and splats.post is None else None
     if clip is None:
         return splats
-    latest = _latest.get(splats)
-    if latest is None or latest[0] != found:
-        kept = clip.keeps(splats.positions)
-        latest = found, splats if kept.all() else splats.part(kept)
-        _latest[splats] = latest
-    return latest[1]
+    return _latest.of(splats, found, lambda: clip.keeps(splats.positions))
