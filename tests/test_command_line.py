@@ -242,9 +242,14 @@ def test_the_source_is_never_overwritten(here: Path, capsys: Said) -> None:
         "render s.toml -o height.png",
         "render noise.npy -o noise.npy",
         "render link.png --color height.png -o height.png",
+        "render 2.npy --layer noise.npy -o noise.npy",
+        "render 2.npy --layer noise.npy --depth noise.npy -o a.png",
+        "render 2.npy --mask noise.npy:outside -o noise.npy",
         "animate 1.npy -o {frame}.npy --frames 3 --size 8",
+        "animate 2.npy --layer 1.npy -o {frame}.npy --frames 3 --size 8",
     ):
-        Path("1.npy").write_bytes(Path("noise.npy").read_bytes())
+        for name in ("1.npy", "2.npy"):
+            Path(name).write_bytes(Path("noise.npy").read_bytes())
         before = {path: path.read_bytes() for path in here.iterdir()}
         assert main(typed.split()) == 2, typed
         assert "expected another file than the source" in capsys.readouterr().err

@@ -73,18 +73,24 @@ def test_names_that_cannot_be(content: Content, renderer: sg.Renderer, tmp_path:
 
 
 def test_what_is_shown_is_not_overwritten(renderer: sg.Renderer, tmp_path: Path) -> None:
-    """Neither a volume nor a layer, by whatever name; others beside these may be."""
-    for name in ("a", "layer"):
-        np.save(tmp_path / f"{name}.npy", blob(8).samples)
-    content = Content.open(Scene(str(tmp_path / "a.npy"), layers=(Scene(str(tmp_path / "layer.npy")),)))
+    """Neither a volume, a layer, a mask nor another time point, by whatever name; others beside these may be."""
+    paths = {name: str(tmp_path / f"{name}.npy") for name in ("a", "layer", "mask", "later")}
+    for path in paths.values():
+        np.save(path, blob(8).samples)
+    layer = Scene(paths["layer"], mask=(f"{paths['mask']}:outside",))
+    content, later = Content.open(Scene(paths["a"], layers=(layer,))), Scene(paths["later"])
     state = State.of(content, SIZE)
     os.link(tmp_path / "layer.npy", tmp_path / "link.npy")
-    before = (tmp_path / "layer.npy").read_bytes()
-    for taken in ("a.npy", "layer.npy", "link.npy"):
-        assert "what is shown" in saved_as(state, content, renderer.render, tmp_path / taken)[0].message
-    assert (tmp_path / "layer.npy").read_bytes() == before
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def said(name: str) -> str:
+        return saved_as(state, content, renderer.render, tmp_path / name, times=(later,))[0].message
+
+    for taken in (*paths, "link"):
+        assert "what is shown" in said(f"{taken}.npy")
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
     for _ in range(2):
-        assert saved_as(state, content, renderer.render, tmp_path / "b.npy")[0].message == "saved b.npy"
+        assert said("b.npy") == "saved b.npy"
 
 
 def test_hidden_parts_are_not_extracted(renderer: sg.Renderer, tmp_path: Path) -> None:

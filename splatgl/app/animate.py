@@ -67,9 +67,9 @@ def run(args: argparse.Namespace) -> int:
     if frames.movie:
         need(frames.movie)
     wanted = animation.numbers
-    sources = [str(scene.volume) for scene in animation.scenes]
+    sources = [file for scene in animation.scenes for file in scene.files]
     for n in wanted:
-        check_source(frames.path(n), *sources, args.color)
+        check_source(frames.path(n), *sources)
     frames.sweep(wanted)
     todo = [n for n in wanted if not (args.resume and frames.done(n))]
     if todo and on_workers:

@@ -55,7 +55,7 @@ def check_depth(args: argparse.Namespace, scene: Scene) -> None:
     path = Path(args.depth)
     check_output(path, MAPS)
     need(path.suffix.lower())
-    check_source(path, args.source, scene.volume, args.output, args.ref)
+    check_source(path, args.source, *scene.files, args.output, args.ref)
     if args.output is not None and path.absolute() == Path(args.output).absolute():
         raise expected("--depth", "another file than -o", str(path))
 

@@ -128,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
     check_output(output, SAVED)
     need(output.suffix.lower())
-    check_source(output, args.source, scene.volume, args.color)
+    check_source(output, args.source, *scene.files)
     check_depth(args, scene)
     annotate = asked_for(args.annotate, args.ref, scene)
     reference = _reference(args.ref, output) if args.ref else None

@@ -28,6 +28,7 @@ from splatgl.app.stacks import seen_along_z
 from splatgl.app.vectors import FAINT, Vectors
 from splatgl.app.viewpoint import Fitted, View, typed
 from splatgl.data.errors import InputError, expected
+from splatgl.data.mask import named
 from splatgl.data.readers import LoadOptions, load
 from splatgl.data.readers.remote import is_address
 from splatgl.data.scenes import SCENES
@@ -196,6 +197,15 @@ class Scene:
         )
         mask = None if self.mask is None else tuple(map(mask_anywhere, self.mask))
         return replace(self, volume=volume, load=reading, layers=layers, meshes=meshes, mask=mask)
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """What it names: its volume, colours, masks and meshes, and those of its layers."""
+        color = self.load.get("color")
+        masks = [named(each)[0] for each in self.mask or () if isinstance(each, str)]
+        meshes = [each.file for each in self.meshes if isinstance(each, MeshFile)]
+        below = [file for layer in self.layers for file in layer.files]
+        return (self.volume, *([color] if color else []), *masks, *meshes, *below)
 
     def open(self) -> Volume:
         """The volume: a built-in scene, or a file through its reader; masked; a flat stack with the view of it."""

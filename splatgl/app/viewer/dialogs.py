@@ -83,7 +83,7 @@ class Dialogs:
             viewer.hands.drop(list(paths))
             return
         told = viewer.state, viewer.content, viewer.renderer.render, Path(paths[0])
-        viewer.state, kept = saved_as(*told, partial(as_seen, viewer))
+        viewer.state, kept = saved_as(*told, partial(as_seen, viewer), viewer.files.times)
         if kept:
             viewer.history.keep(viewer.state)
         viewer.refresh()

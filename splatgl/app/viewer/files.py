@@ -189,6 +189,4 @@ def _opened(scene: Scene, times: tuple[Scene, ...] = ()) -> News:
 
 def watched(path: str, scene: Scene) -> tuple[str, ...]:
     """The files of the scene opened from `path`; empty for a built-in scene."""
-    meshes = [each.file for each in scene.meshes if isinstance(each, MeshFile)]
-    every = (path, scene.volume, *(each.volume for each in scene.layers), *meshes)
-    return tuple(dict.fromkeys(file for file in every if file not in SCENES))
+    return tuple(dict.fromkeys(file for file in (path, *scene.files) if file not in SCENES))

@@ -5,7 +5,7 @@ the window adds.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -115,16 +115,18 @@ def saved(state: State, ask: str, content: Content, draw: Draw, folder: Path, ad
         return replace(state, message=told(error))
 
 
-def saved_as(state: State, content: Content, draw: Draw, target: Path, add: Add = nothing) -> tuple[State, bool]:
+def saved_as(
+    state: State, content: Content, draw: Draw, target: Path, add: Add = nothing, times: Sequence[Scene] = ()
+) -> tuple[State, bool]:
     """Writes a scene (.toml, also where a name has no ending) or a picture of it; the state with what it says, and
-    whether a scene was written.
+    whether a scene was written. times: the series that it is of, of which no file is overwritten either.
     """
     scene = target.suffix.lower() in ("", ".toml")
     try:
         if not target.name or os.path.isdir(target):
             raise expected(target, "a file's name", "a folder")
         target = target.with_suffix(".toml") if scene else target
-        if any(_same(target, each) for each in sources(content)):
+        if any(_same(target, each) for each in sources(content, times)):
             raise expected(target, "another file", "what is shown", "choose another name")
         if scene:
             write_whole(target, scene_of(state, content).to_toml(target.parent).encode())
@@ -134,10 +136,11 @@ def saved_as(state: State, content: Content, draw: Draw, target: Path, add: Add 
         return replace(state, message=told(error)), False
 
 
-def sources(content: Content) -> list[str]:
-    """What a content was read from."""
+def sources(content: Content, times: Sequence[Scene] = ()) -> list[str]:
+    """What a content, and the series that it is of, were read from."""
     parts = [content.part(number) for number in range(len(content.looks))]
-    return [*(each.scene.volume for each in (content, *parts)), *(mesh.file for mesh in content.surfaces)]
+    scenes = (content.scene, *(each.scene for each in parts), *times)
+    return [*(file for scene in scenes for file in scene.files), *(mesh.file for mesh in content.surfaces)]
 
 
 def _same(target: Path, other: str) -> bool:
