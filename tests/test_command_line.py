@@ -235,6 +235,7 @@ def test_the_source_is_never_overwritten(here: Path, capsys: Said) -> None:
 
     Pillow.fromarray(np.arange(64, dtype=np.uint8).reshape(8, 8)).save("height.png")
     Path("link.png").symlink_to("height.png")
+    Path("height.csv").write_text("1,2,3\n4,5,6\n7,8,9\n")
     Path("s.toml").write_text('volume = "height.png"\n')
     for typed in (
         "render height.png",
@@ -242,6 +243,9 @@ def test_the_source_is_never_overwritten(here: Path, capsys: Said) -> None:
         "render s.toml -o height.png",
         "render noise.npy -o noise.npy",
         "render link.png --color height.png -o height.png",
+        "figure 12 height.png -o height.png",
+        "figure 12 height.csv --csv height.csv",
+        "presets height.png -o height.png",
         "render 2.npy --layer noise.npy -o noise.npy",
         "render 2.npy --layer noise.npy --depth noise.npy -o a.png",
         "render 2.npy --mask noise.npy:outside -o noise.npy",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from splatgl.app.backgrounds import suited
 from splatgl.app.options import add_backend, add_source, add_view, scene_from_source, view_of
-from splatgl.app.output import check_output
+from splatgl.app.output import check_output, check_source
 from splatgl.app.scene import Scene
 from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
@@ -53,6 +53,7 @@ def run(args: argparse.Namespace) -> int:
     output = Path(args.output or "presets.png")
     check_output(output, (".png",))
     scene = scene_from_source(args)
+    check_source(output, args.source, *scene.files)
     scene = replace(scene, view=view_of(args, scene.view, (SIDE, SIDE)))
     volume = scene.open()
     scene, volume = scene.cut(volume), smaller(volume)

@@ -61,12 +61,11 @@ def run_picture(args: argparse.Namespace) -> int:
     figure = _asked(PICTURES[int(args.number)], args)
     output = Path(args.output or f"figure{figure.number}.png")
     drawn = bool(args.output) or not (args.csv or args.text)
-    if drawn:
-        check_output(output, (".png",))
-        check_source(output, args.source, args.color)
-    if args.csv:
-        check_output(Path(args.csv), (".csv",))
     scene = _scene(figure, args)
+    pictures, tables = [(output, ".png")] if drawn else [], [(Path(args.csv), ".csv")] if args.csv else []
+    for path, suffix in pictures + tables:
+        check_output(path, (suffix,))
+        check_source(path, args.source, *scene.files)
     from splatgl.gl.renderer import Renderer
 
     with Renderer() as renderer:
