@@ -893,6 +893,10 @@ def test_what_is_watched() -> None:
     assert watched("s.toml", Scene("b.npy")) == ("s.toml", "b.npy")
     # a built-in scene is no file, that would be waited for
     assert watched("s.toml", Scene("tunnel")) == ("s.toml",) and watched("tunnel", Scene("tunnel")) == ()
+    # nor is what lies at an address; colours and masks, also of layers, are
+    layer = Scene("b.npy", load={"color": "c.png"}, mask=("m.nrrd:2,3:outside", "https://host/m.nrrd"))
+    assert watched("a.npy", Scene("a.npy", layers=(layer,))) == ("a.npy", "b.npy", "c.png", "m.nrrd")
+    assert watched("https://host/a.nrrd", Scene("https://host/a.nrrd")) == ()
 
 
 def test_more_splats_than_can_be_held(monkeypatch: pytest.MonkeyPatch, scene: Scene) -> None:

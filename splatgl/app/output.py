@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 from splatgl.data.errors import InputError, expected
@@ -31,9 +32,14 @@ def check_folder(folder: Path, name: Path | str) -> None:
         raise InputError(f"{name}: cannot be written: permission denied")
 
 
+def overwrites(path: Path, sources: Iterable[str | None]) -> bool:
+    """Whether writing `path` would overwrite one of the sources, by whatever name; None is none."""
+    return os.path.exists(path) and any(each and os.path.exists(each) and path.samefile(each) for each in sources)
+
+
 def check_source(path: Path, *sources: str | None) -> None:
     """InputError if writing `path` would overwrite one of the sources; None is none."""
-    if path.exists() and any(source and os.path.exists(source) and path.samefile(source) for source in sources):
+    if overwrites(path, sources):
         raise expected(path, "another file than the source", "the source itself", "name another one with -o")
 
 

@@ -17,6 +17,7 @@ from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.parts import read as _read
 from splatgl.app.viewer.watch import Watch
 from splatgl.data.mesh import Mesh
+from splatgl.data.readers.remote import is_address
 from splatgl.data.scenes import SCENES
 from splatgl.splat.plan.settings import Settings
 
@@ -188,5 +189,6 @@ def _opened(scene: Scene, times: tuple[Scene, ...] = ()) -> News:
 
 
 def watched(path: str, scene: Scene) -> tuple[str, ...]:
-    """The files of the scene opened from `path`; empty for a built-in scene."""
-    return tuple(dict.fromkeys(file for file in (path, *scene.files) if file not in SCENES))
+    """The files of the scene opened from `path`; empty for a built-in scene. What lies at an address is not watched."""
+    files = dict.fromkeys((path, *scene.files))
+    return tuple(file for file in files if file not in SCENES and not is_address(file))

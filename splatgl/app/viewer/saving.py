@@ -11,6 +11,7 @@ from pathlib import Path
 
 from splatgl.app.annotations.request import LEAST_SIDE, lay
 from splatgl.app.meshes import MeshFile, surfaces_of
+from splatgl.app.output import overwrites
 from splatgl.app.render import origin
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
@@ -126,7 +127,7 @@ def saved_as(
         if not target.name or os.path.isdir(target):
             raise expected(target, "a file's name", "a folder")
         target = target.with_suffix(".toml") if scene else target
-        if any(_same(target, each) for each in sources(content, times)):
+        if overwrites(target, sources(content, times)):
             raise expected(target, "another file", "what is shown", "choose another name")
         if scene:
             write_whole(target, scene_of(state, content).to_toml(target.parent).encode())
@@ -141,11 +142,6 @@ def sources(content: Content, times: Sequence[Scene] = ()) -> list[str]:
     parts = [content.part(number) for number in range(len(content.looks))]
     scenes = (content.scene, *(each.scene for each in parts), *times)
     return [*(file for scene in scenes for file in scene.files), *(mesh.file for mesh in content.surfaces)]
-
-
-def _same(target: Path, other: str) -> bool:
-    """Whether two paths are one file."""
-    return os.path.exists(target) and os.path.exists(other) and os.path.samefile(target, other)
 
 
 def free(folder: Path, stem: str, suffix: str) -> Path:
