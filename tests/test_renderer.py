@@ -14,6 +14,7 @@ from test_context import resident_mebibytes
 import splatgl as sg
 from splatgl.app.viewer.blocks import give_back_free, give_back_large
 from splatgl.data.scenes import letter_f
+from splatgl.gl.target import settle
 from splatgl.splat.motion.moments import Moments
 from splatgl.splat.plan.plan import plan
 
@@ -341,6 +342,16 @@ def test_what_is_freed_goes_back(what: str) -> None:
             held.append(resident_mebibytes() - before)
         # it was one to three pictures of 36 MB that stayed, now and then
         assert max(held) < 20, held
+
+
+@pytest.mark.parametrize("software", [True, False])
+def test_only_software_is_waited_for(monkeypatch: pytest.MonkeyPatch, software: bool) -> None:
+    waits: list[object] = []
+    monkeypatch.setattr("splatgl.gl.target.is_software", lambda _: software)
+    with sg.Renderer() as own:
+        monkeypatch.setattr(type(own.ctx), "finish", lambda ctx: waits.append(ctx))
+        settle(own.ctx)
+    assert bool(waits) == software
 
 
 def test_the_mean_of_moments_carries_the_mean_of_their_bounds(letter: sg.Splats, renderer: sg.Renderer) -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import moderngl
 import numpy as np
 
 from splatgl.data.errors import InputError, expected
+from splatgl.gl.context import is_software
 from splatgl.splat.view.screen_bounds import Window
 
 # target → moderngl's dtype, numpy's, and the stored value of 1.0
@@ -17,6 +19,8 @@ FORMATS: dict[str, tuple[str, np.dtype, float]] = {
     "rgba16f": ("f2", np.dtype("<f2"), 1.0),
     "rgba8": ("f1", np.dtype("u1"), 255.0),
 }
+# cache: whether a context draws in software
+_software: WeakKeyDictionary[moderngl.Context, bool] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +51,13 @@ class Target:
 
 
 def settle(ctx: moderngl.Context) -> None:
-    """Waits for a pass into a framebuffer before the next into another. llvmpipe keeps freed textures until as many
-    passes are under way again as with them: of one at a time, the next gives them back.
+    """Waits, in software, for a pass into a framebuffer before the next into another. llvmpipe keeps freed textures
+    until as many passes are under way again as with them: of one at a time, the next gives them back.
     """
-    ctx.finish()
+    if ctx not in _software:
+        _software[ctx] = is_software(str(ctx.info["GL_RENDERER"]))
+    if _software[ctx]:
+        ctx.finish()
 
 
 class Targets:
