@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
@@ -274,6 +275,17 @@ def test_dask_computes_as_before_where_no_scheduler_answers(address: str, monkey
         with pytest.raises(sg.InputError, match="no Dask scheduler"), connected(None, address, None):
             pass
         assert dask.config.get("scheduler") == "sync" and dask.delayed(abs)(-1).compute() == 1
+
+
+def test_dask_computes_as_before_beside_workers(client: Any) -> None:
+    """Nor does what finds no scheduler meanwhile become what Dask computes with, once it is freed."""
+    import dask
+
+    assert dask.config.get("scheduler", None) is None and dask.delayed(os.getpid)().compute() == os.getpid()
+    with pytest.raises(sg.InputError, match="no Dask scheduler"), connected(None, "nonsense", None):
+        pass
+    gc.collect()
+    assert dask.config.get("scheduler", None) is None
 
 
 def test_a_scheduler_without_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,7 @@ from splatgl.data.errors import InputError, expected, missing_extra
 from splatgl.distributed.worker import call
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, LocalCluster
 
 # seconds within which a scheduler and its workers must answer
 TIMEOUT = 8.0
@@ -67,7 +67,7 @@ def connected(
                 silence_logs=logging.CRITICAL,
                 preload=["splatgl.distributed.preload"],
             )
-            client = stack.enter_context(distributed.Client(stack.enter_context(cluster)))
+            client = stack.enter_context(_client(stack.enter_context(cluster)))
         else:
             client = stack.enter_context(_client(scheduler))
             check_workers(client, scheduler)
@@ -76,16 +76,13 @@ def connected(
         yield client
 
 
-def _client(scheduler: str) -> Client:
-    import dask
+def _client(scheduler: str | LocalCluster) -> Client:
     from distributed import Client
 
-    before = dask.config.get("scheduler", None)
     try:
-        return Client(scheduler, timeout=TIMEOUT)
+        # not what Dask computes with elsewhere: one that finds no scheduler could become that again when it is freed
+        return Client(scheduler, timeout=TIMEOUT, set_as_default=False)
     except Exception as error:
-        # one that finds none stays what Dask computes with
-        dask.config.set(scheduler=before)
         raise InputError(f"{scheduler}: no Dask scheduler of this version answers: {_line(error)}") from None
 
 
@@ -135,7 +132,7 @@ def spread(
     from distributed import as_completed
 
     todo, waiting, lost = iter(items), dict[Any, str](), list[InputError]()
-    running = as_completed()
+    running = as_completed(loop=client.loop)
 
     def more() -> None:
         # what waits on a worker that dies would be blamed, too

@@ -113,7 +113,7 @@ def draw_parts(
             pairs = [submit(join, how, *joined[n : n + 2]) for n in range(0, len(joined) - 1, 2)]
             joined = pairs + joined[2 * len(pairs) :]
             futures += pairs
-        for done, part in enumerate(as_completed(parts), 1):
+        for done, part in enumerate(as_completed(parts, loop=client.loop), 1):
             outcome(part, names[part.key])
             if progress:
                 progress(done, len(parts))
