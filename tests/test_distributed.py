@@ -279,8 +279,7 @@ def test_dask_computes_as_before_where_no_scheduler_answers(address: str, monkey
 
 def test_dask_computes_as_before_beside_workers(client: Any) -> None:
     """Nor does what finds no scheduler meanwhile become what Dask computes with, once it is freed."""
-    import dask
-
+    dask = pytest.importorskip("dask")
     assert dask.config.get("scheduler", None) is None and dask.delayed(os.getpid)().compute() == os.getpid()
     with pytest.raises(sg.InputError, match="no Dask scheduler"), connected(None, "nonsense", None):
         pass
