@@ -1,4 +1,4 @@
-"""The rules a reader relies on: imports point left, gl and truth stand apart, files and functions stay small."""
+"""The rules a reader relies on: imports point left, gl and truth stand apart, functions stay small."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ PACKAGE = Path(__file__).parents[1] / "splatgl"
 # data flows to the right, imports point to the left; gl and truth are neighbours, and neither imports the other
 PLACES = {"data": 0, "splat": 1, "gl": 2, "truth": 2, "distributed": 3, "app": 4}
 FILES = sorted(PACKAGE.rglob("*.py"))
-MAX_FILE_LINES, MAX_MEDIAN_LINES, MAX_FUNCTION_LINES, MAX_PARAMETERS = 350, 160, 60, 7
+# a longer file is looked at again: does it still hold one subject?
+MAX_FILE_LINES, MAX_FUNCTION_LINES, MAX_PARAMETERS = 600, 60, 7
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -116,11 +117,6 @@ def test_truth_never_plans() -> None:
 
 def test_files_and_functions_stay_small() -> None:
     assert [wrong for path in FILES for wrong in too_big(path)] == []
-
-
-def test_the_median_file_is_short() -> None:
-    lengths = sorted(len(path.read_text(encoding="utf-8").splitlines()) for path in FILES)
-    assert lengths[len(lengths) // 2] <= MAX_MEDIAN_LINES
 
 
 @pytest.mark.parametrize(
