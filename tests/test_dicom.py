@@ -170,6 +170,23 @@ def test_render_a_folder(study: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert main([*arguments, "--series", "2"]) == 0 and capsys.readouterr().err == ""
 
 
+@pytest.mark.parametrize("option", ["--layer", "--labels", "--mask"])
+def test_notes_of_what_lies_beside_a_volume(
+    option: str, study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The series that is read of a layer's folder, or of a mask's, is told once, with the folder."""
+    first = str(study / "b")
+    arguments = ["render", first, option, str(study), "-o", str(tmp_path / "a.png"), "--size", "64"]
+    assert main([*arguments, "--annotate", "scale"]) == 0
+    notes = [line for line in capsys.readouterr().err.splitlines() if "series" in line]
+    named = "mask study" if option == "--mask" else "study"
+    assert notes == [f"splatgl: {named}: series 2 of 3 is read, the largest; series=N picks another"]
+    assert main([*arguments, "--quiet"]) == 0 and capsys.readouterr().err == ""
+    if option != "--mask":
+        assert main(["pick", first, "8,8", option, str(study), "--size", "16"]) in (0, 1)
+        assert "splatgl: study: series 2 of 3" in capsys.readouterr().err
+
+
 # --- samples ----------------------------------------------------------------------------------------------------------
 
 

@@ -96,7 +96,7 @@ class Animation:
         series = len(scenes) > 1
         joined = is_layered(scene, volume)
         bands = 0 if joined else _bands(volume, transfer, scene, args.flow)
-        only = None if bands or (series and not joined) else _matter(scene, volume, transfer, args.flow)
+        only = None if bands or (series and not joined) else _matter(scene, volume, transfer, args)
         values = bands or (isinstance(only, Splats) and only.post is not None)
         subject: Bounded = Opaque(volume, transfer) if values else only or volume
         scales = Scale.of(only.meshes) if isinstance(only, Layers) else ()
@@ -213,16 +213,16 @@ class Animation:
         return max(moments(self.only, camera, turn, settings.shutter) for camera in cameras)
 
 
-def _matter(scene: Scene, volume: Volume, transfer: Transfer, flow: float | None) -> Splats | Layers:
+def _matter(scene: Scene, volume: Volume, transfer: Transfer, args: argparse.Namespace) -> Splats | Layers:
     """What frames of one volume show. InputError where that is nothing."""
     if not is_layered(scene, volume):
         only = scene.splats(volume, transfer, moving=scene.settings.shutter > 0)
         if not len(only):
             raise nothing(scene, volume)
         return only
-    if flow is not None:
+    if args.flow is not None:
         raise expected("--flow", "a scene of one volume", "layers, channels or meshes")
-    drawn = layered(scene, volume, transfer)
+    drawn = layered(scene, volume, transfer, args.quiet)
     check_fits(scene, drawn)
     if not (drawn.meshes or any(map(len, drawn.splats(scene.settings)))):
         raise nothing(scene, volume)

@@ -66,7 +66,8 @@ def write_depths(args: argparse.Namespace, scene: Scene, volume: Volume, transfe
         return False
     started = time.perf_counter()
     at = _at(args.depth_at, scene.settings)
-    found, camera = depths_of(scene, volume, transfer, at)
+    alone = args.output is None and args.ref is None
+    found, camera = depths_of(scene, volume, transfer, at, args.quiet or not alone)
     unit = volume.unit or "units"
     told = {"version": __version__, "source": Path(scene.volume).name, "depth_at": at, "unit": unit}
     view = {"eye": camera.eye.tolist(), "forward": camera.forward.tolist(), "perspective": camera.perspective}
@@ -76,14 +77,16 @@ def write_depths(args: argparse.Namespace, scene: Scene, volume: Volume, transfe
         span = f"{known.min():g} to {known.max():g} {unit}" if len(known) else "none"
         seconds = time.perf_counter() - started
         print(f"{args.depth}: depths {span} in {known.size / found.size:.1%} of the pixels ({seconds:.2g} s)")
-    return args.output is None and args.ref is None
+    return alone
 
 
-def depths_of(scene: Scene, volume: Volume, transfer: Transfer, at: float | str) -> tuple[np.ndarray, Camera]:
+def depths_of(
+    scene: Scene, volume: Volume, transfer: Transfer, at: float | str, quiet: bool = True
+) -> tuple[np.ndarray, Camera]:
     """Depths float64 [H, W] of a scene whose cuts are in its settings, and the camera of its picture."""
     from splatgl.truth.depth import depths
 
-    drawn = layered(scene, volume, transfer)
+    drawn = layered(scene, volume, transfer, quiet)
     camera = camera_of(scene, volume, transfer, drawn)
     return depths(drawn, camera, at, scene.settings.but(clip=())), camera
 

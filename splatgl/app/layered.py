@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from splatgl.app.meshes import is_mesh, mesh_option, surfaces_of, with_look
 from splatgl.app.options import color_of, window_of
+from splatgl.app.output import tell
 from splatgl.app.scene import Scene
 from splatgl.app.vectors import add_vectors
 from splatgl.data.errors import expected
@@ -88,11 +89,15 @@ def is_layered(scene: Scene, volume: Volume) -> bool:
     return bool(scene.layers or scene.meshes or scene.vectors.drawn or of_channels or alone)
 
 
-def layers_of(scene: Scene, volume: Volume, transfer: Transfer) -> list[Layer]:
-    """All layers of a scene that are to be seen, of which `volume` is the first one's; if none is, that one, clear."""
+def layers_of(scene: Scene, volume: Volume, transfer: Transfer, quiet: bool = True) -> list[Layer]:
+    """All layers of a scene that are to be seen, of which `volume` is the first one's; if none is, that one, clear.
+
+    quiet: whether notes on the other layers' files are not printed.
+    """
     layers = of_channels(scene, volume, transfer)
     for source in (each for each in scene.layers if each.visible):
         other = (replace(source, mask=scene.mask) if source.mask is None else source).open()
+        tell(other, quiet, channels=True, layer=source.volume)
         own = None if source.clip is None and not source.crop else source.cut(other).settings.clip
         layers += of_channels(source, other, source.transfer_for(other), own)
     if not any(each.visible for each in layers):
@@ -100,13 +105,13 @@ def layers_of(scene: Scene, volume: Volume, transfer: Transfer) -> list[Layer]:
     return layers
 
 
-def layered(scene: Scene, volume: Volume, transfer: Transfer) -> Layers:
-    """The layers and meshes of a scene, of which `volume` is the first one's, cut by its planes."""
+def layered(scene: Scene, volume: Volume, transfer: Transfer, quiet: bool = True) -> Layers:
+    """The layers and meshes of a scene, of which `volume` is the first one's, cut by its planes. quiet: as above."""
     from splatgl.splat.layers.layers import Scene as Layers
 
     meshes = [each.open() for each in surfaces_of(scene) if each.visible]
     meshes += scene.vectors.meshes(volume)
-    return Layers(layers_of(scene, volume, transfer), scene.settings.clip, meshes)
+    return Layers(layers_of(scene, volume, transfer, quiet), scene.settings.clip, meshes)
 
 
 def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
@@ -116,7 +121,7 @@ def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) 
     for name in ("field", "savings"):
         if getattr(how, name):
             raise expected(f"--{name}", "a picture of one volume", "layers" if scene.layers else "meshes")
-    drawn, settings = layered(scene, volume, transfer), scene.settings.but(clip=())
+    drawn, settings = layered(scene, volume, transfer, how.quiet), scene.settings.but(clip=())
     check_fits(scene, drawn, how.memory)
     camera = scene.view.camera(volume, drawn)
     with how.renderer() as renderer:

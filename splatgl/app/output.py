@@ -43,10 +43,12 @@ def check_source(path: Path, *sources: str | None) -> None:
         raise expected(path, "another file than the source", "the source itself", "name another one with -o")
 
 
-def tell(volume: Volume, quiet: bool = False, channels: bool = False, times: bool = False) -> None:
-    """Prints what the reader left out or assumed, on standard error. channels, times: whether all are shown."""
+def tell(volume: Volume, quiet: bool = False, channels: bool = False, times: bool = False, layer: str = "") -> None:
+    """Prints what the reader left out or assumed, on standard error. channels, times: whether all are shown. layer: the
+    file of a volume beside the first.
+    """
     notes = [note for note in volume.notes if not (times and note.endswith(PICKED))]
     if len(volume.channels) > 1 and not channels:
         notes.append(f"channel {volume.channels[0].name} of {len(volume.channels)} is drawn: --channel picks another")
     for note in () if quiet else notes:
-        print(f"splatgl: {note}", file=sys.stderr)
+        print(f"splatgl: {Path(layer).name}: {note}" if layer else f"splatgl: {note}", file=sys.stderr)

@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     tell(volume, args.quiet or args.json)
     transfer = scene.transfer_for(volume)
     scene = scene.cut(volume)
-    layers = layered(scene, volume, transfer)
+    layers = layered(scene, volume, transfer, args.quiet or args.json)
     mode = args.mode or ("max" if scene.settings.blend == "mip" else "first")
     found = pick(layers, camera_of(scene, volume, transfer, layers), args.pixel, mode=mode)
     if found is None:

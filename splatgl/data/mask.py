@@ -118,7 +118,9 @@ def mask_of(given: Any, volume: Volume, labels: Sequence[int] = (), outside: boo
     array = np.asarray(given)
     if array.shape != volume.shape:
         raise expected("mask", f"an array {volume.shape} on the volume's grid, a Volume or a file", array.shape)
-    grid = replace(volume, samples=array, name="", color=None, vectors=None, coarser=(), channels=(), masks=())
+    grid = replace(
+        volume, samples=array, name="", color=None, vectors=None, coarser=(), channels=(), masks=(), notes=()
+    )
     return Mask.of(grid, labels, outside)
 
 
@@ -145,11 +147,12 @@ def masked(volume: Volume, mask: Mask) -> Volume:
         places = f"voxels of {volume.name or 'the volume'}, which lies at {theirs}"
         raise expected(what, places, f"none: it lies at {ours}" if not mask.outside else "none outside of it")
     share = "all" if left == volume.count else f"{left / volume.count:.3g}" if left * 1000 < volume.count else ""
+    of_mask = (f"{what}: {note}" for note in mask.grid.notes)
     told = f"{what} keeps {share or f'{left / volume.count:.1%}'} of the voxels"
     channels, coarser = (
         tuple(replace(each, masks=(*each.masks, mask)) for each in some) for some in (volume.channels, volume.coarser)
     )
-    made = replace(found, channels=channels, coarser=coarser, notes=(*volume.notes, told))
+    made = replace(found, channels=channels, coarser=coarser, notes=(*volume.notes, *of_mask, told))
     # not to be looked up again
     vars(made).update({name: value for name, value in vars(found).items() if name == "_kept"})
     return made

@@ -10,6 +10,7 @@ import numpy as np
 
 from splatgl.app.layered import of_channels
 from splatgl.app.meshes import MeshFile, surfaces_of
+from splatgl.app.output import tell
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.pacing import STRIDES
@@ -90,6 +91,7 @@ class Together(Content):
         cuts: list[tuple[Plane, ...] | None] = []
         for layer in scene.layers:
             other = (replace(layer, mask=scene.mask) if layer.mask is None else layer).open()
+            tell(other, channels=True, times=True, layer=layer.volume)
             own = None if layer.clip is None and not layer.crop else layer.cut(other).settings.clip
             sources.append((layer, other, own))
         for source, each, own in sources:
