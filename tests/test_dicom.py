@@ -6,6 +6,7 @@ import sys
 import tracemalloc
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -243,6 +244,119 @@ def test_padding_is_not_a_number(tmp_path: Path) -> None:
     assert np.isnan(both[:4]).all() and np.isfinite(both[4:]).all()
     plain = one(tmp_path, np.maximum(stored, 0), PixelPaddingValue=0).samples
     assert plain.dtype == np.int16 and (plain[0] == np.maximum(stored, 0)).all()
+
+
+@pytest.mark.parametrize("limit", [None, "same", "other"])
+@pytest.mark.parametrize(
+    ("dtype", "kind", "value"),
+    [(np.int16, "US", 63536), (np.int16, "SS", -2000), (np.uint16, "SS", -2000), (np.uint16, "US", 63536)],
+)
+def test_padding_is_of_the_pixels_type(tmp_path: Path, dtype: type, kind: str, value: int, limit: str | None) -> None:
+    """63536 of unsigned 16 bits is −2000 of signed ones, whichever of both a header writes; the end of a range too."""
+    stored = np.full((4, 6), 24, np.int16)
+    stored[:2], stored[2] = -2000, -1990
+    data = image(stored.astype(dtype), RescaleIntercept=-1024)
+    data.add_new((0x0028, 0x0120), kind, value)
+    if limit:
+        ends = {"US": 63546, "SS": -1990}
+        other = kind if limit == "same" else {"US": "SS", "SS": "US"}[kind]
+        data.add_new((0x0028, 0x0121), other, ends[other])
+    save(data, tmp_path / "a.dcm")
+    samples = sg.load(tmp_path / "a.dcm").samples[0]
+    rows = 3 if limit else 2
+    assert np.isnan(samples[:rows]).all() and (samples[3:] == -1000).all()
+    assert limit or (samples[2] == stored[2].astype(dtype).astype(float) - 1024).all()
+
+
+def test_table_begins_at_a_signed_value(tmp_path: Path) -> None:
+    from pydicom.dataset import Dataset
+
+    table = Dataset()
+    table.add_new((0x0028, 0x3002), "US", [3, 65535, 16])
+    table.add_new((0x0028, 0x3006), "US", [7, 5, 300])
+    stored = np.array([[-1, 0, 1]], np.int16)
+    np.testing.assert_array_equal(one(tmp_path, stored, ModalityLUTSequence=[table]).samples[0], [[7, 5, 300]])
+
+
+NUCLEAR = "1.2.840.10008.5.1.4.1.1.20"
+
+
+def nuclear(array: np.ndarray, gap: float, **tags: object) -> Any:
+    """Frames of nuclear medicine, the first at z = 60, whose place the detector has."""
+    from pydicom.dataset import Dataset
+
+    data, detector = image(array, SpacingBetweenSlices=gap, SOPClassUID=NUCLEAR, Modality="NM", **tags), Dataset()
+    detector.ImagePositionPatient, detector.ImageOrientationPatient = [1.0, 2.0, 60.0], [1, 0, 0, 0, 1, 0]
+    del data.ImagePositionPatient, data.ImageOrientationPatient
+    data.DetectorInformationSequence = [detector]
+    return data
+
+
+def heights(volume: sg.Volume) -> dict[float, float]:
+    """The mean sample of each plane, by its place along z."""
+    places = [float((volume.world_from_index @ [0, 0, n] + volume.origin)[2]) for n in range(volume.shape[0])]
+    return dict(zip(places, np.asarray(volume.samples).mean(axis=(1, 2)).tolist(), strict=True))
+
+
+@pytest.mark.parametrize("gap", [-4.0, 4.0])
+def test_frames_of_nuclear_medicine_are_stacked_by_the_sign(tmp_path: Path, gap: float) -> None:
+    """Of their distance (PS3.3 C.8.4.15); in the order of their slices, and gated ones each in its time."""
+    frames = np.arange(5, dtype=np.uint16)[:, None, None] * np.ones((1, 9, 11), np.uint16)
+    expected = {60 + gap * n: float(n) for n in range(5)}
+    save(nuclear(frames, gap), tmp_path / "plain.dcm")
+    assert heights(sg.load(tmp_path / "plain.dcm")) == pytest.approx(expected)
+    order = [3, 0, 4, 1, 2]
+    save(nuclear(frames[order], gap, SliceVector=[n + 1 for n in order]), tmp_path / "ordered.dcm")
+    assert heights(sg.load(tmp_path / "ordered.dcm")) == pytest.approx(expected)
+    both = np.concatenate([frames, frames + 100])
+    tags = {"SliceVector": [*range(1, 6)] * 2, "TimeSlotVector": [1] * 5 + [2] * 5}
+    save(nuclear(both, gap, **tags), tmp_path / "gated.dcm")
+    gated = sg.load(tmp_path / "gated.dcm")
+    assert heights(gated) == pytest.approx(expected)
+    assert gated.notes == ("2 time slots at each place: number 0 is read; array=N picks another",)
+    assert heights(sg.load(tmp_path / "gated.dcm", array=1)) == pytest.approx({z: n + 100 for z, n in expected.items()})
+
+
+def test_the_sign_of_a_distance_elsewhere(tmp_path: Path) -> None:
+    """Positions decide; without them, only nuclear medicine gives a sign a meaning, and others are told."""
+    frames = np.arange(4, dtype=np.int16)[:, None, None] * np.ones((1, 9, 11), np.int16)
+    save(image(frames, 10.0, SpacingBetweenSlices=-2.0, Modality="MR"), tmp_path / "mr.dcm")
+    volume = sg.load(tmp_path / "mr.dcm")
+    assert heights(volume) == pytest.approx({10.0: 0, 12.0: 1, 14.0: 2, 16.0: 3})
+    assert len(volume.notes) == 1 and "negative SpacingBetweenSlices" in volume.notes[0]
+    volume = sg.load(written(tmp_path / "slices", frames, 2.0, SpacingBetweenSlices=-2.0))
+    assert heights(volume) == pytest.approx({0.0: 0, 2.0: 1, 4.0: 2, 6.0: 3}) and volume.notes == ()
+    data = enhanced(frames, 2.0)
+    data.SharedFunctionalGroupsSequence[0].PixelMeasuresSequence[0].SpacingBetweenSlices = -2.0
+    save(data, tmp_path / "enhanced.dcm")
+    assert list(heights(sg.load(tmp_path / "enhanced.dcm"))) == pytest.approx([0.0, 2.0, 4.0, 6.0])
+
+
+@pytest.mark.parametrize("places", [(0.0, 3.0, 6.0), (50.0, 47.0, 44.0)])
+def test_offsets_of_a_dose(tmp_path: Path, places: tuple[float, ...]) -> None:
+    """From the first frame along the normal; or places along z, where the first is the position's."""
+    frames = np.arange(3, dtype=np.uint16)[:, None, None] * np.ones((1, 9, 11), np.uint16)
+    data = image(frames, 50.0, GridFrameOffsetVector=list(places), Modality="RTDOSE", DoseGridScaling=1)
+    if places[0]:
+        data.ImageOrientationPatient = [1, 0, 0, 0, -1, 0]
+    del data.SliceThickness
+    save(data, tmp_path / "dose.dcm")
+    found = heights(sg.load(tmp_path / "dose.dcm"))
+    assert found == pytest.approx({place + (0 if places[0] else 50): float(n) for n, place in enumerate(places)})
+
+
+@pytest.mark.parametrize("kind", ["overlay", "table", "views"])
+def test_what_a_header_states_and_is_not_drawn_is_told(tmp_path: Path, kind: str) -> None:
+    from pydicom.dataset import Dataset
+
+    data = nuclear(HU, 3.0, ImageType=["ORIGINAL", "PRIMARY", "TOMO"]) if kind == "views" else image(HU[0])
+    if kind == "overlay":
+        data.add_new((0x6000, 0x0010), "US", 9)
+    if kind == "table":
+        data.RealWorldValueMappingSequence = [Dataset()]
+    save(data, tmp_path / "a.dcm")
+    (note,) = sg.load(tmp_path / "a.dcm").notes
+    assert {"overlay": "overlays", "table": "real-world", "views": "views from around"}[kind] in note
 
 
 def test_modality_table(tmp_path: Path) -> None:

@@ -48,8 +48,54 @@ def test_uneven_slices_are_told(tmp_path: Path) -> None:
     assert volume.spacing[2] == pytest.approx(2.5, rel=0.01) and volume.shape[0] == 5
 
 
-@pytest.mark.parametrize("places", [[0, 2.5, 4, 7.5, 13], [0, 1, 2, 900], [0, 1, 3.4, 3.6, 9]])
-def test_no_even_grid_is_refused(tmp_path: Path, places: list[float]) -> None:
+# places; thicknesses, None: not told; the drawn planes and, of these, those that are empty
+UNEVEN = {
+    "two distances": ([0, 2.5, 5, 7.5, 10, 15, 20], [2.5] * 5 + [5] * 2, np.arange(9) * 2.5, []),
+    "no multiples": ([0, 5, 10, 15, 23, 31], [5] * 4 + [8] * 2, np.arange(7) * 5.0, []),
+    "thick first": ([0, 4, 8, 10, 12, 14], [4] * 3 + [2] * 3, np.arange(8) * 2.0, []),
+    "three": ([0, 1, 2, 4, 6, 9, 12], [1] * 3 + [2] * 2 + [3] * 2, np.arange(13.0), []),
+    "far apart as planned": ([0, 10, 20, 30, 35, 40, 45], [1] * 7, np.arange(10) * 5.0, []),
+    "thickness not told": ([0, 2, 4, 6, 10, 14, 18], None, np.arange(10) * 2.0, []),
+    "missing beside thick ones": ([0, 2, 4, 6, 10, 14, 18, 30], [2] * 4 + [4] * 4, np.arange(16) * 2.0, range(10, 15)),
+    "irregular": ([0, 2.5, 4, 7.5, 9], [4] * 5, np.arange(7) * 1.5, []),
+}
+
+
+@pytest.mark.parametrize("kind", UNEVEN)
+def test_uneven_slices_are_resampled(kind: str, tmp_path: Path) -> None:
+    """At the least distance, linearly: a ramp along z stays what it is, and nothing is empty where slices touch."""
+    places, thick, planes, empty = UNEVEN[kind]
+    (tmp_path / "ct").mkdir()
+    for n, place in enumerate(places):
+        data = image(np.full((4, 5), round(100 * place), np.int16), place, SliceThickness=thick and thick[n])
+        save(data, tmp_path / "ct" / f"{n}.dcm")
+    volume = sg.load(tmp_path / "ct")
+    assert volume.spacing[2] == pytest.approx(planes[1]) and volume.origin[2] == pytest.approx(0)
+    expected = np.minimum(100 * planes, 100 * places[-1])
+    expected[list(empty)] = np.nan
+    np.testing.assert_allclose(volume.samples[:, 1, 2], expected, atol=0.51)
+    assert volume.notes[0].startswith("uneven slices") and f"resampled every {planes[1]:g} mm" in volume.notes[0]
+    assert len(volume.notes) == 1 + bool(empty) and (volume.samples.dtype == np.int16) == (not empty)
+
+
+def test_colors_and_padding_of_uneven_slices(tmp_path: Path) -> None:
+    """A colour is that of one slice; beside padding, the nearer slice's value stands."""
+    for name, kind in (("rgb", np.uint8), ("ct", np.int16)):
+        (tmp_path / name).mkdir()
+        for n, place in enumerate([0, 1, 2, 4, 6]):
+            plane = np.full((4, 5, 3) if name == "rgb" else (4, 5), 10 * (n + 1), kind)
+            tags = {} if name == "rgb" else {"PixelPaddingValue": 50}
+            save(image(plane, place, SliceThickness=2, **tags), tmp_path / name / f"{n}.dcm")
+    assert sg.load(tmp_path / "rgb").color[:, 0, 0, 0].tolist() in (
+        [10, 20, 30, n, 40, m, 50] for n in (30, 40) for m in (40, 50)
+    )
+    values = sg.load(tmp_path / "ct").samples[:, 0, 0]
+    np.testing.assert_array_equal(values[[0, 1, 2, 3, 4, 6]], [10, 20, 30, 35, 40, np.nan])
+    assert np.isnan(values[5]) or values[5] == 40
+
+
+@pytest.mark.parametrize("places", [[0, 1, 2, 900], [0, 1, 3.4, 3.5, 9]])
+def test_no_grid_is_refused(tmp_path: Path, places: list[float]) -> None:
     with pytest.raises(InputError, match="slices: expected"):
         sg.load(placed(tmp_path / "ct", places))
 

@@ -38,9 +38,13 @@ def read(path: Path, options: LoadOptions) -> Volume:
     for head in {id(frame.header): frame.header for frame in group}.values():
         with _of(head, group):
             check_header(head)
+    notes += dict.fromkeys(note for frame in group for note in frame.header.notes)
     # 2. where they lie, and their samples
     grid = grid_of(group, options)
     samples, color = _samples(grid)
+    if grid.between is not None:
+        samples = _between(samples, grid.between)
+        color = None if color is None else _between(color, np.rint(np.nan_to_num(grid.between)))
     return Volume(
         samples,
         grid.spacing,
@@ -87,6 +91,24 @@ def _samples(grid: Grid) -> tuple[np.ndarray, np.ndarray | None]:
                 if color is not None and colors is not None:
                     color[plane] = colors
     return samples, color
+
+
+def _between(planes: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Planes [D, …] at places among the given ones, linear between two; NaN where the place is, which makes float32.
+
+    Beside a value that is not there, the nearer plane's.
+    """
+    empty = np.isnan(places)
+    found = np.zeros((len(places), *planes.shape[1:]), np.float32 if empty.any() else planes.dtype)
+    for n, place in enumerate(np.where(empty, 0.0, places)):
+        first, share = int(place), place % 1
+        near, far = planes[first], planes[min(first + 1, len(planes) - 1)]
+        mixed = near + share * (far.astype(np.float64) - near) if share else near
+        mixed = np.where(np.isfinite(mixed), mixed, near if share < 0.5 else far) if planes.dtype.kind == "f" else mixed
+        found[n] = mixed if found.dtype.kind == "f" else np.rint(mixed)
+    if empty.any():
+        found[empty] = np.nan
+    return found
 
 
 def _dtype(group: Sequence[Frame], gaps: bool) -> np.dtype:

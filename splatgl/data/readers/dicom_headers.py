@@ -21,13 +21,19 @@ TAGS = """
     SpacingBetweenSlices TriggerTime EchoTime DiffusionBValue SeriesInstanceUID SeriesNumber AcquisitionNumber
     InstanceNumber ImagePositionPatient ImageOrientationPatient TemporalPositionIdentifier ImagerPixelSpacing
     DetectorInformationSequence SharedFunctionalGroupsSequence PerFrameFunctionalGroupsSequence
-    GridFrameOffsetVector DoseGridScaling SamplesPerPixel PhotometricInterpretation PlanarConfiguration
-    NumberOfFrames Rows Columns PixelSpacing BitsAllocated BitsStored HighBit PixelRepresentation
-    PixelPaddingValue PixelPaddingRangeLimit RescaleIntercept RescaleSlope RescaleType Units ModalityLUTSequence
+    GridFrameOffsetVector FrameIncrementPointer SliceVector TimeSlotVector TimeSliceVector PhaseVector RRIntervalVector
+    EnergyWindowVector DetectorVector ImageType DoseGridScaling SamplesPerPixel PhotometricInterpretation
+    PlanarConfiguration NumberOfFrames Rows Columns PixelSpacing BitsAllocated BitsStored HighBit PixelRepresentation
+    PixelPaddingValue PixelPaddingRangeLimit FloatPixelPaddingValue FloatPixelPaddingRangeLimit
+    DoubleFloatPixelPaddingValue DoubleFloatPixelPaddingRangeLimit RescaleIntercept RescaleSlope RescaleType Units
+    RealWorldValueMappingSequence ModalityLUTSequence
     RedPaletteColorLookupTableDescriptor GreenPaletteColorLookupTableDescriptor
     BluePaletteColorLookupTableDescriptor RedPaletteColorLookupTableData GreenPaletteColorLookupTableData
     BluePaletteColorLookupTableData ExtendedOffsetTable ExtendedOffsetTableLengths
 """
+
+# rows of the first overlay
+OVERLAY = 0x60000010
 
 LONG_VRS = (b"OB", b"OW", b"OF", b"OD", b"UN")
 
@@ -43,6 +49,12 @@ PIXELS = {
 
 # what tells images at the same place apart, in this order: tag, the sequence of enhanced files that holds it, its name
 TIMES = (
+    ("EnergyWindowVector", "", "energy windows"),
+    ("DetectorVector", "", "detectors"),
+    ("PhaseVector", "", "phases"),
+    ("RRIntervalVector", "", "beats"),
+    ("TimeSlotVector", "", "time slots"),
+    ("TimeSliceVector", "", "time slices"),
     ("TemporalPositionIdentifier", "", "time points"),
     ("TemporalPositionIndex", "FrameContentSequence", "time points"),
     ("TriggerTime", "", "trigger times"),
@@ -61,7 +73,8 @@ TIMES = (
 class Frame:
     """An image: its header, its number in the file; position [3] and orientation [6] as DICOM has them, LPS mm.
 
-    spacing: (x, y) of its pixels or None. step: from slice to slice as the header has it, or None. scale: (slope,
+    spacing: (x, y) of its pixels or None. step: from slice to slice as the header has it, or None; negative where
+    frames of nuclear medicine are stacked against the normal. thickness: of the slice, or None. scale: (slope,
     intercept). times: values of TIMES, NaN where there is none.
     """
 
@@ -71,9 +84,13 @@ class Frame:
     orientation: Six | None
     spacing: tuple[float, float] | None
     step: float | None
+    thickness: float | None
     scale: tuple[float, float]
     times: Six
 
+
+# of the image storages of nuclear medicine, in which SpacingBetweenSlices has a sign (PS3.3 C.8.4.15)
+NUCLEAR = ("1.2.840.10008.5.1.4.1.1.20", "1.2.840.10008.5.1.4.1.1.5")
 
 # names of units of values
 UNITS = {"HU": "HU", "BQML": "Bq/ml", "CNTS": "counts", "PROPCNTS": "counts", "GML": "g/ml", "CM2ML": "cm²/ml"}
@@ -85,7 +102,7 @@ class Header:
 
     padding: least and largest stored value that stands for nothing. lut: first stored value and the values of a
     modality LUT. sop: class of the file. pixels, offset: name of the pixels' element, "" without one; the byte
-    of their values; room: bytes from there on.
+    of their values; room: bytes from there on. notes: what it states that is not drawn, a line each.
     """
 
     source: Source
@@ -107,6 +124,7 @@ class Header:
     offset: int
     room: int
     value_unit: str = ""
+    notes: tuple[str, ...] = ()
 
 
 @contextmanager
@@ -127,7 +145,7 @@ def dataset(file: Bounded) -> Any:
     except ImportError:
         raise missing_extra("DICOM files", "pydicom", "dicom") from None
     with reading():
-        found: Any = pydicom.dcmread(file, stop_before_pixels=True, force=True, specific_tags=TAGS.split())
+        found: Any = pydicom.dcmread(file, stop_before_pixels=True, force=True, specific_tags=[*TAGS.split(), OVERLAY])
         if "TransferSyntaxUID" not in found.file_meta:
             implicit, little = found.original_encoding
             uid = pydicom.uid
@@ -161,7 +179,7 @@ def header(source: Source) -> tuple[Header, Any]:
             samples=max(whole(told.get("SamplesPerPixel"), 0), 1),
             allocated=allocated,
             stored=(0 if "Float" in keyword else stored or allocated, told.get("PixelRepresentation") == 1),
-            padding=_padding(told),
+            padding=_padding(told, "" if keyword == "PixelData" else keyword.removesuffix("PixelData")),
             lut=_lut(told),
             syntax=str(told.file_meta.TransferSyntaxUID),
             sop=str(told.get("SOPClassUID") or told.file_meta.get("MediaStorageSOPClassUID") or ""),
@@ -169,7 +187,26 @@ def header(source: Source) -> tuple[Header, Any]:
             offset=at,
             room=max(file.size - at, 0),
             value_unit=_value_unit(told),
+            notes=_ignored(told, max(count, 1)),
         ), told
+
+
+def _ignored(told: Any, count: int) -> tuple[str, ...]:
+    """Lines on what a header of so many frames states that its volume has not."""
+    views = [str(each) for each in told.get("ImageType") or ()][2:3]
+    found = {
+        "overlays in the file are not drawn": OVERLAY in told,
+        "values are not mapped to real-world units, for which the file has a table": "RealWorldValueMappingSequence"
+        in told,
+        "the frames are views from around the patient, not slices: stacked as they come": told.get("Modality") == "NM"
+        and count > 1
+        and views in (["TOMO"], ["GATED TOMO"]),
+        "a negative SpacingBetweenSlices has no meaning but in nuclear medicine: taken as positive": count > 1
+        and told.get("Modality") != "NM"
+        and (numbers([told.get("SpacingBetweenSlices")], 1) or (0.0,))[0] < 0
+        and "PerFrameFunctionalGroupsSequence" not in told,
+    }
+    return tuple(note for note, is_there in found.items() if is_there)
 
 
 def _value_unit(told: Any) -> str:
@@ -221,8 +258,9 @@ def _frame(of: Header, number: int, groups: _Groups) -> Frame:
     if detector is not None and position is None:
         position = numbers(detector.get("ImagePositionPatient"), 3)
         orientation = orientation or numbers(detector.get("ImageOrientationPatient"), 6)
-    gap = groups.get("SpacingBetweenSlices", "PixelMeasuresSequence")
-    step = numbers([gap if gap else groups.get("SliceThickness", "PixelMeasuresSequence")], 1)
+    (thickness,) = numbers([groups.get("SliceThickness", "PixelMeasuresSequence")], 1) or (0.0,)
+    (gap,) = numbers([groups.get("SpacingBetweenSlices", "PixelMeasuresSequence")], 1) or (0.0,)
+    step = (gap if of.sop in NUCLEAR or of.modality == "NM" else abs(gap)) or abs(thickness)
     pixel = numbers(groups.get("PixelSpacing", "PixelMeasuresSequence") or groups.told.get("ImagerPixelSpacing"), 2)
     dose = numbers([groups.told.get("DoseGridScaling")], 1)
     slope = dose or numbers([groups.get("RescaleSlope", "PixelValueTransformationSequence")], 1)
@@ -234,7 +272,8 @@ def _frame(of: Header, number: int, groups: _Groups) -> Frame:
         position,
         _unit_axes(orientation),
         (pixel[1], pixel[0]) if pixel and min(pixel) > 0 else None,
-        abs(step[0]) if step and step[0] else None,
+        step or None,
+        abs(thickness) or None,
         (slope[0] if slope and slope[0] else 1.0, shift[0] if shift else 0.0),
         tuple(times),
     )
@@ -250,18 +289,29 @@ def _time(groups: _Groups, tag: str, sequence: str) -> float:
 
 
 def _classic(told: Any, first: Frame) -> list[Frame]:
-    """The frames of a multi-frame file without functional groups: along the normal, by what steps there are."""
+    """The frames of a multi-frame file without functional groups: along the normal, by what steps there are.
+
+    Frames of nuclear medicine say which slice they are, and which of several images of it.
+    """
     count = first.header.frames
     given = told.get("GridFrameOffsetVector")
     offsets = numbers(given, count)
     if given is None and first.step:
-        offsets = tuple(first.step * number for number in range(count))
+        slices = numbers(told.get("SliceVector"), count) or tuple(range(1, count + 1))
+        offsets = tuple(first.step * (number - 1) for number in slices)
+    vectors = [numbers(told.get(tag), count) if tag.endswith("Vector") else None for tag, _, _ in TIMES]
+    times = [
+        tuple(found[n] if found else time for found, time in zip(vectors, first.times, strict=True))
+        for n in range(count)
+    ]
     if first.position is None or first.orientation is None or offsets is None:
-        return [replace(first, number=number, position=None) for number in range(count)]
-    normal = normal_of(first.orientation)
-    # of a dose, the first offset is 0, or the position itself
-    places = [np.array(first.position) + (offset - offsets[0]) * normal for offset in offsets]
-    return [replace(first, number=n, position=tuple(place.tolist())) for n, place in enumerate(places)]
+        return [replace(first, number=number, position=None, times=times[number]) for number in range(count)]
+    normal, start = normal_of(first.orientation), np.array(first.position)
+    if given is not None and offsets[0] and abs(offsets[0] - start[2]) < 1e-3:
+        # of a dose, offsets that begin with the position's z are places along z (PS3.3 C.8.8.3.2)
+        normal = np.array([0.0, 0.0, 1.0])
+    places = [start + (offset - (offsets[0] if given is not None else 0.0)) * normal for offset in offsets]
+    return [replace(first, number=n, position=tuple(place.tolist()), times=times[n]) for n, place in enumerate(places)]
 
 
 def normal_of(orientation: Six) -> np.ndarray:
@@ -289,13 +339,34 @@ def _lenient(told: Any, tag: str) -> Any:
         return None
 
 
-def _padding(told: Any) -> tuple[float, float] | None:
-    """The range of stored values that stand for nothing. Zero is no such value: MRI pads with its background."""
-    first = numbers([told.get("PixelPaddingValue")], 1)
-    last = numbers([told.get("PixelPaddingRangeLimit")], 1) or first
+def _padding(told: Any, pixels: str) -> tuple[float, float] | None:
+    """The range of stored values that stand for nothing. Zero is no such value: MRI pads with its background.
+
+    pixels: "Float" or "DoubleFloat" of floating-point pixels, else "".
+    """
+    tags = (f"{pixels}PixelPadding{name}" for name in ("Value", "RangeLimit"))
+    found = [_as_stored(told, tag) if not pixels else numbers([told.get(tag)], 1) for tag in tags]
+    first, last = found[0], found[1] or found[0]
     if not first or not last or first[0] == 0:
         return None
     return min(first[0], last[0]), max(first[0], last[0])
+
+
+def _as_stored(told: Any, tag: str) -> Six | None:
+    """The number of a tag that is of the pixels' type (US or SS), whatever the file writes: its bits as pixels."""
+    value = told.get(tag)
+    if isinstance(value, bytes) and len(value) == 2:
+        value = int.from_bytes(value, "little" if told.original_encoding[1] else "big")
+    found = numbers([value], 1)
+    return None if found is None else (_wrapped(told, found[0]),)
+
+
+def _wrapped(told: Any, value: float) -> float:
+    """A number of 16 bits as the type of the pixels has it: 63536 is −2000 of signed ones, and the reverse."""
+    signed, bits = told.get("PixelRepresentation") == 1, whole(told.get("BitsAllocated"), 16)
+    if bits > 16 or not -(2**15) <= value < 2**16:
+        return value
+    return value - 2**16 if signed and value >= 2**15 else value + 2**16 if not signed and value < 0 else value
 
 
 def _lut(told: Any) -> tuple[int, np.ndarray] | None:
@@ -313,7 +384,7 @@ def _lut(told: Any) -> tuple[int, np.ndarray] | None:
         or not 8 <= bits <= 16
     ):
         raise expected("modality LUT", "as many entries as its descriptor says", len(wide), "the header is damaged")
-    return first, wide.astype(np.int64)
+    return int(_wrapped(told, first)), wide.astype(np.int64)
 
 
 def numbers(value: Any, count: int) -> Six | None:
