@@ -92,11 +92,11 @@ def grid_of(frames: Sequence[Frame], options: LoadOptions) -> Grid:
         origin, step = positions[0], normal * abs(first.step or across[0])
     elif indices is None:
         origin, step, between, told = _resampled(positions, positions @ normal, chosen)
-        indices = np.arange(len(chosen))
         notes += told
     else:
         origin, step = _line(indices, positions)
         notes += _told(indices, positions, origin, step)
+    indices = np.arange(len(chosen)) if indices is None else indices
     planes: list[Frame | None] = [None] * (int(indices[-1]) + 1)
     for index, frame in zip(indices.tolist(), chosen, strict=True):
         planes[index] = frame

@@ -145,7 +145,8 @@ def dataset(file: Bounded) -> Any:
     except ImportError:
         raise missing_extra("DICOM files", "pydicom", "dicom") from None
     with reading():
-        found: Any = pydicom.dcmread(file, stop_before_pixels=True, force=True, specific_tags=[*TAGS.split(), OVERLAY])
+        tags: list[Any] = [*TAGS.split(), OVERLAY]
+        found: Any = pydicom.dcmread(file, stop_before_pixels=True, force=True, specific_tags=tags)
         if "TransferSyntaxUID" not in found.file_meta:
             implicit, little = found.original_encoding
             uid = pydicom.uid
