@@ -50,13 +50,14 @@ def test_tunnel_is_the_papers(tunnel: Volume) -> None:
     assert depths(tunnel).min() < 221.7 < depths(tunnel).max()
 
 
-def test_tunnel_is_checked_black_and_white(tunnel: Volume) -> None:
+def test_tunnel_is_checked_red_and_white(tunnel: Volume) -> None:
     assert tunnel.color is not None
     wall = tunnel.samples > 0
     shades = tunnel.color[wall]
-    assert (shades[:, :1] == shades).all()
-    assert sorted(np.unique(shades)) == [scenes.BLACK, scenes.WHITE]
-    assert np.mean(shades[:, 0] == scenes.WHITE) == pytest.approx(0.5, abs=0.01)
+    (red, white), counts = np.unique(shades, axis=0, return_counts=True)
+    assert (tuple(red), tuple(white)) == (scenes.RED, scenes.WHITE) and not tunnel.color[~wall].any()
+    assert red[0] > 2 * red[1:].max() and white.min() > 240, "a black line is seen on both"
+    assert counts / counts.sum() == pytest.approx(0.5, abs=0.01)
     # the shade turns over every 10 voxels along, and an even number of times around
     along = tunnel.color[:, 80, 2, 0].astype(int)
     assert np.flatnonzero(np.diff(along)).tolist() == list(range(9, 299, 10))

@@ -23,14 +23,14 @@ __all__ += ["terrain", "tunnel"]
 # the tube in voxels: the box's sides and length, and a bore that leaves 0.69 million voxels of wall
 TUNNEL_SHAPE = (300, 160, 160)
 TUNNEL_OUTER, TUNNEL_BORE = 80.0, 75.32
-# sRGB of the checks; black ones also contain matter
-BLACK, WHITE = 10, 250
+# sRGB of the checks: a black line, at z_k, is seen on both
+RED, WHITE = (220, 20, 20), (250, 250, 250)
 # distance of the eye from the opening, in voxels
 TUNNEL_EYE = 8.0
 
 
 def tunnel(check: int = 10) -> Volume:
-    """A tube of black and white checks along z, 160×160×300 voxels, 0.69 million of them wall.  [M98 Fig. 5]
+    """A tube of red and white checks along z, 160×160×300 voxels, 0.69 million of them wall.  [M98 §3.5, Fig. 5]
 
     samples uint8: 255 in the wall, 0 elsewhere; color: the checks, about `check` voxels long and wide
     (an even number around). The view is down the bore. Raises InputError for checks under a voxel.
@@ -50,8 +50,7 @@ def tunnel(check: int = 10) -> Volume:
 
     # repeat the cross-section along z
     samples = np.broadcast_to(wall * np.uint8(255), TUNNEL_SHAPE).copy()
-    shade = np.where(wall, np.where(odd, np.uint8(WHITE), np.uint8(BLACK)), np.uint8(0))
-    color = np.repeat(shade[..., None], 3, axis=-1)
+    color = np.where(odd[..., None], np.array(WHITE, np.uint8), np.array(RED, np.uint8)) * wall[..., None]
     middle = ((width - 1) / 2, (height - 1) / 2)
     hints = Hints(
         points=((0.0, 0.0), (255.0, 0.99)),
