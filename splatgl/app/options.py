@@ -15,6 +15,7 @@ from splatgl.app.viewpoint import View
 from splatgl.data.errors import expected
 from splatgl.data.readers import LoadOptions
 from splatgl.data.readers.inside import inside
+from splatgl.data.readers.options import VALUES
 from splatgl.data.readers.remote import is_address
 from splatgl.splat.plan.settings import LIKE, Settings, choices
 
@@ -33,6 +34,8 @@ def add_source(parser: argparse.ArgumentParser, optional: bool = False) -> None:
     group.add_argument("--offset", dest="header_offset", type=int, metavar="BYTES", help="skipped in a headerless file")
     about = "voxel spacing, instead of the file's and in its unit"
     group.add_argument("--spacing", type=numbers(3), metavar="X,Y,Z", help=about)
+    about = "what the samples are (told by the file, else by whether equal ones lie in flat areas)"
+    group.add_argument("--values", choices=VALUES, metavar="|".join(VALUES), help=about)
     group.add_argument("--array", metavar="NAME", help="which array, block or step of a file that holds several")
     group.add_argument(
         "--channel",

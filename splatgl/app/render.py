@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     from splatgl.splat.view.camera import Camera
     from splatgl.truth.compare_read import Picture
 
+# most labels that a picture stores: some 16 kB of text
+LABELS = 512
 # delay of the progress bar in seconds
 PATIENCE = 1.0
 
@@ -297,12 +299,13 @@ def drawn(how: Drawing, scene: Scene, splats: Splats, camera: Camera) -> Image:
 
 
 def origin(scene: Scene, transfer: Transfer) -> dict[str, object]:
-    """Provenance stored in an image."""
+    """Provenance stored in an image; of very many labels only how many, as readers of PNG limit texts."""
+    few = len(transfer.labels) <= LABELS
     return {
         "version": __version__,
         "source": Path(scene.volume).name,
         "threshold": scene.threshold,
-        "transfer": transfer.to_toml(),
+        "transfer": transfer.to_toml() if few else f"# {len(transfer.labels):,} labels in colours of their numbers",
     }
 
 

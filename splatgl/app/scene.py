@@ -35,6 +35,7 @@ from splatgl.data.scenes import SCENES
 from splatgl.data.toml import load_table, toml_value
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.colormap import whole
+from splatgl.splat.classification.flatness import decided
 from splatgl.splat.classification.presets import default_transfer, label_transfer, logarithmic, preset, preset_named
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.settings import Settings
@@ -223,6 +224,8 @@ class Scene:
     def _placed(self, volume: Volume) -> Volume:
         """What is drawn of a volume; a flat stack with the view of it, unless the view says what is up."""
         volume, view = self._masked(self.vectors.values(volume)), self.view
+        # what is given decides, too
+        volume = volume if self.transfer.keys() & {"preset", "points", "only_labels"} else decided(volume)
         if view.eye is not None or view.up is not None:
             return volume
         return seen_along_z(volume, told=view.azimuth is None and view.elevation is None)

@@ -1,8 +1,10 @@
-"""Names of what simulations compute: of arrays and files whose samples are a field, and no picture of an object."""
+"""Amounts and numbers: names of what simulations compute, and whether values are whole numbers, as labels are."""
 
 from __future__ import annotations
 
 import re
+
+import numpy as np
 
 from splatgl.data.volume import Hints
 
@@ -23,6 +25,14 @@ def is_field(name: str, array: bool = False) -> bool:
     words = re.split(r"[^a-z]+", lower)
     named = any(part in lower for part in PARTS) or any(word in WORDS for word in words)
     return named or (array and lower in LETTERS)
+
+
+def is_whole(values: np.ndarray) -> bool:
+    """Whether all finite values are whole numbers."""
+    if values.dtype.kind != "f":
+        return True
+    finite = values[np.isfinite(values)]
+    return bool((finite == np.rint(finite)).all())
 
 
 def hints_of(array: str, vectors: bool) -> Hints:

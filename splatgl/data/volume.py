@@ -33,7 +33,7 @@ class Hints:
     opacity per `unit` world lengths (None: the mean spacing). preset: a transfer preset's name.
     The view is either an orbit (azimuth, elevation in degrees) or an eye and a target in world
     units; fov is the full vertical angle in degrees. color: "#rrggbb" of a channel at its brightest.
-    stack: whether the samples are planes of a microscope.
+    stack: whether the samples are planes of a microscope. values: "labels", "mask" or "amounts", what samples are.
     """
 
     window: tuple[float, float] | None = None
@@ -50,6 +50,7 @@ class Hints:
     up: Triple | None = None
     fov: float | None = None
     stack: bool = False
+    values: str | None = None
 
 
 @dataclass(frozen=True)
@@ -145,6 +146,13 @@ class Volume:
         from splatgl.data.arrays import volume_of
 
         return volume_of(x, **options)
+
+    def of_values(self, values: str) -> Volume:
+        """The same samples as "labels", in the colours of its table if it has one, or as "amounts"; channels too."""
+        labels = (self.labels or ()) if values == "labels" else None
+        channels, coarser = (tuple(each.of_values(values) for each in some) for some in (self.channels, self.coarser))
+        hints = replace(self.hints, values=values)
+        return replace(self, labels=labels, hints=hints, channels=channels, coarser=coarser)
 
     def masked(self, mask: Any, labels: Sequence[int] = (), outside: bool = False) -> Volume:
         """The same samples, of which pictures show what a mask keeps: where it is not 0, or one of some labels.

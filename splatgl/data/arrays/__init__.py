@@ -11,6 +11,7 @@ from importlib import import_module
 from typing import Any
 
 from splatgl.data.errors import expected
+from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Triple, Volume
 
 # root module of a type, or of one of its bases → its function in this folder; others are arrays
@@ -27,7 +28,8 @@ _SOURCES = {
 class ArrayOptions:
     """Options beside an array; those that are None come from `x`, if it knows them.
 
-    spacing, origin: (x, y, z) in world units. unit: of length. array: name or number, where x holds several.
+    spacing, origin: (x, y, z) in world units. unit: of length. array: name or number, where x holds several. values:
+    "labels" or "amounts", what samples are.
     """
 
     spacing: Triple | None = None
@@ -35,11 +37,12 @@ class ArrayOptions:
     unit: str | None = None
     name: str | None = None
     array: str | int | None = None
+    values: str | None = None
 
     @property
     def given(self) -> dict[str, Any]:
         """The fields of `Volume` among them that are not None."""
-        named = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "array"}
+        named = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("array", "values")}
         return {name: value for name, value in named.items() if value is not None}
 
     def no_array(self, what: str) -> None:
@@ -57,7 +60,8 @@ def volume_of(x: Any, **options: Any) -> Volume:
     found = x if isinstance(x, Volume) else _source(x)(x, asked)
     # an array that does not know its spacing does not know that of its levels
     levels = {"coarser": ()} if asked.spacing is not None or asked.origin is not None else {}
-    return replace(found, **asked.given, **levels)
+    found = replace(found, **asked.given, **levels)
+    return found if asked.values is None else found.of_values(LoadOptions(values=asked.values).values or "")
 
 
 def _source(x: Any) -> Any:

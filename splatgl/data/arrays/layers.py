@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -49,6 +50,8 @@ def of_napari(x: Any, options: ArrayOptions) -> Volume:
         # zarr's and HDF5's arrays would be read whole
         samples = checked(data if not lead else data[lead] if _is_view(data) else Turned(data, lead=lead), "layer")
         made.append(Volume(samples, spacing, triple(start, "translate"), direction, unit, x.name, hints=hints))
+    if kind == "Labels":
+        made = [replace(each, labels=()) for each in made]
     first, *coarser = made
     object.__setattr__(first, "coarser", tuple(coarser))
     return first

@@ -92,7 +92,7 @@ FORMATS = (
     Format("height picture", (".png", ".jpg", ".jpeg"), "terrain.read_picture", _TERRAIN, ("PNG", "JPEG")),
     Format("height table", (".csv",), "terrain.read_csv", _TERRAIN),
 )
-"""All formats; every one takes `spacing` too."""
+"""All formats; every one takes `spacing` and `values` too."""
 
 LINE_LIMIT = 400
 """Most characters of a message behind the path: some quote the file."""
@@ -157,7 +157,7 @@ def _load(path: Path, options: LoadOptions) -> Volume:
     form = _format(path)
     _check(path, form, options)
     volume = _named(form.read(path, options), path.name, form, options)
-    if volume.labels or volume.samples.dtype.kind not in "bui":
+    if volume.labels or volume.samples.dtype.kind not in "bui" or options.values == "amounts":
         return volume
     table = table_beside(path, path.name[: len(path.name) - len(_suffix(path, form))])
     return volume if table is None else replace(volume, labels=table)
@@ -182,6 +182,8 @@ def _named(volume: Volume, name: str, form: Format, options: LoadOptions) -> Vol
         # a file that does not know its spacing does not know that of its levels
         channels = tuple(replace(each, spacing=options.spacing, coarser=()) for each in volume.channels)
         volume = replace(volume, spacing=options.spacing, coarser=(), channels=channels)
+    if options.values is not None:
+        volume = volume.of_values(options.values)
     suffix = _suffix(Path(name), form)
     return replace(volume, name=(name[: -len(suffix)] if suffix else name).removesuffix(".ome"))
 
@@ -241,9 +243,10 @@ def _check(path: Path, form: Format, options: LoadOptions) -> None:
 
 def _refuse(form: Format, options: LoadOptions) -> None:
     """InputError for options that the format doesn't support."""
-    refused = sorted(options.given - {"spacing", *form.takes})
+    refused = sorted(options.given - {"spacing", "values", *form.takes})
     if refused:
-        raise expected("options", f"some of {', '.join(('spacing', *form.takes))} for {form.title}", ", ".join(refused))
+        known = ", ".join(("spacing", "values", *form.takes))
+        raise expected("options", f"some of {known} for {form.title}", ", ".join(refused))
 
 
 def _start(path: Path) -> str | None:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.errors import expected, missing_extra
+from splatgl.data.quantities import is_whole
 from splatgl.data.readers.files import (
     byte_count,
     grid_shape,
@@ -57,8 +58,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
 def of_image(image: Any, options: LoadOptions) -> Volume:
     """The volume of a nibabel image with a NIfTI header, in a file or in memory, as `read` gives it."""
     volume = _told(image).volume(options, lambda _: _volume(image, options))
-    whole = volume.samples.dtype.kind in "bui" and int(image.header["intent_code"]) == _LABELS
-    return replace(volume, labels=()) if whole else volume
+    named = int(image.header["intent_code"]) == _LABELS and all(map(is_whole, volume.samples))
+    return replace(volume, labels=()) if named else volume
 
 
 def _told(image: Any) -> Several:

@@ -14,6 +14,9 @@ from splatgl.data.volume import Triple
 DEFAULT_LEVELS = 103
 """Voxel levels of a terrain: the height of the terrain volume in [M98], 512 × 512 × 103."""
 
+VALUES = ("labels", "amounts")
+"""What samples may be."""
+
 _NAMED_DTYPE = re.compile(r"(bool|u?int8|u?int16|u?int32|u?int64|float16|float32|float64)(le|be)?")
 
 _TYPES: dict[str, tuple[tuple[type, ...], str]] = {
@@ -27,6 +30,7 @@ _TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "color": ((str, Path), "the path of a picture"),
     "relief": ((int, float), "a positive height in world units"),
     "levels": ((int,), "a whole number"),
+    "values": ((str,), "labels or amounts"),
     "anywhere": ((bool,), "true or false"),
 }
 """What an option may be, and how that is said."""
@@ -44,6 +48,7 @@ class LoadOptions:
     series: number of a DICOM series in the list of `splatgl info`, from 1 on, or the end of its UID.
     color: path of the colour picture of a height map; relief: the world height that the map spans;
     levels: voxel levels of the terrain.
+    values: "labels" or "amounts", what samples are, where the file does not say or says it wrongly.
     anywhere: the data of a detached header may lie outside its folder; only for trusted headers.
     Raises InputError for values that no file could have.
     """
@@ -60,6 +65,7 @@ class LoadOptions:
     color: str | Path | None = None
     relief: float | None = None
     levels: int = DEFAULT_LEVELS
+    values: str | None = None
     anywhere: bool = False
 
     def __post_init__(self) -> None:
@@ -84,6 +90,8 @@ class LoadOptions:
             value = getattr(self, name)
             if isinstance(value, int) and value < 0:
                 raise expected(name, "zero or more", value)
+        if self.values not in (None, *VALUES):
+            raise expected("values", " or ".join(VALUES), repr(self.values))
         if self.levels < 2:
             raise expected("levels", "two or more voxel levels", self.levels)
         if self.relief is not None and not 0 < self.relief < np.inf:

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
+from splatgl.data.color import linear_from_srgb
 from splatgl.data.errors import expected
 from splatgl.data.volume import Label, Volume
-from splatgl.splat.classification.colormap import colormap
 
 # (number, "#rrggbb", opacity), ascending
 Shown = Sequence[tuple[int, str, float]]
 
 # opacity of a label, per reference length
 SOLID = 0.99
-# most numbers that a volume without a table of labels may have
-MOST_LABELS = 4096
+# most numbers that a volume without a table of labels may have: a list of them takes seconds
+MOST_LABELS = 1 << 20
 # colours of labels without one, which differ in hue and lightness; beyond, turned hues
 COLORS = (
     *("#e0a48c", "#7fb069", "#5aa9e6", "#f2c14e", "#b388eb", "#e4572e", "#2ec4b6", "#f48fb1", "#a1887f", "#90a4ae"),
@@ -26,20 +27,26 @@ COLORS = (
 )
 # turn of the hue from one round of COLORS to the next: the golden ratio's
 TURN = 0.618034
+# turns after which hues repeat, so that those of numbers of 64 bits have digits left
+TURNS = 1_000_003
 
 
 def color_of(number: int) -> str:
     """The colour of a label that has none: the same in every file."""
-    turn, place = divmod(abs(number) - 1, len(COLORS))
-    if turn == 0:
-        return COLORS[place]
-    red, green, blue = (int(COLORS[place][k : k + 2], 16) for k in (1, 3, 5))
-    angle = 2 * np.pi * (turn * TURN % 1.0)
+    return colors_of([number])[0]
+
+
+def colors_of(numbers: Sequence[int]) -> list[str]:
+    """The colours of labels that have none."""
+    turns, places = zip(*(divmod(abs(number) - 1, len(COLORS)) for number in numbers), strict=True)
+    rgb = np.array([[int(COLORS[place][k : k + 2], 16) for k in (1, 3, 5)] for place in places], np.float64)
+    angle = 2 * np.pi * (np.array([turn % TURNS for turn in turns]) * TURN % 1.0)
     # a rotation about the grey axis
-    c, s = float(np.cos(angle)), float(np.sin(angle)) / 3**0.5
-    rows = np.full((3, 3), (1 - c) / 3) + c * np.eye(3) + s * np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]])
-    turned = np.clip(rows @ [red, green, blue], 0, 255).round().astype(int)
-    return "#{:02x}{:02x}{:02x}".format(*turned.tolist())
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None] / 3**0.5
+    around = rgb[:, [1, 2, 0]] - rgb[:, [2, 0, 1]]
+    turned = c * rgb + (1 - c) * rgb.mean(axis=1, keepdims=True) - s * around
+    whole = np.clip(turned, 0, 255).round().astype(int).tolist()
+    return ["#{:02x}{:02x}{:02x}".format(*row) for row in whole]
 
 
 def labels_of(volume: Volume) -> tuple[Label, ...]:
@@ -48,14 +55,17 @@ def labels_of(volume: Volume) -> tuple[Label, ...]:
     """
     if volume.labels:
         return volume.labels
-    if volume.samples.dtype.kind not in "bui":
-        raise expected(volume.name or "labels", "whole numbers", volume.samples.dtype.name)
-    found = np.zeros(0, np.int64)
+    found: np.ndarray = np.zeros(0, volume.samples.dtype)
     for slab in volume.slabs(16, halo=0):
-        found = np.union1d(found, np.unique(slab.samples))
+        there = np.unique(slab.samples)
+        if there.dtype.kind == "f":
+            there = there[np.isfinite(there)]
+            if (there != np.rint(there)).any():
+                raise expected(volume.name or "labels", "whole numbers", volume.samples.dtype.name)
+        found = np.union1d(found, there)
         if len(found) > MOST_LABELS:
             raise expected(volume.name or "labels", f"at most {MOST_LABELS} labels", "more", "is it a segmentation?")
-    return tuple(Label(int(number)) for number in found if number != 0)
+    return tuple(Label(number) for number in map(int, found.tolist()) if number)
 
 
 def shown_labels(labels: Sequence[Label], only: Sequence[tuple[int, float]] | None = None) -> Shown:
@@ -68,9 +78,11 @@ def shown_labels(labels: Sequence[Label], only: Sequence[tuple[int, float]] | No
         if number not in table:
             known = [str(label.number) for label in labels[:20]]
             raise expected("only_labels", f"some of {', '.join(known)}{', …' * (len(table) > 20)}", number)
+    bare = [number for number, _ in chosen if not table[number].color]
+    colors = dict(zip(bare, colors_of(bare), strict=True)) if bare else {}
     named = ((table[number], factor) for number, factor in chosen)
     return checked_labels(
-        [(each.number, each.color or color_of(each.number), SOLID * each.opacity * factor) for each, factor in named]
+        [(each.number, each.color or colors[each.number], SOLID * each.opacity * factor) for each, factor in named]
     )
 
 
@@ -94,15 +106,31 @@ def checked_labels(labels: Any) -> Shown:
 
 def label_opacity(labels: Shown, values: np.ndarray) -> np.ndarray:
     """Opacities, float64, the shape of values: 0 of what is no label."""
-    return _looked_up(labels, values, np.array([[opacity] for _, _, opacity in labels]))[..., 0]
+    return _looked_up(labels, values, 0)
 
 
 def label_color(labels: Shown, values: np.ndarray) -> np.ndarray:
     """Linear RGB, float64 [..., 3]."""
-    return _looked_up(labels, values, np.array([colormap(color)[0] for _, color, _ in labels]))
+    return _looked_up(labels, values, 1)
 
 
-def _looked_up(labels: Shown, values: np.ndarray, table: np.ndarray) -> np.ndarray:
-    numbers = np.array([number for number, _, _ in labels], np.float64)
+def _looked_up(labels: Shown, values: np.ndarray, column: int) -> np.ndarray:
+    numbers, *columns = _table(tuple(labels), values.dtype.kind in "bui")
+    values = values.astype(numbers.dtype, copy=False)
     place = np.minimum(np.searchsorted(numbers, values), len(numbers) - 1)
-    return np.where((numbers[place] == values)[..., None], table[place], 0.0)
+    same, table = numbers[place] == values, columns[column]
+    return np.where(same[..., None] if table.ndim > 1 else same, table[place], 0.0)
+
+
+@lru_cache(maxsize=8)
+def _table(labels: Shown, whole: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Numbers in ascending order, opacities, and linear RGB. whole: of 64 bits, as float64 does not hold them all;
+    those that are unsigned wrap around, as values do.
+    """
+    named = [number for number, _, _ in labels]
+    numbers = np.array(named, object).astype(np.uint64 if min(named) >= 0 else np.int64).astype(np.int64)
+    numbers = numbers if whole else np.array(named, np.float64)
+    order = np.argsort(numbers, kind="stable")
+    opacities = np.array([opacity for _, _, opacity in labels])
+    srgb = np.array([[int(color[k : k + 2], 16) for k in (1, 3, 5)] for _, color, _ in labels])
+    return numbers[order], opacities[order], linear_from_srgb(np.arange(256) / 255)[srgb[order]]

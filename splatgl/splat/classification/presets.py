@@ -11,10 +11,11 @@ import numpy as np
 from splatgl.data.errors import expected
 from splatgl.data.quantities import FIELD, is_field
 from splatgl.data.volume import Volume
+from splatgl.splat.classification.flatness import LABELS, MASK, kind_of
 from splatgl.splat.classification.labels import labels_of, shown_labels
 from splatgl.splat.classification.looks import CORE, SOLID, SURFACE, Look, Preset, field, glow, soft, solid, surface
 from splatgl.splat.classification.medical import MEDICAL
-from splatgl.splat.classification.statistics import Statistics, few_values, sorted_percentile, statistics
+from splatgl.splat.classification.statistics import Statistics, sorted_percentile, statistics
 from splatgl.splat.classification.transfer import Transfer
 
 # Hounsfield units: air is −1000, water 0, bone from about 200; scanners pad down to −4096 at most
@@ -132,18 +133,15 @@ def label_transfer(volume: Volume, only: Sequence[tuple[int, float]] | None = No
 
 
 def _from_values(volume: Volume) -> Transfer:
+    kind = volume.hints.values or kind_of(volume)[0]
     stats = statistics(volume)
-    if not _is_labels(volume, stats):
-        return _built(PRESETS[_chosen(volume, stats)], stats)
-    if _two(stats):
-        return replace(_built(PRESETS["terrain"], stats), colormap="ivory")
+    several = len(np.unique(stats.values)) > 2
     # a picture's colours are no names, however few they are
-    return label_transfer(volume) if volume.color is None else _built(PRESETS[_chosen(volume, stats)], stats)
-
-
-def _is_labels(volume: Volume, stats: Statistics) -> bool:
-    whole = volume.samples.dtype.kind in "bui" and stats.ground is None
-    return whole and not stats.constant and few_values(stats.values)
+    if (kind == LABELS or (kind == MASK and several)) and volume.color is None:
+        return label_transfer(volume)
+    if kind == MASK and not stats.constant:
+        return replace(_built(PRESETS["terrain"], stats), colormap="ivory")
+    return _built(PRESETS[_chosen(volume, stats)], stats)
 
 
 def _chosen(volume: Volume, stats: Statistics) -> str:
@@ -159,8 +157,12 @@ def _chosen(volume: Volume, stats: Statistics) -> str:
 
 
 def _is_computed(volume: Volume, stats: Statistics) -> bool:
-    """Whether the values above the lowest are nearly all different, in a file without anatomy: no scanner's are."""
-    if volume.samples.dtype.kind != "f" or volume.frame is not None or volume.unit in OF_OBJECTS or stats.constant:
+    """Whether the values above the lowest are nearly all different, in a file without anatomy: no scanner's are,
+    which are whole numbers in any type.
+    """
+    if volume.frame is not None or volume.unit in OF_OBJECTS or stats.constant:
+        return False
+    if (stats.values == np.rint(stats.values)).all():
         return False
     above = stats.values[np.searchsorted(stats.values, stats.values[0], side="right") :]
     some = above[:: EVERY if len(above) > MANY else 1]
@@ -193,7 +195,3 @@ def _is_hounsfield(stats: Statistics) -> bool:
     """True for CT-like values: air near −1000, matter above 0, nothing below the scanners' padding."""
     air = stats.share_above(AIR[0]) - stats.share_above(AIR[1])
     return stats.values[0] >= PADDING and air >= AIR_SHARE and stats.share_above(-200.0) >= AIR_SHARE
-
-
-def _two(stats: Statistics) -> bool:
-    return len(np.unique(stats.values)) == 2

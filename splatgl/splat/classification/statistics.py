@@ -30,8 +30,6 @@ WHOLE = 3
 # otherwise, an object that covers at most this share of the faces counts as foreground
 COVERED = 0.25
 RUNGS = 3
-# volumes with at most this many different values number parts: labels
-LABELS = 32
 # values beyond are scaled: sums of squares of others fit float64
 LARGE = 1e150
 # halves of differences that float64 holds
@@ -93,7 +91,7 @@ def statistics(volume: Volume) -> Statistics:
     if len(finite) == 0:
         return Statistics(finite, 1.0, (), 0)
     background = _share_of_lowest(finite)
-    ground = ground_of(finite, SPARSE) if background < SPARSE and not few_values(finite) else None
+    ground = ground_of(finite, SPARSE) if background < SPARSE else None
     if ground is not None:
         finite[: np.searchsorted(finite, ground.cut, side="right")] = ground.level
         background = _share_of_lowest(finite)
@@ -112,16 +110,6 @@ def sorted_percentile(values: np.ndarray, percent: float) -> float:
     if high / 2 - low / 2 > LARGEST_HALF:
         return low * (1 - share) + high * share
     return low + (high - low) * share if share < 0.5 else high - (high - low) * (1 - share)
-
-
-def few_values(values: np.ndarray) -> bool:
-    """Whether sorted values are at most LABELS different ones."""
-    at = 0
-    for _ in range(LABELS):
-        at = int(np.searchsorted(values, values[at], side="right"))
-        if at == len(values):
-            return True
-    return False
 
 
 def _share_of_lowest(values: np.ndarray) -> float:
