@@ -45,7 +45,7 @@ VOLUMES: dict[str, tuple[str, dict[str, Any], dict[str, Any], dict[str, Any]]] =
         "head_mri_160x232x160.nii.gz",
         {},
         {"points": ((50, 0), (90, 0.6)), "colormap": "flesh", "window": (-60, 230)},
-        {"azimuth": 215, "elevation": 5, "zoom": 1.3},
+        {"azimuth": 35, "elevation": 5, "zoom": 1.3},
     ),
     "head, CT: bone": (
         "visible_male_128x256x256_uint8.raw",

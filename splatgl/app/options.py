@@ -102,7 +102,10 @@ def add_view(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("view (default: all of it, from the front)")
     group.add_argument("--size", type=size, metavar="W×H", help="pixels, such as 800x600 or 512 (512x512)")
     group.add_argument(
-        "--azimuth", type=float, metavar="A", help="degrees about the up axis, counter-clockwise from above"
+        "--azimuth",
+        type=float,
+        metavar="A",
+        help="degrees about the up axis, counter-clockwise from above; 0: the front",
     )
     group.add_argument("--elevation", type=float, metavar="A", help="degrees above the horizon")
     group.add_argument("--zoom", type=float, metavar="F", help="above 1 is nearer")

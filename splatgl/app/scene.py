@@ -239,7 +239,7 @@ class Scene:
         around = crop_planes(self.crop, volume) if self.crop else ()
         found = planes_of(self.clip or (), Box.of([volume]))
         settings = self.settings.but(clip=(*self.settings.clip, *found, *around))
-        view = Fitted.of(self.view, Part(left(around, volume.corners))) if around else self.view
+        view = Fitted.of(self.view, Part(left(around, volume.corners), volume.frame)) if around else self.view
         return replace(self, clip=None, crop="", settings=settings, view=view)
 
     def splats(

@@ -191,6 +191,7 @@ class Swept:
 
     corners: np.ndarray
     outline: np.ndarray
+    frame: str | None = None
 
     @classmethod
     def of(cls, subject: Bounded, axis: np.ndarray) -> Swept:
@@ -211,4 +212,4 @@ class Swept:
         ring = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), np.cross(axis, first))
         radii, heights = np.repeat(furthest, 2), np.stack([edges[:-1], edges[1:]], axis=1).ravel()
         points = center + radii[:, None, None] * ring + heights[:, None, None] * axis
-        return cls(subject.corners, points.reshape(-1, 3))
+        return cls(subject.corners, points.reshape(-1, 3), getattr(subject, "frame", None))

@@ -100,11 +100,10 @@ def _center(volume: Volume | Splats) -> np.ndarray:
 
 
 def _default_orbit(volume: Volume | Splats) -> tuple[float, float]:
-    """Default azimuth and elevation: anatomy from the front, volumes thinner than FLAT of their width from above."""
+    """Default azimuth and elevation: from the front, volumes thinner than FLAT of their width from above."""
     extent = volume.corners.max(axis=0) - volume.corners.min(axis=0)
     elevation = ELEVATION_FLAT if extent[2] < FLAT * min(extent[0], extent[1]) else ELEVATION
-    # in RAS the front is +y, in LPS it is −y
-    return (180.0 + AZIMUTH if getattr(volume, "frame", None) == "RAS" else AZIMUTH), elevation
+    return AZIMUTH, elevation
 
 
 def typed(name: str, value: Any) -> Any:

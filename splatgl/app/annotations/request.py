@@ -126,7 +126,7 @@ def room(volume: Volume) -> Part:
     """What a view is fitted to that shows a volume's box and its numbers."""
     from splatgl.splat.view.cuts import Part
 
-    return Part(volume.center + (volume.corners - volume.center) * ROOM)
+    return Part(volume.center + (volume.corners - volume.center) * ROOM, volume.frame)
 
 
 def lay(

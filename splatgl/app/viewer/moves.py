@@ -49,12 +49,12 @@ def name_of(view: str, frame: str | None) -> str:
 
 
 def angles(view: str, frame: str | None) -> tuple[float, float]:
-    """Azimuth and elevation of a standard view of data in a frame, LPS, RAS or None."""
+    """Azimuth and elevation of a standard view of data in a frame: LPS, RAS or None."""
     azimuth, elevation = VIEWS[view]
-    # in LPS +x is the patient's left; in RAS both x and y are turned round
+    # a patient's right is at the viewer's left
     if frame and view in ("left", "right"):
         azimuth = -azimuth
-    return azimuth + (180.0 if frame == "RAS" else 0.0), elevation
+    return azimuth, elevation
 
 
 def up_of(content: Content) -> np.ndarray:

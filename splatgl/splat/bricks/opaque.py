@@ -32,6 +32,11 @@ class Opaque:
     transfer: Transfer
 
     @property
+    def frame(self) -> str | None:
+        """LPS, RAS or None, as the volume has it."""
+        return self.volume.frame
+
+    @property
     def nothing(self) -> bool:
         """Whether no sample is opaque, of those that are looked at."""
         return self._ends is None and self.volume.count <= (MOST_OF_LEVELS if self.volume.coarser else MOST)

@@ -124,11 +124,12 @@ def extract(
         post = PostClassified.of(transfer, kernel, (width, height, depth), classification == "post-all")
         post = replace(post, lean=classification == "post-lean")
         found = extract_post(volume, post, kernel_named(kernel), planes * height * width, progress)
+    found = replace(found, frame=volume.frame)
     if classification != "auto":
         return found
     many = found.post is not None and len(found) > MOST_KEPT
     if many:
-        found = extract_pre(volume, transfer, threshold, planes, progress)
+        found = replace(extract_pre(volume, transfer, threshold, planes, progress), frame=volume.frame)
     return replace(found, source=Source(volume, transfer, threshold, slab, many))
 
 

@@ -69,6 +69,7 @@ class Splats:
     unit: reference length of opacities, world units. shaded: whether the transfer function shades.
     dropped_depth: largest optical depth that the threshold removed from one axis line. source: of all splats of a
     volume, from which pictures that take others extract them. mask: what cuts rays through values; None: nothing.
+    frame: as of the volume.
     """
 
     records: np.ndarray
@@ -84,6 +85,7 @@ class Splats:
     post: PostClassified | None = None
     source: Source | None = None
     mask: MaskField | None = None
+    frame: str | None = None
 
     def __len__(self) -> int:
         return len(self.records)

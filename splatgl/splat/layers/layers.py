@@ -90,8 +90,8 @@ class Scene:
 
     def __post_init__(self) -> None:
         layers = tuple(Layer(each) if isinstance(each, Volume) else each for each in self.layers)
-        known = (each.volume.frame for each in layers if each.visible and each.opacity > 0)
-        first = next((frame for frame in known if frame), None)
+        object.__setattr__(self, "layers", layers)
+        first = self.frame
         object.__setattr__(self, "layers", tuple(each.placed(first) for each in layers))
         if not 1 <= len(self.shown) <= MOST_LAYERS:
             raise expected("layers", f"1 to {MOST_LAYERS} that are visible", len(self.shown))
@@ -121,6 +121,12 @@ class Scene:
         from splatgl.splat.plotters.plotter import plotter_of
 
         return plotter_of(self, camera, settings, options)
+
+    @property
+    def frame(self) -> str | None:
+        """LPS, RAS or None: that of all layers and meshes."""
+        known = (each.volume.frame for each in self.layers if each.visible and each.opacity > 0)
+        return next((frame for frame in known if frame), None)
 
     def _planes(self) -> tuple[tuple[Plane, ...], ...]:
         """Those that cut each visible layer."""

@@ -37,7 +37,8 @@ Vector = Sequence[float] | np.ndarray
 class Bounded(Protocol):
     """Anything with an extent: volumes and splats.
 
-    corners [8, 3]: its box; outline [N, 3]: points whose convex hull contains it; world units.
+    corners [8, 3]: its box; outline [N, 3]: points whose convex hull contains it; world units. It may have a `frame`,
+    "LPS" or "RAS", which says where the patient's front is.
     """
 
     @property
@@ -106,9 +107,9 @@ class Camera:
         zoom: float = 1.0,
         up: Vector = (0.0, 0.0, 1.0),
     ) -> Camera:
-        """A perspective view that shows all of `subject`. At (0, 0) it looks along +y with +z up;
-        azimuth turns the eye counter-clockwise seen from +z, elevation lifts it (degrees). Another
-        `up` applies the shortest rotation from +z. Raises InputError as `look_at`, for a zoom outside
+        """A perspective view that shows all of `subject`. At (0, 0) it looks along +y with +z up, and at a patient in
+        LPS or RAS from the front; azimuth turns the eye counter-clockwise seen from +z, elevation lifts it (degrees).
+        Another `up` applies the shortest rotation from +z. Raises InputError as `look_at`, for a zoom outside
         [1e−15, 1e15], and for angles beyond 1e12 degrees.
         """
         half = _half_width(fov)
@@ -117,7 +118,9 @@ class Camera:
         for what, angle in (("azimuth", azimuth), ("elevation", elevation)):
             if not abs(angle) <= MOST_TURN:
                 raise expected(what, f"an angle of at most {MOST_TURN:g} degrees", angle)
-        back, top = _orbit_axes(azimuth, elevation, up)
+        # the front of a patient is −y in LPS and +y in RAS
+        front = 180.0 if getattr(subject, "frame", None) == "RAS" else 0.0
+        back, top = _orbit_axes(azimuth + front, elevation, up)
         corners = subject.corners
         center = (corners.min(axis=0) + corners.max(axis=0)) / 2
         distance = _fit_distance(subject.outline - center, back, top, half, _size(size))

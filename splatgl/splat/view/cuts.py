@@ -44,9 +44,10 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Points that a view is fitted to [N, 3], world units."""
+    """Points that a view is fitted to [N, 3], world units, and their frame."""
 
     outline: np.ndarray
+    frame: str | None = None
 
     @property
     def corners(self) -> np.ndarray:
