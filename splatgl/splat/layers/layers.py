@@ -5,7 +5,7 @@ Where they overlap, extinctions and emissions add up: the order is right at ever
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -90,8 +90,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         layers = tuple(Layer(each) if isinstance(each, Volume) else each for each in self.layers)
-        object.__setattr__(self, "layers", layers)
-        first = self.frame
+        first = _frame(layers)
         object.__setattr__(self, "layers", tuple(each.placed(first) for each in layers))
         if not 1 <= len(self.shown) <= MOST_LAYERS:
             raise expected("layers", f"1 to {MOST_LAYERS} that are visible", len(self.shown))
@@ -125,8 +124,7 @@ class Scene:
     @property
     def frame(self) -> str | None:
         """LPS, RAS or None: that of all layers and meshes."""
-        known = (each.volume.frame for each in self.layers if each.visible and each.opacity > 0)
-        return next((frame for frame in known if frame), None)
+        return _frame(self.layers)
 
     def _planes(self) -> tuple[tuple[Plane, ...], ...]:
         """Those that cut each visible layer."""
@@ -227,3 +225,9 @@ def joined(pictures: Sequence[np.ndarray], settings: Settings) -> np.ndarray:
     if settings.background is not None:
         added = added + clear[..., None] * np.array([*settings.background, 1.0], added.dtype)
     return np.asarray(added)
+
+
+def _frame(layers: Iterable[Layer | Volume]) -> str | None:
+    """That of the first of those to be seen which has one."""
+    known = (each.volume.frame for each in layers if isinstance(each, Layer) and each.visible and each.opacity > 0)
+    return next((frame for frame in known if frame), None)
