@@ -144,6 +144,24 @@ def test_faces_are_lit_by_their_planes(renderer: sg.Renderer) -> None:
     assert np.abs(unlit - renderer.render(splats, camera, PLAIN.but(shading="off")).pixels).max() < 2e-4
 
 
+@pytest.mark.parametrize("technique", ["tiles", "quads"])
+def test_faces_are_one_voxel_deep(technique: Any, renderer: sg.Renderer) -> None:
+    """Fog without gradients: the first voxel along a ray behind the cut is lit by the plane, what is behind it fully."""
+    volume = block()
+    middle = volume.corners.mean(axis=0)
+    fog = sg.Transfer([(0.0, 0.3)], colormap="gray", window=(0, 1), unit=1.0, shading=True)
+    camera = sg.Camera.orthographic(middle - np.array([0, 60, 0]), middle, (0, 0, 1), height=4, size=(6, 6))
+    normal = np.array([0.5, 0.7, 0.0]) / np.linalg.norm([0.5, 0.7, 0.0])
+    settings = PLAIN.but(clip=[(*normal, float(normal @ middle))], technique=technique)
+    found = renderer.render(sg.extract(volume, fog), camera, settings).pixels
+    # rays are 10 voxels long in the middle of the block: nothing is seen behind
+    near, lit = 1 - 0.7**1.0, AMBIENT + DIFFUSE * normal[1]
+    x = camera.eye_from_world[0, 0] * ((np.arange(6) + 0.5) / 6 - 0.5) * 4
+    through = 0.7 ** (10 + x * normal[0] / normal[1])
+    assert np.abs(found[..., 3] - (1 - through)).max() < 1e-3
+    assert np.abs(found[..., 0] - (lit * near + (1 - near) - through)).max() < 2e-3
+
+
 def test_planes_that_cut_nothing_change_nothing(renderer: sg.Renderer) -> None:
     volume = field()
     splats = sg.extract(volume, SOLID)

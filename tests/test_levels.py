@@ -83,6 +83,8 @@ def test_thin_things_take_the_finest_level(opacity: float, threads: sg.Volume, r
     found = level_for(threads, transfer, camera, Settings(), renderer)
     assert found.number == 0 and set(found.off) == set(range(just_finer(threads, camera) + 1))
     assert all(found.off[number] > found.allowed for number in found.off if number)
+    # a twentieth more than the finest level itself is off
+    assert found.allowed == pytest.approx(max(1.05 * found.off[0], Settings().tolerance))
 
 
 def test_boxes_end_between_coarse_voxels(renderer: sg.Renderer) -> None:

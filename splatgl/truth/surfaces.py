@@ -15,6 +15,9 @@ from splatgl.splat.view.screen_bounds import Window
 from splatgl.truth.layers import LayerScene
 from splatgl.truth.sheets import SheetScene
 
+# barycentric coordinates, and shares of a depth, that differ by rounding alone
+ON_EDGE = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
@@ -96,7 +99,7 @@ def _crossed(
     whole = (side * across).sum(axis=1)
     safe = np.where(whole == 0, 1.0, whole)
     u, v, depth = (np.asarray((x * y).sum(axis=1) / safe) for x, y in ((from_a, across), (ray, along), (other, along)))
-    hit = np.flatnonzero((whole != 0) & (u >= 0) & (v >= 0) & (u + v < 1) & (depth > 0))
+    hit = _once(np.min([u, v, 1 - u - v], axis=0), pixel, np.where((whole != 0) & (depth > 0), depth, np.nan))
     pixel, triangle, ray, depth = pixel[hit], triangle[hit], ray[hit], depth[hit]
     share = np.stack([1 - u - v, u, v], axis=1)[hit][..., None]
     normal = (mesh.normals[triangle] * share).sum(axis=1) @ camera.eye_from_world.T
@@ -107,6 +110,17 @@ def _crossed(
         color = color * factor[:, None] + highlight[:, None]
     light = np.column_stack([color, np.ones(len(color))]) * mesh.opacity
     return pixel, depth * length, light
+
+
+def _once(inside: np.ndarray, pixel: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Indices of the crossings among candidates [N], by pixel and depth: through an edge or corner that triangles share
+    a ray crosses the surface once, as in OpenGL. inside [N]: the smallest barycentric coordinate; depth: NaN for none.
+    """
+    hit = np.flatnonzero((inside >= -ON_EDGE) & ~np.isnan(depth))
+    hit = hit[np.lexsort((depth[hit], pixel[hit]))]
+    on_edge = inside[hit] <= ON_EDGE
+    alike = (np.diff(pixel[hit]) == 0) & (np.diff(depth[hit]) <= ON_EDGE * depth[hit[1:]])
+    return np.delete(hit, np.flatnonzero(on_edge[1:] & on_edge[:-1] & alike) + 1)
 
 
 def _candidates(
