@@ -146,7 +146,7 @@ def test_faces_are_lit_by_their_planes(renderer: sg.Renderer) -> None:
 
 @pytest.mark.parametrize("technique", ["tiles", "quads"])
 def test_faces_are_one_voxel_deep(technique: Any, renderer: sg.Renderer) -> None:
-    """Fog without gradients: the first voxel along a ray behind the cut is lit by the plane, what is behind it fully."""
+    """Fog without gradients: the plane lights the first voxel along a ray behind the cut, what is behind is not lit."""
     volume = block()
     middle = volume.corners.mean(axis=0)
     fog = sg.Transfer([(0.0, 0.3)], colormap="gray", window=(0, 1), unit=1.0, shading=True)

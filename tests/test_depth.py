@@ -152,7 +152,7 @@ def test_layers_and_meshes(classification: Any) -> None:
 def test_surfaces_pass_what_they_do_not_hide() -> None:
     """Three surfaces of opacity one half: the share decides at which of them a ray ends."""
     wall = np.array([[0, 0, 0], [9, 0, 0], [9, 0, 9], [0, 0, 9]])
-    meshes = [sg.Mesh(wall + [0, y, 0], [[0, 1, 2], [0, 2, 3]], opacity=0.5) for y in (2, 4, 6)]
+    meshes = [sg.Mesh(wall + np.array([0, y, 0]), [[0, 1, 2], [0, 2, 3]], opacity=0.5) for y in (2, 4, 6)]
     camera = sg.Camera.orthographic((4.5, -10, 4.5), (4.5, 4.5, 4.5), (0, 0, 1), 4, (4, 4))
     empty = sg.Layer(sg.Volume(np.zeros((10, 10, 10))), sg.Transfer([(1.0, 0.0), (2.0, 0.1)]))
     for share, right in ((0.49, 12), (0.51, 14), (0.74, 14), (0.76, 16), (0.87, 16)):

@@ -19,7 +19,7 @@ from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.classification.shading import AMBIENT, DIFFUSE
 from splatgl.splat.cues.coarse import Coarse
 from splatgl.splat.kernel.kernels import KERNELS
-from splatgl.splat.view import mask
+from splatgl.splat.view import mask as fields
 from splatgl.splat.view.cuts import index_plane
 from splatgl.splat.view.mask import AROUND, EDGE, REACH, MaskField
 from splatgl.truth import reference
@@ -120,8 +120,8 @@ def test_values_as_far_as_a_kernel_reaches_are_kept(renderer: sg.Renderer, monke
     rough = sg.Transfer([(0.45, 0), (0.55, 0.3)], colormap="gray", shading=False)
     camera = sg.Camera.orthographic((7.5, 30, 7.5), (7.5, 7.5, 7.5), (0, 0, 1), height=12, size=(24, 24))
     found = []
-    for reach in (mask.REACH, 16):
-        monkeypatch.setattr(mask, "REACH", reach)
+    for reach in (fields.REACH, 16):
+        monkeypatch.setattr(fields, "REACH", reach)
         splats = sg.extract(sg.Volume(samples).masked(np.indices(samples.shape)[1] < 7), rough, kernel="wide")
         found.append(renderer.render(splats, camera, PLAIN.but(kernel="wide")).pixels)
     assert found[1][..., 3].max() > 0.5
