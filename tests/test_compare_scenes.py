@@ -44,9 +44,9 @@ def test_scene(
     blend: str,
     scenes: dict[str, tuple[sg.Splats, sg.Camera]],
     renderer: sg.Renderer,
-    image_regression: ImageRegression,
+    splatgl_image: ImageRegression,
 ) -> None:
-    image_regression(renderer.render(*scenes[scene], SPLATS.but(blend=blend)), name=f"{scene}-{blend}")
+    splatgl_image(renderer.render(*scenes[scene], SPLATS.but(blend=blend)), name=f"{scene}-{blend}")
 
 
 @pytest.mark.parametrize("scene", SCENES)
@@ -54,11 +54,11 @@ def test_another_backend_keeps_to_the_same_baseline(
     scene: str,
     scenes: dict[str, tuple[sg.Splats, sg.Camera]],
     osmesa: sg.Renderer,
-    image_regression: ImageRegression,
+    splatgl_image: ImageRegression,
 ) -> None:
     image = osmesa.render(*scenes[scene], SPLATS)
     assert image.info["backend"] == "osmesa"
-    image_regression(image, name=f"{scene}-composite")
+    splatgl_image(image, name=f"{scene}-composite")
 
 
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])

@@ -31,7 +31,7 @@ def picture(level=0.5, renderer="llvmpipe (LLVM 15)"):
     pixels[5:15, 5:20] = (level, 0.1, 0.2, 1)
     return sg.Image(pixels, {"renderer": renderer})
 """
-ONE = TEST + "\ndef test_it(image_regression):\n    image_regression(picture(float(os.environ.get('LEVEL', 0.5))))\n"
+ONE = TEST + "\ndef test_it(splatgl_image):\n    splatgl_image(picture(float(os.environ.get('LEVEL', 0.5))))\n"
 
 
 @pytest.fixture(autouse=True)
@@ -83,8 +83,8 @@ def test_classes_of_renderers(pytester: pytest.Pytester, monkeypatch: pytest.Mon
     """A class has its own baselines, several if need be; what has none is held to the portable one."""
     pytester.makepyfile(
         test_two=TEST
-        + "\ndef test_it(image_regression):\n"
-        + "    image_regression(picture(float(os.environ['LEVEL']), os.environ['BY']), name='front')\n"
+        + "\ndef test_it(splatgl_image):\n"
+        + "    splatgl_image(picture(float(os.environ['LEVEL']), os.environ['BY']), name='front')\n"
     )
 
     def run(level: float, by: str, *options: str) -> bool:
@@ -108,8 +108,8 @@ def test_one_more_that_is_right(pytester: pytest.Pytester, monkeypatch: pytest.M
     """What is added takes nothing away: the picture that was right stays right."""
     pytester.makepyfile(
         test_add=TEST
-        + "\ndef test_it(image_regression):\n"
-        + "    image_regression(picture(float(os.environ['LEVEL']), os.environ['BY']))\n"
+        + "\ndef test_it(splatgl_image):\n"
+        + "    splatgl_image(picture(float(os.environ['LEVEL']), os.environ['BY']))\n"
     )
 
     def run(level: float, by: str, *options: str) -> bool:
@@ -140,26 +140,26 @@ def test_one_more_that_is_right(pytester: pytest.Pytester, monkeypatch: pytest.M
 
 PLACES = """
 class TestOne:
-    def test_it(self, image_regression):
-        image_regression(picture(0.2))
+    def test_it(self, splatgl_image):
+        splatgl_image(picture(0.2))
 
 class TestTwo:
-    def test_it(self, image_regression):
-        image_regression(picture(0.4))
+    def test_it(self, splatgl_image):
+        splatgl_image(picture(0.4))
 
 import pytest
 @pytest.fixture
-def compared(image_regression):
-    image_regression(picture(0.6), name="before")
+def compared(splatgl_image):
+    splatgl_image(picture(0.6), name="before")
     yield
-    image_regression(picture(0.7), name="after")
+    splatgl_image(picture(0.7), name="after")
 
 def test_fixture(compared):
     pass
 
 @pytest.mark.parametrize("long", ["é" * 300, "x" * 300, "x" * 299 + "y"])
-def test_long(long, image_regression):
-    image_regression(picture(0.8 if long[-1] == "y" else 0.9), name=long)
+def test_long(long, splatgl_image):
+    splatgl_image(picture(0.8 if long[-1] == "y" else 0.9), name=long)
 """
 
 
@@ -186,10 +186,51 @@ def test_the_hint_works_where_pytest_was_called(pytester: pytest.Pytester) -> No
     assert (folder / "baselines" / "test_one" / "test_it.png").is_file()
 
 
+THEIRS = """
+import pytest
+
+@pytest.fixture
+def image_regression():
+    return "theirs"
+"""
+
+
+def test_the_former_name_is_anothers_where_there_is_another(pytester: pytest.Pytester) -> None:
+    """pytest-regressions has a fixture image_regression, which is right for its own tests."""
+    theirs = "\ndef test_theirs(image_regression):\n    assert image_regression == 'theirs'\n"
+    pytester.makepyfile(test_one=ONE + theirs, their_plugin=THEIRS)
+    pytester.syspathinsert()
+    alone = ("-p", "no:regressions", "-p", "their_plugin")
+    pytester.runpytest(*alone, "--splatgl-update").assert_outcomes(passed=2)
+    # by a test's own conftest
+    pytester.makeconftest(THEIRS)
+    pytester.runpytest().assert_outcomes(passed=2)
+
+
+def test_the_former_name_serves_where_nobody_has_it(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_former=ONE.replace("splatgl_image", "image_regression"))
+    for options, outcome in (([], "failed"), (["--splatgl-update"], "passed"), ([], "passed")):
+        pytester.runpytest(*options, "-p", "no:regressions").assert_outcomes(**{outcome: 1})
+    assert baselines(pytester) == ["baselines/test_former/test_it.png"]
+
+
+def test_beside_pytest_regressions(pytester: pytest.Pytester) -> None:
+    """Each plugin's fixture takes its own tests' pictures: theirs bytes and images of Pillow, by `check`."""
+    pytest.importorskip("pytest_regressions", reason="pytest-regressions is not installed")
+    theirs = (
+        "\ndef test_theirs(image_regression):\n"
+        "    image_regression.check(picture().encoded(__import__('pathlib').Path('a.png')))\n"
+    )
+    pytester.makepyfile(test_both=ONE + theirs)
+    pytester.runpytest_subprocess("--splatgl-update", "--force-regen").assert_outcomes(passed=1, failed=1)
+    pytester.runpytest_subprocess().assert_outcomes(passed=2)
+    assert {"baselines/test_both/test_it.png", "test_both/test_theirs.png"} <= set(baselines(pytester))
+
+
 def test_the_readmes_five_lines(pytester: pytest.Pytester) -> None:
     """What the README shows, as a user would try it."""
     text = (Path(__file__).parents[1] / "splatgl" / "app" / "README.md").read_text(encoding="utf-8")
-    (snippet,) = (block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "image_regression" in block)
+    (snippet,) = (block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "splatgl_image" in block)
     assert len([line for line in snippet.splitlines() if line]) <= 6
     pytester.makepyfile(test_snippet=snippet)
     for options, outcome in (([], "failed"), (["--splatgl-update"], "passed"), ([], "passed")):
@@ -200,7 +241,7 @@ def test_the_readmes_five_lines(pytester: pytest.Pytester) -> None:
 
 
 def test_only_another_class_has_one(pytester: pytest.Pytester) -> None:
-    call = "\ndef test_it(image_regression):\n    image_regression(picture(renderer={!r}))\n"
+    call = "\ndef test_it(splatgl_image):\n    splatgl_image(picture(renderer={!r}))\n"
     pytester.makepyfile(test_three=TEST + call.format("Mesa Intel(R) UHD"))
     pytester.runpytest("--splatgl-update-class").assert_outcomes(passed=1)
     pytester.makepyfile(test_three=TEST + call.format("Apple M2"))
@@ -209,36 +250,38 @@ def test_only_another_class_has_one(pytester: pytest.Pytester) -> None:
 
 
 CALLS = """
-import pytest
+import PIL.Image, pytest
 from splatgl.truth.verdict import Tolerance
 
-def test_two_pictures(image_regression):
-    image_regression(picture(0.2))
-    image_regression(picture(0.4))
+def test_two_pictures(splatgl_image):
+    splatgl_image(picture(0.2))
+    splatgl_image(picture(0.4))
 
 @pytest.mark.parametrize("which", ["a/b", "a+b"])
-def test_odd_names(image_regression, which):
-    image_regression(picture(0.2 if which == "a/b" else 0.4))
+def test_odd_names(splatgl_image, which):
+    splatgl_image(picture(0.2 if which == "a/b" else 0.4))
 
-def test_forms(image_regression, tmp_path):
+def test_forms(splatgl_image, tmp_path):
     samples = np.rint(picture().straight() * 255).astype(np.uint8)
     picture().save(tmp_path / "x.png")
-    for image in (picture(), picture().pixels, samples, tmp_path / "x.png"):
-        image_regression(image, name="forms")
+    pillow = PIL.Image.fromarray(samples)
+    content = (tmp_path / "x.png").read_bytes()
+    for image in (picture(), picture().pixels, samples, tmp_path / "x.png", content, pillow, pillow.quantize(4)):
+        splatgl_image(image, name="forms")
 
-def test_floats(image_regression):
-    image_regression(picture(), bits=None, tolerance=0)
+def test_floats(splatgl_image):
+    splatgl_image(picture(), bits=None, tolerance=0)
 
-def test_deep(image_regression):
-    image_regression(picture(), bits=16, tolerance=0)
+def test_deep(splatgl_image):
+    splatgl_image(picture(), bits=16, tolerance=0)
 
-def test_tolerance(image_regression):
+def test_tolerance(splatgl_image):
     mask = np.ones((20, 30), bool)
-    image_regression(picture(), name="t")
+    splatgl_image(picture(), name="t")
     for tolerance in (0.2, Tolerance.only(share=0.5), Tolerance.only(rmse=0.1)):
-        image_regression(picture(0.6), name="t", tolerance=tolerance) if os.environ.get("LATER") else None
+        splatgl_image(picture(0.6), name="t", tolerance=tolerance) if os.environ.get("LATER") else None
     mask[5:15, 5:20] = False
-    image_regression(picture(0.6), name="t", mask=mask) if os.environ.get("LATER") else None
+    splatgl_image(picture(0.6), name="t", mask=mask) if os.environ.get("LATER") else None
 """
 
 
@@ -253,13 +296,14 @@ def test_what_can_be_given(pytester: pytest.Pytester, monkeypatch: pytest.Monkey
 
 
 BAD = """
-import pytest
-@pytest.mark.parametrize("bad", ["nan", "size", "file", "type", "floats"])
-def test_bad(image_regression, bad):
-    image_regression(picture(), name="good")
+import PIL.Image, pytest
+@pytest.mark.parametrize("bad", ["nan", "size", "file", "type", "floats", "bytes", "mode"])
+def test_bad(splatgl_image, bad):
+    splatgl_image(picture(), name="good")
     wrong = {"nan": sg.Image(picture().pixels * np.float32("nan")), "size": sg.Image(picture().pixels[1:]),
-             "file": "none.png", "type": [1, 2], "floats": np.zeros((20, 30, 3))}[bad]
-    image_regression(wrong, name="good")
+             "file": "none.png", "type": [1, 2], "floats": np.zeros((20, 30, 3)),
+             "bytes": b"cut", "mode": PIL.Image.new("CMYK", (30, 20))}[bad]
+    splatgl_image(wrong, name="good")
 """
 
 
@@ -271,12 +315,14 @@ def test_bad_pictures_fail_in_one_line_each(pytester: pytest.Pytester) -> None:
     picture[5:15, 5:20] = (0.5, 0.1, 0.2, 1)
     sg.Image(picture).save(folder / "good.png")
     result = pytester.runpytest()
-    result.assert_outcomes(failed=5)
+    result.assert_outcomes(failed=7)
     for line in (
         "*good: expected finite numbers, got *",
         "*good: expected one size, 30×20, got 30×19; draw both at the same size",
         "*none.png: cannot be read: no such file",
-        "*image: expected an Image, a file, uint8 [[]H, W, 3 or 4[]] or float [[]H, W, 4[]], got int64 (2,)",
+        "*image of 3 bytes: cannot be read as a picture*",
+        "*image: expected a mode of PNG, got CMYK; convert it to RGB or RGBA",
+        "*image: expected an Image, a file, its bytes, uint8 [[]H, W, 3 or 4[]] or float [[]H, W, 4[]], got int64 (2,)",
         "*got float64 (20, 30, 3); colour with float samples needs its alpha*",
     ):
         result.stdout.fnmatch_lines([line])
@@ -284,22 +330,22 @@ def test_bad_pictures_fail_in_one_line_each(pytester: pytest.Pytester) -> None:
     result.stdout.no_fnmatch_line("*During handling*")
     # what is no picture is never written, asked or not
     before = (folder / "good.png").read_bytes()
-    update = pytester.runpytest("--splatgl-update", "-k", "nan or file or type or floats")
-    update.assert_outcomes(failed=4, deselected=1)
+    update = pytester.runpytest("--splatgl-update", "-k", "not size")
+    update.assert_outcomes(failed=6, deselected=1)
     assert (folder / "good.png").read_bytes() == before
     (folder / "good.png").write_bytes(b"cut")
     result = pytester.runpytest("--splatgl-report", "out")
     html = (pytester.path / "out" / "index.html").read_text(encoding="utf-8")
-    assert "5 unusable" in html and "test_bad.py::test_bad[type]: good" in html
+    assert "7 unusable" in html and "test_bad.py::test_bad[type]: good" in html
     pytester.runpytest("-k", "file").stdout.fnmatch_lines(["*good.png: cannot be read as a picture*"])
 
 
 MANY = """
 import pytest
 @pytest.mark.parametrize("number", range(8))
-def test_many(image_regression, number):
+def test_many(splatgl_image, number):
     broken = number in (2, 5) and "BREAK" in os.environ
-    image_regression(picture(0.3 if broken else 0.1 * number))
+    splatgl_image(picture(0.3 if broken else 0.1 * number))
 """
 
 

@@ -601,7 +601,7 @@ def test_z_k_is_shown(window: Window) -> None:
     assert (shown[middle][:, 0] - shown[middle][:, 2]).mean() > 20
 
 
-def test_a_turned_view_keeps_to_its_baseline(folder: Path, image_regression: ImageRegression) -> None:
+def test_a_turned_view_keeps_to_its_baseline(folder: Path, splatgl_image: ImageRegression) -> None:
     """What real hands and keys make of the picture is the same as ever: every other pixel of a window of its own."""
     window = Window(folder / "blob.npy", folder)
     silent(window)
@@ -616,7 +616,7 @@ def test_a_turned_view_keeps_to_its_baseline(folder: Path, image_regression: Ima
     window.end()
     light = linear_from_srgb(encoded / 255.0).astype(np.float32)
     image = sg.Image(np.concatenate([light, np.ones_like(light[..., :1])], axis=-1), {"renderer": "llvmpipe"})
-    image_regression(image, name="turned", tolerance=0.02)
+    splatgl_image(image, name="turned", tolerance=0.02)
 
 
 def test_resizing(window: Window) -> None:

@@ -1,4 +1,4 @@
-"""pytest plugin: the fixture `image_regression`, and an HTML report of every image that differs.
+"""pytest plugin: the fixture `splatgl_image`, and an HTML report of every image that differs.
 
 Baselines are written only if an option requests it, never automatically. The controller process assembles the
 report from data attached to each test report, so that it is complete under pytest-xdist.
@@ -24,6 +24,8 @@ UPDATE, UPDATE_CLASS, ADD, REPORT = (
 )
 # attribute of a test report with the compared cases
 CARRIED = "splatgl_cases"
+# the fixture's former name, which pytest-regressions has for its own
+FORMER = "image_regression"
 CASES: pytest.StashKey[list[dict[str, str]]] = pytest.StashKey()
 
 
@@ -37,8 +39,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     ways(REPORT, metavar="DIR", help="collect what was compared in DIR/index.html, with pictures of what differs")
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_configure(config: pytest.Config) -> None:
-    """Checks the options, creates the report folder and registers the collector; UsageError for invalid options."""
+    """Checks the options, creates the report folder, registers the collector and, where no other plugin has a fixture
+    of its name, `image_regression`; UsageError for invalid options.
+    """
     asked = [option for option in (UPDATE, UPDATE_CLASS, ADD) if _option(config, option)]
     if len(asked) > 1:
         raise pytest.UsageError(f"{' and '.join(asked)}: expected one of them")
@@ -49,7 +54,10 @@ def pytest_configure(config: pytest.Config) -> None:
         except OSError as error:
             got = f"{folder}: {error.strerror}"
             raise pytest.UsageError(f"{REPORT}: expected a folder to write to, got {got}") from error
-    config.pluginmanager.register(Collector(), "splatgl-collector")
+    manager = config.pluginmanager
+    manager.register(Collector(), "splatgl-collector")
+    if not any(hasattr(plugin, FORMER) for plugin in manager.get_plugins()):
+        manager.register(Former(), "splatgl-former")
 
 
 def _option(config: pytest.Config, name: str) -> Any:
@@ -57,8 +65,8 @@ def _option(config: pytest.Config, name: str) -> Any:
 
 
 @pytest.fixture
-def image_regression(request: pytest.FixtureRequest) -> ImageRegression:
-    """Call it with an image: `image_regression(image)`, `image_regression(image, name="front", tolerance=0.02)`."""
+def splatgl_image(request: pytest.FixtureRequest) -> ImageRegression:
+    """Call it with an image: `splatgl_image(image)`, `splatgl_image(image, name="front", tolerance=0.02)`."""
     from splatgl.app.regression import ImageRegression, Mode
 
     modes = {UPDATE: Mode.UPDATE, UPDATE_CLASS: Mode.UPDATE_CLASS, ADD: Mode.ADD}
@@ -74,6 +82,15 @@ def image_regression(request: pytest.FixtureRequest) -> ImageRegression:
         cases=request.node.stash.setdefault(CASES, []),
         report=bool(_option(request.config, REPORT)),
     )
+
+
+class Former:
+    """The fixture by its former name."""
+
+    @pytest.fixture
+    def image_regression(self, splatgl_image: ImageRegression) -> ImageRegression:
+        """The same as `splatgl_image`."""
+        return splatgl_image
 
 
 @pytest.hookimpl(wrapper=True)

@@ -1,14 +1,17 @@
-"""Implementation of `image_regression`: finds baselines, compares, writes on request, and reports failures."""
+"""Implementation of `splatgl_image`: finds baselines, compares, writes on request, and reports failures."""
 
 from __future__ import annotations
 
 import shlex
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+from PIL.Image import Image as PillowImage
 
 from splatgl.app.baselines import FOLDER, Baselines, renderer_class, stem_of
 from splatgl.data.errors import InputError, expected
@@ -44,7 +47,7 @@ class ImageRegression:
 
     def __call__(
         self,
-        image: Image | np.ndarray | str | Path,
+        image: Image | np.ndarray | PillowImage | bytes | str | Path,
         name: str | None = None,
         tolerance: Tolerance | float | None = None,
         bits: int | None = 8,
@@ -52,7 +55,8 @@ class ImageRegression:
     ) -> None:
         """Fails the test if `image` differs from all of its baselines, or has none.
 
-        image: an Image, an image file, linear premultiplied floats [H, W, 4], or sRGB samples (uint8, [H, W, 3 or 4]).
+        image: an Image, an image file or its bytes, an image of Pillow, linear premultiplied floats [H, W, 4], or sRGB
+        samples (uint8, [H, W, 3 or 4]).
         name: of the baseline; the test's own if None. tolerance: the largest difference of a channel, or a
         `Tolerance`; None allows rounding to 8 bits. bits: 8 or 16 for a PNG, None for a .npy of floats; `image` is
         rounded accordingly before the comparison. mask: [H, W], the pixels to compare.
@@ -158,12 +162,16 @@ class ImageRegression:
         self.cases.append({**kept.as_dict(), "written": written})
 
 
-def as_image(value: Image | np.ndarray | str | Path) -> Image:
+def as_image(value: Image | np.ndarray | PillowImage | bytes | str | Path) -> Image:
     """Converts any accepted input to an Image. Raises InputError for other input."""
     if isinstance(value, Image):
         return value
     if isinstance(value, (str, Path)):
         return read(value).image
+    if isinstance(value, PillowImage):
+        value = _as_png(value)
+    if isinstance(value, (bytes, bytearray, memoryview)):
+        return _from_bytes(bytes(value))
     samples = np.asarray(value)
     shape_ok = samples.ndim == 3 and samples.shape[2] in (3, 4)
     if samples.dtype == np.uint8 and shape_ok:
@@ -172,7 +180,28 @@ def as_image(value: Image | np.ndarray | str | Path) -> Image:
         return Image(samples.astype(np.float32))
     got = f"{samples.dtype} {samples.shape}" if samples.dtype != object else type(value).__name__
     fix = "colour with float samples needs its alpha: premultiplied, linear, [H, W, 4]" if shape_ok else ""
-    raise expected("image", "an Image, a file, uint8 [H, W, 3 or 4] or float [H, W, 4]", got, fix)
+    raise expected("image", "an Image, a file, its bytes, uint8 [H, W, 3 or 4] or float [H, W, 4]", got, fix)
+
+
+def _as_png(image: PillowImage) -> bytes:
+    """The bytes of a PNG of Pillow's image. Raises InputError for modes that PNG has not."""
+    file = BytesIO()
+    try:
+        image.save(file, "PNG")
+    except OSError as error:
+        raise expected("image", "a mode of PNG", image.mode, "convert it to RGB or RGBA") from error
+    return file.getvalue()
+
+
+def _from_bytes(content: bytes) -> Image:
+    """The image of a PNG's or JPEG's bytes. Raises InputError for others."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "image"
+        path.write_bytes(content)
+        try:
+            return read(path).image
+        except InputError as error:
+            raise InputError(str(error).replace(str(path), f"image of {len(content)} bytes")) from error
 
 
 def shown_path(path: Path) -> str:
