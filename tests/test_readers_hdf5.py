@@ -193,11 +193,127 @@ def test_netcdf_unpacks_values_and_takes_the_grid_of_its_scales(tmp_path: Path) 
     np.testing.assert_array_equal(volume.direction, np.diag([1, -1, 1]))
 
 
-def test_uneven_scales_are_refused_unless_spacing_is_said(tmp_path: Path) -> None:
-    path = netcdf(tmp_path / "a.nc", np.array([10.0, 14, 30, 90]))
-    with pytest.raises(InputError, match=r"z of /t: expected even steps, got steps from 4 to 60; .*--spacing"):
-        load(path)
-    assert load(path, spacing=(1, 2, 3)).spacing == (1, 2, 3)
+def test_uneven_scales_are_resampled_unless_spacing_is_said(tmp_path: Path) -> None:
+    path = netcdf(tmp_path / "a.nc", np.array([10.0, 14, 22, 34]))
+    volume = load(path)
+    assert volume.notes == ("z: 4 samples in steps of 4 to 12 km, resampled every 4 km",)
+    assert volume.spacing == (1.5, 2.5, 4.0) and volume.shape == (7, 7, 5)
+    given = load(path, spacing=(1, 2, 3))
+    assert given.spacing == (1, 2, 3) and given.shape == F.shape and "drawn as even" in given.notes[0]
+    np.testing.assert_array_equal(given.direction, np.diag([1, -1, 1]))
+    # of whole numbers the nearest, of others the line between
+    np.testing.assert_array_equal(volume.samples[[0, 1, 3, 6]], given.samples)
+    both = given.samples[1:3].mean(axis=0)
+    np.testing.assert_allclose(volume.samples[2], np.where(np.isnan(both), volume.samples[2], both), rtol=1e-6)
+    with pytest.raises(InputError, match="z of /t: expected coordinates that rise or fall throughout"):
+        load(netcdf(tmp_path / "b.nc", np.array([10.0, 14, 12, 34])))
+
+
+def weather(path: Path, axes: dict[str, tuple[np.ndarray, dict[str, str]]], data: np.ndarray, name: str = "u") -> Path:
+    """A dataset whose axes, in order, have these coordinates and attributes; None: no coordinate."""
+    with h5py.File(path, "w") as file:
+        node = file.create_dataset(name, data=data)
+        for axis, (label, (places, told)) in enumerate(axes.items()):
+            if places is None:
+                continue
+            file[label] = places
+            file[label].attrs.update(told)
+            file[label].make_scale(label)
+            node.dims[axis].attach_scale(file[label])
+    return path
+
+
+LAT = np.linspace(60.0, 40, 11), {"units": "degrees_north"}
+LON = np.linspace(-10.0, 15, 26), {"units": "degrees_east"}
+# levels: places, attributes, the order of what is below and above, and the name of the axis
+LEVELS: dict[str, tuple[str, np.ndarray, dict[str, str], bool]] = {
+    "pressure": ("pressure_level", np.array([1000.0, 850, 700, 500, 300, 100]), {"units": "hPa"}, False),
+    "pressure, rising": ("plev", np.array([1e4, 3e4, 5e4, 7e4, 8.5e4, 1e5]), {"units": "Pa"}, True),
+    "millibars": ("level", np.array([100.0, 300, 500, 700, 850, 1000]), {"units": "millibars"}, True),
+    "depth": ("deptht", np.array([0.5, 10, 30, 100, 200, 500]), {"units": "m", "positive": "down"}, True),
+    "depth by its name": ("depth", np.array([0.5, 10, 30, 100, 200, 500]), {"units": "m"}, True),
+    "depth by its standard name": ("a", np.arange(6.0), {"units": "m", "standard_name": "depth"}, True),
+    "negative depth": ("z", np.arange(-5.0, 1), {"units": "m", "positive": "up"}, False),
+    "sigma": ("lev", np.linspace(1, 0, 6), {"units": "1", "standard_name": "atmosphere_sigma_coordinate"}, False),
+    "model levels": ("model_level", np.arange(1.0, 7), {"units": "1", "positive": "down"}, True),
+    "altitude": ("altitude", np.array([0.0, 1, 2, 4, 8, 16]), {"units": "km"}, False),
+}
+
+
+@pytest.mark.parametrize("kind", LEVELS)
+@pytest.mark.parametrize("flip", [False, True])
+def test_up_in_the_world_is_up(kind: str, flip: bool, tmp_path: Path) -> None:
+    """North, east and up are +y, +x and +z: a place that is near the top of the world is near the top of the volume."""
+    name, places, told, is_reversed = LEVELS[kind]
+    order = slice(None, None, -1) if flip else slice(None)
+    data = np.zeros((6, 11, 26), np.float32)
+    # near the ground, in the north-east
+    data[5 if is_reversed else 0, 1, 23] = 9.0
+    lat = LAT[0][order], LAT[1]
+    axes = {name: (places[order], told), "latitude": lat, "longitude": LON}
+    volume = load(weather(tmp_path / "a.nc", axes, data[order, order]))
+    index = np.unravel_index(int(np.argmax(volume.samples)), volume.shape)[::-1]
+    place = volume.world_from_index @ index + volume.origin
+    low, high = volume.corners.min(axis=0), volume.corners.max(axis=0)
+    share = (place - low) / (high - low)
+    assert share[0] > 0.85 and share[1] > 0.8 and share[2] < 0.25
+    assert place[:2] == pytest.approx((13, 58)) and volume.unit == ""
+    # what has another unit than degrees is drawn half as high as the picture is wide
+    np.testing.assert_allclose((high - low)[:2], (26, 22))
+    assert (high - low)[2] == pytest.approx(13) and any("is drawn as" in note for note in volume.notes)
+
+
+def test_a_jet_between_uneven_levels_stays_where_it_is(tmp_path: Path) -> None:
+    """Resampled linearly in pressure: exact for what is linear, and the largest value stays at its level."""
+    levels = np.array([1000, 925, 850, 700, 600, 500, 400, 300, 250, 200, 150, 100], float)
+    data = np.broadcast_to((1000 - np.abs(levels - 300))[:, None, None], (12, 11, 26)).astype(np.float32)
+    axes = {"pressure_level": (levels, {"units": "hPa"}), "latitude": LAT, "longitude": LON}
+    volume = load(weather(tmp_path / "a.nc", axes, data))
+    factor = float(volume.notes[1].split("drawn as ")[1].split()[0])
+    z = volume.origin[2] + volume.spacing[2] * volume.direction[2, 2] * np.arange(volume.shape[0])
+    hectopascals = -z / factor
+    np.testing.assert_allclose(hectopascals, np.arange(1000, 99, -50), rtol=1e-3)
+    np.testing.assert_allclose(volume.samples[:, 0, 0], 1000 - np.abs(hectopascals - 300), atol=1.5)
+
+
+def test_times_of_newer_names(tmp_path: Path) -> None:
+    for name, told in (("valid_time", {}), ("when", {"units": "hours since 1970-01-01"}), ("T", {"axis": "T"})):
+        axes = {name: (np.arange(2) * 3.0, told), "level": (np.arange(6.0), {}), "latitude": LAT, "longitude": LON}
+        data = np.arange(2, dtype=np.float32)[:, None, None, None] * np.ones((2, 6, 11, 26), np.float32)
+        path = weather(tmp_path / f"{name}.nc", axes, data)
+        volume = load(path, time=1)
+        assert volume.times == 2 and (volume.samples == 1).all() and not volume.channels
+        assert volume.time_step == (10800 if "hours" in str(told) else None)
+
+
+def test_lengths_share_a_scale_and_an_axis_without_places_gets_an_aspect(tmp_path: Path) -> None:
+    places = {"y": (np.arange(11) * 2.0, {"units": "km"}), "x": (np.arange(26) * 1.0, {"units": "km"})}
+    axes = {"z": (np.arange(6) * 500.0, {"units": "m"}), **places}
+    volume = load(weather(tmp_path / "a.nc", axes, np.zeros((6, 11, 26), np.float32)))
+    assert volume.spacing == pytest.approx((1, 2, 0.5)) and volume.unit == "km" and volume.notes == ()
+    axes = {"deptht": (np.arange(6) * 500.0, {"units": "m", "positive": "down"}), "y": (None, {}), "x": (None, {})}
+    volume = load(weather(tmp_path / "b.nc", axes, np.zeros((6, 11, 26), np.float32)))
+    assert volume.spacing == pytest.approx((1, 1, 13 / 6)) and volume.direction[2, 2] == -1
+    assert "1 m of deptht is drawn as" in volume.notes[0]
+
+
+def test_large_ones_are_resampled_where_they_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from splatgl.data.readers import even
+
+    levels = np.array([0.0, 1, 2, 4, 6])
+    data = np.random.default_rng(3).random((5, 40, 50)).astype(np.float32)
+    axes = {"z": (levels, {}), "y": (np.arange(40.0), {}), "x": (np.arange(50.0), {})}
+    path = weather(tmp_path / "a.nc", axes, data)
+    whole = load(path).samples
+    monkeypatch.setattr(even, "WHOLE", 1000)
+    part = load(path).samples
+    assert isinstance(part, even.Resampled) and part.shape == whole.shape == (7, 40, 50)
+    for key in (np.s_[2:6, 3:9, 4:40], np.s_[3], np.s_[3, 4, 5], np.s_[...], np.s_[:, 7], np.s_[0:0]):
+        np.testing.assert_array_equal(part[key], whole[key])
+    counts = load(
+        weather(tmp_path / "b.nc", axes, np.arange(5, dtype=np.int16)[:, None, None] * np.ones((5, 40, 50), "i2"))
+    )
+    assert set(np.unique(counts.samples)) == set(range(5)) and counts.samples.dtype == np.int16
 
 
 def test_netcdf_3_says_what_converts_it(tmp_path: Path) -> None:

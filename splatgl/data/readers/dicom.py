@@ -18,6 +18,7 @@ from splatgl.data.readers.dicom_grid import Grid, grid_of, largest_group
 from splatgl.data.readers.dicom_headers import Frame, Header
 from splatgl.data.readers.dicom_pixels import check_header, decoded, is_color
 from splatgl.data.readers.dicom_series import chosen, contents
+from splatgl.data.readers.even import at_places
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Volume
 
@@ -43,8 +44,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
     grid = grid_of(group, options)
     samples, color = _samples(grid)
     if grid.between is not None:
-        samples = _between(samples, grid.between)
-        color = None if color is None else _between(color, np.rint(np.nan_to_num(grid.between)))
+        samples = at_places(samples, grid.between)
+        color = None if color is None else at_places(color, np.rint(np.nan_to_num(grid.between)))
     return Volume(
         samples,
         grid.spacing,
@@ -91,24 +92,6 @@ def _samples(grid: Grid) -> tuple[np.ndarray, np.ndarray | None]:
                 if color is not None and colors is not None:
                     color[plane] = colors
     return samples, color
-
-
-def _between(planes: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Planes [D, …] at places among the given ones, linear between two; NaN where the place is, which makes float32.
-
-    Beside a value that is not there, the nearer plane's.
-    """
-    empty = np.isnan(places)
-    found = np.zeros((len(places), *planes.shape[1:]), np.float32 if empty.any() else planes.dtype)
-    for n, place in enumerate(np.where(empty, 0.0, places)):
-        first, share = int(place), place % 1
-        near, far = planes[first], planes[min(first + 1, len(planes) - 1)]
-        mixed = near + share * (far.astype(np.float64) - near) if share else near
-        mixed = np.where(np.isfinite(mixed), mixed, near if share < 0.5 else far) if planes.dtype.kind == "f" else mixed
-        found[n] = mixed if found.dtype.kind == "f" else np.rint(mixed)
-    if empty.any():
-        found[empty] = np.nan
-    return found
 
 
 def _dtype(group: Sequence[Frame], gaps: bool) -> np.dtype:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.errors import choice, expected
-from splatgl.data.readers.even import even_steps
+from splatgl.data.readers.even import Coordinate, Lattice, kind_of, lattice
 from splatgl.data.readers.files import library, selection
 from splatgl.data.readers.grid import METRES, axes_of, stated, triple, unit_name
 from splatgl.data.readers.hdf5_file import (
@@ -44,16 +44,6 @@ _SPACINGS = (
 _FEW = 16
 """Most entries of a first or last axis without a label that is taken for channels."""
 
-_SPACE = {
-    **dict.fromkeys(("z", "depth", "lev", "level", "altitude", "height"), "z"),
-    **dict.fromkeys(("y", "lat", "latitude"), "y"),
-    **dict.fromkeys(("x", "lon", "longitude"), "x"),
-}
-"""Axes of space by their labels."""
-
-_TIMES = ("t", "time", "times", "frame", "frames")
-"""Labels of axes of time."""
-
 
 @dataclass(frozen=True)
 class _Axes:
@@ -73,13 +63,15 @@ def read(path: Path, options: LoadOptions) -> Volume:
     # all that a file says is untrusted: any failure is attributed to it
     with library("HDF5"):
         dataset = _chosen(file, options)
-        labels = _labels(dataset)
-        axes = _axes(dataset.shape, labels)
+        kinds = _kinds(dataset)
+        axes = _axes(dataset.shape, kinds)
         if axes is None:
             this = "three axes, and a first or last one of few channels"
             raise expected(dataset.name, this, _size(dataset.shape), "label its dimensions, or save one part of it")
-        time = next((axis for axis in axes.others if labels[axis] in _TIMES), None)
+        time = next((axis for axis in axes.others if kinds[axis] == "time"), None)
         told = _several(path, dataset, axes, time, options)
+        grid = _grid(path, dataset, axes, options)
+        spacing, direction = axes_of(grid.matrix, "spacing")
 
         def one(channel: int | None) -> Volume:
             extra: dict[int, tuple[str, int | None]] = {
@@ -91,15 +83,14 @@ def read(path: Path, options: LoadOptions) -> Volume:
                 extra[time] = ("time", options.time or 0)
             index = selection(dataset.shape, extra)
             samples: Any = samples_of(path, dataset, index, options.anywhere, _packed(dataset))
-            matrix, origin, unit = _grid(path, dataset, axes, options)
-            spacing, direction = axes_of(matrix, "spacing")
             return Volume(
-                _turned(samples, axes),
+                grid.resampled(_turned(samples, axes)),
                 spacing,
-                triple(origin, "origin"),
+                triple(grid.origin, "origin"),
                 direction,
-                unit,
+                grid.unit,
                 value_unit=_value_unit(dataset),
+                notes=grid.notes,
             )
 
         # the array is a dataset, not a time point
@@ -153,12 +144,13 @@ def _may_be(node: Any) -> bool:
     """Whether a dataset is plausibly a volume: of real numbers, with three axes of space that are longer than one."""
     if not is_numbers(node):
         return False
-    axes = _axes(node.shape, _labels(node))
+    axes = _axes(node.shape, _kinds(node))
     return axes is not None and min(node.shape[axis] for axis in axes.space) > 1
 
 
-def _labels(dataset: Any) -> list[str]:
-    """A name per axis, lower case, "" where there is none: of labels, of "axistags", or of dimension scales."""
+def _kinds(dataset: Any) -> list[str]:
+    """What each axis is, see `kind_of`: by labels, by "axistags", or by dimension scales."""
+    scales = scales_of(dataset) or [None] * len(dataset.shape)
     names = [text.lower() for text in texts_of(dataset, "DIMENSION_LABELS")]
     if not any(names) and "axistags" in dataset.attrs:
         try:
@@ -166,22 +158,35 @@ def _labels(dataset: Any) -> list[str]:
         except (ValueError, KeyError, TypeError, RecursionError):
             names = []
     if not any(names):
-        names = ["" if scale is None else scale.name.rsplit("/", 1)[-1].lower() for scale in scales_of(dataset)]
-    return names if len(names) == len(dataset.shape) else [""] * len(dataset.shape)
+        names = ["" if scale is None else _name(scale) for scale in scales]
+    if len(names) != len(dataset.shape):
+        return [""] * len(dataset.shape)
+    return [
+        kind_of(name, {} if scale is None else _attributes(scale)) for name, scale in zip(names, scales, strict=True)
+    ]
 
 
-def _axes(shape: tuple[int, ...], labels: list[str]) -> _Axes | None:
-    """The axes of space: those labelled so, else three of them without those of one entry, and without a short first
+def _name(node: Any) -> str:
+    return str(node.name).rsplit("/", 1)[-1]
+
+
+def _attributes(scale: Any) -> dict[str, str]:
+    """What a dimension scale tells of its axis."""
+    return {name: text_of(scale, name) for name in ("units", "unit", "positive", "standard_name", "axis")}
+
+
+def _axes(shape: tuple[int, ...], kinds: list[str]) -> _Axes | None:
+    """The axes of space: those that are told, else three of them without those of one entry, and without a short first
     or last one of four; None if they are not clear.
     """
     if len(shape) < 3 or min(shape) < 1:
         return None
     long = [axis for axis, size in enumerate(shape) if size > 1]
-    named = {_SPACE[label]: axis for axis, label in enumerate(labels) if label in _SPACE}
+    named = {kind: kinds.index(kind) for kind in "xyz" if kinds.count(kind) == 1}
     if len(named) == 3:
         z, y, x = named["z"], named["y"], named["x"]
         return _Axes((z, y, x), tuple(axis for axis in long if axis not in (z, y, x)))
-    times = [axis for axis in long if labels[axis] in (*_TIMES, "c", "channel", "channels")]
+    times = [axis for axis in long if kinds[axis] in ("time", "c")]
     free = [axis for axis in range(len(shape)) if axis not in times]
     if len(free) > 3:
         free = [axis for axis in free if axis in long]
@@ -213,25 +218,25 @@ def _packed(dataset: Any) -> Packed | None:
     return Packed(1.0 if scale is None else scale, 0.0 if offset is None else offset, fill)
 
 
-def _grid(path: Path, dataset: Any, axes: _Axes, options: LoadOptions) -> tuple[np.ndarray, list[float], str]:
-    """World-from-index [3, 3], origin (x, y, z) and unit."""
-    if options.spacing is not None:
-        return np.diag(options.spacing), [0.0, 0.0, 0.0], ""
+def _grid(path: Path, dataset: Any, axes: _Axes, options: LoadOptions) -> Lattice:
+    """The grid of the axes of space."""
     scales = _coordinates(dataset, axes)
-    if all(scale is not None for scale in scales):
-        names = [scale.name.rsplit("/", 1)[-1] for scale in scales]
-        fix = "resample it, or say --spacing x,y,z to draw it as if they were"
-        places = [np.asarray(samples_of(path, scale, [slice(None)], options.anywhere)[:]) for scale in scales]
-        found = [even_steps(each, f"{name} of {dataset.name}", fix) for each, name in zip(places, names, strict=True)]
-        known = [step for _, step in found if np.isfinite(step)] or [1.0]
-        steps = [step if np.isfinite(step) else min(map(abs, known)) for _, step in found]
-        units = {_unit(scale) for scale in scales}
-        return np.diag(steps[::-1]), [first for first, _ in found][::-1], units.pop() if len(units) == 1 else ""
-    for name in _SPACINGS:
+    sizes = [dataset.shape[axis] for axis in axes.space]
+    plain = [Coordinate(name, size) for name, size in zip("zyx", sizes, strict=True)]
+    for name in () if all(scale is not None for scale in scales) else _SPACINGS:
         given = _steps(numbers_of(dataset, name), len(dataset.shape), axes)
         if given is not None:
-            return np.diag(given[::-1]), [0.0, 0.0, 0.0], "um" if name == "element_size_um" else _unit(dataset)
-    return np.eye(3), [0.0, 0.0, 0.0], ""
+            unit = "um" if name == "element_size_um" else _unit(dataset)
+            return replace(lattice(plain), matrix=np.diag(given[::-1]), unit=unit)
+    told = [
+        known if scale is None else Coordinate.of(_name(scale), _places(path, scale, options), _attributes(scale))
+        for known, scale in zip(plain, scales, strict=True)
+    ]
+    return lattice(told, dataset.name, even=options.spacing is not None)
+
+
+def _places(path: Path, scale: Any, options: LoadOptions) -> np.ndarray:
+    return np.asarray(samples_of(path, scale, [slice(None)], options.anywhere)[:], np.float64)
 
 
 def _time_step(path: Path, dataset: Any, axis: int, options: LoadOptions) -> float | None:
@@ -241,7 +246,7 @@ def _time_step(path: Path, dataset: Any, axis: int, options: LoadOptions) -> flo
     if not _is_scale(scale, dataset.shape[axis]):
         return None
     unit = SECONDS.get((text_of(scale, "units") or text_of(scale, "unit")).split(" ")[0].lower())
-    places = np.asarray(samples_of(path, scale, [slice(None)], options.anywhere)[:], np.float64)
+    places = _places(path, scale, options)
     steps = np.diff(places)
     even = len(steps) and np.isfinite(places).all() and np.ptp(steps) <= 1e-3 * abs(steps[0])
     return float(steps[0]) * unit if unit and even and steps[0] > 0 else None
