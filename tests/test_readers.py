@@ -222,6 +222,87 @@ def test_metaimage_text_channels_and_fallbacks(tmp_path: Path) -> None:
     assert (volume.spacing, volume.origin, volume.frame) == (SPACING, (1, 2, 3), None)
 
 
+def test_metaimage_of_several_times(tmp_path: Path) -> None:
+    """The fourth axis, with its spacing in seconds; all of it stays mapped."""
+    times = np.stack([F + n for n in range(3)])
+    grid = "NDims = 4\nDimSize = 5 7 4 3\nElementSpacing = 1.5 2.25 3 2\nOffset = 1 2 3 0\n"
+    grid += "TransformMatrix = 0 1 0 0 -1 0 0 0 0 0 1 0 0 0 0 1\n"
+    path = put(tmp_path / "a.mha", grid, "ElementType = MET_UCHAR\nElementDataFile = LOCAL\n", times.tobytes())
+    first, last = load(path), load(path, time=2)
+    assert (first.times, first.time_step, first.spacing, first.origin) == (3, 2.0, SPACING, (1, 2, 3))
+    np.testing.assert_array_equal(first.samples, F)
+    np.testing.assert_array_equal(last.samples, F + 2)
+    np.testing.assert_array_equal(last.direction, [[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    assert is_mapped(last.samples) and first.notes == ("time 0 of 3: --time picks another",) and not last.notes
+    with pytest.raises(InputError, match="time: expected a number from 0 to 2, got 3"):
+        load(path, time=3)
+
+
+def test_metaimage_colors_and_vectors(tmp_path: Path) -> None:
+    """Bytes are colours, real or signed numbers vectors of the world; a channel may be picked of both."""
+    three = np.stack([F, F // 2, 255 - F], axis=-1)
+    header = META + "ElementNumberOfChannels = {}\nElementType = {}\nElementDataFile = LOCAL\n"
+    for count in (3, 4):
+        data = np.concatenate([three, F[..., None]], axis=-1)[..., :count].tobytes()
+        path = put(tmp_path / f"{count}.mha", header.format(count, "MET_UCHAR"), data)
+        np.testing.assert_array_equal(load(path).color, three)
+        np.testing.assert_array_equal(load(path, channel=1).samples, F // 2)
+        assert load(path, channel=1).color is None
+    for kind, dtype in (("MET_FLOAT", "<f4"), ("MET_SHORT", "<i2")):
+        path = put(tmp_path / f"{kind}.mha", header.format(3, kind), three.astype(dtype).tobytes())
+        np.testing.assert_array_equal(load(path).vectors, three)
+        np.testing.assert_allclose(load(path).samples, np.linalg.norm(three.astype(float), axis=-1), rtol=1e-6)
+    path = put(tmp_path / "u2.mha", header.format(3, "MET_USHORT"), three.astype("<u2").tobytes())
+    with pytest.raises(InputError, match="pick one with channel=0"):
+        load(path)
+
+
+@pytest.mark.parametrize("named", ["LIST", "LIST 2D", "LIST 3D", "s%02d.raw 0 6 2", "s%02d.raw 0"])
+def test_metaimage_in_files_of_slices(tmp_path: Path, named: str) -> None:
+    step = 2 if named.endswith("2") else 1
+    names = [f"s{step * n:02}.raw" for n in range(4)]
+    if named == "LIST 3D":
+        put(tmp_path / names[0], F.astype(">i2").tobytes())
+        names = names[:1]
+    else:
+        for name, plane in zip(names, F, strict=True):
+            put(tmp_path / name, plane.astype(">i2").tobytes())
+    listed = "\n".join(names) if named.startswith("LIST") else ""
+    header = META + META_GRID + "ElementByteOrderMSB = True\nElementType = MET_SHORT\n"
+    path = put(tmp_path / "letter.mhd", header, f"ElementDataFile = {named}\n", listed)
+    check(load(path), grid=True, frame="LPS", mapped=False)
+    put(tmp_path / names[-1], b"cut")
+    with pytest.raises(InputError, match="the file is cut short"):
+        load(path)
+
+
+@pytest.mark.parametrize(
+    ("letters", "diagonal"), [("RAI", (1, 1, 1)), ("LPI", (-1, -1, 1)), ("RAS", (1, 1, -1)), ("PRS", None), ("???", ())]
+)
+def test_metaimage_orientation_by_letters(tmp_path: Path, letters: str, diagonal: tuple[int, ...] | None) -> None:
+    """Each is the side that an axis comes from; with a matrix they agree, or the matrix is taken and that is told."""
+    end = "ElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
+    path = put(tmp_path / "a.mha", META, f"AnatomicalOrientation = {letters}\n", end, F.tobytes())
+    volume = load(path)
+    turned = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, -1]])
+    expected = turned if diagonal is None else np.diag(diagonal or (1, 1, 1))
+    np.testing.assert_array_equal(volume.direction, expected)
+    assert volume.frame == ("LPS" if letters != "???" else None) and volume.notes == ()
+    matrix = "TransformMatrix = 1 0 0 0 1 0 0 0 1\n"
+    path = put(tmp_path / "b.mha", META, matrix, f"AnatomicalOrientation = {letters}\n", end, F.tobytes())
+    volume = load(path)
+    assert np.array_equal(volume.direction, np.eye(3)) and volume.frame == "LPS"
+    assert len(volume.notes) == (letters not in ("RAI", "???"))
+
+
+def test_metaimage_scale_that_is_not_applied_is_told(tmp_path: Path) -> None:
+    scale = "ElementToIntensityFunctionSlope = 2\nElementToIntensityFunctionOffset = 0\n"
+    end = "ElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
+    (note,) = load(put(tmp_path / "a.mha", META, scale, end, F.tobytes())).notes
+    assert "ElementToIntensityFunction" in note
+    assert not load(put(tmp_path / "b.mha", META, scale.replace("= 2", "= 1"), end, F.tobytes())).notes
+
+
 # --- nothing is read before it is asked for --------------------------------------------------------------------------
 
 BIG = (512, 256, 256)

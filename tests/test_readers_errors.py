@@ -101,7 +101,12 @@ BAD = [
     ("a.mhd", meta(file="sub/../../b.raw"), "a name inside the header's folder"),
     ("a.mhd", meta(file="C:\\b.raw"), "a name inside the header's folder"),
     ("a.mhd", meta(file="b.raw"), "nothing named 'b.raw'"),
-    ("a.mhd", meta(file="LIST"), "join the slices in one file"),
+    ("a.mhd", meta(file="LIST", data=b""), "expected 4 files of slices, got 0"),
+    ("a.mhd", meta(file="a%d%d.raw 0 3 1"), "a name%03d.raw FIRST LAST STEP"),
+    ("a.mhd", meta(file="a%99999999d.raw 0 3 1"), "a name%03d.raw FIRST LAST STEP"),
+    ("a.mhd", meta(file="../a%d.raw 0 3 1"), "a name inside the header's folder"),
+    ("a.mhd", meta(file="a%d.raw 0 9000000 1"), "expected 4 files of slices"),
+    ("a.mhd", meta(file="a%d.raw 0 3 1"), "a file beside the header"),
     # names
     ("a.raw", bytes(140), "give shape=X,Y,Z and dtype=TYPE"),
     ("a.xyz", bytes(140), "a name that ends in one of .npy, .npz, .raw"),
@@ -186,7 +191,7 @@ def test_zarr_of_missing_chunks_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"shape": (1, 2, 3)}, "expected some of spacing, array, channel, anywhere for NRRD, got shape"),
+        ({"shape": (1, 2, 3)}, "expected some of spacing, values, array, channel, anywhere for NRRD, got shape"),
         ({"sharpness": 3}, "expected some of shape, dtype"),
         ({"channel": 1}, "channel"),
         ({"channel": -1}, "zero or more"),

@@ -61,7 +61,7 @@ FORMATS = (
     Format("MGH", (".mgh",), "freesurfer.read_mgh", ("array",)),
     Format("MGH, gzipped", (".mgz",), "freesurfer.read_mgh", ("array",), ("gzip",)),
     Format("TIFF", (".tif", ".tiff"), "tiff.read", ("array", "channel", "level", "time", *_TERRAIN), ("TIFF",)),
-    Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "anywhere")),
+    Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "time", "anywhere")),
     Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
     Format("VTK grid", (".vti", ".vtr"), "vti.read", ("array", "channel"), ("XML",)),
     Format("VTK pieces", (".pvti", ".pvtr"), "vti.read_parallel", ("array", "channel", "anywhere"), ("XML",)),

@@ -15,7 +15,6 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from splatgl.data.color import luma
 from splatgl.data.errors import expected, missing_extra
 from splatgl.data.readers.files import (
     byte_count,
@@ -30,7 +29,7 @@ from splatgl.data.readers.files import (
 )
 from splatgl.data.readers.grid import axes_of, triple, unit_name
 from splatgl.data.readers.options import LoadOptions
-from splatgl.data.readers.several import rgb_of
+from splatgl.data.readers.several import components, rgb_of
 from splatgl.data.readers.text import read_numbers, require_end
 from splatgl.data.volume import Label, Volume
 
@@ -100,7 +99,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     color = vectors = None
     if whole:
         place = last - whole[0] - sum(axis < last - whole[0] for axis in extra)
-        samples, color, vectors = _components(np.moveaxis(samples, place, -1), kinds[whole[0]])
+        samples, color, vectors = components(np.moveaxis(samples, place, -1), "color" in kinds[whole[0]])
     # 3. the grid
     matrix = _matrix(header, space)
     if vectors is not None:
@@ -123,17 +122,6 @@ def _labels(header: Mapping[str, Any]) -> tuple[Label, ...] | None:
         color = rgb_of([round(min(part, 1.0) * 255) for part in parts]) if len(parts) == 3 else None
         found.setdefault(int(told[0]), Label(int(told[0]), told[1], color))
     return tuple(found.values()) or None
-
-
-def _components(values: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """(samples [D, H, W], colours or None, vectors or None) out of [D, H, W, components]."""
-    if "color" in kind:
-        if values.dtype != np.uint8:
-            raise expected("colours", "uint8", values.dtype, "pick one with channel=0, channel=1 or channel=2")
-        color = np.ascontiguousarray(values[..., :3])
-        return luma(color), color, None
-    vectors = np.asarray(values, np.float32)
-    return np.stack([np.linalg.norm(plane, axis=-1) for plane in vectors]), None, vectors
 
 
 def _in_world(vectors: np.ndarray, header: Header) -> np.ndarray:

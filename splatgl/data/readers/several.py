@@ -6,6 +6,9 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from splatgl.data.color import luma
 from splatgl.data.errors import choice, expected
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Volume
@@ -113,3 +116,14 @@ def window_of(low: object, high: object) -> tuple[float, float] | None:
     except ValueError:
         return None
     return found if -1e300 < found[0] < found[1] < 1e300 else None
+
+
+def components(values: np.ndarray, is_color: bool) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+    """(samples [D, H, W], colours or None, vectors or None) out of [D, H, W, components]: luma, or lengths."""
+    if is_color:
+        if values.dtype != np.uint8:
+            raise expected("colours", "uint8", values.dtype, "pick one with channel=0, channel=1 or channel=2")
+        color = np.ascontiguousarray(values[..., :3])
+        return luma(color), color, None
+    vectors = np.asarray(values, np.float32)
+    return np.stack([np.linalg.norm(plane, axis=-1) for plane in vectors]), None, vectors
