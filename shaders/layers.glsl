@@ -1,6 +1,5 @@
 // What layers hold along each pixel's ray: lists of pages, each of PAGE − 1 pieces of matter and the number of the next.
 // A piece: where it begins, in sheets from the first; red and green; its optical depth; blue and its length.
-// version 430
 #constant LANES
 #constant ROWS
 #constant PAGE

@@ -2,6 +2,7 @@
 // add up. Each invocation composites one column of its tile. Twin of splatgl/truth/layers.py.
 // switch LAYERS 2
 // switch PERSPECTIVE 1
+// version 430
 #constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;
 #include "frame.glsl"

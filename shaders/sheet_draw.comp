@@ -3,6 +3,7 @@
 // Classified before (STEPS 0), a sheet holds extinction · colour and extinction; after, gradient and value by mass.
 // Twin of splatgl/truth/sheets.py.
 // switch CARRIED 0
+// version 430
 // extension GL_ARB_shader_group_vote
 #constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;

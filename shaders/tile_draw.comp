@@ -1,5 +1,6 @@
 // Composites tiles: each invocation blends its tile's list into one column of pixels, front to back.
 // switch CARRIED 0
+// version 430
 #constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;
 #include "tile_splat.glsl"

@@ -1,6 +1,7 @@
 // Places splats in drawing order, one per texel of the output textures: the counterpart of a vertex shader's varyings.
 // switch ORDERED 1
 // switch CULLED 0
+// version 430
 #define VARYING
 #define FLAT
 #include "splat_setup.glsl"

@@ -5,7 +5,6 @@
 // if bent, further textures of footprint terms. If packed, its gradient and place in sheets are where the colour was.
 // switch SHEETS 0
 // switch PACKED 0
-// version 430
 #include "varyings.glsl"
 #constant COLUMNS  // pixels of a tile
 #constant ROWS

@@ -1,8 +1,9 @@
 """Composes shaders from the folder `shaders/`, with strict includes and switches.
 
-A file declares each switch it reads as `// switch NAME DEFAULT`, a GLSL later than 3.3 as `// version 430`, and a
-number shared with Python as `#constant NAME`. An undeclared switch or constant, a missing file or an include cycle is
-an error that names file and line. The composed text records the origin of each line, to map compiler messages.
+A file declares each switch it reads as `// switch NAME DEFAULT` and a number shared with Python as `#constant NAME`;
+a stage that needs a GLSL later than 3.3 declares it as `// version 430`, itself: includes that a switch leaves out
+would raise the version for nothing. An undeclared switch or constant, a missing file or an include cycle is an error
+that names file and line. The composed text records the origin of each line, to map compiler messages.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozen
     if unknown:
         raise ShaderError(f"{name}: no such switch: {', '.join(sorted(unknown))}; it has {', '.join(declared)}")
     values = {switch: _literal(switches.get(switch, default)) for switch, default in declared.items()}
-    version = max([VERSION, *(int(match[1]) for _, text in lines if (match := VERSION_LINE.match(text)))])
+    version = next((match[1] for text in _read(name) if (match := VERSION_LINE.match(text))), VERSION)
     used = [f"#extension {match[1]} : enable" for _, text in lines if (match := EXTENSION_LINE.match(text))]
     head = [f"#version {version} core", *used, *(f"#define {switch} {value}" for switch, value in values.items())]
     places = [f"{name}: switches"] * len(head) + [place for place, _ in lines]
@@ -82,6 +83,8 @@ def _expand(name: str, outer: tuple[str, ...], seen: set[str]) -> Iterator[tuple
             if constant[1] not in CONSTANTS:
                 raise ShaderError(f"{place}: no such constant: {constant[1]}")
             yield place, f"#define {constant[1]} {glsl(constant[1])}"
+        elif outer and VERSION_LINE.match(text):
+            raise ShaderError(f"{place}: a version is declared by the stage that is composed, not by what it includes")
         elif not match:
             yield place, text
         elif match[1] in (*outer, name):
