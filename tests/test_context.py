@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import ctypes
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import moderngl
 import numpy as np
 import pytest
 
+import splatgl as sg
 from splatgl.app import doctor
 from splatgl.data.errors import InputError
 from splatgl.gl import context as contexts
@@ -367,3 +370,136 @@ def test_a_forked_process_is_told_to_be_spawned(backend: str, other: str) -> Non
             if run.poll() is None:
                 os.killpg(run.pid, signal.SIGKILL)
     assert run.returncode == 0, output
+
+
+# functions of EGL
+NAMED = ("GetCurrentContext", "GetCurrentSurface")
+
+
+class Pbuffer:
+    """A context that another library of the process made by EGL, which draws to a surface of its own."""
+
+    def __init__(self) -> None:
+        need("egl")
+        self.egl = ctypes.CDLL(egl.EGL_LIBRARIES[0])
+        pointer, attributes = ctypes.c_void_p, ctypes.c_int * 3
+        for name in ("GetPlatformDisplay", "CreateContext", "CreatePbufferSurface", *NAMED):
+            getattr(self.egl, f"egl{name}").restype = pointer
+        self.egl.eglGetPlatformDisplay.argtypes = [ctypes.c_uint, pointer, pointer]
+        self.egl.eglInitialize.argtypes = [pointer] * 3
+        self.egl.eglChooseConfig.argtypes = [pointer, pointer, pointer, ctypes.c_int, pointer]
+        self.egl.eglCreateContext.argtypes = self.egl.eglMakeCurrent.argtypes = [pointer] * 4
+        self.egl.eglCreatePbufferSurface.argtypes = [pointer] * 3
+        self.egl.eglDestroyContext.argtypes = self.egl.eglDestroySurface.argtypes = [pointer] * 2
+        # a display without windows
+        self.display = self.egl.eglGetPlatformDisplay(0x31DD, None, None)
+        if not (self.display and self.egl.eglInitialize(self.display, None, None)):
+            pytest.skip("EGL has no display without windows here")
+        self.egl.eglBindAPI(0x30A2)
+        config, count = ctypes.c_void_p(), ctypes.c_int()
+        # EGL_RENDERABLE_TYPE: OpenGL
+        kind = attributes(0x3040, 0x0008, 0x3038)
+        self.egl.eglChooseConfig(self.display, kind, ctypes.byref(config), 1, ctypes.byref(count))
+        self.context = self.egl.eglCreateContext(self.display, config, None, None)
+        sides = (ctypes.c_int * 5)(0x3057, 8, 0x3056, 4, 0x3038)
+        self.surface = self.egl.eglCreatePbufferSurface(self.display, config, sides)
+        self.bind()
+
+    def bind(self) -> None:
+        assert self.egl.eglMakeCurrent(self.display, self.surface, self.surface, self.context)
+
+    def is_current(self) -> bool:
+        found = self.egl.eglGetCurrentContext(), self.egl.eglGetCurrentSurface(0x3059)
+        return bool(found == (self.context, self.surface))
+
+    def close(self) -> None:
+        self.egl.eglMakeCurrent(self.display, None, None, None)
+        self.egl.eglDestroyContext(self.display, self.context)
+        self.egl.eglDestroySurface(self.display, self.surface)
+
+
+@pytest.fixture
+def host(opened: Open) -> Iterator[Pbuffer]:
+    switch_to(None)
+    made = Pbuffer()
+    yield made
+    made.close()
+
+
+def test_what_another_library_had_current_is_current_again(host: Pbuffer) -> None:
+    assert host.is_current()
+    cube = sg.Volume(np.ones((2, 2, 2)))
+    sg.render(cube, size=(8, 8))
+    assert host.is_current(), "one call"
+    with sg.Renderer() as renderer:
+        assert host.is_current(), "a renderer that was opened"
+        with current(renderer.ctx):
+            assert not host.is_current()
+            # behind the renderer's back, as by a host's own events
+            host.bind()
+            with current(renderer.ctx):
+                assert values(fill(renderer.ctx, 0.5)) == {0.5}
+            assert host.is_current()
+        assert host.is_current()
+    assert host.is_current(), "a renderer that was closed"
+    with pytest.raises(InputError):
+        sg.Renderer(device=1000)
+    assert host.is_current(), "none could be opened"
+
+
+@pytest.mark.parametrize("backend", ["osmesa", "window"])
+def test_it_is_of_any_window_system(host: Pbuffer, backend: str) -> None:
+    need(backend)
+    with sg.Renderer(backend) as renderer:
+        assert host.is_current()
+        with current(renderer.ctx):
+            assert values(fill(renderer.ctx, 0.5)) == {0.5}
+        assert host.is_current()
+    assert host.is_current()
+
+
+# a window's context by GLX, as those of Qt; then ours by EGL; and the host draws on
+WINDOWED = """
+import ctypes, glfw, moderngl, numpy as np
+import splatgl as sg
+glfw.init()
+glfw.window_hint(glfw.VISIBLE, False)
+glfw.make_context_current(glfw.create_window(8, 8, "host", None, None))
+glx = ctypes.CDLL("libGL.so.1")
+told = glx.glXGetCurrentContext, glx.glXGetCurrentDrawable
+for function in told:
+    function.restype = ctypes.c_void_p
+before, ctx = [function() for function in told], moderngl.create_context(require=330)
+assert all(before)
+for _ in range(2):
+    image = sg.render(np.ones((2, 2, 2)), size=(8, 8))
+    assert image.pixels.max() > 0 and [function() for function in told] == before
+    ctx.program(vertex_shader="#version 330\\nvoid main() { gl_Position = vec4(0.0); }")
+    assert ctx.error == "GL_NO_ERROR"
+"""
+
+
+@pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="needs xvfb-run")
+def test_a_windows_context_is_current_again() -> None:
+    code = ["xvfb-run", "-a", sys.executable, "-c", WINDOWED]
+    told = subprocess.run(code, capture_output=True, text=True)
+    assert told.returncode == 0, told.stderr
+
+
+def test_the_newest_version_is_asked_for_first(opened: Open, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some drivers give exactly what is asked, and refuse what they do not have."""
+    need("egl")
+    from glcontext import egl as system
+
+    asked: list[int] = []
+
+    def create(**options: Any) -> object:
+        asked.append(options["glversion"])
+        if options["glversion"] > 330:
+            raise RuntimeError("EGL_BAD_MATCH")
+        return made(**options)
+
+    made = system.create_context
+    monkeypatch.setattr(system, "create_context", create)
+    opened("egl", device=0)
+    assert asked == [460, 450, 430, 330]

@@ -1,4 +1,4 @@
-"""Opens an OpenGL 3.3 core context by EGL, OSMesa or a hidden window, and describes it."""
+"""Opens a core context of OpenGL 3.3 or newer by EGL, OSMesa or a hidden window, and describes it."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class ContextInfo:
 def open_context(
     backend: str = "auto", device: int | None = None, *, require_gpu: bool | None = None
 ) -> moderngl.Context:
-    """An OpenGL 3.3 core context, current in this thread; free it with its `release()`.
+    """The newest core context of OpenGL 3.3 to 4.6, current in this thread; free it with its `release()`.
 
     backend: egl, osmesa, window, or auto, which takes the first of these that opens. device: the EGL device, counted
     from 0, which restricts the backend to egl; None takes the first that is a graphics card, else the first that opens.

@@ -6,9 +6,9 @@ import ctypes
 import os
 from typing import Any
 
-from splatgl.gl.loader import BackendError, Loader, switch_to
+from splatgl.gl.loader import BackendError, Loader, current_host, newest
 
-OPENGL_VERSION = 330  # 3.3 core: the least that has instanced attributes and float targets
+EGL_OPENGL_API = 0x30A2  # egl.h
 EGL_LIBRARIES = ("libEGL.so.1", "libEGL.so")
 # Any of these finds the functions; EGL itself serves if libGL, which X needs, is not installed
 GL_LIBRARIES = ("libGL.so.1", "libOpenGL.so.0", *EGL_LIBRARIES)
@@ -23,6 +23,10 @@ class EglLoader(Loader):
         super().__init__("EGL")
         self._context, self._egl = _create(device)
         self._handle: int | None = None
+        # glcontext makes it current without asking
+        made = current_host()
+        if made is not None:
+            made.unbind()
         self.make_current()
 
     def address(self, name: str) -> int:
@@ -31,6 +35,8 @@ class EglLoader(Loader):
 
     def bind(self) -> None:
         """Makes the EGL context current and stores its handle; raises BackendError if EGL refuses."""
+        # a host may have chosen OpenGL ES
+        self._egl.eglBindAPI(EGL_OPENGL_API)
         self._context.__enter__()
         found = self._egl.eglGetCurrentContext()
         if not found:
@@ -75,15 +81,17 @@ def _create(device: int) -> tuple[Any, ctypes.CDLL]:
     libgl = _first_library("GLCONTEXT_LINUX_LIBGL", GL_LIBRARIES)
     library = ctypes.CDLL(libegl)
     library.eglGetCurrentContext.restype = ctypes.c_void_p
-    # glcontext makes the new context current: unbind the current one first
-    switch_to(None)
-    try:
-        context = egl.create_context(
-            mode="standalone", libgl=libgl, libegl=libegl, glversion=OPENGL_VERSION, device_index=device
-        )
-    except Exception as error:
-        raise BackendError(str(error)) from error
-    return context, library
+
+    def create(major: int, minor: int) -> Any:
+        version = 100 * major + 10 * minor
+        try:
+            return egl.create_context(
+                mode="standalone", libgl=libgl, libegl=libegl, glversion=version, device_index=device
+            )
+        except Exception as error:
+            raise BackendError(str(error)) from error
+
+    return newest(create), library
 
 
 def _first_library(variable: str, names: tuple[str, ...]) -> str:

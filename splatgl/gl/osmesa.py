@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 
-from splatgl.gl.loader import BackendError, Loader
+from splatgl.gl.loader import BackendError, Loader, current_host, newest
 
 LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
 # From osmesa.h and gl.h
@@ -17,21 +17,25 @@ BUFFER_BYTES = 4 * BUFFER_SIDE * BUFFER_SIDE
 
 
 class OsmesaLoader(Loader):
-    """An OSMesa context, OpenGL 3.3 core."""
+    """An OSMesa context of a core profile."""
 
     backend = "osmesa"
 
     def __init__(self) -> None:
         super().__init__("OSMesa")
         self._library = _library()
-        attributes = (OSMESA_FORMAT, GL_RGBA, OSMESA_DEPTH_BITS, 0, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
-        version = (OSMESA_MAJOR, 3, OSMESA_MINOR, 3, 0)
-        packed = (ctypes.c_int * (len(attributes) + len(version)))(*attributes, *version)
-        self._context = self._library.OSMesaCreateContextAttribs(packed, None)
-        if not self._context:
-            raise BackendError("OSMesa made no OpenGL 3.3 core context")
+        self._context = newest(self._create)
         self._buffer = ctypes.create_string_buffer(BUFFER_BYTES)
         self.make_current()
+
+    def _create(self, major: int, minor: int) -> int:
+        attributes = (OSMESA_FORMAT, GL_RGBA, OSMESA_DEPTH_BITS, 0, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
+        version = (OSMESA_MAJOR, major, OSMESA_MINOR, minor, 0)
+        packed = (ctypes.c_int * (len(attributes) + len(version)))(*attributes, *version)
+        made = self._library.OSMesaCreateContextAttribs(packed, None)
+        if not made:
+            raise BackendError(f"OSMesa made no OpenGL {major}.{minor} core context")
+        return int(made)
 
     def address(self, name: str) -> int:
         """Address of an OpenGL function by OSMesaGetProcAddress, 0 if there is none."""
@@ -44,8 +48,8 @@ class OsmesaLoader(Loader):
             raise BackendError("OSMesa refused to make its context current")
 
     def holds(self) -> bool:
-        """Whether OSMesa's current context is this one."""
-        return bool(self._library.OSMesaGetCurrentContext() == self._context)
+        """Whether OSMesa's current context is this one, and no other window system has one that calls go to."""
+        return bool(self._library.OSMesaGetCurrentContext() == self._context) and current_host() is None
 
     def unbind(self) -> None:
         """Leaves no OSMesa context current."""

@@ -18,6 +18,7 @@ from splatgl.data.mesh import Mesh
 from splatgl.gl.context import check_process, context_info, current, inherited, open_context
 from splatgl.gl.layer_tiles import Drawn
 from splatgl.gl.layered import render_moving_scene, render_scene
+from splatgl.gl.loader import hand_back
 from splatgl.gl.passes import Passes
 from splatgl.gl.sheet_tiles import Batches
 from splatgl.gl.target import check_size
@@ -66,6 +67,8 @@ class Renderer:
         except BaseException:
             self.owned.close()
             raise
+        finally:
+            hand_back()
 
     def __enter__(self) -> Renderer:
         return self

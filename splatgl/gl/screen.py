@@ -15,7 +15,7 @@ import numpy as np
 
 from splatgl.data.errors import InputError, expected
 from splatgl.gl.context import adopt, current
-from splatgl.gl.loader import BackendError, switch_to
+from splatgl.gl.loader import BackendError, hand_back
 from splatgl.gl.marks import Marker, Marks
 from splatgl.gl.program import build
 from splatgl.gl.window import WindowLoader
@@ -52,14 +52,14 @@ class Screen:
             sides = f"{size[0]}×{size[1]}"
             raise expected("size", f"a window of 1 to {MOST_PIXELS} pixels a side", sides, "choose another --size")
         self.owned = ExitStack()
-        # GLX refuses to make a window while another system's context is current in this thread
-        switch_to(None)
         try:
             self.loader = WindowLoader(size, title, visible=True)
             _check_shown(self.loader)
             self.ctx = adopt(self.loader)
         except BackendError as error:
             raise expected("display", "one that opens a window", error, "set DISPLAY, or use splatgl render") from error
+        finally:
+            hand_back()
         self.owned.callback(self.ctx.release)
         self.textures: dict[str, moderngl.Texture] = {}
         self.programs: dict[tuple[str, bool], tuple[moderngl.Program, moderngl.VertexArray]] = {}

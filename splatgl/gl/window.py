@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from splatgl.gl.loader import BackendError, Loader
+from splatgl.gl.loader import BackendError, Loader, newest
 
 HIDDEN_SIZE = (16, 16)  # pixels; a hidden window is never drawn to
 
@@ -62,32 +62,38 @@ class WindowLoader(Loader):
 
 
 def _create(size: tuple[int, int], title: str, visible: bool) -> Any:
-    """A GLFW window with an OpenGL 3.3 core context."""
+    """A GLFW window with the newest core context that there is."""
     try:
         import glfw
     except ImportError as error:
         raise BackendError(f"GLFW could not be loaded ({error})") from error
-    window = None
     with _glfw_errors():
         # Without a display only the null platform starts, and only with OSMesa
         headless = not _has_display()
         glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL if headless else glfw.ANY_PLATFORM)
-        # if it cannot start, a further call would hide the reason
-        if glfw.init():
-            _hint(glfw, visible)
+        started = glfw.init()
+    if not started:
+        raise BackendError("GLFW did not start")
+
+    def create(major: int, minor: int) -> Any:
+        window = None
+        with _glfw_errors():
+            _hint(glfw, visible, (major, minor))
             window = glfw.create_window(*size, title, None, None)
-    if not window:
-        raise BackendError("GLFW made no window")
-    return window
+        if not window:
+            raise BackendError("GLFW made no window")
+        return window
+
+    return newest(create)
 
 
-def _hint(glfw: Any, visible: bool) -> None:
+def _hint(glfw: Any, visible: bool, version: tuple[int, int]) -> None:
     """Sets the hints for windows created from now on."""
     glfw.default_window_hints()
     if glfw.get_platform() == glfw.PLATFORM_NULL:
         glfw.window_hint(glfw.CONTEXT_CREATION_API, glfw.OSMESA_CONTEXT_API)
-    glfw.window_hint(glfw.CONTEXT_VERSION_MAJOR, 3)
-    glfw.window_hint(glfw.CONTEXT_VERSION_MINOR, 3)
+    glfw.window_hint(glfw.CONTEXT_VERSION_MAJOR, version[0])
+    glfw.window_hint(glfw.CONTEXT_VERSION_MINOR, version[1])
     glfw.window_hint(glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE)
     glfw.window_hint(glfw.OPENGL_FORWARD_COMPAT, sys.platform == "darwin")  # required by macOS, refused by OSMesa
     glfw.window_hint(glfw.VISIBLE, visible)
