@@ -24,6 +24,7 @@ from splatgl.gl import egl, osmesa
 from splatgl.gl.context import BACKENDS, context_info, current, is_software, open_context
 from splatgl.gl.loader import BackendError, current_loader, switch_to
 from splatgl.gl.selfcheck import Check, run_checks
+from splatgl.gl.shader import ShaderError
 
 Open = Callable[..., moderngl.Context]
 # The library whose absence excuses a backend; asked without the code under test, so that its faults do not skip
@@ -274,6 +275,27 @@ def test_doctor_says_when_blending_is_wrong(opened: Open, monkeypatch: pytest.Mo
     monkeypatch.setattr(doctor, "run_checks", lambda ctx: (wrong,))
     text, ok = doctor.report("egl")
     assert not ok and "WRONG" in text
+
+
+def test_doctor_says_when_the_default_can_not_be_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    need("egl")
+    kept, told = sg.Renderer.render, []
+
+    def render(self: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings, *more: Any, **how: Any):
+        if settings.technique == "auto":
+            raise ShaderError("sheet_close.frag: 0:1(10): error: GLSL 4.30 is not supported\nand more")
+        told.append(settings.technique)
+        drawn = kept(self, splats, camera, settings, *more, **how)
+        return sg.Image(drawn.pixels + 0.01 * (settings.blend == "mip"), drawn.info)
+
+    monkeypatch.setattr(sg.Renderer, "render", render)
+    text, ok = doctor.report("egl")
+    assert not ok and "pictures are WRONG" in text and "pictures are right" not in text
+    lines = [" ".join(line.split()) for line in text.splitlines()]
+    assert "default by auto FAILED sheet_close.frag: 0:1(10): error: GLSL 4.30 is not supported" in lines
+    for technique in set(told):
+        assert any(line.startswith(f"default by {technique} ok") for line in lines)
+        assert any(line.startswith(f"maximum by {technique} WRONG 0.01") for line in lines)
 
 
 def test_doctor_without_opengl(monkeypatch: pytest.MonkeyPatch) -> None:

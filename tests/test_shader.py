@@ -38,6 +38,10 @@ def test_switches_and_includes(shaders: Path) -> None:
         ({"a.vert": '#include "none.glsl"\n'}, "a.vert:1: no such file: none.glsl"),
         ({"a.vert": '\n#include "b.glsl"\n', "b.glsl": '#include "a.vert"\n'}, "b.glsl:1: includes a.vert"),
         ({}, "a.vert: no such shader"),
+        (
+            {"a.vert": '#include "b.glsl"\n', "b.glsl": "\n// version 430\n"},
+            "b.glsl:2: a version is declared by the stage that is composed",
+        ),
         ({"a.vert": "// switch SHAPE 1\n"}, "a.vert: no such switch: COLOUR; it has SHAPE"),
     ],
 )
@@ -46,6 +50,14 @@ def test_mistakes_are_errors(files: dict[str, str], message: str, shaders: Path)
         (shaders / name).write_text(text)
     with pytest.raises(ShaderError, match=message):
         compose("a.vert", {"COLOUR": 1})
+
+
+def test_only_compute_shaders_and_what_feeds_them_ask_for_more_than_3_3() -> None:
+    newer = {path.name for path in folder().iterdir() if path.suffix == ".comp"} | {"tile_place.frag"}
+    for path in folder().iterdir():
+        if path.suffix != ".glsl":
+            version = "430" if path.name in newer else "330"
+            assert compose(path.name, {}).source.startswith(f"#version {version} core\n"), path.name
 
 
 def test_a_compiler_message_names_file_and_line(shaders: Path, renderer: sg.Renderer) -> None:

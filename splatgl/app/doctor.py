@@ -1,22 +1,42 @@
-"""`splatgl doctor`: installed packages, available OpenGL contexts, and checks of the OpenGL features required."""
+"""`splatgl doctor`: installed packages, available OpenGL contexts, checks of the OpenGL features required, and pictures
+by every technique, compared with float64.
+"""
 
 from __future__ import annotations
 
 import platform
 from importlib.metadata import PackageNotFoundError, version
 
+import moderngl
+import numpy as np
+
 from splatgl.data.errors import InputError, expected
+from splatgl.data.scenes import ball
 from splatgl.gl.context import BACKENDS, context_info, egl_devices, open_context
+from splatgl.gl.renderer import Renderer
 from splatgl.gl.selfcheck import Check, run_checks
+from splatgl.gl.shader import ShaderError
+from splatgl.splat.classification.presets import default_transfer
+from splatgl.splat.extraction.extract import extract
+from splatgl.splat.motion.motion import Motion
+from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.camera import Camera
+from splatgl.truth import reference
 
 PACKAGES = ("splatgl", "moderngl", "numpy", "glfw", "pyrr", "Pillow")
+# pictures that are compared with float64, and what of it a driver may make of them: by each technique that the context
+# has; voxels across the ball that they show, and pixels a side
+SHOWN = {"default": Settings(), "maximum": Settings(blend="mip"), "splats": Settings.like("0.1")}
+OFF, VOXELS, SIDE = 1e-3, 10, 24
+# so little, in degrees, that its streaks are the still picture
+TURNING = Motion(spin=np.array([0.0, 0.0, 0.001]))
 
 
 def report(backend: str = "auto", device: int | None = None) -> tuple[str, bool]:
     """The report as multi-line text, and whether images rendered by `backend` can be trusted.
 
-    False if no context opens, or if float32 blending or filtering is wrong. Raises InputError for an invalid backend
-    or device.
+    False if no context opens, if float32 blending or filtering is wrong, or if a picture fails or is not that of
+    float64. Raises InputError for an invalid backend or device.
     """
     if backend not in ("auto", *BACKENDS):
         raise expected("backend", " | ".join(("auto", *BACKENDS)), backend)
@@ -71,17 +91,51 @@ def _chosen(backend: str, device: int | None) -> tuple[list[str], bool]:
         info, checks = context_info(ctx), run_checks(ctx)
     finally:
         ctx.release()
-    ok = all(check.passed for check in checks if check.required)
+    drawn, right = _pictures(backend, device)
+    ok = right and all(check.passed for check in checks if check.required)
     lines = [
         f"rendering with {info.backend}: {info.renderer}",
-        f"  vendor {info.vendor}, GLSL {info.glsl}",
+        f"  vendor {info.vendor}, OpenGL {info.version}, GLSL {info.glsl}",
         f"  textures up to {info.max_texture_size}², {info.max_samples} samples, "
         f"uniform blocks of {info.max_uniform_block} bytes",
         *(check_line(check) for check in checks),
+        *drawn,
         "",
-        "float32 pictures are right" if ok else "float32 pictures are WRONG on this driver",
+        "pictures are right" if ok else "pictures are WRONG on this driver",
     ]
     return lines, ok
+
+
+def _pictures(backend: str, device: int | None) -> tuple[list[str], bool]:
+    """What the version enables, and a line for each picture; whether all are right."""
+    with Renderer(backend, device) as renderer:
+        tiles = renderer.tiles is not None
+        enabled = "tiles, quads, streaks; layers, meshes and volumes in bricks" if tiles else "quads and streaks"
+        lines = [f"  draws {enabled}"]
+        if not tiles:
+            lines.append("  without OpenGL 4.3: no compute shaders, so no tiles, and quads take longer")
+        found = [
+            _picture(renderer, f"{name} by {technique}", settings.but(technique=technique))
+            for name, settings in SHOWN.items()
+            for technique in ("auto", "quads", "tiles")[: 2 + tiles]
+        ]
+        found.append(_picture(renderer, "streaks", SHOWN["splats"].but(motion="exact"), TURNING))
+    return [*lines, *(line for line, _ in found)], all(right for _, right in found)
+
+
+def _picture(renderer: Renderer, name: str, settings: Settings, motion: Motion | None = None) -> tuple[str, bool]:
+    """The line of a picture of a ball, and whether it is that of float64."""
+    volume = ball(VOXELS)
+    splats = extract(volume, default_transfer(volume))
+    camera = Camera.orbit(volume, azimuth=30, elevation=20, size=(SIDE, SIDE))
+    truth = reference.render(splats, camera, settings.but(technique="auto", motion="off")).pixels
+    try:
+        drawn = renderer.render(splats, camera, settings, motion, verify_bound=False).pixels
+    except (InputError, ShaderError, moderngl.Error) as error:
+        return f"  {name:18} FAILED {str(error).splitlines()[0]}", False
+    off = float(np.abs(drawn - truth).max()) if np.isfinite(drawn).all() else np.inf
+    check = Check(name, off, 0.0, OFF, required=True)
+    return check_line(check), check.passed
 
 
 def check_line(check: Check) -> str:

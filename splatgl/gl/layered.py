@@ -42,7 +42,9 @@ def render_scene(
         return renderer.render(drawn[0][0], camera, drawn[0][1], interrupted=interrupted)
     splats, meshes = [each for each, _ in drawn], scene.surfaces(settings)
     if BLENDS[settings.blend].ordered:
-        layers = _together([_planned(renderer, each, camera, own) for each, own in drawn], drawn)
+        layers = _together(
+            [_planned(renderer, each, camera, own, "meshes" if meshes else "layers") for each, own in drawn], drawn
+        )
         pixels = renderer.draw_layers(layers, meshes, settings.shading != "off", interrupted)
         info: Mapping[str, object] = renderer.provenance(layers[0][0], camera, layers[0][1], 0.0)
     elif scene.meshes:
@@ -99,9 +101,9 @@ def _together(layers: list[Drawn], drawn: list[tuple[Splats, Settings]]) -> list
     return [(splats, replace(plan, resolved=each)) for (splats, plan), each in every]
 
 
-def _planned(renderer: Renderer, splats: Splats, camera: Camera, settings: Settings) -> Drawn:
+def _planned(renderer: Renderer, splats: Splats, camera: Camera, settings: Settings, what: str) -> Drawn:
     chosen = renderer.plan(splats, camera, settings)
     check_layer(chosen.resolved, splats.name)
-    if len(splats) and chosen.program.technique != "tiles":
-        raise expected("layers", "an OpenGL with compute shaders, technique auto or tiles", "quads")
+    if len(splats):
+        renderer.require_tiles(what, chosen)
     return suited(splats, settings, moving=False), chosen

@@ -214,9 +214,14 @@ class Renderer:
         whole = bricks.whole
         refuse_bricks(whole, camera, settings or Settings())
         chosen = self.plan(whole, camera, settings)
-        if chosen.program.technique != "tiles":
-            raise expected("a volume in bricks", "an OpenGL with compute shaders, technique auto or tiles", "quads")
+        self.require_tiles("a volume in bricks", chosen)
         return chosen.forced(half_line=True) if bricks.reached(chosen.view) else chosen
+
+    def require_tiles(self, what: str, chosen: Plan) -> None:
+        """InputError, which says what the driver or the plan lacks, for a plan of what only tiles draw."""
+        if chosen.program.technique != "tiles":
+            got = chosen.program.technique if self.tiles is not None else f"OpenGL {self.info.version}"
+            raise expected(what, "OpenGL 4.3 or newer with compute shaders, technique auto or tiles", got)
 
     def _draw_bricks(
         self,

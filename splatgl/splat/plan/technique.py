@@ -50,7 +50,7 @@ def _refuses_tiles(asked: Asked) -> str | None:
     if asked.moving:
         return "motion"
     if asked.tiles is None:
-        return "an OpenGL without compute shaders"
+        return "an OpenGL without compute shaders, older than 4.3"
     return nearest_first(asked.settings)
 
 
