@@ -74,12 +74,28 @@ def of_channels(
         if colors or windows:
             raise expected("--color-of and --window-of", "several channels", "one", "load more by --channel")
         return [Layer(volume, transfer, visible=scene.visible, threshold=scene.threshold, clip=planes)]
+    if all(each.labels for each in volume.channels) and not (colors or windows):
+        segments = segmented(scene, volume)
+        return [Layer(each, look, 1.0, scene.visible, scene.threshold, planes) for each, look in segments]
     # of which each has the opacity below
     plain = replace(scene, opacity=1.0)
     base = plain.transfer_for(volume) if scene.transfer.keys() & {"points", "preset"} else None
     found = channel_transfers(volume, colors, windows, base)
     looks = zip(volume.channels, (each.weakened(scene.opacity) for each in found), strict=True)
     return [Layer(each, look, 1.0, scene.visible, scene.threshold, planes) for each, look in looks]
+
+
+def segmented(scene: Scene, volume: Volume) -> list[tuple[Volume, Transfer]]:
+    """The channels of overlapping segments with their transfer functions; one of which none is to be seen is clear."""
+    only = scene.transfer.get("only_labels") or ()
+    found = []
+    for each in volume.channels:
+        numbers = {label.number for label in each.labels or ()}
+        mine = [(number, factor) for number, factor in only if number in numbers]
+        looks = {**scene.transfer, "only_labels": mine} if only else scene.transfer
+        look = replace(scene, transfer=looks).transfer_for(each)
+        found.append((each, look if mine or not only else look.weakened(0.0)))
+    return found
 
 
 def is_layered(scene: Scene, volume: Volume) -> bool:

@@ -41,16 +41,19 @@ class Mask:
         """Inside are the voxels of a volume that are not 0 (nor NaN), or those of some labels. Raises InputError for a
         label that there is not, and if nothing is inside.
         """
-        samples, what = np.asarray(source.samples), f"mask {source.name}".strip()
+        what = f"mask {source.name}".strip()
+        # of segments that overlap, each in its channel
+        parts = source.channels if source.channels and all(each.labels for each in source.channels) else (source,)
+        every = [np.asarray(each.samples) for each in parts]
         if labels:
-            there = np.unique(samples)
+            there = np.unique(np.concatenate([np.unique(samples) for samples in every]))
             for number in labels:
                 if number not in there:
                     shown = ", ".join(f"{each:g}" for each in there[:MOST_SHOWN]) + ", …" * (len(there) > MOST_SHOWN)
                     raise expected(what, f"labels among {shown}", number)
-            inside = np.isin(samples, list(labels))
+            inside = np.logical_or.reduce([np.isin(samples, list(labels)) for samples in every])
         else:
-            inside = (samples != 0) & (samples == samples)
+            inside = np.logical_or.reduce([(samples != 0) & (samples == samples) for samples in every])
         if not inside.any():
             raise expected(what, "voxels that are not 0", "none")
         bare = replace(source, samples=inside, color=None, vectors=None, coarser=(), channels=(), masks=())

@@ -82,7 +82,7 @@ FORMATS = (
         "DICOM",
         (".dcm", ".dicom", ".ima", ".zip"),
         "dicom.read",
-        ("array", "series"),
+        ("array", "channel", "series"),
         # a preamble may be the header of a TIFF file
         ("ZIP", "TIFF"),
         ("file", "folder"),

@@ -13,11 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.errors import InputError
+from splatgl.data.errors import InputError, expected
+from splatgl.data.readers import dicom_segments
 from splatgl.data.readers.dicom_grid import Grid, grid_of, largest_group
 from splatgl.data.readers.dicom_headers import Frame, Header
 from splatgl.data.readers.dicom_pixels import check_header, decoded, is_color
-from splatgl.data.readers.dicom_series import chosen, contents
+from splatgl.data.readers.dicom_series import SEGMENTS, Contents, chosen, contents
 from splatgl.data.readers.even import at_places
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Volume
@@ -31,10 +32,19 @@ def read(path: Path, options: LoadOptions) -> Volume:
     """
     # 1. which images
     found = contents(path)
+    if not found.series:
+        return _segments(found, options)
+    if options.channel is not None:
+        raise expected("channel", "none, for images", options.channel)
     series = chosen(found.series, options)
     notes = [f"{found.damaged} damaged file{'s are' if found.damaged > 1 else ' is'} left out"] if found.damaged else []
     if len(found.series) > 1 and options.series is None:
         notes.append(f"series {series.number} of {len(found.series)} is read, the largest; series=N picks another")
+    for kind, title in SEGMENTS.items():
+        count = sum(head.modality == kind for head in found.segments)
+        notes += [f"{title} in {count} files ({kind}) beside the images are not drawn: --labels FILE adds one"] * (
+            count > 0
+        )
     group, left = largest_group(series.frames)
     for head in {id(frame.header): frame.header for frame in group}.values():
         with _of(head, group):
@@ -57,6 +67,15 @@ def read(path: Path, options: LoadOptions) -> Volume:
         notes=(*notes, *left, *grid.notes),
         value_unit=group[0].header.value_unit,
     )
+
+
+def _segments(found: Contents, options: LoadOptions) -> Volume:
+    """The labels of the only segmentation, or the only contours, that there are."""
+    several = found.segments
+    if len(several) > 1:
+        names = ", ".join(head.source.name for head in several[:5])
+        raise expected("DICOM", "one segmentation", f"{len(several)}: {names}", "name one of the files")
+    return dicom_segments.read(several[0].source, several[0].modality, options)
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -138,14 +138,14 @@ def reading() -> Iterator[None]:
         raise InputError(f"cannot be read as DICOM ({type(error).__name__}); the file is damaged") from error
 
 
-def dataset(file: Bounded) -> Any:
-    """The tags of TAGS; the file is at the element of the pixels afterwards, or at its end."""
+def dataset(file: Bounded, more: Sequence[str] = ()) -> Any:
+    """The tags of TAGS, and more; the file is at the element of the pixels afterwards, or at its end."""
     try:
         import pydicom
     except ImportError:
         raise missing_extra("DICOM files", "pydicom", "dicom") from None
     with reading():
-        tags: list[Any] = [*TAGS.split(), OVERLAY]
+        tags: list[Any] = [*TAGS.split(), *more, OVERLAY]
         found: Any = pydicom.dcmread(file, stop_before_pixels=True, force=True, specific_tags=tags)
         if "TransferSyntaxUID" not in found.file_meta:
             implicit, little = found.original_encoding

@@ -13,13 +13,16 @@ from splatgl.data.readers.dicom_headers import Frame, Header, frames, header
 from splatgl.data.readers.options import LoadOptions
 
 OTHERS = {
-    "SEG": "a segmentation: convert it to NRRD or NIfTI with segimage2itkimage of dcmqi",
-    "RTSTRUCT": "contours: convert them to NRRD or NIfTI with plastimatch or dcmrtstruct2nii",
+    "SEG": "a segmentation",
+    "RTSTRUCT": "contours",
     "RTPLAN": "a treatment plan, without an image",
     "SR": "a report, without an image",
     "DICOMDIR": "a DICOMDIR, a table of contents: name the folder that it is in",
 }
 """Kinds of files that hold no volume, and what to do with them."""
+
+SEGMENTS = {"SEG": "segmentations", "RTSTRUCT": "contours"}
+"""Kinds of files whose segments are read."""
 
 DICOMDIR_CLASS = "1.2.840.10008.1.3.10"
 
@@ -48,19 +51,25 @@ class Series:
 
 @dataclass(frozen=True)
 class Contents:
-    """What a path holds: its series, in the order of their numbers; files that are damaged."""
+    """What a path holds: its series, in the order of their numbers; files that are damaged, or without images."""
 
     series: tuple[Series, ...]
     damaged: int
+    others: tuple[Header, ...] = ()
+
+    @property
+    def segments(self) -> list[Header]:
+        """Those of the others that label voxels."""
+        return [head for head in self.others if head.modality in SEGMENTS]
 
 
 def contents(path: Path) -> Contents:
-    """The series of a path. Raises InputError if there are none, which says what is there instead."""
+    """The series of a path. Raises InputError if there are none, nor segments, which says what is there instead."""
     found = sources(path)
     if not found:
         raise expected("DICOM", "files of slices", "none", "name the folder or file that holds them")
     members: dict[str, list[Frame]] = {}
-    others: list[str] = []
+    others: list[Header] = []
     failed: list[InputError] = []
     for source in found:
         try:
@@ -73,12 +82,12 @@ def contents(path: Path) -> Contents:
         if each:
             members.setdefault(head.series, []).extend(each)
         else:
-            others.append(_kind(head))
-    if not members:
-        raise _no_images(others, failed)
+            others.append(head)
+    if not members and not any(head.modality in SEGMENTS for head in others):
+        raise _no_images([_kind(head) for head in others], failed)
     ordered = sorted(members.values(), key=lambda each: (each[0].header.number, each[0].header.series))
     series = (_series(number, each) for number, each in enumerate(ordered, 1))
-    return Contents(tuple(series), len(failed))
+    return Contents(tuple(series), len(failed), tuple(others))
 
 
 def _series(number: int, members: list[Frame]) -> Series:
