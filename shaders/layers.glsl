@@ -16,6 +16,21 @@ uint kept_pixel(uint tile, uint row, uint column) {
     return (tile * uint(ROWS) + row) * uint(LANES) + column;
 }
 
+// Adds a piece to a pixel's list; false, and only counted, beyond the room of so many pages.
+bool keep_piece(uint head, uint room, uvec4 piece) {
+    uint count = kept_heads[head + 2u], at = count % uint(PAGE - 1);
+    if (at == 0u) {
+        uint page = atomicAdd(kept_heads[0], 1u);
+        if (page >= room) return false;
+        if (count == 0u) kept_heads[head] = page;
+        else kept_pages[(kept_heads[head + 1u] + 1u) * uint(PAGE) - 1u].x = page;
+        kept_heads[head + 1u] = page;
+    }
+    kept_pages[kept_heads[head + 1u] * uint(PAGE) + at] = piece;
+    kept_heads[head + 2u] = count + 1u;
+    return true;
+}
+
 uvec4 packed_piece(vec2 ends, vec4 matter, float brightest) {
     vec3 color = matter.rgb / (matter.a * brightest);
     uint last = packUnorm2x16(vec2(color.b, (ends.y - ends.x) / LONGEST_PIECE));

@@ -33,17 +33,8 @@ vec2 waiting_ends[ROWS];
 void keep(int row) {
     if (waiting[row].a < 1e-30) return;
     uint head = head_of(layer, band, kept_pixel(kept_tile, uint(row), kept_column));
-    uint count = kept_heads[head + 2u], at = count % uint(PAGE - 1);
-    if (at == 0u) {
-        uint page = atomicAdd(kept_heads[0], 1u);
-        if (page >= room) return;
-        if (count == 0u) kept_heads[head] = page;
-        else kept_pages[(kept_heads[head + 1u] + 1u) * uint(PAGE) - 1u].x = page;
-        kept_heads[head + 1u] = page;
-    }
-    kept_pages[kept_heads[head + 1u] * uint(PAGE) + at] = packed_piece(waiting_ends[row], waiting[row], style.brightest);
-    kept_heads[head + 2u] = count + 1u;
-    waiting[row] = vec4(0.0);
+    uvec4 piece = packed_piece(waiting_ends[row], waiting[row], style.brightest);
+    if (keep_piece(head, room, piece)) waiting[row] = vec4(0.0);
 }
 
 // Adds matter between two places, in sheets from the first, to what waits if both are thin.

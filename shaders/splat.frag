@@ -1,10 +1,14 @@
 // One splat's contribution to one pixel: its footprint, then the blend mode's value, or what it adds to sheets.
 // switch SHEETS 0
 // switch STEPS 0
+// switch BOXES 0
 #define VARYING in
 #define FLAT flat
 #include "footprint_eval.glsl"
 #include "streak.glsl"
+#if BOXES
+#include "boxes.glsl"
+#endif
 
 #if SHEETS
 // of the sheets that share it: extinction · colour and extinction; classified after: gradient and value, by mass
@@ -27,6 +31,18 @@ float footprint() {
     return max(abs(place.x), abs(place.y)) <= 1.0 ? texture(footprint_table, place * 0.5 + 0.5).r : 0.0;
 }
 
+#if BOXES
+// Contribution of the box of a voxel.
+vec4 boxed() {
+    BoxRay ray = box_ray(gl_FragCoord.xy);
+    vec2 ends = box_ends(ray, center.xyz);
+    if (ends.y <= ends.x) discard;
+    vec2 shone = JOIN == JOIN_OVER ? box_light(ray, ends) : vec2(1.0, 0.0);
+    float depth = splat.a * (JOIN == JOIN_MAX ? 1.0 : (ends.y - ends.x) * ray.stretch);
+    return vec4(splat.rgb * shone.x + shone.y, 1.0) * (JOIN == JOIN_OVER ? one_minus_exp(depth) : depth);
+}
+#endif
+
 // Contribution of a moving splat: opacity, or the sum's term.
 float streaked() {
     Passing p = passing(path_center, at, path_step, Inner(mat2x3(inner_x, inner_y), path_isolation.yz));
@@ -46,6 +62,8 @@ void main() {
         masses[n] = share * sheet_shares[n];
 #endif
     }
+#elif BOXES
+    fragment = boxed();
 #else
     bool moves = MOTION != MOTION_OFF && path_step != vec2(0.0);
     fragment = vec4(splat.rgb, 1.0) * (moves ? streaked() : blended(splat.a * footprint()));

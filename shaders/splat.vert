@@ -80,4 +80,5 @@ void main() {
         center.w = 1.0;
         gl_Position = vec4(corner, 0.0, 1.0);
     }
+    if (BOXES == 1) center.xyz = local;
 }

@@ -1,6 +1,7 @@
 // Setup of one splat relative to the eye: its colour and optical depth, for a quad's vertex or the tile lists.
 // VARYING is defined as `out` in the vertex shader, FLAT as `flat`; elsewhere as nothing.
 // switch SHADING 0
+// switch BOXES 0
 #include "approximations.glsl"
 #include "attenuation.glsl"
 #include "light.glsl"
@@ -8,9 +9,9 @@
 #include "records.glsl"
 #include "varyings.glsl"
 
-// The voxel's colour by its normal, and by the light that reaches it; a zero gradient is unshaded
+// The voxel's colour by its normal, and by the light that reaches it; a zero gradient is unshaded. Boxes are lit later.
 vec3 shone(vec3 v) {
-    if (SHADING == 0 && !CUED) return in_color;
+    if ((SHADING == 0 && !CUED) || BOXES == 1) return in_color;
     float far = length(v);
     vec3 toward = PERSPECTIVE == 1 && far > 0.0 ? v / far : vec3(0.0, 0.0, 1.0);
     mat3 eye_from_world = mat3(frame.eye_from_world[0].xyz, frame.eye_from_world[1].xyz, frame.eye_from_world[2].xyz);
@@ -35,6 +36,7 @@ void give_matter(vec3 v, Quad quad) {
     splat.rgb = shone(v);
     if (STEPS > 0) splat = vec4(in_color, in_optical_depth);
     else if (PEAK == 1) splat.a = one_minus_exp(in_optical_depth * style.opacity_length);
+    else if (BOXES == 1) splat.a = in_optical_depth;
     else splat.a = attenuated_depth(v, quad.coverage) * quad.gain * style.peak;
     coverage = quad.coverage;
     bend = quad.bend;

@@ -93,6 +93,10 @@ void main() {
             shape.x = floatBitsToUint(i.z);
         } else shape.xy = floatBitsToUint(vec2(AROUND, i.z));
     }
+    if (BOXES == 1) {
+        head = floatBitsToUint(vec4(in_position - frame.base.xyz, splat.a));
+        shape = floatBitsToUint(vec4(splat.rgb, 0.0));
+    }
     if (PACKED == 1) {
         uvec4 words = packed_gradient(splat.rgb, shape.xyz);
         shape = uvec4(words.xyz, matter.w);

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import moderngl
 import numpy as np
 
 from splatgl.data.errors import InputError
+from splatgl.gl.boxes import BoxTiles
+from splatgl.gl.buffers import SplatBuffers
 from splatgl.gl.constants import LANES, PAGE
+from splatgl.gl.draw_order import DrawOrder
 from splatgl.gl.portions import Portions
+from splatgl.gl.program import Programs
 from splatgl.gl.sheet_tiles import SheetTiles
+from splatgl.gl.tables import Tables
 from splatgl.gl.target import Target
 from splatgl.gl.tiles import Band, set_uniforms
+from splatgl.splat.extraction.order import order_for
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.plan.tiling import COLUMNS, ROWS
@@ -39,6 +46,18 @@ class LayerTiles(SheetTiles):
     # uniforms of layers.glsl, and pieces of each pixel and layer
     keeping: dict[str, float]
     heads: moderngl.Buffer | None = None
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        programs: Programs,
+        splats: SplatBuffers,
+        whole: Callable[[moderngl.Program], None],
+        tables: Tables,
+        boxes: BoxTiles,
+    ) -> None:
+        super().__init__(ctx, programs, splats, whole, tables)
+        self.boxes = boxes
 
     def release(self) -> None:
         """Frees all buffers and textures; they are recreated on demand."""
@@ -89,13 +108,25 @@ class LayerTiles(SheetTiles):
             bind(splats, plan)
             self.keeping = {"layer": n, "band": pixels, "room": ROOM, "thin": THIN * plan.resolved.tolerance}
             scratch.clear()
-            self._draw_window(scratch, splats, plan, self._sorted(splats, plan, window), window, portions)
+            if plan.resolved.boxes:
+                self._draw_boxes(scratch, splats, replace(plan, window=window), portions)
+            else:
+                self._draw_window(scratch, splats, plan, self._sorted(splats, plan, window), window, portions)
             taken = int(np.frombuffer(heads.read(4), np.uint32)[0])
             if taken > ROOM:
                 return taken
         bind(*layers[0])
         self._over(target, layers, band, pixels)
         return taken
+
+    def _draw_boxes(self, scratch: Target, splats: Splats, plan: Plan, portions: Portions) -> None:
+        """Draws a layer of boxes in the plan's window."""
+        order = DrawOrder(order_for(splats, plan.resolved.camera), nearest_first=True)
+        self.boxes.keeping = self._keep_matter
+        try:
+            self.boxes.draw(scratch, splats, plan, order, portions)
+        finally:
+            self.boxes.keeping = None
 
     def _over(self, target: Target, layers: Sequence[Drawn], band: Band, pixels: int) -> None:
         plan = layers[0][1]
@@ -127,9 +158,13 @@ class LayerTiles(SheetTiles):
         if name != "sheet_draw.comp":
             return super()._program(name, plan, switches)
         program = super()._program(name, plan, {**switches, "LAYERED": True})
+        self._keep_matter(program)
+        return program
+
+    def _keep_matter(self, program: moderngl.ComputeShader) -> None:
+        """Makes a program keep a layer's matter."""
         set_uniforms(program, **self.keeping)
         self._bind_pieces()
-        return program
 
 
 def layer_uniforms(layers: Sequence[Drawn]) -> dict[str, object]:
@@ -140,13 +175,13 @@ def layer_uniforms(layers: Sequence[Drawn]) -> dict[str, object]:
     }
     for splats, plan in layers:
         sheets, view = plan.resolved.sheets, plan.view
-        assert sheets is not None
         # columns, as OpenGL reads them
         scaled = view.index_from_eye.T * (unit / splats.grid.mean_spacing)
         found["index_from_eye"].append(tuple(scaled.ravel()))
         found["direction"].append(tuple(index_direction(view)))
-        found["thickness"].append(sheets.thickness)
-        found["first_sheet"].append(float(sheets.range(splats, view)[0]))
+        # of boxes grid steps from the eye
+        found["thickness"].append(sheets.thickness if sheets else 1.0)
+        found["first_sheet"].append(float(sheets.range(splats, view)[0]) if sheets else 0.0)
         found["brightest"].append(max(splats.brightest, 1.0))
     return dict(found)
 

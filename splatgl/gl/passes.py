@@ -11,6 +11,7 @@ import moderngl
 import numpy as np
 
 from splatgl.data.mesh import Mesh
+from splatgl.gl.boxes import BoxTiles
 from splatgl.gl.buffers import SplatBuffers
 from splatgl.gl.cue_fields import CueFields
 from splatgl.gl.draw_order import DrawOrder
@@ -64,13 +65,16 @@ class Passes:
         owned.callback(self.frame.release)
         self.tiles = Tiles(ctx, self.programs, self.splats, self._whole)
         self.sheets = SheetTiles(ctx, self.programs, self.splats, self._whole, self.tables)
-        self.layers = LayerTiles(ctx, self.programs, self.splats, self._whole, self.tables)
+        self.boxes = BoxTiles(ctx, self.programs, self.splats, self._whole)
+        self.layers = LayerTiles(ctx, self.programs, self.splats, self._whole, self.tables, self.boxes)
         self.techniques: dict[str, Technique] = {
             "quads": Quads(ctx, self.programs, self.splats),
             "tiles": self.tiles,
             "sheets in quads": SheetQuads(ctx, self.programs, self._whole, self.tables, self.frame),
             "sheets in tiles": self.sheets,
             "layers": self.layers,
+            "boxes in quads": Quads(ctx, self.programs, self.splats),
+            "boxes in tiles": self.boxes,
             "streaks": Streaks(ctx, self.programs, self.splats),
         }
         self.surfaces = Surfaces(ctx, self.programs, self._whole)
@@ -141,7 +145,7 @@ class Passes:
         self._bind(first, plan)
         try:
             for limits, light in self.surfaces.peeled(meshes, camera, unit, lit, plan.program.look.light.plain):
-                self.sheets.limits = self.layers.limits = limits
+                self.sheets.limits = self.layers.limits = self.boxes.limits = limits
                 part.clear()
                 if len(shown) > 1:
                     self.layers.composite(part, scratch, shown, self._bind, portions)
@@ -150,7 +154,7 @@ class Passes:
                 self._bind(first, plan)
                 self.surfaces.composite(target, part, light)
         finally:
-            self.sheets.limits = self.layers.limits = None
+            self.sheets.limits = self.layers.limits = self.boxes.limits = None
         return self._read(target, replace(plan, window=Window(0, 0, *plan.view.size)))
 
     def joined(self, samples: np.ndarray, whole: Splats, plan: Plan) -> np.ndarray:
@@ -180,7 +184,8 @@ class Passes:
         look = plan.program.look
         boxes = order_for(splats, plan.resolved.camera) if look.blend.ordered and not look.sheets else None
         order = DrawOrder(boxes, boxes is not None and plan.order == "front-to-back")
-        technique = f"sheets in {plan.program.technique}" if plan.resolved.sheets else plan.program.technique
+        kind = "sheets in " if plan.resolved.sheets else "boxes in " if plan.resolved.boxes else ""
+        technique = f"{kind}{plan.program.technique}"
         self.techniques[technique].draw(target, splats, plan, order, portions)
 
     def _bind(self, splats: Splats, plan: Plan) -> None:
@@ -192,7 +197,9 @@ class Passes:
         self.tables.use(plan)
         if plan.resolved.cues is not None:
             self.cues.use(plan.resolved.cues, plan.view)
-        if plan.resolved.mask is not None:
+        if plan.resolved.boxes and splats.labels is not None:
+            self.mask.use(splats.labels, faced=True)
+        elif plan.resolved.mask is not None:
             self.mask.use(plan.resolved.mask, plan.program.look.shading)
 
     def _resolve(self, drawn: Target, plan: Plan, background: tuple[float, float, float] | None) -> Target:

@@ -67,6 +67,7 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         **({"SHADOWS": True} if look.shadows else {}),
         "ATTENUATION": f"ATTENUATION_{look.attenuation.upper().replace('-', '_')}",
         **({"PACKED": True} if program.packed else {}),
+        **({"BOXES": True} if program.boxes else {}),
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",
         "MOTION": f"MOTION_{program.motion.upper()}",
         "FLOW": program.flow,

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import moderngl
 
+from splatgl.gl.boxes import box_uniforms
 from splatgl.gl.buffers import Sorted, SplatBuffers
 from splatgl.gl.draw_order import DrawOrder, Range, chunks
 from splatgl.gl.portions import Portions
 from splatgl.gl.program import BLEND_STATES, Programs
 from splatgl.gl.tables import BLUR_UNIT, HALF_LINE_UNIT
 from splatgl.gl.target import Target
+from splatgl.gl.tiles import set_uniforms
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.plan import Plan
 
@@ -28,6 +30,8 @@ class Quads:
         for name, unit in (("half_table", HALF_LINE_UNIT), ("blur_table", BLUR_UNIT)):
             if name in program:
                 program[name] = unit
+        if plan.resolved.boxes:
+            set_uniforms(program, **box_uniforms(splats, plan))
         blend = BLEND_STATES[plan.program.look.blend.join, order.nearest_first]
         self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
         self.ctx.blend_func = blend.source, blend.destination

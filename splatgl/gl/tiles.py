@@ -59,6 +59,9 @@ class Tiles:
     framebuffer.
     """
 
+    # the shader that composites tiles
+    drawing = "tile_draw.comp"
+
     def __init__(
         self,
         ctx: moderngl.Context,
@@ -248,7 +251,7 @@ class Tiles:
         self.list.use(LIST_UNIT)
         self.bind_target(target)
         while len(lists):
-            program = self._program("tile_draw.comp", plan, {"CARRIED": carried})
+            program = self._program(self.drawing, plan, {"CARRIED": carried})
             set_uniforms(program, half_table=HALF_LINE_UNIT, list=LIST_UNIT, opaque=1.0 - plan.hiding.cutoff)
             now = lists.copy()
             now[:, 2] = np.minimum(lists[:, 2], lists[:, 1] + 4 * ROUNDS)

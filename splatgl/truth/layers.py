@@ -19,15 +19,16 @@ from splatgl.splat.plan.suited import suited
 from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.screen_bounds import Window
+from splatgl.truth.boxes import BoxScene
 from splatgl.truth.sheet_field import behind
 from splatgl.truth.sheets import Pieces, SheetScene
 
 
 @dataclass(frozen=True, eq=False)
 class LayerScene:
-    """Data shared by all windows of a picture of layers, each in sheets."""
+    """Data shared by all windows of a picture of layers, each in sheets or boxes."""
 
-    layers: Sequence[SheetScene]
+    layers: Sequence[SheetScene | BoxScene]
 
     def band_height(self) -> int:
         """Rows of pixels drawn together."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -73,7 +74,18 @@ class Row:
         return found
 
 
-def values(row: Row, boxes: Boxes, order: np.ndarray, window: Window, camera: Camera) -> Iterator[Values]:
+class Footprints(Protocol):
+    """Splats on rays of a view."""
+
+    @property
+    def view(self) -> View:
+        """The view."""
+
+    def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
+        """The value of splats [P] on rays [2, P]."""
+
+
+def values(row: Footprints, boxes: Boxes, order: np.ndarray, window: Window, camera: Camera) -> Iterator[Values]:
     """Pairs in a window of the image, splats in the given order, in chunks."""
     across, down = ((np.arange(count) + 0.5 - count / 2) * row.view.pitch for count in camera.size)
     top, bottom = np.maximum(boxes.top, window.y), np.minimum(boxes.bottom, window.y + window.height)

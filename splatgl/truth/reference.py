@@ -25,7 +25,7 @@ from splatgl.splat.integral.attenuation import filled_depth
 from splatgl.splat.kernel.tabulated import tabulated
 from splatgl.splat.layers.layers import Scene, casting, joined
 from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.resolve import Resolved
+from splatgl.splat.plan.resolve import PRE_KERNEL, Resolved
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import suited
 from splatgl.splat.view.ahead import ahead
@@ -33,6 +33,7 @@ from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 from splatgl.truth.blend import ADD, Band, Part, over_background, pixels
+from splatgl.truth.boxes import BoxScene
 from splatgl.truth.extent import Boxes, pixel_boxes, reaching
 from splatgl.truth.layers import LayerScene, layers_of, resolved_layer
 from splatgl.truth.pairs import Row, Values, values
@@ -68,7 +69,8 @@ def render(
             return _render_layers(drawn, camera, settings, progress, meshes)
         splats, settings = drawn[0]
     if row != "row1":
-        settings = settings.but(classification="pre", compositing="splats")
+        kernel = settings.kernel if settings.kernel != "auto" else PRE_KERNEL
+        settings = settings.but(classification="pre", compositing="splats", kernel=kernel)
     splats = ahead(suited(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
     picture = _drawn_in_bands(_scene(splats, resolved, row), resolved, progress)
@@ -98,7 +100,7 @@ def _render_layers(
 
 
 def _drawn_in_bands(
-    scene: _Scene | SheetScene | LayerScene | SurfaceScene, resolved: Resolved, progress: Progress | None
+    scene: _Scene | SheetScene | BoxScene | LayerScene | SurfaceScene, resolved: Resolved, progress: Progress | None
 ) -> np.ndarray:
     """The pixels, float64 [H, W, 4]."""
     fine = resolved.camera
@@ -145,9 +147,9 @@ def _layer_windows(
 
 def _layered(
     layers: Sequence[tuple[Splats, Resolved]], settings: Settings, meshes: Sequence[Mesh]
-) -> SheetScene | LayerScene | SurfaceScene:
+) -> SheetScene | BoxScene | LayerScene | SurfaceScene:
     """The scene of layers and meshes."""
-    scenes = [sheet_scene(*each) for each in layers]
+    scenes = [BoxScene(*each) if each[1].boxes else sheet_scene(*each) for each in layers]
     scene = LayerScene(scenes) if len(scenes) > 1 else scenes[0]
     if not meshes:
         return scene
@@ -185,7 +187,7 @@ def _drawn(windows: Sequence[Window], resolved: Resolved) -> list[Window]:
 
 
 def _windows(
-    scene: _Scene | SheetScene | LayerScene | SurfaceScene, resolved: Resolved, windows: Sequence[Window]
+    scene: _Scene | SheetScene | BoxScene | LayerScene | SurfaceScene, resolved: Resolved, windows: Sequence[Window]
 ) -> list[np.ndarray]:
     """Windows of the picture of a scene."""
     fine, k = _drawn(windows, resolved), resolved.samples
@@ -208,7 +210,9 @@ def _samples(window: Window, resolved: Resolved) -> Window:
     return Window(left, top, min(right, width) - left, min(bottom, height) - top)
 
 
-def _scene(splats: Splats, resolved: Resolved, row: str) -> _Scene | SheetScene:
+def _scene(splats: Splats, resolved: Resolved, row: str) -> _Scene | SheetScene | BoxScene:
+    if resolved.boxes:
+        return BoxScene(splats, resolved)
     return _Scene(splats, resolved, row) if resolved.sheets is None else sheet_scene(splats, resolved)
 
 

@@ -12,6 +12,7 @@ from splatgl.splat.classification.mesh_colors import colors_at
 from splatgl.splat.classification.shading import Light, surface_light
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.screen_bounds import Window
+from splatgl.truth.boxes import BoxScene
 from splatgl.truth.layers import LayerScene
 from splatgl.truth.sheets import SheetScene
 
@@ -33,7 +34,7 @@ class Crossings:
 class SurfaceScene:
     """Data shared by all windows of a picture of volumes with meshes. camera: of the samples; light: None: not lit."""
 
-    scene: SheetScene | LayerScene
+    scene: SheetScene | BoxScene | LayerScene
     meshes: Sequence[Mesh]
     camera: Camera
     light: Light | None

@@ -92,10 +92,10 @@ class Bound:
 def bound(splats: Splats, plan: Plan, brightest: float) -> Bound | None:
     """The bound of a picture; brightest: its largest component, to which an X-ray's errors are relative.
 
-    None for streaks that deviate from their model: near the eye, and of long voxels beyond z_k; and for values that are
-    classified after reconstruction.
+    None for streaks that deviate from their model: near the eye, and of long voxels beyond z_k; for values that are
+    classified after reconstruction; and for boxes, of which a ray along a face may meet either of two.
     """
-    if plan.program.look.steps > 0:
+    if plan.program.look.steps > 0 or plan.program.boxes:
         return None
     if plan.exposure is None:
         splats = ahead(splats, plan.resolved.camera)

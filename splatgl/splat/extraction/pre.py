@@ -15,6 +15,7 @@ import numpy as np
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Slab, Volume
 from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.extraction.label_normals import HALO, LabelNormals
 from splatgl.splat.extraction.parts import in_parts
 from splatgl.splat.extraction.records import NORMAL_SCALE, Gathered, record_type, stored_color
 from splatgl.splat.extraction.splats import Grid, Splats, assemble
@@ -85,7 +86,8 @@ def extract_pre(
     dropped = Dropped(volume.shape) if threshold > 0 else None
 
     # one slab at a time
-    slabs = volume.slabs(planes, halo=2 if transfer.labels else 1)
+    normals = LabelNormals.empty(volume) if transfer.labels else None
+    slabs = volume.slabs(planes, halo=1 if normals is None else HALO)
     gathered = Gathered(lookup.record)
     for part in progress(slabs, -(-depth // planes)) if progress else slabs:
         part = replace(part, samples=np.ascontiguousarray(part.samples))
@@ -94,8 +96,9 @@ def extract_pre(
         hidden = None if not volume.masks else ~_kept(volume, part.start, len(own))
         flat = np.flatnonzero(lookup.keeps(own) if hidden is None else lookup.keeps(own) & ~hidden)
         color = None if volume.color is None or not len(flat) else np.asarray(volume.color[part.start : part.stop])
-        field = _shown(lookup, volume, part) if transfer.labels and transfer.shading else part.samples
-        work = partial(_records, volume, _Part(part, color, field), flat, lookup, unit / grid.mean_spacing)
+        if normals is not None and len(flat):
+            normals.add(volume, part, _shown(lookup, volume, part))
+        work = partial(_records, volume, _Part(part, color, normals), flat, lookup, unit / grid.mean_spacing)
         found = in_parts(len(flat), RECORDS, work)
         for records, _ in found:
             gathered.add(records)
@@ -104,16 +107,22 @@ def extract_pre(
 
     # the largest depth left out
     lost = dropped.largest() * grid.mean_spacing / unit if dropped else 0.0
-    return assemble(gathered.records, gathered.records["position"], grid, unit, volume.name, transfer.shading, lost)
+    position = gathered.records["position"]
+    made = assemble(gathered.records, position, grid, unit, volume.name, transfer.shading, lost)
+    if normals is None or not len(position):
+        return made
+    return replace(
+        made, labels=normals.cut(position.min(axis=0).astype(np.int64), position.max(axis=0).astype(np.int64))
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A slab, the colours of its own voxels, and what its gradients are of."""
+    """A slab, the colours of its own voxels, and the normals of labels, that shade these instead of gradients."""
 
     slab: Slab
     color: np.ndarray | None
-    field: np.ndarray
+    normals: LabelNormals | None
 
 
 def _kept(volume: Volume, first: int, planes: int) -> np.ndarray:
@@ -122,16 +131,11 @@ def _kept(volume: Volume, first: int, planes: int) -> np.ndarray:
 
 
 def _shown(lookup: Lookup, volume: Volume, part: Slab) -> np.ndarray:
-    """Where labels are shown, float32, smoothed along each axis: a surface's normals, whatever the numbers are."""
-    keeps = lookup.keeps(part.samples)
-    field: np.ndarray = (keeps & _kept(volume, part.start - part.before, len(keeps)) if volume.masks else keeps).astype(
-        np.float32
-    )
-    for axis in range(3):
-        padded = np.pad(field, [(int(axis == each),) * 2 for each in range(3)], mode="edge")
-        low, high = (np.take(padded, np.arange(k, k + field.shape[axis]), axis) for k in (0, 2))
-        field = (low + 2 * field + high) / 4
-    return np.ascontiguousarray(field)
+    """The opacities of a slab's labels that are shown, float32."""
+    opacity = np.where(lookup.keeps(part.samples), lookup.opacity(part.samples), 0.0).astype(np.float32)
+    if volume.masks:
+        opacity *= _kept(volume, part.start - part.before, len(opacity))
+    return opacity
 
 
 def _records(
@@ -149,8 +153,8 @@ def _records(
 
     # gradients if needed; F(∇, ρ)
     gradient = np.zeros((len(flat), 3))
-    if transfer.shading or transfer.gradient:
-        gradient = _gradient(part.field, flat, (x, y, z)) @ np.linalg.inv(volume.world_from_index)
+    if (transfer.shading and part.normals is None) or transfer.gradient:
+        gradient = _gradient(slab.samples, flat, (x, y, z)) @ np.linalg.inv(volume.world_from_index)
     if transfer.gradient:
         opacity = opacity * transfer.weight(np.linalg.norm(gradient, axis=1))
     everyone = opacity
@@ -171,7 +175,7 @@ def _records(
     records["position"][:, 0], records["position"][:, 1], records["position"][:, 2] = x, y, z
     records["optical_depth"] = transfer.extinction(opacity, unit_in_spacings)
     if transfer.shading:
-        records["normal"] = _snorm(gradient)
+        records["normal"] = _snorm(gradient if part.normals is None else part.normals.at(records["position"]))
     return records, everyone
 
 

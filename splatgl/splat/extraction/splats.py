@@ -22,6 +22,7 @@ from splatgl.splat.extraction.records import POINT, color_scale, linear_color
 
 if TYPE_CHECKING:
     from splatgl.splat.extraction.extract import Source
+    from splatgl.splat.extraction.label_normals import LabelNormals
     from splatgl.splat.view.mask import MaskField
 
 # most splats kept on the GPU, 400 MB of voxels' records: the limit of texture rows
@@ -70,6 +71,7 @@ class Splats:
     dropped_depth: largest optical depth that the threshold removed from one axis line. source: of all splats of a
     volume, from which pictures that take others extract them. mask: what cuts rays through values; None: nothing.
     frame: as of the volume.
+    labels: normals of voxels of labels, which are drawn as boxes; None: these are none.
     """
 
     records: np.ndarray
@@ -86,6 +88,7 @@ class Splats:
     source: Source | None = None
     mask: MaskField | None = None
     frame: str | None = None
+    labels: LabelNormals | None = None
 
     def __len__(self) -> int:
         return len(self.records)

@@ -132,6 +132,36 @@ class PiecewiseCubic:
         return 2 * self.partial(d, _half_chord(self.radius, d))
 
 
+@dataclass(frozen=True)
+class Box:
+    """The box of a voxel, of even density; radius: of the ball around it. It is not radial: along a ray it is as long
+    as the ray within it, see truth/boxes.py; here stands the ball, which bounds it.
+    """
+
+    name: str = "box"
+    radius: float = 3**0.5 / 2
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """The radius alone."""
+        return (self.radius,)
+
+    def value(self, r: np.ndarray) -> np.ndarray:
+        """1 within the ball."""
+        return np.where(np.asarray(r) < self.radius, 1.0, 0.0)
+
+    def partial(self, d: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """A length within the ball."""
+        return np.where(np.asarray(d) < self.radius, np.asarray(t, np.float64), 0.0)
+
+    def footprint(self, d: np.ndarray) -> np.ndarray:
+        """1 within the ball: depths of voxels are those along a ray of one mean spacing."""
+        return self.value(d)
+
+
+BOX = Box()
+
+
 def _crawfis_max() -> PiecewiseCubic:
     """The cubic of Crawfis and Max (1993): C² at the knot, lattice ripple 0.12 % rms."""
     r, c2, c3 = 1.556228, 0.067599, 0.282474

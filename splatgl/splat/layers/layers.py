@@ -207,7 +207,7 @@ def casting(resolved: Sequence[Resolved], layers: Sequence[tuple[Splats, Setting
 
 def check_layer(resolved: Resolved, name: str) -> None:
     """InputError for a layer that composites splat by splat: its order beside other layers is not known."""
-    if resolved.look.blend.ordered and resolved.sheets is None:
+    if resolved.look.blend.ordered and resolved.sheets is None and not resolved.boxes:
         why = f"; {resolved.notes[-1]}" if resolved.notes else ""
         raise InputError(f"layer {name or 'without a name'}: layers composite in sheets, not splat by splat{why}")
 

@@ -31,7 +31,7 @@ from splatgl.splat.view.screen_bounds import Window, screen_bounds
 from splatgl.splat.view.view import View
 
 # texels along an axis: the paper's, and enough for a radial table's error of 1e−5
-TABLE_SIZES = {"table": 256, "radial": 1024, "polynomial": 1, "single": 1}
+TABLE_SIZES = {"table": 256, "radial": 1024, "polynomial": 1, "single": 1, "box": 1}
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Seen:
 class Program:
     """Compile-time choices, the key of the program cache.
 
-    footprint: its source, table, radial, polynomial or single (polynomial). kernel: the one whose polynomials
+    footprint: its source, table, radial, polynomial, single (polynomial) or box. kernel: the one whose polynomials
     are compiled in. motion: form of streaks. flow: whether splats have velocities of their own. points: whether their
     places are not those of voxels; see records.py. exp_doublings: see optics.glsl.
     """
@@ -71,6 +71,11 @@ class Program:
     def runs(self) -> bool:
         """Whether opacities depend on the runs of matter around splats."""
         return self.look.attenuation == "fill" and (self.seen.antialias or self.motion != "off")
+
+    @property
+    def boxes(self) -> bool:
+        """Whether splats are boxes of voxels."""
+        return self.footprint == "box"
 
     @property
     def bent(self) -> bool:
@@ -149,7 +154,7 @@ class Plan:
         """A description of the footprint table."""
         kind, size = self.lookup.kind, self.lookup.size
         if size == 1:
-            return {"polynomial": "polynomials", "single": "a single polynomial"}[kind]
+            return {"polynomial": "polynomials", "single": "a single polynomial", "box": "exact lengths"}[kind]
         name, sides = ("table", f"{size}×{size}") if kind == "table" else ("radial table", str(size))
         return f"{name} {sides} at {self.lookup.bits} bits"
 
@@ -215,25 +220,25 @@ def plan(
     notes += resolved.notes
     shape, view, blend = resolved.kernel, resolved.view, resolved.look.blend
     align, z_s = alignment(splats, view, settings, notes)
-    half_line = _half_line(splats, view, align, exposure, notes)
+    half_line = resolved.boxes or _half_line(splats, view, align, exposure, notes)
     # without splats no technique can refuse
-    asked = Asked(settings, exposure is not None, tiles, resolved.sheets is not None)
+    asked = Asked(settings, exposure is not None, tiles, resolved.sheets is not None, resolved.boxes)
     kind = technique(asked, notes) if len(splats) else "quads"
-    read = footprint(kind, shape, settings, resolved.look.steps > 0)
+    read = "box" if resolved.boxes else footprint(kind, shape, settings, resolved.look.steps > 0)
     bounds = screen_bounds(splats.corners_in_grid(), view)
     # sheets sort all splats at a time, and take the exponential itself: other opacities compile nothing
-    quick = kind == "tiles" and resolved.sheets is None
+    quick = kind == "tiles" and resolved.sheets is None and not resolved.boxes
     hiding = Hiding()
     if kind == "tiles" and blend.ordered and settings.occlusion != "off":
         cutoff = SHARE * settings.tolerance / max(splats.brightest, 1.0)
-        hiding = Hiding(depth_batches(splats, view, bounds, resolved.sheets is not None), cutoff)
+        hiding = Hiding(depth_batches(splats, view, bounds, resolved.sheets is not None or resolved.boxes), cutoff)
     program = Program(
         technique=kind,
         look=resolved.look,
         seen=Seen(view.perspective, view.antialias, splats.grid.cubic, half_line),
         align=align,
         footprint=read,
-        kernel=shape.name if TABLE_SIZES[read] == 1 else "",
+        kernel=shape.name if read in ("polynomial", "single") else "",
         motion=settings.motion if exposure else "off",
         flow=exposure is not None and exposure.flow is not None,
         points=of_points(splats.records.dtype),

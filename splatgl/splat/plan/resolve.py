@@ -13,10 +13,10 @@ from splatgl.data.errors import InputError, expected
 from splatgl.splat.classification.shading import LIGHTS, Light
 from splatgl.splat.cues.cues import Cues
 from splatgl.splat.extraction.splats import MOST_KEPT, Splats
-from splatgl.splat.kernel.kernels import Kernel, kernel
+from splatgl.splat.kernel.kernels import BOX, Kernel, kernel
 from splatgl.splat.plan.blend_mode import BLENDS, BlendMode
 from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import one_by_one
+from splatgl.splat.plan.suited import as_boxes, one_by_one
 from splatgl.splat.sheets.sheets import MOST_SHEETS, Sheets
 from splatgl.splat.view.camera import Camera, check_reach
 from splatgl.splat.view.clip import Clip
@@ -98,6 +98,11 @@ class Resolved:
         """The view's kernel."""
         return self.view.kernel
 
+    @property
+    def boxes(self) -> bool:
+        """Whether splats are boxes of voxels, which rays cross one by one, in the order of cells."""
+        return self.kernel is BOX
+
     @classmethod
     def of(cls, splats: Splats, camera: Camera, settings: Settings, moving: bool = False) -> Resolved:
         """Resolves the settings for splats and camera. moving: whether the picture is motion-blurred.
@@ -111,15 +116,17 @@ class Resolved:
         if len(splats):
             check_reach(splats.corners, camera, splats.grid.mean_spacing)
         z_k = fine.z_k(splats.grid.smallest_spacing)
-        antialias, antialias_notes = _antialias(settings, z_k, depths[1])
+        boxes = as_boxes(splats, settings, moving)
+        antialias, antialias_notes = (False, ()) if boxes else _antialias(settings, z_k, depths[1])
         shading, shading_notes = _shading(splats, settings)
-        view = View.of(splats.grid, fine, kernel(kernel_name(splats, settings)), antialias)
+        shape = BOX if boxes else kernel(kernel_name(splats, settings))
+        view = View.of(splats.grid, fine, shape, antialias)
         widened = widening(splats, view)
         sheets, sheets_notes = _sheets(splats, settings, view, moving)
         # widened weights of means need no attenuation
         after = sheets is not None and sheets.steps > 0
         attenuation = "optical-depth" if after else _attenuation(settings, antialias or moving)
-        clip = Clip.of(settings.clip, splats.grid) if after else None
+        clip = Clip.of(settings.clip, splats.grid) if after or boxes else None
         mask = splats.mask if after else None
         look = Look(BLENDS[settings.blend], attenuation, shading, clipped=clip is not None, masked=mask is not None)
         light = Light.of(settings.light, settings.light_from, settings.shadows > 0)
@@ -162,6 +169,8 @@ def _sheets(splats: Splats, settings: Settings, view: View, moving: bool) -> tup
     """The sheets of a picture, None if splats composite one by one; with notes. InputError for what can't be drawn."""
     _check_classification(splats, settings, moving)
     post = splats.post is not None
+    if view.kernel is BOX:
+        return None, ()
     why = None if settings.compositing == "sheets" else one_by_one(settings, moving)
     if not post and (why or moving or not BLENDS[settings.blend].ordered):
         left = why and settings.compositing == "auto" and BLENDS[settings.blend].ordered

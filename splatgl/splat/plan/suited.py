@@ -37,14 +37,24 @@ def streaked(settings: Settings) -> bool:
     return settings.motion in MOTIONS and not BLENDS[settings.blend].one_value
 
 
+def as_boxes(splats: Splats, settings: Settings, moving: bool) -> bool:
+    """Whether splats are voxels of labels that are drawn as boxes: unless the settings ask for footprints of a kernel.
+
+    moving: whether the picture is of streaks.
+    """
+    plain = settings.kernel == "auto" and settings.attenuation != "opacity" and settings.antialias != "paper"
+    return splats.labels is not None and plain and by_distance(settings) and not moving
+
+
 def blur(splats: Splats, settings: Settings) -> str:
     """How a moving picture of these splats is blurred: moments, off or a form of streaks.
 
     For sums streaks are exact; where matter hides matter, the mean of moments has less error in the same time, and
-    values classified after reconstruction have no streaks.
+    values classified after reconstruction, and boxes of labels, have no streaks.
     """
     if settings.motion == "auto":
-        sums = BLENDS[settings.blend].unbounded and suited(splats, settings, moving=True).post is None
+        before = suited(splats, settings, moving=True)
+        sums = BLENDS[settings.blend].unbounded and before.post is None and not as_boxes(before, settings, False)
         return "exact" if sums else "moments"
     if settings.motion == "off":
         return "moments" if (settings.moments or 1) > 1 else "off"
@@ -106,7 +116,8 @@ def suited(splats: Splats, settings: Settings, moving: bool) -> Splats:
 
     moving: whether the picture is motion-blurred.
     """
-    return clipped(_classified(splats, settings, moving), settings.clip)
+    found = _classified(splats, settings, moving)
+    return clipped(found, settings.clip, as_boxes(found, settings, moving))
 
 
 def _classified(splats: Splats, settings: Settings, moving: bool) -> Splats:

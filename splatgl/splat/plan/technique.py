@@ -21,13 +21,14 @@ SINGLE_TOLERANCE = 3e-3
 class Asked:
     """Settings and motion of a picture. tiles: whether the renderer prefers them; None: unsupported.
 
-    sheets: whether splats add up within sheets.
+    sheets: whether splats add up within sheets. boxes: whether they are boxes of voxels.
     """
 
     settings: Settings
     moving: bool
     tiles: bool | None
     sheets: bool = False
+    boxes: bool = False
 
 
 def _refuses_quads(asked: Asked) -> str | None:
@@ -63,7 +64,9 @@ TECHNIQUES: dict[str, Callable[[Asked], str | None]] = {
 
 
 def technique(asked: Asked, notes: list[str]) -> str:
-    """The requested technique; else tiles, if preferred or for sheets, and able; or quads. InputError if none can."""
+    """The requested technique; else tiles, if preferred or for sheets or boxes, and able; or quads. InputError if none
+    can.
+    """
     wanted = "streaks" if asked.moving else asked.settings.technique
     if wanted != "auto":
         why = TECHNIQUES[wanted](asked)
@@ -71,7 +74,7 @@ def technique(asked: Asked, notes: list[str]) -> str:
             raise expected(f"technique {wanted}", f"what {wanted} can draw", why, "use auto")
         return wanted
     why = _refuses_tiles(asked)
-    if (asked.tiles or asked.sheets) and not why:
+    if (asked.tiles or asked.sheets or asked.boxes) and not why:
         return "tiles"
     refused = _refuses_quads(asked)
     if refused:

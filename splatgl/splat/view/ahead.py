@@ -15,7 +15,9 @@ _latest = LatestParts()
 
 
 def ahead(splats: Splats, camera: Camera) -> Splats:
-    """The splats not behind a parallel view's eye; all in a perspective view. Caches the latest result."""
+    """The splats not behind a parallel view's eye, of labels those not wholly behind it; all in a perspective view.
+    Caches the latest result.
+    """
     if camera.perspective or not len(splats):
         return splats
     depth = camera.eye_from_points(splats.corners)
@@ -23,6 +25,9 @@ def ahead(splats: Splats, camera: Camera) -> Splats:
         return splats
     plane = (*camera.eye.tolist(), *camera.forward.tolist())
     slack = ON_PLANE * float(np.linalg.norm(depth, axis=1).max())
+    if splats.labels is not None:
+        # a box is cut where the plane cuts it
+        slack += 0.5 * float(np.abs(camera.forward @ splats.grid.world_from_index).sum())
     return _latest.of(splats, plane, lambda: _kept(splats, camera, slack))
 
 

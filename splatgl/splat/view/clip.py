@@ -1,7 +1,8 @@
 """Planes that cut a picture's volumes: what lies on one side of each is left out.
 
-Rays are clipped, so that values classified after reconstruction end exactly at a plane; voxels that are classified
-before are kept or left out whole. A face that a plane cuts is lit by the plane's normal, to a depth of FACE voxels.
+Rays are clipped, so that values classified after reconstruction, and boxes of labels, end exactly at a plane; other
+voxels that are classified before are kept or left out whole. A face that a plane cuts is lit by the plane's normal, to
+a depth of FACE voxels.
 """
 
 from __future__ import annotations
@@ -71,9 +72,10 @@ class Clip:
         normal = rows[:, :3]
         return cls(normal, normal @ grid.world_from_index, rows[:, 3] - normal @ np.asarray(grid.origin, np.float64))
 
-    def keeps(self, positions: np.ndarray) -> np.ndarray:
-        """bool [N]: which grid positions [N, 3] are kept."""
-        return np.asarray((positions.astype(np.float64) @ self.g.T >= self.place).all(axis=1))
+    def keeps(self, positions: np.ndarray, boxes: bool = False) -> np.ndarray:
+        """bool [N]: which grid positions [N, 3] are kept; boxes: or any of the boxes of their voxels."""
+        place = self.place - (0.5 * np.abs(self.g).sum(axis=1) if boxes else 0.0)
+        return np.asarray((positions.astype(np.float64) @ self.g.T >= place).all(axis=1))
 
     def meets(self, low: np.ndarray, high: np.ndarray) -> bool:
         """Whether any of a box of grid positions, low to high [3], may be kept."""
@@ -93,9 +95,11 @@ class Clip:
         return enters.max(axis=0), leaves.min(axis=0), enters.argmax(axis=0)
 
 
-def clipped(splats: Splats, found: tuple[Plane, ...]) -> Splats:
-    """The splats whose centres planes keep; of values all, as rays are clipped. Caches the latest result."""
+def clipped(splats: Splats, found: tuple[Plane, ...], boxes: bool = False) -> Splats:
+    """The splats whose centres planes keep, or any of their boxes; of values all, as rays are clipped. Caches the
+    latest result.
+    """
     clip = Clip.of(found, splats.grid) if len(splats) and splats.post is None else None
     if clip is None:
         return splats
-    return _latest.of(splats, found, lambda: clip.keeps(splats.positions))
+    return _latest.of(splats, (found, boxes), lambda: clip.keeps(splats.positions, boxes))

@@ -1,0 +1,213 @@
+"""Boxes of voxels in float64, which labels fill evenly: the twin of `shaders/boxes.glsl`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatgl.splat.classification.shading import surface_light
+from splatgl.splat.extraction.order import back_to_front, order_for
+from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.integral.line_integral import Integral
+from splatgl.splat.plan.resolve import Resolved
+from splatgl.splat.view.clip import FACE
+from splatgl.splat.view.screen_bounds import Window
+from splatgl.splat.view.view import View
+from splatgl.truth.blend import ADD, Band, Part, pixels
+from splatgl.truth.extent import pixel_boxes
+from splatgl.truth.pairs import values
+from splatgl.truth.sheets import Pieces
+
+# components of a ray in index space are at least that far from 0: a ray along a face is in one of its two voxels
+LEAST = 1e-18
+# samples per band
+BAND = 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class BoxRays:
+    """Of P pixels, with eye-space depths in mean spacings as their parameter. start, direction [3, P]: grid positions
+    at depth 0, and steps per depth. near, far [P]: depths between which they are drawn. stretch [P]: mean spacings per
+    depth. toward [P, 3]: unit vectors, world axes. face [P, 3]: normals of planes that cut their beginnings off, or 0.
+    faced [P]: depths at which the faces there end.
+    """
+
+    start: np.ndarray
+    direction: np.ndarray
+    near: np.ndarray
+    far: np.ndarray
+    stretch: np.ndarray
+    toward: np.ndarray
+    face: np.ndarray
+    faced: np.ndarray
+
+    @classmethod
+    def of(cls, resolved: Resolved, lateral: np.ndarray) -> BoxRays:
+        """Rays of slopes, or lengths, [2, P] from the middle of the picture."""
+        view, camera, clip = resolved.view, resolved.camera, resolved.clip
+        zero, one = np.zeros(lateral.shape[1]), np.ones(lateral.shape[1])
+        if view.perspective:
+            across, along = np.zeros((3, len(one))), np.stack([*lateral, one])
+        else:
+            across, along = np.stack([*lateral, zero]), np.stack([zero, zero, one])
+        start = view.index_from_eye @ across + view.eye_index[:, None]
+        direction = view.index_from_eye @ along
+        direction = np.where(np.abs(direction) < LEAST, LEAST, direction)
+        stretch = np.linalg.norm(along, axis=0)
+        near, far, face = zero, np.full(len(one), np.inf), np.zeros((len(one), 3))
+        if clip is not None:
+            enters, leaves, plane = clip.along(start, direction)
+            face = np.where((enters > near)[:, None], clip.normal[plane], 0.0)
+            near, far = np.maximum(near, enters), leaves
+        toward = (along / stretch).T @ camera.eye_from_world
+        return cls(start, direction, near, far, stretch, toward, face, near + FACE / np.linalg.norm(direction, axis=0))
+
+    def ends(self, position: np.ndarray, ray: np.ndarray) -> np.ndarray:
+        """[2, N]: depths at which rays, by number [N], enter and leave the boxes of voxels [N, 3]; the first is not
+        less than the second outside them.
+        """
+        start, direction = self.start[:, ray], self.direction[:, ray]
+        faces = np.stack([(position.T + side - start) / direction for side in (-0.5, 0.5)])
+        entry, exit_ = faces.min(axis=0).max(axis=0), faces.max(axis=0).min(axis=0)
+        return np.stack([np.maximum(entry, self.near[ray]), np.minimum(exit_, self.far[ray])])
+
+
+@dataclass(frozen=True, eq=False)
+class BoxRow:
+    """Voxels as footprints of pixels. view: whose rays are looked at; position [N, 3]: of all."""
+
+    view: View
+    resolved: Resolved
+    position: np.ndarray
+
+    def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
+        """The lengths, in mean spacings, of rays [2, P] within boxes of splats [P]."""
+        rays = BoxRays.of(self.resolved, ray)
+        entry, exit_ = rays.ends(self.position[splat], np.arange(len(splat)))
+        return Integral(np.maximum(exit_ - entry, 0.0) * rays.stretch, np.ones(len(splat)))
+
+
+class BoxScene:
+    """Data shared by all windows of a picture of boxes."""
+
+    def __init__(self, splats: Splats, resolved: Resolved) -> None:
+        assert splats.labels is not None
+        self.resolved, self.camera, self.normals = resolved, resolved.camera, splats.labels
+        self.blend, self.spacing = resolved.look.blend, splats.grid.mean_spacing
+        self.position = splats.positions.astype(np.float64)
+        voxel = resolved.view.voxels(splats.positions)
+        self.boxes = pixel_boxes(resolved.view, "row1", voxel, self.camera)
+        self.row = BoxRow(resolved.view, resolved, self.position)
+        self.order = np.arange(0)
+        if len(splats):
+            self.order = back_to_front(splats, order_for(splats, self.camera))[::-1]
+        depth = splats.records["optical_depth"].astype(np.float64)
+        self.depth = -np.expm1(-depth * splats.unit / self.spacing) if self.blend.peak else depth
+        self.color = splats.colors.astype(np.float64)
+
+    def band_height(self) -> int:
+        """Rows of pixels drawn together."""
+        return max(1, BAND // self.camera.size[0])
+
+    def part(self, window: Window) -> np.ndarray:
+        """A window of the picture, float64 [h, w, 4]."""
+        return self._light(window, self._rays(window)).reshape(window.height, window.width, 4)
+
+    def parts(self, windows: Sequence[Window]) -> list[np.ndarray]:
+        """Windows of the picture."""
+        return [self.part(window) for window in windows]
+
+    def between(self, window: Window, near: np.ndarray, far: np.ndarray) -> np.ndarray:
+        """Light [P, 4] of what a window's pixels see between distances [P], world units."""
+        return self._light(window, self._rays(window, near, far))
+
+    def pieces(self, window: Window, near: np.ndarray | None = None, far: np.ndarray | None = None) -> Pieces:
+        """What a window's pixels see of the scene, or of it between distances [P], in pieces along their rays."""
+        rays = self._rays(window, near, far)
+        found = list(self._passed(window, rays))
+        part = Passed(*(np.concatenate([getattr(each, name) for each in found], axis=-1) for name in vars(found[0])))
+        order = np.argsort(part.pixel, kind="stable")
+        pixel, count = part.pixel[order], np.bincount(part.pixel, minlength=window.width * window.height)
+        place = np.arange(len(pixel)) - np.repeat(np.cumsum(count) - count, count)
+        ends, matter = np.zeros((len(count), count.max() + 1, 2)), np.zeros((len(count), count.max() + 1, 4))
+        world = (rays.stretch * self.spacing)[pixel, None]
+        ends[pixel, place] = part.ends.T[order] * world
+        matter[pixel, place] = self._matter(part, rays)[order]
+        # what follows the last of a ray is nothing, at its end
+        return Pieces(np.maximum.accumulate(ends.reshape(len(ends), -1), axis=1).reshape(ends.shape), matter)
+
+    def _rays(self, window: Window, near: np.ndarray | None = None, far: np.ndarray | None = None) -> BoxRays:
+        """Rays of a window's pixels, between distances [P], world units, if these are given."""
+        view, (width, height) = self.resolved.view, self.camera.size
+        across = (np.arange(window.x, window.x + window.width) + 0.5 - width / 2) * view.pitch
+        down = (np.arange(window.y, window.y + window.height) + 0.5 - height / 2) * view.pitch
+        rays = BoxRays.of(self.resolved, np.stack([each.ravel() for each in np.meshgrid(across, down)]))
+        if near is None or far is None:
+            return rays
+        length = rays.stretch * self.spacing
+        return replace(rays, near=np.maximum(rays.near, near / length), far=np.minimum(rays.far, far / length))
+
+    def _passed(self, window: Window, rays: BoxRays) -> Iterator[Passed]:
+        """What rays pass, in drawing order; at least once."""
+        yield Passed(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((2, 0)))
+        for found in values(self.row, self.boxes, self.order, window, self.camera):
+            ends = rays.ends(self.position[found.splat], found.pixel)
+            some = ends[1] > ends[0]
+            yield Passed(found.splat[some], found.pixel[some], ends[:, some])
+
+    def _light(self, window: Window, rays: BoxRays) -> np.ndarray:
+        """Light [P, 4] of a window's rays."""
+        gathered = Band.empty(window.height * window.width)
+        for part in self._passed(window, rays):
+            if not len(part.pixel):
+                continue
+            matter = self._matter(part, rays)
+            depth = matter[:, 3]
+            color = matter[:, :3] / np.where(depth > 0, depth, 1.0)[:, None]
+            ADD[self.blend.join](gathered, Part(part.pixel, depth, color, np.ones(len(depth))))
+        return pixels(gathered, self.blend)
+
+    def _matter(self, part: Passed, rays: BoxRays) -> np.ndarray:
+        """[N, 4]: emission and optical depth, or opacity, of parts of boxes."""
+        depth = self.depth[part.splat]
+        if not self.blend.peak:
+            depth = depth * (part.ends[1] - part.ends[0]) * rays.stretch[part.pixel]
+        color = self.color[part.splat]
+        if self.blend.ordered:
+            factor, highlight = self._shone(part, rays)
+            color = color * factor[:, None] + highlight[:, None]
+        return np.column_stack([color * depth[:, None], depth])
+
+    def _shone(self, part: Passed, rays: BoxRays) -> tuple[np.ndarray, np.ndarray]:
+        """Factors of colours [N], and highlights [N]."""
+        look, (entry, exit_) = self.resolved.look, part.ends
+        start, direction = rays.start[:, part.pixel].T, rays.direction[:, part.pixel].T
+        nothing = np.zeros((len(entry), 3))
+        normal = self.normals.at(start + direction * entry[:, None]) if look.shading else nothing
+        toward, shines = rays.toward[part.pixel], look.light.within(self.camera)
+        middle = start + direction * part.ends.mean(axis=0)[:, None]
+
+        def light(of: np.ndarray) -> np.ndarray:
+            cues = self.resolved.cues
+            reached = None if cues is None else cues.reached(middle, of, toward)
+            return np.stack(surface_light(of, toward, look.light, shines, reached))
+
+        found = light(nothing)
+        # between a voxel's middle and its face, normals of a thin label are half as long as at the face
+        found += np.minimum(2 * np.linalg.norm(normal, axis=1), 1.0) * (light(normal) - found)
+        face = rays.face[part.pixel]
+        if look.shading and face.any():
+            share = np.clip((rays.faced[part.pixel] - entry) / (exit_ - entry), 0.0, 1.0) * face.any(axis=1)
+            found += share * (light(face) - found)
+        return found[0], found[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Passed:
+    """Parts of boxes [N] that rays pass: numbers of splats and of pixels, and depths [2, N] of their ends."""
+
+    splat: np.ndarray
+    pixel: np.ndarray
+    ends: np.ndarray
