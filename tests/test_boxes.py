@@ -1,0 +1,268 @@
+"""Labels drawn as the boxes of their voxels: against closed forms, and a march from face to face of the test's own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.data.volume import Label
+from splatgl.splat.classification.presets import label_transfer
+from splatgl.splat.extraction.splats import Splats
+
+RED, GREEN, BLUE = "#ff0000", "#00ff00", "#0000ff"
+# faint, half and solid
+TABLE = (Label(1, "", RED, 0.05), Label(2, "", GREEN, 0.5), Label(3, "", BLUE))
+PLAIN = sg.Settings(antialias="off", shading="off")
+SHEARED = np.array([[1.0, 0.3, 0.0], [0.0, 1.0, 0.2], [0.0, 0.0, 1.0]])
+SHEARED = SHEARED / np.linalg.norm(SHEARED, axis=0)
+GRIDS = {
+    "cubes": ((1.0, 1.0, 1.0), np.eye(3)),
+    "3:1": ((1.0, 1.0, 3.0), np.eye(3)),
+    "sheared": ((1.0, 2.0, 0.7), SHEARED),
+}
+
+
+def splats_of(volume: sg.Volume) -> Splats:
+    return sg.extract(volume, label_transfer(volume))
+
+
+def noise(rng: np.random.Generator, grid: str, shape: tuple[int, int, int] = (6, 5, 7)) -> sg.Volume:
+    spacing, direction = GRIDS[grid]
+    samples = rng.integers(0, 4, shape).astype(np.uint8)
+    return sg.Volume(samples, spacing, origin=(1.0, -2.0, 0.5), direction=direction, labels=TABLE)
+
+
+def marched(volume: sg.Volume, camera: sg.Camera, planes: tuple[tuple[float, ...], ...] = ()) -> np.ndarray:
+    """[H, W, 4]: each ray from face to face of the grid's cells, in order; the labels of the parts' middles."""
+    transfer = label_transfer(volume)
+    spacing = abs(np.linalg.det(volume.world_from_index)) ** (1 / 3)
+    into = np.linalg.inv(volume.world_from_index)
+    extinction, color = np.zeros(4), np.zeros((4, 3))
+    for number, text, opacity in transfer.labels:
+        extinction[number] = -np.log1p(-opacity) / spacing
+        color[number] = [int(text[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    picture = np.zeros((camera.size[1], camera.size[0], 4))
+    for row, down in enumerate(camera.slopes()[1]):
+        for column, across in enumerate(camera.slopes()[0]):
+            right, below, forward = camera.eye_from_world
+            start, along = camera.eye, forward
+            if camera.perspective:
+                along = forward + across * right + down * below
+                along = along / np.linalg.norm(along)
+            else:
+                start = camera.eye + across * right + down * below
+            i, d = into @ (start - np.asarray(volume.origin)), into @ along
+            cuts = [0.0]
+            for axis in range(3):
+                faces = np.arange(volume.shape[2 - axis] + 1) - 0.5
+                if abs(d[axis]) > 1e-12:
+                    cuts += ((faces - i[axis]) / d[axis]).tolist()
+            crossed = [p for p in planes if abs(np.dot(p[:3], along)) > 1e-12]
+            cuts += [(p[3] - np.dot(p[:3], start)) / np.dot(p[:3], along) for p in crossed]
+            ends = np.unique([cut for cut in cuts if cut >= 0])
+            light = 1.0
+            for near, far in pairwise(ends):
+                middle = start + along * (near + far) / 2
+                cell = np.rint(i + d * (near + far) / 2).astype(int)
+                inside = (cell >= 0).all() and (cell < volume.shape[::-1]).all()
+                if not inside or any(np.dot(p[:3], middle) < p[3] for p in planes):
+                    continue
+                number = int(volume.samples[cell[2], cell[1], cell[0]])
+                passed = np.exp(-extinction[number] * (far - near))
+                picture[row, column] += light * (1 - passed) * np.append(color[number], 1.0)
+                light *= passed
+    return picture
+
+
+def views(volume: sg.Volume) -> dict[str, sg.Camera]:
+    """Outside, inside, on faces of voxels, and along an axis."""
+    middle, size = volume.center, float(np.linalg.norm(volume.corners[7] - volume.corners[0]))
+    on_face = volume.world_from_index @ [2.5, 1.5, 3.0] + np.asarray(volume.origin)
+    aside = middle + np.array([0.7, -0.5, 0.4]) * size
+    look, flat = sg.Camera.look_at, sg.Camera.orthographic
+    return {
+        "outside": look(aside, middle, (0, 0, 1), fov=50, size=(14, 11)),
+        "inside": look(middle + 0.21, middle + np.array([1.0, 0.4, 0.3]), (0, 0, 1), fov=90, size=(14, 11)),
+        "on a face": look(on_face, middle + np.array([0.3, 0.1, 1.0]), (0, 1, 0), fov=80, size=(14, 11)),
+        "parallel": flat(aside, middle, (0, 0, 1), height=size, size=(14, 11)),
+        "parallel, inside": flat(middle, middle + np.array([1.0, 0.4, 0.3]), (0, 0, 1), height=size, size=(14, 11)),
+        # no ray runs within a face, where it may be of either side
+        "along an axis": flat(
+            middle + np.array([0.01, -size, 0.01]), middle + np.array([0.01, 0, 0.01]), (0, 0, 1), size, size=(14, 11)
+        ),
+    }
+
+
+@pytest.mark.parametrize("spacing", [1.0, 8.0])
+@pytest.mark.parametrize("opacity", [0.05, 0.5, 0.99])
+def test_a_block_is_as_wide_as_its_voxels(renderer: sg.Renderer, opacity: float, spacing: float) -> None:
+    """16 voxels at every opacity: nothing before its faces, its closed form behind them, within 1/40 voxel."""
+    samples = np.zeros((18, 18, 20), np.uint8)
+    samples[1:17, 1:17, 2:18] = 1
+    volume = sg.Volume(samples, (spacing,) * 3, labels=(Label(1, "", RED, opacity / 0.99),))
+    height, pixels = 0.5 * spacing, 20 * 40
+    middle = volume.center
+    camera = sg.Camera.orthographic(middle - (0, 50 * spacing, 0), middle, (0, 0, 1), height=height, size=(pixels, 20))
+    for technique in ("tiles", "quads"):
+        drawn = renderer.render(splats_of(volume), camera, PLAIN.but(technique=technique))
+        assert drawn.info["kernel"] == "box" and drawn.info["technique"] == technique
+        alpha = drawn.pixels[10, :, 3]
+        inside = np.flatnonzero(alpha > 1e-7)
+        assert len(inside) == 16 * 40 and np.array_equal(inside, np.arange(2 * 40, 18 * 40))
+        assert np.abs(alpha[inside] - (1 - (1 - opacity) ** 16)).max() < 3e-4
+
+
+@pytest.mark.parametrize("grid", GRIDS)
+def test_pictures_are_those_marched_from_face_to_face(
+    grid: str, renderer: sg.Renderer, rng: np.random.Generator
+) -> None:
+    """Whatever the grid and the view, the eye in a voxel or on a face: by OpenGL and by the reference."""
+    volume = noise(rng, grid)
+    for name, camera in views(volume).items():
+        right = marched(volume, camera)
+        assert right[..., 3].max() > 0.2, name
+        found = sg.reference.render(splats_of(volume), camera, PLAIN).pixels
+        assert np.abs(found - right).max() < 1e-7, name
+        for technique, most in (("tiles", 4e-4), ("quads", 2e-5)):
+            drawn = renderer.render(splats_of(volume), camera, PLAIN.but(technique=technique)).pixels
+            assert np.abs(drawn - right).max() < most, (name, technique)
+
+
+@pytest.mark.parametrize("grid", ["cubes", "sheared"])
+def test_planes_cut_boxes_exactly(grid: str, renderer: sg.Renderer, rng: np.random.Generator) -> None:
+    volume = noise(rng, grid)
+    normal = np.array([0.5, 0.6, -0.62])
+    normal /= np.linalg.norm(normal)
+    planes = ((*normal.tolist(), float(normal @ volume.center)), (0.0, 0.0, 1.0, float(volume.center[2]) - 1.3))
+    for name, camera in views(volume).items():
+        right = marched(volume, camera, planes)
+        cut = PLAIN.but(clip=planes)
+        assert np.abs(sg.reference.render(splats_of(volume), camera, cut).pixels - right).max() < 1e-7, name
+        for technique, most in (("tiles", 4e-4), ("quads", 2e-5)):
+            drawn = renderer.render(splats_of(volume), camera, cut.but(technique=technique)).pixels
+            assert np.abs(drawn - right).max() < most, (name, technique)
+
+
+def test_neighbours_do_not_mix(renderer: sg.Renderer) -> None:
+    """Every sample of a border between two solid labels is of one of them."""
+    samples = np.ones((4, 4, 8), np.uint8)
+    samples[:, :, 4:] = 3
+    volume = sg.Volume(samples, labels=(Label(1, "", RED), Label(3, "", BLUE)))
+    camera = sg.Camera.orthographic((3.4, -9, 1.5), (3.4, 0, 1.5), (0, 0, 1), height=1.0, size=(60, 12))
+    drawn = renderer.render(splats_of(volume), camera, PLAIN).pixels[5]
+    reds, blues = drawn[:, 0] > 0.5, drawn[:, 2] > 0.5
+    assert (reds ^ blues).all() and drawn[:, :3].min(axis=0)[1] == 0
+    assert (np.minimum(drawn[:, 0], drawn[:, 2]) == 0).all() and reds.sum() == 31
+
+
+@pytest.mark.parametrize("blend", ["xray", "mip"])
+def test_sums_and_maxima(blend: str, renderer: sg.Renderer, rng: np.random.Generator) -> None:
+    """Σ τ along the ray; the largest opacity that it meets."""
+    volume = noise(rng, "3:1")
+    camera, settings = views(volume)["outside"], PLAIN.but(blend=blend)
+    found = sg.reference.render(splats_of(volume), camera, settings).pixels
+    right = marched(volume, camera)[..., 3]
+    if blend == "xray":
+        assert np.abs(-np.expm1(-found[..., 3]) - right).max() < 1e-7
+    else:
+        assert set(np.round(np.unique(found[..., 3]), 6).tolist()) <= {0.0, 0.0495, 0.495, 0.99}
+        assert np.array_equal(found[..., 3] > 0, right > 0)
+    for technique in ("tiles", "quads"):
+        drawn = renderer.render(splats_of(volume), camera, settings.but(technique=technique)).pixels
+        assert np.abs(drawn - found).max() < 5e-5, technique
+
+
+def ball(radius: float = 9.3, size: int = 24, spacing: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> sg.Volume:
+    """A ball of two labels."""
+    z, y, x = (np.indices((size,) * 3) - (size - 1) / 2) * np.array(spacing[::-1])[:, None, None, None]
+    samples = np.where(x * x + y * y + z * z < radius**2, 1, 0).astype(np.uint8)
+    samples[:, :, size // 2 :][samples[:, :, size // 2 :] > 0] = 2
+    return sg.Volume(samples, spacing, labels=(Label(1, "", "#ffffff"), Label(2, "", "#ffffff")))
+
+
+def test_a_ball_is_lit_as_a_ball() -> None:
+    """Not as bricks; the border of its two labels is not seen."""
+    volume = ball()
+    middle = volume.center
+    camera = sg.Camera.orthographic(middle - (3, 40, 7), middle, (0, 0, 1), height=16, size=(48, 48))
+    drawn = sg.reference.render(splats_of(volume), camera, PLAIN.but(shading="on")).pixels
+    across, down = np.meshgrid(*camera.slopes())
+    share = (across**2 + down**2) / 9.3**2
+    some = share < 0.7
+    cosine = np.sqrt(1 - np.where(some, share, 0))
+    brightness = drawn[..., 0] / np.maximum(drawn[..., 3], 1e-9)
+    off = np.where(some, brightness - (0.3 + 0.7 * cosine), 0.0)
+    assert np.sqrt((off[some] ** 2).mean()) < 0.02 and np.abs(off).max() < 0.08
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        sg.Settings(),
+        sg.Settings(light="glossy", clip=((0.6, 0.8, 0.0, 12.0),)),
+        sg.Settings(ambient_occlusion=0.8, shadows=0.6, antialias="off"),
+    ],
+)
+def test_light_is_the_reference_s(settings: sg.Settings, renderer: sg.Renderer, rng: np.random.Generator) -> None:
+    volume = replace(ball(7, 16, (1.0, 1.0, 1.4)), labels=(Label(1, "", RED, 0.4), Label(2, "", GREEN)))
+    middle = volume.center
+    camera = sg.Camera.look_at(middle + np.array([18, -20, 9]), middle, (0, 0, 1), fov=40, size=(30, 30))
+    right = sg.reference.render(splats_of(volume), camera, settings).pixels
+    for technique, most in (("tiles", 4e-4), ("quads", 1e-4)):
+        drawn = renderer.render(splats_of(volume), camera, settings.but(technique=technique)).pixels
+        assert np.abs(drawn - right).max() < most, technique
+
+
+def test_layers_of_labels_add_up(renderer: sg.Renderer, rng: np.random.Generator) -> None:
+    """A grid and itself again, each half as opaque: as one of the whole; and over values as in float64."""
+    volume = noise(rng, "3:1")
+    camera = views(volume)["outside"]
+    thin = sg.Layer(volume, label_transfer(volume))
+    halves = [(n, c, float(1 - np.sqrt(1 - o))) for n, c, o in label_transfer(volume).labels]
+    half = sg.Layer(volume, replace(label_transfer(volume), labels=halves))
+    whole = renderer.render(sg.Scene([thin]), camera, PLAIN).pixels
+    two = renderer.render(sg.Scene([half, half]), camera, PLAIN).pixels
+    assert np.abs(two - whole).max() < 1e-3 and whole[..., 3].max() > 0.9
+    values = sg.Volume(rng.random((9, 8, 9)).astype(np.float32), (1.0, 1.0, 2.0))
+    scene = sg.Scene([sg.Layer(values, sg.Transfer([(0, 0.0), (1, 0.3)], unit=1.0)), thin])
+    for name in ("outside", "parallel, inside"):
+        view, lit = views(volume)[name], sg.Settings(antialias="off", clip=((0.0, 0.6, 0.8, -1.0),))
+        right = sg.reference.render(scene, view, lit).pixels
+        assert np.abs(renderer.render(scene, view, lit).pixels - right).max() < 1e-3, name
+
+
+def test_meshes_end_rays_within_boxes(renderer: sg.Renderer, rng: np.random.Generator) -> None:
+    """An opaque wall hides what a plane there would cut off."""
+    volume = noise(rng, "cubes")
+    camera = views(volume)["outside"]
+    x = float(volume.center[0]) + 0.3
+    corners = np.array([[x, -40, -40], [x, 40, -40], [x, 40, 40], [x, -40, 40]])
+    wall = sg.Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), color=GREEN)
+    scene = sg.Scene([sg.Layer(volume)], meshes=[wall])
+    before = marched(volume, camera, ((1.0, 0.0, 0.0, x),))
+    behind = renderer.render(scene, camera, PLAIN).pixels
+    assert np.abs(behind[..., 0] - before[..., 0]).max() < 4e-4
+    assert np.abs(sg.reference.render(scene, camera, PLAIN).pixels - behind).max() < 4e-4
+
+
+def test_masked_voxels_are_left_out_whole(renderer: sg.Renderer, rng: np.random.Generator) -> None:
+    volume = noise(rng, "cubes")
+    kept = rng.random(volume.shape) < 0.6
+    masked = volume.masked(sg.Volume(kept.astype(np.uint8), volume.spacing, volume.origin))
+    camera = views(volume)["outside"]
+    right = marched(replace(volume, samples=np.where(kept, volume.samples, 0)), camera)
+    drawn = renderer.render(splats_of(masked), camera, PLAIN).pixels
+    assert np.abs(drawn - right).max() < 4e-4
+
+
+def test_what_asks_for_a_kernel_has_it(renderer: sg.Renderer, rng: np.random.Generator) -> None:
+    """The paper's footprints are drawn where they are asked for."""
+    splats = splats_of(noise(rng, "cubes"))
+    camera = views(noise(rng, "cubes"))["outside"]
+    for asked in ({"kernel": "gaussian"}, {"antialias": "paper"}, {"align": "ray"}, {"attenuation": "opacity"}):
+        assert renderer.plan(splats, camera, sg.Settings().but(**asked)).kernel.name != "box"
+    assert renderer.plan(splats, camera, sg.Settings(compositing="sheets")).kernel.name == "box"
