@@ -1,4 +1,5 @@
 // Composites tiles of boxes of voxels: each invocation blends its tile's list into one pixel, front to back.
+// version 430
 // switch CARRIED 0
 // switch LAYERED 0
 #constant LANES  // invocations of a group, along x,
