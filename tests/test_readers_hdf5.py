@@ -161,7 +161,7 @@ def test_filters_without_a_bound_are_refused(tmp_path: Path) -> None:
 def test_files_on_which_the_library_fails_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A process of its own looks first; here it is one that ends as a crashed one does."""
     crash = tmp_path / "crash.py"
-    crash.write_text("import os\nos.abort()\n")
+    crash.write_text("import os\nprint(1, flush=True)\nos.abort()\n")
     path = save(tmp_path / "a.h5")
     monkeypatch.setattr(hdf5_file, "_PROBE", crash)
     with pytest.raises(InputError, match="its library fails on the file"):

@@ -6,6 +6,7 @@ permitted. Only filters whose results have a bound are run.
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import subprocess
 import sys
@@ -46,6 +47,9 @@ _MOST_OBJECTS, _MOST_LINKS, MOST_VALUES = 10_000, 32, 2**20
 
 _PROBE = Path(__file__).with_name("hdf5_probe.py")
 
+_PATIENCE = None if importlib.util.find_spec("resource") else 60.0
+"""Seconds after which a process that looks at a file is ended, where none can end itself by its processor time."""
+
 _SOUND: set[tuple[str, int, int]] = set()
 """Files that a process of its own has looked at: path, bytes, time."""
 
@@ -78,8 +82,17 @@ def _probe(path: Path) -> None:
         return
     # -P: the folder of the script holds modules with common names
     run = [sys.executable, "-P", str(_PROBE), str(path)]
-    ended = subprocess.run(run, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    if ended.returncode:
+    none, out = subprocess.DEVNULL, subprocess.PIPE
+    try:
+        ended = subprocess.run(run, stdin=none, stdout=out, stderr=none, timeout=_PATIENCE)
+        # a process that did not get as far says nothing about the file
+        failed = ended.returncode != 0 and bool(ended.stdout)
+    except subprocess.TimeoutExpired:
+        failed = True
+    except OSError:
+        # the program that Python is embedded in, or none
+        failed = False
+    if failed:
         raise InputError("cannot be read as HDF5: its library fails on the file, which is damaged")
     _SOUND.add(key)
 

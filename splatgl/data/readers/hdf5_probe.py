@@ -3,14 +3,22 @@
 HDF5's C library crashes or loops on some damaged files, where no exception can be caught.
 """
 
-import resource
 import sys
 from contextlib import suppress
 
 import h5py
 
+try:
+    import resource
+except ImportError:
+    # not on Windows, where the process that waits ends this one
+    resource = None  # type: ignore[assignment]
+
 SECONDS = 3
 """Most processor time: ten thousand objects take about one."""
+
+STARTED = "looking"
+"""Printed before the file is opened: what ends the process then is the file's fault."""
 
 
 ASKED = (
@@ -67,8 +75,10 @@ def look(_name: str, node: object) -> None:
 
 
 if __name__ == "__main__":
-    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    if resource is not None:
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    print(STARTED, flush=True)
     try:
         with h5py.File(sys.argv[1], "r", locking=False) as opened:
             opened.visititems(look)

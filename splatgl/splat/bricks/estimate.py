@@ -26,6 +26,8 @@ PROBES, PROBE_SIDE, STEPS = 64, 24, (0.8191725134, 0.6710436067, 0.5497004779)
 ERRORS = 2.0
 # share of what is available now that is used unless a budget is given
 SHARE = 0.5
+# free bytes where the system tells none
+ASSUMED = 4 << 30
 
 
 @dataclass(frozen=True)
@@ -85,12 +87,23 @@ def budget() -> int:
 
 
 def _available() -> int:
+    """Free bytes as Linux or psutil tell; else those of the machine, or ASSUMED where nothing tells, as on Windows."""
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
         (line,) = (line for line in lines if line.startswith("MemAvailable:"))
         return int(line.split()[1]) << 10
     except (OSError, ValueError):
+        pass
+    try:
+        import psutil
+
+        return int(psutil.virtual_memory().available)
+    except ImportError:
+        pass
+    try:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return ASSUMED
 
 
 def _groups() -> list[tuple[int, int]]:
