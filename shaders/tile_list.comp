@@ -10,7 +10,8 @@ layout(local_size_x = LANES) in;
 #include "tiles.glsl"
 
 layout(std430, binding = 0) buffer Cursors { uint cursors[]; };  // per run and tile: the count, or the next position
-layout(std430, binding = 1) buffer Done { uint done[]; };        // splats done per run
+// per run: splats done; whether the next has begun, and the tile that it has come to
+layout(std430, binding = 1) buffer Done { uvec4 done[]; };
 layout(std430, binding = 6) writeonly buffer Listed { uint listed[]; };
 uniform usampler2D bounds;
 
@@ -40,11 +41,15 @@ void main() {
     uint run = gl_GlobalInvocationID.x;
     uint nobody = uint(tiles.x * tiles.y);
     uint column = run * (nobody + 1u);
-    uint n = run * length_ + done[run];
+    uint n = run * length_ + done[run].x;
     uint end = min((run + 1u) * length_, count);
     Placed it = placed(n);
+    if (done[run].y == 1u) {
+        it.tile = ivec2(done[run].zw);
+        it.span = span_of(it.center, it.extent, it.tile.y);
+    }
     // one loop over splats and their tiles: SIMD lanes do not wait for another lane's large splat
-    for (uint round = 0u; n < end && (round < budget || it.tile != ivec2(it.span.x, it.rows.x)); round++) {
+    for (uint round = 0u; n < end && round < budget; round++) {
         bool touched = it.tile.x <= it.span.y && it.tile.y <= it.rows.y;
         // non-touching splats write to a dummy slot, which avoids divergence
         uint slot = column + (touched ? uint(it.tile.y * tiles.x + it.tile.x) : nobody);
@@ -65,5 +70,5 @@ void main() {
             it = placed(n);
         }
     }
-    done[run] = n - run * length_;
+    done[run] = uvec4(n - run * length_, it.tile != ivec2(it.span.x, it.rows.x), it.tile);
 }

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import moderngl
 import numpy as np
 import pytest
 from noise import GRIDS
@@ -15,6 +16,7 @@ from splatgl.app.cli import main
 from splatgl.data.readers import chunked, zarr_store
 from splatgl.data.readers.chunked import Chunked
 from splatgl.data.sizes import bytes_of, size_of
+from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.slabs import render_slabs
 from splatgl.splat.bricks import bricks as bricking
 from splatgl.splat.bricks import estimate, opaque
@@ -83,6 +85,30 @@ def test_bricks_draw_the_picture_of_the_whole(
     assert found.info["bricks"] == 3 * 3 * 3 and found.info["classification"] == "post"
     if name in ("outside", "parallel"):
         assert found.info["splats"] == right.info["splats"]
+
+
+def test_no_dispatch_has_more_tiles_than_it_may(
+    renderer: sg.Renderer, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All sheets that are still open at the end are closed, too, of a picture of many tiles."""
+    volume = sg.Volume(noise(rng, (9, 8, 9)))
+    camera = cameras(volume)["outside"]
+    right = renderer.render_bricks(in_bricks(volume, RAMP, ALL), camera, ALL).pixels
+    groups: list[int] = []
+    run = moderngl.ComputeShader.run
+
+    def counted(self: moderngl.ComputeShader, *given: int) -> None:
+        groups.append(given[0])
+        run(self, *given)
+
+    monkeypatch.setattr(moderngl.ComputeShader, "run", counted)
+    # sorting takes so many groups
+    most = 8
+    for module in (tiles, sheet_tiles):
+        monkeypatch.setattr(module, "MOST_TILES", most)
+    found = renderer.render_bricks(in_bricks(volume, RAMP, ALL), camera, ALL).pixels
+    assert max(groups) <= most and len(groups) > 4
+    assert np.array_equal(found, right)
 
 
 @pytest.mark.parametrize("grid", ["cubes", "sheared"])

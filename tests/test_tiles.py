@@ -3,6 +3,8 @@ they may."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from noise import GRIDS, LOOKS, inside, noise, views
@@ -60,7 +62,7 @@ def test_what_follows_and_other_footprints_are_the_same(renderer: sg.Renderer, c
 @pytest.mark.parametrize(
     "portions",
     [
-        *({"MOST": 100}, {"MOST_LISTED": 600}, {"ROUNDS": 24}, {"MOST_TILES": 5}),
+        *({"MOST": 100}, {"MOST_LISTED": 600}, {"ROUNDS": 24}, {"ROUNDS": 1}, {"MOST_TILES": 5}),
         {"MOST": 333, "MOST_LISTED": 500, "ROUNDS": 12},
     ],
     ids=str,
@@ -249,6 +251,21 @@ def test_a_block_is_left_out_only_if_all_of_it_is_beyond_the_edges(monkeypatch: 
         assert (one_by_one <= seen).all()
         left_out += int((~seen).sum())
     assert left_out > len(splats)
+
+
+def test_a_splat_may_reach_more_tiles_than_a_loop_has_rounds(renderer: sg.Renderer) -> None:
+    """Behind another that has taken most of them: nothing of it is listed twice."""
+    side = 2120
+    assert (side // tiling.COLUMNS) ** 2 > 65_535
+    places = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, 3.0]])
+    splats = sg.Splats.from_points(places, np.ones((2, 3)), np.full(2, 0.5), spacing=(40, 40, 1))
+    camera = sg.Camera.orthographic((0, 0, 0), (0, 0, 1), (0, 1, 0), 4.0, (side, side))
+    drawn = renderer.render(splats, camera, TILED.but(blend="xray", antialias="off"), verify_bound=False).pixels
+    # sums of what is listed twice would be twice as large; the whole picture is near both centres
+    right = sg.reference.render(splats, replace(camera, size=(4, 4)), SPLATS.but(blend="xray", antialias="off")).pixels
+    assert drawn.min() > 0
+    found = drawn[side // 8 :: side // 4, side // 8 :: side // 4]
+    np.testing.assert_allclose(found, right, rtol=1e-3)
 
 
 def test_compute_shaders_that_do_nothing_are_told(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,7 @@ from splatgl.gl.sheet_order import SheetOrder, sheet_span, sheet_uniforms, windo
 from splatgl.gl.surfaces import FARTHEST_UNIT, NEAREST_UNIT, Limits
 from splatgl.gl.tables import CLASS_UNIT, HALF_LINE_UNIT, Tables
 from splatgl.gl.target import Target
-from splatgl.gl.tiles import LIST_UNIT, LISTS, OPEN, Band, Tiles, bands_of, set_uniforms
+from splatgl.gl.tiles import LIST_UNIT, LISTS, MOST_TILES, OPEN, Band, Tiles, bands_of, set_uniforms
 from splatgl.splat.bricks.bricks import Seen, Shell
 from splatgl.splat.extraction.splats import Splats, corners_of
 from splatgl.splat.plan.occlusion_policy import cuts
@@ -177,7 +177,9 @@ class SheetTiles(Tiles):
         if self.kept is not None and self.kept.any():
             tile = np.flatnonzero(self.kept)
             lists = np.stack([tile, *np.zeros((3, len(tile)), np.int64)], axis=1).astype(np.uint32)
-            self._add_up(target, plan, lists, True)
+            # a band of batches may have more tiles than a dispatch
+            for first in range(0, len(lists), MOST_TILES):
+                self._add_up(target, plan, lists[first : first + MOST_TILES], True)
 
     def _add_up(self, target: Target, plan: Plan, lists: np.ndarray, carried: bool) -> None:
         assert self.list is not None

@@ -236,13 +236,14 @@ class Tiles:
         length = -(-count // (GROUPS * LANES))
         set_uniforms(program, count=count, length_=length, budget=ROUNDS, unread=unread)
         whole = np.clip(count - length * np.arange(GROUPS * LANES), 0, length)
-        done = self._buffer(DONE, whole.size * 4)
+        # splats of a run, and how far the next has come: a large one may take several dispatches
+        done = self._buffer(DONE, whole.size * 16)
         done.clear()
-        so_far = np.zeros(whole.size, np.uint32)
-        while (so_far < whole).any():
+        so_far = np.zeros((whole.size, 4), np.uint32)
+        while (so_far[:, 0] < whole).any():
             program.run(GROUPS)
             self.ctx.memory_barrier()
-            before, so_far = so_far, np.frombuffer(done.read(whole.size * 4), np.uint32)
+            before, so_far = so_far, np.frombuffer(done.read(whole.size * 16), np.uint32).reshape(-1, 4)
             if (so_far == before).all():
                 raise moderngl.Error("compute shaders do nothing")
 
