@@ -110,6 +110,7 @@ def metaimage(of: tuple) -> Callable[[Path], Path]:
 FILES = {
     "NRRD, LPS": nrrd("left-posterior-superior", (1, 1, 1), PLAIN),
     "NRRD, RAS": nrrd("right-anterior-superior", (-1, -1, 1), PLAIN),
+    "NRRD, LAS": nrrd("left-anterior-superior", (1, -1, 1), PLAIN),
     "NRRD, RAS, axes in another order": nrrd("RAS", (-1, -1, 1), OTHER),
     "NRRD, LPS, axes in another order": nrrd("LPS", (1, 1, 1), OTHER),
     "NIfTI": nifti(PLAIN),

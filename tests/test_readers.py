@@ -101,7 +101,7 @@ def test_nrrd_encodings(tmp_path: Path, encoding: str) -> None:
         ("right-anterior-superior", "RAS"),
         ("RAS", "RAS"),
         ("LPS", "LPS"),
-        ("left-anterior-superior", None),
+        ("left-anterior-superior", "LPS"),
         ("3D-left-handed", None),
         ("scanner-xyz", None),
     ],
@@ -118,6 +118,83 @@ def test_nrrd_spacings(tmp_path: Path) -> None:
     volume = load(put(tmp_path / "letter.nrrd", header, "spacings: 1.5 -2.25 nan\n", "\n", F.tobytes()))
     assert volume.spacing == (1.5, 2.25, 1.0) and volume.frame is None
     np.testing.assert_array_equal(volume.world_from_index, np.diag([1.5, -2.25, 1.0]))
+
+
+def test_nrrd_left_anterior_is_turned(tmp_path: Path) -> None:
+    """LAS has y the other way than LPS; a space of four dimensions has time besides."""
+    header = NRRD.format(type="uchar", endian="little", encoding="raw")
+    turned = np.diag([1.0, -1.0, 1.0])
+    grid = f"space: LAS\nspace origin: {vectors(np.array([turned @ ORIGIN]).T)}\n"
+    grid += f"space directions: {vectors(turned @ (Q * SPACING))}\n"
+    check(load(put(tmp_path / "letter.nrrd", header, grid, "\n", F.tobytes())), grid=True, frame="LPS", mapped=True)
+    header = "NRRD0004\ntype: uchar\ndimension: 4\nsizes: 5 7 4 2\nencoding: raw\nkinds: domain domain domain time\n"
+    rows = [f"({','.join(map(repr, row))},0)" for row in (Q * SPACING).T.tolist()]
+    header += f"space: left-posterior-superior-time\nspace directions: {' '.join(rows)} (0,0,0,2)\n"
+    header += f"space origin: ({','.join(map(repr, ORIGIN))},0)\n\n"
+    path = put(tmp_path / "letter.nrrd", header, np.stack([F + 1, F]).tobytes())
+    check(load(path, array=1), grid=True, frame="LPS", mapped=True)
+
+
+@pytest.mark.parametrize(
+    ("centers", "spacing", "origin"),
+    [
+        ("cell cell cell", (2, 2, 4), (11, -19, 7)),
+        ("node node node", (2.5, 14 / 6, 16 / 3), (10, -20, 5)),
+        ("", (2, 2, 4), (11, -19, 7)),
+    ],
+)
+def test_nrrd_axis_mins_and_maxs(tmp_path: Path, centers: str, spacing: tuple, origin: tuple) -> None:
+    """From face to face of cells, from middle to middle of nodes; a grid that runs down has its axis turned."""
+    header = NRRD.format(type="uchar", endian="little", encoding="raw")
+    header += f"centers: {centers}\n" if centers else ""
+    path = put(tmp_path / "a.nrrd", header, "axis mins: 10 -20 5\naxis maxs: 20 -6 21\n\n", F.tobytes())
+    volume = load(path)
+    assert volume.spacing == pytest.approx(spacing) and volume.origin == pytest.approx(origin)
+    assert len(volume.notes) == (not centers)
+    path = put(tmp_path / "b.nrrd", header, "axis mins: 20 -20 5\naxis maxs: 10 -6 21\n\n", F.tobytes())
+    assert load(path).direction[0, 0] == -1 and load(path).spacing == pytest.approx(spacing)
+    given = put(
+        tmp_path / "c.nrrd", header, "spacings: 1 1 nan\naxis mins: nan nan 5\naxis maxs: nan nan 21\n\n", F.tobytes()
+    )
+    assert load(given).spacing == pytest.approx((1, 1, spacing[2]))
+    with pytest.raises(InputError, match="axis mins: expected one per axis"):
+        load(put(tmp_path / "d.nrrd", header, "axis mins: 10 -20\naxis maxs: 20 -6\n\n", F.tobytes()))
+
+
+def test_nrrd_says_what_it_does_not_restore(tmp_path: Path) -> None:
+    header = NRRD.format(type="uchar", endian="little", encoding="raw") + "old min: -1\nold max: 3\nsample units: K\n"
+    volume = load(put(tmp_path / "a.nrrd", header, "space: scanner-xyz\n", DIRECTIONS, "\n", F.tobytes()))
+    assert volume.value_unit == "K" and ["quantized" in volume.notes[1], "scanner" in volume.notes[0]] == [True, True]
+
+
+LAYERS = ["1 0", "2 0", "1 1"]
+
+
+@pytest.mark.parametrize("tags", ["layers", "before layers"])
+def test_segments_of_3d_slicer_are_named_by_their_layer(tmp_path: Path, tags: str) -> None:
+    """The same number means another segment in another layer; of older files each segment is a layer of its own."""
+    names = ["liver", "bone", "tumour"] if tags == "layers" else ["liver", "bone"]
+    values = np.zeros((2, 4, 7, 5), np.uint8)
+    values[0, 1:3], values[1, 2:4] = 1, 1
+    values[0, :, 0] = 2 if tags == "layers" else 0
+    header = "NRRD0004\ntype: uchar\ndimension: 4\nsizes: 2 5 7 4\nencoding: raw\nkinds: list domain domain domain\n"
+    header += SPACE + DIRECTIONS.replace("directions: ", "directions: none ")
+    for n, name in enumerate(names):
+        header += f"Segment{n}_ID:=Segment_{n}\nSegment{n}_Name:={name}\nSegment{n}_Color:=1 0 0.{n}\n"
+        if tags == "layers":
+            number, layer = LAYERS[n].split()
+            header += f"Segment{n}_LabelValue:={number}\nSegment{n}_Layer:={layer}\n"
+    path = put(tmp_path / "a.seg.nrrd", header, "\n", np.moveaxis(values, 0, -1).tobytes())
+    volume = load(path)
+    told = [[label.name for label in part.labels or ()] for part in volume.channels]
+    assert told == ([["liver", "bone"], ["tumour"]] if tags == "layers" else [["liver"], ["bone"]])
+    assert [part.name for part in volume.channels] == [", ".join(each) for each in told]
+    for part, right in zip(volume.channels, values, strict=True):
+        np.testing.assert_array_equal(part.samples, right)
+    second = load(path, channel=1)
+    assert [label.name for label in second.labels or ()] == told[1] and not second.channels
+    check_grid = volume.channels[1]
+    np.testing.assert_allclose(check_grid.world_from_index, Q * SPACING)
 
 
 def test_nrrd_channel(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import bz2
 import io
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -27,9 +28,9 @@ from splatgl.data.readers.files import (
     require_plausible,
     selection,
 )
-from splatgl.data.readers.grid import axes_of, triple, unit_name
+from splatgl.data.readers.grid import axes_of, stated, triple, unit_name
 from splatgl.data.readers.options import LoadOptions
-from splatgl.data.readers.several import components, rgb_of
+from splatgl.data.readers.several import Channel, Several, components, rgb_of
 from splatgl.data.readers.text import read_numbers, require_end
 from splatgl.data.volume import Label, Volume
 
@@ -47,8 +48,23 @@ _TYPES = {
 }
 _CODES = {spelling: code for code, spellings in _TYPES.items() for spelling in spellings.split(", ")}
 
-_FRAMES = {"left-posterior-superior": "LPS", "lps": "LPS", "right-anterior-superior": "RAS", "ras": "RAS"}
+_FRAMES = {
+    **dict.fromkeys(("left-posterior-superior", "lps", "left-posterior-superior-time", "lpst"), "LPS"),
+    **dict.fromkeys(("right-anterior-superior", "ras", "right-anterior-superior-time", "rast"), "RAS"),
+}
 """Frames kept by name; in the scanner's and other frames "superior" is not known to be +z."""
+
+_LEFT_ANTERIOR = ("left-anterior-superior", "las", "left-anterior-superior-time", "last")
+"""Frames that are turned into LPS."""
+
+_TIMED = (
+    "right-anterior-superior-time",
+    "rast",
+    "left-anterior-superior-time",
+    "last",
+    *("lpst", "left-posterior-superior-time"),
+)
+"""Spaces of four dimensions, of which the last is time."""
 
 _COMPONENTS = {
     *(("rgb-color", 3), ("3-color", 3), ("rgba-color", 4), ("4-color", 4)),
@@ -74,54 +90,116 @@ def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of a NRRD file; `array` picks the number along an axis of time, `channel` along another one.
 
     Without `channel`, colours in bytes become `Volume.color` with their luma as samples, and three components of
-    vectors `Volume.vectors` with their lengths.
+    vectors `Volume.vectors` with their lengths. The layers of 3D Slicer's segmentations are channels.
     """
     header, start = _header(path)
     # 1. the three axes of space, and what is picked along others
     sizes = [int(size) for size in header["sizes"]]
     space = _space_axes(header, sizes)
     grid_shape([sizes[axis] for axis in space])
-    shape, last = sizes[::-1], len(sizes) - 1
     kinds = [str(kind).lower() for kind in header.get("kinds", [""] * len(sizes))]
     others = [axis for axis in range(len(sizes)) if axis not in space]
     times = [axis for axis in others if kinds[axis] == "time"]
-    asked = options.channel_number
+    if options.array is not None and not times:
+        raise expected("array", "an axis of the kind time", "none", "pick a component with channel=N")
+    segments = _segments(header)
+    layered = next((axis for axis in others if axis not in times and segments and sizes[axis] > 1), None)
+    # 2. the samples, mapped if they can be
+    stored = _data(path, header, start, sizes[::-1], options.anywhere)
+    # 3. the volume of each layer of segments, or the only one
+    names = [_title(segments, layer) for layer in range(sizes[layered] if layered is not None else 0)]
+    told = Several(tuple(map(Channel, names)), together=True)
+
+    def one(layer: int | None) -> Volume:
+        asked = options.channel_number if layer is None else layer
+        volume = _volume(header, stored, kinds, options, asked)
+        known = tuple(label for at, label in segments if layer is None or at == layer)
+        return replace(volume, labels=known or None) if volume.samples.dtype.kind in "bui" else volume
+
+    if layered is None:
+        return one(None)
+    volume = told.volume(replace(options, array=None), one)
+    return replace(volume, labels=tuple(label for _, label in segments)) if volume.channels else volume
+
+
+def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadOptions, asked: int | None) -> Volume:
+    """The volume of the samples as they are stored. asked: the entry along axes that are neither space nor time."""
+    sizes, last = [int(size) for size in header["sizes"]], len(kinds) - 1
+    space = _space_axes(header, sizes)
+    others = [axis for axis in range(len(sizes)) if axis not in space]
     whole = [axis for axis in others if (kinds[axis], sizes[axis]) in _COMPONENTS and asked is None]
     extra: dict[int, tuple[str, int | None]] = {
-        last - axis: ("array", options.array_number(sizes[axis])) if axis in times else ("channel", asked)
+        last - axis: ("array", options.array_number(sizes[axis])) if kinds[axis] == "time" else ("channel", asked)
         for axis in others
         if axis not in whole[:1]
     }
-    if options.array is not None and not times:
-        raise expected("array", "an axis of the kind time", "none", "pick a component with channel=N")
-    # 2. the samples, mapped if they can be
-    samples = _data(path, header, start, shape, options.anywhere)[selection(shape, extra)]
+    samples = stored[selection(stored.shape, extra)]
     color = vectors = None
     if whole:
         place = last - whole[0] - sum(axis < last - whole[0] for axis in extra)
         samples, color, vectors = components(np.moveaxis(samples, place, -1), "color" in kinds[whole[0]])
-    # 3. the grid
-    matrix = _matrix(header, space)
+    matrix, origin, notes = _grid(header, space)
     if vectors is not None:
         vectors = _in_world(vectors, header)
+    named = str(header.get("space", "")).lower()
+    if named in _LEFT_ANTERIOR:
+        # LAS as LPS: y points the other way
+        matrix, origin = np.diag([1.0, -1.0, 1.0]) @ matrix, origin * (1, -1, 1)
+        vectors = None if vectors is None else vectors * np.array([1, -1, 1], vectors.dtype)
     spacing, direction = axes_of(matrix, "space directions")
-    frame = _FRAMES.get(str(header.get("space", "")).lower())
-    grid = (spacing, _origin(header), direction, _unit(header, space))
-    labels = _labels(header) if samples.dtype.kind in "bui" else None
-    return Volume(samples, *grid, frame=frame, color=color, vectors=vectors, labels=labels)
+    frame = "LPS" if named in _LEFT_ANTERIOR else _FRAMES.get(named)
+    if named.startswith("scanner"):
+        notes = (*notes, f"space {named}: where the patient's sides are is not told")
+    return Volume(
+        samples,
+        spacing,
+        triple(origin, "space origin"),
+        direction,
+        _unit(header, space),
+        frame=frame,
+        color=color,
+        vectors=vectors,
+        value_unit=stated(header.get("sample units")),
+        notes=(*notes, *_ignored(header)),
+    )
 
 
-def _labels(header: Mapping[str, Any]) -> tuple[Label, ...] | None:
-    """The segments that 3D Slicer's tags describe: number, name, and colour from 0 to 1; None if there are none."""
-    found: dict[int, Label] = {}
+def _ignored(header: Header) -> tuple[str, ...]:
+    """What a header states that is not read."""
+    old = [float(header[name]) for name in ("old min", "oldmin", "old max", "oldmax") if name in header]
+    if len(old) != 2 or not np.isfinite(old).all():
+        return ()
+    return (f"values are as stored: they were quantized from {old[0]:g} … {old[1]:g}",)
+
+
+def _segments(header: Header) -> list[tuple[int, Label]]:
+    """The segments that 3D Slicer's tags describe, and the layer of each: number, name, and colour from 0 to 1.
+
+    Of files before there were layers, the n-th segment is the n-th layer, of number 1.
+    """
+    found: dict[tuple[int, int], Label] = {}
     for n in range(MOST_SEGMENTS):
-        told = [str(header.get(f"Segment{n}_{name}", "")) for name in ("LabelValue", "Name", "Color")]
-        if not re.fullmatch("-?[0-9]{1,18}", told[0]):
+        told = {
+            name: str(header.get(f"Segment{n}_{name}", "")) for name in ("LabelValue", "Layer", "Name", "Color", "ID")
+        }
+        if not any(told.values()):
             break
-        parts = [float(part) for part in told[2].split() if re.fullmatch(r"[01]|[01]?\.[0-9]+", part)]
+        if not told["LabelValue"]:
+            told |= {"LabelValue": "1", "Layer": str(n)}
+        if not re.fullmatch("-?[0-9]{1,18}", told["LabelValue"]):
+            break
+        layer = int(told["Layer"]) if re.fullmatch("[0-9]{1,9}", told["Layer"]) else 0
+        parts = [float(part) for part in told["Color"].split() if re.fullmatch(r"[01]|[01]?\.[0-9]+", part)]
         color = rgb_of([round(min(part, 1.0) * 255) for part in parts]) if len(parts) == 3 else None
-        found.setdefault(int(told[0]), Label(int(told[0]), told[1], color))
-    return tuple(found.values()) or None
+        number = int(told["LabelValue"])
+        found.setdefault((layer, number), Label(number, told["Name"], color))
+    return [(layer, label) for (layer, _), label in found.items()]
+
+
+def _title(segments: list[tuple[int, Label]], layer: int) -> str:
+    """The names of a layer's few segments, or its number."""
+    names = [label.name for at, label in segments if at == layer]
+    return ", ".join(names) if 0 < len(names) < 4 and all(names) else f"layer {layer}"
 
 
 def _in_world(vectors: np.ndarray, header: Header) -> np.ndarray:
@@ -175,7 +253,11 @@ def _space_axes(header: Header, sizes: list[int]) -> list[int]:
     if directions is not None and len(directions) != len(sizes):
         raise expected("space directions", f"one per axis ({len(sizes)})", len(directions))
     if directions is not None:
-        axes = [axis for axis, row in enumerate(directions) if np.isfinite(row).all()]
+        # an axis of time points along the fourth dimension of a space that has one
+        timed = str(header.get("space", "")).lower() in _TIMED
+        axes = [
+            axis for axis, row in enumerate(directions) if np.isfinite(row).all() and not (timed and not any(row[:3]))
+        ]
     elif kinds is not None and len(sizes) > 3:
         axes = [axis for axis, kind in enumerate(kinds) if kind.lower() in ("domain", "space")]
     else:
@@ -256,24 +338,49 @@ def _text(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.ndarr
         return numbers.reshape(shape)
 
 
-def _matrix(header: Header, space: list[int]) -> np.ndarray:
-    """World-from-index [3, 3] from "space directions", else from "spacings", whose sign turns an axis."""
+def _grid(header: Header, space: list[int]) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """World-from-index [3, 3], origin [3], and what is assumed: from "space directions", else from "spacings", whose
+    sign turns an axis, else from "axis mins" and "axis maxs".
+    """
+    origin = np.asarray(header.get("space origin", (0.0, 0.0, 0.0)), dtype=np.float64)
+    origin = np.where(np.isfinite(origin), origin, 0.0)[:3]
     directions = header.get("space directions")
     if directions is not None:
         matrix = np.array([directions[axis] for axis in space], dtype=np.float64).T
+        if matrix.shape == (4, 3) and str(header.get("space", "")).lower() in _TIMED:
+            matrix = matrix[:3]
         if matrix.shape != (3, 3):
             raise expected("space directions", "vectors of three numbers", f"{matrix.shape[0]} numbers")
-        return matrix
-    spacings = header.get("spacings", np.ones(int(header["dimension"])))
-    if len(spacings) != header["dimension"]:
-        raise expected("spacings", f"one per axis ({header['dimension']})", len(spacings))
-    known = [spacings[axis] if np.isfinite(spacings[axis]) else 1.0 for axis in space]
-    return np.diag(np.asarray(known, dtype=np.float64))
+        return matrix, origin, ()
+    steps = _of_axes(header, space, "spacings")
+    low, high = (_of_axes(header, space, f"axis {name}", f"axis{name}") for name in ("mins", "maxs"))
+    sizes = np.array([header["sizes"][axis] for axis in space], np.float64)
+    centers = header.get("centers", header.get("centerings", ()))
+    words = centers.split() if isinstance(centers, str) else list(centers)
+    told = [words[axis].lower() if len(words) == len(header["sizes"]) else "" for axis in space]
+    nodes = np.array([word == "node" for word in told])
+    # from the middle of the first voxel to that of the last, or from face to face
+    spans = (high - low) / np.where(nodes, np.maximum(sizes - 1, 1), sizes)
+    taken = ~np.isfinite(steps) & np.isfinite(spans) & (spans != 0)
+    steps = np.where(taken, spans, np.where(np.isfinite(steps), steps, 1.0))
+    if "space origin" not in header:
+        # a least coordinate alone places the axis, too
+        places = low + np.where(nodes, 0.0, steps / 2)
+        origin = np.where(np.isfinite(low) & (taken | np.isfinite(places)), places, 0.0)
+    guessed = any(word not in ("cell", "node") for word, by in zip(told, taken, strict=True) if by)
+    note = "axis mins and maxs are taken for the faces of the grid: the file does not tell its centers"
+    return np.diag(steps), origin, (note,) * guessed
 
 
-def _origin(header: Header) -> tuple[float, float, float]:
-    origin = np.asarray(header.get("space origin", (0.0, 0.0, 0.0)), dtype=np.float64)
-    return triple(np.where(np.isfinite(origin), origin, 0.0), "space origin")
+def _of_axes(header: Header, space: list[int], *names: str) -> np.ndarray:
+    """The numbers of a field along the axes of space [3], NaN where there are none."""
+    name = next((name for name in names if name in header), None)
+    if name is None:
+        return np.full(3, np.nan)
+    values = header[name]
+    if len(values) != header["dimension"]:
+        raise expected(name, f"one per axis ({header['dimension']})", len(values))
+    return np.array([values[axis] for axis in space], np.float64)
 
 
 def _unit(header: Header, space: list[int]) -> str:
