@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from types import SimpleNamespace
@@ -36,7 +40,8 @@ class Image:
             1.0,
             None,
         )
-        self.contrast_limits, self.rendering = (0.0, 255.0), "mip"
+        self.contrast_limits, self.rendering, self.blending = (0.0, 255.0), "mip", "translucent"
+        self.dtype = data.dtype
         self.colormap = SimpleNamespace(name="red", map=lambda at: np.outer(at, [1, 0, 0]))
         self.__dict__.update(given)
 
@@ -251,12 +256,238 @@ def test_the_slider_picks_the_time() -> None:
         assert (drawing.picture(seen).pixels[..., 0].max() > 0.2) == there
 
 
+def shade_of(image: sg.Image, at: tuple[int, int] = (32, 24)) -> tuple[int, int, int]:
+    """sRGB of a pixel (column, row)."""
+    found: Any = image.to_pil().convert("RGB").getpixel(at)
+    return found
+
+
+def block(value: int = 128) -> np.ndarray:
+    return np.full((8, 10, 12), value, np.uint8)
+
+
+MIDDLE = (4.0, 5.0, 6.0)
+
+
+def test_opacity_is_a_displays() -> None:
+    """0.4 of a layer is 0.4 of its brightness, as of any picture that a display mixes."""
+    full = Image(block(200), opacity=1.0)
+    assert abs(shade_of(drawing.picture(viewer(full, center=MIDDLE)))[0] - 200) <= 2
+    full.opacity = 0.4
+    assert abs(shade_of(drawing.picture(viewer(full, center=MIDDLE)))[0] - 80) <= 2
+
+
+GREEN = SimpleNamespace(name="green", map=lambda at: np.outer(at, [0, 1, 0]))
+BLENDINGS = {
+    "translucent": (72, 60, 0),
+    "translucent_no_depth": (72, 60, 0),
+    "additive": (120, 60, 0),
+    "minimum": (0, 0, 0),
+    "multiplicative": (0, 0, 0),
+    "opaque": (0, 150, 0),
+}
+
+
+@pytest.mark.parametrize("blending", BLENDINGS)
+@pytest.mark.parametrize("ndisplay", [2, 3])
+def test_layers_are_blended_as_napari_does(blending: str, ndisplay: int) -> None:
+    """Red at 0.6 of 200, and 0.4 of green at 150 over it."""
+    layers = Image(block(200), opacity=0.6), Image(block(150), opacity=0.4, blending=blending, colormap=GREEN)
+    image = drawing.picture(viewer(*layers, center=MIDDLE, ndisplay=ndisplay, point=MIDDLE))
+    assert np.abs(np.subtract(shade_of(image), BLENDINGS[blending])).max() <= 2
+
+
+def test_a_maximum_leaves_out_what_is_below_its_limits() -> None:
+    """Where its largest value is at the low contrast limit, the layer below is seen as it is."""
+    below = Image(block(200))
+    above = Image(spots((4, 5, 11)), blending="translucent", colormap=GREEN)
+    image = drawing.picture(viewer(below, above, center=MIDDLE))
+    assert abs(shade_of(image, (26, 24))[0] - 200) <= 2 and shade_of(image, (26, 24))[1] == 0
+    assert shade_of(image, (42, 24))[1] > 100
+
+
+def planes(*rows: tuple[tuple[float, ...], tuple[float, ...], bool]) -> list[SimpleNamespace]:
+    return [SimpleNamespace(position=at, normal=normal, enabled=enabled) for at, normal, enabled in rows]
+
+
+def test_clipping_planes_cut_a_layer() -> None:
+    """The right half of a block is left; napari takes places for the world's, and draws from half a voxel before."""
+    cut = planes(((0, 0, 12.0), (0, 0, 1), True), ((0, 0, 4.0), (0, 0, -1), False))
+    layer = Image(block(), (1, 1, 2), experimental_clipping_planes=cut)
+    seen = viewer(layer, center=(4.0, 5.0, 11.0))
+    red = drawing.picture(seen).pixels[24, :, 0]
+    # from 12 − 1 to 23 world units, of two pixels
+    assert np.flatnonzero(red > 0.1).tolist() == list(range(32, 56))
+    other = Image(block(), (1, 1, 2))
+    assert (drawing.picture(viewer(layer, other, center=MIDDLE)).pixels[24, 20, 0]) > 0.1, "the others stay whole"
+
+
+@pytest.mark.parametrize(("thickness", "right"), [(1.0, 90), (4.0, 130)])
+def test_a_plane_shows_what_is_across_it(thickness: float, right: int) -> None:
+    """Values rise along z by 20: napari takes samples from half its thickness before the plane on."""
+    ramp = np.broadcast_to((np.arange(12) * 20)[:, None, None], (12, 10, 12)).astype(np.uint8)
+    plane = SimpleNamespace(position=(5.0, 5.0, 6.0), normal=(1, 0, 0), thickness=thickness)
+    image = drawing.picture(viewer(Image(ramp, depiction="plane", plane=plane), center=MIDDLE))
+    # thickness 1: one sample, at 4.5; thickness 4: five, up to 6.5
+    assert abs(shade_of(image)[0] - right) <= 4
+    assert image.info["notes"] == ()
+
+
+def test_iso_surfaces_stand_at_their_threshold() -> None:
+    """A ball of values 200 less 20 for each voxel from its middle: 100 is reached at a radius of 5."""
+    z, y, x = np.mgrid[:17, :17, :17] - 8.0
+    ball = (200 - 20 * np.sqrt(x * x + y * y + z * z)).clip(0).astype(np.float32)
+    for threshold in (100.0, 60.0):
+        layer = Image(ball, rendering="iso", iso_threshold=threshold)
+        image = drawing.picture(viewer(layer, center=(8.0, 8.0, 8.0)))
+        radius = np.sqrt((image.pixels[..., 0] > 0.02).sum() / np.pi) / 2
+        assert radius == pytest.approx((200 - threshold) / 20, abs=0.25)
+
+
+def test_additive_rendering_multiplies_what_is_left() -> None:
+    """8 voxels of colour c: 1 less (1 − c)^(8 / 0.8), in each channel."""
+    colors = SimpleNamespace(name="two", map=lambda at: np.outer(at, [0.2, 0.1, 0.0]))
+    image = drawing.picture(viewer(Image(block(255), rendering="additive", colormap=colors), center=MIDDLE))
+    right = [255 * (1 - (1 - c) ** 10) for c in (0.2, 0.1, 0.0)]
+    assert shade_of(image) == pytest.approx(right, abs=3)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (2, 1, 0)])
+@pytest.mark.parametrize("vertical", ["down", "up"])
+def test_a_flat_view_shows_its_slice(order: tuple[int, int, int], vertical: str) -> None:
+    """Each pixel is the nearest voxel of the slice where the slider stands."""
+    data = np.random.default_rng(3).integers(0, 255, (8, 10, 12)).astype(np.uint8)
+    center, point = (0.0, 4.2, 5.1), np.zeros(3)
+    point[order[0]] = 3.4 * 2
+    flat = {"ndisplay": 2, "order": order, "point": tuple(point), "center": center}
+    layer = Image(data, (2, 2, 2))
+    image = drawing.picture(viewer(layer, **flat, orientation=("away", vertical, "right")))
+    shown = np.moveaxis(data, order, (0, 1, 2))[3]
+    sign = 1 if vertical == "down" else -1
+    rows = (center[1] + sign * (np.arange(48) + 0.5 - 24) / 2) / 2
+    columns = (center[2] + (np.arange(64) + 0.5 - 32) / 2) / 2
+    right = np.zeros((48, 64))
+    for row, at in enumerate(np.floor(rows + 0.5).astype(int)):
+        for column, place in enumerate(np.floor(columns + 0.5).astype(int)):
+            if 0 <= at < shown.shape[0] and 0 <= place < shown.shape[1]:
+                right[row, column] = shown[at, place]
+    assert (np.abs(np.asarray(image.to_pil().convert("RGB"))[..., 0].astype(int) - right) <= 1).all()
+    assert drawing.told(image) == "64×48 pixels, slices"
+
+
+def test_a_flat_view_is_interpolated_and_ends() -> None:
+    steps = np.zeros((4, 4, 4), np.uint8)
+    steps[2, :, 2:] = 200
+    flat = {"ndisplay": 2, "point": (2.0, 0.0, 0.0), "center": (0.0, 1.5, 1.5), "zoom": 8.0}
+    red = np.asarray(drawing.picture(viewer(Image(steps, interpolation2d="linear"), **flat)).to_pil())[24, :, 0]
+    assert abs(int(red[32]) - 100 - 200 / 16) <= 1 and red[15] == red[48] == 0 and red[47] == 200
+    outside = viewer(Image(steps), **{**flat, "point": (4.0, 0.0, 0.0)})
+    assert not drawing.picture(outside).pixels[..., :3].any()
+
+
+def test_what_is_left_out_is_told() -> None:
+    points = type("Points", (), {"visible": True, "ndim": 3, "name": "spots"})()
+    hidden = type("Shapes", (), {"visible": False, "ndim": 3, "name": "lines"})()
+    colors = Image(np.zeros((8, 10, 12, 3), np.uint8), rgb=True, name="photo", ndim=3)
+    first = Image(block(), rendering="attenuated_mip", interpolation3d="nearest")
+    second = Image(block(), rendering="translucent", name="nuclei", bounding_box=SimpleNamespace(visible=True))
+    seen = viewer(points, hidden, colors, first, second, center=MIDDLE)
+    seen.scale_bar, seen.axes = SimpleNamespace(visible=True), SimpleNamespace(visible=False)
+    image = drawing.picture(seen)
+    notes: Any = image.info["notes"]
+    assert notes == (
+        "not drawn: spots, a Points layer",
+        "not drawn: photo, colours (rgb)",
+        "not drawn: scale bar",
+        "cells: drawn without its attenuation, as mip",
+        "cells: drawn between voxels, not by the nearest",
+        "not drawn: nuclei's bounding box",
+        "nuclei: its colour map is opaque, so that napari shows the faces of its box: drawn denser for larger values",
+        "layers that are not opaque surfaces are laid over each other in their order, not by depth",
+    )
+    assert drawing.told(image).splitlines()[1:] == list(notes)
+    assert drawing.picture(viewer(Image(block()), center=MIDDLE)).info["notes"] == ()
+
+
 def test_nothing_to_draw_is_told() -> None:
     hidden = Image(spots(), visible=False)
     with pytest.raises(sg.InputError, match="layers: expected a visible Image or Labels layer"):
         drawing.picture(viewer(hidden))
     with pytest.raises(sg.InputError, match="blend: expected one of composite"):
         drawing.picture(viewer(Image(spots((1, 1, 1)))), "iso")
+
+
+SCREEN = """
+import os, sys, time
+import numpy as np, napari
+from qtpy.QtWidgets import QApplication
+from splatgl.app.napari import drawing, panel
+
+z, y, x = np.mgrid[:30, :36, :42].astype(float)
+balls = [((10, 13, 15), 7, 1.0), ((20, 22, 28), 6, 0.7), ((15, 10, 33), 5, 0.5)]
+data = sum(s * np.clip((r - np.sqrt((z - a) ** 2 + (y - b) ** 2 + (x - c) ** 2)) / 2 + 0.5, 0, 1)
+           for (a, b, c), r, s in balls).astype(np.float32) * 200
+cut = [{"position": (18, 18, 21), "normal": (0, 1, 1), "enabled": True}]
+plane = {"position": (13, 15, 21), "normal": (1, 0.3, 0.2), "thickness": 4}
+CASES = {
+    "maximum": [{}], "opacity": [{"opacity": 0.4}], "clip": [{"experimental_clipping_planes": cut}],
+    "iso": [{"rendering": "iso", "iso_threshold": 60}], "plane": [{"depiction": "plane", "plane": plane}],
+    "additive": [{"rendering": "additive"}], "average": [{"rendering": "average"}],
+    "flat": [{"opacity": 0.5}],
+    "two": [{"colormap": "red", "opacity": 0.6}, {"colormap": "green", "blending": "additive", "opacity": 0.5}],
+}
+viewer = napari.Viewer(show=True)
+viewer.window._qt_window.resize(620, 480)
+for name, layers in CASES.items():
+    viewer.layers.clear()
+    for number, given in enumerate(layers):
+        given = {"rendering": "mip", **given}
+        viewer.add_image(data[:, ::-1] if number else data, scale=(2, 1, 1), contrast_limits=(0, 200), **given)
+    viewer.dims.ndisplay = 2 if name == "flat" else 3
+    viewer.dims.set_point(0, 21)
+    viewer.fit_to_view() if hasattr(viewer, "fit_to_view") else viewer.reset_view()
+    if name != "flat":
+        viewer.camera.angles = (10, 25, 60)
+    QApplication.processEvents()
+    ours = np.asarray(drawing.picture(viewer).to_pil().convert("RGB")).astype(float)
+    theirs = viewer.screenshot(canvas_only=True, flash=False)[..., :3].astype(float)
+    assert ours.shape == theirs.shape
+    both, either = [f([ours.max(axis=-1) > 25, theirs.max(axis=-1) > 25]) for f in
+                    (lambda m: m[0] & m[1], lambda m: m[0] | m[1])]
+    print(name, both.sum() / either.sum(), ours.sum() / theirs.sum(), flush=True)
+drawn = panel.Panel(viewer)
+drawn.draw()
+assert drawn.image is not None and drawn.keep.isEnabled() and "pixels" in drawn.summary.text()
+viewer.layers.clear()
+drawn.draw()
+assert drawn.image is None and not drawn.keep.isEnabled() and drawn.shown.pixmap().isNull()
+assert "expected a visible Image or Labels layer" in drawn.summary.text()
+print("done", flush=True)
+os._exit(0)
+"""
+
+
+@pytest.mark.long
+def test_in_napari_pictures_are_its_screenshots() -> None:
+    """Outlines and brightness, of a viewer on a display of its own, beside napari's own drawing; then the panel."""
+    pytest.importorskip("napari", reason="the extra napari has the viewer")
+    pytest.importorskip("qtpy.QtWidgets", reason="napari's window takes PyQt6 or PySide6", exc_type=Exception)
+    if shutil.which("xvfb-run") is None:
+        pytest.skip("xvfb-run: its display is where napari's window opens")
+    command = ["xvfb-run", "-a", sys.executable, "-W", "ignore", "-c", SCREEN]
+    ended = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "QT_QPA_PLATFORM": "xcb"})
+    lines = ended.stdout.split("\n")
+    assert "done" in lines, ended.stderr
+    found = {
+        name: (float(overlap), float(light)) for name, overlap, light in map(str.split, lines[: lines.index("done")])
+    }
+    print(found)
+    assert len(found) == 9
+    for name, (overlap, light) in found.items():
+        # the plane is seen from its edge
+        assert overlap > (0.8 if name == "plane" else 0.93), name
+        # surfaces are lit otherwise
+        assert name == "iso" or light == pytest.approx(1, abs=0.07), name
 
 
 def test_in_napari_layers_stand_where_files_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

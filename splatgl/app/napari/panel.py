@@ -45,7 +45,11 @@ class Panel(QWidget):  # type: ignore[misc]
         column.addWidget(self.summary)
 
     def draw(self) -> None:
-        """Draws the visible layers; what cannot be drawn is told below."""
+        """Draws the visible layers; what cannot be drawn, and what is left out, is told below."""
+        # no older picture is left that could be saved as this one
+        self.image = None
+        self.shown.clear()
+        self.keep.setEnabled(False)
         try:
             blend = self.blends.currentText()
             self.image = picture(self.viewer, None if blend == AS_SHOWN else blend)
