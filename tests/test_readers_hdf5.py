@@ -295,6 +295,9 @@ def test_lengths_share_a_scale_and_an_axis_without_places_gets_an_aspect(tmp_pat
     volume = load(weather(tmp_path / "b.nc", axes, np.zeros((6, 11, 26), np.float32)))
     assert volume.spacing == pytest.approx((1, 1, 13 / 6)) and volume.direction[2, 2] == -1
     assert "1 m of deptht is drawn as" in volume.notes[0]
+    with h5py.File(tmp_path / "b.nc", "a") as file:
+        file["u"].attrs["coordinates"] = "nav_lat nav_lon time_centered"
+    assert "two dimensions (nav_lat, nav_lon) are not used" in load(tmp_path / "b.nc").notes[1]
 
 
 def test_large_ones_are_resampled_where_they_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

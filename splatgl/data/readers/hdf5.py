@@ -232,7 +232,12 @@ def _grid(path: Path, dataset: Any, axes: _Axes, options: LoadOptions) -> Lattic
         known if scale is None else Coordinate.of(_name(scale), _places(path, scale, options), _attributes(scale))
         for known, scale in zip(plain, scales, strict=True)
     ]
-    return lattice(told, dataset.name, even=options.spacing is not None)
+    grid = lattice(told, dataset.name, even=options.spacing is not None)
+    named = text_of(dataset, "coordinates").split()
+    # coordinates along two axes at once, of curved grids
+    curved = [name for name in named if kind_of(name, {}) in ("x", "y")] if None in scales[1:] else []
+    note = f"x and y are numbers of samples: coordinates in two dimensions ({', '.join(curved[:4])}) are not used"
+    return replace(grid, notes=(*grid.notes, *[note] * bool(curved)))
 
 
 def _places(path: Path, scale: Any, options: LoadOptions) -> np.ndarray:

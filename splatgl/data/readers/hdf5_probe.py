@@ -32,6 +32,7 @@ ASKED = (
         "units",
         "positive",
         "standard_name",
+        "coordinates",
         "axis",
         "NAME",
         "Name",

@@ -37,6 +37,8 @@ _TIMES = {8: 1.0, 16: 1e-3, 24: 1e-6}
 _LABELS = 1002
 """NIFTI_INTENT_LABEL: samples number segments (nifti1.h)."""
 
+UNORIENTED = "neither sform nor qform: the file does not say where the patient's sides are"
+
 _SNIFF_BYTES = 1024
 """Bytes read to tell whether gzip data are sound: more than either header."""
 
@@ -85,7 +87,7 @@ def _volume(image: Any, options: LoadOptions) -> Volume:
     # 3. grid
     unit = _UNITS.get(int(image.header["xyzt_units"]) & 7, "")
     if not (image.header["sform_code"] or image.header["qform_code"]):
-        return Volume(samples, _pixdim(image), unit=unit)
+        return Volume(samples, _pixdim(image), unit=unit, notes=(UNORIENTED,))
     spacing, direction = axes_of(image.affine[:3, :3], "affine")
     return Volume(samples, spacing, triple(image.affine[:3, 3], "affine"), direction, unit, frame="RAS")
 
