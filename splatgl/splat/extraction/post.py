@@ -20,19 +20,21 @@ from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.extraction.parts import in_parts
 from splatgl.splat.extraction.records import Gathered, record_type
 from splatgl.splat.extraction.splats import Grid, Splats, assemble
-from splatgl.splat.kernel.kernels import Kernel
+from splatgl.splat.kernel.kernels import FREE, Kernel
 from splatgl.splat.view.mask import MaskField
 
 # steps of the prefilter, after which means of coefficients are near the samples
-PREFILTERED = {"b-spline": 4}
+PREFILTERED = {"b-spline": 4, FREE: 4}
+# shares of what a peak, a pair of samples and a wave rise by that coefficients may exceed the samples around by
+PEAK, PAIR, WAVE = np.float32(0.5), np.float32(0.25), np.float32(1.0)
 # integer types up to this many bytes take their record values from a table
 TABLE_BYTES = 2
 # voxels smoothed, and records filled, at a time
 CHUNK_VOXELS, RECORDS = 1 << 18, 1 << 16
 # planes beside which those of a halo take little more
 THICK = 32
-# planes around a slab that a step of the prefilter reads, and that differences read
-STEP_HALO, GRADIENT_HALO = 1, 2
+# planes around a slab that a step of the prefilter reads, that differences read, and that its limits read
+STEP_HALO, GRADIENT_HALO, LIMIT_HALO = 1, 2, 3
 
 # (low, high) of a box of voxels, z, y, x
 Box = tuple[Places, Places]
@@ -111,7 +113,13 @@ def post_splats(volume: Volume, post: PostClassified, records: np.ndarray) -> Sp
 
 def halo_of(kernel: Kernel) -> int:
     """Samples around a box on which the records of its voxels depend."""
-    return PREFILTERED.get(kernel.name, 0) * STEP_HALO + max(int(kernel.radius), GRADIENT_HALO)
+    return max(margin_of(kernel), PREFILTERED.get(kernel.name, 0) * STEP_HALO + max(int(kernel.radius), GRADIENT_HALO))
+
+
+def margin_of(kernel: Kernel) -> int:
+    """Samples around a box on which the coefficients of its voxels depend."""
+    steps = PREFILTERED.get(kernel.name, 0)
+    return (steps - 1) * STEP_HALO + LIMIT_HALO if steps else 0
 
 
 def post_records(
@@ -138,8 +146,7 @@ def post_records(
     records = np.zeros(len(places[0]), record_type(volume.shape, post=True))
     if not len(records):
         return records
-    # a missing sample's value comes from its neighbours
-    margin = steps * STEP_HALO + 1
+    margin = margin_of(kernel)
     inside = tuple(place + (part.start or 0) for place, part in zip(places, own, strict=True))
     box = tuple(slice(max(int(i.min()) - margin, 0), int(i.max()) + margin + 1) for i in inside)
     values = Values(u, prefiltered(u[box], kernel, steps), beside, tuple(part.start for part in box))
@@ -189,34 +196,53 @@ def values_of(post: PostClassified, samples: np.ndarray) -> np.ndarray:
 
 
 def prefiltered(u: np.ndarray, kernel: Kernel, steps: int) -> np.ndarray:
-    """Coefficients whose means by the kernel pass near the samples u [D, H, W], NaN left out; edges are replicated.
+    """Coefficients whose means by the kernel pass near the samples u [D, H, W]. What is missing, NaN or beyond the
+    ends, is left out of means.
 
-    c ← c + u − k∗c/Σk.
+    c ← c + u − k∗c/Σk, within `_limits`, so that no mean leaves the range of the samples around it.
     """
     if steps == 0:
         return u
     finite = np.isfinite(u)
-    filled = u if finite.all() else np.where(finite, u, _around(np.where(finite, u, 0), finite))
+    whole = bool(finite.all())
+    given = u if whole else np.where(finite, u, np.float32(0))
     weights = np.asarray(kernel.value(np.sqrt(np.arange(4.0))), np.float32)
     weights /= weights @ np.array([1, 6, 12, 8], np.float32)
-    c = filled
+    mass = (
+        1 / _inside(u.shape, weights) if whole else 1 / np.maximum(_smoothed(finite.astype(np.float32), weights), 1e-9)
+    )
+    limits = None if kernel.name == FREE else _limits(u, whole)
+    c = given
+
+    def step(some: slice, mean: np.ndarray) -> None:
+        mean *= mass[some]
+        np.subtract(given[some], mean, out=mean)
+        mean += c[some]
+        if limits is not None:
+            np.clip(mean, limits[0][some], limits[1][some], out=mean)
+        if not whole:
+            np.copyto(mean, 0, where=~finite[some])
+
     for _ in range(steps):
-        c = c + (filled - _smoothed(c, weights))
-    return np.where(finite, c, np.float32(np.nan)) if filled is not u else c
+        c = _smoothed(c, weights, step)
+    return c if whole else np.where(finite, c, np.float32(np.nan))
 
 
-def _around(u: np.ndarray, finite: np.ndarray) -> np.ndarray:
-    """The mean of the finite neighbours; 0 without any."""
-    even = np.full(4, 1 / 27, np.float32)
-    share = _smoothed(finite.astype(np.float32), even)
-    return _smoothed(u.astype(np.float32), even) / np.where(share > 0, share, 1)
+def _inside(shape: tuple[int, ...], weights: np.ndarray) -> np.ndarray:
+    """[D, H, W]: the share of each voxel's weights that lies within the ends."""
+    ends = _smoothed(np.ones([min(size, 3) for size in shape], np.float32), weights)
+    index = [np.minimum(np.arange(size), 1) + (np.arange(size) == size - 1) * (size > 2) for size in shape]
+    return np.asarray(ends[np.ix_(*index)])
 
 
-def _smoothed(c: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Sum over 3×3×3 neighbours by `weights` of how many coordinates differ; in chunks of planes, side by side."""
+def _smoothed(
+    c: np.ndarray, weights: np.ndarray, then: Callable[[slice, np.ndarray], None] | None = None
+) -> np.ndarray:
+    """Sum over 3×3×3 neighbours by `weights` of how many coordinates differ, 0 beyond the ends; in chunks of planes,
+    side by side. then: changes a chunk in place.
+    """
     w0, w1, w2, w3 = weights
     total = np.empty_like(c)
-    planes = max(1, CHUNK_VOXELS // max(c[0].size, 1))
 
     def smooth(some: slice) -> None:
         first = max(some.start - 1, 0)
@@ -229,20 +255,93 @@ def _smoothed(c: np.ndarray, weights: np.ndarray) -> np.ndarray:
         same += _beside(one, 1, term)
         one += _beside(two, 1, term)
         np.add(same[own], _beside(one, 0, term)[own], out=total[some])
+        if then is not None:
+            then(some, total[some])
 
-    in_parts(len(c), planes, smooth)
+    in_parts(len(c), _planes_of(c), smooth)
     return total
+
+
+def _planes_of(c: np.ndarray) -> int:
+    """Planes of a chunk."""
+    return max(1, CHUNK_VOXELS // max(c[0].size, 1))
 
 
 def _beside(a: np.ndarray, axis: int, total: np.ndarray) -> np.ndarray:
-    """`total`, set to the sum of both neighbours along an axis, edges replicated."""
+    """`total`, set to the sum of both neighbours along an axis, 0 beyond the ends."""
     a, sums = np.moveaxis(a, axis, 0), np.moveaxis(total, axis, 0)
     np.add(a[:-2], a[2:], out=sums[1:-1])
     if len(a) > 1:
-        sums[0], sums[-1] = a[0] + a[1], a[-2] + a[-1]
+        sums[0], sums[-1] = a[1], a[-2]
     else:
-        sums[0] = 2 * a[0]
+        sums[0] = 0
     return total
+
+
+def _limits(u: np.ndarray, whole: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest coefficients [D, H, W]: of the samples u among the 26 neighbours, and beyond them what a peak,
+    a peak between two samples, or a wave needs along each axis. At steps, terraces and sheets of two voxels that is 0:
+    there, coefficients beyond the samples would show values that are nowhere.
+    """
+    low, high = np.empty_like(u), np.empty_like(u)
+
+    def limit(some: slice) -> None:
+        first = max(some.start - LIMIT_HALO, 0)
+        part, own = u[first : some.stop + LIMIT_HALO], slice(some.start - first, some.stop - first)
+        least, most = part, part
+        if not whole:
+            gone = np.isnan(part)
+            least, most = np.where(gone, np.float32(np.inf), part), np.where(gone, np.float32(-np.inf), part)
+        for axis in range(3):
+            least, most = _extreme(np.minimum, least, axis), _extreme(np.maximum, most, axis)
+        for axis in range(3):
+            below, above = _exceeding(part, axis)
+            least -= below
+            most += above
+        low[some], high[some] = least[own], most[own]
+
+    # larger chunks, as each is read with a halo
+    in_parts(len(u), 2 * _planes_of(u), limit)
+    return low, high
+
+
+def _exceeding(u: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """By how much coefficients may be below and above the samples around, for what varies along an axis."""
+    a = np.moveaxis(u, axis, 0)
+    # to the next sample, 0 to missing ones, with two before and behind
+    rise = np.zeros((len(a) + 5, *a.shape[1:]), u.dtype)
+    np.subtract(a[1:], a[:-1], out=rise[3:-3])
+    np.copyto(rise, 0, where=np.isnan(rise))
+    bend = rise[1:] - rise[:-1]
+    before, after = rise[2:-3], rise[3:-2]
+    # a sample that is a peak
+    top = np.minimum(before, -after)
+    below, above = PEAK * np.maximum(-np.maximum(before, -after), 0), PEAK * np.maximum(top, 0)
+    # two that bend alike, less what bends otherwise beside them
+    least, most = np.minimum(bend[1:-2], bend[2:-1]), np.maximum(bend[1:-2], bend[2:-1])
+    outer_least, outer_most = np.minimum(bend[:-3], bend[3:]), np.maximum(bend[:-3], bend[3:])
+    valley = np.maximum(least + np.minimum(outer_least, 0), 0)
+    ridge = np.maximum(-most - np.maximum(outer_most, 0), 0)
+    below += PAIR * np.maximum(valley[:-1], valley[1:])
+    above += PAIR * np.maximum(ridge[:-1], ridge[1:])
+    # a wave bends everywhere, and its neighbours do
+    wave = np.abs(bend[2:-2])
+    np.copyto(wave, np.float32(1e30), where=np.isnan(a))
+    for each in (0, 0, 1, 2):
+        wave = _extreme(np.minimum, wave, each)
+    wave *= WAVE
+    below += wave
+    above += wave
+    return np.moveaxis(below, 0, axis), np.moveaxis(above, 0, axis)
+
+
+def _extreme(of: np.ufunc, a: np.ndarray, axis: int) -> np.ndarray:
+    """The least or the greatest of each voxel and its neighbours along an axis."""
+    a = np.moveaxis(a, axis, 0)
+    found = a.copy(order="K")
+    of(found[1:], a[:-1], out=found[1:])
+    of(found[:-1], a[1:], out=found[:-1])
+    return np.moveaxis(found, 0, axis)
 
 
 def needed(u: np.ndarray, around: int, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

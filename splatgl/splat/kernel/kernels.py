@@ -169,16 +169,23 @@ def _crawfis_max() -> PiecewiseCubic:
     return PiecewiseCubic("crawfis-max", (0.889392, r), ((0.557526, 0.0, -1.157743, 0.671033), outer))
 
 
-def _b_spline() -> PiecewiseCubic:
+def _b_spline(name: str) -> PiecewiseCubic:
     """The cubic B-spline as a function of the radius: C² everywhere."""
-    return PiecewiseCubic("b-spline", (1.0, 2.0), ((2 / 3, 0.0, -1.0, 1 / 2), (4 / 3, -2.0, 1.0, -1 / 6)))
+    return PiecewiseCubic(name, (1.0, 2.0), ((2 / 3, 0.0, -1.0, 1 / 2), (4 / 3, -2.0, 1.0, -1 / 6)))
 
 
 _erf = np.vectorize(math.erf, otypes=[np.float64])
 
 # largest radius, voxels, and step at the rim; a Gaussian truncated at 3e−4 passes
 WIDEST, RIM_STEP = 4.0, 1e-3
-KERNELS: dict[str, Kernel] = {"crawfis-max": _crawfis_max(), "gaussian": Gaussian(), "b-spline": _b_spline()}
+# the B-spline whose coefficients after a prefilter are not kept within limits
+FREE = "b-spline-free"
+KERNELS: dict[str, Kernel] = {
+    "crawfis-max": _crawfis_max(),
+    "gaussian": Gaussian(),
+    "b-spline": _b_spline("b-spline"),
+    FREE: _b_spline(FREE),
+}
 
 
 def kernel(name: str) -> Kernel:
