@@ -100,7 +100,7 @@ def test_quads_composite_what_lies_behind_a_gap(renderer: sg.Renderer, count: in
         chosen = renderer.plan(splats, camera, settings)
         _, groups = by_first_sheet(splats, chosen.resolved.sheets, chosen.view)
         assert max(np.diff(sorted(groups))) > count + 1
-        assert differences(renderer, splats, camera, settings).max() < 1e-4
+        assert differences(renderer, splats, camera, settings).max() < 1.5e-4
 
 
 def test_widened_kernels_are_their_twin_s(renderer: sg.Renderer) -> None:

@@ -98,7 +98,8 @@ def _values(volume: Volume, post: PostClassified) -> np.ndarray:
 def _terms(volume: Volume, u: np.ndarray, c: np.ndarray, post: PostClassified, order: int = 4) -> np.ndarray:
     """[D + 4, H + 4, W + 4, 5]: 1, coefficient and world gradient of each sample; 0 beyond, and where not finite."""
     z, y, x = (index.ravel() for index in np.indices(u.shape))
-    gradient = gradients(u, x, y, z, order) @ np.linalg.inv(volume.world_from_index)
+    around = post.around if post.faced and order == 4 else None
+    gradient = gradients(u, x, y, z, order, around) @ np.linalg.inv(volume.world_from_index)
     terms = np.column_stack([np.ones(u.size), c.ravel(), gradient])
     terms = np.where(np.isfinite(u).ravel()[:, None], terms, 0.0).reshape(*u.shape, 5)
     return np.pad(terms, ((REACH, REACH),) * 3 + ((0, 0),))
@@ -232,7 +233,8 @@ def field_integral(
     unit = transfer.unit or grid.mean_spacing
     shading = transfer.shading and BLENDS[blend].ordered
     marched = Marched(field, transfer, free, grid.mean_spacing, unit, LIGHTS["head"] if shading else None)
-    marched = replace(marched, mask=MaskField.of(volume), span=post.span)
+    gaps = np.argwhere(~np.isfinite(np.asarray(volume.samples)))[:, ::-1]
+    marched = replace(marched, mask=MaskField.with_gaps(volume, gaps), span=post.span)
     width, height = camera.size
     rays = PixelRays.of(grid, camera, samples, post.shape)
     drawn = rays.means(marched, np.arange(width * height), steps_per_voxel, blend)

@@ -12,13 +12,14 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from splatgl.data.volume import Volume, places
 from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.extraction.post import box_records, post_splats
+from splatgl.splat.extraction.post import box_records, boxes, gaps_of, post_splats
 from splatgl.splat.extraction.records import record_type
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.kernels import Kernel
@@ -27,8 +28,8 @@ from splatgl.splat.sheets.sheets import Sheets
 from splatgl.splat.view.eye_near import AROUND_EYE
 from splatgl.splat.view.view import View
 
-# voxels along a brick's sides
-SIDE = 64
+# voxels along a brick's sides, and those looked at together for missing ones
+SIDE, PART = 64, 1 << 22
 # splats of a batch at least, but for the last
 BATCH = 1 << 19
 # bricks of each processor that are extracted ahead
@@ -75,12 +76,14 @@ class Bricks:
         """The kernel that the values are for."""
         return kernel_named(self.post.kernel)
 
-    @property
+    @cached_property
     def whole(self) -> Splats:
         """Two splats at the corners of the volume's box: what a plan needs to know of all of them."""
         records = np.zeros(2, record_type(self.volume.shape, post=True))
         records["position"][1] = np.array(self.volume.shape[::-1]) - 1
-        return post_splats(self.volume, self.post, records)
+        return post_splats(
+            self.volume, self.post, records, gaps_of(self.volume, self.post, boxes(self.volume.shape, PART))
+        )
 
     @property
     def probes(self) -> Splats:

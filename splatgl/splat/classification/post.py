@@ -30,7 +30,8 @@ class PostClassified:
 
     shape: voxels along x, y, z; rays end at the box of their cells. low, span: record values are (ρ − low)/span.
     kept [n, 2]: intervals of values that voxels were kept for. lean: whether those that only the rims of kernels need
-    are left out.
+    are left out. faced: whether gradients of the outermost voxels are as if transparent ones lay around them, so that
+    faces at the ends are lit; not where gradients weigh opacity, which would show faces of what is none.
     """
 
     transfer: Transfer
@@ -40,6 +41,7 @@ class PostClassified:
     span: float
     kept: np.ndarray
     lean: bool = False
+    faced: bool = True
 
     @classmethod
     def of(cls, transfer: Transfer, kernel: str, shape: tuple[int, int, int], every: bool = False) -> PostClassified:
@@ -47,7 +49,7 @@ class PostClassified:
         low, high = active_range(transfer)
         span = high - low if high > low else max(abs(low), 1.0) * 1e-3
         kept = np.array([[-np.inf, np.inf]]) if every else opaque_intervals(transfer)
-        return cls(transfer, kernel, shape, low, span, kept)
+        return cls(transfer, kernel, shape, low, span, kept, faced=not transfer.gradient)
 
     @property
     def every(self) -> bool:
@@ -83,13 +85,20 @@ class PostClassified:
         starts, ends = self.kept.T
         slack = 2 * INWARDS * self.span * max(high - low, 1.0)
         kept = ((starts - slack <= a) & (b <= ends + slack) for a, b in opaque_intervals(transfer))
-        return resolved and all(each.any() for each in kept)
+        return resolved and self.faced != bool(transfer.gradient) and all(each.any() for each in kept)
 
     @property
     def fresh(self) -> bool:
         """Whether extraction for the transfer function would give the same records."""
         anew = PostClassified.of(self.transfer, self.kernel, self.shape, self.every)
-        return (anew.low, anew.span) == (self.low, self.span) and np.array_equal(anew.kept, self.kept)
+        same = (anew.low, anew.span, anew.faced) == (self.low, self.span, self.faced)
+        return same and np.array_equal(anew.kept, self.kept)
+
+    def around(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Record values [N] of what lies around voxels of u [N] beyond the ends, and which are opaque: see
+        `transparent`.
+        """
+        return transparent((opaque_intervals(self.transfer) - self.low) / self.span, u)
 
     @cached_property
     def range(self) -> tuple[float, float]:
@@ -170,3 +179,31 @@ def opaque_intervals(transfer: Transfer) -> np.ndarray:
     opaque = transfer.opacity(np.clip(intervals, values[0], values[-1])) > 0
     by = np.maximum(np.spacing(np.abs(intervals)), INWARDS * (values[-1] - values[0])) * np.array([1, -1])
     return np.where(opaque, intervals, intervals + by)
+
+
+def transparent(opaque: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest transparent values [N] to those in `opaque` [n, 2], closed intervals; the others as they are,
+    as all where none is transparent. And which lie there, bool [N].
+    """
+    found, within = values.astype(np.float64), np.zeros(len(values), bool)
+    for low, high in opaque.tolist():
+        inside = (values >= low) & (values <= high)
+        nearest = np.where(values - np.float64(low) <= np.float64(high) - values, low, high)
+        np.copyto(found, nearest, where=inside & np.isfinite(nearest))
+        within |= inside
+    return found, within
+
+
+def faced(gradient: np.ndarray, gone: np.ndarray, opaque: np.ndarray) -> np.ndarray:
+    """Gradients [N, 3] of voxels, those of opaque ones at the ends of matter that is even, 0, along axes at whose ends
+    they are; 0 of voxels alone, which have no face.
+
+    gone bool [2, N, 3]: whether the neighbour before and behind is missing. opaque bool [N].
+    """
+    below, above = gone
+    alone = below & above
+    bare = opaque & alone.all(axis=1)
+    still = np.flatnonzero(opaque & ~gradient.any(axis=1) & ~bare)
+    gradient[still] = np.where(alone[still], 1.0, below[still].astype(float) - above[still])
+    gradient[bare] = 0.0
+    return gradient

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from splatgl.data.volume import Places, Volume
-from splatgl.splat.classification.post import PostClassified
+from splatgl.splat.classification.post import PostClassified, faced
 from splatgl.splat.extraction.parts import in_parts
 from splatgl.splat.extraction.records import Gathered, record_type
 from splatgl.splat.extraction.splats import Grid, Splats, assemble
@@ -36,6 +36,11 @@ THICK = 32
 # planes around a slab that a step of the prefilter reads, that differences read, and that its limits read
 STEP_HALO, GRADIENT_HALO, LIMIT_HALO = 1, 2, 3
 
+# voxels within which a kernel after which values are classified reaches others, in whole voxels
+KERNEL_REACH = 2
+
+# of record values [N], those of what is missing beside them, and whether they are opaque
+Around = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 # (low, high) of a box of voxels, z, y, x
 Box = tuple[Places, Places]
 Progress = Callable[[Iterator[Any], int], Iterator[Any]]
@@ -53,13 +58,14 @@ def extract_post(
     count = sum(map(len, layers))
     all_boxes = (box for layer in layers for box in layer)
     told = progress(all_boxes, count) if progress else all_boxes
+    gaps: list[np.ndarray] = [np.zeros((0, 3), np.int64)]
     for layer in layers:
-        found = [box_records(volume, post, kernel, *box) for box in islice(told, len(layer))]
+        found = [box_records(volume, post, kernel, low, high, gaps) for low, high in islice(told, len(layer))]
         records = np.concatenate(found) if len(found) > 1 else found[0]
         # row by row in each box: planes of all boxes one after another
         order = np.argsort(records["position"][:, 2], kind="stable") if len(found) > 1 else slice(None)
         gathered.add(records[order])
-    return post_splats(volume, post, gathered.records)
+    return post_splats(volume, post, gathered.records, np.concatenate(gaps))
 
 
 def boxes(shape: tuple[int, int, int], voxels: int) -> list[list[Box]]:
@@ -76,9 +82,16 @@ def boxes(shape: tuple[int, int, int], voxels: int) -> list[list[Box]]:
     ]
 
 
-def box_records(volume: Volume, post: PostClassified, kernel: Kernel, low: Places, high: Places) -> np.ndarray:
+def box_records(
+    volume: Volume,
+    post: PostClassified,
+    kernel: Kernel,
+    low: Places,
+    high: Places,
+    gaps: list[np.ndarray] | None = None,
+) -> np.ndarray:
     """Records, in row order, of the voxels low ≤ (z, y, x) < high that `post` wants; what is known to hold none is not
-    read.
+    read. gaps: is given the places [N, 3] (x, y, z) of missing ones that kernels of these reach.
     """
     halo, nothing = halo_of(kernel), np.zeros(0, record_type(volume.shape, post=True))
     mask = MaskField.of(volume)
@@ -92,7 +105,10 @@ def box_records(volume: Volume, post: PostClassified, kernel: Kernel, low: Place
     if not _meets(post, samples):
         return nothing
     z, y, x = (slice(a - f, b - f) for a, b, f in zip(low, high, first, strict=True))
-    return post_records(volume, post, kernel, samples, first, (z, y, x), near)
+    part = Samples(values_of(post, samples), first, (z, y, x))
+    if gaps is not None and not np.isfinite(part.u[z, y, x]).all():
+        gaps.append(_gaps(part, post))
+    return post_records(volume, post, kernel, part, near)
 
 
 def _meets(post: PostClassified, samples: np.ndarray) -> bool:
@@ -104,11 +120,46 @@ def _meets(post: PostClassified, samples: np.ndarray) -> bool:
     return bool(((post.wanted[:, 0] <= high) & (post.wanted[:, 1] >= low)).any())
 
 
-def post_splats(volume: Volume, post: PostClassified, records: np.ndarray) -> Splats:
-    """The splats of records of a volume's voxels."""
+class Samples(NamedTuple):
+    """A part of a volume's samples. u [d, h, w]: record values. first: place (z, y, x) of the first; own: those whose
+    records are asked for, within a halo of `halo_of`, as far as the volume goes.
+    """
+
+    u: np.ndarray
+    first: Places
+    own: tuple[slice, slice, slice]
+
+
+def _gaps(part: Samples, post: PostClassified) -> np.ndarray:
+    """Places [N, 3] (x, y, z) of missing voxels that kernels reach of those that opaque points need."""
+    found = needed(part.u, 1, post.wanted)[1] & np.isfinite(part.u)
+    for _ in range(KERNEL_REACH):
+        for axis in range(3):
+            found = _dilated(found, axis)
+    places = np.argwhere((found & ~np.isfinite(part.u))[part.own])
+    return np.asarray((places + [a + (each.start or 0) for a, each in zip(part.first, part.own, strict=True)])[:, ::-1])
+
+
+def gaps_of(volume: Volume, post: PostClassified, layers: list[list[Box]]) -> np.ndarray:
+    """Places [N, 3] (x, y, z) of missing voxels beside what `post` wants, of samples in memory or mapped; none of
+    others, which would be read twice.
+    """
+    found = [np.zeros((0, 3), np.int64)]
+    if isinstance(volume.samples, np.ndarray) and volume.samples.dtype.kind == "f":
+        for low, high in (box for layer in layers for box in layer):
+            inside = tuple(map(slice, low, high))
+            if not np.isfinite(volume.samples[inside]).all():
+                samples, first = volume.box(low, high, KERNEL_REACH + 1)
+                z, y, x = (slice(a - f, b - f) for a, b, f in zip(low, high, first, strict=True))
+                found.append(_gaps(Samples(values_of(post, samples), first, (z, y, x)), post))
+    return np.concatenate(found)
+
+
+def post_splats(volume: Volume, post: PostClassified, records: np.ndarray, gaps: np.ndarray | None = None) -> Splats:
+    """The splats of records of a volume's voxels. gaps [N, 3]: see `box_records`."""
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
     found = assemble(records, records["position"], grid, grid.mean_spacing, volume.name).classified_after(post)
-    return replace(found, mask=MaskField.of(volume))
+    return replace(found, mask=MaskField.of(volume) if gaps is None else MaskField.with_gaps(volume, gaps))
 
 
 def halo_of(kernel: Kernel) -> int:
@@ -126,18 +177,14 @@ def post_records(
     volume: Volume,
     post: PostClassified,
     kernel: Kernel,
-    samples: np.ndarray,
-    first: Places,
-    own: tuple[slice, slice, slice],
+    part: Samples,
     near: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Records, in row order, of the finite voxels that `post` wants among `own` of a part of a volume's samples.
-
-    first: place (z, y, x) of the part's first sample; it has a halo of `halo_of` around `own` within the volume.
-    near: which of `own` matter to what masks keep; None: all.
+    """Records, in row order, of the finite voxels that `post` wants among a part's own. near: which of these matter to
+    what masks keep; None: all.
     """
     steps = PREFILTERED.get(kernel.name, 0)
-    u = values_of(post, samples)
+    u, first, own = part
     keep, beside = needed(u, 1 if post.lean else int(kernel.radius), post.wanted)
     wanted = keep[own] & np.isfinite(u[own])
     if near is not None:
@@ -149,7 +196,8 @@ def post_records(
     margin = margin_of(kernel)
     inside = tuple(place + (part.start or 0) for place, part in zip(places, own, strict=True))
     box = tuple(slice(max(int(i.min()) - margin, 0), int(i.max()) + margin + 1) for i in inside)
-    values = Values(u, prefiltered(u[box], kernel, steps), beside, tuple(part.start for part in box))
+    around = post.around if post.faced else None
+    values = Values(u, prefiltered(u[box], kernel, steps), beside, tuple(part.start for part in box), around)
     spacing = Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
     world = np.linalg.inv(volume.world_from_index) * spacing
     in_parts(len(records), RECORDS, partial(_fill, records, values, inside, first, world))
@@ -157,12 +205,13 @@ def post_records(
 
 
 class Values(NamedTuple):
-    """u: of the samples. c: coefficients, from the place `start` on. near: see `needed`."""
+    """u: of the samples. c: coefficients, from the place `start` on. near: see `needed`; around: `gradients`."""
 
     u: np.ndarray
     c: np.ndarray
     near: np.ndarray
     start: tuple[int, ...]
+    around: Around | None
 
 
 def _fill(
@@ -182,7 +231,7 @@ def _fill(
     outer = ~values.near[z, y, x]
     value[outer] = np.clip(value[outer], *extremes(values.u, x[outer], y[outer], z[outer]))
     found["value"] = value
-    found["gradient"] = gradients(values.u, x, y, z) @ world
+    found["gradient"] = gradients(values.u, x, y, z, around=values.around) @ world
 
 
 def values_of(post: PostClassified, samples: np.ndarray) -> np.ndarray:
@@ -382,14 +431,23 @@ def extremes(u: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tupl
     return low, high
 
 
-def gradients(u: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray, order: int = 4) -> np.ndarray:
+def gradients(
+    u: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
+    order: int = 4,
+    around: Around | None = None,
+) -> np.ndarray:
     """[N, 3] per grid step along x, y, z: differences of that order, 4 or 2; central ones where a sample is missing,
-    one-sided ones at the edges.
+    one-sided ones at the edges. around: of u [N], what to take for what is missing beside opaque voxels, and which
+    these are.
     """
     flat = u.ravel()
     base = (z * u.shape[1] + y) * u.shape[2] + x
     center = flat[base].astype(np.float64)
-    gradient = np.zeros((len(center), 3))
+    gradient, gone = np.zeros((len(center), 3)), np.zeros((2, len(center), 3), bool)
+    outside, opaque = around(center) if around else (center, np.zeros(len(center), bool))
     for axis, (index, stride) in enumerate(((x, 1), (y, u.shape[2]), (z, u.shape[1] * u.shape[2]))):
         last = u.shape[2 - axis] - 1
         if order == 4 and len(index) and index.min() >= 2 and index.max() <= last - 2:
@@ -402,9 +460,20 @@ def gradients(u: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray, order:
             value = flat[base + (np.clip(index + step, 0, last) - index) * stride].astype(np.float64)
             value[(index + step < 0) | (index + step > last)] = np.nan
             at[step] = value
-        finite = {step: np.isfinite(value) for step, value in at.items()}
-        low, high = np.where(finite[-1], at[-1], center), np.where(finite[1], at[1], center)
-        first = (high - low) / np.maximum(finite[-1].astype(int) + finite[1], 1)
-        fourth = (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / 12 if order == 4 else first
-        gradient[:, axis] = np.where(np.isfinite(fourth), fourth, first)
-    return gradient
+        gone[:, :, axis] = ~np.isfinite(at[-1]), ~np.isfinite(at[1])
+        filled = outside != center
+        alone = filled & gone[:, :, axis].all(axis=0)
+        for value in at.values():
+            np.copyto(value, outside, where=filled & ~np.isfinite(value))
+        # of a single plane both faces are the same
+        gradient[:, axis] = np.where(alone, center - outside, _difference(at, center, order))
+    return faced(gradient, gone, opaque) if gone.any() else gradient
+
+
+def _difference(at: dict[int, np.ndarray], center: np.ndarray, order: int) -> np.ndarray:
+    """Differences [N] of that order of values at steps from centres; central or one-sided ones where some are NaN."""
+    below, above = np.isfinite(at[-1]), np.isfinite(at[1])
+    low, high = np.where(below, at[-1], center), np.where(above, at[1], center)
+    first = (high - low) / np.maximum(below.astype(int) + above, 1)
+    fourth = (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / 12 if order == 4 else first
+    return np.where(np.isfinite(fourth), fourth, first)

@@ -14,6 +14,7 @@ import numpy as np
 
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Slab, Volume
+from splatgl.splat.classification.post import faced, opaque_intervals, transparent
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.label_normals import HALO, LabelNormals
 from splatgl.splat.extraction.parts import in_parts
@@ -154,7 +155,9 @@ def _records(
     # gradients if needed; F(∇, ρ)
     gradient = np.zeros((len(flat), 3))
     if (transfer.shading and part.normals is None) or transfer.gradient:
-        gradient = _gradient(slab.samples, flat, (x, y, z)) @ np.linalg.inv(volume.world_from_index)
+        # faces at the ends are lit; opacity by gradients would show them
+        opaque = None if transfer.gradient else opaque_intervals(transfer)
+        gradient = _gradient(slab.samples, flat, (x, y, z), opaque) @ np.linalg.inv(volume.world_from_index)
     if transfer.gradient:
         opacity = opacity * transfer.weight(np.linalg.norm(gradient, axis=1))
     everyone = opacity
@@ -179,11 +182,19 @@ def _records(
     return records, everyone
 
 
-def _gradient(samples: np.ndarray, flat: np.ndarray, places: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
-    """[N, 3] per grid step along x, y, z: central where both neighbours exist, else one-sided, else 0."""
+def _gradient(
+    samples: np.ndarray,
+    flat: np.ndarray,
+    places: tuple[np.ndarray, np.ndarray, np.ndarray],
+    opaque: np.ndarray | None,
+) -> np.ndarray:
+    """[N, 3] per grid step along x, y, z: central where both neighbours exist, else one-sided, else 0. opaque [n, 2]:
+    intervals of values, for which missing neighbours are as if they were transparent.
+    """
     values = samples.reshape(-1)
     center = np.take(values, flat).astype(np.float64)
-    gradient = np.empty((len(flat), 3))
+    outside, within = (center, np.zeros(len(flat), bool)) if opaque is None else transparent(opaque, center)
+    gradient, gone = np.empty((len(flat), 3)), np.empty((2, len(flat), 3), bool)
     depth, height, width = samples.shape
     for axis, (index, count, stride) in enumerate(
         zip(places, (width, height, depth), (1, width, height * width), strict=True)
@@ -193,9 +204,13 @@ def _gradient(samples: np.ndarray, flat: np.ndarray, places: tuple[np.ndarray, n
         high = np.take(values, np.where(high_there, flat + stride, flat)).astype(np.float64)
         if values.dtype.kind == "f":
             low_there, high_there = low_there & np.isfinite(low), high_there & np.isfinite(high)
-            low, high = np.where(low_there, low, center), np.where(high_there, high, center)
-        gradient[:, axis] = (high - low) / np.maximum(low_there.astype(np.int8) + high_there, 1)
-    return gradient
+        low, high = np.where(low_there, low, outside), np.where(high_there, high, outside)
+        gone[:, :, axis] = ~low_there, ~high_there
+        alone = gone[:, :, axis].all(axis=0)
+        steps = np.where((outside != center) & ~alone, 2, np.maximum(low_there.astype(np.int8) + high_there, 1))
+        # of a single plane both faces are the same
+        gradient[:, axis] = np.where(alone, center - outside, high - low) / steps
+    return faced(gradient, gone, within)
 
 
 def _snorm(gradient: np.ndarray) -> np.ndarray:

@@ -1,4 +1,5 @@
-"""`MaskField`: the masks of a volume as rays see them: matter ends where half of what is around it is kept.
+"""`MaskField`: masks of a volume, and missing samples, as rays see them: matter ends where half of what is around it is
+kept.
 
 Masks cut what values are classified to, never values: between a kept voxel and one that is not, the field of values
 goes on, and the picture ends at once, where the mask, linear between voxels' centres, passes one half. So a mask whose
@@ -9,7 +10,7 @@ by its gradient. Voxels that are classified before are kept or left out whole.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from weakref import WeakKeyDictionary
 
@@ -58,6 +59,28 @@ class MaskField:
         if volume not in _made:
             _made[volume] = cls._of(volume)
         return _made[volume]
+
+    @classmethod
+    def with_gaps(cls, volume: Volume, gaps: np.ndarray) -> MaskField | None:
+        """Its masks, without the missing voxels at `gaps` [N, 3] (x, y, z); of more than can be held, only masks."""
+        mask = cls.of(volume)
+        if not len(gaps):
+            return mask
+        if mask is None:
+            low = np.maximum(gaps.min(axis=0) - AROUND, 0)
+            high = np.minimum(gaps.max(axis=0) + 1 + AROUND, volume.shape[::-1])
+            if int((high - low).prod(dtype=np.int64)) > MOST:
+                return None
+            grid = Grid(volume.world_from_index, np.asarray(volume.origin))
+            x, y, z = low.tolist()
+            kept = np.full((high - low)[::-1], 255, np.uint8)
+            mask = cls(kept, (x, y, z), np.linalg.inv(grid.world_from_index) * grid.mean_spacing, volume.shape)
+        else:
+            mask = replace(mask, kept=mask.kept.copy())
+        places = gaps - np.array(mask.low)
+        x, y, z = places[((places >= 0) & (places < mask.kept.shape[::-1])).all(axis=1)].T
+        mask.kept[z, y, x] = 0
+        return mask
 
     @classmethod
     def _of(cls, volume: Volume) -> MaskField:

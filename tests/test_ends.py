@@ -1,0 +1,95 @@
+"""Ends of grids, crops and masks, and beside missing samples: as wide and as bright as the same matter within air."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.splat.bricks.bricks import Bricks
+from splatgl.splat.classification.post import PostClassified
+
+
+def faces(kind: str, n: int = 12) -> sg.Volume:
+    """A block of n³ voxels of 100: that fills its grid, or within 3 voxels of something else."""
+    block = np.full((n, n, n), 100.0, np.float32)
+    around = {"air": 0.0, "nan": np.nan, "inf": np.inf, "-inf": -np.inf}
+    if kind in around:
+        return sg.Volume(np.pad(block, 3, constant_values=around[kind]), origin=(-3, -3, -3))
+    if kind == "mask":
+        return faces("air", n).masked(faces("air", n).samples > 0)
+    if kind == "crop":
+        return faces("air", n).part((3, 3, 3), (n + 3,) * 3)
+    return sg.Volume(block)
+
+
+WHITE = sg.Transfer([(0, 0), (49.5, 0), (50.5, 0.99)], colormap="0:#ffffff,1:#ffffff", shading=True)
+
+
+def block_camera(view: str) -> sg.Camera:
+    if view == "front":
+        return sg.Camera.orthographic((5.5, -30, 5.5), (5.5, 5.5, 5.5), (0, 0, 1), 18, size=(72, 72))
+    return sg.Camera.look_at((30, -18, 22), (5.5, 5.5, 5.5), (0, 0, 1), fov=35, size=(48, 48))
+
+
+@pytest.mark.parametrize("kind", ["full", "crop", "mask", "nan", "inf", "-inf"])
+def test_blocks_end_alike(renderer: sg.Renderer, kind: str) -> None:
+    """As wide as its voxels, and as bright as within air, whatever ends it: it was 2 voxels wider within NaN, and 1.3
+    to 1.5 times as bright at ends and within NaN.
+    """
+    splats = sg.extract(faces(kind), WHITE, classification="post")
+    padded = sg.extract(faces("air"), WHITE, classification="post")
+    front = renderer.render(splats, block_camera("front")).pixels
+    across = front[36, :, 3].sum() * 18 / 72
+    assert abs(across - 12) < 0.1
+    # head on, a face is as bright as its colour
+    assert np.abs(front[24:48, 24:48, 0] / front[24:48, 24:48, 3] - 1).max() < 0.01
+    drawn, right = (renderer.render(each, block_camera("oblique")).pixels for each in (splats, padded))
+    both = (drawn[..., 3] > 0.98) & (right[..., 3] > 0.98)
+    assert both.sum() > 400 and abs(drawn[both][:, 0].mean() / right[both][:, 0].mean() - 1) < 0.02
+    assert np.sqrt(((drawn - right)[both] ** 2).mean()) < 0.035
+
+
+@pytest.mark.parametrize("kind", ["full", "nan", "inf"])
+def test_voxels_at_ends_are_lit_as_within_air(kind: str) -> None:
+    """Classified before: the same records."""
+    found, right = (sg.extract(faces(each), WHITE, classification="pre") for each in (kind, "air"))
+    assert len(found) == 12**3
+    assert np.array_equal(found.records["normal"], right.records["normal"])
+
+
+def test_fog_within_missing_samples_is_as_long_as_its_voxels(renderer: sg.Renderer) -> None:
+    """Closed form: 1 − (1 − 0.1)^12 through the middle."""
+    fog = sg.Transfer([(0, 0.1)], colormap="gray", unit=1.0)
+    for kind in ("full", "nan", "-inf"):
+        for splats in (sg.extract(faces(kind), fog, classification="post"),):
+            alpha = renderer.render(splats, block_camera("front")).pixels[28:44, 28:44, 3]
+            assert np.abs(alpha - (1 - 0.9**12)).max() < 2e-3
+
+
+@pytest.mark.parametrize("classification", ["post", "pre"])
+def test_a_plane_is_lit_across_it(classification: str, rng: np.random.Generator) -> None:
+    """Of noise, as bright as its colours when seen from the front: its slopes within the plane do not light it."""
+    samples = rng.uniform(60, 100, (1, 24, 24)).astype(np.float32)
+    transfer = sg.Transfer([(0, 0), (20, 0), (20.1, 0.99)], colormap="0:#ffffff,1:#ffffff", shading=True)
+    splats = sg.extract(sg.Volume(samples), transfer, classification=classification)
+    across = splats.records["gradient" if classification == "post" else "normal"].astype(float)
+    assert (np.abs(across[:, 2]) > 0.8 * np.linalg.norm(across, axis=1)).mean() > 0.9
+
+
+def test_bricks_and_levels_end_alike(renderer: sg.Renderer) -> None:
+    """Borders of bricks are no ends, and missing samples end matter in bricks, too."""
+    volume = faces("nan")
+    whole = renderer.render(sg.extract(volume, WHITE, classification="post"), block_camera("oblique")).pixels
+    post = PostClassified.of(WHITE, "b-spline", volume.shape[::-1])
+    parts = renderer.render_bricks(Bricks.of(volume, post, side=7), block_camera("oblique")).pixels
+    assert np.abs(parts - whole).max() < 1e-3
+
+
+def test_gradients_that_weigh_are_of_samples_alone() -> None:
+    """Faces of ends would be opaque by their gradients; and values that were extracted lit serve no such function."""
+    weighing = sg.Transfer([(0, 0), (50, 0.9)], gradient=((0, 0), (10, 1)))
+    splats = sg.extract(faces("full"), weighing, classification="post")
+    assert (splats.records["gradient"] == 0).all()
+    lit = sg.extract(faces("full"), WHITE, classification="post")
+    assert lit.records["gradient"].any() and lit.post.holds(WHITE) and not lit.post.holds(weighing)
