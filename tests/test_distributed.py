@@ -317,3 +317,24 @@ def test_interrupted_frames_are_whole(saved: Path, tmp_path: Path) -> None:
     found = frames(tmp_path / "f")
     assert 0 < len(found) < 400 and all(each.shape == (300, 300, 4) for each in found)
     assert not list((tmp_path / "f").glob(".*"))
+
+
+@pytest.mark.parametrize(("asked", "address"), [(None, "127.0.0.1:0"), ("0.0.0.0:8787", "0.0.0.0:8787")])
+def test_the_dashboard_listens_to_this_machine(
+    monkeypatch: pytest.MonkeyPatch, asked: str | None, address: str
+) -> None:
+    """Unless Dask's configuration says otherwise."""
+    pytest.importorskip("distributed")
+    import dask
+
+    found = []
+
+    def started(**given: Any) -> None:
+        found.append(given["dashboard_address"])
+        raise sg.InputError("enough")
+
+    monkeypatch.setattr("distributed.LocalCluster", started)
+    given = {} if asked is None else {"splatgl.dashboard": asked}
+    with dask.config.set(given), pytest.raises(sg.InputError, match="enough"), connected(1, None):
+        raise AssertionError("no cluster was started")
+    assert found == [address]

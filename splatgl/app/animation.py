@@ -28,8 +28,7 @@ from splatgl.app.scene import Scene
 from splatgl.app.series import read_ahead, time_points, volumes
 from splatgl.app.track import Track, Turning, keyframes, turning
 from splatgl.data.errors import expected
-from splatgl.data.sizes import size_of
-from splatgl.splat.bricks.estimate import budget
+from splatgl.data.sizes import budget, size_of
 from splatgl.splat.bricks.opaque import Opaque
 from splatgl.splat.bricks.within import bricks_of, fits
 from splatgl.splat.classification.transfer import Transfer

@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 from splatgl import __version__
 from splatgl.app.words import nearest, one_line, options_of, worded
 from splatgl.data.errors import InputError, expected
+from splatgl.data.sizes import limit
 
 BAD_INPUT = 2
 # exit code of a program interrupted by Ctrl-C
@@ -52,6 +53,7 @@ def _run(arguments: list[str]) -> int:
         if rest:
             _refuse_rest(command, rest)
         _refuse_empty(args)
+        limit(getattr(args, "memory", None))
         return int(args.run(args))
     except InputError as error:
         print(f"splatgl: {one_line(worded(str(error), options, args))}", file=sys.stderr)

@@ -13,6 +13,7 @@ from string import Formatter
 from splatgl.app.output import check_output
 from splatgl.data.errors import expected
 from splatgl.data.image import Image, write_whole
+from splatgl.data.written import shortened
 
 MOVIES = (".mp4", ".webm", ".gif")
 PICTURES = (".png", ".npy")
@@ -42,7 +43,7 @@ class Frames:
         path = Path(output)
         if path.suffix.lower() in MOVIES:
             check_output(path, MOVIES)
-            folder = path.with_name(f"{path.name}.frames")
+            folder = path.with_name(f"{shortened(path.name)}.frames")
             frames = cls(str(folder / "{frame:06d}.png"), mark, path)
         else:
             _check_template(output)
@@ -79,7 +80,7 @@ class Frames:
 
     def sweep(self, numbers: Sequence[int]) -> None:
         """Removes temporary files of these frames left by a killed run."""
-        names = {f".{self.path(n).name}" for n in numbers}
+        names = {f".{shortened(self.path(n).name)}" for n in numbers}
         # a temporary file is named .<frame file>.<random letters>
         for path in self.path(0).parent.glob(".*"):
             if path.name.rpartition(".")[0] in names and path.is_file():

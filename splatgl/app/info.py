@@ -11,9 +11,9 @@ import numpy as np
 from splatgl.app.words import one_line
 from splatgl.data.errors import Choice, InputError
 from splatgl.data.readers.files import is_mapped
-from splatgl.data.sizes import size_of
+from splatgl.data.sizes import budget, size_of
 from splatgl.data.volume import Volume
-from splatgl.splat.bricks.estimate import budget, need
+from splatgl.splat.bricks.estimate import need
 from splatgl.splat.bricks.within import bricks_of, fits
 from splatgl.splat.classification.presets import default_transfer
 from splatgl.splat.plan.settings import Settings

@@ -152,7 +152,7 @@ def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) 
 
 def check_fits(scene: Scene, drawn: Layers, memory: int | None = None) -> None:
     """InputError for a layer that is drawn in bricks alone. memory: bytes; None: half of what is free."""
-    from splatgl.splat.bricks.estimate import budget
+    from splatgl.data.sizes import budget
     from splatgl.splat.bricks.within import bricks_of, fits
 
     most = budget() if memory is None else memory

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -10,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import InputError, missing_extra
-from splatgl.data.written import made
+from splatgl.data.errors import missing_extra
+from splatgl.data.written import replaced
 
 # codec and its options; a smaller crf gives a larger file: these values are visually lossless
 CODECS: dict[str, tuple[str, str, dict[str, str]]] = {
@@ -36,18 +35,11 @@ def write_movie(path: Path, pictures: Sequence[Path], fps: float, ground: tuple[
 
     Raises InputError if it cannot be written.
     """
-    part = path.with_name(f".{path.name}.part")
-    try:
-        with made(path.parent):
-            if path.suffix.lower() == ".gif":
-                _write_gif(part, pictures, fps, ground)
-            else:
-                _write_video(part, path.suffix.lower(), pictures, fps, ground)
-            os.replace(part, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)
+    with replaced(path) as part:
+        if path.suffix.lower() == ".gif":
+            _write_gif(part, pictures, fps, ground)
+        else:
+            _write_video(part, path.suffix.lower(), pictures, fps, ground)
 
 
 def _frames(pictures: Sequence[Path], ground: tuple[float, float, float]) -> Iterator[np.ndarray]:

@@ -17,7 +17,7 @@ from splatgl.app.options import add_source, add_transfer, scene_from_transfer
 from splatgl.app.output import check_folder, tell
 from splatgl.data.errors import InputError, expected, missing_extra
 from splatgl.data.volume import Places, Volume
-from splatgl.data.written import made
+from splatgl.data.written import made, shortened
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.classified import classified, halved, steps_of
 from splatgl.splat.extraction.splats import Grid
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     tell(volume, args.quiet)
     if scene.threshold:
         raise expected("--threshold", "none: of a pyramid all voxels are kept", scene.threshold)
-    part = output.with_name(f".{output.name}.{os.getpid()}.part")
+    part = output.with_name(f".{shortened(output.name)}.{os.getpid()}.part")
     try:
         with made(output.parent):
             try:

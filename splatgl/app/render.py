@@ -244,7 +244,7 @@ def _level(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> tu
 
 def _in_bricks(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer, camera: Camera | None) -> Image | None:
     """The image, drawn brick by brick, if it needs more than --memory; else None."""
-    from splatgl.splat.bricks.estimate import budget
+    from splatgl.data.sizes import budget
     from splatgl.splat.bricks.opaque import Opaque
     from splatgl.splat.bricks.within import bricks_of, fits
 

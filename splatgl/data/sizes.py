@@ -1,10 +1,19 @@
-"""Numbers of bytes, as options and in messages."""
+"""Numbers of bytes, as options and in messages; and how much memory there is."""
 
 from __future__ import annotations
 
+import os
 import re
+from pathlib import Path
 
 from splatgl.data.errors import expected
+
+# share of what is available now that is used unless a budget is given
+SHARE = 0.5
+# free bytes where the system tells none
+ASSUMED = 4 << 30
+# the budget that was given, if any
+_given: list[int] = []
 
 
 def bytes_of(text: str) -> int:
@@ -24,3 +33,53 @@ def size_of(count: int) -> str:
     while size >= 1024 and len(units) > 1:
         size, units = size / 1024, units[1:]
     return f"{size:.0f} {units[0]}" if units[0] == "bytes" else f"{size:.1f} {units[0]}"
+
+
+def limit(memory: int | None) -> None:
+    """Sets the budget of this process, bytes; None: what is free."""
+    _given[:] = [] if memory is None else [memory]
+
+
+def budget() -> int:
+    """The bytes that were given; else SHARE of those that this process may still take, by the system and by its control
+    group.
+    """
+    if _given:
+        return _given[0]
+    free = [_available(), *(limit - used for limit, used in _groups())]
+    return int(SHARE * max(min(free), 0))
+
+
+def _available() -> int:
+    """Free bytes as Linux or psutil tell; else those of the machine, or ASSUMED where nothing tells, as on Windows."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        (line,) = (line for line in lines if line.startswith("MemAvailable:"))
+        return int(line.split()[1]) << 10
+    except (OSError, ValueError):
+        pass
+    try:
+        import psutil
+
+        return int(psutil.virtual_memory().available)
+    except ImportError:
+        pass
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return ASSUMED
+
+
+def _groups() -> list[tuple[int, int]]:
+    """Limit and use of the control group's memory, of either version."""
+    found = []
+    root = Path("/sys/fs/cgroup")
+    for limit, used in (
+        ("memory.max", "memory.current"),
+        ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"),
+    ):
+        try:
+            found.append((int((root / limit).read_text()), int((root / used).read_text())))
+        except (OSError, ValueError):
+            continue
+    return found

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 TIMEOUT = 8.0
 # deaths of workers that one piece of work may cause
 DEATHS = 3
+# where the dashboard listens, unless Dask's configuration has splatgl.dashboard: to this machine alone
+DASHBOARD = "127.0.0.1:0"
 # most workers that are started on one machine
 MOST = 1024
 
@@ -63,7 +65,7 @@ def connected(
             cluster = distributed.LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
-                dashboard_address=":0",
+                dashboard_address=dask.config.get("splatgl.dashboard", DASHBOARD),
                 silence_logs=logging.CRITICAL,
                 preload=["splatgl.distributed.preload"],
             )

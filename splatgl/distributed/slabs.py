@@ -142,7 +142,8 @@ def _shells(job: Job, sent: Volume | None, count: int) -> tuple[str, list[Shell]
 
 def _part(job: Job, sent: Volume | None, shell: Shell) -> Part:
     """On a worker: a part of the picture."""
-    from splatgl.splat.bricks.estimate import budget, need
+    from splatgl.data.sizes import budget
+    from splatgl.splat.bricks.estimate import need
 
     bricks, chosen = _planned(job, sent)
     assert chosen.resolved.sheets is not None

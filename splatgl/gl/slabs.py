@@ -11,11 +11,11 @@ import numpy as np
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.readers import load
+from splatgl.data.sizes import budget
 from splatgl.data.volume import Volume
 from splatgl.gl.levels import level_for
 from splatgl.gl.renderer import Renderer
 from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.bricks.estimate import budget
 from splatgl.splat.bricks.within import bricks_of, fits
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.splats import Splats

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.coarse import FEWEST, coarser
-from splatgl.data.sizes import size_of
+from splatgl.data.sizes import budget, size_of
 from splatgl.data.volume import Volume
-from splatgl.splat.bricks.estimate import budget, need
+from splatgl.splat.bricks.estimate import need
 from splatgl.splat.bricks.within import bricks_of
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.splats import MOST_KEPT

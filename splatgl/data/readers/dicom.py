@@ -20,6 +20,7 @@ from splatgl.data.readers.dicom_headers import Frame, Header
 from splatgl.data.readers.dicom_pixels import check_header, decoded, is_color
 from splatgl.data.readers.dicom_series import SEGMENTS, Contents, chosen, contents
 from splatgl.data.readers.even import at_places
+from splatgl.data.readers.files import byte_count, require_memory
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Volume
 
@@ -95,6 +96,9 @@ def _samples(grid: Grid) -> tuple[np.ndarray, np.ndarray | None]:
     group = [frame for _, frame in planes]
     shape = (len(grid.planes), *group[0].header.size)
     dtype = _dtype(group, len(planes) < len(grid.planes))
+    headers = {id(frame.header): frame.header for frame in group}.values()
+    voxel = dtype.itemsize + 3 * is_color(group[0].header)
+    require_memory(byte_count(shape, np.dtype(np.uint8)) * voxel, sum(header.room for header in headers))
     samples = np.full(shape, np.nan, dtype) if len(planes) < len(grid.planes) else np.empty(shape, dtype)
     color = np.zeros((*shape, 3), np.uint8) if is_color(group[0].header) else None
     places = {id(frame): plane for plane, frame in planes}

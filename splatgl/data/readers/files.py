@@ -13,6 +13,7 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 
 from splatgl.data.errors import InputError, choice, expected
+from splatgl.data.sizes import budget, size_of
 
 DEFLATE_RATIO = 1032
 """Most bytes that one byte of deflate data can expand to (zlib's technical notes: 1032:1)."""
@@ -68,6 +69,14 @@ def require_plausible(needed: int, there: int, bounded: bool = True) -> None:
         raise expected("data", f"{needed} bytes", got, "the file is cut short or its header states a wrong size")
 
 
+def require_memory(needed: int, there: int, fix: str = "read it where more is free, or save a part of it") -> None:
+    """Raises InputError for samples of `needed` bytes, in `there` packed ones, that memory is too small for."""
+    most = budget()
+    if needed > most:
+        got = f"{size_of(needed)}, packed in {size_of(max(there, 0))}"
+        raise expected("samples", f"at most {size_of(most)} in memory", got, fix)
+
+
 def map_array(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> np.ndarray:
     """A read-only array [shape] (C order) mapped from `path` at `offset` bytes. Raises InputError if it is cut.
 
@@ -95,6 +104,7 @@ def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> n
     # 1. the file must be large enough for the header's sizes
     needed, there = byte_count(shape, dtype), path.stat().st_size - offset
     require_plausible(needed, max(there, 0))
+    require_memory(needed, there)
     # 2. inflate piece by piece into the array; 47 = 32 (zlib or gzip, told by the header) + 15 (window bits)
     engine, out, filled = zlib.decompressobj(wbits=47), np.empty(needed, np.uint8), 0
     with path.open("rb") as file, library("zlib data"):

@@ -14,7 +14,15 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.errors import expected, missing_extra
-from splatgl.data.readers.files import byte_count, grid_shape, library, require_bytes, require_plausible, selection
+from splatgl.data.readers.files import (
+    byte_count,
+    grid_shape,
+    library,
+    require_bytes,
+    require_memory,
+    require_plausible,
+    selection,
+)
 from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Volume
@@ -68,6 +76,7 @@ def read_mgh(path: Path, options: LoadOptions) -> Volume:
     needed, there = _MGH_START + byte_count(sizes, _MGH_TYPES[code]), path.stat().st_size
     if packed:
         require_plausible(needed, there)
+        require_memory(needed, there)
     else:
         require_bytes(needed, there)
     # 2. the image; of a packed one no more is inflated than the sizes say

@@ -21,6 +21,7 @@ from splatgl.data.readers.files import (
     library,
     map_array,
     require_bytes,
+    require_memory,
     require_plausible,
     selection,
 )
@@ -105,6 +106,7 @@ def _data(path: Path, start: int, dtype: np.dtype, shape: tuple[int, int, int]) 
         return inflate(path, 0, np.dtype(np.uint8), (needed,))[start:].view(dtype).reshape(shape)
     if name.endswith(".bz2"):
         require_plausible(needed, path.stat().st_size, bounded=False)
+        require_memory(needed, path.stat().st_size)
         with library("bzip2 data"), bz2.open(path) as file:
             found = np.frombuffer(file.read(needed), np.uint8)
         require_bytes(needed, found.size, "inflated data")

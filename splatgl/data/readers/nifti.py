@@ -20,6 +20,7 @@ from splatgl.data.readers.files import (
     grid_shape,
     library,
     require_bytes,
+    require_memory,
     require_plausible,
     selection,
 )
@@ -80,10 +81,10 @@ def _volume(image: Any, options: LoadOptions) -> Volume:
     for axis in range(4, len(sizes)):
         extra[axis] = ("array", options.array_number(sizes[axis]) if sizes[axis] > 1 else 0)
     # 2. samples
-    stored, slope, intercept = _stored(image.dataobj)
+    stored, slope, intercept = _stored(image.dataobj, selection(sizes, extra))
     if stored.dtype.kind not in "buif":
         raise expected("samples", "real numbers", stored.dtype, "convert it to one number per voxel")
-    samples = _scaled(stored[selection(sizes, extra)].T, slope, intercept)
+    samples = _scaled(stored.T, slope, intercept)
     # 3. grid
     unit = _UNITS.get(int(image.header["xyzt_units"]) & 7, "")
     if not (image.header["sform_code"] or image.header["qform_code"]):
@@ -101,12 +102,23 @@ def _sizes(image: Any) -> list[int]:
     return sizes
 
 
-def _stored(data: Any) -> tuple[np.ndarray, float, float]:
-    """Samples as they are stored, mapped where the file permits, their slope and intercept."""
+def _stored(data: Any, index: tuple[int | slice, ...]) -> tuple[np.ndarray, float, float]:
+    """Samples that an index picks as they are stored, mapped where the file permits, their slope and intercept."""
     if not hasattr(data, "get_unscaled"):
-        return np.asanyarray(data), 1.0, 0.0
-    with library("NIfTI"):
-        return np.asanyarray(data.get_unscaled()), float(data.slope), float(data.inter)
+        return np.asanyarray(data)[index], 1.0, 0.0
+    slope, intercept, name = float(data.slope), float(data.inter), str(data.file_like)
+    if not name.lower().endswith(".gz"):
+        with library("NIfTI"):
+            return np.asanyarray(data.get_unscaled())[index], slope, intercept
+    from nibabel.fileslice import fileslice
+    from nibabel.openers import ImageOpener
+
+    # of a series only what is picked is kept; samples that are scaled are there twice
+    picked = byte_count([size for size, at in zip(data.shape, index, strict=True) if at == slice(None)], data.dtype)
+    scaled = 0 if (slope, intercept) == (1.0, 0.0) else picked // data.dtype.itemsize * np.dtype(np.float32).itemsize
+    require_memory(picked + scaled, Path(name).stat().st_size)
+    with library("NIfTI"), ImageOpener(name) as file:
+        return np.asanyarray(fileslice(file, index, data.shape, data.dtype, data.offset, order="F")), slope, intercept
 
 
 def _open(path: Path) -> Any:

@@ -25,6 +25,7 @@ from splatgl.data.readers.files import (
     library,
     map_array,
     require_bytes,
+    require_memory,
     require_plausible,
     selection,
 )
@@ -319,6 +320,7 @@ def _skip_lines(path: Path, start: int, lines: int) -> int:
 def _bunzip(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.ndarray:
     needed = byte_count(shape, dtype)
     require_plausible(needed, path.stat().st_size - start, bounded=False)
+    require_memory(needed, path.stat().st_size - start)
     with path.open("rb") as file, library("bzip2 data"):
         file.seek(start)
         data = bz2.BZ2File(file).read(needed + 1)

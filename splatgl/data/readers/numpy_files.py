@@ -11,7 +11,7 @@ from typing import IO
 import numpy as np
 
 from splatgl.data.errors import choice, expected
-from splatgl.data.readers.files import byte_count, library, map_array, require_bytes, require_plausible
+from splatgl.data.readers.files import byte_count, library, map_array, require_bytes, require_memory, require_plausible
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Volume
 
@@ -61,7 +61,9 @@ def read_npz(path: Path, options: LoadOptions) -> Volume:
     with library("NumPy .npz"), zipfile.ZipFile(path) as archive:
         member = archive.getinfo(members[name])
         require_bytes(byte_count(header.shape, header.dtype), member.file_size - header.offset)
-        require_plausible(member.file_size, min(member.compress_size, path.stat().st_size))
+        there = min(member.compress_size, path.stat().st_size)
+        require_plausible(member.file_size, there)
+        require_memory(byte_count(header.shape, header.dtype), there)
         with archive.open(member) as file:
             samples = np.lib.format.read_array(file, allow_pickle=False)
     return Volume(samples)

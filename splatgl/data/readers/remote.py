@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from splatgl.data.errors import InputError, expected, missing_extra
+from splatgl.data.written import shortened
 
 # times that something is asked for, seconds between the first two, which double, and seconds for a connection and
 # between two parts of an answer
@@ -102,7 +103,7 @@ class Remote:
         if not place.is_file():
             shutil.rmtree(self.folder, ignore_errors=True)
             place.parent.mkdir(parents=True)
-            part = place.with_name(f".{place.name}.part")
+            part = place.with_name(f".{shortened(place.name)}.part")
             self._tried(lambda: self.files.get_file(self.root, str(part)))
             part.replace(place)
         return place

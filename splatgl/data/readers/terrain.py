@@ -11,12 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.data.errors import expected
-from splatgl.data.readers.files import library, require_plausible
+from splatgl.data.readers.files import library, require_memory, require_plausible
 from splatgl.data.readers.options import DEFAULT_LEVELS, LoadOptions
 from splatgl.data.volume import Hints, Volume
 
 MAX_VOXELS = 4 * 2**30
 """Most voxels of a terrain, a byte each: a map of 6400 × 6400 in 103 levels."""
+
+PER_COLUMN = 24
+"""Bytes of a column besides its voxels: its heights and colour as they are read, and in float64."""
 
 PICTURES = ("PNG", "JPEG", "TIFF", "BMP", "GIF", "WEBP", "PPM")
 """Formats that pictures are read in; Pillow's others run programs or are found by guessing."""
@@ -86,6 +89,7 @@ def _check_columns(path: Path, width: int, height: int, levels: int) -> None:
     """Limits the columns, since a small file may hold a large empty map; only levels up to the default count."""
     require_plausible(width * height * min(levels, DEFAULT_LEVELS), path.stat().st_size, bounded=False)
     _check_voxels(width, height, levels)
+    require_memory(width * height * (levels + PER_COLUMN), path.stat().st_size, "use a smaller map or fewer levels")
 
 
 def read_picture(path: Path, options: LoadOptions) -> Volume:

@@ -25,6 +25,7 @@ from splatgl.data.readers.files import (
     library,
     map_array,
     require_bytes,
+    require_memory,
     require_plausible,
     selection,
 )
@@ -294,7 +295,9 @@ def _pixels(path: Path, tiff: Any, series: _Series, level: int, time: int = 0) -
             pages = np.arange(len(whole)).reshape(ahead).take(time, axis=at).ravel().tolist()
             if all(whole[page] is not None for page in pages):
                 shape = (*series.shape[:at], 1, *series.shape[at + 1 :])
+                require_memory(byte_count(shape, series.dtype), path.stat().st_size)
                 return np.asarray(tiff.asarray(key=pages, series=0, level=level)).reshape(shape)
+        require_memory(byte_count(series.shape, series.dtype), path.stat().st_size)
         return np.asarray(whole.asarray()).reshape(series.shape)
 
 

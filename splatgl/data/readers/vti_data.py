@@ -13,7 +13,15 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.data.errors import expected, missing_extra
-from splatgl.data.readers.files import MAX_BYTES, byte_count, library, map_array, require_bytes, require_plausible
+from splatgl.data.readers.files import (
+    MAX_BYTES,
+    byte_count,
+    library,
+    map_array,
+    require_bytes,
+    require_memory,
+    require_plausible,
+)
 from splatgl.data.readers.text import read_numbers, require_end
 
 Shape4 = tuple[int, int, int, int]
@@ -104,6 +112,7 @@ def _inflate_blocks(source: Source, coding: Coding, needed: int) -> np.ndarray:
         sizes[-1] = last
     _same(needed, sum(sizes))
     require_plausible(needed, sum(packed), bounded=coding.compressor != "vtkLZMADataCompressor")
+    require_memory(needed, sum(packed))
     # 2. the blocks, one behind the other
     data = source.at(source.stored((3 + blocks) * width)).take(sum(packed))
     out, start = bytearray(), 0

@@ -1,10 +1,8 @@
-"""How much memory a picture of values takes, before anything but some small boxes is read; and how much there is."""
+"""How much memory a picture of values takes, before anything but some small boxes is read."""
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -24,10 +22,6 @@ SAMPLE = 160
 PROBES, PROBE_SIDE, STEPS = 64, 24, (0.8191725134, 0.6710436067, 0.5497004779)
 # standard errors of an estimate by which more splats are reckoned with
 ERRORS = 2.0
-# share of what is available now that is used unless a budget is given
-SHARE = 0.5
-# free bytes where the system tells none
-ASSUMED = 4 << 30
 
 
 @dataclass(frozen=True)
@@ -78,44 +72,3 @@ def spread(most: np.ndarray, count: int) -> np.ndarray:
     """int64 [count, 3]: places from 0 to `most` (x, y, z), spread evenly however many are used."""
     place = (0.5 + np.outer(np.arange(count), STEPS)) % 1.0
     return np.asarray((place * most).round().astype(np.int64))
-
-
-def budget() -> int:
-    """SHARE of the bytes that this process may still take, by the system and by its control group."""
-    free = [_available(), *(limit - used for limit, used in _groups())]
-    return int(SHARE * max(min(free), 0))
-
-
-def _available() -> int:
-    """Free bytes as Linux or psutil tell; else those of the machine, or ASSUMED where nothing tells, as on Windows."""
-    try:
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-        (line,) = (line for line in lines if line.startswith("MemAvailable:"))
-        return int(line.split()[1]) << 10
-    except (OSError, ValueError):
-        pass
-    try:
-        import psutil
-
-        return int(psutil.virtual_memory().available)
-    except ImportError:
-        pass
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, OSError, ValueError):
-        return ASSUMED
-
-
-def _groups() -> list[tuple[int, int]]:
-    """Limit and use of the control group's memory, of either version."""
-    found = []
-    root = Path("/sys/fs/cgroup")
-    for limit, used in (
-        ("memory.max", "memory.current"),
-        ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"),
-    ):
-        try:
-            found.append((int((root / limit).read_text()), int((root / used).read_text())))
-        except (OSError, ValueError):
-            continue
-    return found

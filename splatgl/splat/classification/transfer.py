@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from splatgl.data.errors import InputError, expected
 from splatgl.data.toml import load_table, parse_table
+from splatgl.data.written import write_whole
 from splatgl.splat.classification.colormap import colormap
 from splatgl.splat.classification.labels import checked_labels, label_color, label_opacity
 
@@ -163,15 +163,7 @@ class Transfer:
 
     def save(self, path: str | Path) -> None:
         """Writes TOML; an old file is replaced whole or not at all. Raises InputError naming the file."""
-        target = Path(path)
-        temporary = target.with_name(f".{target.name}.{os.getpid()}")
-        try:
-            temporary.write_text(self.to_toml(), encoding="utf-8")
-            os.replace(temporary, target)
-        except OSError as error:
-            raise expected(path, "a file that can be written", error.strerror) from error
-        finally:
-            temporary.unlink(missing_ok=True)
+        write_whole(Path(path), self.to_toml().encode())
 
     @classmethod
     def load(cls, path: str | Path) -> Transfer:
