@@ -67,7 +67,7 @@ def depths(
     fields = [LayerField.of(layer, planes, camera, pre, sign) for layer, planes in cut]
     count = camera.size[0] * camera.size[1]
     if sign:
-        walk = partial(_extreme, fields, [partial(_shown, layer.seen, sign) for layer, _ in cut])
+        walk = partial(_extreme, fields, [_shown(layer.seen, sign) for layer, _ in cut])
     else:
         walk = partial(_absorbed, fields, _surfaces(scene.surfaces(settings), camera), LEAST - float(np.log1p(-share)))
     groups = [np.arange(first, min(first + RAYS, count)) for first in range(0, count, RAYS)]
@@ -85,9 +85,13 @@ def _asked(at: At) -> tuple[float, float]:
     return float(at), 0.0
 
 
-def _shown(look: Transfer, sign: float, values: np.ndarray) -> np.ndarray:
-    """Whether values times their sign can be seen."""
-    return np.asarray(look.opacity(values * sign) > 0)
+def _shown(look: Transfer, sign: float) -> Shown:
+    """Tells whether values times a sign can be seen; of labels opacities are looked for."""
+
+    def shown(values: np.ndarray) -> np.ndarray:
+        return np.asarray((values * sign if look.labels else look.opacity(values * sign)) > 0)
+
+    return shown
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +154,8 @@ def _ends(fields: Sequence[LayerField], walk: Walk) -> np.ndarray:
     """Where a step of each ray ends: half a voxel on, or where a layer begins or ends."""
     end = walk.depth + np.min([each.step[walk.ray] for each in fields], axis=0)
     for each in fields:
+        if each.samples.nearest:
+            end = np.minimum(end, each.face(walk.depth, walk.ray))
         for edge in (each.near[walk.ray], each.far[walk.ray]):
             end = np.where((edge > walk.depth) & (edge < end), edge, end)
     return end
@@ -163,8 +169,12 @@ def _through(field: LayerField, walk: Walk, some: np.ndarray, end: np.ndarray, n
     ray = ray[inside]
     first = walk.value[number, some[inside]]
     new = np.flatnonzero(np.isnan(first))
-    first[new] = field.values(depth[inside[new]], ray[new])
-    last = field.values(end[inside], ray)
+    if field.samples.nearest:
+        # a step is within a voxel
+        first = last = field.values((depth[inside] + end[inside]) / 2, ray)
+    else:
+        first[new] = field.values(depth[inside[new]], ray[new])
+        last = field.values(end[inside], ray)
     walk.value[number, some] = np.nan
     walk.value[number, some[inside]] = last
     known = np.flatnonzero(~(np.isnan(first) | np.isnan(last)))
@@ -247,7 +257,11 @@ def _extreme(fields: Sequence[LayerField], shown: Sequence[Shown], rays: np.ndar
     def look(number: int, each: LayerField, some: np.ndarray, depth: np.ndarray) -> None:
         ray = walk.ray[some]
         inside = np.flatnonzero((depth >= each.near[ray]) & (depth <= each.far[ray]) & (each.far > each.near)[ray])
-        ray, value = ray[inside] - at, each.values(depth[inside], ray[inside])
+        ray, seen = ray[inside] - at, depth[inside]
+        if each.samples.nearest:
+            # of the voxel that the ray enters there
+            seen = (seen + each.face(seen, ray + at)) / 2
+        value = each.values(seen, ray + at)
         if each.mask is not None:
             value[each.kept(depth[inside], ray + at) < 0] = -np.inf
         better = np.flatnonzero(value > best[ray])
@@ -264,6 +278,9 @@ def _extreme(fields: Sequence[LayerField], shown: Sequence[Shown], rays: np.ndar
     seen = np.zeros(len(rays), bool)
     for number, each in enumerate(fields):
         walk = _begin(fields, rays[np.isfinite(place) & (layer == number)])
+        if each.samples.nearest:
+            seen[walk.ray - at] = shown[number](best[walk.ray - at])
+            continue
         step = 2 * each.step[walk.ray] / PARTS
         middle = place[walk.ray - at]
         for n in range(-PARTS // 2, PARTS // 2 + 1):

@@ -26,6 +26,8 @@ BLOCK = 4
 CELLS, LEAST_CELLS = 1 << 16, 1 << 12
 # steps between two voxels
 STEPS = 2
+# voxels within which a place is at a face
+AT_FACE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +148,7 @@ class LayerField:
             fix = "draw a coarser --level, or a part of it"
             raise expected(volume.name or "volume", "samples in memory or mapped, for depths", "some in parts", fix)
         if sign:
-            samples, look = Samples.of(volume.samples if sign > 0 else -volume.samples.astype(np.float64)), Look()
+            samples, look = _of_values(layer, sign), Look()
         else:
             samples, look = _seen(layer, pre)
         grid = Grid(volume.world_from_index, np.asarray(volume.origin))
@@ -159,7 +161,8 @@ class LayerField:
         speed = length / (rays.stretch * grid.mean_spacing)
         low, high = _extremes(samples)
         holds = np.ones(low.shape, bool) if sign else look.holds(low, high)
-        mask = MaskField.of(volume)
+        # of labels, voxels that masks leave out are clear
+        mask = MaskField.of(volume) if not samples.nearest else None
         if mask is not None:
             kept = _extremes(Samples.of(volume.kept((0, 0, 0), volume.shape).astype(np.uint8)))[1] > 0
             holds, high = holds & kept, np.where(kept, high, -np.inf)
@@ -176,6 +179,16 @@ class LayerField:
     def step(self) -> np.ndarray:
         """Depths between two points of each ray."""
         return np.asarray(1 / (STEPS * np.linalg.norm(self.per_depth, axis=0)))
+
+    def face(self, depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """Depths of the next faces of voxels behind depths of rays."""
+        along = self.per_depth[:, rays]
+        place, ahead = self.start[:, rays] + along * depth, np.where(along > 0, 1.0, -1.0)
+        # from half a voxel on, in the ray's direction
+        passed = np.floor(place * ahead + 0.5 + AT_FACE) + 0.5
+        with np.errstate(divide="ignore", invalid="ignore"):
+            left = np.where(along == 0, np.inf, (passed - place * ahead) / np.abs(along))
+        return np.asarray(depth + left.min(axis=0))
 
     def values(self, depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
         """Values at depths of rays, by number; NaN where none is known."""
@@ -209,6 +222,22 @@ class LayerField:
         return np.where((depth >= self.far[rays]) | (self.far[rays] <= self.near[rays]), np.inf, found)
 
 
+def _of_values(layer: Layer, sign: float) -> Samples:
+    """Values times a sign, of labels the opacities of their voxels, times it, as pictures of maxima show these."""
+    values = layer.volume.samples
+    if layer.seen.labels:
+        return Samples.of(_opacities(layer) * sign, nearest=True)
+    return Samples.of(values if sign > 0 else -values.astype(np.float64))
+
+
+def _opacities(layer: Layer) -> np.ndarray:
+    """Of the voxels of labels; 0 of those that masks leave out."""
+    volume = layer.volume
+    opacity = np.asarray(layer.seen.opacity(volume.samples), np.float64)
+    opacity = np.where(opacity > layer.threshold, opacity, 0.0)
+    return opacity * volume.kept((0, 0, 0), volume.shape) if volume.masks else opacity
+
+
 def _seen(layer: Layer, pre: bool) -> tuple[Samples, Look]:
     """Values with their extinctions; or extinctions of voxels, where these are classified before reconstruction."""
     volume, look = layer.volume, layer.seen
@@ -216,6 +245,8 @@ def _seen(layer: Layer, pre: bool) -> tuple[Samples, Look]:
     values = np.asarray(volume.samples)
     finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+    if look.labels and not look.gradient:
+        return Samples.of(look.extinction(_opacities(layer), unit).astype(np.float32), nearest=True), Look()
     if pre or look.gradient or only_pre(volume, look, layer.threshold) or not low < high:
         opacity = look.opacity(values)
         if look.gradient:

@@ -35,7 +35,8 @@ MODES = ("first", "max")
 
 @dataclass(frozen=True)
 class Picked:
-    """A point of a volume. place: world units; index: grid position (x, y, z); value: interpolated linearly.
+    """A point of a volume. place: world units; index: grid position (x, y, z); value: interpolated linearly, but of
+    labels, whose voxels have one.
 
     distance: from the eye, or from its plane, world units. name: of the volume; layer: its number in the scene. mesh:
     number of the mesh that the point is of instead, named, without index and value (NaN) and in layer -1.
@@ -75,30 +76,39 @@ def pick(
         return _first_mesh(surfaces, scene, camera, number)
     near, far = float(ends[:, 0].min()), float(ends[:, 1].max())
     count = min(int(np.ceil((far - near) / min(each.step for each in found))), MOST)
-    along = near + (np.arange(count) + 0.5) * (far - near) / count
+    # parts of the ray end at faces of labels, whose voxels are even
+    faces = [each.faces(near, far) for each in found if each.layer.seen.labels]
+    ends = np.unique(np.concatenate([np.linspace(near, far, count + 1), *faces]))
+    along, lengths = (ends[:-1] + ends[1:]) / 2, np.diff(ends)
     seen = [each.seen(along) for each in found]
     if mode == "max":
         end = next((each.distance for each in surfaces if each.depth >= OPAQUE), np.inf)
         seen = [(value, extinction, inside & (along < end)) for value, extinction, inside in seen]
         values = np.array([np.where(inside, value, -np.inf) for value, _, inside in seen])
-        layer, place = divmod(int(values.argmax()), count)
+        layer, place = divmod(int(values.argmax()), len(along))
         if np.isfinite(values[layer, place]):
-            return found[layer].picked(along[place], layer)
+            labels = found[layer].layer.seen.labels
+            return found[layer].picked(ends[place] if labels else along[place], layer, values[layer, place])
         return _first_mesh(surfaces, scene, camera, number)
     extinctions = np.array([extinction for _, extinction, _ in seen])
-    depths = extinctions.sum(axis=0) * (far - near) / count
+    depths = extinctions.sum(axis=0) * lengths
     # surfaces come between the points of the ray, in their order
     before = np.searchsorted(along, [each.distance for each in surfaces])
     depth = np.cumsum(np.insert(depths, before, [each.depth for each in surfaces]))
     if not depth[-1] > 0:
         return None
-    place = int(np.searchsorted(depth, min(HALF, depth[-1] / 2)))
+    enough = min(HALF, depth[-1] / 2)
+    place = int(np.searchsorted(depth, enough))
     at = before + np.arange(len(surfaces))
     if place in at:
         return _on_mesh(surfaces[int(np.searchsorted(at, place))], scene, camera, number)
+    left = depth[place] - enough
     place -= int((at < place).sum())
     layer = int(extinctions[:, place].argmax())
-    return found[layer].picked(along[place], layer)
+    if not found[layer].layer.seen.labels:
+        return found[layer].picked(along[place], layer)
+    exact = ends[place + 1] - lengths[place] * left / depths[place]
+    return found[layer].picked(exact, layer, seen[layer][0][place])
 
 
 @dataclass(frozen=True)
@@ -182,6 +192,16 @@ class _Ray:
         ends = float(rays.near[0]) * world, float(rays.far[0]) * world
         return cls(layer, rays.start[:, 0], rays.direction[:, 0] / world, ends, grid.smallest_spacing / STEPS)
 
+    def faces(self, near: float, far: float) -> np.ndarray:
+        """Distances between two at which the ray crosses faces of voxels."""
+        shape = self.layer.volume.shape[::-1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossed = [
+                (np.arange(n + 1) - 0.5 - i) / d for n, i, d in zip(shape, self.start, self.direction, strict=True)
+            ]
+        every = np.concatenate(crossed)
+        return np.asarray(every[(every > near) & (every < far)])
+
     def seen(self, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Values, extinctions per world length, and whether they are inside, at distances [N]."""
         inside = (along >= self.ends[0]) & (along <= self.ends[1])
@@ -190,7 +210,8 @@ class _Ray:
         inside &= np.isfinite(value)
         mask = MaskField.of(self.layer.volume)
         if mask is not None:
-            inside &= mask.at(self.start[:, None] + self.direction[:, None] * along) >= 0
+            places = self.start[:, None] + self.direction[:, None] * along
+            inside &= mask.keeps(places.T) if self.layer.seen.labels else mask.at(places) >= 0
         look = self.layer.seen
         unit = look.unit or Grid(self.layer.volume.world_from_index, np.zeros(3)).mean_spacing
         extinction = np.zeros(len(along))
@@ -198,10 +219,13 @@ class _Ray:
         return value, extinction, inside
 
     def _values(self, places: np.ndarray) -> np.ndarray:
-        """Values at grid positions [3, N], linear between samples."""
+        """Values at grid positions [3, N], linear between samples; of labels the nearest."""
         samples = self.layer.volume.samples
         last = np.array(samples.shape[::-1])[:, None] - 1
         places = np.clip(places, 0, last)
+        if self.layer.seen.labels:
+            x, y, z = np.rint(places).astype(np.int64)
+            return np.asarray(samples[z, y, x], np.float64)
         first = np.minimum(np.floor(places), np.maximum(last - 1, 0)).astype(np.int64)
         part, found = places - first, np.zeros(places.shape[1])
         for corner in np.ndindex(2, 2, 2):
@@ -210,10 +234,11 @@ class _Ray:
             found += np.where(step, part, 1 - part).prod(axis=0) * samples[z, y, x].astype(np.float64)
         return found
 
-    def picked(self, distance: float, number: int) -> Picked:
+    def picked(self, distance: float, number: int, value: float | None = None) -> Picked:
+        """The point at a distance. value: if it is known already."""
         volume = self.layer.volume
         index = self.start + self.direction * distance
-        value = float(self._values(index[:, None])[0])
+        value = float(self._values(index[:, None])[0] if value is None else value)
         world = volume.world_from_index @ index + np.asarray(volume.origin)
         return Picked(_triple(world), _triple(index), value, float(distance), volume.name, number)
 
