@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.data.coarse import coarser
 from splatgl.data.volume import Label
 from splatgl.splat.classification.presets import label_transfer
 from splatgl.splat.extraction.splats import Splats
+from splatgl.truth.depth import depths
+from splatgl.truth.pick import pick
 
 RED, GREEN, BLUE = "#ff0000", "#00ff00", "#0000ff"
 # faint, half and solid
@@ -36,46 +40,65 @@ def noise(rng: np.random.Generator, grid: str, shape: tuple[int, int, int] = (6,
     return sg.Volume(samples, spacing, origin=(1.0, -2.0, 0.5), direction=direction, labels=TABLE)
 
 
+Parts = list[tuple[float, float, int]]
+
+
+def passed(volume: sg.Volume, camera: sg.Camera, planes: tuple[tuple[float, ...], ...] = ()) -> Iterator[Parts]:
+    """Of each pixel's ray, from face to face of cells: both distances, and the number of the part's middle."""
+    into, right, below, forward = np.linalg.inv(volume.world_from_index), *camera.eye_from_world
+    for down, across in product(camera.slopes()[1], camera.slopes()[0]):
+        aside = across * right + down * below
+        start, along = (camera.eye, forward + aside) if camera.perspective else (camera.eye + aside, forward)
+        along = along / np.linalg.norm(along)
+        i, d = into @ (start - np.asarray(volume.origin)), into @ along
+        cuts = [0.0]
+        for axis, size in enumerate(volume.shape[::-1]):
+            cuts += ((np.arange(size + 1) - 0.5 - i[axis]) / d[axis]).tolist() if abs(d[axis]) > 1e-12 else []
+        crossed = [p for p in planes if abs(np.dot(p[:3], along)) > 1e-12]
+        cuts += [(p[3] - np.dot(p[:3], start)) / np.dot(p[:3], along) for p in crossed]
+        parts: Parts = []
+        for near, far in pairwise(np.unique([cut for cut in cuts if cut >= 0])):
+            middle = (near + far) / 2
+            x, y, z = np.rint(i + d * middle).astype(int)
+            inside = all(0 <= n < size for n, size in zip((z, y, x), volume.shape, strict=True))
+            if inside and all(np.dot(p[:3], start + along * middle) >= p[3] for p in planes):
+                parts.append((near, far, int(volume.samples[z, y, x])))
+        yield parts
+
+
+def extinctions(volume: sg.Volume) -> np.ndarray:
+    """Per world length, by number."""
+    found, spacing = np.zeros(4), abs(np.linalg.det(volume.world_from_index)) ** (1 / 3)
+    for number, _, opacity in label_transfer(volume).labels:
+        found[number] = -np.log1p(-opacity) / spacing
+    return found
+
+
 def marched(volume: sg.Volume, camera: sg.Camera, planes: tuple[tuple[float, ...], ...] = ()) -> np.ndarray:
-    """[H, W, 4]: each ray from face to face of the grid's cells, in order; the labels of the parts' middles."""
-    transfer = label_transfer(volume)
-    spacing = abs(np.linalg.det(volume.world_from_index)) ** (1 / 3)
-    into = np.linalg.inv(volume.world_from_index)
-    extinction, color = np.zeros(4), np.zeros((4, 3))
-    for number, text, opacity in transfer.labels:
-        extinction[number] = -np.log1p(-opacity) / spacing
+    """[H, W, 4]: the parts of each ray, composited in their order."""
+    color = np.zeros((4, 3))
+    for number, text, _ in label_transfer(volume).labels:
         color[number] = [int(text[k : k + 2], 16) / 255 for k in (1, 3, 5)]
-    picture = np.zeros((camera.size[1], camera.size[0], 4))
-    for row, down in enumerate(camera.slopes()[1]):
-        for column, across in enumerate(camera.slopes()[0]):
-            right, below, forward = camera.eye_from_world
-            start, along = camera.eye, forward
-            if camera.perspective:
-                along = forward + across * right + down * below
-                along = along / np.linalg.norm(along)
-            else:
-                start = camera.eye + across * right + down * below
-            i, d = into @ (start - np.asarray(volume.origin)), into @ along
-            cuts = [0.0]
-            for axis in range(3):
-                faces = np.arange(volume.shape[2 - axis] + 1) - 0.5
-                if abs(d[axis]) > 1e-12:
-                    cuts += ((faces - i[axis]) / d[axis]).tolist()
-            crossed = [p for p in planes if abs(np.dot(p[:3], along)) > 1e-12]
-            cuts += [(p[3] - np.dot(p[:3], start)) / np.dot(p[:3], along) for p in crossed]
-            ends = np.unique([cut for cut in cuts if cut >= 0])
-            light = 1.0
-            for near, far in pairwise(ends):
-                middle = start + along * (near + far) / 2
-                cell = np.rint(i + d * (near + far) / 2).astype(int)
-                inside = (cell >= 0).all() and (cell < volume.shape[::-1]).all()
-                if not inside or any(np.dot(p[:3], middle) < p[3] for p in planes):
-                    continue
-                number = int(volume.samples[cell[2], cell[1], cell[0]])
-                passed = np.exp(-extinction[number] * (far - near))
-                picture[row, column] += light * (1 - passed) * np.append(color[number], 1.0)
-                light *= passed
-    return picture
+    picture, extinction = np.zeros((camera.size[0] * camera.size[1], 4)), extinctions(volume)
+    for pixel, parts in zip(picture, passed(volume, camera, planes), strict=True):
+        light = 1.0
+        for near, far, number in parts:
+            through = np.exp(-extinction[number] * (far - near))
+            pixel += light * (1 - through) * np.append(color[number], 1.0)
+            light *= through
+    return picture.reshape(camera.size[1], camera.size[0], 4)
+
+
+def absorbed(volume: sg.Volume, camera: sg.Camera, depth: float, least: bool) -> np.ndarray:
+    """[H, W, 2]: distances at which rays pass that optical depth, or half of all if that is less, and numbers there."""
+    found, extinction = np.full((camera.size[0] * camera.size[1], 2), np.nan), extinctions(volume)
+    for pixel, parts in zip(found, passed(volume, camera), strict=True):
+        depths = np.cumsum([extinction[number] * (far - near) for near, far, number in parts])
+        enough = min(depth, depths[-1] / 2) if least and len(depths) else depth
+        if len(depths) and depths[-1] >= enough > 0:
+            n = int(np.searchsorted(depths, enough))
+            pixel[:] = parts[n][1] - (depths[n] - enough) / extinction[parts[n][2]], parts[n][2]
+    return found.reshape(camera.size[1], camera.size[0], 2)
 
 
 def views(volume: sg.Volume) -> dict[str, sg.Camera]:
@@ -266,3 +289,55 @@ def test_what_asks_for_a_kernel_has_it(renderer: sg.Renderer, rng: np.random.Gen
     for asked in ({"kernel": "gaussian"}, {"antialias": "paper"}, {"align": "ray"}, {"attenuation": "opacity"}):
         assert renderer.plan(splats, camera, sg.Settings().but(**asked)).kernel.name != "box"
     assert renderer.plan(splats, camera, sg.Settings(compositing="sheets")).kernel.name == "box"
+
+
+@pytest.mark.parametrize("grid", GRIDS)
+def test_picks_and_depths_are_of_the_voxels_that_rays_meet(grid: str, rng: np.random.Generator) -> None:
+    """The number, and where half of the light is absorbed, or anything; the largest opacity."""
+    volume = noise(rng, grid)
+    look, rays = label_transfer(volume), 0
+    for name, camera in views(volume).items():
+        across, down = np.meshgrid(*camera.slopes())
+        length = np.sqrt(across**2 + down**2 + 1) if camera.perspective else 1.0
+        for share in (0.5, 0.0):
+            right = absorbed(volume, camera, max(-np.log1p(-share), 1e-9), False)[..., 0] / length
+            assert np.allclose(depths(volume, camera, share, transfer=look), right, atol=2e-6, equal_nan=True), name
+        first = absorbed(volume, camera, np.log(2), True)
+        for row, column in product(range(0, camera.size[1], 2), range(camera.size[0])):
+            found, (distance, number) = pick(volume, camera, (column, row), look), first[row, column]
+            assert (found is None) == bool(np.isnan(distance)), name
+            if found is not None:
+                assert found.value == number and found.distance == pytest.approx(distance, abs=1e-9), name
+                rays += 1
+        deepest = depths(volume, camera, "max", transfer=look) * length
+        for place, parts in zip(deepest.ravel(), passed(volume, camera), strict=True):
+            most = max((number for *_, number in parts), default=0)
+            near = next((near for near, _, number in parts if number == most > 0), np.nan)
+            assert place == pytest.approx(near, abs=1e-6, nan_ok=True), name
+    assert rays > 60
+
+
+def test_labels_that_a_mask_leaves_out_are_not_picked() -> None:
+    samples = np.full((3, 3, 3), 3, np.uint8)
+    kept = np.ones((3, 3, 3), np.uint8)
+    kept[:, 0] = 0
+    volume = sg.Volume(samples, labels=TABLE).masked(sg.Volume(kept))
+    camera = sg.Camera.orthographic((1.2, -9, 1.1), (1.2, 0, 1.1), (0, 0, 1), height=1.0, size=(1, 1))
+    assert depths(volume, camera, 0.0)[0, 0] == pytest.approx(9.5)
+    found = pick(volume, camera, (0, 0))
+    assert found is not None and 9.5 < found.distance < 10
+
+
+def test_coarser_labels_are_numbers_that_there_are(rng: np.random.Generator) -> None:
+    """Of most voxels of a block, never one between two; a label one voxel thin is still there."""
+    samples = np.zeros((8, 9, 10), np.uint8)
+    samples[:, 3], samples[4:, 5:] = 2, 9
+    for volume, given in ((sg.Volume(samples), True), (sg.Volume(samples, labels=()), False)):
+        coarse = coarser(volume, given)
+        assert coarse.samples.dtype == np.uint8 and set(np.unique(coarse.samples)) == {0, 2, 9}
+        assert (coarse.samples[:, 1] == 2).all() and (coarse.samples[2:, 3:] == 9).all()
+    noise_ = rng.integers(0, 3, (6, 6, 6)).astype(np.int16)
+    blocks = noise_.reshape(3, 2, 3, 2, 3, 2).transpose(0, 2, 4, 1, 3, 5).reshape(27, 8)
+    chosen = coarser(sg.Volume(noise_), labels=True).samples.ravel()
+    counts = np.array([np.bincount(block, minlength=3) for block in blocks])
+    assert (counts[np.arange(27), chosen] == counts.max(axis=1)).all()

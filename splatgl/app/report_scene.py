@@ -48,7 +48,7 @@ def subject(source: str, level: Level) -> Subject:
     joined = 0
     # joined voxels would not be samples of the formula
     while formula is None and level.splats is not None and len(splats) > level.splats and min(volume.shape) > 1:
-        joint = coarser(volume)
+        joint = coarser(volume, bool(transfer.labels))
         fewer = extract(joint, transfer, scene.threshold, classification="pre")
         # thin structures may vanish when averaged with empty voxels
         if not len(fewer):
@@ -69,7 +69,7 @@ class _Build:
     def __call__(self, threshold: float, coarse: int, post: str) -> Splats:
         volume = self.volume
         for _ in range(coarse):
-            volume = coarser(volume)
+            volume = coarser(volume, bool(self.transfer.labels))
         least = max(threshold, self.threshold)
         how = "post" if post else "pre"
         return extract(volume, self.transfer, least, classification=how, kernel=post)

@@ -104,7 +104,8 @@ class Content:
         volumes = [volume]
         for _ in STRIDES[1:]:
             last = volumes[-1]
-            half = next(iter(last.coarser), None) or (coarser(last) if last.count > SMALL else last)
+            less = coarser(last, bool(transfer.labels)) if last.count > SMALL and not last.coarser else last
+            half = next(iter(last.coarser), less)
             volumes.append(half)
         before = tuple(each.count for each in volumes)
         content = cls(scene, tuple(volumes), transfer, scene.threshold, before=before, portion=shown)

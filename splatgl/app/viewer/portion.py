@@ -68,11 +68,13 @@ def every(volume: Volume, step: int) -> Volume:
 
 
 def _means(volume: Volume, transfer: Transfer, settings: Settings, most: int) -> Portion:
-    """Means over blocks of voxels, as small as fit."""
-    found, side = coarser(volume), 2
+    """Means over blocks of voxels, of labels what most of a block are, as small as fit."""
+    labels = bool(transfer.labels)
+    found, side = coarser(volume, labels), 2
     while not _fits(found, transfer, settings, most) and max(found.shape) >= FEWEST:
-        found, side = coarser(found), 2 * side
-    return Portion(found, f"means of {side}^3 voxels: smaller ones need more than {size_of(most)}")
+        found, side = coarser(found, labels), 2 * side
+    what = "most frequent labels" if labels else "means"
+    return Portion(found, f"{what} of {side}^3 voxels: smaller ones need more than {size_of(most)}")
 
 
 def _levels(volume: Volume) -> list[Volume]:
