@@ -133,6 +133,14 @@ def test_nrrd_left_anterior_is_turned(tmp_path: Path) -> None:
     header += f"space origin: ({','.join(map(repr, ORIGIN))},0)\n\n"
     path = put(tmp_path / "letter.nrrd", header, np.stack([F + 1, F]).tobytes())
     check(load(path, array=1), grid=True, frame="LPS", mapped=True)
+    check(load(path, time=1), grid=True, frame="LPS", mapped=True)
+    first = load(path)
+    assert (first.times, first.time_step) == (2, 2.0) and first.notes == ("time 0 of 2: --time picks another",)
+    # as ITK writes it: a space of four dimensions without a name
+    header = header.replace("space: left-posterior-superior-time", "space dimension: 4").replace("time\n", "domain\n")
+    path = put(tmp_path / "letter.nrrd", header, np.stack([F + 1, F]).tobytes())
+    check(load(path, time=1), grid=True, frame=None, mapped=True)
+    assert load(path).times == 2
 
 
 @pytest.mark.parametrize(

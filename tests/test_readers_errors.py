@@ -191,7 +191,7 @@ def test_zarr_of_missing_chunks_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"shape": (1, 2, 3)}, "expected some of spacing, values, array, channel, anywhere for NRRD, got shape"),
+        ({"shape": (1, 2, 3)}, "expected some of spacing, values, array, channel, time, anywhere for NRRD, got shape"),
         ({"sharpness": 3}, "expected some of shape, dtype"),
         ({"channel": 1}, "channel"),
         ({"channel": -1}, "zero or more"),

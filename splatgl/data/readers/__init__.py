@@ -54,7 +54,7 @@ FORMATS = (
     Format("NumPy", (".npy",), "numpy_files.read_npy", starts=("NumPy",)),
     Format("NumPy archive", (".npz",), "numpy_files.read_npz", ("array",), ("ZIP",)),
     Format("raw", (".raw", ".bin", ".dat"), "raw.read", ("shape", "dtype", "header_offset"), ("*",)),
-    Format("NRRD", (".nrrd", ".nhdr"), "nrrd_file.read", ("array", "channel", "anywhere"), ("NRRD",)),
+    Format("NRRD", (".nrrd", ".nhdr"), "nrrd_file.read", ("array", "channel", "time", "anywhere"), ("NRRD",)),
     Format("NIfTI", (".nii",), "nifti.read", ("array", "time")),
     Format("NIfTI, gzipped", (".nii.gz",), "nifti.read", ("array", "time"), ("gzip",)),
     Format("Analyze", (".hdr", ".img"), "freesurfer.read_analyze", ("array",)),

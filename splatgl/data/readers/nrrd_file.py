@@ -31,7 +31,7 @@ from splatgl.data.readers.files import (
 )
 from splatgl.data.readers.grid import axes_of, stated, triple, unit_name
 from splatgl.data.readers.options import LoadOptions
-from splatgl.data.readers.several import Channel, Several, components, rgb_of
+from splatgl.data.readers.several import SECONDS, Channel, Several, components, rgb_of
 from splatgl.data.readers.text import read_numbers, require_end
 from splatgl.data.volume import Label, Volume
 
@@ -58,15 +58,6 @@ _FRAMES = {
 _LEFT_ANTERIOR = ("left-anterior-superior", "las", "left-anterior-superior-time", "last")
 """Frames that are turned into LPS."""
 
-_TIMED = (
-    "right-anterior-superior-time",
-    "rast",
-    "left-anterior-superior-time",
-    "last",
-    *("lpst", "left-posterior-superior-time"),
-)
-"""Spaces of four dimensions, of which the last is time."""
-
 _COMPONENTS = {
     *(("rgb-color", 3), ("3-color", 3), ("rgba-color", 4), ("4-color", 4)),
     *((kind, 3) for kind in ("vector", "3-vector", "covariant-vector", "3-gradient", "3-normal")),
@@ -88,7 +79,7 @@ Header = Mapping[str, Any]
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of a NRRD file; `array` picks the number along an axis of time, `channel` along another one.
+    """The volume of a NRRD file; `time` (or `array`) picks the number along an axis of time, `channel` along another.
 
     Without `channel`, colours in bytes become `Volume.color` with their luma as samples, and three components of
     vectors `Volume.vectors` with their lengths. The layers of 3D Slicer's segmentations are channels.
@@ -98,8 +89,11 @@ def read(path: Path, options: LoadOptions) -> Volume:
     sizes = [int(size) for size in header["sizes"]]
     space = _space_axes(header, sizes)
     grid_shape([sizes[axis] for axis in space])
-    kinds = [str(kind).lower() for kind in header.get("kinds", [""] * len(sizes))]
     others = [axis for axis in range(len(sizes)) if axis not in space]
+    kinds = [str(kind).lower() for kind in header.get("kinds", [""] * len(sizes))]
+    directions = header.get("space directions")
+    if directions is not None:
+        kinds = ["time" if _is_time(row) else kind for row, kind in zip(directions, kinds, strict=True)]
     times = [axis for axis in others if kinds[axis] == "time"]
     if options.array is not None and not times:
         raise expected("array", "an axis of the kind time", "none", "pick a component with channel=N")
@@ -109,7 +103,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
     stored = _data(path, header, start, sizes[::-1], options.anywhere)
     # 3. the volume of each layer of segments, or the only one
     names = [_title(segments, layer) for layer in range(sizes[layered] if layered is not None else 0)]
-    told = Several(tuple(map(Channel, names)), together=True)
+    count, step = (sizes[times[0]], _time_step(header, times[0])) if times else (1, None)
+    told = Several(tuple(map(Channel, names)), together=True, times=count, step=step)
 
     def one(layer: int | None) -> Volume:
         asked = options.channel_number if layer is None else layer
@@ -117,9 +112,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
         known = tuple(label for at, label in segments if layer is None or at == layer)
         return replace(volume, labels=known or None) if volume.samples.dtype.kind in "bui" else volume
 
-    if layered is None:
-        return one(None)
-    volume = told.volume(replace(options, array=None), one)
+    # a channel is picked where there are no layers of segments
+    volume = told.volume(options if layered is not None else replace(options, channel=None), one)
     return replace(volume, labels=tuple(label for _, label in segments)) if volume.channels else volume
 
 
@@ -130,7 +124,7 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
     others = [axis for axis in range(len(sizes)) if axis not in space]
     whole = [axis for axis in others if (kinds[axis], sizes[axis]) in _COMPONENTS and asked is None]
     extra: dict[int, tuple[str, int | None]] = {
-        last - axis: ("array", options.array_number(sizes[axis])) if kinds[axis] == "time" else ("channel", asked)
+        last - axis: ("time", options.time_number(sizes[axis])) if kinds[axis] == "time" else ("channel", asked)
         for axis in others
         if axis not in whole[:1]
     }
@@ -163,6 +157,25 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
         value_unit=stated(header.get("sample units")),
         notes=(*notes, *_ignored(header)),
     )
+
+
+def _is_time(direction: np.ndarray) -> bool:
+    """Whether the direction of an axis is the fourth of a space that has four."""
+    return len(direction) == 4 and np.isfinite(direction).all() and not any(direction[:3])
+
+
+def _time_step(header: Header, axis: int) -> float | None:
+    """Seconds from one time point to the next, as the file tells them; without a unit they are seconds."""
+    directions, spacings, units = (header.get(name) for name in ("space directions", "spacings", "units"))
+    step = np.nan
+    if directions is not None and _is_time(directions[axis]):
+        step, units = directions[axis][3], header.get("space units")
+        axis = 3
+    elif spacings is not None and axis < len(spacings):
+        step = spacings[axis]
+    unit = str(units[axis]).lower() if units is not None and axis < len(units) else ""
+    seconds = float(step) * SECONDS.get(unit, 0.0 if unit.strip("?") else 1.0)
+    return seconds if 0 < seconds < np.inf else None
 
 
 def _ignored(header: Header) -> tuple[str, ...]:
@@ -254,11 +267,7 @@ def _space_axes(header: Header, sizes: list[int]) -> list[int]:
     if directions is not None and len(directions) != len(sizes):
         raise expected("space directions", f"one per axis ({len(sizes)})", len(directions))
     if directions is not None:
-        # an axis of time points along the fourth dimension of a space that has one
-        timed = str(header.get("space", "")).lower() in _TIMED
-        axes = [
-            axis for axis, row in enumerate(directions) if np.isfinite(row).all() and not (timed and not any(row[:3]))
-        ]
+        axes = [axis for axis, row in enumerate(directions) if np.isfinite(row).all() and not _is_time(row)]
     elif kinds is not None and len(sizes) > 3:
         axes = [axis for axis, kind in enumerate(kinds) if kind.lower() in ("domain", "space")]
     else:
@@ -349,8 +358,7 @@ def _grid(header: Header, space: list[int]) -> tuple[np.ndarray, np.ndarray, tup
     directions = header.get("space directions")
     if directions is not None:
         matrix = np.array([directions[axis] for axis in space], dtype=np.float64).T
-        if matrix.shape == (4, 3) and str(header.get("space", "")).lower() in _TIMED:
-            matrix = matrix[:3]
+        matrix = matrix[:3] if matrix.shape == (4, 3) else matrix
         if matrix.shape != (3, 3):
             raise expected("space directions", "vectors of three numbers", f"{matrix.shape[0]} numbers")
         return matrix, origin, ()
