@@ -236,6 +236,20 @@ def test_values_stay_within_the_samples_around_them(name: str, rng: np.random.Ge
     )
 
 
+@pytest.mark.parametrize("blend", ["mip", "minip", "mean", "composite", "xray"])
+def test_where_all_samples_are_transparent_nothing_is_drawn(renderer: sg.Renderer, blend: str) -> None:
+    """0 beside a padded plane and holes of −1000: without limits a fifth of the picture has an alpha of up to 0.9."""
+    samples = np.where((GRID[2] < 6) | (APART < 5), -1000.0, 0.0)
+    points = [(-1060, 0.5), (-1040, 0), (0, 0)] if blend == "minip" else [(0, 0), (40, 0), (60, 0.5)]
+    transfer, volume = sg.Transfer(points, colormap="hot"), sg.Volume(samples.astype(np.float32))
+    camera = sg.Camera.orbit(volume, 30, 25, size=(32, 32))
+    most = {}
+    for kind in KINDS:
+        splats = sg.extract(volume, transfer, classification="post-all", kernel=kind)
+        most[kind] = renderer.render(splats, camera, sg.Settings(blend=blend)).pixels[..., 3].max()
+    assert most["b-spline"] == 0 and most[FREE] > 0.01
+
+
 @pytest.mark.parametrize("most", [0.0, 10.0])
 def test_the_sides_of_steps_are_flat(most: float) -> None:
     """Beside a padded plane no value differs from the plateau by more than rounding: nothing rings."""

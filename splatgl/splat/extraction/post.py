@@ -337,16 +337,14 @@ def _limits(u: np.ndarray, whole: bool) -> tuple[np.ndarray, np.ndarray]:
     def limit(some: slice) -> None:
         first = max(some.start - LIMIT_HALO, 0)
         part, own = u[first : some.stop + LIMIT_HALO], slice(some.start - first, some.stop - first)
+        gone = None if whole else np.isnan(part)
         least, most = part, part
-        if not whole:
-            gone = np.isnan(part)
-            least, most = np.where(gone, np.float32(np.inf), part), np.where(gone, np.float32(-np.inf), part)
+        if gone is not None:
+            least, most = (np.where(gone, np.float32(end), part) for end in (np.inf, -np.inf))
         for axis in range(3):
             least, most = _extreme(np.minimum, least, axis), _extreme(np.maximum, most, axis)
         for axis in range(3):
-            below, above = _exceeding(part, axis)
-            least -= below
-            most += above
+            _widen(least, most, part, gone, axis)
         low[some], high[some] = least[own], most[own]
 
     # larger chunks, as each is read with a halo
@@ -354,42 +352,55 @@ def _limits(u: np.ndarray, whole: bool) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-def _exceeding(u: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """By how much coefficients may be below and above the samples around, for what varies along an axis."""
-    a = np.moveaxis(u, axis, 0)
+def _widen(least: np.ndarray, most: np.ndarray, u: np.ndarray, gone: np.ndarray | None, axis: int) -> None:
+    """Lowers the least and raises the greatest coefficients for what varies along an axis. gone: missing samples."""
+    a, low, high = (np.moveaxis(each, axis, 0) for each in (u, least, most))
     # to the next sample, 0 to missing ones, with two before and behind
     rise = np.zeros((len(a) + 5, *a.shape[1:]), u.dtype)
     np.subtract(a[1:], a[:-1], out=rise[3:-3])
-    np.copyto(rise, 0, where=np.isnan(rise))
+    if gone is not None:
+        np.copyto(rise, 0, where=np.isnan(rise))
     bend = rise[1:] - rise[:-1]
-    before, after = rise[2:-3], rise[3:-2]
-    # a sample that is a peak
-    top = np.minimum(before, -after)
-    below, above = PEAK * np.maximum(-np.maximum(before, -after), 0), PEAK * np.maximum(top, 0)
-    # two that bend alike, less what bends otherwise beside them
-    least, most = np.minimum(bend[1:-2], bend[2:-1]), np.maximum(bend[1:-2], bend[2:-1])
-    outer_least, outer_most = np.minimum(bend[:-3], bend[3:]), np.maximum(bend[:-3], bend[3:])
-    valley = np.maximum(least + np.minimum(outer_least, 0), 0)
-    ridge = np.maximum(-most - np.maximum(outer_most, 0), 0)
-    below += PAIR * np.maximum(valley[:-1], valley[1:])
-    above += PAIR * np.maximum(ridge[:-1], ridge[1:])
+    for sign, ends, change in ((1, low, np.subtract), (-1, high, np.add)):
+        # a sample that is a peak, up or down
+        if sign > 0:
+            peak = np.minimum(rise[3:-2], np.negative(rise[2:-3]))
+            pair = np.minimum(bend[1:-2], bend[2:-1])
+            outer = np.minimum(bend[:-3], bend[3:])
+            pair += np.minimum(outer, 0, out=outer)
+        else:
+            peak = np.minimum(rise[2:-3], np.negative(rise[3:-2]))
+            pair = np.maximum(bend[1:-2], bend[2:-1])
+            outer = np.maximum(bend[:-3], bend[3:])
+            pair += np.maximum(outer, 0, out=outer)
+            np.negative(pair, out=pair)
+        np.maximum(peak, 0, out=peak)
+        peak *= PEAK
+        change(ends, peak, out=ends)
+        # two that bend alike, less what bends otherwise beside them
+        both = np.maximum(pair[:-1], pair[1:])
+        np.maximum(both, 0, out=both)
+        both *= PAIR
+        change(ends, both, out=ends)
     # a wave bends everywhere, and its neighbours do
     wave = np.abs(bend[2:-2])
-    np.copyto(wave, np.float32(1e30), where=np.isnan(a))
+    if gone is not None:
+        np.copyto(wave, np.float32(1e30), where=np.moveaxis(gone, axis, 0))
     for each in (0, 0, 1, 2):
         wave = _extreme(np.minimum, wave, each)
     wave *= WAVE
-    below += wave
-    above += wave
-    return np.moveaxis(below, 0, axis), np.moveaxis(above, 0, axis)
+    low -= wave
+    high += wave
 
 
 def _extreme(of: np.ufunc, a: np.ndarray, axis: int) -> np.ndarray:
     """The least or the greatest of each voxel and its neighbours along an axis."""
     a = np.moveaxis(a, axis, 0)
-    found = a.copy(order="K")
-    of(found[1:], a[:-1], out=found[1:])
-    of(found[:-1], a[1:], out=found[:-1])
+    if len(a) < 3:
+        return np.moveaxis(np.repeat(of.reduce(a, axis=0)[None], len(a), axis=0), 0, axis)
+    found, two = np.empty_like(a), of(a[1:], a[:-1])
+    of(two[1:], two[:-1], out=found[1:-1])
+    found[0], found[-1] = two[0], two[-1]
     return np.moveaxis(found, 0, axis)
 
 
