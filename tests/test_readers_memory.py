@@ -136,6 +136,13 @@ def test_what_memory_does_not_hold_is_not_unpacked(tmp_path: Path, name: str) ->
     assert peak(refused) < BUDGET
 
 
+@pytest.mark.usefixtures("budget")
+def test_pictures_to_compare_are_not_unpacked_either(tmp_path: Path) -> None:
+    picture(tmp_path / "a.png")
+    with pytest.raises(InputError, match=r"a\.png: pixels: expected at most 8\.0 MiB in memory, got 57\.2 MiB, packed"):
+        sg.Image.load(tmp_path / "a.png")
+
+
 def test_with_enough_memory_they_are_read(tmp_path: Path) -> None:
     for name in ("gzip.nrrd", "a.mha", "a.npz"):
         BOMBS[name](tmp_path / name)

@@ -17,6 +17,7 @@ import numpy as np
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.errors import InputError, expected, missing_extra
 from splatgl.data.picture_files import EXR, JPEG, TIFF, encode_exr, encode_jpeg, encode_tiff, load_exr, load_tiff
+from splatgl.data.sizes import require_memory
 from splatgl.data.written import write_whole as write_whole
 
 # the PNG text chunk that holds the provenance as JSON
@@ -25,6 +26,8 @@ KEYWORD = "splatgl"
 SAVED = (".png", ".npy", *JPEG, *TIFF, *EXR)
 # rows per band: numpy converts samples to 8-byte indices, which should stay in the cache
 BAND_ROWS = 16
+# bytes of a pixel as it is decoded, and in float32
+DECODED = 4 + 16
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
@@ -216,10 +219,14 @@ def _load_png(source: Path) -> tuple[np.ndarray, dict[str, object]]:
     _check_file(source)
     try:
         with Pillow.open(source) as picture:
+            needed = picture.width * picture.height * DECODED
+            require_memory(needed, source.stat().st_size, "draw it smaller", f"{source}: pixels")
             info = _provenance(getattr(picture, "text", {}))
             if picture.format == "PNG" and _png_bits(source) == 16:
                 return _decode_deep(source), info
             return np.asarray(picture if picture.mode == "RGBA" else picture.convert("RGBA")), info
+    except InputError:
+        raise
     except (OSError, ValueError, SyntaxError) as error:
         raise InputError(f"{source}: cannot be read as a picture: {error}") from error
 

@@ -40,6 +40,16 @@ def limit(memory: int | None) -> None:
     _given[:] = [] if memory is None else [memory]
 
 
+def require_memory(
+    needed: int, there: int, fix: str = "read it where more is free, or save a part of it", what: str = "samples"
+) -> None:
+    """Raises InputError for what takes `needed` bytes, in `there` packed ones, if memory is too small for it."""
+    most = budget()
+    if needed > most:
+        got = f"{size_of(needed)}, packed in {size_of(max(there, 0))}"
+        raise expected(what, f"at most {size_of(most)} in memory", got, fix)
+
+
 def budget() -> int:
     """The bytes that were given; else SHARE of those that this process may still take, by the system and by its control
     group.

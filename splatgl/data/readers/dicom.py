@@ -20,8 +20,9 @@ from splatgl.data.readers.dicom_headers import Frame, Header
 from splatgl.data.readers.dicom_pixels import check_header, decoded, is_color
 from splatgl.data.readers.dicom_series import SEGMENTS, Contents, chosen, contents
 from splatgl.data.readers.even import at_places
-from splatgl.data.readers.files import byte_count, require_memory
+from splatgl.data.readers.files import byte_count
 from splatgl.data.readers.options import LoadOptions
+from splatgl.data.sizes import require_memory
 from splatgl.data.volume import Volume
 
 

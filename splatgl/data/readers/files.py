@@ -13,7 +13,7 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 
 from splatgl.data.errors import InputError, choice, expected
-from splatgl.data.sizes import budget, size_of
+from splatgl.data.sizes import require_memory
 
 DEFLATE_RATIO = 1032
 """Most bytes that one byte of deflate data can expand to (zlib's technical notes: 1032:1)."""
@@ -67,14 +67,6 @@ def require_plausible(needed: int, there: int, bounded: bool = True) -> None:
     if needed > limit:
         got = f"{there} compressed bytes, which hold {limit} at most"
         raise expected("data", f"{needed} bytes", got, "the file is cut short or its header states a wrong size")
-
-
-def require_memory(needed: int, there: int, fix: str = "read it where more is free, or save a part of it") -> None:
-    """Raises InputError for samples of `needed` bytes, in `there` packed ones, that memory is too small for."""
-    most = budget()
-    if needed > most:
-        got = f"{size_of(needed)}, packed in {size_of(max(there, 0))}"
-        raise expected("samples", f"at most {size_of(most)} in memory", got, fix)
 
 
 def map_array(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> np.ndarray:

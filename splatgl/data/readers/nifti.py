@@ -20,13 +20,13 @@ from splatgl.data.readers.files import (
     grid_shape,
     library,
     require_bytes,
-    require_memory,
     require_plausible,
     selection,
 )
 from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.several import Several
+from splatgl.data.sizes import require_memory
 from splatgl.data.volume import Volume
 
 _UNITS = {1: "m", 2: "mm", 3: "um"}

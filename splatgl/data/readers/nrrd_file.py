@@ -25,7 +25,6 @@ from splatgl.data.readers.files import (
     library,
     map_array,
     require_bytes,
-    require_memory,
     require_plausible,
     selection,
 )
@@ -33,6 +32,7 @@ from splatgl.data.readers.grid import axes_of, stated, triple, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.several import SECONDS, Channel, Several, components, rgb_of
 from splatgl.data.readers.text import read_numbers, require_end
+from splatgl.data.sizes import require_memory
 from splatgl.data.volume import Label, Volume
 
 _TYPES = {

@@ -11,8 +11,9 @@ from typing import IO
 import numpy as np
 
 from splatgl.data.errors import choice, expected
-from splatgl.data.readers.files import byte_count, library, map_array, require_bytes, require_memory, require_plausible
+from splatgl.data.readers.files import byte_count, library, map_array, require_bytes, require_plausible
 from splatgl.data.readers.options import LoadOptions
+from splatgl.data.sizes import require_memory
 from splatgl.data.volume import Volume
 
 _HEADER_LIMIT = 2**16

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.data.errors import expected
-from splatgl.data.readers.files import library, require_memory, require_plausible
+from splatgl.data.readers.files import library, require_plausible
 from splatgl.data.readers.options import DEFAULT_LEVELS, LoadOptions
+from splatgl.data.sizes import require_memory
 from splatgl.data.volume import Hints, Volume
 
 MAX_VOXELS = 4 * 2**30

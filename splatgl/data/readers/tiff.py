@@ -25,7 +25,6 @@ from splatgl.data.readers.files import (
     library,
     map_array,
     require_bytes,
-    require_memory,
     require_plausible,
     selection,
 )
@@ -38,6 +37,7 @@ from splatgl.data.readers.tiff_checks import check_chain, check_ome
 from splatgl.data.readers.tiff_lzw import guard
 from splatgl.data.readers.tiff_parts import open_tiff, parts
 from splatgl.data.readers.xml_tree import parse_xml
+from splatgl.data.sizes import require_memory
 from splatgl.data.volume import Triple, Volume
 
 _CODECS = {

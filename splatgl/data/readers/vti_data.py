@@ -19,10 +19,10 @@ from splatgl.data.readers.files import (
     library,
     map_array,
     require_bytes,
-    require_memory,
     require_plausible,
 )
 from splatgl.data.readers.text import read_numbers, require_end
+from splatgl.data.sizes import require_memory
 
 Shape4 = tuple[int, int, int, int]
 
