@@ -79,7 +79,10 @@ def _source(folder: Path, files: list[str], expression: str, arrays: Mapping[str
             text = (folder / name).read_text().partition("void main()")[0].replace("gl_FragCoord", "coordinate")
             text = BUFFER.sub(r"\1[1];", text.replace("gl_LocalInvocationID", "uvec3(0u)"))
             name += ".glsl"
-            (folder / name).write_text("\n".join(line for line in text.splitlines() if not OWN.match(line)))
+            lines = [line for line in text.splitlines() if not OWN.match(line)]
+            # a version is the stage's own
+            parts[:0] = [line for line in lines if shader.VERSION_LINE.match(line)]
+            (folder / name).write_text("\n".join(line for line in lines if not shader.VERSION_LINE.match(line)))
         parts.append(f'#include "{name}"')
     parts += [f"in {KINDS[value.shape[1]]} {name};" for name, value in arrays.items()]
     parts.append(f"out vec4 result;\nvoid main() {{ gl_Position = vec4(0.0); result = vec4(0.0); {expression}; }}")
