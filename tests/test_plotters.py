@@ -442,6 +442,48 @@ def test_pictures_are_those_of_vtk(pyvista: Any, tmp_path: Path) -> None:
     assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] > 0.999
 
 
+@pytest.mark.parametrize("opacity", [[0, 1], [1, 1], [0, 0.2, 0.9]])
+def test_averages_are_those_of_vtk(pyvista: Any, opacity: list[float]) -> None:
+    """VTK averages values times their opacities, and shows the mean's colour, opaque."""
+    z, y, x = np.indices((24, 28, 32)) - np.reshape((12, 14, 14), (3, 1, 1, 1))
+    samples = (np.clip((9 - np.sqrt(x * x + y * y + z * z)) / 4 + 0.5, 0, 1) * 200).astype(np.uint8)
+    made = pyvista.Plotter(off_screen=True, window_size=[96, 80], lighting="none")
+    look = {"blending": "average", "cmap": "gray", "clim": (0, 200), "show_scalar_bar": False, "mapper": "gpu"}
+    made.add_volume(sg.Volume(samples).to_pyvista(), opacity=opacity, **look)
+    made.set_background("black")
+    ours = np.asarray(sg.render(made).to_pil().convert("RGB")).astype(float)
+    try:
+        made.show(auto_close=False)
+        theirs = np.asarray(made.screenshot(return_img=True)).astype(float)
+    finally:
+        made.close()
+    # VTK's rays end at the outer samples: their means are of 27 voxels for 28
+    assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] > 0.998
+    assert ours.sum() == pytest.approx(theirs.sum(), rel=0.08)
+
+
+def test_what_is_left_out_is_told(pyvista: Any) -> None:
+    made = plotter(pyvista, some())
+    made.remove_all_lights()
+    made.add_light(pyvista.Light(light_type="headlight"))
+    assert sg.render(made).info["notes"] == ("not drawn: steps between voxels (nearest interpolation)",)
+    made.volume.prop.interpolation_type = "linear"
+    assert sg.render(made).info["notes"] == ()
+    made.add_mesh(pyvista.Plane(center=(5, 5, 5)), texture=pyvista.numpy_to_texture(np.zeros((4, 4, 3), np.uint8)))
+    made.add_mesh(pyvista.Sphere(), scalars=np.arange(842), scalar_bar_args={"title": "bar"})
+    made.add_text("text")
+    made.add_text("another", position="lower_left")
+    made.add_text("hidden").SetVisibility(False)
+    made.show_bounds()
+    made.add_point_labels([[1.0, 2.0, 3.0]], ["point"])
+    made.add_light(pyvista.Light(position=(1, 2, 3)))
+    made.set_background("black", top="white")
+    notes: Any = sg.render(made).info["notes"]
+    for part in ("a texture", "a scalar bar", "a text, 2 times", "axes", "labels"):
+        assert f"not drawn: {part}" in notes, notes
+    assert {"lit by the brightest of 2 lights", "the background is the mean of its gradient"} <= set(notes)
+
+
 def test_render_takes_plotters_and_scenes(pyvista: Any) -> None:
     made = plotter(pyvista, some())
     made.set_background("black")

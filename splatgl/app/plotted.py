@@ -28,7 +28,8 @@ def is_scene(x: Any) -> bool:
 def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options: Mapping[str, Any]) -> Image:
     """The picture of layers, or of what a plotter shows from its camera, on its background.
 
-    camera, settings: instead of the plotter's. options: fields of Settings, and of the view: of a plotter the size.
+    Of a plotter info["notes"] lists what it shows beside. camera, settings: instead of the plotter's. options: fields
+    of Settings, and of the view: of a plotter the size.
     """
     from splatgl.splat.layers.layers import Scene
     from splatgl.splat.view.camera import Camera
@@ -48,4 +49,9 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
     view = view or Camera.of(x, viewing.get("size"))
     how = settings or (Settings() if layers else Settings.of(x))
     with kept_renderer() as renderer:
-        return renderer.render(scene, view, how.but(**drawing))
+        image = renderer.render(scene, view, how.but(**drawing))
+    if layers:
+        return image
+    from splatgl.splat.plotters.scenes import left_out
+
+    return Image(image.pixels, {**image.info, "notes": tuple(left_out(x))})

@@ -25,15 +25,16 @@ HALF, WITHIN = 0.5, 0.49
 LINEAR = 1
 
 
-def transfer_of(looks: Any, index: int, spacing: float) -> Transfer:
-    """The transfer function of a component of a vtkVolumeProperty. spacing: the mean one of its volume, world units.
+def transfer_of(looks: Any, index: int, spacing: float, is_whole: bool = False) -> Transfer:
+    """The transfer function of a component of a vtkVolumeProperty. spacing: the mean one of its volume, world units;
+    is_whole: with the colours of values that are clear, too.
 
     Raises InputError for transfer functions of two variables.
     """
     if looks.GetTransferFunctionMode():
         raise expected("volume", "a transfer function of one variable", "one of two", "set a scalar opacity")
     points = opacity_nodes(looks.GetScalarOpacity(index))
-    window, colors = _colors(looks, index, _support(points))
+    window, colors = _colors(looks, index, (-np.inf, np.inf) if is_whole else _support(points))
     return Transfer(
         points,
         colors,

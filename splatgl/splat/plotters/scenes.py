@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,24 @@ from splatgl.splat.view.camera import Camera
 
 # VTK's numbers of kinds of light: at the eye, and where it is in the camera's axes
 AT_EYE, OF_CAMERA = 1, 2
+# of ways between samples, and of shading
+NEAREST, PHYSICAL = 0, 3
+# values that are averaged, unless others are set
+UNBOUNDED = (float(np.finfo(np.float32).min), float(np.finfo(np.float32).max))
+# classes of props that have no like here
+KINDS = {
+    "vtkScalarBarActor": "a scalar bar",
+    "vtkTextActor": "a text",
+    "vtkTextActor3D": "a text",
+    "vtkBillboardTextActor3D": "a text",
+    "vtkCornerAnnotation": "a text",
+    "vtkLegendBoxActor": "a legend",
+    "vtkCubeAxesActor": "axes",
+    "vtkAxesActor": "axes",
+    "vtkAxisActor2D": "axes",
+    "vtkImageSlice": "an image",
+    "vtkActor2D": "labels",
+}
 # degrees within which a light is at the eye
 NEAR_EYE = 1.0
 
@@ -53,6 +72,52 @@ def settings_of(x: Any) -> Settings:
     ground = linear_from_srgb(np.clip(np.mean(sides, axis=0), 0.0, 1.0)).tolist()
     looks = [prop.GetProperty() for prop in volumes] + [actor.GetProperty() for actor in _items(renderer.GetActors())]
     return Settings(blend=blends.pop() if blends else "composite", background=ground).but(**_light(renderer, looks))
+
+
+def left_out(x: Any) -> Iterator[str]:
+    """A line for each thing that a plotter shows, and its scene and settings do not have."""
+    renderer = renderer_of(x)
+    several = len(_items(renderer.GetRenderWindow().GetRenderers())) if renderer.GetRenderWindow() else 1
+    shown = [each for each in _items(renderer.GetViewProps()) if each.GetVisibility()]
+    kinds = [name for each in shown for name in _prop_left_out(each)]
+    for name in dict.fromkeys(kinds):
+        yield f"not drawn: {name}" + (f", {kinds.count(name)} times" if kinds.count(name) > 1 else "")
+    lights = [light for light in _items(renderer.GetLights()) if light.GetSwitch() and light.GetIntensity() > 0]
+    if len(lights) > 1:
+        yield f"lit by the brightest of {len(lights)} lights"
+    if renderer.GetGradientBackground():
+        yield "the background is the mean of its gradient"
+    if renderer.GetTexturedBackground() or renderer.GetBackgroundTexture() is not None:
+        yield "not drawn: the background's texture"
+    if renderer.GetPass() is not None:
+        yield "not drawn: effects of render passes"
+    if several - (renderer.GetRenderWindow() is not None and _overlays(renderer)) > 1:
+        yield "not drawn: other renderers of the window"
+
+
+def _overlays(renderer: Any) -> int:
+    """How many renderers of the window lie over others, or show nothing: PyVista adds one for its background."""
+    every = _items(renderer.GetRenderWindow().GetRenderers())
+    return sum(each is not renderer and not each.GetViewProps().GetNumberOfItems() for each in every)
+
+
+def _prop_left_out(prop: Any) -> Iterator[str]:
+    """Of a visible prop: its kind, or parts of it."""
+    if prop.IsA("vtkVolume"):
+        if prop.GetProperty().GetInterpolationType() == NEAREST:
+            yield "steps between voxels (nearest interpolation)"
+        low, high = getattr(prop.GetMapper(), "GetAverageIPScalarRange", lambda: UNBOUNDED)()
+        if prop.GetMapper() is not None and blend_of(prop.GetMapper()) == "mean" and (low, high) != UNBOUNDED:
+            yield "the range of values that are averaged"
+    elif prop.IsA("vtkActor") and hasattr(prop.GetMapper(), "GetLookupTable"):
+        # PyVista's scenes of polygons, lines and points
+        if prop.GetTexture() is not None:
+            yield "a texture"
+        if prop.GetProperty().GetInterpolation() == PHYSICAL:
+            yield "physically based shading"
+    else:
+        words = KINDS.get(next((kind for kind in KINDS if prop.IsA(kind)), ""))
+        yield words or f"a {prop.GetClassName().removeprefix('vtk')}"
 
 
 def _volumes(renderer: Any) -> list[Any]:

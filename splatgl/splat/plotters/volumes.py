@@ -13,6 +13,7 @@ from splatgl.data.arrays.vtk_images import chosen, of_components, of_vtk
 from splatgl.data.errors import expected
 from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.volume import Volume
+from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.layers.layers import Layer
 from splatgl.splat.plotters.properties import transfer_of
 from splatgl.splat.view.clip import Plane
@@ -56,11 +57,23 @@ def _layers(mapper: Any, port: int, prop: Any) -> Iterator[Layer]:
     if len(parts) > 1 and not looks.GetIndependentComponents():
         parts = [_colored(parts)]
     for number, part in enumerate(parts):
-        transfer = transfer_of(looks, number, float(np.mean(part.spacing)))
+        is_mean = blend_of(mapper) == "mean"
+        transfer = transfer_of(looks, number, float(np.mean(part.spacing)), is_mean)
         if part.color is not None:
             transfer = replace(transfer, colormap="gray", window=None)
+        if is_mean:
+            part, transfer = _averaged(part, transfer)
         weight = float(looks.GetComponentWeight(number)) if len(parts) > 1 else 1.0
         yield Layer(part, transfer, float(np.clip(weight, 0.0, 1.0)), clip=planes)
+
+
+def _averaged(volume: Volume, transfer: Transfer) -> tuple[Volume, Transfer]:
+    """What VTK averages along a ray, values times their opacities, and shows in their colour wherever the volume is."""
+    values = np.asarray(volume.samples[:])
+    samples = (values * transfer.opacity(values)).astype(np.float32)
+    low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+    look = replace(transfer, points=((low, 1.0), (high, 1.0)), gradient=(), shading=False)
+    return replace(volume, samples=samples), look
 
 
 def _masked(volume: Volume, mapper: Any) -> Volume:
