@@ -31,7 +31,7 @@ _NAMES = {
         *("depth", "deptht", "depthu", "depthv", "depthw", "height", "altitude", "alt", "elevation", "bottom_top"),
         *("hybrid", "s_rho", "s_w", "plane", "slice"),
     ),
-    "time": ("t", "time", "times", "valid_time", "forecast_time", "frame", "frames"),
+    "time": ("t", "time", "times", "time_counter", "valid_time", "forecast_time", "frame", "frames"),
     "c": ("c", "channel", "channels"),
 }
 """Kinds of axes by their names, lower case."""
