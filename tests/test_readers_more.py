@@ -169,9 +169,11 @@ def test_components_of_nrrd_along_any_axis(tmp_path: Path, place: int, kind: str
 def test_time_points_of_nrrd(tmp_path: Path) -> None:
     nrrd = pytest.importorskip("nrrd")
     nrrd.write(str(tmp_path / "a.nrrd"), np.stack([F, F + 1]), {"kinds": ["domain"] * 3 + ["time"]}, index_order="C")
-    with pytest.raises(InputError, match="array=0 … array=1"):
-        load(tmp_path / "a.nrrd")
-    np.testing.assert_array_equal(load(tmp_path / "a.nrrd", array=1).samples, F + 1)
+    first = load(tmp_path / "a.nrrd")
+    assert first.times == 2 and first.notes == ("time 0 of 2: --time picks another",)
+    np.testing.assert_array_equal(first.samples, F)
+    for asked in ({"array": 1}, {"time": 1}):
+        np.testing.assert_array_equal(load(tmp_path / "a.nrrd", **asked).samples, F + 1)
 
 
 # --- VTK -------------------------------------------------------------------------------------------------------------
