@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,38 @@ from twins import twin as twin
 
 import splatgl as sg
 from splatgl.gl.context import current
+
+# how pictures are refused that only tiles draw
+ONLY_TILES = tuple(f"{what}: expected " for what in ("technique tiles", "layers", "meshes", "a volume in bricks"))
+
+
+@cache
+def has_compute_shaders() -> bool:
+    """Whether the OpenGL that tests draw with has them."""
+    with sg.Renderer() as renderer:
+        return renderer.tiles is not None
+
+
+def skip_without_compute_shaders() -> None:
+    if not has_compute_shaders():
+        pytest.skip("needs compute shaders, OpenGL 4.3")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if item.get_closest_marker("compute"):
+        skip_without_compute_shaders()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """A test of what only tiles draw is skipped where there are none."""
+    try:
+        return (yield)
+    except sg.InputError as error:
+        if str(error).startswith(ONLY_TILES) and "compute shaders" in str(error):
+            skip_without_compute_shaders()
+        raise
 
 
 @pytest.fixture(scope="session", autouse=True)

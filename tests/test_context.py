@@ -281,7 +281,9 @@ def test_doctor_says_when_the_default_can_not_be_drawn(monkeypatch: pytest.Monke
     need("egl")
     kept, told = sg.Renderer.render, []
 
-    def render(self: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings, *more: Any, **how: Any):
+    def render(
+        self: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings, *more: Any, **how: Any
+    ) -> sg.Image:
         if settings.technique == "auto":
             raise ShaderError("sheet_close.frag: 0:1(10): error: GLSL 4.30 is not supported\nand more")
         told.append(settings.technique)

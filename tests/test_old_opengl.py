@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ OLDER = {
 }
 SIZE = (24, 20)
 TRANSFER = sg.Transfer([(0.35, 0.0), (0.7, 0.4), (1.0, 0.9)], colormap="bone", shading=True)
-SETTINGS = {
+SETTINGS: dict[str, dict[str, Any]] = {
     "default": {},
     **{blend: {"blend": blend} for blend in ("xray", "mip", "minip", "mean")},
     "lit": {"light": "glossy", "light_from": (40.0, 30.0)},

@@ -115,6 +115,7 @@ def test_widened_kernels_are_their_twin_s(renderer: sg.Renderer) -> None:
 
 
 @pytest.mark.parametrize("tolerance", [2e-3, 1 / 255, 0.01, 4 / 255, 8 / 255])
+@pytest.mark.compute
 def test_the_error_is_of_the_tolerance_s_size(renderer: sg.Renderer, tolerance: float) -> None:
     """A polynomial whose error is 4e−5, or 4e−4, of a footprint's peak weighs values; single pixels are off by more."""
     splats, settings = matter(), sg.Settings(sheets=2, steps=1, tolerance=tolerance)
@@ -187,6 +188,7 @@ def test_batches_draw_the_same_where_a_tile_is_two_subgroups() -> None:
 
 
 @pytest.mark.parametrize("points", [RAMP.points, [(0.4, 0), (0.45, 0.5), (0.5, 0)], [(0.4, 0.3), (0.5, 0)]], ids=str)
+@pytest.mark.compute
 def test_transparent_sheets_are_passed_over(
     renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, points: list[tuple[float, float]]
 ) -> None:
@@ -205,6 +207,7 @@ def test_transparent_sheets_are_passed_over(
 
 
 @pytest.mark.parametrize("grid", ["cubes", "8:1"])
+@pytest.mark.compute
 def test_what_lies_beside_the_box_is_passed_over(
     renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, grid: str
 ) -> None:

@@ -77,6 +77,7 @@ def test_leaving_antialiasing_out_changes_nothing(letter: sg.Splats, renderer: s
     assert (with_it == forced.pixels).all()
 
 
+@pytest.mark.compute
 def test_the_general_path_draws_cubes_alike(letter: sg.Splats, renderer: sg.Renderer) -> None:
     """Cubic voxels through the path for any grid: the same picture within float32."""
 
@@ -115,6 +116,7 @@ def test_programs_used_longest_ago_are_freed_and_compiled_again(monkeypatch: pyt
         assert programs.compiled == before
 
 
+@pytest.mark.compute
 def test_a_moving_camera_compiles_and_makes_nothing(letter: sg.Splats, renderer: sg.Renderer) -> None:
     first = sg.Camera.orbit(letter, 0, 20, size=(48, 48))
     renderer.render(letter, first, SPLATS)

@@ -149,6 +149,7 @@ def test_batches_draw_the_same(
         assert whole[..., 3].max() > 0.5 and np.abs(whole - found[0]).max() <= changed
 
 
+@pytest.mark.compute
 def test_tiles_end_where_almost_no_light_passes(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     splats = matter(size=14, opacity=0.99)
     camera = views(splats)["fitted"]
