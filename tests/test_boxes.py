@@ -13,6 +13,7 @@ import splatgl as sg
 from splatgl.data.coarse import coarser
 from splatgl.data.volume import Label
 from splatgl.splat.classification.presets import label_transfer
+from splatgl.splat.extraction import label_normals
 from splatgl.splat.extraction.splats import Splats
 from splatgl.truth.depth import depths
 from splatgl.truth.pick import pick
@@ -207,8 +208,10 @@ def ball(radius: float = 9.3, size: int = 24, spacing: tuple[float, float, float
     return sg.Volume(samples, spacing, labels=(Label(1, "", "#ffffff"), Label(2, "", "#ffffff")))
 
 
-def test_a_ball_is_lit_as_a_ball() -> None:
-    """Not as bricks; the border of its two labels is not seen."""
+@pytest.mark.parametrize("most", [label_normals.MOST, 5000])
+def test_a_ball_is_lit_as_a_ball(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not as bricks; the border of its two labels is not seen; by normals of every voxel, or every other."""
+    monkeypatch.setattr(label_normals, "MOST", most)
     volume = ball()
     middle = volume.center
     camera = sg.Camera.orthographic(middle - (3, 40, 7), middle, (0, 0, 1), height=16, size=(48, 48))

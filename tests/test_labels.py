@@ -104,6 +104,8 @@ def test_normals_are_those_of_what_is_shown() -> None:
     for slab in (1, 3):
         other = sg.extract(volume, label_transfer(volume), slab=slab, classification="pre")
         assert np.array_equal(other.records, splats.records)
+        assert other.labels is not None and splats.labels is not None
+        assert np.array_equal(other.labels.faced, splats.labels.faced)
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,8 @@ HALO = SUMS // 2 + 1
 SURE = 0.24
 # most normals of a volume, 128 MB: of larger ones, every so many voxels along each axis has one
 MOST = 2**25
+# and most along an axis, which every OpenGL's textures hold
+LONGEST = 2048
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +39,7 @@ class LabelNormals:
     @classmethod
     def empty(cls, volume: Volume) -> LabelNormals:
         """Those of a volume, to which slabs are added."""
-        step = int(np.ceil((volume.count / MOST) ** (1 / 3)))
+        step = int(np.ceil(max((volume.count / MOST) ** (1 / 3), max(volume.shape) / LONGEST)))
         shape = [-(-size // step) for size in volume.shape]
         found = np.zeros((*shape, 4), np.uint8)
         found[..., 1:] = ZERO
@@ -47,29 +49,30 @@ class LabelNormals:
         """Adds the normals of a slab's own planes. opacity float32: of all its samples, of which HALO planes lie on
         each side of these, but beyond the volume's ends.
         """
-        before = HALO - slab.before
-        after = HALO - (len(opacity) - slab.before - (slab.stop - slab.start))
-        smooth = np.pad(opacity, ((before, after), (HALO, HALO), (HALO, HALO)))
-        for axis in range(3):
-            lower, upper = ([slice(None)] * 3 for _ in range(2))
-            lower[axis], upper[axis] = slice(None, -1), slice(1, None)
-            for _ in range(SUMS):
-                smooth = smooth[tuple(lower)] + smooth[tuple(upper)]
-            smooth *= np.float32(0.5**SUMS)
-        # own planes, rows and columns, and one more on each side
-        first = -slab.start % self.step
-        own = slice(1 + first, -1, self.step), slice(1, -1, self.step), slice(1, -1, self.step)
-        middle = smooth[own]
+        # where there are any: within HALO of what is opaque; at numbers that `step` divides
+        seen = opacity > 0
+        if not seen.any():
+            return
+        places = [np.flatnonzero(seen.any(axis=tuple({0, 1, 2} - {axis}))) for axis in range(3)]
+        first = np.array([slab.start - slab.before, 0, 0])
+        low = np.maximum(first + [each[0] for each in places] - HALO, [slab.start, 0, 0])
+        high = np.minimum(first + [each[-1] + 1 + HALO for each in places], [slab.stop, *volume.shape[1:]])
+        low = -(-low // self.step) * self.step
+        if (low >= high).any():
+            return
+        smooth = _smoothed(_around(opacity, low - HALO - first, high + HALO - first))
+        own = slice(1, -1, self.step)
+        middle = smooth[own, own, own]
         gradient = np.empty((*middle.shape, 3), np.float32)
         for axis in range(3):
-            below, above = (tuple(_moved(each, side * (axis == n)) for n, each in enumerate(own)) for side in (-1, 1))
-            gradient[..., 2 - axis] = (smooth[above] - smooth[below]) / 2
-        sure = np.minimum(_length(gradient) / (SURE * np.maximum(middle[..., None], np.float32(1e-6))), 1.0)
+            below, above = ([own] * 3 for _ in range(2))
+            below[axis], above[axis] = slice(None, -2, self.step), slice(2, None, self.step)
+            gradient[..., 2 - axis] = smooth[tuple(above)] - smooth[tuple(below)]
+        sure = np.minimum(_length(gradient) / (2 * SURE * np.maximum(middle[..., None], np.float32(1e-6))), 1.0)
         world = gradient @ np.linalg.inv(volume.world_from_index).astype(np.float32)
-        length = _length(world)
-        normal = world / np.where(length > 0, length, 1.0) * sure
-        z = (slab.start + first) // self.step
-        self.faced[z : z + len(middle), ..., 1:] = np.rint(normal * ONE + ZERO)
+        normal = world / np.maximum(_length(world), np.float32(1e-30)) * sure
+        z, y, x = (slice(a, a + size) for a, size in zip((low // self.step).tolist(), middle.shape, strict=True))
+        self.faced[z, y, x, 1:] = np.rint(normal * ONE + ZERO)
 
     def cut(self, low: np.ndarray, high: np.ndarray) -> LabelNormals:
         """Those around voxels from `low` to `high` (x, y, z)."""
@@ -80,14 +83,37 @@ class LabelNormals:
         part = np.ascontiguousarray(self.faced[z:back, y:bottom, x:right])
         return replace(self, faced=part, low=(x * self.step, y * self.step, z * self.step))
 
+    def of_voxels(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """[N, 3]: normals of voxels, or of the nearest that have one."""
+        last = np.array(self.faced.shape[:3]) - 1
+        cells = [
+            np.minimum((each + self.step // 2) // self.step, most) for each, most in zip((z, y, x), last, strict=True)
+        ]
+        return (self.faced[tuple(cells)][:, 1:].astype(np.float32) - ZERO) / ONE
+
     def at(self, places: np.ndarray) -> np.ndarray:
         """[P, 3]: normals at grid positions [P, 3], linear between voxels; beyond the last as there."""
         return np.asarray((trilinear(self.faced[..., 1:], (places - np.array(self.low)) / self.step) - ZERO) / ONE)
 
 
-def _moved(own: slice, by: int) -> slice:
-    """A slice that ends before the last, one further or less far."""
-    return slice(own.start + by, own.stop + by or None, own.step)
+def _around(opacity: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The part low ≤ (z, y, x) < high, 0 beyond the ends."""
+    found = np.zeros(high - low, np.float32)
+    first, last = np.maximum(low, 0), np.minimum(high, opacity.shape)
+    inside = tuple(slice(a, b) for a, b in zip(first - low, last - low, strict=True))
+    found[inside] = opacity[tuple(slice(a, b) for a, b in zip(first, last, strict=True))]
+    return found
+
+
+def _smoothed(values: np.ndarray) -> np.ndarray:
+    """SUMS sums of neighbours along each axis, shorter by as many, over what these make of 1."""
+    for axis in range(3):
+        lower, upper = ([slice(None)] * 3 for _ in range(2))
+        lower[axis], upper[axis] = slice(None, -1), slice(1, None)
+        for _ in range(SUMS):
+            values = values[tuple(lower)] + values[tuple(upper)]
+        values *= np.float32(0.5**SUMS)
+    return values
 
 
 def _length(vectors: np.ndarray) -> np.ndarray:

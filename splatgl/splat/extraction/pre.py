@@ -97,7 +97,7 @@ def extract_pre(
         hidden = None if not volume.masks else ~_kept(volume, part.start, len(own))
         flat = np.flatnonzero(lookup.keeps(own) if hidden is None else lookup.keeps(own) & ~hidden)
         color = None if volume.color is None or not len(flat) else np.asarray(volume.color[part.start : part.stop])
-        if normals is not None and len(flat):
+        if normals is not None:
             normals.add(volume, part, _shown(lookup, volume, part))
         work = partial(_records, volume, _Part(part, color, normals), flat, lookup, unit / grid.mean_spacing)
         found = in_parts(len(flat), RECORDS, work)
@@ -178,7 +178,7 @@ def _records(
     records["position"][:, 0], records["position"][:, 1], records["position"][:, 2] = x, y, z
     records["optical_depth"] = transfer.extinction(opacity, unit_in_spacings)
     if transfer.shading:
-        records["normal"] = _snorm(gradient if part.normals is None else part.normals.at(records["position"]))
+        records["normal"] = _snorm(gradient if part.normals is None else part.normals.of_voxels(x, y, z))
     return records, everyone
 
 
