@@ -33,7 +33,6 @@ from splatgl.app.viewer.pick import picked
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.refiner import Moment, Refiner
 from splatgl.app.viewer.saving import free, picture_of, save_picture, save_scene, scene_of
-from splatgl.app.viewer.skin import outside, skinned
 from splatgl.app.viewer.state import ACTIONS, State, acted
 from splatgl.app.viewer.watch import Watch
 from splatgl.app.viewpoint import View
@@ -42,6 +41,7 @@ from splatgl.gl.screen import Screen
 from splatgl.splat.classification.statistics import statistics
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings
+from splatgl.splat.view.skin import outside, skinned
 
 SIZE = (120, 80)
 # seconds after which a thread hangs

@@ -17,7 +17,6 @@ from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.portion import Portion, portion
 from splatgl.app.viewer.pose import Pose
-from splatgl.app.viewer.skin import skinned
 from splatgl.app.viewpoint import FOV, View
 from splatgl.data.coarse import coarser
 from splatgl.data.mesh import Mesh
@@ -31,6 +30,7 @@ from splatgl.splat.plan.resolve import Resolved
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import kind, one_by_one
 from splatgl.splat.view.camera import Bounded, Camera
+from splatgl.splat.view.skin import skinned
 
 # volumes with fewer voxels are not downsampled
 SMALL = 1 << 15

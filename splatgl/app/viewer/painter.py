@@ -19,7 +19,6 @@ from splatgl.app.viewer.hud import Frame
 from splatgl.app.viewer.overlay import Overlay, Path, Text, box, drawn
 from splatgl.app.viewer.pacing import FULL, Level
 from splatgl.app.viewer.pose import Pose
-from splatgl.app.viewer.skin import FAITHFUL, outside
 from splatgl.app.viewer.state import State
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Look, Screen
@@ -29,6 +28,7 @@ from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.plan.suited import streaked
 from splatgl.splat.view.camera import Camera
+from splatgl.splat.view.skin import FAITHFUL, outside
 
 # minimum seconds between HUD updates in motion
 CALM = 0.25
