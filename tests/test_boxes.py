@@ -15,6 +15,7 @@ from splatgl.data.volume import Label
 from splatgl.splat.classification.presets import label_transfer
 from splatgl.splat.extraction import label_normals
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.view.skin import exposed
 from splatgl.truth.depth import depths
 from splatgl.truth.pick import pick
 
@@ -344,3 +345,35 @@ def test_coarser_labels_are_numbers_that_there_are(rng: np.random.Generator) -> 
     chosen = coarser(sg.Volume(noise_), labels=True).samples.ravel()
     counts = np.array([np.bincount(block, minlength=3) for block in blocks])
     assert (counts[np.arange(27), chosen] == counts.max(axis=1)).all()
+
+
+def test_boxes_that_others_hide_are_left_out(renderer: sg.Renderer) -> None:
+    """From outside of a solid block; not where the eye, its plane or a cut is within it."""
+    volume = sg.Volume(np.full((28, 28, 28), 3, np.uint8), (1.0, 1.0, 1.5), labels=TABLE)
+    splats, middle = splats_of(volume), volume.center
+
+    def drawn(camera: sg.Camera, settings: sg.Settings = PLAIN) -> int:
+        plan = renderer.plan(splats, camera, settings)
+        right = sg.reference.render(splats, camera, settings).pixels
+        assert np.abs(renderer.render(splats, camera, settings).pixels - right).max() < 4e-4
+        return len(exposed(splats, plan.resolved))
+
+    aside = sg.Camera.look_at(middle + np.array([50, -40, 30]), middle, (0, 0, 1), fov=40, size=(16, 16))
+    flat = sg.Camera.orthographic(middle + np.array([50, -40, 30]), middle, (0, 0, 1), height=60, size=(16, 16))
+    assert drawn(aside) < 0.7 * len(splats) > drawn(flat)
+    x, y, z = np.array([0.8, 0.0, 0.6])
+    within = sg.Camera.look_at(middle, middle + np.array([1.0, 0.2, 0.1]), (0, 0, 1), fov=60, size=(16, 16))
+    beside = sg.Camera.orthographic(middle, middle + np.array([1.0, 0.2, 0.1]), (0, 0, 1), height=60, size=(16, 16))
+    cut = PLAIN.but(clip=((x, y, z, float(np.dot((x, y, z), middle))),))
+    assert drawn(within) == drawn(beside) == drawn(aside, cut) == len(splats)
+
+
+def test_moving_labels_are_means_of_boxes(renderer: sg.Renderer, rng: np.random.Generator) -> None:
+    """Sums, too, which have streaks of other voxels."""
+    splats = splats_of(noise(rng, "cubes"))
+    camera, moves = views(noise(rng, "cubes"))["outside"], sg.Motion(spin=(0, 0, 20))
+    for blend in ("composite", "xray"):
+        settings = PLAIN.but(blend=blend, moments=2)
+        plan = renderer.plan(splats, camera, settings, moves)
+        assert plan.moments == 2 and plan.exposure is None and plan.kernel.name == "box"
+    assert renderer.plan(splats, camera, PLAIN.but(blend="xray", motion="exact"), moves).exposure is not None

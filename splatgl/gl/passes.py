@@ -34,6 +34,7 @@ from splatgl.splat.plan.plan import Plan
 from splatgl.splat.plan.resolve import END_CORRECTION
 from splatgl.splat.view.ahead import ahead
 from splatgl.splat.view.screen_bounds import Window
+from splatgl.splat.view.skin import exposed
 
 # names of targets: the picture's, that of matter between surfaces, and a layer's
 ROLES = ("draw", "part", "layer")
@@ -107,7 +108,7 @@ class Passes:
         shell, the samples are returned.
         """
         if plan.exposure is None:
-            splats = ahead(splats, plan.resolved.camera)
+            splats = exposed(ahead(splats, plan.resolved.camera), plan.resolved)
         target = self.targets.get(role, plan.view.size, plan.target)
         target.clear()
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
@@ -122,7 +123,7 @@ class Passes:
         plan = layers[0][1]
         target, scratch = (self.targets.get(role, plan.view.size, plan.target) for role in ("draw", "layer"))
         target.clear()
-        ahead_ = [(ahead(splats, plan.resolved.camera), plan) for splats, plan in layers]
+        ahead_ = [(exposed(ahead(splats, own.resolved.camera), own.resolved), own) for splats, own in layers]
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         self.layers.composite(target, scratch, ahead_, self._bind, portions)
         return self._read(target, replace(plan, window=union([each.window for _, each in layers])))
@@ -139,7 +140,7 @@ class Passes:
         camera, unit = plan.resolved.camera, first.grid.mean_spacing
         target, part, scratch = (self.targets.get(role, plan.view.size, plan.target) for role in ROLES)
         target.clear()
-        shown = [(ahead(splats, camera), own) for splats, own in layers]
+        shown = [(exposed(ahead(splats, camera), own.resolved), own) for splats, own in layers]
         shown = [each for each in shown if len(each[0])]
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         self._bind(first, plan)
