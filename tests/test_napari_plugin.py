@@ -419,7 +419,7 @@ def test_nothing_to_draw_is_told() -> None:
 
 SCREEN = """
 import os, sys, time
-import numpy as np, napari
+import numpy as np, napari, splatgl as sg
 from qtpy.QtWidgets import QApplication
 from splatgl.app.napari import drawing, panel
 
@@ -455,6 +455,13 @@ for name, layers in CASES.items():
     both, either = [f([ours.max(axis=-1) > 25, theirs.max(axis=-1) > 25]) for f in
                     (lambda m: m[0] & m[1], lambda m: m[0] | m[1])]
     print(name, both.sum() / either.sum(), ours.sum() / theirs.sum(), flush=True)
+# the viewer's context is current again: a program of its own that is new is compiled in it
+one = viewer.add_image(data, interpolation3d="linear")
+viewer.screenshot(flash=False)
+sg.render(one, size=32)
+one.rendering, one.interpolation3d = "minip", "cubic"
+viewer.add_labels((data > 100).astype(int))
+viewer.screenshot(flash=False)
 drawn = panel.Panel(viewer)
 drawn.draw()
 assert drawn.image is not None and drawn.keep.isEnabled() and "pixels" in drawn.summary.text()
