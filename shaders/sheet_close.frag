@@ -26,10 +26,15 @@ void main() {
         if (sum0[0].a <= 0.0) discard;
     } else {
         float mass = texelFetch(masses_before, pixel, 0).r;
+        vec4 sums = texelFetch(sums_before, pixel, 0);
         masses[0] = texelFetch(sheet_masses, pixel, 0);
+#if NEAR == 1
+        take_near(0, sheet - 1, sums, mass);
+        take_near(0, sheet, sum0[0], masses[0].x);
+#endif
         known[0] = mass >= LEAST_MASS ? 1.0 : 0.0;
         if (masses[0].x < LEAST_MASS && known[0] == 0.0) discard;
-        before[0] = known[0] > 0.0 ? texelFetch(sums_before, pixel, 0) / mass : vec4(0.0);
+        before[0] = known[0] > 0.0 ? sums / mass : vec4(0.0);
         set_ray(0);
     }
     take_sheet(0, sheet);

@@ -6,6 +6,7 @@
 // switch CLIPPED 0
 // switch MASKED 0
 // switch LIMITED 0
+// switch NEAR 0
 #constant LEAST_MASS  // below which a sheet holds no value
 #constant CELLS       // of the classification table
 #constant TABLE_ROW   // ends of cells along its rows
@@ -98,6 +99,25 @@ float face_share(vec3 gradient, vec3 normal) {
 uniform sampler2D nearest_depth;
 uniform sampler2D farthest_depth;
 uniform float depth_unit;
+#endif
+
+#if NEAR == 1
+uniform sampler2D near_sums;    // see near_field.frag
+uniform sampler2D near_masses;
+uniform ivec2 near_sheets;      // first of the sheets that hold the field itself, and the one behind the last
+uniform vec2 near_grid;         // 1 over pixels between two rays, and rows of a sheet
+uniform float near_top;         // the picture's row of the band's first
+
+// A sheet's sums and mass, if it holds the field itself.
+void take_near(int row, int sheet, inout vec4 sums, inout float mass) {
+    if (sheet >= near_sheets.y) return;
+    vec2 at = (first + vec2(0.0, float(row) + near_top) - 0.5) * near_grid.x + 0.5;
+    at.y += near_grid.y * float(sheet - near_sheets.x);
+    at /= vec2(textureSize(near_sums, 0));
+    bool ahead = sheet >= near_sheets.x;
+    sums = ahead ? textureLod(near_sums, at, 0.0) : vec4(0.0);
+    mass = ahead ? textureLod(near_masses, at, 0.0).r : 0.0;
+}
 #endif
 
 // the open sheets of a pixel, nearest first, and their masses
@@ -301,6 +321,9 @@ bool take_sheet(int row, int current) {
     bool seen = true;
     start[row] = STEPS == 0 ? sum0[row] : before[row];
     if (STEPS > 0) {
+#if NEAR == 1
+        take_near(row, current, sum0[row], masses[row].x);
+#endif
         bool valid = masses[row].x >= LEAST_MASS;
         vec4 mean = valid ? sum0[row] * (1.0 / masses[row].x) : before[row];
         if (known[row] == 0.0) start[row] = mean;
@@ -351,8 +374,17 @@ void close_sheet(int row, int current) {
 #endif
             float length_ = some[row] ? part.y - part.x : 0.0;
             float middle = 0.5 * (part.x + part.y);
-            if (ONE_VALUE) light[row] = joined(light[row], mix(near.a, mean.a, middle), length_);
-            else {
+            if (ONE_VALUE) {
+#if NEAR == 1
+                // extremes of the field itself are at the ends of what is linear
+                if (current < near_sheets.y) {
+                    light[row] = joined(light[row], mix(near.a, mean.a, part.x), 0.5 * length_);
+                    light[row] = joined(light[row], mix(near.a, mean.a, part.y), 0.5 * length_);
+                    continue;
+                }
+#endif
+                light[row] = joined(light[row], mix(near.a, mean.a, middle), length_);
+            } else {
                 Until end = class_until(place.x + part.y * place.y);
                 vec4 matter = class_mean(begin, end);
                 begin = end;

@@ -126,11 +126,20 @@ void main() {
     coverage = table_quad(vec3(0.0)).coverage;
     // the nearest open sheet, and how many sheets from it on may hold something
     int current = 0, holding = 0;
+    bool begun = false;
     if (CARRIED == 1) {
         EACH(RESUME)
         current = int(RING(KEPT, 0));
         holding = int(RING(KEPT, 1));
+        begun = RING(KEPT, 2) > 0.0;
     }
+#if NEAR == 1
+    if (!begun) {
+        // and the sheet behind them, which ends the last segment
+        current = near_sheets.x;
+        holding = near_sheets.y - near_sheets.x + 1;
+    }
+#endif
     float least = 0.0;
     uvec4 names;
     // the volume's box along the rays, in sheets; its nearest splats may be before it
@@ -149,6 +158,10 @@ void main() {
         do {
             if (holding <= 0) current = max(next, current);
             do {
+#if NEAR == 1
+                // the sheets around the eye may have no list
+                if (at >= end) break;
+#endif
                 // in the list's order; beyond its end the first repeats, without weight
                 uint group = at & ~3u;
                 Joined four[4] = Joined[4](read_splat(names.x), read_splat(group + 1u < end ? names.y : names.x),
@@ -164,7 +177,7 @@ void main() {
                 }
                 EACH(ADD)
                 // a sheet more than it reaches ends the last segment
-                if (passed > at) holding = SHEETS + 1;
+                if (passed > at) holding = max(holding, SHEETS + 1);
                 at = passed;
                 next = next_base(at, end, names);
             } while (at < end && next <= current);
@@ -199,5 +212,6 @@ void main() {
         EACH(KEEP)
         RING(KEPT, 0) = float(current);
         RING(KEPT, 1) = float(holding);
+        RING(KEPT, 2) = 1.0;
     }
 }

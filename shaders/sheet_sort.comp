@@ -17,6 +17,7 @@ uniform usampler2D records;
 
 uniform uint count;
 uniform uint length_;  // of a run
+uniform int near_base;  // of splats with a lower first sheet, no sheet is drawn
 uniform uint number;   // of sheets; the next slot is of splats beyond the edges
 uniform vec4 edges;    // slopes, or lengths, of the left, upper, right and lower edge of the pixels that are drawn
 
@@ -28,9 +29,10 @@ void main() {
     for (; n < end; n++) {
         vec3 position = record_position(texelFetch(records, texel_of(n) * ivec2(1 + POINTS, 1), 0));
         vec3 v = eye_from_index() * (position - frame.base.xyz) - frame.eye_from_base.xyz;
-        bool drawn = reaches(v, edges) && v.z > -frame.depth_reach;
-        uint sheet = uint(clamp(sheet_base(sheet_place(position)), 0, int(number) - 1));
-        uint slot = column + (drawn ? sheet : number);
+        bool drawn = reaches(v, edges) && (PERSPECTIVE == 0 || v.z > -frame.depth_reach);
+        int base = sheet_base(sheet_place(position));
+        uint sheet = uint(clamp(base, 0, int(number) - 1));
+        uint slot = column + (drawn && base >= near_base ? sheet : number);
         uint place = cursors[slot];
         if (COUNTING == 0) imageStore(order, texel_of(place), uvec4(n));
         cursors[slot] = place + 1u;

@@ -34,7 +34,7 @@ CALL = re.compile(r"\b(\w+)\(")
 PLUMBING = {
     *("choose", "exact_quad", "give_matter", "listed_at", "plain_quad", "projected", "read_record", "read_splat"),
     *("splat_quad", "texel_of", "unpacked_extent", "read_scaled", "next_base", "placed", "class_texel", "weight_at"),
-    *("open_pixel", "read_ring", "write_ring", "take_sheet", "any_column"),
+    *("open_pixel", "read_ring", "write_ring", "take_sheet", "take_near", "any_column"),
     *("head_of", "kept_pixel", "packed_piece", "matter_of_piece", "ends_of_piece", "keep", "add_matter"),
     *("set_layer", "take", "keep_piece", "boxed"),
 }

@@ -9,7 +9,7 @@ from splatgl.splat.extraction import records, run_lengths
 from splatgl.splat.integral import approximations, attenuation
 from splatgl.splat.motion import blur_table, motion, motion_opacity
 from splatgl.splat.plan import tiling
-from splatgl.splat.sheets import sheets
+from splatgl.splat.sheets import near, sheets
 from splatgl.splat.view import block_culling, clip, eye_near, mask, screen_bounds
 
 # splats per row of the placed textures, and groups of four entries per row of the tile list
@@ -25,6 +25,7 @@ NOWHERE = 0xFFFFFFFF
 
 CONSTANTS: dict[str, float | np.uint32] = {
     "ABREAST": np.uint32(ABREAST),
+    "ABSENT": near.ABSENT,
     "AHEAD": motion.AHEAD,
     "AROUND_EYE": eye_near.AROUND_EYE,
     "BLOCK": np.uint32(block_culling.BLOCK),

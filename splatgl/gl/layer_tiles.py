@@ -13,6 +13,7 @@ from splatgl.gl.boxes import BoxTiles
 from splatgl.gl.buffers import SplatBuffers
 from splatgl.gl.constants import LANES, PAGE
 from splatgl.gl.draw_order import DrawOrder
+from splatgl.gl.near_sheets import NearSheets
 from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
 from splatgl.gl.sheet_tiles import SheetTiles
@@ -54,9 +55,10 @@ class LayerTiles(SheetTiles):
         splats: SplatBuffers,
         whole: Callable[[moderngl.Program], None],
         tables: Tables,
+        near: NearSheets,
         boxes: BoxTiles,
     ) -> None:
-        super().__init__(ctx, programs, splats, whole, tables)
+        super().__init__(ctx, programs, splats, whole, tables, near)
         self.boxes = boxes
 
     def release(self) -> None:

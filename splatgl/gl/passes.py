@@ -17,6 +17,7 @@ from splatgl.gl.cue_fields import CueFields
 from splatgl.gl.draw_order import DrawOrder
 from splatgl.gl.layer_tiles import Drawn, LayerTiles, union
 from splatgl.gl.mask_texture import MaskTexture
+from splatgl.gl.near_sheets import NearSheets
 from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
 from splatgl.gl.quads import Quads
@@ -65,13 +66,14 @@ class Passes:
         self.frame = ctx.buffer(reserve=FRAME.itemsize)
         owned.callback(self.frame.release)
         self.tiles = Tiles(ctx, self.programs, self.splats, self._whole)
-        self.sheets = SheetTiles(ctx, self.programs, self.splats, self._whole, self.tables)
+        near = self.near = NearSheets(ctx, self.programs, self._whole, self.tables, owned)
+        self.sheets = SheetTiles(ctx, self.programs, self.splats, self._whole, self.tables, near)
         self.boxes = BoxTiles(ctx, self.programs, self.splats, self._whole)
-        self.layers = LayerTiles(ctx, self.programs, self.splats, self._whole, self.tables, self.boxes)
+        self.layers = LayerTiles(ctx, self.programs, self.splats, self._whole, self.tables, near, self.boxes)
         self.techniques: dict[str, Technique] = {
             "quads": Quads(ctx, self.programs, self.splats),
             "tiles": self.tiles,
-            "sheets in quads": SheetQuads(ctx, self.programs, self._whole, self.tables, self.frame),
+            "sheets in quads": SheetQuads(ctx, self.programs, self._whole, self.tables, near, self.frame),
             "sheets in tiles": self.sheets,
             "layers": self.layers,
             "boxes in quads": Quads(ctx, self.programs, self.splats),
@@ -92,6 +94,7 @@ class Passes:
         self.surfaces.release()
         self.cues.release()
         self.mask.release()
+        self.near.release()
         for technique in self.techniques.values():
             technique.release()
 

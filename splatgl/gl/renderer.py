@@ -243,10 +243,12 @@ class Renderer:
                     progress(before + done, bands * len(bricks.low))
             before += len(bricks.low)
 
+        assert chosen.resolved.sheets is not None
+        near = bricks.near(chosen.resolved.sheets, chosen.view)
         with current(self.ctx):
             check_size(self.ctx, chosen.view.size)
             return self._draw(
-                bricks.whole, chosen, interrupted=interrupted, batches=Batches(batches, bands, bricks.shell)
+                bricks.whole, chosen, interrupted=interrupted, batches=Batches(batches, bands, bricks.shell, near)
             )
 
     def _of_bricks(

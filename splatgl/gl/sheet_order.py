@@ -7,6 +7,7 @@ import numpy as np
 
 from splatgl.gl.buffers import Texels
 from splatgl.gl.constants import ABREAST, LANES
+from splatgl.gl.near_sheets import NOTHING
 from splatgl.gl.program import Programs
 from splatgl.gl.tables import class_uniforms
 from splatgl.gl.uniforms import base_of
@@ -39,6 +40,7 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
         "first_sheet": float(sheets.range(splats, view)[0]),
         "shell": EVERYWHERE,
         "partial": False,
+        **NOTHING,
         "edges": window_edges(view, Window(0, 0, *view.size)),
     }
     if post is not None:

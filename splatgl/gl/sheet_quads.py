@@ -15,6 +15,7 @@ import numpy as np
 
 from splatgl.gl.buffers import Instances
 from splatgl.gl.draw_order import DrawOrder
+from splatgl.gl.near_sheets import NearSheets
 from splatgl.gl.portions import Portions
 from splatgl.gl.program import BLEND_STATES, Programs
 from splatgl.gl.quads import CORNERS
@@ -25,6 +26,7 @@ from splatgl.gl.tiles import bands_of, set_uniforms
 from splatgl.gl.uniforms import frame_block
 from splatgl.splat.extraction.splats import Splats, corners_of
 from splatgl.splat.plan.plan import Plan
+from splatgl.splat.sheets.near import NearField
 from splatgl.splat.sheets.sheets import Sheets
 from splatgl.splat.view.screen_bounds import Window, screen_bounds
 from splatgl.splat.view.view import View
@@ -71,9 +73,11 @@ class SheetQuads:
         programs: Programs,
         whole: Callable[[moderngl.Program], None],
         tables: Tables,
+        near: NearSheets,
         frame: moderngl.Buffer,
     ) -> None:
         self.ctx, self.programs, self.whole, self.tables, self.frame = ctx, programs, whole, tables, frame
+        self.near = near
         self.instances = Instances(ctx)
         self.ring: Ring | None = None
         self.join = ""
@@ -90,13 +94,22 @@ class SheetQuads:
         sheets, look = plan.resolved.sheets, plan.program.look
         self.join = look.blend.join
         assert sheets is not None
+        uniforms, field = sheet_uniforms(splats, plan), NearField.of(splats, plan.view, sheets)
+        first_sheet = float(str(uniforms["first_sheet"]))
+        uniforms |= self.near.draw(field, plan, first_sheet)
         adding = self.programs.for_splats(plan.program)
-        closing = self.programs.for_screen("sheet_close.frag", plan.program)
+        closing = self.programs.for_screen("sheet_close.frag", plan.program, {"NEAR": True} if field else {})
         for program in (adding, closing):
-            set_uniforms(program, half_table=HALF_LINE_UNIT, **UNITS, **sheet_uniforms(splats, plan))
+            set_uniforms(program, half_table=HALF_LINE_UNIT, **UNITS, **uniforms)
         if splats.post is not None:
             self.tables.classification(splats).use(CLASS_UNIT)
         chosen, groups = by_first_sheet(splats, sheets, plan.view)
+        near = range(0)
+        if field is not None:
+            # and the sheet behind them, which ends the last segment
+            nearest = -int(first_sheet)
+            near = range(nearest, nearest + field.count + 1)
+            groups = {base: group for base, group in groups.items() if base >= int(str(uniforms["near_base"]))}
         records = splats.records_with_runs if plan.program.runs else splats.records
         self.instances.fill(records[chosen])
         bands = bands_of(Window(0, 0, *plan.view.size), MOST_PIXELS)
@@ -109,14 +122,17 @@ class SheetQuads:
                 block = frame_block(splats, plan)
                 block["image_center"][1] -= band.y
                 self.frame.write(block.tobytes())
-                set_uniforms(closing, top=band.y)
+                set_uniforms(closing, top=band.y, near_top=float(band.y))
                 reached = within(groups, band)
-                ring.begin(band, around(reached, min(groups), max(groups)))
-                for sheet in closed(reached, ring.slots):
+                ring.begin(band, band if near else around(reached, min(groups), max(groups)))
+                for sheet in sorted({*near, *closed(reached, ring.slots)}):
                     portions.ask()
                     if sheet in reached:
                         self._add(adding, ring, sheet, reached[sheet], portions)
-                    self._close(into, closing, ring, sheet, reached)
+                    window = band if sheet in near else around(reached, sheet - ring.slots + 1, sheet)
+                    self._close(into, closing, ring, sheet, window)
+                    done = sheet - (ring.slots - ring.count)
+                    ring.clear(done, around(reached, done - ring.count + 1, done))
         finally:
             into.scissor = None  # type: ignore[assignment]
         if ring.joined:
@@ -133,18 +149,16 @@ class SheetQuads:
             vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=end - begin)
 
     def _close(
-        self, into: moderngl.Framebuffer, program: moderngl.Program, ring: Ring, sheet: int, groups: dict[int, Group]
+        self, into: moderngl.Framebuffer, program: moderngl.Program, ring: Ring, sheet: int, window: Window
     ) -> None:
-        """Composites a sheet, with the segment from the one before, and clears what no later one reads."""
+        """Composites a sheet within a window, with the segment from the one before."""
         set_uniforms(program, sheet=sheet)
         ring.use(sheet)
-        into.scissor = around(groups, sheet - ring.slots + 1, sheet).box
+        into.scissor = window.box
         into.use()
         self.ctx.enable_only(moderngl.BLEND)
         self._blend(self.join, self.join == "over")
         self.whole(program)
-        done = sheet - (ring.slots - ring.count)
-        ring.clear(done, around(groups, done - ring.count + 1, done))
 
     def _show(self, target: Target, splats: Splats, plan: Plan, ring: Ring) -> None:
         """Classifies the value that each pixel's sheets were joined to."""

@@ -13,6 +13,7 @@ import numpy as np
 from splatgl.gl.buffers import Rewritten, SplatBuffers, Texels
 from splatgl.gl.constants import LANES
 from splatgl.gl.draw_order import DrawOrder, Range
+from splatgl.gl.near_sheets import NearSheets
 from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
 from splatgl.gl.sheet_order import SheetOrder, sheet_span, sheet_uniforms, window_edges
@@ -25,6 +26,7 @@ from splatgl.splat.extraction.splats import Splats, corners_of
 from splatgl.splat.plan.occlusion_policy import cuts
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.plan.tiling import COLUMNS, ROWS
+from splatgl.splat.sheets.near import NearField
 from splatgl.splat.view.block_culling import Frustum, shown
 from splatgl.splat.view.box_outline import beside_box
 from splatgl.splat.view.screen_bounds import Window, screen_bounds
@@ -46,12 +48,14 @@ class Batches:
     """Splats that are drawn while they are extracted. bands: of rows of the picture, drawn one after another.
 
     of: gives their batches, nearest first, given what tells whether a box of voxels may still be seen in the band.
-    shell: draws a part of the picture, the samples of what lies between two sheets; see `Bricks.within`.
+    shell: draws a part of the picture, the samples of what lies between two sheets; see `Bricks.within`. near: the
+    voxels around the eye.
     """
 
     of: Callable[[Seen], Iterator[Splats]]
     bands: int = 1
     shell: Shell | None = None
+    near: NearField | None = None
 
 
 class SheetTiles(Tiles):
@@ -64,9 +68,12 @@ class SheetTiles(Tiles):
         splats: SplatBuffers,
         whole: Callable[[moderngl.Program], None],
         tables: Tables,
+        near: NearSheets,
     ) -> None:
         super().__init__(ctx, programs, splats, whole)
         self.tables, self.order, self.batch = tables, SheetOrder(ctx, programs), Rewritten(ctx)
+        # of the picture, and whether it has any; tiles of the band that were drawn
+        self.near, self.is_near, self.begun = near, False, np.zeros(0, bool)
         self.uniforms: dict[str, object] = {}
         # between which depths it is drawn
         self.limits: Limits | None = None
@@ -89,13 +96,20 @@ class SheetTiles(Tiles):
     def _sorted(self, splats: Splats, plan: Plan, window: Window | None = None) -> Texels:
         """Splats that may be seen in a window, or anywhere, in the order of sheets; sets `uniforms` and `count`."""
         texels = self.splats.of(splats).texels(plan.program.look.attenuation == "fill", DrawOrder(None, True))
-        self.uniforms = sheet_uniforms(splats, plan)
+        assert plan.resolved.sheets is not None
+        self._begin_picture(splats, plan, NearField.of(splats, plan.view, plan.resolved.sheets))
         if self.limits is not None:
             self.uniforms["depth_unit"] = self.limits.unit / splats.grid.mean_spacing
         if window is not None:
             self.uniforms["edges"] = window_edges(plan.view, window)
         texels, self.count = self.order.sorted(len(splats), sheet_span(splats, plan), plan, texels, self.uniforms)
         return texels
+
+    def _begin_picture(self, splats: Splats, plan: Plan, near: NearField | None) -> None:
+        """Sets `uniforms`, and draws the sheets around the eye."""
+        self.uniforms = sheet_uniforms(splats, plan)
+        self.uniforms |= self.near.draw(near, plan, float(str(self.uniforms["first_sheet"])))
+        self.is_near = near is not None
 
     def _draw_window(
         self, target: Target, splats: Splats, plan: Plan, texels: Texels, window: Window, portions: Portions
@@ -104,13 +118,14 @@ class SheetTiles(Tiles):
         band = self._begin(splats, plan, window)
         for which in pairwise(cuts(self.count, plan.hiding.depth_batches)):
             self.gather(target, plan, texels, which, band, ask=portions.ask)
+        self._flush(target, plan)
 
     def draw_batches(self, target: Target, whole: Splats, plan: Plan, batches: Batches, portions: Portions) -> None:
         """Composites batches of splats, no sheet of which comes before those of the batch before.
 
         whole: stands for all of them.
         """
-        self.uniforms = sheet_uniforms(whole, plan)
+        self._begin_picture(whole, plan, batches.near)
         if batches.shell is not None:
             first = float(str(self.uniforms["first_sheet"]))
             self.uniforms |= {"shell": tuple(end - first for end in batches.shell), "partial": True}
@@ -145,22 +160,22 @@ class SheetTiles(Tiles):
             texels, count = self.order.sorted(len(splats), span, plan, texels, self.uniforms)
             self.count = count + 1
             self.gather(target, plan, texels, (0, count), band, ask=portions.ask)
-        self.last = True
         self._flush(target, plan)
 
     def show(self, target: Target, whole: Splats, plan: Plan) -> None:
         """Shows the values of a target that holds the joined parts of a picture."""
-        self.uniforms = sheet_uniforms(whole, plan)
+        self._begin_picture(whole, plan, None)
         for window in bands_of(plan.window, MOST_PIXELS):
             self._begin(whole, plan, window)
             # nothing is left of any tile but what it has to show
             self._keep()
-            self.kept, self.last = np.ones(self.band.closed.size, bool), True
+            self.kept = np.ones(self.band.closed.size, bool)
             self._flush(target, plan)
 
     def _begin(self, splats: Splats, plan: Plan, window: Window) -> Band:
         """A new band; tiles beside the volume's box are closed."""
-        self.kept, band = None, self.begin(window)
+        self.kept, self.band = None, self.begin(window)
+        band, self.begun = self.band, np.zeros(self.band.closed.size, bool)
         if splats.post is not None:
             self.tables.classification(splats).use(CLASS_UNIT)
             band.closed |= beside_box(plan.view, splats.post.shape, window, (COLUMNS, ROWS))
@@ -169,21 +184,24 @@ class SheetTiles(Tiles):
     def _draw(self, target: Target, plan: Plan, texels: Texels, which: Range) -> None:
         self.last = which[1] == self.count
         super()._draw(target, plan, texels, which)
-        if self.last:
-            self._flush(target, plan)
 
     def _flush(self, target: Target, plan: Plan) -> None:
-        """Composites the sheets that are still open."""
-        if self.kept is not None and self.kept.any():
-            tile = np.flatnonzero(self.kept)
+        """Composites the sheets that are still open, and those around the eye of tiles that no splat touched."""
+        self.last = True
+        waiting = np.zeros_like(self.begun) if self.kept is None else self.kept.copy()
+        if self.is_near:
+            waiting |= ~(self.begun | self.band.closed)
+        tile = np.flatnonzero(waiting)
+        if len(tile):
             lists = np.stack([tile, *np.zeros((3, len(tile)), np.int64)], axis=1).astype(np.uint32)
             # a band of batches may have more tiles than a dispatch
             for first in range(0, len(lists), MOST_TILES):
                 self._add_up(target, plan, lists[first : first + MOST_TILES], True)
 
     def _add_up(self, target: Target, plan: Plan, lists: np.ndarray, carried: bool) -> None:
-        assert self.list is not None
-        self.list.use(LIST_UNIT)
+        if self.list is not None:
+            self.list.use(LIST_UNIT)
+        self.begun[lists[:, 0]] = True
         self.bind_target(target)
         while len(lists):
             now = lists.copy()
@@ -216,7 +234,8 @@ class SheetTiles(Tiles):
 
     def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
         limited = self.limits is not None and name == "sheet_draw.comp"
-        program = super()._program(name, plan, {**switches, **({"LIMITED": True} if limited else {})})
+        own = {"LIMITED": limited, "NEAR": self.is_near} if name == "sheet_draw.comp" else {}
+        program = super()._program(name, plan, {**switches, **{switch: True for switch, on in own.items() if on}})
         set_uniforms(program, **self.uniforms)
         if self.limits is not None:
             set_uniforms(program, nearest_depth=NEAREST_UNIT, farthest_depth=FARTHEST_UNIT)

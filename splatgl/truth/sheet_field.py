@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,15 +39,17 @@ class SheetField:
     shines: np.ndarray | None
     cues: Cues | None
     mask: MaskField | None = None
+    near: int = 0
 
     @classmethod
-    def of(cls, splats: Splats, resolved: Resolved, view: View) -> SheetField:
-        """Of splats that are classified after."""
+    def of(cls, splats: Splats, resolved: Resolved, view: View, near: int = 0) -> SheetField:
+        """Of splats that are classified after. near: sheets from the eye on that hold the field itself."""
         assert splats.post is not None
         look = resolved.look
         shines = look.light.within(resolved.camera)
         seen, size, cues = (look.shading, look.weighted), splats.grid.mean_spacing, resolved.cues
-        return cls(look.blend, splats.post, view, *seen, size, splats.unit, look.light, shines, cues, resolved.mask)
+        found = cls(look.blend, splats.post, view, *seen, size, splats.unit, look.light, shines, cues, resolved.mask)
+        return replace(found, near=near)
 
     def composited(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, 4]: sums [P, sheets, 5] of mass, value and gradient, from sheet `first` on."""
@@ -60,8 +62,12 @@ class SheetField:
         for part in self.parts(sums, rays, first, sheets, seen):
             at = part.pixel
             if self.blend.one_value:
-                value = (part.begin[:, 0] + part.end[:, 0]) / 2
-                light[at] = joined(light[at], value, part.ends[1] - part.ends[0], self.blend.join)
+                length = (part.ends[1] - part.ends[0]) / 2
+                values = part.begin[:, 0], part.end[:, 0]
+                if part.sheet + 1 >= self.near:
+                    values = ((values[0] + values[1]) / 2,) * 2
+                for value in values:
+                    light[at] = joined(light[at], value, length, self.blend.join)
             elif self.blend.unbounded:
                 light[at] += self.matter(part, rays)
             else:

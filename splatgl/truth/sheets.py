@@ -14,8 +14,10 @@ import numpy as np
 
 from splatgl.splat.cues.voxels import shone
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.kernel.kernels import Kernel
 from splatgl.splat.kernel.tabulated import tabulated
 from splatgl.splat.plan.resolve import Resolved
+from splatgl.splat.sheets.near import ABSENT, NearField
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.truth.extent import Boxes, pixel_boxes
@@ -44,13 +46,17 @@ class SheetScene:
         self.weights = self.sheets.weights(place, self.base)
         self.first = int(self.base.min()) if len(splats) else 0
         self.many = int(self.base.max()) + self.sheets.count - self.first if len(splats) else 1
-        self.field = None
+        self.field, self.near = None, NearField.of(splats, view, self.sheets)
+        if self.near is not None:
+            last = max(self.first + self.many, self.near.count)
+            self.first = min(self.first, 0)
+            self.many = last - self.first
         if depth is not None:
             color = splats.colors.astype(np.float64)
             color = shone(color, splats, self.camera, voxel, resolved)
             self.terms = depth[:, None] * np.concatenate([color, np.ones((len(splats), 1))], axis=1)
         else:
-            self.field = SheetField.of(splats, resolved, view)
+            self.field = SheetField.of(splats, resolved, view, self.near.count if self.near else 0)
             value = splats.records["value"].astype(np.float64)
             self.terms = np.column_stack([np.ones(len(splats)), value, splats.records["gradient"].astype(np.float64)])
 
@@ -77,7 +83,14 @@ class SheetScene:
         sums = np.zeros((self.terms.shape[1], window.width * window.height * self.many))
         for found in values(self.row, self.boxes, np.arange(len(self.base)), window, self.camera):
             self._add(sums, found)
-        return sums.T.reshape(-1, self.many, len(sums))
+        by_sheet = sums.T.reshape(-1, self.many, len(sums))
+        if self.near is not None:
+            rays = self._rays(window, None, None)
+            for sheet in range(self.near.count):
+                places = rays.start + rays.direction * (sheet * self.sheets.thickness)
+                held = near_sums(self.near, self.view.kernel, places) * self.sheets.thickness
+                by_sheet[:, sheet - self.first] = held
+        return by_sheet
 
     def _classified(self, sums: np.ndarray, windows: Sequence[Window]) -> np.ndarray:
         assert self.field is not None
@@ -147,6 +160,23 @@ def _pixels(window: Window, camera: Camera) -> np.ndarray:
     """Numbers of a window's pixels, row by row."""
     rows = np.arange(window.y, window.y + window.height)[:, None] * camera.size[0]
     return np.asarray((rows + np.arange(window.x, window.x + window.width)).ravel())
+
+
+def near_sums(near: NearField, kernel: Kernel, places: np.ndarray) -> np.ndarray:
+    """[P, 5]: mass, value and gradient by mass, of the voxels around grid positions [3, P]. Of even matter a unit of
+    length has as much mass as in sheets.
+    """
+    sums = np.zeros((places.shape[1], 5))
+    first = np.floor(places).astype(np.int64)
+    around = near.around
+    size = np.array(near.cells.shape[2::-1])[:, None]
+    for step in np.ndindex(*(2 * around,) * 3):
+        cell = first + np.array(step)[:, None] - around + 1
+        x, y, z = np.clip(cell - near.low[:, None], 0, size - 1)
+        found = near.cells[z, y, x].astype(np.float64)
+        weight = kernel.value(np.linalg.norm(places - cell, axis=0)) * (found[:, 3] < ABSENT)
+        sums += weight[:, None] * np.column_stack([np.ones(len(found)), found[:, 3], found[:, :3]])
+    return np.asarray(sums / kernel.footprint(np.zeros(())))
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ from splatgl.splat.extraction.records import record_type
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.kernels import Kernel
 from splatgl.splat.kernel.kernels import kernel as kernel_named
+from splatgl.splat.sheets.near import NearField, near_box
 from splatgl.splat.sheets.sheets import Sheets
 from splatgl.splat.view.eye_near import AROUND_EYE
 from splatgl.splat.view.view import View
@@ -149,6 +150,16 @@ class Bricks:
         ends = np.stack([self.low, self.high - 1])
         corners = [ends[[x, y, z], :, [0, 1, 2]].T for x in (0, 1) for y in (0, 1) for z in (0, 1)]
         return np.stack([sheets.places(view, corner) for corner in corners])
+
+    def near(self, sheets: Sheets, view: View) -> NearField | None:
+        """The voxels around the eye; None if there are none."""
+        size = np.array(self.volume.shape[::-1])
+        box = near_box(view, sheets, np.stack([np.zeros(3), size - 1.0]))
+        if box is None:
+            return None
+        low, high = (places(np.clip(end, 0, size)) for end in box)
+        records = box_records(self.volume, self.post, self.kernel, low, high)
+        return NearField.of_records(records, box, view, sheets)
 
     def within(self, sheets: Sheets, view: View, shell: Shell) -> Bricks:
         """The bricks that matter to what lies between two sheets, and of them those splats."""

@@ -21,6 +21,8 @@ LEAST_MASS = 0.02
 # most sheets of a picture; beyond, splats are composited one by one; and the longest side of a volume, in voxels, whose
 # sheets are all counted
 MOST_SHEETS, LONGEST = 2**15, 2**13
+# sheets from the eye on that hold the field itself, at least: further ones are less than a tenth of a voxel off it
+NEAR = 5
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,12 @@ class Sheets:
             f"classified after reconstruction, in {self.steps} parts between two" if self.steps else "classified before"
         )
         return f"sheets {self.thickness:.3g} voxels thick, {self.count} share a splat, {how}"
+
+    def near_count(self, radius: float) -> int:
+        """Sheets from the eye on that hold the field itself. radius: of the kernel, within which no splat of others
+        is from the eye: each is wholly before it or behind.
+        """
+        return max(NEAR, int(np.ceil(radius / self.thickness + self.count / 2)))
 
     def base(self, place: np.ndarray) -> np.ndarray:
         """The first sheet of each splat, int64 [N]; place [N]: distance over thickness."""

@@ -1,4 +1,8 @@
-"""Clips a parallel view's splats behind the plane through its eye; decided once, in float64."""
+"""Clips a parallel view's splats behind the plane through its eye; decided once, in float64.
+
+Values of the field on the plane depend on voxels behind it, too: of those classified after reconstruction so many are
+kept, as rays begin at the plane.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,13 @@ import numpy as np
 
 from splatgl.splat.extraction.kept import LatestParts
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.view.camera import Camera
 
 # rounding: a splat behind the plane by less than this share of its distance from the eye counts as on it
 ON_PLANE = 1e-9
+# kernel radii behind the plane, across it, within which values on it and in the sheets around it depend on voxels
+BEHIND = 3.0
 # cache: of the latest plane through the eye
 _latest = LatestParts()
 
@@ -35,4 +42,6 @@ def _kept(splats: Splats, camera: Camera, slack: float) -> np.ndarray:
     """bool [N]: which splats are not behind the eye by more than `slack`, world units."""
     normal = camera.forward @ splats.grid.world_from_index
     offset = camera.forward @ (splats.grid.origin - camera.eye)
+    if splats.post is not None:
+        slack += BEHIND * kernel(splats.post.kernel).radius * float(np.linalg.norm(normal))
     return np.asarray(splats.positions @ normal + offset >= -slack)

@@ -1,0 +1,118 @@
+"""The first sheets from the eye, which hold the field itself: drawn before the others, on a grid of rays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+
+import moderngl
+import numpy as np
+
+from splatgl.gl.program import Programs
+from splatgl.gl.tables import Tables
+from splatgl.splat.plan.plan import Plan
+from splatgl.splat.sheets.near import NearField
+
+# texture units
+SUMS_UNIT, MASSES_UNIT, VOXELS_UNIT, KERNEL_UNIT = 28, 29, 30, 31
+# least voxels between two rays of the grid, between which the field is linear; and its most rows
+LEAST_APART, MOST_ROWS = 1 / 128, 16_000
+# of a picture without near sheets
+NOTHING: dict[str, object] = {"near_base": -(2**30)}
+
+
+class NearSheets:
+    """Reuses its textures between pictures. whole: draws one triangle over the bound framebuffer."""
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        programs: Programs,
+        whole: Callable[[moderngl.Program], None],
+        tables: Tables,
+        owned: ExitStack,
+    ) -> None:
+        self.ctx, self.programs, self.whole, self.tables = ctx, programs, whole, tables
+        self.voxels: moderngl.Texture3D | None = None
+        self.target: moderngl.Framebuffer | None = None
+        self.textures: list[moderngl.Texture] = []
+        owned.callback(self.release)
+
+    def release(self) -> None:
+        """Frees the textures; they are made again on demand."""
+        for part in (self.target, *self.textures, self.voxels):
+            if part is not None:
+                part.release()
+        self.target, self.textures, self.voxels = None, [], None
+
+    def draw(self, near: NearField | None, plan: Plan, first_sheet: float) -> dict[str, object]:
+        """Draws and binds them; uniforms of `sheet_close.glsl` and `sheet_sort.comp`. first_sheet: from which sheets
+        are counted.
+        """
+        if near is None:
+            return NOTHING
+        sheets = plan.resolved.sheets
+        assert sheets is not None
+        step = grid_step(near, plan)
+        columns, rows = (-(-(side - 1) // step) + 1 for side in plan.view.size)
+        self._prepare(near, (columns, rows * near.count))
+        assert self.target is not None
+        program = self.programs.for_screen("near_field.frag", plan.program, {"SIDE": 2 * near.around})
+        self.tables.kernel(plan.kernel).use(KERNEL_UNIT)
+        own = {
+            "near_voxels": VOXELS_UNIT,
+            "kernel_table": KERNEL_UNIT,
+            "near_low": tuple(near.low - plan.view.eye_index),
+            "thickness": sheets.thickness,
+            "near_step": step,
+            "near_rows": rows,
+        }
+        for name, value in own.items():
+            program[name] = value
+        self.target.use()
+        self.ctx.enable_only(moderngl.NOTHING)
+        self.whole(program)
+        for unit, texture in zip((SUMS_UNIT, MASSES_UNIT), self.textures, strict=True):
+            texture.use(unit)
+        first = -int(first_sheet)
+        return {
+            "near_sums": SUMS_UNIT,
+            "near_masses": MASSES_UNIT,
+            "near_sheets": (first, first + near.count),
+            "near_grid": (1.0 / step, float(rows)),
+            "near_base": first + near.count - sheets.count + 1,
+        }
+
+    def _prepare(self, near: NearField, size: tuple[int, int]) -> None:
+        """Uploads the voxels, and makes textures of that size."""
+        shape = near.cells.shape[2::-1]
+        if self.voxels is None or self.voxels.size != shape:
+            if self.voxels is not None:
+                self.voxels.release()
+            self.voxels = self.ctx.texture3d(shape, 4, alignment=4, dtype="f4")
+            self.voxels.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.voxels.write(np.ascontiguousarray(near.cells))
+        self.voxels.use(VOXELS_UNIT)
+        if self.target is None or self.target.size != size:
+            old = self.target, *self.textures
+            self.textures = [self.ctx.texture(size, components, dtype="f4") for components in (4, 1)]
+            for texture in self.textures:
+                texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+                texture.repeat_x = texture.repeat_y = False
+            self.target = self.ctx.framebuffer(self.textures)
+            for part in old:
+                if part is not None:
+                    part.release()
+
+
+def grid_step(near: NearField, plan: Plan) -> int:
+    """Pixels, or samples, between two rays of the grid: so far apart that what is linear between two is within the
+    tolerance of a field that bends as much as noise does.
+    """
+    view, sheets = plan.view, plan.resolved.sheets
+    assert sheets is not None
+    widths = np.linalg.svd(view.index_from_eye, compute_uv=False)
+    # of neighbours at the furthest sheet, at most
+    apart = view.pitch * widths[0] / widths[-1] * sheets.thickness * (near.count - 1)
+    allowed = max(float(np.sqrt(plan.resolved.tolerance)), LEAST_APART)
+    return max(int(allowed / apart), -(-view.size[1] * near.count // MOST_ROWS), 1)
