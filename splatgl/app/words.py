@@ -9,7 +9,7 @@ from difflib import get_close_matches
 
 READING = (
     *("shape", "dtype", "spacing", "header_offset", "array", "channel", "level", "series", "time"),
-    *("color", "relief", "anywhere"),
+    *("color", "relief", "anywhere", "values"),
 )
 """Reader options: a message on a file may name them behind its path."""
 
