@@ -11,7 +11,6 @@ from importlib import import_module
 from typing import Any
 
 from splatgl.data.errors import expected
-from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Triple, Volume
 
 # root module of a type, or of one of its bases → its function in this folder; others are arrays
@@ -61,7 +60,9 @@ def volume_of(x: Any, **options: Any) -> Volume:
     # an array that does not know its spacing does not know that of its levels
     levels = {"coarser": ()} if asked.spacing is not None or asked.origin is not None else {}
     found = replace(found, **asked.given, **levels)
-    return found if asked.values is None else found.of_values(LoadOptions(values=asked.values).values or "")
+    if asked.values not in (None, "labels", "amounts"):
+        raise expected("values", "labels or amounts", repr(asked.values))
+    return found if asked.values is None else found.of_values(asked.values)
 
 
 def _source(x: Any) -> Any:

@@ -49,6 +49,7 @@ def _function(name: str) -> Any:
 
 
 _TERRAIN = ("color", "relief", "levels")
+_TIFF = ("array", "channel", "level", "time", "series")
 
 FORMATS = (
     Format("NumPy", (".npy",), "numpy_files.read_npy", starts=("NumPy",)),
@@ -60,7 +61,7 @@ FORMATS = (
     Format("Analyze", (".hdr", ".img"), "freesurfer.read_analyze", ("array",)),
     Format("MGH", (".mgh",), "freesurfer.read_mgh", ("array",)),
     Format("MGH, gzipped", (".mgz",), "freesurfer.read_mgh", ("array",), ("gzip",)),
-    Format("TIFF", (".tif", ".tiff"), "tiff.read", ("array", "channel", "level", "time", *_TERRAIN), ("TIFF",)),
+    Format("TIFF", (".tif", ".tiff"), "tiff.read", (*_TIFF, *_TERRAIN), ("TIFF",), lists="tiff.contents"),
     Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "time", "anywhere")),
     Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
     Format("VTK grid", (".vti", ".vtr"), "vti.read", ("array", "channel"), ("XML",)),
@@ -182,7 +183,7 @@ def _named(volume: Volume, name: str, form: Format, options: LoadOptions) -> Vol
         # a file that does not know its spacing does not know that of its levels
         channels = tuple(replace(each, spacing=options.spacing, coarser=()) for each in volume.channels)
         volume = replace(volume, spacing=options.spacing, coarser=(), channels=channels)
-    if options.values is not None:
+    if options.values not in (None, "heights"):
         volume = volume.of_values(options.values)
     suffix = _suffix(Path(name), form)
     return replace(volume, name=(name[: -len(suffix)] if suffix else name).removesuffix(".ome"))
@@ -243,6 +244,8 @@ def _check(path: Path, form: Format, options: LoadOptions) -> None:
 
 def _refuse(form: Format, options: LoadOptions) -> None:
     """InputError for options that the format doesn't support."""
+    if options.values == "heights" and "relief" not in form.takes:
+        raise expected("values", f"labels or amounts for {form.title}", "heights")
     refused = sorted(options.given - {"spacing", "values", *form.takes})
     if refused:
         known = ", ".join(("spacing", "values", *form.takes))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator, Sequence
 from itertools import islice
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from splatgl.data.color import LUMA
 from splatgl.data.errors import expected, missing_extra
+from splatgl.data.readers.codestream import MOST_TILES, stream_size
 from splatgl.data.readers.dicom_files import Bounded
 from splatgl.data.readers.dicom_headers import Frame, Header, dataset, reading
 from splatgl.data.readers.files import DEFLATE_RATIO, MAX_BYTES, require_bytes
@@ -18,15 +18,9 @@ from splatgl.data.readers.files import DEFLATE_RATIO, MAX_BYTES, require_bytes
 FREE_FRAME = MAX_BYTES // 8
 """Bytes of a frame that few compressed bytes may stand for: 64 MiB. Decoders hold several times as many."""
 
-MOST_TILES = 4096
-"""Most tiles of a JPEG 2000 picture: its decoder allocates all of them at once."""
-
 COLORS = ("RGB", "YBR_FULL", "YBR_FULL_422", "YBR_ICT", "YBR_RCT", "YBR_PARTIAL_422", "YBR_PARTIAL_420")
 PALETTE = "PALETTE COLOR"
 GREYS = ("MONOCHROME1", "MONOCHROME2")
-
-JP2 = b"\0\0\0\x0cjP  "
-"""Begins a JPEG 2000 picture in a file's boxes; others begin with their codestream."""
 
 RLE = "1.2.840.10008.1.2.5"
 
@@ -163,33 +157,11 @@ def _pixel_options(header: Header, told: Any) -> Any:
 
 def _check_stream(data: bytes, header: Header) -> None:
     """InputError if a JPEG or JPEG 2000 picture has another size than the header says, or too many tiles."""
-    size, tiles = _stream_size(data)
+    size, tiles = stream_size(data)
     if size != header.size or not 1 <= tiles <= MOST_TILES:
         rows, columns = header.size
         got = f"{size[1]} × {size[0]} in {tiles} tiles" if size else "none"
         raise expected("compressed picture", f"{columns} × {rows} pixels", got, "the file is damaged")
-
-
-def _stream_size(data: bytes) -> tuple[tuple[int, ...], int]:
-    """((rows, columns), tiles) of a JPEG, JPEG-LS or JPEG 2000 picture; ((), 0) without a header."""
-    at = data.find(b"\xff\x4f\xff\x51") if data.startswith(JP2) else 0
-    if data[at : at + 4] == b"\xff\x4f\xff\x51" and len(data) >= at + 42:
-        x, y, x0, y0, w, h, left, top = struct.unpack_from(">8I", data, at + 8)
-        tiles = -(-(x - left) // w) * -(-(y - top) // h) if w and h else 0
-        return (y - y0, x - x0), tiles
-    at = 2 if data.startswith(b"\xff\xd8") else len(data)
-    while at + 9 <= len(data):
-        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
-        if data[at] != 0xFF:
-            break
-        if marker == 0xFF:
-            at += 1
-            continue
-        # frame headers: all of C0 to CF but Huffman tables, reserved and arithmetic conditioning; F7 of JPEG-LS
-        if (0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)) or marker == 0xF7:
-            return struct.unpack_from(">HH", data, at + 5), 1
-        at += 2 + max(length, 2)
-    return (), 0
 
 
 def _colors(array: np.ndarray, header: Header, told: Any) -> np.ndarray:

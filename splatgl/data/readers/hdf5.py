@@ -102,9 +102,11 @@ def _several(path: Path, dataset: Any, axes: _Axes, time: int | None, options: L
     others = [axis for axis in axes.others if axis != time]
     count = dataset.shape[others[0]] if len(others) == 1 else 1
     channels = tuple(Channel(str(n)) for n in range(count)) if 1 < count <= MOST_CHANNELS else ()
+    components = 1 if count == 1 and not others else MOST_CHANNELS**2
     if time is None:
-        return Several(channels)
-    return Several(channels, False, dataset.shape[time], _time_step(path, dataset, time, options))
+        return Several(channels, components=components)
+    step = _time_step(path, dataset, time, options)
+    return Several(channels, False, dataset.shape[time], step, components)
 
 
 def contents(path: Path) -> list[str]:

@@ -77,7 +77,12 @@ def _volume(image: Any, options: LoadOptions) -> Volume:
     # 1. sizes
     sizes = _sizes(image)
     times = sizes[3] if len(sizes) > 3 else 1
-    extra: dict[int, tuple[str, int | None]] = {3: ("time", options.time_number(times))} if len(sizes) > 3 else {}
+    arrays = [axis for axis in range(4, len(sizes)) if sizes[axis] > 1]
+    if not arrays and times == 1:
+        options.refuse("array", "a file of several time points or arrays")
+    # beside arrays, `array` is none of time
+    time = options.time or 0 if arrays else options.time_number(times)
+    extra: dict[int, tuple[str, int | None]] = {3: ("time", time)} if len(sizes) > 3 else {}
     for axis in range(4, len(sizes)):
         extra[axis] = ("array", options.array_number(sizes[axis]) if sizes[axis] > 1 else 0)
     # 2. samples

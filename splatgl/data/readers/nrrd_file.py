@@ -128,6 +128,8 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
         for axis in others
         if axis not in whole[:1]
     }
+    if not [axis for axis in others if kinds[axis] != "time"]:
+        options.refuse("channel", "several numbers per voxel")
     samples = stored[selection(stored.shape, extra)]
     color = vectors = None
     if whole:

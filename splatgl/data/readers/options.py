@@ -14,7 +14,7 @@ from splatgl.data.volume import Triple
 DEFAULT_LEVELS = 103
 """Voxel levels of a terrain: the height of the terrain volume in [M98], 512 × 512 × 103."""
 
-VALUES = ("labels", "amounts")
+VALUES = ("labels", "amounts", "heights")
 """What samples may be."""
 
 _NAMED_DTYPE = re.compile(r"(bool|u?int8|u?int16|u?int32|u?int64|float16|float32|float64)(le|be)?")
@@ -30,7 +30,7 @@ _TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "color": ((str, Path), "the path of a picture"),
     "relief": ((int, float), "a positive height in world units"),
     "levels": ((int,), "a whole number"),
-    "values": ((str,), "labels or amounts"),
+    "values": ((str,), "labels, amounts or heights"),
     "anywhere": ((bool,), "true or false"),
 }
 """What an option may be, and how that is said."""
@@ -48,7 +48,8 @@ class LoadOptions:
     series: number of a DICOM series in the list of `splatgl info`, from 1 on, or the end of its UID.
     color: path of the colour picture of a height map; relief: the world height that the map spans;
     levels: voxel levels of the terrain.
-    values: "labels" or "amounts", what samples are, where the file does not say or says it wrongly.
+    values: "labels" or "amounts", what samples are, where the file does not say or says it wrongly; "heights" of a
+    terrain, of a single picture.
     anywhere: the data of a detached header may lie outside its folder; only for trusted headers.
     Raises InputError for values that no file could have.
     """
@@ -91,7 +92,7 @@ class LoadOptions:
             if isinstance(value, int) and value < 0:
                 raise expected(name, "zero or more", value)
         if self.values not in (None, *VALUES):
-            raise expected("values", " or ".join(VALUES), repr(self.values))
+            raise expected("values", "labels, amounts or heights", repr(self.values))
         if self.levels < 2:
             raise expected("levels", "two or more voxel levels", self.levels)
         if self.relief is not None and not 0 < self.relief < np.inf:
@@ -109,8 +110,19 @@ class LoadOptions:
             raise expected("channel", "a whole number", repr(self.channel))
         return self.channel
 
+    def refuse(self, name: str, this: str) -> None:
+        """InputError for an option of what the file has none or one of; the number of the one is no error.
+
+        this: what would have it, in words.
+        """
+        value = getattr(self, name)
+        if value not in (None, 0, "0"):
+            raise expected(name, this, repr(value), "leave it out")
+
     def time_number(self, count: int) -> int:
-        """The time point below `count`: `time`, else `array`, else the first."""
+        """The time point below `count`: `time`, else `array`, else the first. InputError if both are given."""
+        if self.time is not None and self.array is not None:
+            raise expected("array", "none beside time", repr(self.array), "leave one of them out")
         if self.time is not None and self.time >= count:
             raise expected("time", f"a number from 0 to {count - 1}", self.time)
         return self.time if self.time is not None else self.array_number(count) or 0

@@ -44,13 +44,15 @@ class Channel:
 @dataclass(frozen=True)
 class Several:
     """channels: of a file, none if it has one only. together: whether the file says that they are one picture.
-    times: number of time points; step: seconds between two, None if not told.
+    times: number of time points; step: seconds between two, None if not told. components: of a voxel without channels,
+    such as those of a colour, of which a number picks one.
     """
 
     channels: tuple[Channel, ...] = ()
     together: bool = False
     times: int = 1
     step: float | None = None
+    components: int = 1
 
     def chosen(self, options: LoadOptions) -> list[int | None]:
         """Numbers of the channels that are read; [None]: the file has no more than one. Raises InputError for names and
@@ -58,7 +60,9 @@ class Several:
         """
         count, asked = len(self.channels), options.channel
         if count < 2:
-            # a number may pick one of a colour's components
+            if isinstance(asked, int) and asked >= self.components:
+                this = f"a number from 0 to {self.components - 1}" if self.components > 1 else "a file of channels"
+                raise expected("channel", this, asked)
             return [None if asked in ("all", None) else asked if isinstance(asked, int) else self._number(asked, count)]
         if asked is None and not self.together:
             fix = f"pick with channel=0 … channel={count - 1}, channel=all"

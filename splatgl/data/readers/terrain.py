@@ -6,13 +6,17 @@ The picture's row 0 is the far, northern edge, so that y = H − 1 − row; a CS
 from __future__ import annotations
 
 import io
+import re
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from splatgl.data.color import luma
 from splatgl.data.errors import expected
 from splatgl.data.readers.files import library, require_plausible
 from splatgl.data.readers.options import DEFAULT_LEVELS, LoadOptions
+from splatgl.data.readers.several import as_microscope
 from splatgl.data.sizes import require_memory
 from splatgl.data.volume import Hints, Volume
 
@@ -24,6 +28,9 @@ PER_COLUMN = 24
 
 PICTURES = ("PNG", "JPEG", "TIFF", "BMP", "GIF", "WEBP", "PPM")
 """Formats that pictures are read in; Pillow's others run programs or are found by guessing."""
+
+DARK, NOISY, DARK_LEAST = 0.5, 1.2, 16
+"""Least share of a dark ground, ratio of second to first differences of noise in it (1.7), and pixels of a side."""
 
 SOLID = 255
 """Sample of a voxel at or below the ground; 0 above it."""
@@ -37,6 +44,23 @@ RELIEF = (DEFAULT_LEVELS - 1) / 512
 _TINTS = np.array([[64, 104, 60], [122, 143, 79], [176, 158, 106], [142, 112, 86], [244, 244, 244]], np.float64)
 """sRGB of lowland, meadow, steppe, rock and snow: what is drawn where no colour picture is given."""
 
+DEGREE = 6_371_000 * np.pi / 180
+"""Metres of a degree of latitude on a sphere."""
+
+CUSTOM = (-9999.0, -99999.0, -32768.0, -32767.0)
+"""Heights that stand for none in files that do not say so (ESRI's, SRTM's), where they lie far below all others."""
+
+ENDLESS = 1e20
+"""Size from which a height is none, in metres and anything else: the ends of float32, and NetCDF's 9.97e36."""
+
+HEIGHTS = re.compile(
+    r"(?<![a-z])(dem|dtm|dsm|srtm|aster|lidar|heights?|heightmap|elev(ation)?|terrain|relief|topo(graphy)?|bathy(metry)?)"
+)
+PLANES = re.compile(
+    r"(?<![a-z])(dapi|hoechst|[emy]?gfp|[ry]fp|mcherry|fitc|tritc|cy[357]|fluo\w*|confocal|widefield|brightfield|stained)"
+)
+"""Words in names of maps of heights, and of a microscope's pictures."""
+
 _HINTS = Hints(
     window=(0.0, float(SOLID)),
     points=((SOLID / 2 - 0.5, 0.0), (SOLID / 2 + 0.5, 1.0)),
@@ -44,6 +68,20 @@ _HINTS = Hints(
     azimuth=25.0,
     elevation=35.0,
 )
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a file says of its heights. step: widths of a pixel along x and y, None if not told, in `unit`. missing: the
+    number that stands for no height. slope, offset: of heights from what is stored. notes: on what was assumed.
+    """
+
+    step: tuple[float, float] | None = None
+    unit: str = ""
+    missing: float | None = None
+    slope: float = 1.0
+    offset: float = 0.0
+    notes: tuple[str, ...] = ()
 
 
 def terrain_from_heights(
@@ -94,21 +132,127 @@ def _check_columns(path: Path, width: int, height: int, levels: int) -> None:
 
 
 def read_picture(path: Path, options: LoadOptions) -> Volume:
-    """The terrain of a picture of heights: grey, 8 or 16 bits or float, bright is high."""
-    return terrain_of_picture(path, grey_heights(_open_picture(path, options.levels)), options)
+    """The terrain of a picture of heights: grey, 8 or 16 bits or float, bright is high; or a microscope's plane."""
+    pixels = _open_picture(path, 1)
+    is_map, told = kind_of_picture(path, pixels, options)
+    volume = (
+        terrain_of_picture(path, grey_heights(pixels), options) if is_map else as_microscope(plane_of_picture(pixels))
+    )
+    return replace(volume, notes=(*volume.notes, *([told] if told else [])))
 
 
 def read_csv(path: Path, options: LoadOptions) -> Volume:
-    """The terrain of a table of heights: comma-separated numbers, the first line the southern edge (y = 0)."""
-    with library("a CSV table of heights"), path.open(encoding="latin-1") as file:
-        heights = np.loadtxt(file, delimiter=",", ndmin=2, dtype=np.float64)
-    return terrain_from_heights(heights, _color(path, options), options.levels, options.relief)
+    """The terrain of a table of heights: comma-separated numbers, the first line the southern edge (y = 0); cells that
+    are empty or no number are holes.
+    """
+    with library("a CSV table of heights"):
+        try:
+            with path.open(encoding="latin-1") as file:
+                heights = np.loadtxt(file, delimiter=",", ndmin=2, dtype=np.float64)
+        except ValueError:
+            heights = _with_holes(path)
+    if options.values in ("labels", "amounts"):
+        return Volume(heights[None])
+    return _surveyed(heights, _color(path, options), options, Survey())
 
 
-def terrain_of_picture(path: Path, rows: np.ndarray, options: LoadOptions) -> Volume:
+def _with_holes(path: Path) -> np.ndarray:
+    """The numbers of a table with empty cells, NaN there."""
+    with path.open(encoding="latin-1") as file:
+        rows = [[cell.strip().lower() for cell in line.split(",")] for line in file if line.strip()]
+    none = ("", "na", "n/a", "nan", "null", "none", "-", "nodata")
+    return np.array([[np.nan if cell in none else float(cell) for cell in row] for row in rows])
+
+
+def terrain_of_picture(path: Path, rows: np.ndarray, options: LoadOptions, survey: Survey | None = None) -> Volume:
     """The terrain of heights in picture order [H, W], row 0 the northern edge."""
     _check_columns(path, rows.shape[1], rows.shape[0], options.levels)
-    return terrain_from_heights(rows[::-1], _color(path, options), options.levels, options.relief)
+    return _surveyed(rows[::-1], _color(path, options), options, survey or Survey())
+
+
+def _surveyed(heights: np.ndarray, color: np.ndarray | None, options: LoadOptions, survey: Survey) -> Volume:
+    """The terrain of heights, row 0 at y = 0, with holes where there are none, as high and wide as the survey says."""
+    if options.relief is not None and options.spacing is not None:
+        raise expected("relief", "none beside spacing, whose z is the height of a level", options.relief)
+    found, told = _without_missing(heights, survey.missing)
+    found = found * survey.slope + survey.offset
+    volume = terrain_from_heights(found, color, options.levels, options.relief)
+    notes = (*survey.notes, *told)
+    if survey.step is None:
+        return replace(volume, notes=notes)
+    relief = options.relief or float(np.nanmax(found) - np.nanmin(found)) or min(survey.step)
+    spacing = (*survey.step, relief / (options.levels - 1))
+    return replace(volume, spacing=spacing, unit=survey.unit, notes=notes)
+
+
+def _without_missing(heights: np.ndarray, missing: float | None) -> tuple[np.ndarray, list[str]]:
+    """Heights in float64, NaN where there are none; what is told of these."""
+    found = np.asarray(heights, np.float64)
+    kind = heights.dtype
+    if missing is not None:
+        # as it is written in the file's own type
+        same = np.float64(np.float32(missing)) if kind == np.float32 else missing
+        holes, why = np.isin(found, (missing, same)), f"no data ({missing:g})"
+    else:
+        finite = found[np.abs(found) < ENDLESS]
+        least = float(finite.min()) if finite.size else 0.0
+        rest = finite[finite > least]
+        custom = least in CUSTOM and rest.size and rest.min() - least > np.ptp(rest)
+        holes = np.abs(found) >= ENDLESS
+        holes |= (found == least) if custom and kind.kind in "if" else False
+        why = f"{least:g}, which by custom means no data," if custom else "beyond any height"
+    holes &= np.isfinite(found)
+    count = int(np.count_nonzero(holes))
+    found = np.where(holes, np.nan, found)
+    told = [f"{count:,} of {found.size:,} heights are {why} and left out"] if count else []
+    return found, told
+
+
+def plane_of_picture(pixels: np.ndarray) -> Volume:
+    """One plane of a picture [H, W] or of colours [H, W, 3…4], row 0 at y = 0, as thick as a pixel is wide."""
+    if pixels.ndim == 2:
+        return Volume(pixels[None])
+    if pixels.ndim == 3 and pixels.shape[-1] in (1, 2):
+        return Volume(pixels[None, ..., 0])
+    if pixels.ndim != 3 or pixels.shape[-1] > 4 or pixels.dtype not in (np.uint8, np.uint16):
+        raise expected("picture", "grey, or colours of 8 or 16 bits", f"{pixels.dtype} {pixels.shape}")
+    color = pixels[None, ..., :3] if pixels.dtype == np.uint8 else (pixels[None, ..., :3] >> 8).astype(np.uint8)
+    return Volume(luma(color), color=np.ascontiguousarray(color))
+
+
+def kind_of_picture(path: Path, pixels: np.ndarray, options: LoadOptions, surveyed: bool = False) -> tuple[bool, str]:
+    """Whether a single picture is a map of heights, else a plane; and what is told of the choice, "" if it was asked.
+
+    A survey and options of terrains speak for heights, then the file's name, then a dark and noisy ground for a plane.
+    """
+    named = path.name.lower()
+    if options.values is not None:
+        return options.values == "heights", ""
+    if surveyed or options.color is not None or options.relief is not None or options.levels != DEFAULT_LEVELS:
+        return True, ""
+    plane = not HEIGHTS.search(named) and bool(PLANES.search(named) or _is_dark(pixels))
+    if plane:
+        return False, "a single picture is drawn as a plane: --values heights draws it as a terrain"
+    return True, "a single picture is drawn as heights of a terrain: --values amounts draws it as a plane"
+
+
+def _is_dark(pixels: np.ndarray) -> bool:
+    """Whether most of a grey picture is the noise of a camera in the dark: the lowest tenth of the range, where
+    neighbours differ at random. Ground is even or smooth: the sea, a plain.
+    """
+    if pixels.ndim != 2 or min(pixels.shape) < DARK_LEAST:
+        return False
+    values = np.asarray(pixels, np.float64)
+    if not np.isfinite(values).all():
+        return False
+    low, high = np.percentile(values, (0.1, 99.9))
+    dark = values < low + (high - low) / 10
+    three = dark[:, 2:] & dark[:, 1:-1] & dark[:, :-2]
+    if high <= low or dark.mean() < DARK or not three.any():
+        return False
+    bends, slopes = np.abs(np.diff(values, 2, axis=1))[three], np.abs(values[:, 2:] - values[:, :-2])[three]
+    # of noise √6 to √2 of its deviation
+    return float(bends.mean()) > NOISY * float(slopes.mean())
 
 
 def grey_heights(pixels: np.ndarray) -> np.ndarray:

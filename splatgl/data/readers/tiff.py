@@ -13,6 +13,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -31,9 +32,17 @@ from splatgl.data.readers.files import (
 from splatgl.data.readers.grid import METRES, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.several import as_microscope
-from splatgl.data.readers.terrain import grey_heights, terrain_of_picture
+from splatgl.data.readers.terrain import (
+    HEIGHTS,
+    Survey,
+    grey_heights,
+    kind_of_picture,
+    plane_of_picture,
+    terrain_of_picture,
+)
 from splatgl.data.readers.tiff_channels import several
 from splatgl.data.readers.tiff_checks import check_chain, check_ome
+from splatgl.data.readers.tiff_images import about, chosen, pixels_of, survey_of
 from splatgl.data.readers.tiff_lzw import guard
 from splatgl.data.readers.tiff_parts import open_tiff, parts
 from splatgl.data.readers.xml_tree import parse_xml
@@ -43,14 +52,18 @@ from splatgl.data.volume import Triple, Volume
 _CODECS = {
     1: "none",
     5: "LZW",
+    7: "JPEG",
     8: "deflate",
     32773: "PackBits",
     32946: "deflate",
+    33003: "JPEG 2000",
+    33005: "JPEG 2000",
+    34712: "JPEG 2000",
     34925: "LZMA",
     34926: "Zstandard",
     50000: "Zstandard",
 }
-"""Compressions of whole numbers as they are: each is told how many bytes a strip may expand to."""
+"""Compressions that are read: each is told how many bytes a strip may expand to, or states the size of its picture."""
 
 _FREE_PLANES, _PLANES_PER_PAGE = 4096, 64
 """Planes that metadata may state beyond the file's pages, as aborted recordings do; all that are missing read as 0."""
@@ -60,7 +73,9 @@ Grid = tuple[Triple, str]
 
 @dataclass(frozen=True)
 class _Series:
-    """A level of the first series according to tifffile; offset: of its samples if they are one uncompressed run."""
+    """A level of a series according to tifffile; offset: of its samples if they are one uncompressed run. bits: of a
+    sample in the file.
+    """
 
     axes: str
     shape: tuple[int, ...]
@@ -68,6 +83,7 @@ class _Series:
     offset: int | None
     is_color: bool
     is_compressed: bool
+    bits: int
     segments: tuple[tuple[int, int], ...]
     grid: Grid
 
@@ -77,8 +93,15 @@ class _Series:
         return [axis for axis, size in enumerate(self.shape) if size > 1 or self.axes[axis] in "ZYX"]
 
 
+def contents(path: Path) -> list[str]:
+    """A line for each image of a file: its number, name and size; a star marks the one that is read."""
+    with _complaints(), open_tiff(path) as tiff, library("TIFF"):
+        place, _ = chosen(tiff, LoadOptions())
+        return [f"{'*' if n == place else ' '} {n + 1}   {about(each)}" for n, each in enumerate(tiff.series)]
+
+
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of the first series of a TIFF file, or the terrain of a 2-D one.
+    """The volume of an image of a TIFF file, the largest unless `series` picks one; of a 2-D one its terrain or plane.
 
     `channel` picks channels, `time` a time point, `level` one of a multiscale image, whose coarser levels are read in
     parts. Spacing and unit are those of ImageJ's or OME's metadata, else 1.
@@ -89,40 +112,126 @@ def read(path: Path, options: LoadOptions) -> Volume:
         with library("TIFF"):
             if tiff.ome_metadata:
                 check_ome(parse_xml(tiff.ome_metadata, "OME-XML"))
-            found = [_describe(level, tiff) for level in tiff.series[0].levels]
-        number = options.level or 0
-        if number >= len(found) or (options.level is not None and len(found) == 1):
-            this = f"a number from 0 to {len(found) - 1}" if len(found) > 1 else "a multiscale image"
-            raise expected("level", this, number)
-        for series in found:
-            _check_bytes(path, series)
-        series = found[number]
-        z = _stack_axis(series)
-        if z is None:
-            return terrain_of_picture(path, grey_heights(np.squeeze(_pixels(path, tiff, series, number))), options)
-        large = len(found) > 1 and series.offset is None and byte_count(series.shape, series.dtype) > WHOLE
-        times = dict(zip(series.axes, series.shape, strict=True)).get("T", 1)
-        time = options.time_number(times) if times > 1 else 0
-        pixels = None if large else _pixels(path, tiff, series, number, time)
+            place, notes = chosen(tiff, options)
+            pixels = pixels_of(tiff, place)
+            survey = survey_of(tiff.series[place].keyframe)
+        image = _Image(path, tiff, place, pixels, survey)
+        volume = _read(image, options)
+        return replace(volume, notes=(*notes, *_told(image), *volume.notes))
 
-        def read_one(channel: int | None) -> Volume:
-            whole = _is_rgb(series) and (channel is None or _is_channelled(series))
-            index = _index(series, z, replace(options, channel=0 if channel is None and whole else channel))
-            here = index if pixels is None else _index_of(pixels, index)
-            (samples,) = parts(path, [number], series.axes, index) if pixels is None else [pixels[here]]
-            volume = _on_grid(samples, series, found[0])
-            if pixels is not None and whole:
-                return _colored(volume, pixels, here, series)
-            if options.level is not None or len(found) == 1:
-                return volume
-            others = [n for n, level in enumerate(found) if n and _alike(level, series)]
-            coarser = zip(parts(path, others, series.axes, index), others, strict=True)
-            return replace(volume, coarser=tuple(_on_grid(samples, found[n], series) for samples, n in coarser))
 
-        with library("TIFF"):
-            told = several(tiff, series.axes, series.shape)
-        volume = told.volume(options, read_one)
-        return as_microscope(volume) if tiff.ome_metadata or tiff.imagej_metadata else volume
+@dataclass(frozen=True)
+class _Image:
+    """An image of an open file: its place in tiff.series, OME's element of its pixels, and what it says of heights."""
+
+    path: Path
+    tiff: Any
+    place: int
+    pixels: Element | None
+    survey: Survey | None
+
+    @property
+    def series(self) -> Any:
+        """It, in tifffile."""
+        return self.tiff.series[self.place]
+
+    @property
+    def is_microscope(self) -> bool:
+        """Whether its metadata are those of OME or ImageJ."""
+        return self.pixels is not None or bool(self.tiff.imagej_metadata)
+
+    def is_plane(self, options: LoadOptions) -> bool:
+        """Whether a single picture of it is a microscope's plane by its metadata."""
+        heights = self.survey is not None or bool(HEIGHTS.search(self.path.name.lower()))
+        asked = options.values == "heights" or options.color is not None or options.relief is not None
+        return self.is_microscope and not asked and (options.values is not None or not heights)
+
+
+def _told(image: _Image) -> list[str]:
+    """What the file states that is not heeded."""
+    notes = []
+    if image.tiff.ome_metadata and image.series.kind != "ome":
+        notes.append(
+            "OME's metadata name other files, or planes that are not here: only the pages of this one are read"
+        )
+    if image.series.keyframe.photometric.name == "MINISWHITE":
+        notes.append("values are as they are stored, though the file shows 0 as white")
+    return notes
+
+
+def _read(image: _Image, options: LoadOptions) -> Volume:
+    path, tiff = image.path, image.tiff
+    with library("TIFF"):
+        found = [_describe(level, image, image.is_plane(options)) for level in image.series.levels]
+    number = options.level or 0
+    if number >= len(found) or (options.level is not None and len(found) == 1):
+        this = f"a number from 0 to {len(found) - 1}" if len(found) > 1 else "a multiscale image"
+        raise expected("level", this, number)
+    for series in found:
+        _check_bytes(path, series)
+    series = found[number]
+    z = _stack_axis(series)
+    if z is None:
+        return _of_picture(image, series, number, options)
+    _refuse_unused(series, z, options)
+    large = len(found) > 1 and series.offset is None and byte_count(series.shape, series.dtype) > WHOLE
+    times = dict(zip(series.axes, series.shape, strict=True)).get("T", 1)
+    time = options.time_number(times) if times > 1 else 0
+    pixels = None if large else _pixels(image, series, number, time)
+
+    def read_one(channel: int | None) -> Volume:
+        whole = _is_rgb(series) and (channel is None or _is_channelled(series))
+        index = _index(series, z, replace(options, channel=0 if channel is None and whole else channel))
+        here = index if pixels is None else _index_of(pixels, index)
+        (samples,) = parts(path, image.place, [number], series.axes, index) if pixels is None else [pixels[here]]
+        volume = _on_grid(_without_missing(samples, image.survey), series, found[0])
+        if pixels is not None and whole:
+            return _colored(volume, pixels, here, series)
+        if options.level is not None or len(found) == 1:
+            return volume
+        others = [n for n, level in enumerate(found) if n and _alike(level, series)]
+        coarser = zip(parts(path, image.place, others, series.axes, index), others, strict=True)
+        return replace(volume, coarser=tuple(_on_grid(samples, found[n], series) for samples, n in coarser))
+
+    with library("TIFF"):
+        told = several(tiff, image.pixels, series.axes, series.shape)
+    if series.axes[z] == "S":
+        told = replace(told, components=1)
+    volume = told.volume(options, read_one)
+    return as_microscope(volume) if image.is_microscope else volume
+
+
+def _of_picture(image: _Image, series: _Series, number: int, options: LoadOptions) -> Volume:
+    """The terrain of a single picture, or its plane."""
+    for name in ("array", "channel", "time"):
+        options.refuse(name, "a stack, where this is a single picture")
+    rows = np.squeeze(_pixels(image, series, number))
+    rows = rows.reshape(rows.shape if rows.ndim > 1 else (1, -1))
+    is_map, told = kind_of_picture(image.path, rows, options, image.survey is not None)
+    if is_map:
+        volume = terrain_of_picture(image.path, grey_heights(rows), options, image.survey)
+    else:
+        volume = replace(as_microscope(plane_of_picture(rows)), spacing=series.grid[0], unit=series.grid[1])
+    return replace(volume, notes=(*volume.notes, *([told] if told else [])))
+
+
+def _refuse_unused(series: _Series, z: int, options: LoadOptions) -> None:
+    """InputError for options of what the image does not have."""
+    letters = [series.axes[axis] for axis in series.long if axis != z]
+    others = [letter for letter in letters if letter not in "YXCS"]
+    if not others:
+        options.refuse("array", f"an axis beside z, y, x and channels, where this has {series.axes}")
+    if options.values == "heights" or options.color is not None or options.relief is not None:
+        name = "values" if options.values == "heights" else "color" if options.color is not None else "relief"
+        raise expected(name, "a single picture of heights", f"{series.shape[z]} planes", "leave it out")
+
+
+def _without_missing(samples: Any, survey: Survey | None) -> Any:
+    """Samples with NaN where GDAL's number for no data stands; as they are where there is none."""
+    if survey is None or survey.missing is None or not isinstance(samples, np.ndarray):
+        return samples
+    holes = np.isin(samples, (survey.missing, np.float64(np.float32(survey.missing))))
+    return np.where(holes, np.nan, samples).astype(np.float32) if holes.any() else samples
 
 
 def _is_rgb(series: _Series) -> bool:
@@ -188,7 +297,8 @@ class _FirstError(logging.Handler):
             self.message = record.getMessage()
 
 
-def _describe(series: Any, tiff: Any) -> _Series:
+def _describe(series: Any, image: _Image, plane: bool) -> _Series:
+    """plane: whether a single picture is one of a stack."""
     _check_codec(series)
     pages = [page for page in series.pages if page is not None]
     guard(pages)
@@ -196,25 +306,20 @@ def _describe(series: Any, tiff: Any) -> _Series:
     axes, shape = series.axes, tuple(series.shape)
     if min(shape, default=0) < 1:
         raise expected("size", "at least one entry along each axis", f"{axes} {shape}", "the header is damaged")
-    if (tiff.ome_metadata or tiff.imagej_metadata) and _is_plane(axes, shape):
+    if plane and {"Y", "X"} <= set(axes) <= set("TCYXS"):
         at = axes.index("Y")
         axes, shape = f"{axes[:at]}Z{axes[at:]}", (*shape[:at], 1, *shape[at:])
     return _Series(
         axes=axes,
         shape=shape,
-        dtype=np.dtype(series.dtype).newbyteorder(tiff.byteorder),
+        dtype=np.dtype(series.dtype).newbyteorder(image.tiff.byteorder),
         offset=series.dataoffset,
         is_color=series.keyframe.photometric.name in ("RGB", "YCBCR", "CIELAB", "SEPARATED"),
         is_compressed=series.keyframe.compression != 1,
+        bits=int(np.max(series.keyframe.bitspersample)),
         segments=segments,
-        grid=_grid(tiff),
+        grid=_grid(image),
     )
-
-
-def _is_plane(axes: str, shape: tuple[int, ...]) -> bool:
-    """Whether a microscope's series is one plane of several channels or time points."""
-    long = {letter for letter, size in zip(axes, shape, strict=True) if size > 1 or letter in "YX"}
-    return {"Y", "X"} <= long <= set("TCYXS") and not long.isdisjoint("TC") and "Z" not in axes
 
 
 def _check_codec(series: Any) -> None:
@@ -224,7 +329,9 @@ def _check_codec(series: Any) -> None:
         raise expected("samples", "8 to 64 bits each", f"{frame.bitspersample} bits", "convert the file")
     if int(frame.compression) not in _CODECS:
         known = ", ".join(dict.fromkeys(_CODECS.values()))
-        raise expected("compression", f"one of {known}", frame.compression.name, "save it with deflate")
+        raise expected(
+            "compression", f"one of {known}", frame.compression.name, "convert it with: tiffcp -c zip OLD NEW"
+        )
     pages = [page for page in series.pages if page is not None]
     if len(series.pages) > _FREE_PLANES + _PLANES_PER_PAGE * len(pages):
         raise expected("planes", f"about the file's {len(pages)} pages", len(series.pages), "the metadata are damaged")
@@ -245,7 +352,8 @@ def _check_bytes(path: Path, series: _Series) -> None:
     if series.is_compressed:
         require_plausible(needed, stored, bounded=False)
     else:
-        require_bytes(needed, stored)
+        # samples of 1 to 31 bits may be packed
+        require_bytes(min(needed, math.prod(series.shape) * series.bits // 8), stored)
 
 
 def _stack_axis(series: _Series) -> int | None:
@@ -284,28 +392,31 @@ def _index_of(pixels: np.ndarray, index: tuple[int | slice, ...]) -> tuple[int |
     return tuple(at if size > 1 or isinstance(at, slice) else 0 for at, size in zip(index, pixels.shape, strict=True))
 
 
-def _pixels(path: Path, tiff: Any, series: _Series, level: int, time: int = 0) -> np.ndarray:
+def _pixels(image: _Image, series: _Series, level: int, time: int = 0) -> np.ndarray:
     """All samples [series.shape]; those of one time point, if they are pages of their own that have to be decoded."""
     if series.offset is not None:
-        return map_array(path, series.offset, series.dtype, series.shape)
+        return map_array(image.path, series.offset, series.dtype, series.shape)
     with library("TIFF"):
-        whole = tiff.series[0].levels[level]
+        whole = image.series.levels[level]
         ahead, at = whole.shape[: -len(whole.keyframe.shape)], whole.axes.find("T")
         if 0 <= at < len(ahead) and math.prod(ahead) == len(whole):
             pages = np.arange(len(whole)).reshape(ahead).take(time, axis=at).ravel().tolist()
             if all(whole[page] is not None for page in pages):
                 shape = (*series.shape[:at], 1, *series.shape[at + 1 :])
-                require_memory(byte_count(shape, series.dtype), path.stat().st_size)
-                return np.asarray(tiff.asarray(key=pages, series=0, level=level)).reshape(shape)
-        require_memory(byte_count(series.shape, series.dtype), path.stat().st_size)
+                require_memory(byte_count(shape, series.dtype), image.path.stat().st_size)
+                return np.asarray(image.tiff.asarray(key=pages, series=image.place, level=level)).reshape(shape)
+        require_memory(byte_count(series.shape, series.dtype), image.path.stat().st_size)
         return np.asarray(whole.asarray()).reshape(series.shape)
 
 
-def _grid(tiff: Any) -> Grid:
-    if tiff.ome_metadata:
-        return _ome_grid(tiff.ome_metadata)
-    if tiff.imagej_metadata:
-        return _imagej_grid(tiff)
+def _grid(image: _Image) -> Grid:
+    if image.pixels is not None:
+        return _ome_grid(image.pixels)
+    if image.tiff.imagej_metadata:
+        return _imagej_grid(image.tiff)
+    if image.survey is not None and image.survey.step is not None:
+        x, y = image.survey.step
+        return (x, y, min(x, y)), image.survey.unit
     return (1.0, 1.0, 1.0), ""
 
 
@@ -318,9 +429,8 @@ def _imagej_grid(tiff: Any) -> Grid:
     return (x, y, z), unit_name(str(metadata.get("unit", "")))
 
 
-def _ome_grid(text: str) -> Grid:
+def _ome_grid(pixels: Element) -> Grid:
     """OME: PhysicalSizeX/Y/Z, micrometres unless said otherwise; all are turned into the unit of x."""
-    pixels = next(node for node in parse_xml(text, "OME-XML").iter() if node.tag.endswith("}Pixels"))
     sizes = {axis: float(pixels.get(f"PhysicalSize{axis}", 0)) for axis in "XYZ"}
     units = {axis: unit_name(pixels.get(f"PhysicalSize{axis}Unit", "um")) for axis in "XYZ"}
     if not any(sizes.values()):

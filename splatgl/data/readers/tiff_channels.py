@@ -4,30 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
+from xml.etree.ElementTree import Element
 
 from splatgl.data.readers.several import SECONDS, Channel, Several, rgb_of, window_of
-from splatgl.data.readers.xml_tree import parse_xml
 
 WHITE = "#ffffff"
 # ImageJ's colours of a composite without lookup tables, which it leaves out of its files
 COMPOSITE = ("#ff0000", "#00ff00", "#0000ff", WHITE, "#00ffff", "#ff00ff", "#ffff00")
 
 
-def several(tiff: Any, axes: str, shape: tuple[int, ...]) -> Several:
-    """The channels and time points of the first series, of those axes."""
+def several(tiff: Any, pixels: Element | None, axes: str, shape: tuple[int, ...]) -> Several:
+    """The channels and time points of an image of those axes. pixels: OME's element of it."""
     sizes = dict(zip(axes, shape, strict=True))
     count, times = sizes.get("C", 1), sizes.get("T", 1)
-    if tiff.ome_metadata:
-        return _of_ome(tiff.ome_metadata, count, times)
-    if tiff.imagej_metadata:
-        return _of_imagej(tiff.imagej_metadata, count, times)
-    return Several(tuple(Channel(str(n)) for n in range(count)), times=times)
+    if pixels is not None:
+        found = _of_ome(pixels, count, times)
+    elif tiff.imagej_metadata:
+        found = _of_imagej(tiff.imagej_metadata, count, times)
+    else:
+        found = Several(tuple(Channel(str(n)) for n in range(count)), times=times)
+    return replace(found, components=sizes.get("S", 1))
 
 
-def _of_ome(text: str, count: int, times: int) -> Several:
+def _of_ome(pixels: Element, count: int, times: int) -> Several:
     """Colours are signed numbers of 32 bits, RGBA; times are seconds unless said otherwise."""
-    pixels = next(node for node in parse_xml(text, "OME-XML").iter() if node.tag.endswith("}Pixels"))
     nodes = [node for node in pixels if node.tag.endswith("}Channel")][:count]
     found = [Channel(node.get("Name") or str(n), _ome_color(node.get("Color"))) for n, node in enumerate(nodes)]
     found += [Channel(str(n)) for n in range(len(found), count)]

@@ -1,4 +1,4 @@
-"""A look at LZW-compressed strips of TIFF files before they are decoded: damaged ones make the decoder crash.
+"""A look at strips of TIFF files before they are decoded: damaged LZW makes the decoder crash, JPEG may state any size.
 
 A code of a strip refers to one that came before it. The decoder of imagecodecs follows those that do not into memory
 that was never written.
@@ -7,13 +7,15 @@ that was never written.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from splatgl.data.errors import expected
+from splatgl.data.readers.codestream import MOST_TILES, stream_size
 
-_LZW = 5
+_LZW, _PICTURES = 5, (7, 33003, 33005, 34712)
 _CLEAR, _END = 256, 257
 
 # of the n-th code after a table is cleared: its bits, where it starts, and the first code that is not yet in the table
@@ -29,25 +31,39 @@ _FEW, _BYTES = 256, 64
 
 
 def guard(pages: Iterable[Any]) -> None:
-    """Makes tifffile's pages check LZW-compressed strips before they decode them."""
+    """Makes tifffile's pages check strips of LZW, JPEG and JPEG 2000 before they decode them."""
     for page in pages:
-        if page is None or page.keyframe.compression != _LZW:
+        if page is None or page.keyframe.compression not in (_LZW, *_PICTURES):
             continue
         frame = page.keyframe
         if not isinstance(frame.decode, _Checked):
-            frame.decode = _Checked(frame.decode, frame.fillorder == 2)
+            frame.decode = _Checked(frame.decode, _check_of(frame))
+
+
+def _check_of(frame: Any) -> Callable[[bytes], None]:
+    if frame.compression == _LZW:
+        return partial(check_lzw, reversed_bits=frame.fillorder == 2)
+    return partial(check_picture, rows=int(frame.chunks[0]), columns=int(frame.chunks[1]))
 
 
 class _Checked:
     """A page's decoder that raises InputError for damaged strips."""
 
-    def __init__(self, decode: Callable[..., Any], reversed_bits: bool) -> None:
-        self.decode, self.reversed_bits = decode, reversed_bits
+    def __init__(self, decode: Callable[..., Any], check: Callable[[bytes], None]) -> None:
+        self.decode, self.check = decode, check
 
     def __call__(self, data: bytes | None, index: int, **given: Any) -> Any:
         if data is not None:
-            check_lzw(data, self.reversed_bits)
+            self.check(data)
         return self.decode(data, index, **given)
+
+
+def check_picture(data: bytes, rows: int, columns: int) -> None:
+    """Raises InputError for a strip or tile that states a larger picture than its place has."""
+    size, tiles = stream_size(bytes(data))
+    if not size or size[0] > rows or size[1] > columns or tiles > MOST_TILES:
+        got = f"{size[1]} × {size[0]} in {tiles} tiles" if size else "none"
+        raise expected("picture in a strip", f"{columns} × {rows} pixels at most", got, "the file is damaged")
 
 
 def check_lzw(data: bytes, reversed_bits: bool = False) -> None:

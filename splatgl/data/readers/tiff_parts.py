@@ -28,10 +28,9 @@ def open_tiff(path: Path) -> Any:
         return tifffile.TiffFile(path, _multifile=False, **kinds)
 
 
-def parts(path: Path, levels: Sequence[int], axes: str, index: Sequence[int | slice]) -> list[Chunked]:
-    """What `index` leaves free of those levels of the first series; the file is open for as long as one of them lives.
-
-    axes: of the index; one that the series lacks has one entry.
+def parts(path: Path, place: int, levels: Sequence[int], axes: str, index: Sequence[int | slice]) -> list[Chunked]:
+    """What `index` leaves free of those levels of an image, by its place in tiff.series; the file is open as long as
+    one of them lives. axes: of the index; one that the series lacks has one entry.
     """
     try:
         import zarr
@@ -39,7 +38,7 @@ def parts(path: Path, levels: Sequence[int], axes: str, index: Sequence[int | sl
         raise missing_extra("multiscale TIFF files", "zarr", "readers") from None
     file = _OneFile(path)
     with library("TIFF"):
-        series = file.tiff.series[0]
+        series = file.tiff.series[place]
         for level in levels:
             guard(series.levels[level].pages)
         found = [(zarr.open_array(series.aszarr(level=level), mode="r"), series.levels[level].axes) for level in levels]

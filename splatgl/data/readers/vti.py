@@ -17,7 +17,7 @@ from splatgl.data.readers.even import even_steps
 from splatgl.data.readers.files import Shape, data_file, grid_shape
 from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.readers.options import LoadOptions
-from splatgl.data.readers.vtk_arrays import PointArray, hints_for, pick
+from splatgl.data.readers.vtk_arrays import PointArray, hints_for, pick, told
 from splatgl.data.readers.vtk_pieces import Piece, cells_along, joined
 from splatgl.data.readers.vtk_xml import VtkXml, arrays_of, extent_of, numbers_in, parse_vtk
 from splatgl.data.volume import Volume
@@ -137,4 +137,7 @@ def _volume(pieces: list[Piece], grid: Grid, options: LoadOptions) -> Volume:
     # 2. where the first of them stands
     counts = np.array([max(piece.low[axis] + piece.shape[2 - axis] for piece in pieces) for axis in range(3)]) - low
     first = np.array(low, np.float64) + (np.where(counts > 1, 0.5, 0.0) if of_cells else 0.0)
-    return Volume(samples, spacing, triple(matrix @ first + origin, "Origin"), direction, vectors=vectors, hints=hints)
+    place = triple(matrix @ first + origin, "Origin")
+    # arrays of points and of cells are listed together
+    notes = told([*arrays, *(points if of_cells else cells)], options)
+    return Volume(samples, spacing, place, direction, vectors=vectors, hints=hints, notes=notes)

@@ -12,6 +12,9 @@ from splatgl.data.quantities import hints_of
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Hints
 
+MOST_TOLD = 8
+"""Most names of arrays that a note lists."""
+
 
 @dataclass(frozen=True)
 class PointArray:
@@ -47,6 +50,16 @@ def hints_for(arrays: Sequence[PointArray], options: LoadOptions, samples: np.nd
     """How what `pick` chose is drawn: speeds, and arrays that are named as a simulation's, as a field."""
     chosen = _chosen(arrays, next((array for array in arrays if array.is_vectors), None), options)
     return hints_of(chosen.name, chosen.is_vectors) if samples.dtype.kind == "f" else Hints()
+
+
+def told(arrays: Sequence[PointArray], options: LoadOptions) -> tuple[str, ...]:
+    """A note on the arrays of a file that are left out, if none was asked for."""
+    chosen = _chosen(arrays, next((array for array in arrays if array.is_vectors), None), options)
+    others = [array.name for array in arrays if array.name != chosen.name]
+    if options.array is not None or not others:
+        return ()
+    listed = ", ".join(others[:MOST_TOLD]) + ", …" * (len(others) > MOST_TOLD)
+    return (f"array {chosen.name} of {len(arrays)} is drawn; --array picks another: {listed}",)
 
 
 def _chosen(arrays: Sequence[PointArray], vectors: PointArray | None, options: LoadOptions) -> PointArray:

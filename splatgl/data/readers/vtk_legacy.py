@@ -19,7 +19,7 @@ from splatgl.data.readers.files import Shape, byte_count, grid_shape, map_array,
 from splatgl.data.readers.grid import triple
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.text import read_numbers
-from splatgl.data.readers.vtk_arrays import PointArray, hints_for, pick
+from splatgl.data.readers.vtk_arrays import PointArray, hints_for, pick, told
 from splatgl.data.volume import Volume
 
 _TYPES = {
@@ -34,11 +34,11 @@ _TYPES = {
     "long": ">i8",
     "vtktypeint64": ">i8",
     "vtktypeuint64": ">u8",
-    "vtkidtype": ">i8",
+    "vtkidtype": ">i4",
     "float": ">f4",
     "double": ">f8",
 }
-"""Big-endian numpy codes; long has the eight bytes that 64-bit Unix writes."""
+"""Big-endian numpy codes; long has the eight bytes that 64-bit Unix writes, ids the four that VTK writes of them."""
 
 _LINE_LIMIT = 4096
 """Longest header line in bytes; a longer one means that the file is something else."""
@@ -70,6 +70,8 @@ class _Parser:
     def values(self, count: int, type_name: str) -> Callable[[], np.ndarray]:
         """Steps over `count` numbers; the result reads them (binary) or holds them (ASCII)."""
         code = _TYPES.get(type_name.lower())
+        if type_name.lower() == "bit" and self.binary and count >= 0:
+            return self._bits(count)
         if code is None:
             raise expected("type", "a VTK number type such as float", type_name)
         if count < 0:
@@ -83,6 +85,13 @@ class _Parser:
         require_bytes(size, there)
         self.file.seek(start + size)
         return lambda: map_array(self.path, start, dtype, (count,))
+
+    def _bits(self, count: int) -> Callable[[], np.ndarray]:
+        """Steps over packed bits, the highest of a byte first; the result reads them as bool."""
+        start, size = self.file.tell(), -(-count // 8)
+        require_bytes(size, self.path.stat().st_size - start)
+        self.file.seek(start + size)
+        return lambda: np.unpackbits(map_array(self.path, start, np.dtype(np.uint8), (size,)), count=count).view(bool)
 
     def shape(self) -> Shape:
         return grid_shape(_whole(self.grid.get("DIMENSIONS", []), "DIMENSIONS"), "DIMENSIONS")
@@ -110,7 +119,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
     spacing = _floats(grid.get("SPACING", grid.get("ASPECT_RATIO", ["1", "1", "1"])), "SPACING")
     origin = _floats(grid.get("ORIGIN", ["0", "0", "0"]), "ORIGIN")
     hints = hints_for(parser.arrays, options, samples)
-    return Volume(samples, spacing, origin, vectors=vectors, hints=hints)
+    notes = told(parser.arrays, options)
+    return Volume(samples, spacing, origin, vectors=vectors, hints=hints, notes=notes)
 
 
 def _is_binary(file: BinaryIO) -> bool:

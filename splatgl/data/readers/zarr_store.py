@@ -55,6 +55,9 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
         check_files(path)
         group = zarr.open(path, mode="r")
         if not isinstance(group, zarr.Group):
+            for name in ("array", "level"):
+                if getattr(options, name) is not None:
+                    raise expected(name, "a group of arrays, where this is one", getattr(options, name), "leave it out")
 
             def read_array(channel: int | None) -> Volume:
                 asked = replace(options, channel=channel)

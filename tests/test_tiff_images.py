@@ -1,0 +1,288 @@
+"""Images of TIFF files: several in one, packed and compressed samples, GeoTIFF's grid and holes, planes or terrains."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import splatgl as sg
+from splatgl.app.cli import main
+from splatgl.data.errors import InputError
+from splatgl.data.readers import load
+
+tifffile = pytest.importorskip("tifffile")
+
+RNG = np.random.default_rng(7)
+STACK = RNG.integers(0, 4000, (12, 32, 40)).astype(np.uint16)
+GREY: dict[str, Any] = {"photometric": "minisblack"}
+
+
+def several(path: Path) -> Path:
+    """An overview in colours, the stack, and one of three planes at another scale; all in OME's metadata."""
+    steps = {"PhysicalSizeX": 0.5, "PhysicalSizeY": 0.5, "PhysicalSizeZ": 2.0}
+    with tifffile.TiffWriter(path) as file:
+        file.write(np.zeros((640, 480, 3), np.uint8), photometric="rgb", metadata={"Name": "macro", "axes": "YXS"})
+        file.write(STACK, metadata={"Name": "cells", "axes": "ZYX", **steps}, **GREY)
+        file.write(STACK[:3], metadata={"Name": "ref", "axes": "ZYX", **dict.fromkeys(steps, 3.0)}, **GREY)
+    return path
+
+
+def test_the_stack_of_an_ome_tiff_is_read_and_others_can_be(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = several(tmp_path / "a.ome.tif")
+    volume = load(path)
+    assert np.array_equal(volume.samples, STACK) and volume.spacing == (0.5, 0.5, 2)
+    told = "image 2 cells 40×32×12 of 3 is read, the largest stack; --series N picks another: "
+    assert volume.notes == (told + "1 macro 480×640, 3 ref 40×32×3",)
+    for series in (3, "3", "ref"):
+        other = load(path, series=series)
+        assert np.array_equal(other.samples, STACK[:3]) and other.spacing == (3, 3, 3) and not other.notes
+    overview = load(path, series="macro")
+    assert overview.shape == (1, 640, 480) and overview.color is not None
+    with pytest.raises(InputError, match=r"series: expected one of 1 macro .*, 3 ref .*, got '4'"):
+        load(path, series=4)
+    assert main(["info", str(path)]) == 0
+    listed = capsys.readouterr().out.splitlines()[:3]
+    assert [line[:11] for line in listed] == ["  1   macro", "* 2   cells", "  3   ref 4"]
+
+
+def test_pages_of_other_sizes_are_another_image(tmp_path: Path) -> None:
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        file.write(np.zeros((64, 48), np.uint8), metadata=None, **GREY)
+        for plane in STACK:
+            file.write(plane, metadata=None, **GREY)
+    volume = load(tmp_path / "a.tif")
+    assert np.array_equal(volume.samples, STACK) and "1 48×64" in volume.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"array": 2}, "array: expected an axis beside z, y, x and channels"),
+        ({"channel": 1}, "channel: expected a file of channels, got 1"),
+        ({"time": 1}, "time: expected a file of several time points, got 1"),
+        ({"relief": 2.0}, "relief: expected a single picture of heights, got 12 planes"),
+        ({"values": "heights"}, "values: expected a single picture of heights, got 12 planes"),
+        ({"color": "a.png"}, "color: expected a single picture of heights"),
+        ({"series": "x"}, "series: expected one of 1 40×32×12, got 'x'"),
+    ],
+)
+def test_no_option_is_ignored(tmp_path: Path, options: dict[str, Any], said: str) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", STACK, metadata=None, **GREY)
+    with pytest.raises(InputError, match=said):
+        load(tmp_path / "a.tif", **options)
+    assert load(tmp_path / "a.tif", array=0, channel=0, series=1).shape == STACK.shape
+
+
+# --- samples ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bits", [1, 2, 4, 10, 12, 14])
+def test_packed_samples(tmp_path: Path, bits: int) -> None:
+    """They take fewer bytes than in memory, which is no damage; of a file that is cut it is told."""
+    samples = (STACK % 2**bits).astype(np.uint16 if bits > 8 else np.uint8)[:, :, :37]
+    stored = samples > 0 if bits == 1 else samples
+    options = {} if bits == 1 else {"bitspersample": bits}
+    tifffile.imwrite(tmp_path / "a.tif", stored, metadata=None, **GREY, **options)
+    assert np.array_equal(load(tmp_path / "a.tif").samples, stored)
+    whole = (tmp_path / "a.tif").read_bytes()
+    (tmp_path / "a.tif").write_bytes(whole[:-200])
+    with pytest.raises(InputError, match=r"cut short|damaged"):
+        load(tmp_path / "a.tif")
+
+
+def test_jpeg_and_jpeg_2000(tmp_path: Path) -> None:
+    pytest.importorskip("imagecodecs")
+    z, y, x = np.indices((6, 64, 64))
+    ball = 4000 * np.exp(-(((x - 32) / 14) ** 2 + ((y - 28) / 12) ** 2 + ((z - 3) / 2) ** 2))
+    told = {"axes": "ZYX", "PhysicalSizeX": 0.25, "PhysicalSizeY": 0.25, "PhysicalSizeZ": 1.0}
+    for name, samples in (("jpeg2000", ball.astype(np.uint16)), ("jpeg", (ball / 16).astype(np.uint8))):
+        path = tmp_path / f"{name}.ome.tif"
+        tifffile.imwrite(path, samples, compression=name, tile=(64, 64), metadata=told)
+        volume = load(path)
+        assert volume.spacing == (0.25, 0.25, 1.0)
+        assert np.abs(volume.samples.astype(float) - samples).max() <= (0 if name == "jpeg2000" else 12)
+        assert np.array_equal(volume.samples, tifffile.imread(path))
+
+
+def test_a_picture_in_a_strip_may_not_be_larger_than_that(tmp_path: Path) -> None:
+    """Decoders allocate what it states."""
+    pytest.importorskip("imagecodecs")
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, STACK[:2, :32, :32].astype(np.uint8), compression="jpeg", tile=(32, 32), metadata=None)
+    data = bytearray(path.read_bytes())
+    at = data.index(b"\xff\xc0")
+    assert struct.unpack_from(">HH", data, at + 5) == (32, 32)
+    struct.pack_into(">HH", data, at + 5, 60000, 60000)
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="picture in a strip: expected 32 × 32 pixels at most, got 60000 × 60000"):
+        load(path)
+
+
+def test_other_compressions_name_what_converts_them(tmp_path: Path) -> None:
+    pages = [Image.fromarray(plane > 2000) for plane in STACK]
+    pages[0].save(tmp_path / "a.tif", save_all=True, append_images=pages[1:], compression="group4")
+    with pytest.raises(InputError, match=r"compression: .* got CCITTFAX4; convert it with: tiffcp -c zip OLD NEW"):
+        load(tmp_path / "a.tif")
+
+
+def test_black_on_white_is_told(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", STACK, photometric="miniswhite", metadata=None)
+    assert "0 as white" in load(tmp_path / "a.tif").notes[0]
+
+
+# --- heights ---------------------------------------------------------------------------------------------------------
+
+Y, X = np.indices((64, 80))
+HEIGHTS = (685 + 1300 * np.exp(-(((X - 45) / 14) ** 2 + ((Y - 35) / 12) ** 2))).astype(np.float32)
+
+
+def geo(missing: str = "", geographic: bool = False, unit: int = 9001, step: float = 30.0) -> list[Any]:
+    keys = (1, 1, 0, 3, 1024, 0, 1, 2 if geographic else 1, 1025, 0, 1, 1, 3076, 0, 1, unit)
+    corner = (10.0, 47.0) if geographic else (5e5, 5.2e6)
+    tags = [
+        (33550, 12, 3, (step, step, 0.0), True),
+        (33922, 12, 6, (0.0, 0.0, 0.0, *corner, 0.0), True),
+        (34735, 3, len(keys), keys, True),
+    ]
+    return [*tags, (42113, 2, len(missing) + 1, missing, True)] if missing else tags
+
+
+def columns(volume: sg.Volume) -> np.ndarray:
+    """Solid voxels up to the top of each column, row 0 in the north; 0 of holes."""
+    solid = volume.samples > 0
+    depth = len(solid)
+    return np.where(solid.any(axis=0), depth - np.argmax(solid[::-1], axis=0), 0)[::-1]
+
+
+@pytest.mark.parametrize("dtype", ["float32", "int16", "float64"])
+@pytest.mark.parametrize("missing", ["-9999", "-32768", "-3.4028234663852886e+38", "0", "nan"])
+def test_no_data_of_geotiff_is_no_ground(tmp_path: Path, dtype: str, missing: str) -> None:
+    if dtype == "int16" and missing in ("nan", "-3.4028234663852886e+38"):
+        pytest.skip("no number of that type")
+    heights = HEIGHTS.astype(dtype)
+    heights[:10, :12] = float(missing)
+    tifffile.imwrite(tmp_path / "a.tif", heights, extratags=geo(missing), metadata=None)
+    volume = load(tmp_path / "a.tif")
+    tops = columns(volume)
+    assert (tops == 0).sum() == 120 and (tops[:10, :12] == 0).all()
+    assert tops[tops > 0].min() == 1 and tops.max() == 103
+    relief = float(np.ptp(heights[10:].astype(float)))
+    assert volume.spacing == pytest.approx((30, 30, relief / 102)) and volume.unit == "m"
+    assert missing == "nan" or "120 of 5,120 heights are no data" in volume.notes[0]
+
+
+def test_units_of_geotiff(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", HEIGHTS, extratags=geo(unit=9002, step=100.0), metadata=None)
+    assert load(tmp_path / "a.tif").spacing[:2] == pytest.approx((30.48, 30.48))
+    tifffile.imwrite(tmp_path / "b.tif", HEIGHTS, extratags=geo(geographic=True, step=1 / 1200), metadata=None)
+    volume = load(tmp_path / "b.tif")
+    metres = 6371000 * np.pi / 180 / 1200
+    middle = 47 - 32 / 1200
+    assert volume.spacing[:2] == pytest.approx((metres * np.cos(np.radians(middle)), metres))
+    assert volume.notes == ("degrees are drawn as metres at latitude 46.97°",)
+    assert load(tmp_path / "a.tif", relief=500.0).spacing[2] == pytest.approx(500 / 102)
+    with pytest.raises(InputError, match="relief: expected none beside spacing"):
+        load(tmp_path / "a.tif", relief=500.0, spacing=(1, 1, 1))
+
+
+def test_scale_and_offset_of_gdal(tmp_path: Path) -> None:
+    items = '<Item sample="0" role="scale">0.1</Item><Item sample="0" role="unittype">ft</Item>'
+    text = f"<GDALMetadata>{items}</GDALMetadata>"
+    tags = [*geo("-1"), (42112, 2, len(text) + 1, text, True)]
+    heights = (HEIGHTS * 10).astype(np.int16)
+    tifffile.imwrite(tmp_path / "a.tif", heights, extratags=tags, metadata=None)
+    assert load(tmp_path / "a.tif").spacing[2] * 102 == pytest.approx(np.ptp(heights) * 0.1 * 0.3048)
+
+
+@pytest.mark.parametrize("missing", [-9999.0, -32768.0, -3.4028235e38, 9.96921e36])
+def test_customary_numbers_are_no_ground(tmp_path: Path, missing: float) -> None:
+    """In TIFF and CSV without a tag; a depth of 9999 m among others is one."""
+    heights = HEIGHTS.copy()
+    heights[:10, :12] = missing
+    tifffile.imwrite(tmp_path / "dem.tif", heights, metadata=None)
+    np.savetxt(tmp_path / "a.csv", heights[::-1], delimiter=",", fmt="%.9g")
+    for name in ("dem.tif", "a.csv"):
+        volume = load(tmp_path / name)
+        assert (columns(volume) == 0).sum() == 120 and columns(volume).max() == 103
+        assert any("120 of 5,120 heights are" in note for note in volume.notes)
+    sea = np.linspace(-9999, 3000, 5120).reshape(64, 80).astype(np.float32)
+    tifffile.imwrite(tmp_path / "bathy.tif", sea, metadata=None)
+    assert (columns(load(tmp_path / "bathy.tif")) > 0).all()
+
+
+def test_empty_cells_of_a_table_are_holes(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("0,,1\n2,NA,3\n\n")
+    assert (columns(load(tmp_path / "a.csv")) == 0).tolist() == [[False, True, False]] * 2
+    (tmp_path / "a.csv").write_text("0,1\n2,x\n")
+    with pytest.raises(InputError, match="cannot be read as a CSV table of heights"):
+        load(tmp_path / "a.csv")
+
+
+def test_no_data_of_a_stack_is_empty(tmp_path: Path) -> None:
+    samples = STACK.astype(np.int16)
+    samples[:, :4] = -9999
+    tifffile.imwrite(tmp_path / "a.tif", samples, extratags=geo("-9999"), metadata=None)
+    volume = load(tmp_path / "a.tif")
+    assert np.isnan(volume.samples[:, :4]).all() and np.array_equal(volume.samples[:, 4:], samples[:, 4:])
+    assert volume.spacing == (30, 30, 30)
+
+
+# --- planes or terrains ----------------------------------------------------------------------------------------------
+
+
+def cells() -> np.ndarray:
+    """A camera's picture: an offset with noise, and some bright cells."""
+    picture = RNG.normal(110, 6, (64, 80))
+    for y, x in RNG.uniform(10, 54, (5, 2)):
+        picture += 900 * np.exp(-(((X - x) ** 2 + (Y - y) ** 2) / 12))
+    return picture.astype(np.uint16)
+
+
+def test_a_microscopes_plane_is_no_terrain(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By its metadata, its name or its dark noise; what is chosen is told, and an option chooses otherwise."""
+    picture, smooth = cells(), np.rint(HEIGHTS).astype(np.uint16)
+    steps = {"PhysicalSizeX": 0.2, "PhysicalSizeY": 0.2}
+    tifffile.imwrite(tmp_path / "a.ome.tif", smooth, metadata={"axes": "YX", **steps}, **GREY)
+    tifffile.imwrite(tmp_path / "b.tif", smooth, imagej=True, resolution=(5, 5), metadata={"unit": "um"})
+    for name in ("a.ome.tif", "b.tif"):
+        volume = load(tmp_path / name)
+        assert volume.spacing[:2] == pytest.approx((0.2, 0.2)) and volume.unit == "um"
+        assert np.array_equal(volume.samples, smooth[None]) and volume.hints.stack
+    for name in ("c.tif", "c.png", "dapi.png", "x-GFP_2.tif"):
+        pixels = picture if name[0] == "c" else smooth
+        if name.endswith("tif"):
+            tifffile.imwrite(tmp_path / name, pixels, metadata=None, **GREY)
+        else:
+            Image.fromarray(pixels).save(tmp_path / name)
+        volume = load(tmp_path / name)
+        assert np.array_equal(volume.samples, pixels[None])
+        assert volume.notes == ("a single picture is drawn as a plane: --values heights draws it as a terrain",)
+        assert load(tmp_path / name, values="heights").shape == (103, 64, 80)
+    assert main(["info", str(tmp_path / "c.tif")]) == 0
+    assert "--values heights" in capsys.readouterr().err
+
+
+def test_a_map_of_heights_is_a_terrain(tmp_path: Path) -> None:
+    smooth = np.rint(HEIGHTS).astype(np.uint16)
+    coast = np.where(HEIGHTS > 900, HEIGHTS, 0).astype(np.uint8)
+    for name, pixels in (("a.png", smooth), ("b.png", coast), ("dem.png", cells()), ("c.tif", smooth)):
+        if name.endswith("tif"):
+            tifffile.imwrite(tmp_path / name, pixels, metadata=None, **GREY)
+        else:
+            Image.fromarray(pixels).save(tmp_path / name)
+        volume = load(tmp_path / name)
+        told = "a single picture is drawn as heights of a terrain: --values amounts draws it as a plane"
+        assert volume.shape == (103, 64, 80) and volume.notes == (told,)
+        assert np.array_equal(load(tmp_path / name, values="amounts").samples, pixels[None])
+        assert load(tmp_path / name, values="labels").labels == ()
+        assert not load(tmp_path / name, relief=20.0).notes
+    tifffile.imwrite(tmp_path / "dem.tif", smooth, imagej=True)
+    assert load(tmp_path / "dem.tif").shape == (103, 64, 80)
+    np.save(tmp_path / "a.npy", STACK)
+    with pytest.raises(InputError, match="values: expected labels or amounts for NumPy, got heights"):
+        load(tmp_path / "a.npy", values="heights")
