@@ -297,7 +297,12 @@ HOSTILE = {
     "tiff cycle": ("a.tif", pages(TAGS, TAGS, last=8) + bytes(99), "leading back to another"),
     "tiff empty pages": ("a.tif", pages(*([] for _ in range(999))) + bytes(99), "tags of a page: expected 4"),
     "tiff shared": ("a.tif", pages(TAGS + [(700, 1, 900, 8)] * 50) + bytes(999), "tags: expected at most"),
-    "tiff codec": ("a.tif", pages([*TAGS, (258, 3, 1, 8), (259, 3, 1, 7), (262, 3, 1, 1)]) + b"9" * 99, "got JPEG"),
+    "tiff codec": ("a.tif", pages([*TAGS, (258, 3, 1, 8), (259, 3, 1, 6), (262, 3, 1, 1)]) + b"9" * 99, "got OJPEG"),
+    "tiff jpeg": (
+        "a.tif",
+        pages([*TAGS, (258, 3, 1, 8), (259, 3, 1, 7), (262, 3, 1, 1)]) + b"9" * 99,
+        "picture in a strip: expected 1 × 1 pixels at most, got none",
+    ),
     "tiff strips": (
         "a.tif",
         pages([(256, 4, 1, 1), (257, 4, 1, 10**6), *TAGS[2:], (258, 3, 1, 8), (259, 3, 1, 8), (262, 3, 1, 1)])

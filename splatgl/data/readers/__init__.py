@@ -78,6 +78,7 @@ FORMATS = (
         ("array", "channel", "level", "time"),
         kinds=("folder",),
         tells="zarr_store.is_store",
+        lists="zarr_store.contents",
     ),
     Format(
         "DICOM",
@@ -94,6 +95,12 @@ FORMATS = (
     Format("height table", (".csv",), "terrain.read_csv", _TERRAIN),
 )
 """All formats; every one takes `spacing` and `values` too."""
+
+ZIPPED = (".ozx", ".zarr.zip")
+"""Endings of Zarr stores in a zip, which are told what unpacks them."""
+
+PLANES = (".tif", ".tiff", ".png", ".bmp", ".jpg", ".jpeg")
+"""Endings of pictures of which a folder may hold one a slice."""
 
 LINE_LIMIT = 400
 """Most characters of a message behind the path: some quote the file."""
@@ -208,13 +215,18 @@ def _options(options: LoadOptions | None, given: dict[str, object]) -> LoadOptio
 def _format(path: Path) -> Format:
     """The format of a name; of a folder, or of a file without such a name, the one that its contents tell."""
     kind = "folder" if path.is_dir() else "file"
-    named = next((form for form in FORMATS if _suffix(path, form)), None)
+    zipped = path.name.lower().endswith(ZIPPED)
+    named = next((form for form in FORMATS if _suffix(path, form) and not zipped), None)
     told = [form for form in FORMATS if form.tells and kind in form.kinds]
-    if kind == "folder" or (named is None and path.is_file()):
+    if kind == "folder" or (named is None and path.is_file() and not zipped):
         named = next((form for form in told if _function(form.tells)(path)), named)
     if named:
         return named
     if kind == "folder":
+        planes = [each for each in sorted(path.iterdir()) if each.suffix.lower() in PLANES]
+        if len(planes) > 1:
+            fix = "save them as one TIFF, such as with Fiji: File, Import, Image Sequence"
+            raise expected("path", "a file, or a folder of Zarr or DICOM", f"a folder of {len(planes)} pictures", fix)
         names = " or ".join(form.title for form in told)
         raise expected("path", f"a file, or a folder of {names}", "another folder", "name a file in it")
     known, fix = ", ".join(suffix for form in FORMATS for suffix in form.suffixes), converter(path.name)

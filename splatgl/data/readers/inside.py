@@ -29,6 +29,8 @@ CONVERTERS = {
     ".grib": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     ".grib2": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     ".hdf": "convert HDF4 with h4toh5; HDF5 is read as .h5",
+    ".ozx": "it is a Zarr store in a zip: unpack it into a folder with: unzip FILE -d NAME.zarr",
+    ".zarr.zip": "it is a Zarr store in a zip: unpack it into a folder with: unzip FILE -d NAME.zarr",
     ".7z": "unpack it",
     ".gz": "unpack it",
     ".bz2": "unpack it",

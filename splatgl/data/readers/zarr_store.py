@@ -15,13 +15,22 @@ import numpy as np
 
 from splatgl.data.errors import InputError, choice, expected, missing_extra
 from splatgl.data.readers.chunked import Chunked
+from splatgl.data.readers.even import lattice
 from splatgl.data.readers.files import WHOLE, byte_count, library, selection
-from splatgl.data.readers.grid import unit_name
+from splatgl.data.readers.grid import METRES, axes_of, stated, triple, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.remote import METADATA, Remote
 from splatgl.data.readers.several import as_microscope
 from splatgl.data.readers.turned import Turned, TurnedFiles
-from splatgl.data.readers.zarr_axes import axis_names, labels_of, several
+from splatgl.data.readers.zarr_axes import (
+    Unpacked,
+    axis_names,
+    by_numbers,
+    coordinates_of,
+    labels_of,
+    packing_of,
+    several,
+)
 from splatgl.data.readers.zarr_checks import check_array, check_files
 from splatgl.data.volume import Hints, Triple, Volume
 
@@ -30,6 +39,9 @@ WHOLE_LEVEL = 0
 
 SPACE = ("z", "y", "x")
 """Axes of samples, in their order."""
+
+MOST_GROUPS, MOST_NAMED = 1000, 8
+"""Groups and arrays that are looked through for images, and most names that are told."""
 
 MARKERS = ("zarr.json", ".zarray", ".zgroup")
 """A folder with one of these files is a Zarr store."""
@@ -61,30 +73,34 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
 
             def read_array(channel: int | None) -> Volume:
                 asked = replace(options, channel=channel)
-                return _volume(path, group, None, asked, remote, WHOLE)
+                return _volume(path, None, group, None, asked, remote, WHOLE)
 
             return several(None, group, None).volume(options, read_array)
+        group, options, notes = _image(group, options, remote)
         multiscale = _multiscale(group)
         levels = multiscale["datasets"] if multiscale else []
         if remote:
             names = [entry["path"] for entry in levels] + ([options.array] if options.array else [])
-            remote.renew([f"{name}/{each}" for name in names for each in METADATA])
+            remote.renew([f"{group.path}/{name}/{each}".lstrip("/") for name in names for each in METADATA])
         nodes = [_level(group, multiscale, options)]
         if multiscale is not None and options.array is None and options.level is None:
             others = [group.get(entry["path"]) for entry in levels[1:]]
             nodes += [node for node in others if node is not None]
+        # the array is a name here, and no time point
+        options = replace(options, array=None)
 
         def read_one(channel: int | None) -> Volume:
             asked = replace(options, channel=channel)
             found = [
-                _classified(path, group, node, _volume(path, node, multiscale, asked, remote, most), remote)
+                _classified(path, group, node, _volume(path, group, node, multiscale, asked, remote, most), remote)
                 for node, most in zip(nodes, (WHOLE, *(WHOLE_LEVEL for _ in nodes[1:])), strict=True)
             ]
             return replace(found[0], coarser=tuple(found[1:]))
 
         attributes: dict[str, Any] = group.attrs.asdict()
-        told = several(attributes.get("ome", attributes).get("omero"), nodes[0], multiscale)
+        told = several(attributes.get("ome", attributes).get("omero"), nodes[0], multiscale, group)
         volume = replace(told.volume(options, read_one), labels=labels_of(attributes.get("ome", attributes)))
+        volume = replace(volume, notes=(*notes, *volume.notes))
         return as_microscope(volume) if multiscale and "splatgl" not in attributes else volume
 
 
@@ -104,29 +120,114 @@ def _classified(path: Path, group: Any, node: Any, volume: Volume, remote: Remot
     return replace(volume, color=shade if isinstance(volume.samples, Chunked) else shade[:], **kept)
 
 
+def _image(group: Any, options: LoadOptions, remote: Remote | None) -> tuple[Any, LoadOptions, tuple[str, ...]]:
+    """The group that is read: itself, the one that `array` names, or of a group of groups the only image, or the first
+    of a file of series (bioformats2raw's layout), of a plate or of others; the options that are left; what is told.
+    """
+    import zarr
+
+    if options.array is not None:
+        node = group.get(str(options.array).strip("/"))
+        return (node, replace(options, array=None), ()) if isinstance(node, zarr.Group) else (group, options, ())
+    if _multiscale(group) is not None or any(_is_volume(array) for _, array in group.arrays()):
+        return group, options, ()
+    if remote:
+        attributes = group.attrs.asdict()
+        if "bioformats2raw.layout" not in attributes.get("ome", attributes):
+            return group, options, ()
+        remote.renew([f"0/{each}" for each in METADATA])
+        node = group.get("0")
+        return (node, options, ()) if isinstance(node, zarr.Group) else (group, options, ())
+    found = _images(group)
+    if not found:
+        return group, options, ()
+    names = [each.path[len(group.path) :].strip("/") for each in found]
+    first = found[0] if isinstance(found[0], zarr.Group) else group
+    asked = options if first is found[0] else replace(options, array=names[0])
+    others = ", ".join(names[1 : MOST_NAMED + 1]) + ", …" * (len(names) > MOST_NAMED + 1)
+    told = (f"image {names[0]} of {len(names)} is read; --array picks another: {others}",) if len(names) > 1 else ()
+    return first, asked, told
+
+
+def _images(group: Any) -> list[Any]:
+    """Multiscale groups, and arrays that may be volumes, below a group, in the order of their names by numbers."""
+    import zarr
+
+    found, waiting, seen = list[Any](), [group], 0
+    while waiting and seen < MOST_GROUPS:
+        node = waiting.pop(0)
+        for _, child in sorted(node.members(), key=lambda each: by_numbers(each[0])):
+            seen += 1
+            if not isinstance(child, zarr.Group):
+                found += [child] * _is_volume(child)
+            elif _multiscale(child) is not None:
+                found.append(child)
+            else:
+                waiting.append(child)
+    return found
+
+
+def contents(path: Path) -> list[str]:
+    """A line for each image of a store of several."""
+    import zarr
+
+    with library("Zarr"):
+        check_files(path)
+        group = zarr.open(path, mode="r")
+        if not isinstance(group, zarr.Group) or _multiscale(group) is not None:
+            return []
+        return [f"* {'  '.join(_told(each))}" for each in _images(group)]
+
+
+def _told(node: Any) -> tuple[str, str]:
+    """The path and size of an image."""
+    multiscale = _multiscale(node) if hasattr(node, "members") else None
+    array = node[multiscale["datasets"][0]["path"]] if multiscale else node
+    return node.path, _about(("", array))[1]
+
+
+def _is_volume(array: Any) -> bool:
+    """Whether an array is plausibly a volume, and no coordinate."""
+    return len(array.shape) >= 3 and array.dtype.kind in "buif"
+
+
 def _volume(
     path: Path,
+    group: Any,
     node: Any,
     multiscale: Multiscale | None,
     options: LoadOptions,
     remote: Remote | None,
     most: int,
 ) -> Volume:
-    """The volume of an array. most: bytes of samples that are read at once; of a copy none are."""
+    """The volume of an array in a group. most: bytes of samples that are read at once; of a copy none are."""
     # 1. the array
     if min(node.shape, default=0) < 1 or node.dtype.kind not in "buif":
         raise expected("array", "real numbers along at least three axes", f"{node.dtype} {node.shape}")
     # 2. its samples
-    names = axis_names(node, multiscale)
+    names = axis_names(node, multiscale, group)
     wanted = [*(name for name in names if name not in SPACE), *SPACE]
     array = Turned(node, names, wanted)
     index = _index(array.shape, wanted, options)
     whole = remote is None and byte_count(array.shape[-3:], node.dtype) <= most
     files = TurnedFiles(check_array(path, node, whole, *([remote.fetch] if remote else [])), array)
-    samples: Any = array[index] if whole else Chunked(str(remote or path), array, index, files)
+    packed = packing_of(node) if multiscale is None else None
+    unpacked = array if packed is None else Unpacked(array, packed)
+    samples: Any = unpacked[index] if whole else Chunked(str(remote or path), unpacked, index, files)
     # 3. its grid
     if multiscale is None:
-        return Volume(samples)
+        grid = lattice(coordinates_of(group, node, names), even=options.spacing is not None)
+        spacing, direction = axes_of(grid.matrix, "coordinates")
+        unit = stated(str(node.attrs.asdict().get("units") or ""))
+        return Volume(
+            grid.resampled(samples),
+            spacing,
+            triple(grid.origin, "origin"),
+            direction,
+            grid.unit,
+            value_unit="" if unit_name(unit) in METRES else unit,
+            notes=grid.notes,
+        )
     spacing, origin = _grid(multiscale, node.path.rsplit("/", 1)[-1], names)
     return Volume(samples, spacing, origin, unit=_unit(multiscale))
 
@@ -142,7 +243,9 @@ def _level(group: Any, multiscale: Multiscale | None, options: LoadOptions) -> A
     import zarr
 
     name = options.array
-    names = [key for key, _ in group.arrays()]
+    arrays = list(group.arrays())
+    volumes = [key for key, array in arrays if _is_volume(array)]
+    names = volumes or [key for key, _ in arrays]
     levels = [entry["path"] for entry in multiscale["datasets"]] if multiscale is not None else []
     if options.level is not None and (name is not None or options.level >= len(levels)):
         this = (
@@ -155,9 +258,15 @@ def _level(group: Any, multiscale: Multiscale | None, options: LoadOptions) -> A
         name = names[0]
     node = group.get(name) if name is not None else None
     if not isinstance(node, zarr.Array):
-        fix = f"pick one with array=NAME; there are: {', '.join(names) or 'none'}"
-        error = expected("array", "the name of one array", repr(name), fix)
-        raise choice(error, "array", [*map(_about, group.arrays())]) if options.array is None and names else error
+        names = names or [each.path[len(group.path) :].strip("/") for each in _images(group)]
+        if not names:
+            held = ", ".join(sorted(key for key, _ in group.members())[:MOST_NAMED]) or "nothing"
+            raise expected("store", "an array of three axes in one of its groups", held, "check the path")
+        got = "several arrays" if name is None else repr(name)
+        fix = f"pick one with array=NAME; there are: {', '.join(names)}"
+        error = expected("array", "the name of one array", got, fix)
+        listed = [_about(each) for each in arrays if each[0] in names]
+        raise choice(error, "array", listed) if options.array is None else error
     return node
 
 

@@ -1,0 +1,152 @@
+"""Zarr stores of several images and of xarray: groups in groups, plates, coordinates, packed and missing values."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from splatgl.app.cli import main
+from splatgl.data.errors import InputError
+from splatgl.data.readers import load, zarr_store
+from splatgl.data.readers.chunked import Chunked
+
+zarr = pytest.importorskip("zarr")
+
+Z, Y, X = np.indices((8, 16, 24))
+SAMPLES = (100 + 10 * Z + (X > 12) * 50).astype(np.uint16)
+AXES = [{"name": "t", "type": "time"}, {"name": "c", "type": "channel"}] + [
+    {"name": name, "type": "space", "unit": "micrometer"} for name in "zyx"
+]
+
+
+def image(group: Any, version: str = "0.4", add: int = 0) -> None:
+    """An image of OME-Zarr in a group."""
+    steps = [{"type": "scale", "scale": [1, 1, 2.0, 0.5, 0.5]}]
+    told = {"axes": AXES, "datasets": [{"path": "0", "coordinateTransformations": steps}]}
+    group.attrs.update(
+        {"ome": {"version": "0.5", "multiscales": [told]}} if version == "0.5" else {"multiscales": [told]}
+    )
+    group.create_array("0", data=SAMPLES[None, None] + add, chunks=(1, 1, 4, 16, 24))
+
+
+def check(path: Path, add: int = 0, **options: Any) -> tuple[str, ...]:
+    volume = load(path, **options)
+    assert np.array_equal(volume.samples, SAMPLES + add)
+    assert volume.spacing == (0.5, 0.5, 2.0) and volume.unit == "um"
+    return volume.notes
+
+
+@pytest.mark.parametrize("version", ["0.4", "0.5"])
+def test_images_in_groups_are_found(tmp_path: Path, version: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """The layout of bioformats2raw, and deeper ones; others than the first are told and can be read."""
+    path = tmp_path / "a.zarr"
+    root = zarr.open_group(path, mode="w", zarr_format=3 if version == "0.5" else 2)
+    root.attrs.update({"bioformats2raw.layout": 3})
+    root.create_group("OME")
+    image(root.create_group("0"), version)
+    assert check(path) == ()
+    for n in (10, 2):
+        image(root.create_group(f"more/{n}"), version, n)
+    assert check(path) == ("image 0 of 3 is read; --array picks another: more/2, more/10",)
+    assert check(path, 10, array="more/10") == check(path, 2, array="/more/2") == ()
+    assert main(["info", str(path)]) == 0
+    assert [line.split()[1] for line in capsys.readouterr().out.splitlines()[:3]] == ["0", "more/2", "more/10"]
+
+
+def test_a_plate_and_what_holds_no_image(tmp_path: Path) -> None:
+    root = zarr.open_group(tmp_path / "a.zarr", mode="w", zarr_format=2)
+    root.attrs["plate"] = {"wells": [{"path": "A/1"}]}
+    for well in ("A/1", "B/2"):
+        image(root.create_group(f"{well}/0"))
+    assert check(tmp_path / "a.zarr") == ("image A/1/0 of 2 is read; --array picks another: B/2/0",)
+    empty = zarr.open_group(tmp_path / "b.zarr", mode="w")
+    empty.create_group("one")
+    with pytest.raises(InputError, match="store: expected an array of three axes in one of its groups, got one"):
+        load(tmp_path / "b.zarr")
+    empty.create_group("two").create_array("deep", data=SAMPLES)
+    assert np.array_equal(load(tmp_path / "b.zarr").samples, SAMPLES)
+    with pytest.raises(InputError, match=r"got 'three'; pick one with array=NAME; there are: two/deep"):
+        load(tmp_path / "b.zarr", array="three")
+
+
+def test_no_option_is_ignored(tmp_path: Path) -> None:
+    zarr.create_array(tmp_path / "a.zarr", data=SAMPLES)
+    for options, said in (
+        ({"array": "x"}, "array: expected a group of arrays, where this is one, got x"),
+        ({"level": 0}, "level: expected a group of arrays, where this is one, got 0"),
+        ({"channel": 1}, "channel: expected a file of channels, got 1"),
+        ({"time": 1}, "time: expected a file of several time points, got 1"),
+    ):
+        with pytest.raises(InputError, match=said):
+            load(tmp_path / "a.zarr", **options)
+
+
+def dataset(path: Path, version: int) -> Any:
+    """A store as xarray writes it: uneven and falling coordinates, packed and missing values."""
+    xr = pytest.importorskip("xarray")
+    coords = {
+        "valid_time": ("valid_time", [0, 1]),
+        "depth": ("depth", [0.0, 1.0, 3.0, 7.0], {"units": "m", "positive": "down"}),
+        "lat": ("lat", 50 - 0.5 * np.arange(6), {"units": "degrees_north"}),
+        "lon": ("lon", 3 + 0.25 * np.arange(5), {"units": "degrees_east"}),
+        "z": ("z", 2.0 * np.arange(8), {"units": "m"}),
+        "y": ("y", 0.5 * np.arange(16), {"units": "m"}),
+        "x": ("x", 10 + 0.25 * np.arange(24), {"units": "m"}),
+    }
+    values = np.random.default_rng(0).uniform(0, 90, (8, 16, 24))
+    values[2, 3, 4] = np.nan
+    sea = np.arange(240.0).reshape(2, 4, 6, 5)
+    found = xr.Dataset(
+        {
+            "u": (("z", "y", "x"), values, {"units": "m s-1"}),
+            "t": (("valid_time", "depth", "lat", "lon"), sea),
+            "turned": (("x", "z", "y"), np.moveaxis(values, 2, 0)),
+        },
+        coords=coords,
+    )
+    packed = {"dtype": "i2", "scale_factor": 0.01, "add_offset": 5.0, "_FillValue": -32767}
+    found.to_zarr(path, mode="w", zarr_format=version, encoding={"u": packed})
+    return found
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_stores_of_xarray(tmp_path: Path, version: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.zarr"
+    found = dataset(path, version)
+    with pytest.raises(InputError, match=r"pick one with array=NAME; there are: (t|u|turned), \w+, \w+$"):
+        load(path)
+    for name in ("u", "turned"):
+        volume = load(path, array=name)
+        assert volume.spacing == (0.25, 0.5, 2.0) and volume.origin == (10, 0, 0) and volume.unit == "m"
+        np.testing.assert_allclose(volume.samples, found["u"].values, atol=0.006)
+        assert np.isnan(volume.samples).sum() == 1
+    assert load(path, array="u").value_unit == "m s-1"
+    assert load(path, array="u", spacing=(1, 1, 1)).spacing == (1, 1, 1)
+    sea = load(path, array="t", time=1)
+    assert sea.times == 2 and sea.shape == (8, 6, 5) and "resampled every 1 m" in sea.notes[0]
+    assert np.array_equal(sea.samples[[0, 1, 3, 7]], found["t"].values[1])
+    # depth runs down, latitudes fall
+    assert sea.world_from_index[2, 2] < 0 and sea.world_from_index[1, 1] < 0
+    # read in parts the same
+    whole = load(path, array="u")
+    monkeypatch.setattr(zarr_store, "WHOLE", 100)
+    parts = load(path, array="u")
+    assert isinstance(parts.samples, Chunked) and np.array_equal(parts.samples[:], whole.samples, equal_nan=True)
+
+
+def test_a_store_in_a_zip_is_named(tmp_path: Path) -> None:
+    from zarr.storage import ZipStore
+
+    for name in ("a.ozx", "a.ome.zarr.zip"):
+        with ZipStore(tmp_path / name, mode="w") as store:
+            image(zarr.create_group(store, zarr_format=3), "0.5")
+        with pytest.raises(InputError, match=r"it is a Zarr store in a zip: unpack it into a folder with: unzip"):
+            load(tmp_path / name)
+    (tmp_path / "slices").mkdir()
+    for n in (1, 2, 10):
+        (tmp_path / "slices" / f"{n}.tif").write_bytes(b"")
+    with pytest.raises(InputError, match=r"got a folder of 3 pictures; save them as one TIFF"):
+        load(tmp_path / "slices")
