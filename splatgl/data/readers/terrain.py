@@ -133,7 +133,9 @@ def _check_columns(path: Path, width: int, height: int, levels: int) -> None:
 
 def read_picture(path: Path, options: LoadOptions) -> Volume:
     """The terrain of a picture of heights: grey, 8 or 16 bits or float, bright is high; or a microscope's plane."""
-    pixels = _open_picture(path, 1)
+    flat = options.values in ("labels", "amounts") or (options.values is None and PLANES.search(path.name.lower()))
+    # before it is decoded: a small file may hold a large map
+    pixels = _open_picture(path, 1 if flat else options.levels)
     is_map, told = kind_of_picture(path, pixels, options)
     volume = (
         terrain_of_picture(path, grey_heights(pixels), options) if is_map else as_microscope(plane_of_picture(pixels))
