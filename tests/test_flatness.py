@@ -159,7 +159,7 @@ def test_the_choice_is_told_and_an_option_changes_it(tmp_path: Path, capsys: pyt
         assert bool(sg.default_transfer(sg.Volume.of(np.load(path), values=other)).labels) == (other == "labels")
     # what is given decides, and nothing is to be told
     assert not Scene(path, transfer={"preset": "surface"}).open().notes
-    with pytest.raises(sg.InputError, match="values: expected labels or amounts, got 'names'"):
+    with pytest.raises(sg.InputError, match="values: expected labels, amounts or heights, got 'names'"):
         sg.load(path, values="names")
     table = sg.Volume(atlas(4).astype(np.uint8), labels=(Label(1, "one"),))
     assert decided(table) is table and table.of_values("labels").labels == table.labels

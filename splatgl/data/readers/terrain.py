@@ -50,8 +50,8 @@ DEGREE = 6_371_000 * np.pi / 180
 CUSTOM = (-9999.0, -99999.0, -32768.0, -32767.0)
 """Heights that stand for none in files that do not say so (ESRI's, SRTM's), where they lie far below all others."""
 
-ENDLESS = 1e20
-"""Size from which a height is none, in metres and anything else: the ends of float32, and NetCDF's 9.97e36."""
+ENDLESS = (3.4028234663852886e38, 1.7976931348623157e308, 1.70141e38, 9.969209968386869e36, 1e20, 1e30)
+"""Sizes that stand for no height: the ends of float32 and float64, Surfer's and NetCDF's, and round ones."""
 
 HEIGHTS = re.compile(
     r"(?<![a-z])(dem|dtm|dsm|srtm|aster|lidar|heights?|heightmap|elev(ation)?|terrain|relief|topo(graphy)?|bathy(metry)?)"
@@ -196,11 +196,11 @@ def _without_missing(heights: np.ndarray, missing: float | None) -> tuple[np.nda
         same = np.float64(np.float32(missing)) if kind == np.float32 else missing
         holes, why = np.isin(found, (missing, same)), f"no data ({missing:g})"
     else:
-        finite = found[np.abs(found) < ENDLESS]
+        holes = np.any([np.isclose(np.abs(found), size, rtol=1e-5, atol=0) for size in ENDLESS], axis=0)
+        finite = found[np.isfinite(found) & ~holes]
         least = float(finite.min()) if finite.size else 0.0
         rest = finite[finite > least]
         custom = least in CUSTOM and rest.size and rest.min() - least > np.ptp(rest)
-        holes = np.abs(found) >= ENDLESS
         holes |= (found == least) if custom and kind.kind in "if" else False
         why = f"{least:g}, which by custom means no data," if custom else "beyond any height"
     holes &= np.isfinite(found)
