@@ -10,12 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.classification.transfer import OPAQUE, Transfer
 
 # largest value of a running integral in whole numbers: differences fit into 32 bits with a sign
 WHOLE = 2**31 - 1
 # cells between two points of a transfer function, however close they are
 PARTS = 64
+# opacity below 1 of cells beside a point of opacity 1 that are as opaque as it
+TIP = 1e-3
+# of opacities at the ends of cells
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +46,8 @@ class ClassIntegral:
         knots = np.unique(np.concatenate([low * (1 - place) + high * place, between.ravel()]))
         start, width = knots[:-1], np.diff(knots)
         # two points within a cell, as a value at a step is on its upper side; exact where it is linear
-        near, far = (_emission(transfer, start + share * width) for share in (0.25, 0.75))
+        opaque = _beside_opaque(transfer, start, width, (high - low) / cells)
+        near, far = (_emission(transfer, start + share * width, opaque) for share in (0.25, 0.75))
         mean = (near + far) / 2
         slope = np.clip(far - near, -mean, mean)
         below = np.concatenate([np.zeros((1, 4)), np.cumsum(mean * width[:, None], axis=0)])
@@ -91,7 +96,24 @@ class ClassIntegral:
         return (values >= self.knots[-1]).astype(int) - (values < self.knots[0])
 
 
-def _emission(transfer: Transfer, values: np.ndarray) -> np.ndarray:
-    """[N, 4]: extinction · linear RGB, and extinction, per reference length, of values [N]."""
-    extinction = transfer.extinction(transfer.opacity(values), 1.0)[:, None]
+def _beside_opaque(transfer: Transfer, start: np.ndarray, width: np.ndarray, reach: float) -> np.ndarray:
+    """bool [n]: the cells within `reach` of a value of opacity 1, as nearly opaque themselves. There extinction rises
+    without end, and a mean over a cell is not that of flat matter whose value is the point itself.
+    """
+    quarter, half, last = (transfer.opacity(start + share * width) for share in (0.25, 0.5, 0.75))
+    ends = np.stack([quarter + (quarter - last) / 2, last + (last - quarter) / 2])
+    tips = np.unique(np.stack([start, start + width])[ends >= OPAQUE - ROUNDING])
+    if not tips.size:
+        return np.zeros(len(start), bool)
+    after = np.clip(np.searchsorted(tips, start), 0, len(tips) - 1)
+    apart = np.minimum(np.abs(tips[after] - start - width), np.abs(start - tips[np.maximum(after - 1, 0)]))
+    return np.asarray((apart <= reach) & (half >= OPAQUE - TIP))
+
+
+def _emission(transfer: Transfer, values: np.ndarray, opaque: np.ndarray | None = None) -> np.ndarray:
+    """[N, 4]: extinction · linear RGB, and extinction, per reference length, of values [N]; opaque: which of them have
+    the most.
+    """
+    opacity = transfer.opacity(values)
+    extinction = transfer.extinction(opacity if opaque is None else np.where(opaque, 1.0, opacity), 1.0)[:, None]
     return np.concatenate([transfer.color(values) * extinction, extinction], axis=1)
