@@ -214,14 +214,14 @@ class Renderer:
         whole = bricks.whole
         refuse_bricks(whole, camera, settings or Settings())
         chosen = self.plan(whole, camera, settings)
-        self.require_tiles("a volume in bricks", chosen)
+        self.require_tiles("a volume in bricks", chosen, "or give more --memory, to draw it whole")
         return chosen.forced(half_line=True) if bricks.reached(chosen.view) else chosen
 
-    def require_tiles(self, what: str, chosen: Plan) -> None:
+    def require_tiles(self, what: str, chosen: Plan, fix: str = "") -> None:
         """InputError, which says what the driver or the plan lacks, for a plan of what only tiles draw."""
         if chosen.program.technique != "tiles":
             got = chosen.program.technique if self.tiles is not None else f"OpenGL {self.info.version}"
-            raise expected(what, "OpenGL 4.3 or newer with compute shaders, technique auto or tiles", got)
+            raise expected(what, "OpenGL 4.3 or newer with compute shaders, technique auto or tiles", got, fix)
 
     def _draw_bricks(
         self,
