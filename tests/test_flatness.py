@@ -191,3 +191,18 @@ def test_a_picture_of_many_cells_tells_how_many(tmp_path: Path) -> None:
     line = ["render", str(tmp_path / "cells.npy"), "--size", "20", "-o", str(tmp_path / "a.png"), "--check", "0"]
     assert main([*line, "--quiet"]) == 0
     assert sg.Image.load(tmp_path / "a.png").info["transfer"] == "# 20,000 labels in colours of their numbers"
+
+
+def test_options_of_amounts_draw_amounts(tmp_path: Path) -> None:
+    """Unless the file itself says that its numbers are labels: then they are refused, not left out."""
+    np.save(tmp_path / "a.npy", atlas(12).astype(np.uint8))
+    for given in ({"window": (0, 9)}, {"colormap": "hot"}, {"points": ((0, 0), (9, 1))}):
+        scene = Scene(str(tmp_path / "a.npy"), transfer=given)
+        volume = scene.open()
+        assert not volume.notes and not scene.transfer_for(volume).labels
+    with pytest.raises(sg.InputError, match="labels: expected none of the options of amounts, got window; --values"):
+        Scene("a", transfer={"window": (0, 9)}).transfer_for(sg.Volume(atlas(12).astype(np.uint8), labels=()))
+    cube = "OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n"
+    (tmp_path / "a.off").write_text(cube)
+    with pytest.raises(sg.InputError, match="options: expected none of volumes for a mesh, got spacing"):
+        Scene(str(tmp_path / "a.off"), {"spacing": (1, 1, 1)}).open()

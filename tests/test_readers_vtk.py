@@ -198,3 +198,29 @@ def test_vti_block_that_inflates_beyond_its_header_is_cut(tmp_path: Path) -> Non
     path.write_bytes(text[:start] + head.tobytes() + bomb + b"</AppendedData></VTKFile>")
     with pytest.raises(InputError, match="inflated block: expected 140 bytes, got more"):
         load(path, array="letter")
+
+
+def image_of(sizes: str, section: str, data: bytes) -> bytes:
+    head = f"# vtk DataFile Version 3.0\nx\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS {sizes}\nSPACING 1 2 3\n"
+    return (head + f"ORIGIN 0 0 0\n{section}\nLOOKUP_TABLE default\n").encode() + data + b"\n"
+
+
+def test_ids_bits_and_cells_of_legacy_files(tmp_path: Path) -> None:
+    """VTK writes ids in four bytes and bits packed; a file may have arrays of cells alone. Cut files are told."""
+    values = np.arange(60).reshape(3, 4, 5)
+    path = tmp_path / "a.vtk"
+    path.write_bytes(image_of("6 5 4", "CELL_DATA 60\nSCALARS ids vtkIdType 1", values.astype(">i4").tobytes()))
+    volume = load(path)
+    assert np.array_equal(volume.samples, values)
+    assert volume.origin == (0.5, 1, 1.5) and volume.spacing == (1, 2, 3)
+    bits = image_of("5 4 3", "POINT_DATA 60\nSCALARS mask bit 1", np.packbits(values.ravel() % 3 == 0).tobytes())
+    more = b"FIELD f 1\nd 1 60 float\n" + values.astype(">f4").tobytes() + b"\n"
+    path.write_bytes(bits + more)
+    volume = load(path)
+    assert np.array_equal(volume.samples, values % 3 == 0) and volume.samples.dtype == bool
+    assert volume.notes == ("array mask of 2 is drawn; --array picks another: d",)
+    assert np.array_equal(load(path, array="d").samples, values) and not load(path, array="d").notes
+    for whole in (bits, image_of("5 4 3", "POINT_DATA 60\nSCALARS ids vtkIdType 1", bytes(240))):
+        path.write_bytes(whole[:-4])
+        with pytest.raises(InputError, match="the file is cut short or its header states a wrong size"):
+            load(path)

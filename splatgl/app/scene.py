@@ -66,6 +66,8 @@ KEYS: dict[str, tuple[type, ...]] = {
 }
 # keys of a transfer function that are of channels: pairs of a channel and a colour, or a window
 OF_CHANNELS = ("color_of", "window_of")
+# keys of a transfer function that say nothing of labels
+OF_AMOUNTS = frozenset(("points", "colormap", "window", "scale", "gradient"))
 # the keys of a layer
 LAYER = ("volume", "threshold", "load", "transfer", "opacity", "visible", "clip", "crop", "mask")
 
@@ -213,6 +215,8 @@ class Scene:
         if self.volume in SCENES and not self.load:
             return self._masked(SCENES[self.volume]())
         if is_mesh(self.volume):
+            if self.load:
+                raise expected("options", "none of volumes for a mesh", ", ".join(self.load), "leave them out")
             return stage(self.volume)
         return self._placed(load(self.volume, **self.load))
 
@@ -224,11 +228,19 @@ class Scene:
     def _placed(self, volume: Volume) -> Volume:
         """What is drawn of a volume; a flat stack with the view of it, unless the view says what is up."""
         volume, view = self._masked(self.vectors.values(volume)), self.view
-        # what is given decides, too
-        volume = volume if self.transfer.keys() & {"preset", "points", "only_labels"} else decided(volume)
+        volume = self._decided(volume)
         if view.eye is not None or view.up is not None:
             return volume
         return seen_along_z(volume, told=view.azimuth is None and view.elevation is None)
+
+    def _decided(self, volume: Volume) -> Volume:
+        """The volume as labels or amounts; what is given of the transfer function decides, too."""
+        if self.transfer.keys() & {"preset", "only_labels"}:
+            return volume
+        found = decided(volume)
+        if self.transfer.keys() & OF_AMOUNTS and volume.labels is None:
+            return replace(found.of_values("amounts") if found.labels is not None else found, notes=volume.notes)
+        return found
 
     def cut(self, volume: Volume) -> Scene:
         """The scene with the planes of `clip` and `crop` in its settings, and a view fitted to what crop leaves."""
@@ -272,6 +284,9 @@ class Scene:
         else:
             base = preset(name, volume) if name else default_transfer(volume)
             _check_keys("transfer", asked, {f.name for f in fields(Transfer)})
+            if base.labels and asked.keys() & OF_AMOUNTS:
+                given = ", ".join(sorted(asked.keys() & OF_AMOUNTS))
+                raise expected("labels", "none of the options of amounts", given, "--values amounts draws amounts")
             if asked.get("scale") == "log" and "points" not in asked:
                 base = logarithmic(base, volume)
             # a surface's colours are the light part of a map over its own window; over another, they are the whole map

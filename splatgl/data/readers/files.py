@@ -174,7 +174,9 @@ def library(title: str) -> Iterator[None]:
         raise
     except Exception as error:
         reason = " ".join(str(error).split())[:REASON_LIMIT] or type(error).__name__
-        raise InputError(f"cannot be read as {title}: {reason}; the file may be damaged") from error
+        raise InputError(
+            f"cannot be read as {title}: {reason}; the file may be damaged, or of a kind that is not read"
+        ) from error
 
 
 @contextmanager

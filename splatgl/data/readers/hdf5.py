@@ -129,8 +129,10 @@ def _chosen(file: Any, options: LoadOptions) -> Any:
     if options.array is not None:
         node = node_at(file, str(options.array), options.anywhere)
         if not hasattr(node, "shape") or not is_numbers(node):
-            listed = ", ".join(name for name, each in datasets(file).items() if _may_be(each)) or "none"
-            raise expected("array", f"a dataset of real numbers: {listed}", repr(options.array))
+            every = datasets(file)
+            names = [name for name, each in every.items() if _may_be(each)] or list(every)
+            got = f"the group {options.array!r}" if hasattr(node, "keys") else repr(options.array)
+            raise expected("array", f"a dataset of real numbers: {', '.join(names) or 'the file has no dataset'}", got)
         return node
     found = datasets(file)
     volumes = [node for node in found.values() if _may_be(node)]

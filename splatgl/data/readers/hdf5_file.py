@@ -93,7 +93,7 @@ def _probe(path: Path) -> None:
         # the program that Python is embedded in, or none
         failed = False
     if failed:
-        raise InputError("cannot be read as HDF5: its library fails on the file, which is damaged")
+        raise InputError("cannot be read as HDF5: its library fails on the file, which may be damaged")
     _SOUND.add(key)
 
 

@@ -284,7 +284,7 @@ def _complaints() -> Iterator[None]:
         logger.removeHandler(handler)
         logger.propagate = propagate
     if handler.message:
-        raise InputError(f"cannot be read as TIFF: {handler.message}; the file is cut short or damaged")
+        raise InputError(f"cannot be read as TIFF: {handler.message}; the file may be cut short or damaged")
 
 
 class _FirstError(logging.Handler):
@@ -334,7 +334,7 @@ def _check_codec(series: Any) -> None:
         )
     pages = [page for page in series.pages if page is not None]
     if len(series.pages) > _FREE_PLANES + _PLANES_PER_PAGE * len(pages):
-        raise expected("planes", f"about the file's {len(pages)} pages", len(series.pages), "the metadata are damaged")
+        raise expected("planes", f"about the file's {len(pages)} pages", len(series.pages), "save it whole in one file")
     strips, there = math.prod(frame.chunked), min(len(page.dataoffsets) for page in pages)
     if strips > there:
         raise expected("strips or tiles", f"{strips} a page", there, "the header is damaged")

@@ -20,6 +20,7 @@ from splatgl.data.readers.grid import triple
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.text import read_numbers
 from splatgl.data.readers.vtk_arrays import PointArray, hints_for, pick, told
+from splatgl.data.readers.vtk_pieces import cells_along
 from splatgl.data.volume import Volume
 
 _TYPES = {
@@ -59,6 +60,7 @@ class _Parser:
     arrays: list[PointArray] = field(default_factory=list)
     count: int = 0
     of_points: bool = False
+    cells: list[PointArray] = field(default_factory=list)
 
     def words(self) -> Words:
         """The words of the next line that is not blank; none at the end of the file."""
@@ -97,7 +99,7 @@ class _Parser:
         return grid_shape(_whole(self.grid.get("DIMENSIONS", []), "DIMENSIONS"), "DIMENSIONS")
 
     def add(self, name: str, components: int, type_name: str, is_vectors: bool, count: int) -> None:
-        """Steps over an array and keeps it if it has one entry per point."""
+        """Steps over an array and keeps it if it has one entry per point, or per cell."""
         if components < 1 or count < 0:
             raise expected(name, "one or more components and entries", f"{components}, {count}")
         read = self.values(count * components, type_name)
@@ -106,6 +108,10 @@ class _Parser:
             if count != math.prod(self.shape()):
                 raise expected("DIMENSIONS", "one line of them, ahead of the data", "another behind it")
             self.arrays.append(PointArray(unquote(name), components, is_vectors, lambda: read().reshape(shape)))
+        between = tuple(map(cells_along, self.shape())) if not self.of_points and self.count else ()
+        if between and count == self.count == math.prod(between):
+            found = (*between, components)
+            self.cells.append(PointArray(unquote(name), components, is_vectors, lambda: read().reshape(found)))
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
@@ -114,12 +120,19 @@ def read(path: Path, options: LoadOptions) -> Volume:
         parser = _Parser(path, file, _is_binary(file))
         while words := parser.words():
             _section(parser, words)
-    samples, vectors = pick(parser.arrays, options)
+    # the arrays of the points, or of the cells if there are no others, or one of that name
+    of_points, of_cells = ([each.name for each in some] for some in (parser.arrays, parser.cells))
+    in_cells = not of_points or (options.array not in (None, *of_points) and options.array in of_cells)
+    arrays = parser.cells if in_cells else parser.arrays
+    samples, vectors = pick(arrays, options)
     grid = parser.grid
     spacing = _floats(grid.get("SPACING", grid.get("ASPECT_RATIO", ["1", "1", "1"])), "SPACING")
     origin = _floats(grid.get("ORIGIN", ["0", "0", "0"]), "ORIGIN")
-    hints = hints_for(parser.arrays, options, samples)
-    notes = told(parser.arrays, options)
+    if in_cells:
+        halves = [step / 2 * (count > 1) for step, count in zip(spacing, parser.shape()[::-1], strict=True)]
+        origin = triple([start + half for start, half in zip(origin, halves, strict=True)], "ORIGIN")
+    hints = hints_for(arrays, options, samples)
+    notes = told([*arrays, *(parser.arrays if in_cells else parser.cells)], options)
     return Volume(samples, spacing, origin, vectors=vectors, hints=hints, notes=notes)
 
 
