@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.readers.files import is_mapped
+from splatgl.data.sizes import budget as budget
 from splatgl.splat.bricks.bricks import SIDE, Bricks
 from splatgl.splat.extraction.splats import MOST_KEPT
 
