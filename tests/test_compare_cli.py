@@ -191,7 +191,6 @@ def test_bad_input_each_in_its_own_words(here: Path, capsys: Said) -> None:
     nan[3, 7, 1] = np.nan
     sg.Image(nan).save("nan.npy")
     np.save("flat.npy", nan[..., 0])
-    sg.Image(RIGHT.pixels[:-1]).save("small.png")
     save_rgb("rgb.png", "RGB")
     save_rgb("gray.png", "L")
     Path("cut.png").write_bytes(Path("right.png").read_bytes()[:800])
@@ -207,7 +206,6 @@ def test_bad_input_each_in_its_own_words(here: Path, capsys: Said) -> None:
     Path("full.html").mkdir()
     before = {path: path.read_bytes() for path in here.rglob("*.png")}
     cases = {
-        "small.png right.png": "small.png: expected one size, 96×72, got 96×71; draw both at the same size",
         "rgb.png right.png": "rgb.png: expected the mode of right.png, RGBA, got RGB; save both alike, or",
         "right.png gray.png": "right.png: expected the mode of gray.png, gray, got RGBA",
         "nan.npy right.npy": "nan.npy: expected finite numbers, got [",
@@ -328,3 +326,21 @@ def test_render_ref_leaves_the_right_picture_alone(here: Path, capsys: Said) -> 
     xray = [*draw, "--blend", "xray", "--background", "white"]
     assert main([*xray, "-o", "xray.png"]) == 0
     assert main([*xray, "-o", "y.png", "--ref", "xray.png"]) == 0
+
+
+def test_other_sizes_are_a_difference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Both sizes in a line, exit code 1, both pictures in the report; of folders too."""
+    for folder, (height, width) in (("a", (30, 41)), ("b", (33, 40))):
+        (tmp_path / folder).mkdir()
+        Pillow.new("RGB", (width, height), (9, 99, 199)).save(tmp_path / folder / "p.png")
+    one, two = tmp_path / "a", tmp_path / "b"
+    said = "p.png: expected one size, 40×33, got 41×30; draw both at the same size"
+    for first, second in ((one / "p.png", two / "p.png"), (one, two)):
+        report = tmp_path / "r.html"
+        assert main(["compare", str(first), str(second), "--report", str(report)]) == 1
+        told = capsys.readouterr()
+        assert said in told.out and not told.err
+        page = report.read_text(encoding="utf-8")
+        assert page.count("<figure") == 2 and "1 different" in page
+        assert main(["compare", str(first), str(second), "--json"]) == 1
+        assert '"verdict": "different"' in capsys.readouterr().out

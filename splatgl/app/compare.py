@@ -53,7 +53,9 @@ class Asked:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result for one pair. verdict: None if it cannot be compared; error: the reason. images: kept if requested."""
+    """Result for one pair. verdict: None if it cannot be compared; error: the reason. images: kept if requested.
+    of_sizes: whether it is that the pictures have other sizes, which differ.
+    """
 
     name: str
     actual: Path
@@ -61,12 +63,13 @@ class Outcome:
     verdict: Verdict | None
     error: str = ""
     images: tuple[Image, Image] | None = None
+    of_sizes: bool = False
 
     @property
     def code(self) -> int:
         """The pair's exit code: SAME, DIFFERENT or UNUSABLE."""
         if self.verdict is None:
-            return UNUSABLE
+            return DIFFERENT if self.of_sizes else UNUSABLE
         return SAME if self.verdict.same else DIFFERENT
 
     def __str__(self) -> str:
@@ -110,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
     outcomes = [compare_files(name, a, b, asked, keep) for name, a, b in _bar(listed, args.quiet or args.json)]
     # print the verdict first, in case a file cannot be written
     print(_json(outcomes) if args.json else _text(outcomes, args), end="", flush=True)
-    if args.diff and outcomes[0].images:
+    if args.diff and outcomes[0].images and outcomes[0].verdict:
         write_whole(Path(args.diff), _diff(*outcomes[0].images, asked))
     if args.report:
         write_whole(Path(args.report), _page(outcomes, asked, f"{actual} against {right}").encode())
@@ -121,6 +124,11 @@ def compare_files(name: str, actual: Path, right: Path, asked: Asked, keep: bool
     """Compares a pair of files; errors are returned as an outcome, not raised. keep: keeps the images too."""
     try:
         images = _images(actual, right, asked)
+        sizes = [each.pixels.shape[:2] for each in images]
+        if sizes[0] != sizes[1]:
+            got, this = (f"{width}×{height}" for height, width in sizes)
+            error = expected(actual, f"one size, {this}", got, "draw both at the same size")
+            return Outcome(name, actual, right, None, str(error), images if keep else None, True)
         verdict = _judge(*images, (str(actual), str(right)), asked)
     except InputError as error:
         return Outcome(name, actual, right, None, str(error))
@@ -184,8 +192,13 @@ def _page(outcomes: list[Outcome], asked: Asked, title: str) -> str:
 
 
 def _case(outcome: Outcome, asked: Asked, pictured: bool) -> Case:
-    from splatgl.truth.compare_report import case, case_alone
+    from splatgl.truth.compare_report import case, case_alone, case_of_sizes
 
+    if outcome.of_sizes and pictured:
+        images = outcome.images or _images(outcome.actual, outcome.right, asked)
+        return case_of_sizes(outcome.name, outcome.error, *images)
+    if outcome.of_sizes:
+        return case_alone(outcome.name, "different", outcome.error)
     if outcome.verdict is None:
         return case_alone(outcome.name, "unusable", outcome.error)
     if outcome.verdict.same or not pictured:
@@ -220,7 +233,8 @@ def _json(outcomes: list[Outcome]) -> str:
 
 def _record(outcome: Outcome) -> dict[str, object]:
     if outcome.verdict is None:
-        return {"name": outcome.name, "verdict": "unusable", "error": outcome.error}
+        state = "different" if outcome.of_sizes else "unusable"
+        return {"name": outcome.name, "verdict": state, "error": outcome.error}
     verdict = outcome.verdict
     numbers = {
         key: None if isinstance(value, float) and not math.isfinite(value) else value

@@ -62,6 +62,16 @@ def case_alone(name: str, state: str, line: str, image: Image | None = None) -> 
     return Case(name, state, line, f'<div class="row">{_panel("actual", _image(pictures.shown(image, peak)))}</div>')
 
 
+def case_of_sizes(name: str, line: str, first: Image, second: Image) -> Case:
+    """A case of two pictures of different sizes, which are shown side by side."""
+    panels = []
+    for title, image in (("actual", first), ("expected", second)):
+        finite = Image(np.nan_to_num(image.pixels, posinf=0.0, neginf=0.0), image.info)
+        peak = float(finite.pixels.max()) or 1.0 if image.info.get("blend") == "xray" else 1.0
+        panels.append(_panel(title, _image(pictures.shown(finite, peak))))
+    return Case(name, "different", line, f'<div class="row">{"".join(panels)}</div>')
+
+
 def page(cases: Sequence[Case], title: str) -> str:
     """The HTML page: counts, then differing cases with images, then a line for each equal case."""
     ranked = sorted(cases, key=lambda c: STATES.index(c.state))
