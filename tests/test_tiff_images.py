@@ -286,3 +286,29 @@ def test_a_map_of_heights_is_a_terrain(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", STACK)
     with pytest.raises(InputError, match="values: expected labels or amounts for NumPy, got heights"):
         load(tmp_path / "a.npy", values="heights")
+
+
+# --- folders of slices -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("kind", "top"), [("tif", 1000), ("png", 1000), ("bmp", 20)])
+def test_a_folder_of_slices(tmp_path: Path, kind: str, top: int) -> None:
+    """In the order of the numbers in their names, without leading zeros; 16 bits stay."""
+    dtype = np.uint8 if kind == "bmp" else np.uint16
+    inside = STACK > 2000
+    for n, plane in enumerate(inside, 1):
+        pixels = np.where(plane, top * n, 0).astype(dtype)
+        if kind == "tif":
+            tifffile.imwrite(tmp_path / f"scan_{n}.tif", pixels, metadata=None)
+        else:
+            Image.fromarray(pixels).save(tmp_path / f"scan_{n}.{kind}")
+    (tmp_path / "scan.log").write_text("x")
+    volume = load(tmp_path, spacing=(9.5, 9.5, 9.5))
+    assert volume.shape == STACK.shape and volume.samples.dtype == dtype and volume.spacing == (9.5, 9.5, 9.5)
+    assert np.array_equal(volume.samples, inside * (np.arange(1, 13) * top)[:, None, None])
+    assert "12 slices, from scan_1" in volume.notes[0] and volume.notes[1] == "1 other file is left out"
+    Image.fromarray(np.zeros((9, 9), dtype)).save(tmp_path / f"scan_99.{kind}")
+    with pytest.raises(InputError, match=rf"scan_99.{kind}: expected 40×32 uint.*, as scan_1.{kind}, got 9×9"):
+        load(tmp_path)
+    with pytest.raises(InputError, match="options: expected some of spacing, values for picture slices, got channel"):
+        load(tmp_path, channel=1)

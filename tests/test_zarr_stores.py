@@ -145,8 +145,3 @@ def test_a_store_in_a_zip_is_named(tmp_path: Path) -> None:
             image(zarr.create_group(store, zarr_format=3), "0.5")
         with pytest.raises(InputError, match=r"it is a Zarr store in a zip: unpack it into a folder with: unzip"):
             load(tmp_path / name)
-    (tmp_path / "slices").mkdir()
-    for n in (1, 2, 10):
-        (tmp_path / "slices" / f"{n}.tif").write_bytes(b"")
-    with pytest.raises(InputError, match=r"got a folder of 3 pictures; save them as one TIFF"):
-        load(tmp_path / "slices")

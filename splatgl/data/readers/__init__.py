@@ -91,6 +91,7 @@ FORMATS = (
         "dicom_files.is_dicom",
         "dicom_series.lines",
     ),
+    Format("picture slices", (), "slices.read", kinds=("folder",), tells="slices.is_slices"),
     Format("height picture", (".png", ".jpg", ".jpeg"), "terrain.read_picture", _TERRAIN, ("PNG", "JPEG")),
     Format("height table", (".csv",), "terrain.read_csv", _TERRAIN),
 )
@@ -98,9 +99,6 @@ FORMATS = (
 
 ZIPPED = (".ozx", ".zarr.zip")
 """Endings of Zarr stores in a zip, which are told what unpacks them."""
-
-PLANES = (".tif", ".tiff", ".png", ".bmp", ".jpg", ".jpeg")
-"""Endings of pictures of which a folder may hold one a slice."""
 
 LINE_LIMIT = 400
 """Most characters of a message behind the path: some quote the file."""
@@ -223,10 +221,6 @@ def _format(path: Path) -> Format:
     if named:
         return named
     if kind == "folder":
-        planes = [each for each in sorted(path.iterdir()) if each.suffix.lower() in PLANES]
-        if len(planes) > 1:
-            fix = "save them as one TIFF, such as with Fiji: File, Import, Image Sequence"
-            raise expected("path", "a file, or a folder of Zarr or DICOM", f"a folder of {len(planes)} pictures", fix)
         names = " or ".join(form.title for form in told)
         raise expected("path", f"a file, or a folder of {names}", "another folder", "name a file in it")
     known, fix = ", ".join(suffix for form in FORMATS for suffix in form.suffixes), converter(path.name)

@@ -135,7 +135,7 @@ def read_picture(path: Path, options: LoadOptions) -> Volume:
     """The terrain of a picture of heights: grey, 8 or 16 bits or float, bright is high; or a microscope's plane."""
     flat = options.values in ("labels", "amounts") or (options.values is None and PLANES.search(path.name.lower()))
     # before it is decoded: a small file may hold a large map
-    pixels = _open_picture(path, 1 if flat else options.levels)
+    pixels = open_picture(path, 1 if flat else options.levels)
     is_map, told = kind_of_picture(path, pixels, options)
     volume = (
         terrain_of_picture(path, grey_heights(pixels), options) if is_map else as_microscope(plane_of_picture(pixels))
@@ -274,10 +274,11 @@ def _color(path: Path, options: LoadOptions) -> np.ndarray | None:
     picture = Path(options.color)
     if not picture.is_file():
         raise expected("color", "a picture", f"nothing named {str(picture)!r}", "check its path")
-    return _open_picture(picture, 1, as_color=True)[::-1]
+    return open_picture(picture, 1, as_color=True)[::-1]
 
 
-def _open_picture(path: Path, levels: int, as_color: bool = False) -> np.ndarray:
+def open_picture(path: Path, levels: int, as_color: bool = False) -> np.ndarray:
+    """The pixels of a picture, as they are stored but for palettes. levels: voxels that each stands for."""
     from PIL import Image
 
     # from memory: Pillow allocates any chunk length stated in a file
