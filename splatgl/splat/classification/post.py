@@ -195,15 +195,9 @@ def transparent(opaque: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def faced(gradient: np.ndarray, gone: np.ndarray, opaque: np.ndarray) -> np.ndarray:
-    """Gradients [N, 3] of voxels, those of opaque ones at the ends of matter that is even, 0, along axes at whose ends
-    they are; 0 of voxels alone, which have no face.
+    """Gradients [N, 3], 0 of opaque voxels that are alone, which have no face.
 
     gone bool [2, N, 3]: whether the neighbour before and behind is missing. opaque bool [N].
     """
-    below, above = gone
-    alone = below & above
-    bare = opaque & alone.all(axis=1)
-    still = np.flatnonzero(opaque & ~gradient.any(axis=1) & ~bare)
-    gradient[still] = np.where(alone[still], 1.0, below[still].astype(float) - above[still])
-    gradient[bare] = 0.0
+    gradient[opaque & gone.all(axis=(0, 2))] = 0.0
     return gradient
