@@ -93,7 +93,7 @@ def decided(volume: Volume) -> Volume:
         told = "whole numbers in flat areas are drawn as labels: --values amounts draws them as amounts"
         return replace(volume, labels=(), notes=(*volume.notes, told))
     marked = replace(volume, hints=replace(hints, values=kind))
-    if kind == MASK or seen is None or seen.count < 2 or not (seen.flat or seen.count <= TOLD):
+    if kind == MASK or seen is None or seen.count < 2 or not (seen.alike >= FLATTEST or seen.count <= TOLD):
         return marked
     why = "areas that blend into each other" if seen.flat else "areas that are not flat"
     told = f"whole numbers in {why} are drawn as amounts: --values labels draws each in a colour"
