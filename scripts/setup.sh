@@ -8,6 +8,8 @@ PATH=$PATH:/usr/local/sbin:/usr/sbin:/sbin        # apt and ldconfig live there;
 export PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 
 mesa_packages="libegl1 libgl1 libgl1-mesa-dri"    # software OpenGL without a display
+window_packages="xauth libegl1 libglib2.0-0 libdbus-1-3 libxkbcommon-x11-0 libxcb-cursor0 libxcb-icccm4 libxcb-image0
+    libxcb-keysyms1 libxcb-render-util0 libxcb-shape0 libxcb-xinerama0"   # what Qt's windows load
 osmesa_packages="libosmesa6"                      # a second, independent path; only the tests need it
 
 say() { printf 'splatgl: %s\n' "$*" >&2; }
@@ -26,7 +28,8 @@ up_to_date() { # level
     [ -x "$venv/bin/python" ] && [ "$(cat "$venv/.splatgl-$1" 2>/dev/null)" = "$(fingerprint)" ]
 }
 
-# Bring the environment to a level, `run` or `test`; of two that start at once the second waits, then finds it done.
+# Bring the environment to a level, `run`, `test` or `all`; of two that start at once the second waits, then finds it
+# done.
 ensure() { # level
     if up_to_date "$1"; then return 0; fi
     exec 9<"$repo"
@@ -35,17 +38,19 @@ ensure() { # level
         make_venv
         install_package "$1"
         ensure_opengl
-        if [ "$1" = test ]; then ensure_osmesa; ensure_display; fi
+        if [ "$1" != run ]; then ensure_osmesa; ensure_display; fi
+        if [ "$1" = all ]; then ensure_peers; fi
         mark_done "$1"
     fi
     exec 9<&-
 }
 
-mark_done() { # level; `test` holds all of `run`
+mark_done() { # level; each holds the levels before it
     local level
-    for level in run "$1"; do
+    for level in run test all; do
         fingerprint >"$venv/.splatgl-$level.$$"
         mv "$venv/.splatgl-$level.$$" "$venv/.splatgl-$level"
+        if [ "$level" = "$1" ]; then break; fi
     done
 }
 
@@ -104,6 +109,7 @@ make_venv() { # keeps an environment that works, whoever made it
 install_package() { # level
     local extras=all
     if [ "$1" = test ]; then extras=all,dev; fi
+    if [ "$1" = all ]; then extras=all,dev,peers; fi
     say "installing splatgl[$extras] into $venv (needed once; about a minute)"
     pip_install -c "$repo/constraints.txt" -e "${repo}[$extras]" && return 0
     # A pinned version may have no wheel for this Python; the ranges in pyproject.toml still hold
@@ -157,6 +163,17 @@ ensure_display() { # for the tests only: a display that is not there, and keys a
     if command -v Xvfb >/dev/null && command -v xdotool >/dev/null; then return 0; fi
     apt_install xvfb xdotool ||
         say "the tests of the window are skipped; to run them: sudo apt-get install xvfb xdotool"
+}
+
+ensure_peers() { # for the long tests only: libraries of Qt's windows, and a browser
+    if ! command -v xauth >/dev/null || ! ldconfig -p | grep -q libxcb-cursor; then
+        # shellcheck disable=SC2086
+        apt_install $window_packages ||
+            say "the tests in napari's window are skipped; to run them: sudo apt-get install $window_packages"
+    fi
+    if ! command -v chromium >/dev/null && ! command -v google-chrome >/dev/null; then
+        apt_install chromium || say "the tests in a browser are skipped; to run them: sudo apt-get install chromium"
+    fi
 }
 
 disturbs_others() { # packages…; true if apt would upgrade or remove what is installed

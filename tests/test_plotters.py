@@ -459,7 +459,7 @@ def test_averages_are_those_of_vtk(pyvista: Any, opacity: list[float]) -> None:
         made.close()
     # VTK's rays end at the outer samples: their means are of 27 voxels for 28
     assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] > 0.998
-    assert ours.sum() == pytest.approx(theirs.sum(), rel=0.08)
+    assert ours.sum() == pytest.approx(theirs.sum(), rel=0.12)
 
 
 def test_what_is_left_out_is_told(pyvista: Any) -> None:

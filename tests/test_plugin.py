@@ -37,7 +37,8 @@ ONE = TEST + "\ndef test_it(splatgl_image):\n    splatgl_image(picture(float(os.
 @pytest.fixture(autouse=True)
 def quick(pytester: pytest.Pytester) -> None:
     """Other packages' plugins take a second to load in each run."""
-    pytester.makeini("[pytest]\naddopts = -p no:hypothesispytest -p no:zarr")
+    others = ("hypothesispytest", "zarr", "napari", "napari-plugin-engine", "npe2", "platformdirs")
+    pytester.makeini(f"[pytest]\naddopts = {' '.join(f'-p no:{name}' for name in others)}")
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from qtpy.QtCore import Qt
 from qtpy.QtGui import QImage, QPixmap
 from qtpy.QtWidgets import QComboBox, QFileDialog, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
@@ -20,7 +19,7 @@ LEAST_WIDTH = 320
 AS_SHOWN = "as shown"
 
 
-class Panel(QWidget):  # type: ignore[misc]
+class Panel(QWidget):  # type: ignore[misc, unused-ignore]
     """Draws what the viewer shows; `image` is the last picture."""
 
     def __init__(self, napari_viewer: Any) -> None:
@@ -76,8 +75,8 @@ class Panel(QWidget):  # type: ignore[misc]
     def _show(self) -> None:
         if self.image is None:
             return
-        rgb = np.ascontiguousarray(np.asarray(self.image.to_pil().convert("RGB")))
-        height, width, _ = rgb.shape
-        whole = QPixmap.fromImage(QImage(rgb.data, width, height, 3 * width, QImage.Format.Format_RGB888))
+        rgb = self.image.to_pil().convert("RGB")
+        width, height, samples = rgb.width, rgb.height, rgb.tobytes()
+        whole = QPixmap.fromImage(QImage(samples, width, height, 3 * width, QImage.Format.Format_RGB888))
         ways = Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation
         self.shown.setPixmap(whole.scaled(self.shown.size(), *ways))

@@ -136,7 +136,8 @@ def _colored(data: Any, mapper: Any) -> Any:
     from vtkmodules.vtkCommonCore import reference
     from vtkmodules.vtkRenderingCore import vtkAbstractMapper
 
-    found, cells = data.NewInstance(), reference(0)
+    cells: Any = reference(0)
+    found = data.NewInstance()
     found.ShallowCopy(data)
     if not mapper.GetScalarVisibility():
         return found
