@@ -349,7 +349,9 @@ def test_coarser_labels_are_numbers_that_there_are(rng: np.random.Generator) -> 
 
 def test_boxes_that_others_hide_are_left_out(renderer: sg.Renderer) -> None:
     """From outside of a solid block; not where the eye, its plane or a cut is within it."""
-    volume = sg.Volume(np.full((28, 28, 28), 3, np.uint8), (1.0, 1.0, 1.5), labels=TABLE)
+    samples = np.full((28, 28, 28), 3, np.uint8)
+    samples[1:-1, 1:-1, 1:-1] = 4
+    volume = sg.Volume(samples, (1.0, 1.0, 1.5), labels=(Label(3, "", RED), Label(4, "", BLUE)))
     splats, middle = splats_of(volume), volume.center
 
     def drawn(camera: sg.Camera, settings: sg.Settings = PLAIN) -> int:
