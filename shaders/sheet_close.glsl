@@ -13,6 +13,8 @@
 #constant WEIGHTS     // cells of the table of weights by gradient, in the rows behind
 #constant MOST_CLIPS
 #constant FACE        // voxels along a ray behind a cut that are lit as its face
+#constant GRAZING_RAY // a ray that leaves a face by less than this share of its length lies in it,
+#constant FLUSH       // if it begins within so many voxels of it
 #constant MASK_EDGE   // the mask at which matter ends
 #constant MASK_ZERO   // what a byte holds for components 0 and, beyond it, 1
 #constant MASK_ONE
@@ -151,9 +153,10 @@ void set_ray(int row) {
     direction /= speed;
     float near = -1e9, far = 1e9;
     if (STEPS > 0) {
+        vec3 flush = mix(vec3(0.0), vec3(FLUSH), lessThan(abs(direction), vec3(GRAZING_RAY)));
         // away from 0, where a ray is always or never inside
         direction = mix(direction, vec3(1e-20), lessThan(abs(direction), vec3(1e-20)));
-        vec3 a = (box_low - start) / direction, b = (box_high - start) / direction;
+        vec3 a = (box_low - flush - start) / direction, b = (box_high + flush - start) / direction;
         vec3 low = min(a, b), high = max(a, b);
         near = max(low.x, max(low.y, low.z));
         far = min(high.x, min(high.y, high.z));
@@ -162,14 +165,16 @@ void set_ray(int row) {
     near = max(near, 0.0);
 #if CLIPPED == 1
     face[row] = vec4(0.0);
+    float whole = near;
     for (int i = 0; i < clips; i++) {
         float speed = dot(clip[i].xyz, direction), apart = clip[i].w - dot(clip[i].xyz, start);
+        if (abs(speed) < GRAZING_RAY) apart -= FLUSH;
         // a ray along a plane is always or never kept
         float at = apart / (abs(speed) < 1e-20 ? 1e-20 : speed);
         if (speed < 0.0) far = min(far, at);
         else if (at > near) {
+            if (at > whole + FLUSH) face[row].xyz = clip_normal[i];
             near = at;
-            face[row].xyz = clip_normal[i];
         }
     }
 #endif

@@ -171,7 +171,8 @@ void main() {
                 uint passed = at;
                 for (uint i = 0u; i < 4u; i++) {
                     uint n = group + i;
-                    bool now = n >= at && n < end && sheet_base(four[i].last) <= current;
+                    // in turn: rounding where the list was sorted may have put one before its sheet
+                    bool now = n == passed && n < end && sheet_base(four[i].last) <= current;
                     weights[i] = now ? sheet_weights(four[i].last - float(current)) : vec4(0.0);
                     passed += uint(now);
                 }

@@ -8,8 +8,8 @@
 #include "projection.glsl"
 #include "sheets.glsl"
 #include "tiles.glsl"
-#constant BLOCK       // splats that are left out together
-#constant AROUND_EYE  // a kernel that reaches this part of the way to the eye's plane has no place in the picture
+#constant BLOCK      // splats that are left out together
+#constant HAS_PLACE  // a kernel nearer to the eye's plane than this many of its reaches has no place in the picture
 
 uniform usampler2D records;   // the first four words; of points eight, in two texels
 uniform usampler2D rest;      // the last two; of points the last
@@ -62,7 +62,7 @@ void main() {
     give_matter(v, quad);
     // culls each splat too far beyond the edge, besides whole blocks
     drawn = drawn && reached(v);
-    bool around = ALIGN == ALIGN_EXACT && v.z <= AROUND_EYE * frame.depth_reach;
+    bool around = ALIGN == ALIGN_EXACT && v.z <= HAS_PLACE * frame.depth_reach;
     float half_side = drawn && !around ? it.half_side : UNSEEN;
     vec3 triangle = triangle_of(it.to_local);
     Extent extent = extent_of(triangle, reach * form_radius(v, it.center, half_side, triangle));

@@ -102,7 +102,21 @@ def test_the_front_and_what_it_beats() -> None:
     assert str(standing(good, points)) == "front"
     assert {str(standing(p, points)) for p in (slow, wasted, alike)} == {"dominated by good"}
     named = {limit: p.name if p else None for limit, p in cheapest(points, (1e-1, 1e-2, 1e-5))}
-    assert named == {1e-1: "fast", 1e-2: "good", 1e-5: None}
+    assert named == {1e-1: "fast", 1e-2: "alike", 1e-5: None}
+
+
+def test_the_cheapest_is_the_cheapest() -> None:
+    """By median, whatever the noise of the times and however near the next is; of equal times the most accurate."""
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        times, errors_ = np.round(rng.lognormal(0, 0.1, 12), 2), 10.0 ** rng.uniform(-5, 0, 12)
+        points = noisy([point(str(n), e, t) for n, (e, t) in enumerate(zip(errors_, times, strict=True))], rng)
+        for limit, found in cheapest(points):
+            under = [p for p in points if p.error <= limit]
+            assert (found is None) == (not under)
+            assert found is None or all((found.time.median, found.error) <= (p.time.median, p.error) for p in under)
+    tied = [point("a", 1e-3, 1.0), point("b", 1e-4, 1.0), point("c", 1e-5, 1.001)]
+    assert [p and p.name for _, p in cheapest(tied, (1e-2, 5e-5, 1e-6))] == ["b", "c", None]
 
 
 def test_two_reports_never_contradict_each_other() -> None:

@@ -76,7 +76,7 @@ def test_a_method_of_every_axis(renderer: sg.Renderer, monkeypatch: pytest.Monke
 def kept(result: Result) -> None:
     assert result.ok, told(result)
     assert result.pictures > 0
-    assert any(np.isfinite(each.bound) for each in result.checks)
+    assert all(np.isfinite(each.bound) for each in result.checks)
 
 
 @pytest.mark.parametrize("name", BEYOND_THE_PAPER)
@@ -105,6 +105,14 @@ def test_an_error_is_measured_where_it_is_largest() -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_no_number_keeps_no_bound(value: float) -> None:
     assert not check("one", [0.0, value], 0.0, 1e300).ok
+
+
+def test_no_bound_is_no_promise() -> None:
+    """Nothing is kept by an infinite bound, whatever the error; the line says so."""
+    for error in (0.0, 0.24):
+        found = check("α", 1.0 - error, 1.0, np.inf)
+        assert not found.ok and found.share == np.inf
+        assert line(Result(draws(0.0), (found,), 1, 0, 0.0)).endswith("BROKEN")
 
 
 def draws(value: float) -> Case:

@@ -61,9 +61,10 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
 
 
 def clip_uniforms(clip: Clip, view: View) -> Uniforms:
-    """The planes of sheet_close.glsl, from the eye."""
+    """The planes of sheet_close.glsl, from the eye; unit normals of index space."""
     rows = np.zeros((MOST_CLIPS, 4))
-    rows[: len(clip.g)] = np.column_stack([clip.g, clip.place - clip.g @ view.eye_index])
+    own = np.column_stack([clip.g, clip.place - clip.g @ view.eye_index])
+    rows[: len(clip.g)] = own / np.linalg.norm(clip.g, axis=1)[:, None]
     normals = np.zeros((MOST_CLIPS, 3))
     normals[: len(clip.g)] = clip.normal
     return {"clips": len(clip.g), "clip": [*map(tuple, rows)], "clip_normal": [*map(tuple, normals)]}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.clip import Clip
+from splatgl.splat.view.clip import FLUSH, GRAZING, Clip
 from splatgl.splat.view.view import View
 
 
@@ -51,7 +51,8 @@ class Rays:
         start, direction = view.index_from_eye @ start + view.eye_index[:, None], view.index_from_eye @ along
         speed = np.linalg.norm(direction, axis=0)
         direction = direction / speed
-        low, high = np.full((3, 1), -0.5), np.array(shape)[:, None] - 0.5
+        flush = np.where(np.abs(direction) < GRAZING, FLUSH, 0.0)
+        low, high = -0.5 - flush, np.array(shape)[:, None] - 0.5 + flush
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = np.stack([(low - start) / direction, (high - start) / direction])
         # along an axis without motion, a ray is always or never inside
@@ -65,7 +66,7 @@ class Rays:
         face = None
         if clip is not None:
             enters, leaves, plane = clip.along(start, direction)
-            face = np.where((enters > near)[:, None], clip.normal[plane], 0.0)
+            face = np.where((enters > near + FLUSH)[:, None], clip.normal[plane], 0.0)
             near, far = np.maximum(near, enters), np.minimum(far, leaves)
         hit = far > near
         stretch = np.linalg.norm(along, axis=0) / speed

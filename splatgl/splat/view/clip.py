@@ -26,6 +26,11 @@ MOST_CLIPS = 16
 UNIT = 1e-14
 # voxels along a ray behind a cut that are lit as its face
 FACE = 1.0
+# a ray that leaves a plane, or a face of a volume's box, by less than GRAZING of its length lies in it if it begins within
+# FLUSH voxels of it, and is kept: views along faces are usual, and float32 and float64 would decide each ray otherwise
+GRAZING, FLUSH = 1e-5, 1e-3
+# rounding: a voxel before a plane by less than this share of its distance from the origin counts as on it
+ON_PLANE = 1e-12
 
 # n_x, n_y, n_z, d: kept are the points x with n · x ≥ d, world units; n is a unit vector
 Plane = tuple[float, float, float, float]
@@ -72,10 +77,9 @@ class Clip:
         normal = rows[:, :3]
         return cls(normal, normal @ grid.world_from_index, rows[:, 3] - normal @ np.asarray(grid.origin, np.float64))
 
-    def keeps(self, positions: np.ndarray, boxes: bool = False) -> np.ndarray:
-        """bool [N]: which grid positions [N, 3] are kept; boxes: or any of the boxes of their voxels."""
+        at = positions.astype(np.float64) @ self.g.T
         place = self.place - (0.5 * np.abs(self.g).sum(axis=1) if boxes else 0.0)
-        return np.asarray((positions.astype(np.float64) @ self.g.T >= place).all(axis=1))
+        return np.asarray((at >= place - ON_PLANE * (np.abs(at) + np.abs(place))).all(axis=1))
 
     def meets(self, low: np.ndarray, high: np.ndarray) -> bool:
         """Whether any of a box of grid positions, low to high [3], may be kept."""
@@ -85,7 +89,9 @@ class Clip:
         """Of rays from `start` along `direction` [3, P], grid indices: the distances [P] between which all planes keep
         them, and the number [P] of the plane behind which they begin.
         """
-        speed, apart = self.g @ direction, self.place[:, None] - self.g @ start
+        size = np.linalg.norm(self.g, axis=1)[:, None]
+        speed, apart = self.g @ direction / size, (self.place[:, None] - self.g @ start) / size
+        apart = np.where(np.abs(speed) < GRAZING, apart - FLUSH, apart)
         with np.errstate(divide="ignore", invalid="ignore"):
             at = apart / speed
         # a ray along a plane is always or never kept

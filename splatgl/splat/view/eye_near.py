@@ -10,8 +10,10 @@ from splatgl.splat.view.block_culling import Frustum
 from splatgl.splat.view.slab import between
 from splatgl.splat.view.view import View
 
-# tiles: splats nearer in depth than this many kernel reaches count as around the eye
-AROUND_EYE = 2.0
+# half lines are compiled in if a splat is nearer in depth than this many kernel reaches; tiles take them for those
+# nearer than HAS_PLACE reaches, the others have a place in the picture. Between the two both draw the same, so that no
+# rounding of float32 decides whether a splat is drawn
+AROUND_EYE, HAS_PLACE = 2.0, 1.5
 # a moving kernel's centre is near within this many radii: the root of HALF_LINE_REACH, with a margin
 NEAR_RADII = 1.06
 # quads: a kernel is around the eye if its centre is nearer than √HALF_LINE_REACH radii

@@ -22,8 +22,9 @@ from splatgl.data.volume import Places, Volume
 from splatgl.splat.extraction.splats import Grid
 from splatgl.splat.view.trilinear import trilinear
 
-# the mask at which matter ends
-EDGE = 0.5
+# the mask at which matter ends: below one half, so that rays along its faces are kept whatever the rounding; a face is
+# this much of a voxel further out
+EDGE = 0.5 - 5e-4
 # voxels around what is kept that its gradient, and its values beyond it, are known in
 AROUND = 3
 # voxels around it on which values within depend: a kernel's reach, and that of sheets

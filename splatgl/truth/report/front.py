@@ -111,13 +111,11 @@ def stairs(points: Sequence[Point]) -> list[Point]:
 
 
 def cheapest(points: Sequence[Point], limits: Sequence[float] = ERRORS) -> list[tuple[float, Point | None]]:
-    """For each error, the fastest point below it; of those not certainly slower, the most accurate."""
+    """For each error, the point below it whose median time is the shortest; of equal times, the most accurate."""
     found: list[tuple[float, Point | None]] = []
     for limit in limits:
-        under = [point for point in points if point.error <= limit]
-        fastest = min(under, key=lambda p: p.time.median, default=None)
-        alike = [p for p in under if fastest is not None and fastest.time.faster(p.time) < SURE]
-        found.append((limit, min(alike, key=lambda p: p.rounded, default=None)))
+        under = (point for point in points if point.error <= limit)
+        found.append((limit, min(under, key=lambda p: (p.time.median, p.error), default=None)))
     return found
 
 

@@ -19,7 +19,7 @@ class Check:
     """A comparison: exact and measured value where the error is largest, that error, and its bound.
 
     relative: whether errors are relative to the exact value, or absolute (linear light; in X-rays Σ τ).
-    bound: infinite if the error is only reported.
+    bound: finite, as an infinite one promises nothing and is never kept.
     paper: result of the paper's own form, at its largest error; None: not available.
     """
 
@@ -34,15 +34,15 @@ class Check:
 
     @property
     def ok(self) -> bool:
-        """Whether the error is within the bound; NaN never is."""
-        return bool(self.error <= self.bound)
+        """Whether the error is within the bound, and that finite; NaN never is."""
+        return bool(self.error <= self.bound < np.inf)
 
     @property
     def share(self) -> float:
         """Error over bound; infinite if a bound of 0 is violated."""
         if self.ok:
             return self.error / self.bound if self.bound > 0 else 0.0
-        return self.error / self.bound if self.bound > 0 and np.isfinite(self.error) else float("inf")
+        return self.error / self.bound if 0 < self.bound < np.inf and np.isfinite(self.error) else float("inf")
 
 
 @dataclass(frozen=True)
