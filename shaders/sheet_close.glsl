@@ -81,8 +81,9 @@ vec4 mask_at(int row, float sheet) {
     return trilinear(mask_field, mask_first[row] + mask_step[row] * sheet);
 }
 
-// What is kept of a part, where the mask less MASK_EDGE is m at its ends, and linear between.
+// What is kept of a part, where the mask less MASK_EDGE is m at its ends, and linear between; all of what lies in a face.
 vec2 kept_part(vec2 part, vec2 m) {
+    if (max(abs(m.x), abs(m.y)) < FLUSH) return part;
     float cross = mix(part.x, part.y, m.x / (m.x == m.y ? 1.0 : m.x - m.y));
     if (m.x >= 0.0) return vec2(part.x, m.y >= 0.0 ? part.y : cross);
     return m.y >= 0.0 ? vec2(cross, part.y) : part.xx;

@@ -224,7 +224,10 @@ def test_explain(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["render", "noise.npy", "--size", "16", "--explain"]) == 0
     told = capsys.readouterr().out
     assert "align exact" in told and "3 share a splat, classified after reconstruction" in told
-    assert re.search(r"off by at most \S+, RMSE \S+, in 160 pixels drawn in float64, against", told)
+    assert re.search(
+        r"off by up to \S+, RMSE \S+, in 160 of 256 pixels drawn in float64; the others were not compared, against",
+        told,
+    )
     assert main(["render", "noise.npy", "--size", "16", "--explain", "--like", "0.1"]) == 0
     told = capsys.readouterr().out
     assert re.search(r"error bound \S+: the tolerance 0.00392 is met, against", told)
@@ -287,21 +290,23 @@ def test_rows_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     np.save("noise.npy", np.random.default_rng(1).random((8, 8, 8)))
     asked = ["render", "noise.npy", "--size", "24", "-o", "x.png"]
     assert main(asked) == 0
-    found = r"drawn in \S+ s by [^;]+; off by at most \S+, RMSE \S+, in 160 pixels drawn in float64"
+    found = r"drawn in \S+ s by [^;]+; off by up to \S+, RMSE \S+, in 160 of 576 pixels drawn in float64; the others"
     assert re.search(found, capsys.readouterr().out)
     checked: Any = sg.Image.load("x.png").info["checked"]
     assert 0 < checked["rmse"] < checked["largest"] < 0.02 and len(checked["windows"]) == 10
     assert main([*asked, "--like", "0.1"]) == 0 and "drawn in float64" not in capsys.readouterr().out
-    for rows, told in (("5", "120 pixels"), ("0", "")):
+    for rows, told in (("5", "120 of 576 pixels"), ("24", "576 of 576 pixels"), ("0", "")):
         assert main([*asked, "--check", rows]) == 0
         said = capsys.readouterr().out
         assert ("drawn in float64" in said) == bool(told) and told in said
+        assert ("were not compared" in said) == (rows == "5")
     assert main([*asked, "--check", "25"]) == 2 and "expected 0 to 24 rows, got 25" in capsys.readouterr().err
     # beside its own error, how far it is from the field; coarser sheets are farther
-    assert main([*asked, "--field"]) == 0 and "off the field itself by at most" in capsys.readouterr().out
+    assert main([*asked, "--field"]) == 0 and "off the field itself by up to" in capsys.readouterr().out
     # of a small picture, all
     assert (
-        main([*asked, "--size", "24x1", "--points", "0:0.5,1:0.5"]) == 0 and " in 8 pixels " in capsys.readouterr().out
+        main([*asked, "--size", "24x1", "--points", "0:0.5,1:0.5"]) == 0
+        and " in 8 of 24 pixels " in capsys.readouterr().out
     )
     # a picture that is wrong is told from one that is right
     monkeypatch.setattr("splatgl.truth.check.render_windows", lambda *_: [np.full((1, 24, 4), 0.5)] * 2)

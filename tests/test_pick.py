@@ -9,6 +9,7 @@ import pytest
 from noise import GRIDS
 
 import splatgl as sg
+from splatgl.truth.depth import depths
 
 FOG = sg.Transfer([(-1e9, 0.05)], unit=1.0)
 
@@ -89,3 +90,53 @@ def test_pixels_that_are_none(pixel: Any) -> None:
         sg.pick(volume, camera, pixel, FOG)
     with pytest.raises(sg.InputError, match="mode: expected first or max"):
         sg.pick(volume, camera, (1, 1), FOG, mode="last")
+
+
+def thin(seed: int) -> tuple[sg.Volume, sg.Transfer, sg.Camera]:
+    """A field with thin matter: a narrow range of its values is opaque, or only the brightest voxels are."""
+    rng = np.random.default_rng(seed)
+    volume = sg.Volume(rng.random((9, 9, 9)), spacing=tuple(rng.uniform(0.5, 2, 3)), name="thin")
+    low = rng.uniform(0.3, 0.9)
+    peaks = [(0.985, 0.0), (0.985, 0.999)]
+    spike = [(low, 0.0), (low, 0.999), (low + 2e-3, 0.999), (low + 2e-3, 0.0)]
+    camera = sg.Camera.orbit(volume, rng.uniform(0, 360), rng.uniform(-60, 60), size=(9, 9))
+    return volume, sg.Transfer(peaks if seed % 2 else spike, window=(0, 1), unit=0.05), camera
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_thin_matter_is_stepped_over(seed: int) -> None:
+    """What a ray marched in steps of a thousandth of a voxel meets is picked there, and its depth is told."""
+    volume, spike, camera = thin(seed)
+    mapped = depths(volume, camera, 0.0, transfer=spike)
+    inverse, missed = np.linalg.inv(volume.world_from_index), 0
+    x, y = camera.slopes()
+    for row in range(9):
+        for column in range(9):
+            ray = np.array([x[column], y[row], 1.0]) @ camera.eye_from_world
+            depth = np.linspace(0, 2 * float(np.linalg.norm(camera.eye - volume.center)), 60_000)
+            places = inverse @ ((camera.eye + depth[:, None] * ray) - volume.origin).T
+            inside = ((places >= -0.5) & (places <= 8.5)).all(axis=0)
+            seen = np.zeros(len(depth), bool)
+            seen[inside] = spike.opacity(trilinear(np.asarray(volume.samples), places[:, inside])) > 0
+            found = sg.pick(volume, camera, (column, row), spike)
+            if not seen.any():
+                # matter thinner than that step may be met all the same
+                continue
+            missed += found is None
+            assert found is not None
+            eye = camera.eye_from_points(np.array(found.place))[2]
+            assert np.abs(depth[seen] - eye).min() < 0.05
+            assert mapped[row, column] <= depth[seen][0] + 0.02
+    assert missed == 0
+
+
+def trilinear(samples: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Values at grid positions [3, N], linear between samples."""
+    places = np.clip(places, 0, 8)
+    first = np.minimum(places.astype(int), 7)
+    share, found = places - first, np.zeros(places.shape[1])
+    for corner in np.ndindex(2, 2, 2):
+        step = np.array(corner)[:, None]
+        x, y, z = first + step
+        found += np.where(step, share, 1 - share).prod(axis=0) * samples[z, y, x]
+    return found

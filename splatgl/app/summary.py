@@ -118,12 +118,15 @@ def _compared(image: Image) -> str:
     assert isinstance(checked, dict)
     # sums have no largest value of their own
     of = f" of {image.pixels.max():.3g}" if BLENDS[str(info["blend"])].unbounded else ""
-    told = f"off by at most {checked['largest']:.2g}{of}, RMSE {checked['rmse']:.2g}, in {checked['pixels']} pixels"
-    told += " drawn in float64"
+    every = image.pixels.shape[0] * image.pixels.shape[1]
+    told = f"off by up to {checked['largest']:.2g}{of}, RMSE {checked['rmse']:.2g}, in {checked['pixels']} of {every} "
+    told += "pixels drawn in float64"
     if info.get("level"):
         told += f", of level {info['level']}'s voxels"
+    if int(checked["pixels"]) < every:
+        told += "; the others were not compared"
     field = checked.get("field")
     if field is None:
         return told
-    far = f"off the field itself by at most {field['largest']:.2g}{of}, RMSE {field['rmse']:.2g}"
-    return f"{told}\n{far}, in {field['pixels']} pixels"
+    far = f"off the field itself by up to {field['largest']:.2g}{of}, RMSE {field['rmse']:.2g}"
+    return f"{told}\n{far}, in {field['pixels']} of these pixels"

@@ -1,7 +1,7 @@
 """Depth maps: how far from the eye each pixel's ray meets what it shows, in float64 and without splats.
 
-Rays pass boxes of voxels that hold nothing at once, and walk through others in half voxels; within the step that
-decides, values are looked up PARTS times.
+Rays pass boxes of voxels that hold nothing at once, and walk through others in half voxels and from plane to plane of
+samples, between which values have no kinks; within the step that decides, values are looked up PARTS times.
 """
 
 from __future__ import annotations
@@ -151,11 +151,10 @@ def _begin(fields: Sequence[LayerField], rays: np.ndarray) -> Walk:
 
 
 def _ends(fields: Sequence[LayerField], walk: Walk) -> np.ndarray:
-    """Where a step of each ray ends: half a voxel on, or where a layer begins or ends."""
+    """Where a step of each ray ends: half a voxel on, at a plane of samples or a face of a label's voxel, or where a layer begins or ends."""
     end = walk.depth + np.min([each.step[walk.ray] for each in fields], axis=0)
     for each in fields:
-        if each.samples.nearest:
-            end = np.minimum(end, each.face(walk.depth, walk.ray))
+        end = np.minimum(end, each.face(walk.depth, walk.ray))
         for edge in (each.near[walk.ray], each.far[walk.ray]):
             end = np.where((edge > walk.depth) & (edge < end), edge, end)
     return end

@@ -181,11 +181,12 @@ class LayerField:
         return np.asarray(1 / (STEPS * np.linalg.norm(self.per_depth, axis=0)))
 
     def face(self, depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
-        """Depths of the next faces of voxels behind depths of rays."""
-        along = self.per_depth[:, rays]
+        """Depths of the next planes of samples behind depths of rays, where values have kinks; of labels, of the next
+        faces of voxels.
+        """
+        along, half = self.per_depth[:, rays], 0.5 if self.samples.nearest else 0.0
         place, ahead = self.start[:, rays] + along * depth, np.where(along > 0, 1.0, -1.0)
-        # from half a voxel on, in the ray's direction
-        passed = np.floor(place * ahead + 0.5 + AT_FACE) + 0.5
+        passed = np.floor(place * ahead + half + AT_FACE) + 1 - half
         with np.errstate(divide="ignore", invalid="ignore"):
             left = np.where(along == 0, np.inf, (passed - place * ahead) / np.abs(along))
         return np.asarray(depth + left.min(axis=0))

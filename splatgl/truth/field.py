@@ -16,6 +16,7 @@ import numpy as np
 from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
+from splatgl.splat.classification.class_integral import ClassIntegral
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.classification.shading import LIGHTS, Light, surface_light
 from splatgl.splat.classification.transfer import Transfer
@@ -35,13 +36,14 @@ from splatgl.splat.view.view import View
 from splatgl.truth.blend import classified, joined, joined_value, over_background
 from splatgl.truth.integral import OPAQUE, distances, samples_of, spread
 from splatgl.truth.rays import Rays
+from splatgl.truth.sheet_field import weighted
 
 # rays and points per batch
 RAYS, POINTS = 1 << 14, 1 << 12
 # voxels around a point that it reads, in each direction
 REACH = 2
 # steps per voxel through the field of kept values
-STEPS = 4
+STEPS = 8
 
 # value [P] and world gradient [P, 3] at grid positions [3, P]
 Field = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -116,7 +118,8 @@ class Marched:
     """A field and its look. free uint8 [D, H, W]: distance in voxels to one that opaque points need, at most LEAP.
 
     spacing: mean spacing, unit: reference length of opacities, both in world units. span: of the values over which the
-    transfer function varies.
+    transfer function varies. classified: its integral over values, for continuous fields: steps are classified by all
+    values that they pass, so that no spike is stepped over; None: by those in their middle.
     """
 
     field: Field
@@ -130,23 +133,38 @@ class Marched:
     shading: bool = True
     mask: MaskField | None = None
     span: float = 1.0
+    classified: ClassIntegral | None = None
 
     def kept(self, places: np.ndarray) -> np.ndarray:
         """bool [P]: whether the mask keeps grid positions [3, P]."""
         return np.ones(places.shape[1], bool) if self.mask is None else self.mask.at(places) >= 0
 
-    def light(self, places: np.ndarray, toward: np.ndarray, face: np.ndarray | None) -> np.ndarray:
-        """[P, 4]: colour, and extinction per mean spacing, at grid positions [3, P]; toward [P, 3]: ray, world axes.
-        face [P, 3]: normals that replace the field's; 0 where they don't.
+    def classes(self, places: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """[P, 4], [P, 3]: colour and extinction per mean spacing, and gradients, of steps around grid positions [3, P].
+        half [3, P]: from there to a step's ends. Of a continuous field means over all values that a step passes.
+        """
+        if self.classified is None:
+            value, gradient = self.field(places)
+            opacity = self.transfer.opacity(value) * self.transfer.weight(np.linalg.norm(gradient, axis=1))
+            extinction = self.transfer.extinction(opacity, self.unit)
+            return np.column_stack([self.transfer.color(value), extinction * self.spacing]), gradient
+        (first, near), (last, far) = self.field(places - half), self.field(places + half)
+        # beyond the field as at the other end
+        first, last = np.where(np.isnan(first), last, first), np.where(np.isnan(last), first, last)
+        seen, gradient = np.isfinite(first), (near + far) / 2
+        matter = self.classified.mean(np.where(seen, first, 0.0), np.where(seen, last, 0.0)) * seen[:, None]
+        color = matter[:, :3] / np.where(matter[:, 3:] > 0, matter[:, 3:], 1.0)
+        extinction = weighted(matter[:, 3], self.transfer.weight(np.linalg.norm(gradient, axis=1)))
+        return np.column_stack([color, extinction * (self.spacing / self.unit)]), gradient
+
+    def light(self, places: np.ndarray, half: np.ndarray, toward: np.ndarray, face: np.ndarray | None) -> np.ndarray:
+        """[P, 4]: colour, and extinction per mean spacing, of steps around grid positions [3, P], half [3, P] from there
+        to their ends; toward [P, 3]: ray, world axes. face [P, 3]: normals that replace the field's; 0 where they don't.
         """
         found = np.empty((places.shape[1], 4))
         for first in range(0, len(found), POINTS):
             some = slice(first, first + POINTS)
-            value, gradient = self.field(places[:, some])
-            found[some, :3] = self.transfer.color(value)
-            size = np.linalg.norm(gradient, axis=1)
-            opacity = self.transfer.opacity(value) * self.transfer.weight(size)
-            found[some, 3] = self.transfer.extinction(opacity, self.unit) * self.spacing
+            found[some], gradient = self.classes(places[:, some], half[:, some])
             found[some] *= self.kept(places[:, some])[:, None]
             if self.light_by is not None:
                 if face is not None:
@@ -213,7 +231,7 @@ def field_integral(
     """The picture of a field, float64 [H, W, 4], without antialiasing.
 
     field: "trilinear", a kernel's name, or a function from grid positions [3, P] to values [P] and world gradients
-    [P, 3]. Midpoint rule, steps of 1/steps_per_voxel in index space; samples × samples rays a pixel. Rays are clipped
+    [P, 3]. Steps of 1/steps_per_voxel in index space, of a formula by the midpoint rule; samples × samples rays a pixel. Rays are clipped
     to the volume's box. Composites are shaded as the transfer function says. Raises InputError for numbers below 1 and
     unknown blends.
     """
@@ -234,7 +252,8 @@ def field_integral(
     shading = transfer.shading and BLENDS[blend].ordered
     marched = Marched(field, transfer, free, grid.mean_spacing, unit, LIGHTS["head"] if shading else None)
     gaps = np.argwhere(~np.isfinite(np.asarray(volume.samples)))[:, ::-1]
-    marched = replace(marched, mask=MaskField.with_gaps(volume, gaps), span=post.span)
+    classified = post.integral if name != "formula" else None
+    marched = replace(marched, mask=MaskField.with_gaps(volume, gaps), span=post.span, classified=classified)
     width, height = camera.size
     rays = PixelRays.of(grid, camera, samples, post.shape)
     drawn = rays.means(marched, np.arange(width * height), steps_per_voxel, blend)
@@ -271,7 +290,7 @@ def kept_field_integral(
     light, shines = (look.light, look.light.within(camera)) if look.shading or cues else (None, None)
     size = splats.grid.mean_spacing
     marched = Marched(field, post.transfer, free, size, splats.unit, light, shines, cues, look.shading)
-    marched = replace(marched, mask=resolved.mask, span=post.span)
+    marched = replace(marched, mask=resolved.mask, span=post.span, classified=post.integral)
     rays = PixelRays.of(splats.grid, camera, samples, post.shape, resolved.clip)
     drawn = rays.means(marched, pixels, STEPS, settings.blend)
     return over_background(drawn, resolved)
@@ -319,7 +338,8 @@ def _march(sums: bool, marched: Marched, rays: Rays, steps: int) -> np.ndarray:
         if face is not None:
             near = np.asarray((slab[on[some]] + 0.5) * step[on[some]] < FACE)
             face = np.where(near[:, None], face[on[some]], 0.0)
-        found = marched.light(places[:, some], rays.toward[on[some]], face)
+        half = rays.direction[:, on[some]] * (step[on[some]] / 2)
+        found = marched.light(places[:, some], half, rays.toward[on[some]], face)
         through = found[:, 3] * length[on[some]]
         passed = through if sums else np.exp(-depth[on[some]]) * -np.expm1(-through)
         light[on[some]] += passed[:, None] * found[:, :3]

@@ -10,6 +10,7 @@ import numpy as np
 
 from splatgl.data.errors import expected
 from splatgl.data.volume import Triple, Volume
+from splatgl.splat.classification.class_integral import ClassIntegral
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.splats import Grid
 from splatgl.splat.kernel.kernels import kernel
@@ -22,8 +23,12 @@ from splatgl.splat.view.view import View
 from splatgl.truth.rays import Rays
 from splatgl.truth.surfaces import crossings
 
-# points along a ray, per smallest voxel, and most of them
-STEPS, MOST = 4, 1 << 20
+# parts of a ray, per smallest voxel, and most of them; parts of the one that decides
+STEPS, MOST, PARTS = 4, 1 << 20, 64
+# share of a part between whose ends values are taken: samples beyond may be missing
+WITHIN = 1 - 1e-9
+# least cells of a transfer function's integral
+LEAST_CELLS = 1 << 12
 # optical depth at which half of the light is absorbed
 HALF = float(np.log(2))
 # optical depth of an opaque surface: nothing is behind it
@@ -76,19 +81,20 @@ def pick(
         return _first_mesh(surfaces, scene, camera, number)
     near, far = float(ends[:, 0].min()), float(ends[:, 1].max())
     count = min(int(np.ceil((far - near) / min(each.step for each in found))), MOST)
-    # parts of the ray end at faces of labels, whose voxels are even
-    faces = [each.faces(near, far) for each in found if each.layer.seen.labels]
-    ends = np.unique(np.concatenate([np.linspace(near, far, count + 1), *faces]))
+    # parts of the ray end where a layer does, at faces of labels, whose voxels are even, and at planes of samples,
+    # between which values have no kinks
+    faces = [each.faces(near, far) for each in found]
+    ends = np.unique(np.concatenate([np.linspace(near, far, count + 1), ends.ravel(), *faces]))
     along, lengths = (ends[:-1] + ends[1:]) / 2, np.diff(ends)
-    seen = [each.seen(along) for each in found]
+    seen = [each.seen(ends) for each in found]
     if mode == "max":
         end = next((each.distance for each in surfaces if each.depth >= OPAQUE), np.inf)
         seen = [(value, extinction, inside & (along < end)) for value, extinction, inside in seen]
         values = np.array([np.where(inside, value, -np.inf) for value, _, inside in seen])
         layer, place = divmod(int(values.argmax()), len(along))
         if np.isfinite(values[layer, place]):
-            labels = found[layer].layer.seen.labels
-            return found[layer].picked(ends[place] if labels else along[place], layer, values[layer, place])
+            first = np.nan_to_num(found[layer].within(ends[place : place + 2])[0], nan=-np.inf) >= values[layer, place]
+            return found[layer].picked(float(ends[place if first else place + 1]), layer, values[layer, place])
         return _first_mesh(surfaces, scene, camera, number)
     extinctions = np.array([extinction for _, extinction, _ in seen])
     depths = extinctions.sum(axis=0) * lengths
@@ -105,10 +111,14 @@ def pick(
     left = depth[place] - enough
     place -= int((at < place).sum())
     layer = int(extinctions[:, place].argmax())
-    if not found[layer].layer.seen.labels:
-        return found[layer].picked(along[place], layer)
-    exact = ends[place + 1] - lengths[place] * left / depths[place]
-    return found[layer].picked(exact, layer, seen[layer][0][place])
+    if found[layer].layer.seen.labels:
+        exact = ends[place + 1] - lengths[place] * left / depths[place]
+        return found[layer].picked(exact, layer, seen[layer][0][place])
+    # where within the part half of what that layer absorbs there is absorbed
+    ends = np.linspace(ends[place], ends[place + 1], PARTS + 1)
+    depth = np.cumsum(found[layer].seen(ends)[1])
+    part = int(np.searchsorted(depth, depth[-1] / 2))
+    return found[layer].picked(float(ends[part] + ends[part + 1]) / 2, layer)
 
 
 @dataclass(frozen=True)
@@ -193,29 +203,41 @@ class _Ray:
         return cls(layer, rays.start[:, 0], rays.direction[:, 0] / world, ends, grid.smallest_spacing / STEPS)
 
     def faces(self, near: float, far: float) -> np.ndarray:
-        """Distances between two at which the ray crosses faces of voxels."""
-        shape = self.layer.volume.shape[::-1]
+        """Distances between two at which the ray crosses faces of labels' voxels, or planes of samples."""
+        shape, half = self.layer.volume.shape[::-1], 0.5 if self.layer.seen.labels else 0.0
         with np.errstate(divide="ignore", invalid="ignore"):
             crossed = [
-                (np.arange(n + 1) - 0.5 - i) / d for n, i, d in zip(shape, self.start, self.direction, strict=True)
+                (np.arange(n + 1) - half - i) / d for n, i, d in zip(shape, self.start, self.direction, strict=True)
             ]
         every = np.concatenate(crossed)
         return np.asarray(every[(every > near) & (every < far)])
 
-    def seen(self, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Values, extinctions per world length, and whether they are inside, at distances [N]."""
-        inside = (along >= self.ends[0]) & (along <= self.ends[1])
-        value = np.full(len(along), np.nan)
-        value[inside] = self._values(self.start[:, None] + self.direction[:, None] * along[inside])
-        inside &= np.isfinite(value)
+    def within(self, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values at both ends of the parts between distances [N + 1]; of labels that of their middles."""
+        middle, half = (ends[:-1] + ends[1:]) / 2, np.diff(ends) * (WITHIN / 2)
+        places = (middle,) * 2 if self.layer.seen.labels else (middle - half, middle + half)
+        first, last = (self._values(self.start[:, None] + self.direction[:, None] * place) for place in places)
+        return first, last
+
+    def seen(self, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of the parts between distances [N + 1] their largest values, mean extinctions per world length over all values
+        that they pass, so that none is stepped over, and whether they are inside.
+        """
+        middle, look = (ends[:-1] + ends[1:]) / 2, self.layer.seen
+        first, last = self.within(ends)
+        inside = (middle >= self.ends[0]) & (middle <= self.ends[1]) & np.isfinite(first) & np.isfinite(last)
         mask = MaskField.of(self.layer.volume)
         if mask is not None:
-            places = self.start[:, None] + self.direction[:, None] * along
-            inside &= mask.keeps(places.T) if self.layer.seen.labels else mask.at(places) >= 0
-        look = self.layer.seen
+            places = self.start[:, None] + self.direction[:, None] * middle
+            inside &= mask.keeps(places.T) if look.labels else mask.at(places) >= 0
         unit = look.unit or Grid(self.layer.volume.world_from_index, np.zeros(3)).mean_spacing
-        extinction = np.zeros(len(along))
-        extinction[inside] = look.extinction(look.opacity(value[inside]), unit)
+        value, extinction = np.fmax(first, last), np.zeros(len(middle))
+        first, last = first[inside], last[inside]
+        low, high = min(first.min(initial=np.inf), last.min(initial=np.inf)), value[inside].max(initial=-np.inf)
+        if look.labels or not low < high:
+            extinction[inside] = look.extinction(look.opacity(first), unit)
+        else:
+            extinction[inside] = ClassIntegral.of(look, low, high, LEAST_CELLS).mean(first, last)[:, 3] / unit
         return value, extinction, inside
 
     def _values(self, places: np.ndarray) -> np.ndarray:

@@ -26,8 +26,8 @@ MOST_CLIPS = 16
 UNIT = 1e-14
 # voxels along a ray behind a cut that are lit as its face
 FACE = 1.0
-# a ray that leaves a plane, or a face of a volume's box, by less than GRAZING of its length lies in it if it begins within
-# FLUSH voxels of it, and is kept: views along faces are usual, and float32 and float64 would decide each ray otherwise
+# a ray that leaves a plane, or a face of a volume's box, by less than GRAZING of its length lies in it if it begins
+# within FLUSH voxels of it, and is kept: views along faces are usual, and rounding would decide each ray otherwise
 GRAZING, FLUSH = 1e-5, 1e-3
 # rounding: a voxel before a plane by less than this share of its distance from the origin counts as on it
 ON_PLANE = 1e-12

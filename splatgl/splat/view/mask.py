@@ -20,11 +20,11 @@ from splatgl.data.errors import expected
 from splatgl.data.sizes import size_of
 from splatgl.data.volume import Places, Volume
 from splatgl.splat.extraction.splats import Grid
+from splatgl.splat.view.clip import FLUSH
 from splatgl.splat.view.trilinear import trilinear
 
-# the mask at which matter ends: below one half, so that rays along its faces are kept whatever the rounding; a face is
-# this much of a voxel further out
-EDGE = 0.5 - 5e-4
+# the mask at which matter ends
+EDGE = 0.5
 # voxels around what is kept that its gradient, and its values beyond it, are known in
 AROUND = 3
 # voxels around it on which values within depend: a kernel's reach, and that of sheets
@@ -182,8 +182,10 @@ class MaskField:
 
 
 def kept_part(at: tuple[np.ndarray, np.ndarray], ends: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """The ends of what is kept between two [P], where the mask less EDGE is `at`, and linear between."""
-    first, last = at
+    """The ends of what is kept between two [P], where the mask less EDGE is `at`, and linear between; all of what lies in
+    a face.
+    """
+    first, last = (np.where(np.maximum(*np.abs(at)) < FLUSH, 0.0, each) for each in at)
     with np.errstate(divide="ignore", invalid="ignore"):
         cross = ends[0] + (ends[1] - ends[0]) * (first / (first - last))
     begin = np.where(first >= 0, ends[0], np.where(last >= 0, cross, ends[0]))
