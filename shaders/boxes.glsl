@@ -6,6 +6,8 @@
 #include "ellipse.glsl"
 #include "light.glsl"
 #constant FACE       // voxels along a ray behind a cut that are lit as its face
+#constant GRAZING_RAY  // see clip.py
+#constant FLUSH
 #constant MASK_ZERO  // what a byte holds for components 0 and, beyond it, 1
 #constant MASK_ONE
 #constant MOST_CLIPS
@@ -57,12 +59,13 @@ BoxRay box_ray(vec2 pixel) {
 #if CLIPPED == 1
     for (int i = 0; i < clips; i++) {
         float speed = dot(clip[i].xyz, it.direction), apart = clip[i].w - dot(clip[i].xyz, across);
+        if (abs(speed) < GRAZING_RAY * length(it.direction)) apart -= FLUSH;
         // a ray along a plane is always or never kept
         float at = apart / (abs(speed) < 1e-18 ? 1e-18 : speed);
         if (speed < 0.0) it.far = min(it.far, at);
         else if (at > it.near) {
+            if (at * length(it.direction) > FLUSH) it.face.xyz = clip_normal[i];
             it.near = at;
-            it.face.xyz = clip_normal[i];
         }
     }
     it.face.w = it.near + FACE / length(it.direction);

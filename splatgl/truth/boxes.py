@@ -12,7 +12,7 @@ from splatgl.splat.extraction.order import back_to_front, order_for
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.integral.line_integral import Integral
 from splatgl.splat.plan.resolve import Resolved
-from splatgl.splat.view.clip import FACE
+from splatgl.splat.view.clip import FACE, FLUSH
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.splat.view.view import View
 from splatgl.truth.blend import ADD, Band, Part, pixels
@@ -59,7 +59,7 @@ class BoxRays:
         near, far, face = zero, np.full(len(one), np.inf), np.zeros((len(one), 3))
         if clip is not None:
             enters, leaves, plane = clip.along(start, direction)
-            face = np.where((enters > near)[:, None], clip.normal[plane], 0.0)
+            face = np.where((enters * np.linalg.norm(direction, axis=0) > FLUSH)[:, None], clip.normal[plane], 0.0)
             near, far = np.maximum(near, enters), leaves
         toward = (along / stretch).T @ camera.eye_from_world
         return cls(start, direction, near, far, stretch, toward, face, near + FACE / np.linalg.norm(direction, axis=0))

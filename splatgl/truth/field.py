@@ -158,8 +158,9 @@ class Marched:
         return np.column_stack([color, extinction * (self.spacing / self.unit)]), gradient
 
     def light(self, places: np.ndarray, half: np.ndarray, toward: np.ndarray, face: np.ndarray | None) -> np.ndarray:
-        """[P, 4]: colour, and extinction per mean spacing, of steps around grid positions [3, P], half [3, P] from there
-        to their ends; toward [P, 3]: ray, world axes. face [P, 3]: normals that replace the field's; 0 where they don't.
+        """[P, 4]: colour, and extinction per mean spacing, of steps around grid positions [3, P]. half [3, P]: from
+        there to their ends; toward [P, 3]: ray, world axes. face [P, 3]: normals that replace the field's; 0 where they
+        don't.
         """
         found = np.empty((places.shape[1], 4))
         for first in range(0, len(found), POINTS):
@@ -231,9 +232,9 @@ def field_integral(
     """The picture of a field, float64 [H, W, 4], without antialiasing.
 
     field: "trilinear", a kernel's name, or a function from grid positions [3, P] to values [P] and world gradients
-    [P, 3]. Steps of 1/steps_per_voxel in index space, of a formula by the midpoint rule; samples × samples rays a pixel. Rays are clipped
-    to the volume's box. Composites are shaded as the transfer function says. Raises InputError for numbers below 1 and
-    unknown blends.
+    [P, 3]. Steps of 1/steps_per_voxel in index space, of a formula by the midpoint rule; samples × samples rays a
+    pixel. Rays are clipped to the volume's box. Composites are shaded as the transfer function says. Raises InputError
+    for numbers below 1 and unknown blends.
     """
     started = time.perf_counter()
     for name, count in (("steps_per_voxel", steps_per_voxel), ("samples", samples)):

@@ -77,6 +77,8 @@ class Clip:
         normal = rows[:, :3]
         return cls(normal, normal @ grid.world_from_index, rows[:, 3] - normal @ np.asarray(grid.origin, np.float64))
 
+    def keeps(self, positions: np.ndarray, boxes: bool = False) -> np.ndarray:
+        """bool [N]: which grid positions [N, 3] are kept; boxes: or any of the boxes of their voxels."""
         at = positions.astype(np.float64) @ self.g.T
         place = self.place - (0.5 * np.abs(self.g).sum(axis=1) if boxes else 0.0)
         return np.asarray((at >= place - ON_PLANE * (np.abs(at) + np.abs(place))).all(axis=1))
@@ -91,7 +93,7 @@ class Clip:
         """
         size = np.linalg.norm(self.g, axis=1)[:, None]
         speed, apart = self.g @ direction / size, (self.place[:, None] - self.g @ start) / size
-        apart = np.where(np.abs(speed) < GRAZING, apart - FLUSH, apart)
+        apart = np.where(np.abs(speed) < GRAZING * np.linalg.norm(direction, axis=0), apart - FLUSH, apart)
         with np.errstate(divide="ignore", invalid="ignore"):
             at = apart / speed
         # a ray along a plane is always or never kept

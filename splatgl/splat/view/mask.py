@@ -182,8 +182,8 @@ class MaskField:
 
 
 def kept_part(at: tuple[np.ndarray, np.ndarray], ends: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """The ends of what is kept between two [P], where the mask less EDGE is `at`, and linear between; all of what lies in
-    a face.
+    """The ends of what is kept between two [P], where the mask less EDGE is `at`, and linear between; all of what lies
+    in a face.
     """
     first, last = (np.where(np.maximum(*np.abs(at)) < FLUSH, 0.0, each) for each in at)
     with np.errstate(divide="ignore", invalid="ignore"):
