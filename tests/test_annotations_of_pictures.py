@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
+from splatgl.app.annotations import scale_bar
 from splatgl.app.annotations.axes import COLORS, LONG
 from splatgl.app.annotations.layer import Layer
 from splatgl.app.cli import main
@@ -150,3 +153,68 @@ def test_movies_have_running_times(tmp_path: Path, capsys: pytest.CaptureFixture
     np.save(tmp_path / "b.npy", cells[0])
     assert main(["animate", str(tmp_path / "b.npy"), "--annotate", "time", *options]) == 2
     assert "expected 'time=TEXT'" in capsys.readouterr().err
+
+
+def spied(draw: Any, cameras: list[sg.Camera]) -> Any:
+    """A method of renderers that keeps its cameras."""
+
+    def wrapped(renderer: sg.Renderer, x: Any, camera: sg.Camera, *more: Any, **named: Any) -> Any:
+        cameras.append(camera)
+        return draw(renderer, x, camera, *more, **named)
+
+    return wrapped
+
+
+@pytest.mark.parametrize("case", ["gradient", "threshold", "values", "colours", "levels", "parallel", "layers"])
+def test_annotations_are_laid_with_the_camera_of_the_picture(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of every kind of picture, whose views are fitted to what is drawn."""
+    _, y, x = np.indices((16, 16, 16))
+    samples = np.minimum(x + y / 3, 12.0).astype(np.float32)
+    volume = sg.Volume(samples, unit="mm")
+    options: dict[str, Any] = {"points": [(3.0, 0.0), (4.0, 0.5)], "size": (96, 80), "annotate": "scale"}
+    if case in ("gradient", "parallel"):
+        options |= {"gradient": [(0.2, 0.0), (0.5, 1.0)], "classification": "pre", "orthographic": case == "parallel"}
+    elif case == "threshold":
+        options |= {"points": [(3.0, 0.0), (12.0, 0.5)], "threshold": 0.2, "classification": "pre"}
+    elif case == "colours":
+        volume = sg.Volume(samples, color=np.full((16, 16, 16, 3), 200, np.uint8))
+    elif case == "levels":
+        coarse = samples.reshape(8, 2, 8, 2, 8, 2).mean(axis=(1, 3, 5))
+        volume = replace(volume, coarser=(sg.Volume(coarse, spacing=(2, 2, 2), origin=(0.5, 0.5, 0.5)),))
+        options |= {"gradient": [(0.2, 0.0), (0.5, 1.0)], "classification": "pre"}
+    elif case == "layers":
+        options |= {"streamlines": 4}
+        volume = sg.Volume(samples, vectors=np.tile(np.float32([1, 0, 0]), (16, 16, 16, 1)))
+    laid: list[sg.Camera] = []
+    drawn: list[sg.Camera] = []
+    for name in ("render", "render_scene"):
+        whole = getattr(sg.Renderer, name, None)
+        if whole is not None:
+            monkeypatch.setattr(sg.Renderer, name, spied(whole, drawn))
+    plain = scale_bar.draw
+    monkeypatch.setattr(
+        scale_bar, "draw", lambda layer, told, camera: (laid.append(camera), plain(layer, told, camera))
+    )
+    sg.render(volume, **options)
+    a, b = laid[-1], drawn[-1]
+    assert np.array_equal(a.eye, b.eye) and np.array_equal(a.eye_from_world, b.eye_from_world)
+    assert (a.extent, a.size, a.perspective) == (b.extent, b.size, b.perspective)
+
+
+def test_frames_that_are_smaller_than_a_still_say_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A turn needs room; of one that is none, frame 0 has the camera of the still, for values and for voxels."""
+    samples = np.zeros((6, 8, 24), np.float32)
+    samples[2:4, 2:6, 3:20] = 1.0
+    np.save(tmp_path / "long.npy", samples)
+    drawn = [str(tmp_path / "long.npy"), "--size", "48x40", "--azimuth", "90", "--points", "0.4:0,0.6:0.5"]
+    for more in ([], ["--classification", "pre", "--gradient", "0.1:0,0.3:1"]):
+        frames = [*drawn, *more, "-o", str(tmp_path / "{frame}.npy"), "--frames", "2", "--only", "0-0"]
+        assert main(["render", *drawn, *more, "-o", str(tmp_path / "still.npy")]) == 0
+        still = np.load(tmp_path / "still.npy")
+        capsys.readouterr()
+        assert main(["animate", *frames]) == 0
+        assert "times as large as render does; --zoom" in capsys.readouterr().err
+        assert np.abs(np.load(tmp_path / "0.npy") - still).max() > 0.05
+        assert main(["animate", *frames, "--turntable", "0"]) == 0
+        assert "as large" not in capsys.readouterr().err
+        assert np.array_equal(np.load(tmp_path / "0.npy"), still)

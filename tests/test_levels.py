@@ -87,6 +87,21 @@ def test_thin_things_take_the_finest_level(opacity: float, threads: sg.Volume, r
     assert found.allowed == pytest.approx(max(1.05 * found.off[0], Settings().tolerance))
 
 
+def test_boxes_lie_where_opacity_varies(renderer: sg.Renderer) -> None:
+    """Of fog with threads in one corner: means lose these, however few of the places hold any."""
+    samples = np.full((96, 96, 96), 0.4, np.float32)
+    rng = np.random.default_rng(3)
+    for y, x in rng.integers(0, 14, (25, 2)):
+        samples[:14, y, x] = 1.0
+    volume = with_levels(sg.Volume(samples), 3)
+    transfer = sg.Transfer([(0.3, 0.01), (0.8, 0.01), (0.9, 0.9)], shading=False)
+    camera = sg.Camera.orbit(volume, 20, 10, size=(24, 24))
+    assert just_finer(volume, camera) > 1
+    found = level_for(volume, transfer, camera, Settings(), renderer)
+    assert max(found.off.values()) > 0.02 and found.number < just_finer(volume, camera)
+    assert found.info["level_boxes"] == found.boxes == levels.BOXES
+
+
 def test_boxes_end_between_coarse_voxels(renderer: sg.Renderer) -> None:
     """A linear ramp, of which levels of any step are means: no level is off because its boxes are others."""
     ramp = np.tile(np.linspace(0, 1, 150, dtype=np.float32), (75, 75, 1))

@@ -49,7 +49,8 @@ FULL_TURN = 360.0
 FRAMES = 120
 # probe cameras for the maximum of X-ray sums
 PROBES = 6
-
+# share by which a frame may show things larger than another without a word
+ALIKE = 0.005
 # frames sampled to determine the sort axes
 LOOKS = 64
 
@@ -87,7 +88,7 @@ class Animation:
             if scenes[0] is not scene:
                 scene = scenes[0]
                 volume = replace(scene.open(), notes=())
-        tell(volume, args.quiet)
+        tell(volume, args.quiet, channels=is_layered(scene, volume))
         transfer, cut = scene.transfer_for(volume), scene.cut(volume)
         settings = backed(args, cut, transfer, Path(args.output)).settings
         scenes = [replace(each, settings=settings, view=cut.view, clip=None, crop="") for each in scenes]
@@ -110,6 +111,9 @@ class Animation:
         else:
             axis = None if args.axis is None else np.array(args.axis)
             track = turning(scene.view, volume, subject, _degrees(args, count, series), axis)
+            if not args.quiet:
+                still = scene.view.camera(volume, Opaque(volume, transfer) if series and not joined else subject)
+                _tell_size(track.camera(0), still, subject, series)
         first, last = args.only or (0, count - 1)
         if last >= count:
             raise expected("--only", f"frames from 0 to {count - 1}", f"{first}-{last}")
@@ -226,6 +230,16 @@ def _matter(scene: Scene, volume: Volume, transfer: Transfer, args: argparse.Nam
     if not (drawn.meshes or any(map(len, drawn.splats(scene.settings)))):
         raise nothing(scene, volume)
     return drawn
+
+
+def _tell_size(camera: Camera, still: Camera, subject: Bounded, series: bool) -> None:
+    """Prints how large frame 0 shows things if `render` shows them larger or smaller, and why."""
+    there, here = (one.pixel_pitch(one.eye_from_points(subject.corners)[:, 2].mean()) for one in (still, camera))
+    ratio = float(there) / float(here) if here > 0 else 1.0
+    if abs(ratio - 1) > ALIKE:
+        whole = "the whole of each volume of the series" if series else "the whole turn"
+        told = f"the camera fits {whole}: frame 0 shows all {ratio:.3g} times as large as render does"
+        print(f"splatgl: {told}; --zoom changes it", file=sys.stderr)
 
 
 def _degrees(args: argparse.Namespace, count: int, series: bool) -> float:

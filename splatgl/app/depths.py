@@ -91,16 +91,19 @@ def depths_of(
     return depths(drawn, camera, at, scene.settings.but(clip=())), camera
 
 
-def camera_of(scene: Scene, volume: Volume, transfer: Transfer, drawn: Layers) -> Camera:
-    """The camera of the scene's picture, which is fitted to what that is drawn from."""
+def camera_of(scene: Scene, volume: Volume, transfer: Transfer, drawn: Layers | None) -> Camera:
+    """The camera of the scene's picture, which is fitted to what that is drawn from. drawn: of layers or meshes."""
     from splatgl.splat.bricks.opaque import Opaque
     from splatgl.splat.extraction.extract import only_pre
     from splatgl.splat.plan.suited import one_by_one
 
-    if is_layered(scene, volume):
+    if drawn is not None and is_layered(scene, volume):
         return scene.view.camera(volume, drawn)
+    if scene.view.is_fixed(volume):
+        return scene.view.camera(volume, volume)
     before = scene.settings.classification == "pre" or one_by_one(scene.settings, moving=False)
-    if before or only_pre(volume, transfer, scene.threshold):
+    # of several levels, one is chosen by the camera
+    if not volume.coarser and (before or only_pre(volume, transfer, scene.threshold)):
         splats = scene.splats(volume, transfer)
         if len(splats):
             return scene.view.camera(volume, splats)

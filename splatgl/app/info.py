@@ -194,7 +194,7 @@ def _drawing_lines(volume: Volume) -> list[str]:
     wanted = need(bricks, 4 * SIZE[0] * SIZE[1], 0)
     many = fits(bricks, SIZE, most)
     how = "whole" if many is None else f"{len(bricks.low):,} bricks"
-    told = f"about {wanted.splats:,} splats, up to {size_of(wanted.bytes)} of {size_of(most)}: {how}"
+    told = f"{wanted}, of {size_of(most)}: {how}"
     level = "level 0; render takes the coarsest level that is right"
     return [_line("to render", told), *([_line("", level)] if volume.coarser else [])]
 

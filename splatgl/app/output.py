@@ -49,6 +49,6 @@ def tell(volume: Volume, quiet: bool = False, channels: bool = False, times: boo
     """
     notes = [note for note in volume.notes if not (times and note.endswith(PICKED))]
     if len(volume.channels) > 1 and not channels:
-        notes.append(f"channel {volume.channels[0].name} of {len(volume.channels)} is drawn: --channel picks another")
+        notes.append(f"channel {volume.channels[0].name} of {len(volume.channels)} is taken: --channel picks another")
     for note in () if quiet else notes:
         print(f"splatgl: {Path(layer).name}: {note}" if layer else f"splatgl: {note}", file=sys.stderr)

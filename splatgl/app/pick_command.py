@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     if not (column < width and row < height):
         raise expected("X,Y", f"a pixel of {width}×{height}, or --size", f"{column},{row}")
     volume = scene.open()
-    tell(volume, args.quiet or args.json)
+    tell(volume, args.quiet or args.json, channels=True)
     transfer = scene.transfer_for(volume)
     scene = scene.cut(volume)
     layers = layered(scene, volume, transfer, args.quiet or args.json)

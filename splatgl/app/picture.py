@@ -63,6 +63,10 @@ class Fixed(View):
 
     fixed: Camera | None = None
 
+    def is_fixed(self, volume: Volume) -> bool:
+        """True: there is a camera."""
+        return True
+
     def camera(self, volume: Volume | Splats, subject: Bounded) -> Camera:
         """The camera."""
         assert self.fixed is not None

@@ -260,7 +260,7 @@ def _in_bricks(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer, c
             fix = "give more --memory, or a part of the volume"
             raise expected(f"--{name}", f"a picture that fits into {size_of(most)}", size_of(need.bytes), fix)
     if not how.quiet:
-        told = f"up to about {need.most:,} splats need {size_of(need.bytes)}, more than {size_of(most)}"
+        told = f"{need}, together more than {size_of(most)}"
         if need.bytes <= most:
             told = f"up to about {need.most:,} splats are more than are drawn at once"
         print(f"{told}: drawn in {len(bricks.low):,} bricks, nearest first")

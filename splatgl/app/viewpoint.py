@@ -46,6 +46,10 @@ class View:
         azimuth, elevation = _default_orbit(volume)
         return _first(self.azimuth, hints.azimuth, azimuth), _first(self.elevation, hints.elevation, elevation)
 
+    def is_fixed(self, volume: Volume) -> bool:
+        """Whether the camera is the same whatever of the volume is visible."""
+        return self.orbit(volume) is None and (self.height is not None or not self.orthographic)
+
     def camera(self, volume: Volume | Splats, subject: Bounded) -> Camera:
         """The camera; an orbit is fitted to what is visible of `subject`. volume: has hints, or is splats without."""
         from splatgl.splat.bricks.opaque import Opaque
@@ -87,6 +91,10 @@ class Fitted(View):
     def of(cls, view: View, part: Bounded) -> View:
         """A view of the part instead of the whole; one by a camera as it is."""
         return cls(**{f.name: getattr(view, f.name) for f in fields(View)}, part=part) if type(view) is View else view
+
+    def is_fixed(self, volume: Volume) -> bool:
+        """True: the part is given."""
+        return True
 
     def camera(self, volume: Volume | Splats, subject: Bounded) -> Camera:
         """The camera, fitted to the part."""

@@ -22,8 +22,9 @@ from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plan.suited import extracted
 from splatgl.splat.view.camera import Camera
 
-# boxes that are compared; places, and bytes of the finest level, that are looked at for them, as many are empty
-BOXES, PLACES, MOST_READ = 8, 512, 1 << 28
+# boxes that are compared; places, and bytes of the finest level, that are looked at for them, as many are empty, and
+# matter that means lose is rare
+BOXES, PLACES, MOST_READ = 8, 128, 1 << 28
 # coarse voxels along a box's sides, and finest ones at least and at most
 COARSE_SIDE, FINE_SIDES = 8, (32, 128)
 # samples along a pixel of what both are compared with, and pixels beyond a box
@@ -49,8 +50,10 @@ class Level:
 
     @property
     def info(self) -> dict[str, object]:
-        """For a picture's provenance: the number, and the RMSE from the finest level, None if it was not measured."""
-        return {"level": self.number, "level_rmse": self.off.get(self.number)}
+        """For a picture's provenance: the number, the RMSE from the finest level, None if it was not measured, and in
+        how many boxes it was.
+        """
+        return {"level": self.number, "level_rmse": self.off.get(self.number), "level_boxes": self.boxes}
 
     def __str__(self) -> str:
         """What was measured, in one line."""
@@ -123,12 +126,16 @@ class _Box:
 def _boxes(
     volume: Volume, coarsest: int, transfer: Transfer, camera: Camera, settings: Settings, renderer: Renderer
 ) -> Iterator[_Box]:
-    """Up to BOXES boxes in which something is drawn, spread over the volume; they are cut between coarse voxels."""
+    """Up to BOXES boxes in which something is drawn, cut between coarse voxels: of places spread over the volume those
+    whose opacity means over coarse voxels lose most of.
+    """
     size, sides = np.array(volume.shape[::-1]), np.array(volume.coarser[coarsest - 1].spacing) / volume.spacing
     step = np.maximum(np.rint(sides).astype(np.int64), 1)
     side = np.minimum(np.maximum(np.clip(COARSE_SIDE * step, *FINE_SIDES) // step, 1) * step, size)
     most, found = MOST_READ // (int(side.prod()) * volume.samples.dtype.itemsize), 0
-    for low in spread(size - side, min(max(most, BOXES), PLACES)) // step * step:
+    lows = np.unique(spread(size - side, min(max(most, BOXES), PLACES)) // step * step, axis=0)
+    lost = [_lost(volume.part(places(low), places(low + side)), step, transfer) for low in lows]
+    for low in lows[np.argsort(lost)[::-1]]:
         part = volume.part(places(low), places(low + side))
         ends = np.stack([low - 0.5, low + side - 0.5]) @ volume.world_from_index.T + volume.origin
         near = _toward(camera, part)
@@ -141,6 +148,26 @@ def _boxes(
             found += 1
             if found == BOXES:
                 return
+
+
+def _lost(part: Volume, step: np.ndarray, transfer: Transfer) -> float:
+    """How far the opacity of means over `step` voxels (x, y, z) is from the mean opacity, RMS; below 0 for nothing."""
+    samples = np.nan_to_num(np.asarray(part.samples, np.float64))
+    opacity = transfer.opacity(samples)
+    if not opacity.any():
+        return -1.0
+    apart = transfer.opacity(_means(samples, step)) - _means(opacity, step)
+    return float(np.sqrt((apart**2).mean()))
+
+
+def _means(samples: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Means of samples [D, H, W] over boxes of `step` (x, y, z); the last ones may be smaller."""
+    for axis, size in enumerate(step[::-1].tolist()):
+        starts = np.arange(0, samples.shape[axis], size)
+        count = np.diff(np.append(starts, samples.shape[axis]))
+        sums = np.add.reduceat(samples, starts, axis=axis)
+        samples = sums / count.reshape([-1 if n == axis else 1 for n in range(3)])
+    return samples
 
 
 def _toward(camera: Camera, part: Volume) -> Camera | None:

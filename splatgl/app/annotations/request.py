@@ -132,22 +132,18 @@ def room(volume: Volume) -> Part:
 def lay(
     image: Image, scene: Scene, volume: Volume, transfer: Transfer, asked: Sequence[str], quiet: bool = False
 ) -> Image:
-    """The picture of a scene under annotations; prints why some are left out."""
+    """The picture of a scene under annotations, by the camera that it was drawn with; prints why some are left out."""
     from splatgl.app.annotations.annotate import annotated, left_out, on_ground
     from splatgl.app.annotations.subject import Scale, Subject
+    from splatgl.app.depths import camera_of
     from splatgl.app.layered import is_layered, layered
     from splatgl.app.meshes import is_mesh
-    from splatgl.splat.bricks.opaque import Opaque
-    from splatgl.splat.view.camera import Bounded
 
-    subject: Bounded = Opaque(volume, transfer)
-    told = Subject.of(volume)
+    told, drawn = Subject.of(volume), None
     if is_layered(scene, volume):
         drawn = layered(scene, volume, transfer)
-        subject, told = drawn, replace(told, scales=Scale.of(drawn.meshes), empty=is_mesh(scene.volume))
-    elif scene.threshold:
-        subject = scene.splats(volume, transfer)
-    camera = scene.view.camera(volume, subject)
+        told = replace(told, scales=Scale.of(drawn.meshes), empty=is_mesh(scene.volume))
+    camera = camera_of(scene, volume, transfer, drawn)
     found = annotated(image, told, transfer, camera, asked, scene.settings.background)
     found = on_ground(found, None if BLENDS[scene.settings.blend].unbounded else scene.settings.background)
     for note in () if quiet else left_out(found):

@@ -8,6 +8,7 @@ import numpy as np
 
 from splatgl.data.readers.files import is_mapped
 from splatgl.data.sizes import budget as budget
+from splatgl.data.sizes import size_of
 from splatgl.splat.bricks.bricks import SIDE, Bricks
 from splatgl.splat.extraction.splats import MOST_KEPT
 
@@ -21,8 +22,8 @@ SAMPLE = 160
 # boxes that are read for an estimate, the voxels along their sides, and the steps of their places, as shares of the
 # volume's sides: the R sequence of three dimensions, which leaves no gaps (Roberts 2018)
 PROBES, PROBE_SIDE, STEPS = 64, 24, (0.8191725134, 0.6710436067, 0.5497004779)
-# standard errors of an estimate by which more splats are reckoned with
-ERRORS = 2.0
+# standard errors of an estimate by which more splats are reckoned with, and splats if none is seen
+ERRORS, MISSED = 2.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,11 @@ class Need:
     bytes: int
     waiting: int
     samples: int
+
+    def __str__(self) -> str:
+        """How many splats there may be, and what they and all else take."""
+        few = f"up to about {self.most:,} splats"
+        return f"{few} take {size_of(EACH * self.most)}, samples and pixels {size_of(self.bytes - EACH * self.most)}"
 
     def bands(self, memory: int) -> int:
         """Into how many bands of rows a picture in bricks is split, so that it takes about that many bytes."""
@@ -64,7 +70,8 @@ def need(bricks: Bricks, pixels: int, enough: int) -> Need:
     voxels = (probes.high - low).prod(axis=1)
     shares = np.array([len(probes.records(n)) for n in range(PROBES)]) / voxels
     share = float(np.average(shares, weights=voxels))
-    most = min(share + ERRORS * float(shares.std()) / np.sqrt(PROBES), 1.0)
+    # where none is seen, some may be beside: as many as are missed with a chance of 1/20
+    most = min(max(share + ERRORS * float(shares.std()) / np.sqrt(PROBES), MISSED / float(voxels.sum())), 1.0)
     splats, many = (int(np.ceil(part * volume.count)) for part in (share, most))
     return Need(splats, many, other + EACH * many, int(WAITING * share * layer), pixels)
 
