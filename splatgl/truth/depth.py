@@ -151,7 +151,9 @@ def _begin(fields: Sequence[LayerField], rays: np.ndarray) -> Walk:
 
 
 def _ends(fields: Sequence[LayerField], walk: Walk) -> np.ndarray:
-    """Where a step of each ray ends: half a voxel on, at a plane of samples or a face of a label's voxel, or where a layer begins or ends."""
+    """Where a step of each ray ends: half a voxel on, at a plane of samples or a label's face, or where a layer begins
+    or ends.
+    """
     end = walk.depth + np.min([each.step[walk.ray] for each in fields], axis=0)
     for each in fields:
         end = np.minimum(end, each.face(walk.depth, walk.ray))

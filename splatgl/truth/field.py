@@ -43,7 +43,7 @@ RAYS, POINTS = 1 << 14, 1 << 12
 # voxels around a point that it reads, in each direction
 REACH = 2
 # steps per voxel through the field of kept values
-STEPS = 8
+STEPS = 4
 
 # value [P] and world gradient [P, 3] at grid positions [3, P]
 Field = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -118,8 +118,8 @@ class Marched:
     """A field and its look. free uint8 [D, H, W]: distance in voxels to one that opaque points need, at most LEAP.
 
     spacing: mean spacing, unit: reference length of opacities, both in world units. span: of the values over which the
-    transfer function varies. classified: its integral over values, for continuous fields: steps are classified by all
-    values that they pass, so that no spike is stepped over; None: by those in their middle.
+    transfer function varies. classified: its integral over values: steps are classified by all values that they pass,
+    so that no spike is stepped over; None: by those in their middle.
     """
 
     field: Field
@@ -148,11 +148,14 @@ class Marched:
             opacity = self.transfer.opacity(value) * self.transfer.weight(np.linalg.norm(gradient, axis=1))
             extinction = self.transfer.extinction(opacity, self.unit)
             return np.column_stack([self.transfer.color(value), extinction * self.spacing]), gradient
-        (first, near), (last, far) = self.field(places - half), self.field(places + half)
-        # beyond the field as at the other end
-        first, last = np.where(np.isnan(first), last, first), np.where(np.isnan(last), first, last)
-        seen, gradient = np.isfinite(first), (near + far) / 2
-        matter = self.classified.mean(np.where(seen, first, 0.0), np.where(seen, last, 0.0)) * seen[:, None]
+        middle, gradient = self.field(places)
+        seen, matter = np.isfinite(middle), np.zeros((len(middle), 4))
+        for end in (places - half, places + half):
+            value, _ = self.field(end)
+            # beyond the field as in the middle
+            value = np.where(np.isnan(value), middle, value)
+            matter += self.classified.mean(np.where(seen, middle, 0.0), np.where(seen, value, 0.0)) / 2
+        matter *= seen[:, None]
         color = matter[:, :3] / np.where(matter[:, 3:] > 0, matter[:, 3:], 1.0)
         extinction = weighted(matter[:, 3], self.transfer.weight(np.linalg.norm(gradient, axis=1)))
         return np.column_stack([color, extinction * (self.spacing / self.unit)]), gradient
@@ -232,7 +235,7 @@ def field_integral(
     """The picture of a field, float64 [H, W, 4], without antialiasing.
 
     field: "trilinear", a kernel's name, or a function from grid positions [3, P] to values [P] and world gradients
-    [P, 3]. Steps of 1/steps_per_voxel in index space, of a formula by the midpoint rule; samples × samples rays a
+    [P, 3]. Midpoint rule, steps of 1/steps_per_voxel in index space; samples × samples rays a
     pixel. Rays are clipped to the volume's box. Composites are shaded as the transfer function says. Raises InputError
     for numbers below 1 and unknown blends.
     """
@@ -253,8 +256,7 @@ def field_integral(
     shading = transfer.shading and BLENDS[blend].ordered
     marched = Marched(field, transfer, free, grid.mean_spacing, unit, LIGHTS["head"] if shading else None)
     gaps = np.argwhere(~np.isfinite(np.asarray(volume.samples)))[:, ::-1]
-    classified = post.integral if name != "formula" else None
-    marched = replace(marched, mask=MaskField.with_gaps(volume, gaps), span=post.span, classified=classified)
+    marched = replace(marched, mask=MaskField.with_gaps(volume, gaps), span=post.span)
     width, height = camera.size
     rays = PixelRays.of(grid, camera, samples, post.shape)
     drawn = rays.means(marched, np.arange(width * height), steps_per_voxel, blend)

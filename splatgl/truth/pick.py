@@ -220,8 +220,8 @@ class _Ray:
         return first, last
 
     def seen(self, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of the parts between distances [N + 1] their largest values, mean extinctions per world length over all values
-        that they pass, so that none is stepped over, and whether they are inside.
+        """Of the parts between distances [N + 1] their largest values, mean extinctions per world length, over all
+        values that they pass, so that none is stepped over, and whether they are inside.
         """
         middle, look = (ends[:-1] + ends[1:]) / 2, self.layer.seen
         first, last = self.within(ends)
