@@ -295,7 +295,7 @@ def test_rows_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     checked: Any = sg.Image.load("x.png").info["checked"]
     assert 0 < checked["rmse"] < checked["largest"] < 0.02 and len(checked["windows"]) == 10
     assert main([*asked, "--like", "0.1"]) == 0 and "drawn in float64" not in capsys.readouterr().out
-    for rows, told in (("5", "120 of 576 pixels"), ("24", "576 of 576 pixels"), ("0", "")):
+    for rows, told in (("5", "120 of 576 pixels"), ("0", "")):
         assert main([*asked, "--check", rows]) == 0
         said = capsys.readouterr().out
         assert ("drawn in float64" in said) == bool(told) and told in said
