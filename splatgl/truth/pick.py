@@ -89,13 +89,10 @@ def pick(
     seen = [each.seen(ends) for each in found]
     if mode == "max":
         end = next((each.distance for each in surfaces if each.depth >= OPAQUE), np.inf)
-        seen = [(value, extinction, inside & (along < end)) for value, extinction, inside in seen]
-        values = np.array([np.where(inside, value, -np.inf) for value, _, inside in seen])
-        layer, place = divmod(int(values.argmax()), len(along))
-        if np.isfinite(values[layer, place]):
-            first = np.nan_to_num(found[layer].within(ends[place : place + 2])[0], nan=-np.inf) >= values[layer, place]
-            return found[layer].picked(float(ends[place if first else place + 1]), layer, values[layer, place])
-        return _first_mesh(surfaces, scene, camera, number)
+        largest = _largest(
+            found, ends, np.array([np.where(inside & (along < end), v, -np.inf) for v, _, inside in seen])
+        )
+        return largest or _first_mesh(surfaces, scene, camera, number)
     extinctions = np.array([extinction for _, extinction, _ in seen])
     depths = extinctions.sum(axis=0) * lengths
     # surfaces come between the points of the ray, in their order
@@ -119,6 +116,15 @@ def pick(
     depth = np.cumsum(found[layer].seen(ends)[1])
     part = int(np.searchsorted(depth, depth[-1] / 2))
     return found[layer].picked(float(ends[part] + ends[part + 1]) / 2, layer)
+
+
+def _largest(rays: list[_Ray], ends: np.ndarray, values: np.ndarray) -> Picked | None:
+    """The place of the largest of values [layers, N] of the parts between distances [N + 1]; None if none is finite."""
+    layer, place = divmod(int(values.argmax()), values.shape[1])
+    if not np.isfinite(values[layer, place]):
+        return None
+    first = np.nan_to_num(rays[layer].within(ends[place : place + 2])[0], nan=-np.inf) >= values[layer, place]
+    return rays[layer].picked(float(ends[place if first else place + 1]), layer, values[layer, place])
 
 
 @dataclass(frozen=True)
