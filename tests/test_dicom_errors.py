@@ -9,6 +9,7 @@ import tracemalloc
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,7 +50,7 @@ def test_uneven_slices_are_told(tmp_path: Path) -> None:
 
 
 # places; thicknesses, None: not told; the drawn planes and, of these, those that are empty
-UNEVEN = {
+UNEVEN: dict[str, tuple[Any, Any, Any, Any]] = {
     "two distances": ([0, 2.5, 5, 7.5, 10, 15, 20], [2.5] * 5 + [5] * 2, np.arange(9) * 2.5, []),
     "no multiples": ([0, 5, 10, 15, 23, 31], [5] * 4 + [8] * 2, np.arange(7) * 5.0, []),
     "thick first": ([0, 4, 8, 10, 12, 14], [4] * 3 + [2] * 3, np.arange(8) * 2.0, []),

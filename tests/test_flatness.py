@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -84,17 +85,17 @@ def sparse() -> np.ndarray:
 
 
 KINDS: dict[str, tuple[str, Callable[[], np.ndarray]]] = {
-    **{f"a smooth field of {n}": (AMOUNTS, lambda n=n: smooth(n)) for n in (3, 4, 5, 8, 12, 20, 30, 33)},
-    **{f"a wavy field of {n}": (AMOUNTS, lambda n=n: smooth(n, 1, 6.0)) for n in (3, 4, 6, 9, 17, 30)},
-    **{f"a field of 8 with noise {x}": (AMOUNTS, lambda x=x: noisy(8, x)) for x in (0.2, 0.35, 0.5, 1.0)},
-    **{f"counts of {mean}": (AMOUNTS, lambda mean=mean: counts(mean)) for mean in (0.02, 0.1, 0.3, 1, 3, 10)},
+    **{f"a smooth field of {n}": (AMOUNTS, partial(smooth, n)) for n in (3, 4, 5, 8, 12, 20, 30, 33)},
+    **{f"a wavy field of {n}": (AMOUNTS, partial(smooth, n, 1, 6.0)) for n in (3, 4, 6, 9, 17, 30)},
+    **{f"a field of 8 with noise {x}": (AMOUNTS, partial(noisy, 8, x)) for x in (0.2, 0.35, 0.5, 1.0)},
+    **{f"counts of {mean}": (AMOUNTS, partial(counts, mean)) for mean in (0.02, 0.1, 0.3, 1, 3, 10)},
     "photons of a ball": (AMOUNTS, lambda: counts(6 * np.exp(-(BALL**2) / 150))),
     "photons of a sharp ball": (AMOUNTS, lambda: counts(np.where(BALL < 10, 8, 0.3))),
-    **{f"blurred edges in {n}": (AMOUNTS, lambda n=n: blurred(n)) for n in (5, 8, 16, 32, 250)},
+    **{f"blurred edges in {n}": (AMOUNTS, partial(blurred, n)) for n in (5, 8, 16, 32, 250)},
     "spots": (AMOUNTS, spots),
     "coins": (AMOUNTS, lambda: (np.random.default_rng(6).random((N, N, N)) < 0.3).astype(float)),
-    **{f"{n} regions": (LABELS, lambda n=n: nearest(n)) for n in (3, 5, 12, 40)},
-    **{f"an atlas of {n}": (LABELS, lambda n=n: atlas(n)) for n in (4, 30, 120)},
+    **{f"{n} regions": (LABELS, partial(nearest, n)) for n in (3, 5, 12, 40)},
+    **{f"an atlas of {n}": (LABELS, partial(atlas, n)) for n in (4, 30, 120)},
     "organs": (LABELS, organs),
     "regions with salt": (LABELS, lambda: salted(0.05)),
     "few cells": (LABELS, sparse),

@@ -287,6 +287,7 @@ def test_times_of_newer_names(tmp_path: Path) -> None:
 
 
 def test_lengths_share_a_scale_and_an_axis_without_places_gets_an_aspect(tmp_path: Path) -> None:
+    axes: dict[str, Any]
     places = {"y": (np.arange(11) * 2.0, {"units": "km"}), "x": (np.arange(26) * 1.0, {"units": "km"})}
     axes = {"z": (np.arange(6) * 500.0, {"units": "m"}), **places}
     volume = load(weather(tmp_path / "a.nc", axes, np.zeros((6, 11, 26), np.float32)))
@@ -305,7 +306,7 @@ def test_large_ones_are_resampled_where_they_are_read(tmp_path: Path, monkeypatc
 
     levels = np.array([0.0, 1, 2, 4, 6])
     data = np.random.default_rng(3).random((5, 40, 50)).astype(np.float32)
-    axes = {"z": (levels, {}), "y": (np.arange(40.0), {}), "x": (np.arange(50.0), {})}
+    axes: dict[str, Any] = {"z": (levels, {}), "y": (np.arange(40.0), {}), "x": (np.arange(50.0), {})}
     path = weather(tmp_path / "a.nc", axes, data)
     whole = load(path).samples
     monkeypatch.setattr(even, "WHOLE", 1000)

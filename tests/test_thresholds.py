@@ -82,7 +82,8 @@ def off_most(renderer: sg.Renderer, name: str, seeds: range, shapes: Any, techni
     for seed in seeds:
         rng = np.random.default_rng(seed)
         samples = rng.random(rng.integers(3, 7, 3)) if seed % 3 else np.full((4, 5, 6), 0.5)
-        volume = grid(*shapes[seed % len(shapes)], samples)
+        spacing, turn = shapes[seed % len(shapes)]
+        volume = grid(spacing, turn, samples)
         splats = sg.extract(volume, CLASSES, classification=way.classification)
         settings = PLAIN.but(compositing=way.compositing, technique=techniques[seed % len(techniques)])
         camera = on_threshold(rng, volume, way, parallel=len(shapes) > 3)
