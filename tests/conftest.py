@@ -17,6 +17,9 @@ from splatgl.gl.context import current
 # how pictures are refused that only tiles draw
 ONLY_TILES = tuple(f"{what}: expected " for what in ("technique tiles", "layers", "meshes", "a volume in bricks"))
 
+# steps of this share of a whole are spread evenly, however many there are
+GOLDEN = 0.618034
+
 
 @cache
 def has_compute_shaders() -> bool:
@@ -28,6 +31,20 @@ def has_compute_shaders() -> bool:
 def skip_without_compute_shaders() -> None:
     if not has_compute_shaders():
         pytest.skip("needs compute shaders, OpenGL 4.3")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of a test marked few(n), all cases but n are long; these are spread over the product of its parameters."""
+    cases: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("few"):
+            cases.setdefault(item.nodeid.split("[")[0], []).append(item)
+    for found in cases.values():
+        (count,) = found[0].get_closest_marker("few").args  # type: ignore[union-attr]
+        quick = {int(len(found) * ((k + 0.5) * GOLDEN % 1)) for k in range(count)}
+        for number in set(range(len(found))) - quick:
+            found[number].add_marker("long")
 
 
 @pytest.hookimpl(tryfirst=True)

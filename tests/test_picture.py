@@ -267,3 +267,12 @@ def test_show_with_a_display_opens_the_window(volume: sg.Volume, monkeypatch: py
         content.scene.to_toml(Path())
     sg.show(volume, camera=camera)
     assert np.allclose(opened[1][0].home((60, 40)).camera.eye, camera.eye)
+
+
+def test_what_is_told_of_a_file_is_in_the_image(tmp_path: Path) -> None:
+    labels = np.zeros((8, 8, 8), np.uint8)
+    labels[2:4, 2:6, 2:6], labels[4:6, 2:6, 2:6], labels[6:, 2:6, 2:6] = 9, 2, 40
+    np.save(tmp_path / "a.npy", labels)
+    image = sg.render(tmp_path / "a.npy", size=16)
+    assert ["--values amounts" in note for note in image.info["notes"]] == [True]
+    assert "notes" not in sg.render(labels / 256.0, size=16).info

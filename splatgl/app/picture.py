@@ -91,7 +91,7 @@ def render(
     plane, or several), crop, mask (whatever `Volume.masked` takes, or several); meshes; annotate (names, as on the
     command line); threshold, memory; those of `load` or
     `Volume.of` (spacing, array, …). background: linear RGB, or a name or "#rrggbb"; none leaves the image transparent.
-    Nothing is compared with float64; `check` does. Raises InputError for bad input, and if nothing is visible.
+    `info["notes"]` lists what the command tells of a file. Nothing is compared with float64; `check` does. Raises InputError for bad input, and if nothing is visible.
     """
     if is_scene(x):
         if transfer is not None:
@@ -119,7 +119,8 @@ def picture(x: Any, scene: Scene, memory: int | None = None, seen: bool = False)
     check_time(scene.annotate)
     scene = with_room(scene, volume, scene.annotate)
     image = draw(how, replace(scene, settings=unbacked(scene.settings, scene.annotate)), volume, chosen)
-    image = Image(image.pixels, {**image.info, **origin(scene, chosen)})
+    told = {"notes": volume.notes} if volume.notes else {}
+    image = Image(image.pixels, {**image.info, **origin(scene, chosen), **told})
     return lay(image, scene, volume, chosen, scene.annotate, quiet=True) if scene.annotate else image
 
 
