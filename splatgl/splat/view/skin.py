@@ -28,7 +28,7 @@ def skinned(splats: Splats) -> Splats:
     Valid for composite images from outside of the splats' box with no splat beyond z_k: there footprints are
     attenuated, and the matter behind them contributes.
     """
-    if splats.post is not None:
+    if splats.post is not None or not len(splats):
         return splats
     keep = _seen(splats, HIDING)
     if keep.mean() > 1.0 - WORTH:
