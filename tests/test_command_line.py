@@ -311,7 +311,7 @@ def test_a_reader_that_leaves_is_no_error(typed: str, here: Path) -> None:
         ("--height 4", "view: azimuth 30°, elevation 20°, parallel rays"),
         ("--blend xray", "a.png: 24×16 pixels, xray of "),
         ("--like 0.1", "within the tolerance 0.00392"),
-        ("--check 2", ", in 48 pixels drawn in float64"),
+        ("--check 2", ", in 48 of 384 pixels drawn in float64"),
         ("--check 0", "; its error is not known"),
     ],
 )
