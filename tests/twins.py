@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -73,20 +74,29 @@ def twin(renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 def _source(folder: Path, files: list[str], expression: str, arrays: Mapping[str, np.ndarray]) -> str:
     """A vertex shader with the files' functions, whose result is what the expression writes."""
-    parts = ["#define VARYING\n#define FLAT\nvec4 coordinate;"]
+    version = max(_version(name) for name in files)
+    parts = [f"// version {version}", "#define VARYING\n#define FLAT\nvec4 coordinate;"]
     for name in files:
         if not name.endswith(".glsl"):
             text = (folder / name).read_text().partition("void main()")[0].replace("gl_FragCoord", "coordinate")
             text = BUFFER.sub(r"\1[1];", text.replace("gl_LocalInvocationID", "uvec3(0u)"))
             name += ".glsl"
-            lines = [line for line in text.splitlines() if not OWN.match(line)]
-            # a version is the stage's own
-            parts[:0] = [line for line in lines if shader.VERSION_LINE.match(line)]
-            (folder / name).write_text("\n".join(line for line in lines if not shader.VERSION_LINE.match(line)))
+            lines = [line for line in text.splitlines() if not OWN.match(line) and not shader.VERSION_LINE.match(line)]
+            (folder / name).write_text("\n".join(lines))
         parts.append(f'#include "{name}"')
     parts += [f"in {KINDS[value.shape[1]]} {name};" for name, value in arrays.items()]
     parts.append(f"out vec4 result;\nvoid main() {{ gl_Position = vec4(0.0); result = vec4(0.0); {expression}; }}")
     return "\n".join(parts) + "\n"
+
+
+@cache
+def _version(name: str) -> int:
+    """The lowest GLSL version of the stages that are or include a file: all that its functions may count on."""
+    stages = [path.name for path in shader.folder().iterdir() if path.suffix != ".glsl" and path.name != "twin.vert"]
+    expanded = {stage: list(shader._expand(stage, (), set())) for stage in stages}
+    using = [lines for lines in expanded.values() if any(place.startswith(f"{name}:") for place, _ in lines)]
+    versions = [[int(found[1]) for _, text in lines if (found := shader.VERSION_LINE.match(text))] for lines in using]
+    return min((found[0] if found else shader.VERSION for found in versions), default=shader.VERSION)
 
 
 def _bind(renderer: sg.Renderer, plan: Plan, splats: sg.Splats) -> list[Any]:

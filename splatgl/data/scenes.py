@@ -30,7 +30,7 @@ TUNNEL_EYE = 8.0
 
 
 def tunnel(check: int = 10) -> Volume:
-    """A tube of red and white checks along z, 160×160×300 voxels, 0.69 million of them wall.  [M98 §3.5, Fig. 5]
+    """A tube of red and white checks along z, 160×160×300 voxels, 0.69 million of them wall.  [M98 §3.5 / Fig. 5]
 
     samples uint8: 255 in the wall, 0 elsewhere; color: the checks, about `check` voxels long and wide
     (an even number around). The view is down the bore. Raises InputError for checks under a voxel.
