@@ -91,7 +91,8 @@ def render(
     plane, or several), crop, mask (whatever `Volume.masked` takes, or several); meshes; annotate (names, as on the
     command line); threshold, memory; those of `load` or
     `Volume.of` (spacing, array, …). background: linear RGB, or a name or "#rrggbb"; none leaves the image transparent.
-    `info["notes"]` lists what the command tells of a file. Nothing is compared with float64; `check` does. Raises InputError for bad input, and if nothing is visible.
+    `info["notes"]` lists what the command tells of a file. Nothing is compared with float64; `check` does. Raises
+    InputError for bad input, and if nothing is visible.
     """
     if is_scene(x):
         if transfer is not None:
