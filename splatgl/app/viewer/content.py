@@ -73,15 +73,18 @@ class Content:
         return found
 
     @classmethod
-    def open(cls, scene: Scene) -> Content:
-        """Reads the volume, or a stand-in, and extracts the splats of all strides; InputError as the readers raise."""
+    def open(cls, scene: Scene, quiet: bool = False) -> Content:
+        """Reads the volume, or a stand-in, and extracts the splats of all strides; InputError as the readers raise.
+
+        quiet: whether notes on the files are not printed.
+        """
         volume = scene.open()
         several = is_layered(scene, volume)
-        tell(volume, channels=several, times=True)
+        tell(volume, quiet, channels=several, times=True)
         if several:
             from splatgl.app.viewer.together import Together
 
-            return Together.opened(scene, volume)
+            return Together.opened(scene, volume, quiet)
         return cls.of_volume(scene.cut(volume), volume, scene.transfer_for(volume))
 
     @classmethod

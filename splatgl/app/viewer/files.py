@@ -74,6 +74,8 @@ class Files:
         # the scenes of a series, and the number of the one that is shown
         self.times: tuple[Scene, ...] = ()
         self.time = 0
+        # files of further time points whose notes are printed
+        self.told: set[str] = set()
 
     @property
     def busy(self) -> str | None:
@@ -126,10 +128,13 @@ class Files:
         self._open(f"{option} {value}", found)
 
     def show_time(self, number: int) -> None:
-        """Reads another time point, once what is being read is there."""
+        """Reads another time point, once what is being read is there. Notes on a file are printed once."""
         if number != self.time and not self.jobs.busy:
             scene = self.times[number]
-            self._read(f"{TIME} {number}", lambda: News(Content.open(scene), time=number), TIME)
+            # the first one's are printed where it is opened
+            quiet = scene.volume in {self.times[0].volume, *self.told}
+            self.told.add(scene.volume)
+            self._read(f"{TIME} {number}", lambda: News(Content.open(scene, quiet), time=number), TIME)
 
     def cancel(self) -> bool:
         """Gives up what is being read; whether there was anything."""

@@ -81,8 +81,10 @@ class Together(Content):
         return replace(found, **kept, beside={}, drawn={})
 
     @classmethod
-    def opened(cls, scene: Scene, volume: Volume) -> Together:
-        """Of a scene whose volume is read; reads all others. Raises InputError as their readers."""
+    def opened(cls, scene: Scene, volume: Volume, quiet: bool = False) -> Together:
+        """Of a scene whose volume is read; reads all others, with notes on them unless `quiet`. Raises InputError as
+        their readers.
+        """
         scene = scene.cut(volume)
         sources: list[tuple[Scene, Volume, tuple[Plane, ...] | None]] = [(scene, volume, None)]
         names: list[str] = []
@@ -91,7 +93,7 @@ class Together(Content):
         cuts: list[tuple[Plane, ...] | None] = []
         for layer in scene.layers:
             other = (replace(layer, mask=scene.mask) if layer.mask is None else layer).open()
-            tell(other, channels=True, times=True, layer=layer.volume)
+            tell(other, quiet, channels=True, times=True, layer=layer.volume)
             own = None if layer.clip is None and not layer.crop else layer.cut(other).settings.clip
             sources.append((layer, other, own))
         for source, each, own in sources:
