@@ -274,5 +274,5 @@ def test_what_is_told_of_a_file_is_in_the_image(tmp_path: Path) -> None:
     labels[2:4, 2:6, 2:6], labels[4:6, 2:6, 2:6], labels[6:, 2:6, 2:6] = 9, 2, 40
     np.save(tmp_path / "a.npy", labels)
     image = sg.render(tmp_path / "a.npy", size=16)
-    assert ["--values amounts" in note for note in image.info["notes"]] == [True]
+    assert str(image.info["notes"]).count("--values amounts") == 1
     assert "notes" not in sg.render(labels / 256.0, size=16).info
