@@ -85,8 +85,11 @@ def rmse(a: np.ndarray, b: np.ndarray) -> float:
 
 @pytest.mark.parametrize("ratio", [1, 3])
 @pytest.mark.parametrize("name", FORMULAS)
-def test_the_b_spline_is_nearer_than_trilinear(name: str, ratio: int) -> None:
-    case = known(name, ratio)
+def test_the_b_spline_is_nearer_than_trilinear(name: str, ratio: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its ends unlit as those of the others: the formulas go on beyond the grid."""
+    monkeypatch.setattr(PostClassified, "around", lambda _, u: (u, np.zeros(len(u), bool)))
+    # its pictures are kept for no other test
+    case = Known.of(name, ratio, 30 if ratio > 1 else 24)
     right = case.picture()
     # alpha, then colours, which gradients shade
     for part in (slice(3, 4), slice(0, 3)):
@@ -404,4 +407,4 @@ def test_no_spike_is_stepped_over() -> None:
     splats = sg.extract(volume, spike, classification="post")
     right = field_integral(volume, spike, camera, "b-spline", 192).pixels.reshape(-1, 4)
     found = kept_field_integral(splats, camera, np.arange(16), settings=sg.Settings(antialias="off"))
-    assert right.max() > 0.2 and np.abs(found - right).max() < 0.01
+    assert right.max() > 0.1 and np.abs(found - right).max() < 0.01

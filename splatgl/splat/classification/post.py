@@ -188,7 +188,9 @@ def transparent(opaque: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.
     found, within = values.astype(np.float64), np.zeros(len(values), bool)
     for low, high in opaque.tolist():
         inside = (values >= low) & (values <= high)
-        nearest = np.where(values - np.float64(low) <= np.float64(high) - values, low, high)
+        # beside the interval, whose own ends are opaque: among the smallest numbers that is far
+        below, above = np.nextafter([low, high], [-np.inf, np.inf])
+        nearest = np.where(values - np.float64(low) <= np.float64(high) - values, below, above)
         np.copyto(found, nearest, where=inside & np.isfinite(nearest))
         within |= inside
     return found, within

@@ -25,6 +25,8 @@ from splatgl.splat.extraction.splats import Grid, Splats, assemble
 TABLE_BYTES = 2
 # records made at a time
 RECORDS = 1 << 16
+# differences in float64 whose halves and products may not be exact
+TINY = 2.0**-1000
 
 Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 
@@ -189,12 +191,14 @@ def _gradient(
     opaque: np.ndarray | None,
 ) -> np.ndarray:
     """[N, 3] per grid step along x, y, z: central where both neighbours exist, else one-sided, else 0. opaque [n, 2]:
-    intervals of values, for which missing neighbours are as if they were transparent.
+    intervals of values, for which missing neighbours are as if they were transparent; only directions count then, and
+    gradients too small to be halved exactly are 2^60 times as long.
     """
     values = samples.reshape(-1)
     center = np.take(values, flat).astype(np.float64)
     outside, within = (center, np.zeros(len(flat), bool)) if opaque is None else transparent(opaque, center)
     gradient, gone = np.empty((len(flat), 3)), np.empty((2, len(flat), 3), bool)
+    steps = np.empty((len(flat), 3), np.int8)
     depth, height, width = samples.shape
     for axis, (index, count, stride) in enumerate(
         zip(places, (width, height, depth), (1, width, height * width), strict=True)
@@ -207,9 +211,14 @@ def _gradient(
         low, high = np.where(low_there, low, outside), np.where(high_there, high, outside)
         gone[:, :, axis] = ~low_there, ~high_there
         alone = gone[:, :, axis].all(axis=0)
-        steps = np.where((outside != center) & ~alone, 2, np.maximum(low_there.astype(np.int8) + high_there, 1))
+        steps[:, axis] = np.where(
+            (outside != center) & ~alone, 2, np.maximum(low_there.astype(np.int8) + high_there, 1)
+        )
         # of a single plane both faces are the same
-        gradient[:, axis] = np.where(alone, center - outside, high - low) / steps
+        gradient[:, axis] = np.where(alone, center - outside, high - low)
+    if opaque is not None and values.dtype.kind == "f" and values.dtype.itemsize > 4:
+        gradient[np.abs(gradient).max(axis=1) < TINY] *= 2.0**60
+    gradient /= steps
     return faced(gradient, gone, within)
 
 
