@@ -42,9 +42,10 @@ def test_a_gl_error_is_not_swallowed(renderer: sg.Renderer, monkeypatch: pytest.
         def __getattr__(self, name: str) -> object:
             return getattr(renderer.passes.ctx, name)
 
-    monkeypatch.setattr(renderer, "ctx", Broken())
-    with pytest.raises(sg.InputError, match="GL_OUT_OF_MEMORY"):
-        renderer.render(SPLATS, sg.Camera.orbit(SPLATS, size=(16, 16)))
+    with monkeypatch.context() as patch:
+        patch.setattr(renderer, "ctx", Broken())
+        with pytest.raises(sg.InputError, match="GL_OUT_OF_MEMORY"):
+            renderer.render(SPLATS, sg.Camera.orbit(SPLATS, size=(16, 16)))
 
 
 def test_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
