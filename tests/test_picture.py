@@ -87,7 +87,7 @@ def test_a_camera_a_transfer_function_and_splats(volume: sg.Volume, renderer: sg
     ("options", "told"),
     [
         ({"azimut": 3}, "got azimut; did you mean azimuth"),
-        ({"shape": (1, 2, 3)}, "spacing, origin, unit, name, array, got shape"),
+        ({"shape": (1, 2, 3)}, "spacing, origin, unit, name, array, values, got shape"),
         ({"size": "big"}, "size: expected a width and a height"),
         ({"azimuth": "left"}, "azimuth: expected one finite number"),
         ({"background": "blau"}, "background: expected"),

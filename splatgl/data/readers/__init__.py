@@ -176,7 +176,7 @@ def _load_remote(address: str, options: LoadOptions) -> Volume:
     name, remote = name_of(address), Remote(address)
     if any(_suffix(Path(name), form) for form in FORMATS if "file" in form.kinds):
         return _load(remote.file(), options)
-    (form,) = (form for form in FORMATS if form.kinds == ("folder",))
+    form = next(form for form in FORMATS if form.reader == "zarr_store.read")
     _refuse(form, options)
     volume = zarr_store.read(remote.store(), options, remote)
     return _named(volume, name, form, options)
