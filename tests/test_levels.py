@@ -157,7 +157,7 @@ def test_levels_of_a_store(
         assert np.array_equal(np.asarray(level.samples[:]), right.samples)
     # one that is asked for, or of which the file's grid is not known, has no others
     assert not sg.load("v.zarr", level=1).coarser and not sg.load("v.zarr", spacing=(1, 1, 1)).coarser
-    asked = ["render", "v.zarr", "--points", "0.2:0,0.8:0.05", "--size", "16"]
+    asked = ["render", "v.zarr", "--points", "0.2:0,0.8:0.05", "--shading", "off", "--size", "16"]
     assert main([*asked, "-o", "auto.npy"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("level ") and "off by RMSE" in said and not said.startswith("level 0")

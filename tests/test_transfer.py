@@ -166,8 +166,11 @@ def test_a_failed_save_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.M
 def test_missing_file_and_folder(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.toml"):
         Transfer.load(tmp_path / "none.toml")
-    with pytest.raises(InputError, match="no_folder"):
-        FULL.save(tmp_path / "no_folder" / "t.toml")
+    FULL.save(tmp_path / "no_folder" / "t.toml")
+    assert Transfer.load(tmp_path / "no_folder" / "t.toml") == FULL
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="[Nn]ot a directory|a folder"):
+        FULL.save(tmp_path / "file" / "t.toml")
 
 
 # --- colour maps ---

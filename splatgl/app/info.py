@@ -194,9 +194,9 @@ def _drawing_lines(volume: Volume) -> list[str]:
     wanted = need(bricks, 4 * SIZE[0] * SIZE[1], 0)
     many = fits(bricks, SIZE, most)
     how = "whole" if many is None else f"{len(bricks.low):,} bricks"
-    told = f"{wanted}, of {size_of(most)}: {how}"
     level = "level 0; render takes the coarsest level that is right"
-    return [_line("to render", told), *([_line("", level)] if volume.coarser else [])]
+    lines = [_line("to render", f"{wanted},"), _line("", f"of {size_of(most)}: {how}")]
+    return [*lines, *([_line("", level)] if volume.coarser else [])]
 
 
 def _bars(values: Histogram) -> list[str]:
