@@ -269,7 +269,9 @@ def test_refused_on_one_line(tmp_path: Path, name: str, capfd: pytest.CaptureFix
 
 
 def test_folders_that_hold_no_series(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected a file, or a folder of Zarr or DICOM or picture slices, got another folder"):
+    with pytest.raises(
+        InputError, match="expected a file, or a folder of Zarr or DICOM or picture slices, got another folder"
+    ):
         sg.load(tmp_path)
     cut_in_header(tmp_path / "a.dcm")
     cut(tmp_path / "b.dcm")

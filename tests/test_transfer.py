@@ -169,7 +169,7 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
     FULL.save(tmp_path / "no_folder" / "t.toml")
     assert Transfer.load(tmp_path / "no_folder" / "t.toml") == FULL
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="[Nn]ot a directory|a folder"):
+    with pytest.raises(InputError, match=r"[Nn]ot a directory|a folder"):
         FULL.save(tmp_path / "file" / "t.toml")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import wrap
 
 import numpy as np
 
@@ -195,7 +196,8 @@ def _drawing_lines(volume: Volume) -> list[str]:
     many = fits(bricks, SIZE, most)
     how = "whole" if many is None else f"{len(bricks.low):,} bricks"
     level = "level 0; render takes the coarsest level that is right"
-    lines = [_line("to render", f"{wanted},"), _line("", f"of {size_of(most)}: {how}")]
+    told = wrap(f"{wanted}, of {size_of(most)}: {how}", WIDTH - _LABEL - 2)
+    lines = [_line("to render" * (not n), text) for n, text in enumerate(told)]
     return [*lines, *([_line("", level)] if volume.coarser else [])]
 
 
