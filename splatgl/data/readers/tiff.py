@@ -95,6 +95,7 @@ class _Series:
 
 def contents(path: Path) -> list[str]:
     """A line for each image of a file: its number, name and size; a star marks the one that is read."""
+    check_chain(path)
     with _complaints(), open_tiff(path) as tiff, library("TIFF"):
         place, _ = chosen(tiff, LoadOptions())
         return [f"{'*' if n == place else ' '} {n + 1}   {about(each)}" for n, each in enumerate(tiff.series)]
