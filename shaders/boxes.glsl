@@ -5,6 +5,7 @@
 // switch LIMITED 0
 #include "ellipse.glsl"
 #include "light.glsl"
+#include "depth_limits.glsl"
 #constant FACE       // voxels along a ray behind a cut that are lit as its face
 #constant GRAZING_RAY  // see clip.py
 #constant FLUSH
@@ -21,12 +22,6 @@ uniform float normals_step;    // and voxels to the next
 uniform int clips;
 uniform vec4 clip[MOST_CLIPS];
 uniform vec3 clip_normal[MOST_CLIPS];  // unit, world
-#endif
-#if LIMITED == 1
-// only matter between these depths is drawn, of each sample; their unit in lengths of the frame
-uniform sampler2D nearest_depth;
-uniform sampler2D farthest_depth;
-uniform float depth_unit;
 #endif
 
 struct BoxRay {
@@ -71,8 +66,9 @@ BoxRay box_ray(vec2 pixel) {
     it.face.w = it.near + FACE / length(it.direction);
 #endif
 #if LIMITED == 1
-    it.near = max(it.near, texelFetch(nearest_depth, ivec2(pixel), 0).r * depth_unit);
-    it.far = min(it.far, texelFetch(farthest_depth, ivec2(pixel), 0).r * depth_unit);
+    vec2 drawn = within_depths(vec2(it.near, it.far), ivec2(pixel), 1.0);
+    it.near = drawn.x;
+    it.far = drawn.y;
 #endif
     return it;
 }

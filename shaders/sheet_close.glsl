@@ -21,6 +21,7 @@
 #constant MASK_SURE   // gradients from which on they light faces of a mask that they fit
 #include "sheets.glsl"
 #include "light.glsl"
+#include "depth_limits.glsl"
 #if LAYERED == 1
 #include "layers.glsl"
 uniform uint layer;             // whose matter is kept,
@@ -95,13 +96,6 @@ float face_share(vec3 gradient, vec3 normal) {
     float alike = along * along / max(size2 * face2, 1e-30) * (size2 / (size2 + MASK_SURE * MASK_SURE));
     return sqrt(face2) * (1.0 - alike);
 }
-#endif
-
-#if LIMITED == 1
-// only matter between these depths is drawn, of each sample; their unit in lengths of the frame
-uniform sampler2D nearest_depth;
-uniform sampler2D farthest_depth;
-uniform float depth_unit;
 #endif
 
 #if NEAR == 1
@@ -184,8 +178,9 @@ void set_ray(int row) {
     face[row].w = (near + FACE + offset) / thickness - first_sheet;
 #endif
 #if LIMITED == 1
-    near = max(near, texelFetch(nearest_depth, ivec2(pixel), 0).r * depth_unit * speed);
-    far = min(far, texelFetch(farthest_depth, ivec2(pixel), 0).r * depth_unit * speed);
+    vec2 drawn = within_depths(vec2(near, far), ivec2(pixel), speed);
+    near = drawn.x;
+    far = drawn.y;
 #endif
 #if MASKED == 1
     mask_first[row] = start + direction * (first_sheet * thickness - offset) - mask_low;
