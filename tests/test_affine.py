@@ -43,6 +43,7 @@ def some_rays(view: View, depth: np.ndarray, rng: np.random.Generator) -> tuple[
     return voxel, ray / depth if view.perspective else ray
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", KERNELS)
 @pytest.mark.parametrize("matrix", [np.eye(3), 2.5 * TURN])
 def test_cubes_are_table_1(matrix: np.ndarray, name: str, rng: np.random.Generator) -> None:

@@ -34,6 +34,7 @@ def off(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: s
     return float(np.abs(image.pixels - right).max()), float(image.info["error_bound"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seeds", [range(SEEDS), BROKE], ids=["new", "broke once"])
 def test_random_pictures_keep_their_bound_and_their_bits(renderer: sg.Renderer, seeds: range) -> None:
     for seed in seeds:
@@ -61,6 +62,7 @@ def test_what_is_behind_a_parallel_view_is_decided_once(renderer: sg.Renderer, g
         assert ahead(splats, camera) is ahead(splats, camera)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("grid", GRIDS)
 def test_voxels_at_z_k_are_widened_alike(renderer: sg.Renderer, grid: str) -> None:
     """Planes where a voxel is a pixel wide, and where a kernel reaches a third of the way to the eye."""
@@ -97,6 +99,7 @@ def test_no_splat_is_near_the_depth_where_widening_begins() -> None:
     assert 0 < widening(column, View.of(column.grid, far, kernel("crawfis-max"))).unsure <= 1
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("target", ["rgba32f", "rgba16f", "rgba8"])
 @pytest.mark.parametrize("opacity", [1e-7, 0.003, 0.05])
 def test_faint_pictures_keep_their_bound(renderer: sg.Renderer, target: str, opacity: float) -> None:
@@ -116,6 +119,7 @@ def test_nothing_over_a_background_keeps_its_bound(renderer: sg.Renderer) -> Non
     assert 0 < error <= limit < 1e-6
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("size", "fov"), [((19, 1), 126), ((9, 7), 139), ((40, 1), 150), ((7, 7), 175)])
 @pytest.mark.parametrize("grid", GRIDS)
 def test_very_oblique_pictures_keep_their_bound(
@@ -146,6 +150,7 @@ def test_pictures_as_large_as_the_viewport(renderer: sg.Renderer, size: tuple[in
     assert np.abs(drawn - quads).max() <= 1e-3 * quads.max()
 
 
+@pytest.mark.long
 def test_the_same_picture_twice_has_the_same_bits(renderer: sg.Renderer) -> None:
     """Also where blocks beyond the edges are left out the second time."""
     near = 0

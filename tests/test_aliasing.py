@@ -71,6 +71,7 @@ def test_energy_is_what_is_faster_than_half_a_cycle(cycles: float, share: float)
     assert aliasing_energy(wave.swapaxes(0, 1), window.T) == pytest.approx(share * 0.49, abs=0.003)
 
 
+@pytest.mark.long
 def test_antialiasing_takes_aliasing_away(renderer: sg.Renderer, rng: np.random.Generator) -> None:
     """Noise on a slanted wall, 2.5 times as far as z_k."""
     x, y = (c.ravel() for c in np.meshgrid(np.arange(-50.0, 51), np.arange(-50.0, 51)))
@@ -87,6 +88,7 @@ def test_antialiasing_takes_aliasing_away(renderer: sg.Renderer, rng: np.random.
     assert errors[0] > 2 * errors[1] > 0
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["crawfis-max", "gaussian"])
 def test_of_noise_a_kernel_leaves_what_its_spectrum_says(name: str, renderer: sg.Renderer) -> None:
     """Half as far again as z_k: a wall of noise, measured, against the spectrum; at z_k there is nothing to gain."""
@@ -124,6 +126,7 @@ def test_reach_knows_what_is_beyond_z_k(sheet: sg.Splats, camera: sg.Camera) -> 
     assert share_beyond(sheet, camera) == beyond.mean() and 0.5 < beyond.mean() < 0.9
 
 
+@pytest.mark.long
 def test_nothing_before_z_k_changes(renderer: sg.Renderer, sheet: sg.Splats, camera: sg.Camera) -> None:
     """Bit for bit, on the GPU, in each blend mode; pixels that see some of both are left out."""
     for settings in (XRAY, SPLATS, SPLATS.but(attenuation="opacity")):

@@ -122,6 +122,7 @@ FILES = {
 }
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("azimuth", [0.0, 40.0])
 def test_one_patient_looks_the_same_from_every_file(azimuth: float, tmp_path: Path) -> None:
     """Seen from the front: bright nose before the body, left arm at the right, crown on top."""

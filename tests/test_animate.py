@@ -109,6 +109,7 @@ def test_between_keyframes() -> None:
     assert between(frames[:1], points[:1], 3, True) == pytest.approx([0])
 
 
+@pytest.mark.long
 def test_keyframes_move_the_camera(here: Path) -> None:
     Path("k.toml").write_text(
         'ease = "linear"\n[[keyframe]]\nframe = 0\nazimuth = 0\nzoom = 1\n'
@@ -185,6 +186,7 @@ def test_the_next_volume_is_read_meanwhile_and_no_more() -> None:
     assert read == [3, 4, 5, 6, 7] and not list(read_ahead(reader, []))
 
 
+@pytest.mark.long
 def test_layers_and_meshes_are_in_movies(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Sharp frames are the stills of the same scene, of which layers and meshes are a part, also in a series."""
     np.save("slab.npy", np.full((4, 20, 20), 90, np.uint8))
@@ -257,6 +259,7 @@ def test_killed_and_resumed_without_a_gap(here: Path) -> None:
         assert (pixels(path) == pixels(here / "k" / path.name)).all()
 
 
+@pytest.mark.long
 def test_moments_blur(here: Path) -> None:
     """The mean of pictures within half a frame; with streaks that is nearer to the mean of many. A shutter that does
     not open draws the frame itself.
@@ -300,6 +303,7 @@ def test_moments_blur_pictures_of_values(here: Path) -> None:
     assert (pixels("s1.npy") == pixels("o1.npy")).all()
 
 
+@pytest.mark.long
 def test_xray_has_one_scale_for_all_frames(here: Path) -> None:
     command = ["ball.npy", "--blend", "xray", "--frames", "6", "--background", "black"]
     assert animate(*command, "-o", "{frame}.png") == 0
@@ -312,6 +316,7 @@ def test_xray_has_one_scale_for_all_frames(here: Path) -> None:
     assert np.ptp(ratios) < 0.02 * ratios[0]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("suffix", [".mp4", ".webm", ".gif"])
 def test_movies(suffix: str, here: Path) -> None:
     """As many frames as asked for, of the right size and colours; nothing left beside it."""
@@ -417,6 +422,7 @@ def test_a_scaled_x_ray_scales_its_bound() -> None:
     assert image.info["error_bound"] == 0.125 and (image.pixels == 0.75).all()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("options", [["--moments", "1"], ["--moments", "3"], [], ["--blend", "xray"]], ids=str)
 def test_a_volume_beyond_memory_is_drawn_in_bricks(
     options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -102,6 +102,7 @@ def test_bad_names(text: str) -> None:
         parsed(text)
 
 
+@pytest.mark.long
 def test_render(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The command draws them; a small picture is told before."""
     out = tmp_path / "a.png"

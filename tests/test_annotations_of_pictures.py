@@ -165,6 +165,7 @@ def spied(draw: Any, cameras: list[sg.Camera]) -> Any:
     return wrapped
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("case", ["gradient", "threshold", "values", "colours", "levels", "parallel", "layers"])
 def test_annotations_are_laid_with_the_camera_of_the_picture(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of every kind of picture, whose views are fitted to what is drawn."""

@@ -141,6 +141,7 @@ def test_scenes_keep_their_bound_and_it_is_near(renderer: sg.Renderer, name: str
     assert any(near)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SHAPES)
 def test_views_keep_their_bound(renderer: sg.Renderer, name: str) -> None:
     """From everywhere, and also where a coarser picture is not held against a finer one."""
@@ -153,6 +154,7 @@ def test_views_keep_their_bound(renderer: sg.Renderer, name: str) -> None:
             assert error <= image.info["error_bound"], (view, way)
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize("few", [10_000, 60, 0], ids=["one by one", "blocks", "planes"])
 @pytest.mark.parametrize("name", SHAPES)
 def test_no_ray_meets_more_than_is_said(name: str, few: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -182,6 +184,7 @@ def met(splats: sg.Splats, camera: sg.Camera) -> tuple[float, float]:
     return float(count.max()), float(depth.max())
 
 
+@pytest.mark.long
 def test_single_splats_keep_a_bound_that_is_near(renderer: sg.Renderer) -> None:
     """Anywhere in the picture, before and beyond z_k: what the bound takes a fragment to be off by."""
     rng = np.random.default_rng(3)
@@ -236,6 +239,7 @@ MOVES = {
 }
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("move", MOVES)
 def test_moving_pictures_keep_their_bound(renderer: sg.Renderer, move: str) -> None:
     """Against float64 streaks; None where those are drawn otherwise."""
@@ -289,6 +293,7 @@ def test_the_bound_follows_what_makes_the_error(renderer: sg.Renderer) -> None:
     assert "hidden" in str(exact)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("case", SMALL)
 def test_stress_pictures_keep_their_bound(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, case: str) -> None:
     kept = []
@@ -318,6 +323,7 @@ def test_nothing_has_no_error() -> None:
     assert bound(empty, sg.plan(empty, camera, SPLATS), 0.0).total == 0.0
 
 
+@pytest.mark.long
 def test_the_second_order_is_as_large_as_measured(renderer: sg.Renderer) -> None:
     """MOVED against what single splats just beyond z_k are displaced by on their slopes: no less, hardly more."""
     shares = []

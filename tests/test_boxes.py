@@ -226,6 +226,7 @@ def test_a_ball_is_lit_as_a_ball(most: int, monkeypatch: pytest.MonkeyPatch) -> 
     assert np.sqrt((off[some] ** 2).mean()) < 0.02 and np.abs(off).max() < 0.08
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "settings",
     [
@@ -244,6 +245,7 @@ def test_light_is_the_reference_s(settings: sg.Settings, renderer: sg.Renderer, 
         assert np.abs(drawn - right).max() < most, technique
 
 
+@pytest.mark.long
 def test_layers_of_labels_add_up(renderer: sg.Renderer, rng: np.random.Generator) -> None:
     """A grid and itself again, each half as opaque: as one of the whole; and over values as in float64."""
     volume = noise(rng, "3:1")

@@ -64,6 +64,7 @@ def in_bricks(volume: sg.Volume, transfer: sg.Transfer, settings: Settings, side
     return Bricks.of(volume, found.post, side)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip", "minip", "mean"])
 @pytest.mark.parametrize("grid", ["cubes", "sheared"])
 @pytest.mark.parametrize("name", ["outside", "inside", "beside", "parallel"])
@@ -111,6 +112,7 @@ def test_no_dispatch_has_more_tiles_than_it_may(
     assert np.array_equal(found, right)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("grid", ["cubes", "sheared"])
 @pytest.mark.parametrize("name", ["outside", "inside", "parallel"])
 def test_squares_of_bricks_are_compared_as_those_of_the_whole(
@@ -136,6 +138,7 @@ def test_squares_of_bricks_are_compared_as_those_of_the_whole(
     assert "checked" not in check_bricks(nothing, bricks, camera, ALL).info
 
 
+@pytest.mark.long
 def test_random_scenes_in_bricks(renderer: sg.Renderer) -> None:
     """Of any shape, size of bricks, kernel, tolerance and type of samples, with missing ones."""
     # 1087: long voxels beside the eye
@@ -176,6 +179,7 @@ def test_pixels_do_not_depend_on_what_else_is_in_view(renderer: sg.Renderer) -> 
     assert np.abs(found.pixels - right.pixels).max() < 2e-6
 
 
+@pytest.mark.long
 def test_early_ends_stay_within_the_tolerance(renderer: sg.Renderer, rng: np.random.Generator) -> None:
     volume = sg.Volume(noise(rng, (36, 36, 36)))
     solid = sg.Transfer([(0.0, 0.9), (1.0, 0.9)], colormap="hot")
@@ -211,6 +215,7 @@ class Parts:
         return found
 
 
+@pytest.mark.long
 def test_only_what_is_seen_is_read(renderer: sg.Renderer) -> None:
     """In parts, of bricks that can be seen; by others that are no numpy arrays, too."""
     ball = sg.scenes.ball(20)
@@ -423,6 +428,7 @@ def test_a_damaged_chunk_is_told_in_one_line(
     )
 
 
+@pytest.mark.long
 def test_the_command_line(
     tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

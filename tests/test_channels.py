@@ -152,6 +152,7 @@ def stained(tmp_path: Path) -> Path:
     return tmp_path / "cells.ome.tif"
 
 
+@pytest.mark.long
 def test_channels_are_one_picture(
     renderer: sg.Renderer, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -222,6 +223,7 @@ def test_info_lists_channels_and_times(tmp_path: Path, capsys: pytest.CaptureFix
         assert line in page
 
 
+@pytest.mark.long
 def test_time_points_are_played(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """All of a file, or some; a frame is the picture of its time."""
     path = stained(tmp_path)

@@ -140,6 +140,7 @@ def image(path: Path, order: str, version: str = "0.5") -> Path:
     return path
 
 
+@pytest.mark.few(10)
 @pytest.mark.parametrize("parts", [False, True])
 @pytest.mark.parametrize("order", ["tczyx", "xyzct", "ctyxz", "zcyxt", "zyx", "yxz", "tcyx", "yxc", "yx"])
 def test_zarr_axes(order: str, parts: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

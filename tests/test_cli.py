@@ -44,6 +44,7 @@ def test_render_a_file(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert sorted(p.name for p in here.iterdir()) == ["noise.npy", "noise.png"]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "options",
     [
@@ -186,6 +187,7 @@ def test_unwritable_folder(here: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert "permission denied" in said(capsys)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("samples", [np.full((4, 4, 4), 3.0), np.ones((1, 1, 1)), np.ones((1, 5, 6)), NOISE[:, :1]])
 def test_plain_volumes_render(samples: np.ndarray, here: Path) -> None:
     """Constant, single-voxel and one-voxel-thin volumes are shown."""
@@ -213,6 +215,7 @@ def test_ctrl_c(here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pyt
     assert [p.name for p in here.iterdir()] == ["noise.npy"]
 
 
+@pytest.mark.long
 def test_info_and_doctor(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", "noise.npy"]) == 0
     assert "8" in capsys.readouterr().out
@@ -235,6 +238,7 @@ def test_explain(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert re.search(r"; error at most \S+, above the tolerance 0.00392\n", capsys.readouterr().out)
 
 
+@pytest.mark.long
 def test_savings(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each thing left out is drawn, timed and compared; where nothing can be, that is said."""
     assert main(["render", "noise.npy", "--size", "200", "--savings", "--like", "0.1"]) == 0

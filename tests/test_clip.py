@@ -69,6 +69,7 @@ def lengths(volume: sg.Volume, camera: sg.Camera, found: tuple[Plane, ...]) -> n
     return np.asarray(length.reshape(camera.size[::-1]))
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("technique", ["tiles", "quads"])
 @pytest.mark.parametrize("view", ["fitted", "parallel", "wide"])
 @pytest.mark.parametrize("grid", list(GRIDS))
@@ -85,6 +86,7 @@ def test_a_cut_block_is_as_deep_as_what_is_left(grid: str, view: str, technique:
     assert apart.max() < 0.01 * splats.grid.mean_spacing
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("technique", ["tiles", "quads"])
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip", "minip", "mean"])
 def test_cut_pictures_are_the_reference(blend: str, technique: Any, renderer: sg.Renderer) -> None:
@@ -102,6 +104,7 @@ def test_cut_pictures_are_the_reference(blend: str, technique: Any, renderer: sg
         assert off.max() < 2e-3 and off.mean() < 1e-5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("blend", ["composite", "xray"])
 def test_cut_pictures_are_those_of_the_field(blend: str, renderer: sg.Renderer) -> None:
     """Of the cut field itself, lit as a face where a plane cuts it: the error is that of the uncut picture."""
@@ -118,6 +121,7 @@ def test_cut_pictures_are_those_of_the_field(blend: str, renderer: sg.Renderer) 
     assert off[2] < max(1.5 * off[0], 5e-3)
 
 
+@pytest.mark.long
 def test_faces_are_lit_by_their_planes(renderer: sg.Renderer) -> None:
     """Opaque matter without gradients, cut: ambient and diffuse light by the angle to the plane's normal."""
     volume = block()
@@ -144,6 +148,7 @@ def test_faces_are_lit_by_their_planes(renderer: sg.Renderer) -> None:
     assert np.abs(unlit - renderer.render(splats, camera, PLAIN.but(shading="off")).pixels).max() < 2e-4
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("technique", ["tiles", "quads"])
 def test_faces_are_one_voxel_deep(technique: Any, renderer: sg.Renderer) -> None:
     """Fog without gradients: the plane lights the first voxel along a ray behind the cut, what is behind is not lit."""
@@ -187,6 +192,7 @@ def test_voxels_classified_before_are_cut_whole(renderer: sg.Renderer) -> None:
     assert drawn.info["error_bound"] and np.abs(drawn.pixels - right).max() <= drawn.info["error_bound"]
 
 
+@pytest.mark.long
 def test_bricks_that_are_cut_off_are_not_read(renderer: sg.Renderer) -> None:
     """The picture is the whole one's, and a quarter of the bricks is enough."""
     volume = field(size=96)
@@ -199,6 +205,7 @@ def test_bricks_that_are_cut_off_are_not_read(renderer: sg.Renderer) -> None:
     assert len(bricks.found) == 12 < len(bricks.low)
 
 
+@pytest.mark.long
 def test_layers_have_planes_of_their_own(renderer: sg.Renderer) -> None:
     """The scene's planes cut layers without any; a layer's are those of its own box; none cut a layer with none."""
     first, second = field(), field("1:2:5")
@@ -296,6 +303,7 @@ def test_scenes_keep_their_cuts(tmp_path: Path) -> None:
         Scene.from_toml(path)
 
 
+@pytest.mark.long
 def test_commands_cut(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`--clip` and `--crop` draw what `sg.render` draws; a cropped view is fitted to the part."""
     data = np.random.default_rng(1).random((20, 20, 20)).astype(np.float32)

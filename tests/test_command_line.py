@@ -269,6 +269,7 @@ def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[byte
     return subprocess.run(command, capture_output=True, env={**os.environ, **environment}, check=False)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["with space.npy", "köpfe.npy", "two\nlines.npy", "-minus.npy", "\udcff.npy"])
 def test_names_of_any_kind(name: str, here: Path) -> None:
     """In a terminal that knows ASCII alone, too."""
@@ -281,6 +282,7 @@ def test_names_of_any_kind(name: str, here: Path) -> None:
         assert failed.returncode == 2 and len(failed.stderr.splitlines()) == 1 and b"--array" in failed.stderr
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("typed", ["render --help", "info noise.npy", "--help", "compare --help", "doctor"])
 def test_a_reader_that_leaves_is_no_error(typed: str, here: Path) -> None:
     read, write = os.pipe()
@@ -294,6 +296,7 @@ def test_a_reader_that_leaves_is_no_error(typed: str, here: Path) -> None:
 # --- what is told ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("typed", "told"),
     [
@@ -323,6 +326,7 @@ def test_the_summary_tells_what_was_drawn(typed: str, told: str, here: Path, cap
     assert sg.Image.load("a.png").info["target"]
 
 
+@pytest.mark.long
 def test_a_scene_tells_its_eye(here: Path, capsys: Said) -> None:
     assert main(["render", "tunnel", "--size", "8", "-o", "a.png"]) == 0
     page = capsys.readouterr().out
@@ -375,6 +379,7 @@ def test_a_choice_is_an_error_with_what_there_is(here: Path) -> None:
     assert (again.option, [name for name, _ in again.found]) == ("array", ["a", "b"])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("suffix", [".npy", ".tif", ".exr"])
 def test_pictures_of_floats_are_drawn_and_compared(suffix: str, here: Path, capsys: Said) -> None:
     pytest.importorskip({".npy": "numpy", ".tif": "tifffile", ".exr": "OpenEXR"}[suffix])

@@ -37,6 +37,7 @@ def osmesa() -> Iterator[sg.Renderer]:
         yield renderer
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 @pytest.mark.parametrize("scene", SCENES)
 def test_scene(
@@ -49,6 +50,7 @@ def test_scene(
     splatgl_image(renderer.render(*scenes[scene], SPLATS.but(blend=blend)), name=f"{scene}-{blend}")
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("scene", SCENES)
 def test_another_backend_keeps_to_the_same_baseline(
     scene: str,
@@ -61,6 +63,7 @@ def test_another_backend_keeps_to_the_same_baseline(
     splatgl_image(image, name=f"{scene}-composite")
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 @pytest.mark.parametrize("scene", ["nerve", "letter-f"])
 def test_two_backends_draw_the_same(

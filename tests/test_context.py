@@ -261,6 +261,7 @@ def test_selfcheck_passes_and_leaves_no_error(opened: Open, backend: str) -> Non
     assert not checks["over rgba16f"].passed and not checks["over rgba8"].passed
 
 
+@pytest.mark.long
 def test_doctor_reports(opened: Open) -> None:
     need("egl")
     text, ok = doctor.report("egl")
@@ -269,6 +270,7 @@ def test_doctor_reports(opened: Open) -> None:
         assert word in text
 
 
+@pytest.mark.long
 def test_doctor_says_when_blending_is_wrong(opened: Open, monkeypatch: pytest.MonkeyPatch) -> None:
     need("egl")
     wrong = Check("over rgba32f", got=0.512, answer=0.8648, tolerance=1e-4, required=True)
@@ -374,6 +376,7 @@ child(others)
 """
 
 
+@pytest.mark.few(1)
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 @pytest.mark.parametrize(("backend", "other"), [("egl", "osmesa"), ("osmesa", "egl"), ("window", "")])
 def test_a_forked_process_is_told_to_be_spawned(backend: str, other: str) -> None:

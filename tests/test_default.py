@@ -58,6 +58,7 @@ PICTURES = {
 }
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", PICTURES)
 def test_settings_choose_the_splats(
     renderer: sg.Renderer, volume: sg.Volume, splats: sg.Splats, camera: sg.Camera, name: str
@@ -75,6 +76,7 @@ def test_settings_choose_the_splats(
     assert right.info["classification"] == drawn[0] and right.info["splats"] == len(own)
 
 
+@pytest.mark.few(1)
 def test_a_moving_picture_is_classified_as_a_still(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera) -> None:
     """It is the mean of stills while the shutter is open; streaks are of voxels, for who asks for them."""
     image = renderer.render(splats, camera, motion=TURNING)

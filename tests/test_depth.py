@@ -198,6 +198,7 @@ def test_what_is_refused(at: Any) -> None:
         depths(volume, sg.Camera.orbit(volume, size=(4, 4)), at)
 
 
+@pytest.mark.long
 def test_commands_write_depths(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Alone, or beside the picture; the same in Python; as floats and grey; where alpha says that something is."""
     rng = np.random.default_rng(3)

@@ -122,6 +122,7 @@ def test_a_wall_casts_its_outline() -> None:
     assert edge == pytest.approx(39.5, abs=0.6)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("technique", ["tiles", "quads"])
 @pytest.mark.parametrize(
     "how",
@@ -156,6 +157,7 @@ def plain_info(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera) -> d
     return dict(renderer.provenance(splats, camera, renderer.plan(splats, camera, PLAIN), 0.0))
 
 
+@pytest.mark.long
 def test_layers_keep_light_off_each_other(renderer: sg.Renderer) -> None:
     """A layer in front of another, towards the light, shades it; the reference has the same."""
     solid = [sg.Transfer([(0.3, 0), (0.5, 0.8)], colormap=color) for color in ("gray", "hot")]

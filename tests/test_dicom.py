@@ -163,6 +163,7 @@ def test_info_lists_series_from_headers(study: Path, capsys: pytest.CaptureFixtu
     assert told.err == "splatgl: series 2 of 3 is read, the largest; series=N picks another\n"
 
 
+@pytest.mark.long
 def test_render_a_folder(study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["render", str(study), "-o", str(tmp_path / "a.png"), "--size", "32"]
     assert main(arguments) == 0 and (tmp_path / "a.png").is_file()
@@ -171,6 +172,7 @@ def test_render_a_folder(study: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert main([*arguments, "--series", "2"]) == 0 and capsys.readouterr().err == ""
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("option", ["--layer", "--labels", "--mask"])
 def test_notes_of_what_lies_beside_a_volume(
     option: str, study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

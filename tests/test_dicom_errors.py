@@ -354,6 +354,7 @@ def secret(path: Path, **tags: object) -> None:
     save(data, path)
 
 
+@pytest.mark.long
 def test_nothing_that_identifies_a_patient_is_shown(tmp_path: Path) -> None:
     """Neither on standard output nor error, nor in pictures; also where a damaged header puts it elsewhere."""
     (tmp_path / "ct").mkdir()

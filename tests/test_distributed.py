@@ -56,6 +56,7 @@ def test_joining_does_not_depend_on_the_tree(how: str, rng: np.random.Generator)
         assert np.abs(found.whole - right).max() < 1e-6 and found.splats == 10 and right.max() > 0.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip", "minip", "mean"])
 @pytest.mark.parametrize("name", ["outside", "inside", "beside", "parallel"])
 def test_parts_add_up_to_the_picture(blend: str, name: str, renderer: sg.Renderer, rng: np.random.Generator) -> None:
@@ -127,6 +128,7 @@ def test_a_picture_in_parts(client: Any, renderer: sg.Renderer, saved: Path, ble
     assert done[-1][0] == done[-1][1] == told.info["parts"] and told.info["level"] == 0
 
 
+@pytest.mark.long
 def test_memory_is_said_in_words(saved: Path) -> None:
     camera = sg.Camera.orbit(sg.load(saved), size=(8, 8))
     found = [sg.render_slabs(saved, RAMP, camera, memory=memory).info["bricks"] for memory in ("1MB", "64GiB", None)]
@@ -176,6 +178,7 @@ def test_work_of_a_worker_that_dies_is_done_again(client: Any, tmp_path: Path) -
     assert (tmp_path / "once").read_text() == "x"
 
 
+@pytest.mark.long
 def test_work_that_kills_its_workers_is_given_up(client: Any, tmp_path: Path) -> None:
     items = [(f"frame {n}", (str(tmp_path / f"m{n}"), 99 if n == 2 else 0, n)) for n in range(6)]
     done = list[int]()
@@ -209,6 +212,7 @@ def frames(folder: Path) -> list[np.ndarray]:
     return [np.load(path) for path in sorted(folder.glob("*.npy"))]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("options", [[], ["--blend", "xray"], ["--moments", "2"]], ids=str)
 def test_animations_with_a_scheduler(client: Any, saved: Path, tmp_path: Path, options: list[str]) -> None:
     """Another process's workers draw the same frames; those that are there are kept."""
@@ -322,6 +326,7 @@ def test_interrupted_frames_are_whole(saved: Path, tmp_path: Path) -> None:
     assert not list((tmp_path / "f").glob(".*"))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("asked", "address"), [(None, "127.0.0.1:0"), ("0.0.0.0:8787", "0.0.0.0:8787")])
 def test_the_dashboard_listens_to_this_machine(
     monkeypatch: pytest.MonkeyPatch, asked: str | None, address: str

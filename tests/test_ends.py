@@ -32,6 +32,7 @@ def block_camera(view: str) -> sg.Camera:
     return sg.Camera.look_at((30, -18, 22), (5.5, 5.5, 5.5), (0, 0, 1), fov=35, size=(48, 48))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", ["full", "crop", "mask", "nan", "inf", "-inf"])
 def test_blocks_end_alike(renderer: sg.Renderer, kind: str) -> None:
     """As wide as its voxels, and as bright as within air, whatever ends it: it was 2 voxels wider within NaN, and 1.3
@@ -77,6 +78,7 @@ def test_a_plane_is_lit_across_it(classification: str, rng: np.random.Generator)
     assert (np.abs(across[:, 2]) > 0.8 * np.linalg.norm(across, axis=1)).mean() > 0.9
 
 
+@pytest.mark.long
 def test_bricks_and_levels_end_alike(renderer: sg.Renderer) -> None:
     """Borders of bricks are no ends, and missing samples end matter in bricks, too."""
     volume = faces("nan")

@@ -64,6 +64,7 @@ def volume_voxels(rng: np.random.Generator, count: int) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["gaussian", "crawfis-max"])
 def test_two_thousand_voxels(name: str, renderer: sg.Renderer, pinned_camera: sg.Camera) -> None:
     """Within 0.03 level of row 1 at every pixel, corners included; ray and grid are printed beside it."""
@@ -97,6 +98,7 @@ def single_footprints(h: Kernel, voxels: np.ndarray, camera: sg.Camera) -> tuple
     return pixel[:, 0], pixel[:, 1], row1(splat), float(h.footprint(np.zeros(()))) / splat.m**2
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["gaussian", "crawfis-max"])
 def test_voxels_around_the_eye(name: str, renderer: sg.Renderer) -> None:
     """500 voxels 0.1 … 20 from the eye, some behind its plane: within 0.05 level of the half-line integral."""

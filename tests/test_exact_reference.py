@@ -42,6 +42,7 @@ def worst(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings:
     return max(apart) / (float(right.max()) if settings.blend == "xray" else 1.0)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("grid", GRIDS)
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 @pytest.mark.parametrize("where", ["near", "far", "inside", "orthographic"])
@@ -58,6 +59,7 @@ def test_any_grid(grid: str, blend: str, where: str, renderer: sg.Renderer) -> N
     assert worst(renderer, splats, camera, SPLATS.but(blend=blend)) < (3e-5 if where == "far" else 8e-6)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("grid", GRIDS)
 def test_second_order_beyond_z_k(grid: str, renderer: sg.Renderer) -> None:
     """Halving the picture at the same scale of voxels quarters z_k² …: the error falls with 1/z_k² or faster."""
@@ -71,12 +73,14 @@ def test_second_order_beyond_z_k(grid: str, renderer: sg.Renderer) -> None:
     assert errors[2] < errors[1] / 3
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("attenuation", ["opacity", "optical-depth", "fill"])
 def test_attenuation(attenuation: str, renderer: sg.Renderer) -> None:
     camera = sg.Camera.orbit(noise("boxes"), 50, 10, size=(96, 96), zoom=1 / 8)
     assert worst(renderer, noise("boxes"), camera, SPLATS.but(attenuation=attenuation)) < 3e-5
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     ("name", "planes"),
     [

@@ -27,6 +27,7 @@ def test_every_example_is_run() -> None:
     assert {path.stem for path in FOLDER.glob("*.py")} == ARGUMENTS.keys()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ARGUMENTS)
 def test_examples(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

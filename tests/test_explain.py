@@ -34,6 +34,7 @@ def test_numbers_of_a_far_voxel(capsys: pytest.CaptureFixture[str]) -> None:
     assert float(table["row5"][2]) < 0.3
 
 
+@pytest.mark.long
 def test_spacing_is_a_unit(capsys: pytest.CaptureFixture[str]) -> None:
     """Twice the spacing at twice the distance is the same splat."""
     one = explain(capsys, "-100,50,600")[1]

@@ -172,6 +172,7 @@ def test_record_size_is_stated() -> None:
     assert VOXEL.itemsize == VALUE.itemsize == 24
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("classification", ["pre", "post"])
 def test_volumes_too_long_for_narrow_records(classification: str, renderer: sg.Renderer) -> None:
     """Voxels beyond 2^16 along an axis are drawn as those of a short volume are, where they are."""

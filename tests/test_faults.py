@@ -19,6 +19,7 @@ from splatgl.app.cli import main
 SPLATS = sg.Splats.from_points(np.random.default_rng(1).random((50, 3)) * 9, np.ones((50, 3)), np.ones(50))
 
 
+@pytest.mark.long
 def test_out_of_memory_is_told_and_survived(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     """A buffer that cannot be made: one line; and the next picture is right."""
     camera = sg.Camera.orbit(SPLATS, size=(16, 16))
@@ -89,6 +90,7 @@ def processor_seconds(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks /proc for a process's time")
 def test_ctrl_c_in_the_middle(tmp_path: Path) -> None:
     """A long render that is interrupted ends with 130, one line, and no file, and leaves most of it undrawn."""

@@ -83,6 +83,7 @@ def rmse(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.sqrt(((a - b) ** 2).mean()))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("ratio", [1, 3])
 @pytest.mark.parametrize("name", FORMULAS)
 def test_the_b_spline_is_nearer_than_trilinear(name: str, ratio: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,6 +140,7 @@ def lengths(volume: sg.Volume, camera: sg.Camera) -> np.ndarray:
     return np.maximum(np.maximum(low, high).min(axis=-1) - first, 0)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("grid", [*GRIDS, "8:1"])
 def test_constant_matter_has_a_known_opacity(renderer: sg.Renderer, grid: str) -> None:
     """1 − (1 − α)^(length/unit), up to the box; also of sheets, which see it as it is."""
@@ -341,6 +343,7 @@ def test_unknown_fields_and_numbers_below_one(changes: dict, said: str) -> None:
         field_integral(case.volume, case.transfer, case.camera(), **changes)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 def test_pixels_of_kept_values(blend: str, renderer: sg.Renderer) -> None:
     """The field of what is kept is that of all samples where it is opaque, and tells coarse sheets from fine."""
@@ -360,6 +363,7 @@ def test_pixels_of_kept_values(blend: str, renderer: sg.Renderer) -> None:
     assert 0 < off[0] < 0.02 and (blend != "composite" or off[0] < 0.5 * off[1])
 
 
+@pytest.mark.long
 def test_pixels_of_the_matter_are_compared_not_of_the_background(renderer: sg.Renderer) -> None:
     """With the picture's own shading and background: as far off as without."""
     volume = sg.scenes.ball(12)
@@ -398,6 +402,7 @@ def test_a_field_that_is_no_picture_is_refused_before_work(
         sg.check(sg.Image(np.ones((6, 8, 4), np.float32)), splats, camera, settings, rows, field=True)
 
 
+@pytest.mark.long
 def test_no_spike_is_stepped_over() -> None:
     """Of a thin shell of opacity in a smooth field: a picture is held against what fine steps find."""
     z, y, x = np.indices((14, 14, 14)) - 6.5

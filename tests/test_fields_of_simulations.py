@@ -168,6 +168,7 @@ def test_points_of_a_logarithmic_scale() -> None:
     assert far.window is not None and far.window[1] / far.window[0] == pytest.approx(1e4)
 
 
+@pytest.mark.long
 def test_log_says_where_it_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

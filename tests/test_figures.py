@@ -133,6 +133,7 @@ def light(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(blurring, "LENGTHS", blurring.LENGTHS[:2])
 
 
+@pytest.mark.few(3)
 @pytest.mark.usefixtures("light")
 @pytest.mark.parametrize("number", FIGURES)
 def test_pictures_can_be_read(number: int) -> None:
@@ -172,6 +173,7 @@ def drawn_texts(figure: Any) -> list[Any]:
     return [text for text in found if text.get_visible() and text.get_text().strip()]
 
 
+@pytest.mark.few(1)
 @pytest.mark.usefixtures("light")
 @pytest.mark.parametrize("number", FIGURES)
 def test_pictures_are_written(number: int, here: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -104,6 +104,7 @@ KINDS: dict[str, tuple[str, Callable[[], np.ndarray]]] = {
 }
 
 
+@pytest.mark.few(11)
 @pytest.mark.parametrize("name", list(KINDS))
 def test_kinds_of_whole_numbers(name: str) -> None:
     """The same in any type; no picture of one that isn't the other's."""
@@ -185,6 +186,7 @@ def test_each_of_many_cells_is_drawn() -> None:
     assert len(np.unique(splats.colors, axis=0)) > 480
 
 
+@pytest.mark.long
 def test_a_picture_of_many_cells_tells_how_many(tmp_path: Path) -> None:
     """Their table is longer than what readers of PNG take for a text."""
     samples = np.repeat(np.repeat(np.arange(1, 20001).reshape(1, 100, 200), 3, 1), 3, 2)

@@ -20,6 +20,7 @@ import gpu_check
 import gpu_check_tests
 
 
+@pytest.mark.long
 def test_short_form(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     told = tmp_path / "told.json"
     assert gpu_check.main(["--short", "--software", "-o", str(told)]) == 0
@@ -53,6 +54,7 @@ def by_quads(monkeypatch: pytest.MonkeyPatch, changed: Callable[[sg.Image], sg.I
     monkeypatch.setattr(sg.Renderer, "render", drawn)
 
 
+@pytest.mark.long
 def test_a_wrong_picture_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -89,6 +91,7 @@ def test_what_there_is_no_time_for_is_named(
     assert said.endswith(f"told.json: everything that was checked is right; left out: {', '.join(left)}, the tests\n")
 
 
+@pytest.mark.long
 def test_tests_that_did_not_end_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gpu_check_tests, "TESTED", ("toplevel", "tags"))
     told = gpu_check_tests.tests(60.0, card=False)

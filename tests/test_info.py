@@ -92,6 +92,7 @@ def test_a_long_name_is_cut() -> None:
     assert page(Volume(np.zeros((1, 1, 1)), name="n" * 200)).splitlines()[0].endswith("…")
 
 
+@pytest.mark.long
 def test_a_mapped_file_is_read_slab_by_slab(tmp_path: Path) -> None:
     path = tmp_path / "big_512x512x256_uint8.raw"
     with path.open("wb") as file:

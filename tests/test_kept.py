@@ -54,6 +54,7 @@ def test_parts_that_are_all_are_the_splats() -> None:
     assert clipped(splats, cut) is clipped(splats, cut) and ahead(splats, camera) is ahead(splats, camera)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("grid", ["cubes", "sheared"])
 def test_splats_are_freed_with_their_last_picture(grid: str, renderer: sg.Renderer) -> None:
     splats = noise(grid, size=7)

@@ -116,6 +116,7 @@ def registered() -> Iterator[str]:
     del KERNELS["radial-b-spline"]
 
 
+@pytest.mark.long
 def test_a_registered_kernel_draws_within_its_bound(renderer: sg.Renderer, registered: str) -> None:
     """Known to settings, plan, tables, shaders, reference and bound, without a touch to any of them."""
     volume = sg.Volume(np.random.default_rng(2).random((7, 8, 9)), spacing=(1, 1, 2))

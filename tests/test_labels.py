@@ -73,6 +73,7 @@ def test_some_labels_and_their_opacities() -> None:
         label_transfer(volume, [(3, 1.0)])
 
 
+@pytest.mark.long
 def test_numbers_without_a_table_have_colours_of_their_own() -> None:
     """The same for each number in every file; 0 is the background."""
     volume = segments(labels=None)
@@ -116,6 +117,7 @@ def test_bad_labels_are_told(labels: Any) -> None:
         sg.Transfer([(0, 1)], labels=list(labels) if isinstance(labels, list) else [labels])
 
 
+@pytest.mark.long
 def test_labels_of_the_command_line(renderer: sg.Renderer, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Over a volume, and by themselves; which are shown."""
     ball, volume = sg.scenes.ball(12), segments()

@@ -50,6 +50,7 @@ FEATURES = (
 )
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", FEATURES)
 @pytest.mark.parametrize("size", [12, 40])
 def test_forced_on(renderer: sg.Renderer, name: str, size: int) -> None:

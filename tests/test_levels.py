@@ -60,6 +60,7 @@ def test_the_level_is_just_finer_than_a_pixel(smooth: sg.Volume) -> None:
     assert just_finer(smooth, inside) == 0
 
 
+@pytest.mark.long
 def test_smooth_volumes_take_a_coarser_level(smooth: sg.Volume, renderer: sg.Renderer) -> None:
     camera = sg.Camera.orbit(smooth, 20, 10, size=(16, 16))
     found = level_for(smooth, SOFT, camera, Settings(), renderer)
@@ -87,6 +88,7 @@ def test_thin_things_take_the_finest_level(opacity: float, threads: sg.Volume, r
     assert found.allowed == pytest.approx(max(1.05 * found.off[0], Settings().tolerance))
 
 
+@pytest.mark.long
 def test_boxes_lie_where_opacity_varies(renderer: sg.Renderer) -> None:
     """Of fog with threads in one corner: means lose these, however few of the places hold any."""
     samples = np.full((96, 96, 96), 0.4, np.float32)
@@ -102,6 +104,7 @@ def test_boxes_lie_where_opacity_varies(renderer: sg.Renderer) -> None:
     assert found.info["level_boxes"] == found.boxes == levels.BOXES
 
 
+@pytest.mark.long
 def test_boxes_end_between_coarse_voxels(renderer: sg.Renderer) -> None:
     """A linear ramp, of which levels of any step are means: no level is off because its boxes are others."""
     ramp = np.tile(np.linspace(0, 1, 150, dtype=np.float32), (75, 75, 1))
@@ -122,6 +125,7 @@ def test_nothing_in_sight_takes_the_finest_level(smooth: sg.Volume, renderer: sg
     assert level_for(smooth, SOFT, away, Settings(), renderer).number == 0
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("blend", ["xray", "mip"])
 @pytest.mark.parametrize("parallel", [False, True])
 def test_levels_of_other_pictures(blend: str, parallel: bool, smooth: sg.Volume, renderer: sg.Renderer) -> None:
@@ -145,6 +149,7 @@ def write(path: Path, volume: sg.Volume) -> None:
     group.attrs["multiscales"] = [{"version": "0.4", "axes": axes, "datasets": steps}]
 
 
+@pytest.mark.long
 def test_levels_of_a_store(
     smooth: sg.Volume, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

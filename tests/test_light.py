@@ -26,6 +26,7 @@ def slope(tilt: tuple[float, float]) -> sg.Volume:
     return sg.Volume(100 + normal[0] * x + normal[1] * y + normal[2] * z)
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", list(LIGHTS))
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (30.0, 0.0), (-35.0, 35.0), (-20.0, 15.0), (10.0, -60.0)])
 def test_light_on_slopes(name: Any, tilt: tuple[float, float], renderer: sg.Renderer) -> None:
@@ -55,6 +56,7 @@ def cloud(grid: str) -> sg.Volume:
     return sg.Volume((cells - cells.min()) / np.ptp(cells), **GRIDS[grid])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("technique", ["tiles", "quads"])
 @pytest.mark.parametrize("how", [{}, {"classification": "pre"}, {"classification": "pre", "compositing": "splats"}])
 def test_lit_pictures_are_the_reference(how: dict[str, Any], technique: Any, renderer: sg.Renderer) -> None:
@@ -95,6 +97,7 @@ def test_places_that_are_none(place: Any) -> None:
         sg.Settings(light_from=place)
 
 
+@pytest.mark.long
 def test_commands_light(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
     np.save(tmp_path / "a.npy", cloud("cubes").samples.astype(np.float32))
     options = ["--size", "24", "--quiet", "--check", "0", "--points", "0.4:0,0.6:0.8", "-o", str(tmp_path / "o.npy")]

@@ -80,6 +80,7 @@ def scene(
     return splats, camera, march(splats, camera, blend, fine=12)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("where", "rmse", "share"), [("inside", 0.007, 0.16), ("beside", 0.006, 0.09), ("parallel", 0.006, 0.05)]
 )
@@ -96,6 +97,7 @@ def test_an_eye_in_or_beside_matter_sees_the_field(where: str, rmse: float, shar
     assert np.mean(errors) < rmse and off < share * pixels
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("blend", "most"), [("mip", 0.008), ("minip", 0.013), ("mean", 0.006), ("xray", 0.055)])
 def test_values_around_the_eye(blend: str, most: float) -> None:
     """An extreme at the eye is the field's there: means of sheets, and middles of what is linear, are not."""
@@ -124,6 +126,7 @@ def test_a_ramp_around_the_eye(look: tuple[float, ...]) -> None:
         assert abs(sg.reference.render(splats, camera, PLAIN).pixels[0, 0, 3] - right) < 0.0015
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("technique", TECHNIQUES)
 @pytest.mark.parametrize(("where", "blend"), [("inside", "composite"), ("parallel", "composite"), ("inside", "mip")])
 def test_opengl_draws_what_the_reference_does(renderer: sg.Renderer, technique: str, where: str, blend: str) -> None:
@@ -135,6 +138,7 @@ def test_opengl_draws_what_the_reference_does(renderer: sg.Renderer, technique: 
         assert right[..., 3].max() > 0.1 and np.abs(found - right).max() < 1e-3
 
 
+@pytest.mark.long
 def test_the_field_is_linear_between_the_rays_of_a_grid(renderer: sg.Renderer) -> None:
     """Where pixels are closer together than the field bends, it is taken for some of them."""
     splats, camera, _ = scene(0)
@@ -149,6 +153,7 @@ def test_the_field_is_linear_between_the_rays_of_a_grid(renderer: sg.Renderer) -
     assert drawn[0][..., 3].max() > 0.1 and np.abs(drawn[0] - drawn[1]).max() < 1 / 255
 
 
+@pytest.mark.long
 def test_it_is_continuous_as_the_eye_moves(renderer: sg.Renderer) -> None:
     """A hundredth of a voxel at a time: where sheets begin to hold the field itself, and in matter."""
     splats, _, _ = scene(0)
@@ -163,6 +168,7 @@ def test_it_is_continuous_as_the_eye_moves(renderer: sg.Renderer) -> None:
     assert np.ptp(np.stack(drawn)) > 0.05 and max(bends) < 2e-3
 
 
+@pytest.mark.long
 def test_portions_bricks_and_bands_are_the_whole(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     """The sheets around the eye are drawn once in each tile, also where no list of splats begins, or several do."""
     cells = noise(np.random.default_rng(5))
@@ -187,6 +193,7 @@ def test_portions_bricks_and_bands_are_the_whole(renderer: sg.Renderer, monkeypa
     assert np.abs(found - sg.reference.render(few, camera, settings).pixels).max() < 1e-3 < found[..., 3].min()
 
 
+@pytest.mark.long
 def test_layers_around_the_eye(renderer: sg.Renderer) -> None:
     """Matter of two layers is the field's, too: as their twin composites it."""
     volume = sg.Volume(noise(np.random.default_rng(8)))
@@ -199,6 +206,7 @@ def test_layers_around_the_eye(renderer: sg.Renderer) -> None:
     assert right[..., 3].max() > 0.2 and np.abs(found - right).max() < 4e-3
 
 
+@pytest.mark.long
 def test_nothing_near_costs_nothing(renderer: sg.Renderer) -> None:
     """Seen from outside, and from a hollow, no picture's program knows of sheets around the eye."""
     cells = np.ones((30, 30, 30))

@@ -37,6 +37,7 @@ def half(volume: sg.Volume, axis: int = 0, size: int = 8) -> np.ndarray:
     return np.indices(volume.shape)[2 - axis] < size
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("technique", ["tiles", "quads"])
 @pytest.mark.parametrize("view", ["fitted", "parallel", "wide"])
 @pytest.mark.parametrize("grid", list(GRIDS))
@@ -53,6 +54,7 @@ def test_a_block_is_as_deep_as_what_its_mask_keeps(grid: str, view: str, techniq
         assert apart.max() < 0.01 * splats.grid.mean_spacing
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("blend", "technique"),
     [("composite", "tiles"), ("composite", "quads"), ("xray", "quads"), ("mip", "quads"), ("mean", "tiles")],
@@ -72,6 +74,7 @@ def test_masked_pictures_are_the_reference(blend: str, technique: Any, renderer:
         assert off.max() < 2e-3 and off.mean() < 1e-5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 def test_masked_pictures_are_those_of_the_field(blend: str, renderer: sg.Renderer) -> None:
     """Of the field marched in small steps, which is cut at each: the error is about that of the picture without."""
@@ -97,6 +100,7 @@ def test_the_integral_of_a_volume_is_masked() -> None:
     assert np.abs(found / -np.log(1 - OPACITY) - right).max() < 0.1
 
 
+@pytest.mark.long
 def test_what_is_kept_is_as_without_a_mask(renderer: sg.Renderer) -> None:
     """Nothing of values changes: a mask with a plane face cuts as the plane does; one that keeps all, nothing."""
     volume, settings = field(), PLAIN.but(shading="off")
@@ -111,6 +115,7 @@ def test_what_is_kept_is_as_without_a_mask(renderer: sg.Renderer) -> None:
     assert not renderer.plan(whole, camera, PLAIN).program.look.masked
 
 
+@pytest.mark.long
 def test_values_as_far_as_a_kernel_reaches_are_kept(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     """Values within depend on those around: of noise under the widest kernel, more of them change nothing."""
     # the radial B-spline at half its frequency, of radius 4
@@ -128,6 +133,7 @@ def test_values_as_far_as_a_kernel_reaches_are_kept(renderer: sg.Renderer, monke
     assert np.abs(found[0] - found[1]).max() < 1e-6
 
 
+@pytest.mark.long
 def test_no_values_are_invented_at_the_border(renderer: sg.Renderer) -> None:
     """Bright matter within a mask is grey to its border; with 0 in place of what is cut, a red skin lies around it."""
     volume = block()
@@ -141,6 +147,7 @@ def test_no_values_are_invented_at_the_border(renderer: sg.Renderer) -> None:
     assert np.ptp(renderer.render(sg.extract(zeros, skin), camera, PLAIN).pixels[..., :2], axis=2).max() > 0.3
 
 
+@pytest.mark.long
 def test_faces_are_lit_by_the_mask(renderer: sg.Renderer) -> None:
     """Opaque matter without gradients: ambient and diffuse light by the angle to the mask's face."""
     volume = block()
@@ -238,6 +245,7 @@ def test_masks_in_words(text: str, found: Any) -> None:
     assert named(text) == found
 
 
+@pytest.mark.long
 def test_layers_labels_and_channels_are_masked(renderer: sg.Renderer) -> None:
     """Each layer by masks of its own, as the reference has them; segmentations and voxels of colours too."""
     first, second = field(), field("1:2:5")
@@ -254,6 +262,7 @@ def test_layers_labels_and_channels_are_masked(renderer: sg.Renderer) -> None:
     assert all(each.masks for each in several.masked(half(first)).channels)
 
 
+@pytest.mark.long
 def test_bricks_beside_the_mask_are_not_read(renderer: sg.Renderer) -> None:
     """The picture is the whole one's."""
     volume = field(size=64)
@@ -293,6 +302,7 @@ def test_depths_and_picked_places_end_at_the_mask() -> None:
     assert best and best.value == pytest.approx(9.5, abs=0.3)
 
 
+@pytest.mark.long
 def test_the_view_is_fitted_to_what_is_kept() -> None:
     volume = block(size=30)
     small = volume.masked(half(volume, 0, 4) & half(volume, 1, 4) & half(volume, 2, 4))
@@ -322,6 +332,7 @@ def save(path: Path, samples: np.ndarray) -> str:
     return str(path)
 
 
+@pytest.mark.long
 def test_commands_and_scene_files_mask(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`--mask`, the key of a scene file and `sg.render` draw the same; a layer's empty text is no mask."""
     volume = field()

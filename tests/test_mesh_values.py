@@ -69,6 +69,7 @@ def test_windows_missing_values_and_several_maps(renderer: sg.Renderer) -> None:
     assert square([5, 5, 5, 5]).ranged == (4.5, 5.5) and square([np.nan] * 4).ranged == (0.0, 1.0)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("parallel", [False, True])
 def test_meshes_with_values_are_the_reference(parallel: bool, renderer: sg.Renderer) -> None:
     """Lit, in a cloud, opaque and not, and cut."""

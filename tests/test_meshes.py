@@ -58,6 +58,7 @@ def closed_form(meshes: list[sg.Mesh]) -> np.ndarray:
     return light
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("opacities", [[1.0], [0.4], [0.4, 0.3, 1.0], [0.0, 0.5]])
 @pytest.mark.parametrize("depth", [7.0, 9.37])
 def test_discs_in_fog(opacities: list[float], depth: float, renderer: sg.Renderer) -> None:
@@ -91,6 +92,7 @@ def cloud(grid: str) -> sg.Volume:
     return sg.Volume((cells - cells.min()) / np.ptp(cells), **GRIDS[grid])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("layers", [1, 2])
 @pytest.mark.parametrize("classification", ["post", "pre"])
 @pytest.mark.parametrize("parallel", [False, True])
@@ -113,6 +115,7 @@ def test_meshes_in_clouds_are_the_reference(
     assert found.info["triangles"] == sum(map(len, scene.meshes))
 
 
+@pytest.mark.long
 def test_eyes_inside_meshes(renderer: sg.Renderer) -> None:
     """A ball around the eye, one through its plane, and one behind it."""
     volume = block()

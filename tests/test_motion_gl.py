@@ -69,6 +69,7 @@ def twin_error(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, sett
     return error / max(float(right.max()), 1.0)
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("move", MOVES)
 @pytest.mark.parametrize("view", CAMERAS)
 @pytest.mark.parametrize("spacing", SPACINGS)
@@ -79,6 +80,7 @@ def test_exact_streaks_are_their_twin(renderer: sg.Renderer, spacing: str, view:
         assert twin_error(renderer, splats, camera, settings, move) < limit
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("spacing", SPACINGS)
 @pytest.mark.parametrize("changes", [
     {"motion": "energy", "blend": "xray"},
@@ -96,6 +98,7 @@ def test_every_form_is_its_twin(renderer: sg.Renderer, spacing: str, changes: di
         assert twin_error(renderer, cloud(spacing), CAMERAS[view], settings, "spins") < TWIN
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("view", ["near", "far", "parallel"])
 @pytest.mark.parametrize("move", ["spins", "flows", "is passed"])
 def test_exact_streaks_are_temporal_supersampling(renderer: sg.Renderer, view: str, move: str) -> None:
@@ -228,6 +231,7 @@ def test_supersampled_streaks(renderer: sg.Renderer) -> None:
     assert np.abs(found - pixel_means(samples.astype(float), 3)).max() < 1e-5
 
 
+@pytest.mark.long
 def test_every_choice_compiles(renderer: sg.Renderer) -> None:
     splats, base = cloud(), SPLATS
     for form in MOTIONS:

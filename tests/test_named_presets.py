@@ -86,6 +86,7 @@ def test_of_a_name_like_none_all_are_told(name: object) -> None:
         preset_named(name)
 
 
+@pytest.mark.long
 def test_a_preset_implies_a_blend(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where neither --blend nor the scene has one."""
     monkeypatch.chdir(tmp_path)
@@ -105,6 +106,7 @@ def test_presets_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(len(line.split()) > 3 for line in lines)
 
 
+@pytest.mark.long
 def test_a_sheet_of_presets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its pictures are those of `render` by the same preset, each under a label."""
     monkeypatch.chdir(tmp_path)

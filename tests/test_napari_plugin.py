@@ -224,6 +224,7 @@ def spots(*places: tuple[int, int, int]) -> np.ndarray:
     return data
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("blend", [None, "composite"])
 def test_a_picture_shows_a_voxel_where_napari_does(blend: str | None) -> None:
     """A voxel at z 1, y 2, x 9 of a grid scaled by (3, 2, 1.5) is right of the middle, and high."""
@@ -310,6 +311,7 @@ def planes(*rows: tuple[tuple[float, ...], tuple[float, ...], bool]) -> list[Sim
     return [SimpleNamespace(position=at, normal=normal, enabled=enabled) for at, normal, enabled in rows]
 
 
+@pytest.mark.long
 def test_clipping_planes_cut_a_layer() -> None:
     """The right half of a block is left; napari takes places for the world's, and draws from half a voxel before."""
     cut = planes(((0, 0, 12.0), (0, 0, 1), True), ((0, 0, 4.0), (0, 0, -1), False))
@@ -322,6 +324,7 @@ def test_clipping_planes_cut_a_layer() -> None:
     assert (drawing.picture(viewer(layer, other, center=MIDDLE)).pixels[24, 20, 0]) > 0.1, "the others stay whole"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("thickness", "right"), [(1.0, 90), (4.0, 130)])
 def test_a_plane_shows_what_is_across_it(thickness: float, right: int) -> None:
     """Values rise along z by 20: napari takes samples from half its thickness before the plane on."""
@@ -333,6 +336,7 @@ def test_a_plane_shows_what_is_across_it(thickness: float, right: int) -> None:
     assert image.info["notes"] == ()
 
 
+@pytest.mark.long
 def test_iso_surfaces_stand_at_their_threshold() -> None:
     """A ball of values 200 less 20 for each voxel from its middle: 100 is reached at a radius of 5."""
     z, y, x = np.mgrid[:17, :17, :17] - 8.0

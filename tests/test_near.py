@@ -12,6 +12,7 @@ from splatgl.splat.view.block_culling import Frustum
 from splatgl.splat.view.eye_near import AROUND_EYE
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("grid", GRIDS)
 @pytest.mark.parametrize("look", LOOKS)
 def test_tiles_draw_what_quads_draw(renderer: sg.Renderer, grid: str, look: tuple[float, ...]) -> None:
@@ -58,6 +59,7 @@ def test_half_lines_only_where_a_kernel_in_sight_is_near(grid: str, fov: float) 
     assert any(near) and not all(near)
 
 
+@pytest.mark.long
 def test_a_kernel_that_no_plane_cuts_is_not_left_out(renderer: sg.Renderer) -> None:
     """The frustum against the reference: whatever lights a pixel may be reached."""
     for n in range(60):

@@ -49,6 +49,7 @@ def drag(session: Session, x: float, y: float, **more: Any) -> None:
     session.handle(event("pointer_up", 48 + x, 32 + y, button=1))
 
 
+@pytest.mark.long
 def test_the_first_frame_is_the_picture(session: Timed, volume: sg.Volume) -> None:
     frame = session.frame()
     assert np.array_equal(session.image.pixels, sg.render(volume, size=(96, 64)).pixels)

@@ -50,6 +50,7 @@ def difference(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, sett
     return float(np.abs(found - right).max() / max(right.max(), 1))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("technique", TECHNIQUES)
 @pytest.mark.parametrize("blend", [*BLENDED, "xray"])
 @pytest.mark.parametrize(
@@ -72,6 +73,7 @@ def test_the_picture_is_its_twin(
     assert difference(renderer, splats, eyes(splats)[view], settings) < 2e-4
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("blend", BLENDED)
 def test_without_compute_shaders_quads_draw_the_same(
     renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, blend: str
@@ -95,6 +97,7 @@ def test_without_compute_shaders_quads_draw_the_same(
     assert tiles_drew.max() > 0.5 and np.abs(found[0] - tiles_drew).max() < 1e-5
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("technique", TECHNIQUES)
 @pytest.mark.parametrize("kept", [(1.999, 2.0), (0.0, 0.001)], ids=["negative", "large"])
 def test_values_may_be_far_from_those_they_were_extracted_for(
@@ -109,6 +112,7 @@ def test_values_may_be_far_from_those_they_were_extracted_for(
         assert difference(renderer, splats, eyes(splats)["fitted"], settings) < 2e-4
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("blend", ["composite", *BLENDED])
 def test_quads_in_bands_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, blend: str) -> None:
     """Of any number of rows, also after one was cancelled within a band; nothing reaches the outer ones."""
@@ -128,6 +132,7 @@ def test_quads_in_bands_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest
         assert whole[..., 3].max() > 0.1 and np.abs(found - whole).max() < 2e-5
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("blend", BLENDED)
 def test_batches_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, blend: str) -> None:
     """What is kept of a pixel between two portions is classified once, at the end."""
@@ -144,6 +149,7 @@ def test_batches_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest.Monkey
             assert whole[..., 3].max() > 0.4 and np.abs(whole - parts).max() < 1e-5
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("grid", "blend"), [*(("cubes", blend) for blend in BLENDED), ("sheared", "mip"), ("8:1", "mip")]
 )
@@ -172,6 +178,7 @@ def test_a_constant_is_what_the_transfer_function_says(renderer: sg.Renderer, gr
                 assert (found[~seen] == 0).all()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("blend", BLENDED)
 def test_sheets_draw_the_fields_value(blend: str) -> None:
     """The nearer, the more sheets."""
@@ -200,6 +207,7 @@ def test_a_maximum_is_no_less_than_a_mean_and_that_than_a_minimum(renderer: sg.R
     assert (low <= middle + 1e-5).all() and (middle <= high + 1e-5).all() and (high - low).max() > 0.5
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("technique", TECHNIQUES)
 @pytest.mark.parametrize("blend", BLENDED)
 def test_missing_voxels_have_no_share(renderer: sg.Renderer, blend: str, technique: Technique) -> None:
@@ -278,6 +286,7 @@ def test_the_plan_tells_what_it_does() -> None:
         assert "shading left out" in told and "ordering left out" not in told and "2 parts between" in told
 
 
+@pytest.mark.long
 def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     np.save("noise.npy", cells().astype(np.float32))

@@ -48,6 +48,7 @@ def run(environment: dict[str, str], *arguments: str) -> str:
     return told.stdout
 
 
+@pytest.mark.long
 def test_a_file_is_drawn(tmp_path: Path, elsewhere: dict[str, str]) -> None:
     h5py = pytest.importorskip("h5py")
     samples = np.random.default_rng(3).random((4, 5, 6), np.float32)

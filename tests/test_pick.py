@@ -103,6 +103,7 @@ def thin(seed: int) -> tuple[sg.Volume, sg.Transfer, sg.Camera]:
     return volume, sg.Transfer(peaks if seed % 2 else spike, window=(0, 1), unit=0.05), camera
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("seed", range(6))
 def test_no_thin_matter_is_stepped_over(seed: int) -> None:
     """What a ray marched in steps of a thousandth of a voxel meets is picked there, and its depth is told."""

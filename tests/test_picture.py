@@ -29,6 +29,7 @@ def volume() -> sg.Volume:
     return sg.Volume((near * 200).astype(np.uint8), spacing=(1, 1, 1.5), name="balls")
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("command", "options"),
     [
@@ -62,6 +63,7 @@ def test_the_pixels_are_those_of_the_command(
     assert "points" in str(image.info["transfer"]) and image.info["version"] == sg.__version__
 
 
+@pytest.mark.long
 def test_scene_files_and_built_in_scenes(volume: sg.Volume, tmp_path: Path) -> None:
     np.save(tmp_path / "balls.npy", volume.samples)
     scene = tmp_path / "scene.toml"
@@ -71,6 +73,7 @@ def test_scene_files_and_built_in_scenes(volume: sg.Volume, tmp_path: Path) -> N
     assert sg.render("letter-f", size=64).info["source"] == "letter-f"
 
 
+@pytest.mark.long
 def test_a_camera_a_transfer_function_and_splats(volume: sg.Volume, renderer: sg.Renderer) -> None:
     transfer = sg.Transfer([(20, 0.0), (150, 0.7)], colormap="bone")
     splats, camera = sg.extract(volume, transfer), sg.Camera.orbit(volume, 10, 30, size=(64, 48))
@@ -117,6 +120,7 @@ def test_splats_refuse_what_they_were_extracted_with(volume: sg.Volume) -> None:
         sg.render(splats, camera=camera, zoom=2)
 
 
+@pytest.mark.long
 def test_calls_share_a_renderer_in_any_thread(volume: sg.Volume) -> None:
     right = sg.render(volume, size=64).pixels
     with kept.kept_renderer() as first:
@@ -172,6 +176,7 @@ def test_a_display_that_another_library_ends_is_opened_again() -> None:
     assert run.stdout.split() == ["egl", "True"] and run.stderr == ""
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked on Unix")
 def test_a_forked_process_never_uses_its_parents_renderer() -> None:
     """It draws with a library that its parent had not opened, or is told how to start processes."""
@@ -193,6 +198,7 @@ assert sg.render(cube, size=32).pixels.any()
     assert run.stderr == ""
 
 
+@pytest.mark.long
 def test_images_are_arrays_and_pictures(volume: sg.Volume, tmp_path: Path) -> None:
     image = sg.render(volume, size=(48, 32))
     pixels = np.asarray(image)
@@ -232,6 +238,7 @@ def test_reprs_are_one_line_without_arrays(volume: sg.Volume) -> None:
         assert [part for part in parts if part not in line] == []
 
 
+@pytest.mark.long
 def test_show_without_a_display_returns_the_image(
     volume: sg.Volume, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

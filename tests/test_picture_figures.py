@@ -47,6 +47,7 @@ def test_panels_are_pixel_for_pixel(rng: np.random.Generator) -> None:
     assert (found[MARGIN + 8 : top] < 128).any() and not (found[top + 12 :] < 128).any()
 
 
+@pytest.mark.long
 def test_figure_5_is_the_tunnel_twice(here: Path, renderer: sg.Renderer, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["figure", "5", "-o", "f.png", "--size", "60"]) == 0
     assert "Figure 5. A tunnel" in capsys.readouterr().out
@@ -97,6 +98,7 @@ def test_figure_14_abuts_columns_of_blocks(here: Path, renderer: sg.Renderer) ->
     assert np.abs(strips[0][:, 0] - first).max() < 1e-5
 
 
+@pytest.mark.long
 def test_numbers_of_still_figures(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["figure", "5", "letter-f", "--numbers", "--csv", "n.csv", "--size", "16"]) == 0
     said = capsys.readouterr().out

@@ -40,6 +40,7 @@ def test_no_mean_is_beyond_the_samples(k: int, rng: np.random.Generator) -> None
     assert pixel_means(np.ones((3 * k, 2 * k, 1)), k) == pytest.approx(1, abs=1e-15)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("technique", ["quads", "tiles"])
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 def test_auto_is_within_its_bound(technique: str, blend: str, renderer: sg.Renderer) -> None:

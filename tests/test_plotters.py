@@ -82,6 +82,7 @@ def test_what_is_no_plotter_is_refused() -> None:
             make([1, 2])
 
 
+@pytest.mark.long
 def test_several_volumes_of_one_prop_are_layers(pyvista: Any) -> None:
     """Each has the data of its port, and its own look and place."""
     vtk = pytest.importorskip("vtk")
@@ -462,6 +463,7 @@ def test_averages_are_those_of_vtk(pyvista: Any, opacity: list[float]) -> None:
     assert ours.sum() == pytest.approx(theirs.sum(), rel=0.12)
 
 
+@pytest.mark.long
 def test_what_is_left_out_is_told(pyvista: Any) -> None:
     made = plotter(pyvista, some())
     made.remove_all_lights()

@@ -105,6 +105,7 @@ def test_classes_of_renderers(pytester: pytest.Pytester, monkeypatch: pytest.Mon
     assert baselines(pytester) == [f"baselines/test_two/front{end}.png" for end in (".nvidia-2", ".nvidia", "")]
 
 
+@pytest.mark.long
 def test_one_more_that_is_right(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is added takes nothing away: the picture that was right stays right."""
     pytester.makepyfile(
@@ -350,6 +351,7 @@ def test_many(splatgl_image, number):
 """
 
 
+@pytest.mark.long
 def test_the_report_under_xdist(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     """Written by several processes, compared by several, merged into one page by one."""
     pytest.importorskip("xdist", reason="pytest-xdist is in the extra dev")

@@ -93,6 +93,7 @@ def test_contents_keep_opacities_a_length(volume: sg.Volume, tmp_path: Path, mon
     assert edited.portion is finer.portion and edited.volumes is finer.volumes
 
 
+@pytest.mark.long
 def test_the_smallest_there_is_where_nothing_fits(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(portions, "budget", lambda: 1)
     found = portion(volume, ALL, Settings())
@@ -113,6 +114,7 @@ def test_a_level_is_saved_with_its_scene(
     assert np.array_equal(found.splats(found.open(), found.transfer_for(found.open())).records, content.at(1).records)
 
 
+@pytest.mark.long
 def test_a_finer_portion_of_what_is_no_longer_shown_is_not_taken(
     volume: sg.Volume, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

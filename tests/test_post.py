@@ -63,6 +63,7 @@ def differences(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, set
     return np.abs(found - right)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("technique", ["tiles", "quads"])
 @pytest.mark.parametrize(
     ("grid", "view", "count", "steps", "changes"),
@@ -87,6 +88,7 @@ def test_the_picture_is_its_twin(
     assert differences(renderer, splats, eyes(splats)[view], settings).max() < 1e-4
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("count", [2, 3, 4])
 def test_quads_composite_what_lies_behind_a_gap(renderer: sg.Renderer, count: int) -> None:
     """Nothing of the sheets before it is left, and the last segment of the nearer part is drawn."""
@@ -105,6 +107,7 @@ def test_quads_composite_what_lies_behind_a_gap(renderer: sg.Renderer, count: in
         assert differences(renderer, splats, camera, settings).max() < 1.5e-4
 
 
+@pytest.mark.long
 def test_widened_kernels_are_their_twin_s(renderer: sg.Renderer) -> None:
     """Values are means: no form of attenuation changes them. In perspective widening is exact up to 1/z_k²."""
     splats = matter()
@@ -116,6 +119,7 @@ def test_widened_kernels_are_their_twin_s(renderer: sg.Renderer) -> None:
         assert differences(renderer, splats, eyes(splats)[view], settings).max() < allowed
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("tolerance", [2e-3, 1 / 255, 0.01, 4 / 255, 8 / 255])
 @pytest.mark.compute
 def test_the_error_is_of_the_tolerance_s_size(renderer: sg.Renderer, tolerance: float) -> None:
@@ -153,6 +157,7 @@ def test_packed_splats_are_their_twins(renderer: sg.Renderer, grid: str, view: s
     assert off.max() < 5e-4 and np.sqrt((off**2).mean()) < 5e-5
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("portions", "changed"),
     [
@@ -179,6 +184,7 @@ def test_batches_draw_the_same(
         assert whole[..., 3].max() > 0.5 and np.abs(whole - parts[0]).max() <= changed
 
 
+@pytest.mark.long
 def test_batches_draw_the_same_where_a_tile_is_two_subgroups() -> None:
     """As on processors without AVX: half of a tile's columns may end before the others, and go on with them."""
     narrow = {"LP_NATIVE_VECTOR_WIDTH": "128", "MESA_SHADER_CACHE_DISABLE": "true"}
@@ -208,6 +214,7 @@ def test_transparent_sheets_are_passed_over(
     assert seen[0] <= matter[0] and matter[-1] + 1 <= seen[1]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("grid", ["cubes", "8:1"])
 @pytest.mark.compute
 def test_what_lies_beside_the_box_is_passed_over(
@@ -299,6 +306,7 @@ def test_values_of_any_size_draw_the_same() -> None:
         assert np.abs(drawn(splats) - right).max() < allowed
 
 
+@pytest.mark.long
 def test_missing_voxels_are_left_out(renderer: sg.Renderer) -> None:
     holes = cells().copy()
     holes[3:6, 4:7, 5:8], holes[0, 0, 0] = np.nan, np.inf
@@ -310,6 +318,7 @@ def test_missing_voxels_are_left_out(renderer: sg.Renderer) -> None:
     assert differences(renderer, splats, eyes(splats)["fitted"], EXACT.but(sheets=2, steps=1)).max() < 4e-5
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("shape", [(1, 1, 1), (1, 10, 10), (10, 1, 1), (2, 2, 2)], ids=str)
 def test_thin_volumes(renderer: sg.Renderer, shape: tuple[int, int, int]) -> None:
     volume = sg.Volume(cells()[tuple(slice(side) for side in shape)] * 0.2 + 0.5)
@@ -335,6 +344,7 @@ def test_steep_and_constant_transfer_functions(renderer: sg.Renderer, points: li
     assert differences(renderer, splats, eyes(splats)["fitted"], settings).max() < 5e-3
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("width", [3.0, 1.0, 1e-2, 1e-6])
 @pytest.mark.parametrize("view", ["along", "oblique"])
 def test_no_spike_is_passed_over(renderer: sg.Renderer, view: str, width: float) -> None:
@@ -359,6 +369,7 @@ def test_no_spike_is_passed_over(renderer: sg.Renderer, view: str, width: float)
             assert np.abs(alpha - right).max() < 1e-4
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("technique", ["tiles", "quads"])
 def test_gradients_weigh_opacities(renderer: sg.Renderer, technique: Technique) -> None:
     """The twin's picture; where values rise evenly, the weight of their slope."""
@@ -471,6 +482,7 @@ def test_what_extraction_refuses(renderer: sg.Renderer) -> None:
         renderer.render(matter(), eyes(matter())["fitted"], sg.Settings(motion="exact"), moves)
 
 
+@pytest.mark.few(1)
 def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     np.save("noise.npy", cells().astype(np.float32))
@@ -482,6 +494,7 @@ def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert post[..., 3].max() > 0.5 and np.abs(post - splats).max() > 0.05 and np.abs(sheets - splats).max() > 1e-3
 
 
+@pytest.mark.few(1)
 def test_another_transfer_function_uploads_no_records(renderer: sg.Renderer) -> None:
     splats = matter()
     assert splats.post is not None
@@ -500,6 +513,7 @@ def test_another_transfer_function_uploads_no_records(renderer: sg.Renderer) -> 
     assert image.info["classification"] == "post" and (image.info["sheets"], image.info["steps"]) == (3, 3)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("points", [[(0, 0), (100, 1), (200, 0.2)], [(0, 0), (100, 1)], [(0, 0), (77.7, 1), (200, 0)]])
 def test_flat_matter_at_a_point_of_opacity_1_is_opaque(
     renderer: sg.Renderer, points: list[tuple[float, float]]

@@ -84,6 +84,7 @@ def test_a_volume_of_nothing_is_transparent() -> None:
     assert transfer.opacity([np.nan, 0.0, 1.0]).tolist() == [0.0, 0.0, 0.0]
 
 
+@pytest.mark.few(48)
 @pytest.mark.parametrize("name", list(PRESETS))
 @pytest.mark.parametrize("samples", [np.zeros((1, 1, 1)), np.array([[[0, 255]]], np.uint8), ball(16)])
 def test_every_preset_takes_any_volume(name: str, samples: np.ndarray) -> None:

@@ -128,6 +128,7 @@ def test_every_program_compiles(renderer: sg.Renderer) -> None:
     compiles(renderer, keys)
 
 
+@pytest.mark.long
 def test_pairs_of_choices_compile(renderer: sg.Renderer) -> None:
     keys = distinct(programs(pairs=True))
     print(f"{len(keys)} programs")
@@ -135,6 +136,7 @@ def test_pairs_of_choices_compile(renderer: sg.Renderer) -> None:
     compiles(renderer, keys)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("some", [pytest.param(1, marks=pytest.mark.long), 31])
 def test_programs_of_sheets_compile(renderer: sg.Renderer, some: int) -> None:
     """All, or every thirty-first, of which every shader is one."""

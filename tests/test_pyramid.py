@@ -74,6 +74,7 @@ def store(threads: sg.Volume, tmp_path: Path, monkeypatch: Any) -> sg.Volume:
     return sg.load(tmp_path / "p.zarr")
 
 
+@pytest.mark.long
 def test_a_pyramid_is_read(store: sg.Volume, threads: sg.Volume, renderer: sg.Renderer) -> None:
     sides = [level.shape for level in (store, *store.coarser)]
     assert sides == [(64, 64, 64), (32, 32, 32), (16, 16, 16), (8, 8, 8)]
@@ -88,6 +89,7 @@ def test_a_pyramid_is_read(store: sg.Volume, threads: sg.Volume, renderer: sg.Re
     assert right.pixels.max() > 0.3 and np.abs(found.pixels - right.pixels).max() < 0.01
 
 
+@pytest.mark.long
 def test_thin_things_stay_at_coarse_levels(
     store: sg.Volume,
     threads: sg.Volume,
@@ -138,6 +140,7 @@ def test_the_command(tmp_path: Path, monkeypatch: Any, capsys: Any, threads: sg.
     assert sorted(path.name for path in tmp_path.iterdir()) == ["p.zarr", "t.npy", "x.png"]
 
 
+@pytest.mark.long
 def test_a_damaged_pyramid(store: sg.Volume, tmp_path: Path) -> None:
     zarr = pytest.importorskip("zarr")
     group = zarr.open_group(tmp_path / "p.zarr", mode="r+")

@@ -240,6 +240,7 @@ LEVELS: dict[str, tuple[str, np.ndarray, dict[str, str], bool]] = {
 }
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("kind", LEVELS)
 @pytest.mark.parametrize("flip", [False, True])
 def test_up_in_the_world_is_up(kind: str, flip: bool, tmp_path: Path) -> None:
@@ -375,6 +376,7 @@ def test_imaris(tmp_path: Path) -> None:
     assert not alone.coarser and alone.spacing == coarser.spacing
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("where", [0, 3])
 @pytest.mark.parametrize("way", ["labels", "scale", "axistags"])
 def test_an_axis_of_time_is_played(way: str, where: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -64,6 +64,7 @@ def mutated(tmp_path: Path, reader: str, index: int) -> None:
     assert result in ("loaded", "refused"), said
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("reader", VOLUMES)
 @FEW
 @given(index=st.integers(0, 2**32 - 1))
@@ -108,6 +109,7 @@ def _spaced(sizes: list[int]) -> str:
 SIZES = st.one_of(st.lists(ANY, min_size=1, max_size=5), st.lists(st.integers(1, 7), min_size=3, max_size=3))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", TEXTS)
 @FEW
 @given(sizes=SIZES, skip=ANY)
@@ -170,6 +172,7 @@ def test_the_fuzz_script_runs() -> None:
     assert found[:2] == ["npy", "12"] and found[4 : 4 + len(fuzz.FAULTS)] == ["0"] * len(fuzz.FAULTS)
 
 
+@pytest.mark.long
 def test_good_files_of_the_fuzzer_load(tmp_path: Path) -> None:
     for reader in VOLUMES:
         for number, seed in enumerate(good.SEEDS[reader]()):

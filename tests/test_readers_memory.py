@@ -120,6 +120,7 @@ def peak(work: Callable[[], object]) -> int:
             tracemalloc.stop()
 
 
+@pytest.mark.few(7)
 @pytest.mark.parametrize("name", BOMBS)
 @pytest.mark.usefixtures("budget")
 def test_what_memory_does_not_hold_is_not_unpacked(tmp_path: Path, name: str) -> None:

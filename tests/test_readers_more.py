@@ -202,6 +202,7 @@ def vtk_grid(kind: str, cells: bool, steps: tuple[float, ...] = SPACING) -> Any:
     return grid
 
 
+@pytest.mark.few(32)
 @pytest.mark.parametrize("mode", ["Ascii", "Binary", "Appended"])
 @pytest.mark.parametrize("compressor", [0, 1, 2, 3], ids=["plain", "zlib", "lz4", "lzma"])
 @pytest.mark.parametrize("cells", [False, True], ids=["points", "cells"])

@@ -207,6 +207,7 @@ def toml_files() -> dict[str, str]:
     return {name: text for name, (text,) in found.items()}
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "command", [pytest.param(c, marks=pytest.mark.long if any(word in c for word in LONG) else ()) for c in SPLATGL]
 )
@@ -233,6 +234,7 @@ def test_commands(command: str, here: Path) -> None:
 # --- snippets and files ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("block", of("python"), ids=lambda block: block.path.parent.name)
 def test_snippets(block: Block, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # what they register is gone with them

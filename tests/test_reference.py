@@ -114,6 +114,7 @@ def test_sums_keep_what_rounding_takes() -> None:
     assert band.color.value[1] == pytest.approx(right[1:], rel=1e-14, abs=0)
 
 
+@pytest.mark.long
 def test_a_million_faint_splats() -> None:
     """10⁶ optical depths of 1e−7: 1 − e^−0.1, to the last digits."""
     points = np.arange(1_000_000)[:, None] * np.array([0, 0, 1.0])
@@ -188,6 +189,7 @@ def by_hand(splats: sg.Splats, camera: sg.Camera, blend: str) -> np.ndarray:
     return picture
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 @pytest.mark.parametrize("spacing", [1.0, (0.6, 1.0, 1.9)])
 @pytest.mark.parametrize("parallel", [False, True])

@@ -43,6 +43,7 @@ def difference(splats: sg.Splats, camera: sg.Camera, settings: sg.Settings, row:
     return found.maximum / found.peak
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("row", ROWS)
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 def test_every_blend_near_and_far(splats: sg.Splats, row: str, blend: str, renderer: sg.Renderer) -> None:
@@ -54,6 +55,7 @@ def test_every_blend_near_and_far(splats: sg.Splats, row: str, blend: str, rende
             assert difference(splats, camera, asked, row, renderer) < TABLE
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     "asked",
     [
@@ -72,6 +74,7 @@ def test_settings(splats: sg.Splats, asked: dict, renderer: sg.Renderer) -> None
     assert difference(splats, camera, SPLATS.but(align="ray", **asked), "row4", renderer) < TABLE
 
 
+@pytest.mark.few(1)
 def test_the_eye_amid_the_splats(splats: sg.Splats, renderer: sg.Renderer) -> None:
     """Around the eye too the same splats count, and none from behind."""
     eye = splats.corners.mean(axis=0)

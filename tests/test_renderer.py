@@ -77,6 +77,7 @@ def test_leaving_antialiasing_out_changes_nothing(letter: sg.Splats, renderer: s
     assert (with_it == forced.pixels).all()
 
 
+@pytest.mark.long
 @pytest.mark.compute
 def test_the_general_path_draws_cubes_alike(letter: sg.Splats, renderer: sg.Renderer) -> None:
     """Cubic voxels through the path for any grid: the same picture within float32."""
@@ -143,6 +144,7 @@ def test_pictures_repeat_bit_for_bit(letter: sg.Splats, renderer: sg.Renderer) -
     assert (renderer.render(letter, camera, SPLATS).pixels == once).all()
 
 
+@pytest.mark.long
 def test_nothing_is_left_behind(letter: sg.Splats) -> None:
     """Everything made in a context is released by close(), also after pictures of every kind."""
     import moderngl
@@ -265,6 +267,7 @@ def test_any_unit_of_length(scale: float, renderer: sg.Renderer) -> None:
     assert np.abs(pictures[0] - pictures[1]).max() < 1e-4
 
 
+@pytest.mark.long
 def test_egl_and_osmesa_draw_the_same_bits(letter: sg.Splats, renderer: sg.Renderer) -> None:
     """One Mesa, two ways in: every float the same."""
     try:
@@ -319,6 +322,7 @@ def test_what_is_freed_is_made_again(letter: sg.Splats, renderer: sg.Renderer, t
     assert renderer.ctx.fbo.glo == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("what", ["sheets", "layers", "mesh"])
 def test_what_is_freed_goes_back(what: str) -> None:
     """Also where the driver is software, whose textures are this process's memory."""

@@ -175,6 +175,7 @@ def mine() -> Iterator[str]:
     del axes["mine"]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 def test_a_new_method_is_one_entry(
     renderer: sg.Renderer, subject: Subject, mine: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -205,6 +206,7 @@ def test_the_readme_tells_all_methods() -> None:
     assert as_table(content.registry()) in readme, "run scripts/pictures.py tables"
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", [name for name, method in registry.methods().items() if not method.peer])
 def test_every_method_draws(renderer: sg.Renderer, subject: Subject, name: str) -> None:
     splats, settings = subject.drawn(registry.methods()[name])
@@ -233,6 +235,7 @@ def test_truths_are_four_and_kept(renderer: sg.Renderer, subject: Subject, tmp_p
         truths.get("reference", SPLATS.but(antialias="supersample", samples=64))
 
 
+@pytest.mark.long
 def test_a_sweep_and_its_repetition(renderer: sg.Renderer, subject: Subject, tmp_path: Path) -> None:
     # so near that nothing is antialiased
     subject = replace(subject, camera=subject.camera.resized((48, 48)))
@@ -380,6 +383,7 @@ def test_bad_input_is_one_line(wrong: list[str], tmp_path: Path, capsys: pytest.
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 def test_small_and_broken_volumes_have_reports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(work, "STUDIES", ())
@@ -436,6 +440,7 @@ def test_ctrl_c_leaves_pages(
     assert "not timed: interrupted" in (tmp_path / "report.md").read_text()
 
 
+@pytest.mark.long
 def test_peers_draw_the_same_scene(tmp_path: Path) -> None:
     pytest.importorskip("vtk")
     volume = sg.scenes.ball(8)
@@ -451,6 +456,7 @@ def test_peers_draw_the_same_scene(tmp_path: Path) -> None:
         assert np.abs(image.pixels[20, 20] - drawn[20, 20]).max() < 0.05
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("mapper", MAPPERS)
 def test_peers_draw_the_trilinear_field(mapper: str) -> None:
     pytest.importorskip("vtk")
@@ -461,6 +467,7 @@ def test_peers_draw_the_trilinear_field(mapper: str) -> None:
     assert np.sqrt(np.square(drawn - field).mean()) < 0.003
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("mapper", "bound"), [("cpu", 0.02), ("gpu", 0.1)])
 def test_peers_draw_the_box_of_the_voxels(mapper: str, bound: float) -> None:
     """Half a voxel beyond the outer samples, on a turned grid; OpenGL's steps reach beyond it by a part of a step."""

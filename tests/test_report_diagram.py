@@ -70,6 +70,7 @@ def test_the_legend_names_every_mark() -> None:
     assert {DEFAULT, EXACT} <= told and "" not in told
 
 
+@pytest.mark.long
 def test_pictures_come_out_the_same() -> None:
     pytest.importorskip("matplotlib")
     drawn = picture(scene(), HEAD)
@@ -77,6 +78,7 @@ def test_pictures_come_out_the_same() -> None:
     assert drawn[".png"].startswith(b"\x89PNG") and drawn[".svg"].startswith(b"<?xml")
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("error", [0.0, 1e-300])
 def test_errors_of_nothing_have_a_place(error: float) -> None:
     pytest.importorskip("matplotlib")

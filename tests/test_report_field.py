@@ -83,6 +83,7 @@ def swept(renderer: sg.Renderer, subject: Subject, folder: Path, *names: str) ->
     return store, Results.of(store)
 
 
+@pytest.mark.long
 def test_methods_are_measured_against_the_field(renderer: sg.Renderer, balls: Subject, tmp_path: Path) -> None:
     names = ("exact", "sheets 3", "post b-spline", "post b-spline 2×2", "post crawfis-max 2×2")
     store, results = swept(renderer, balls, tmp_path, *names)
@@ -114,6 +115,7 @@ def test_who_competes_for_which_front() -> None:
     assert axis_of("gaussian").competes("field") and not axis_of("gaussian").competes("reference")
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("changed", "why"),
     [
@@ -136,6 +138,7 @@ def test_scenes_without_a_field(
     assert story(scene)[-1].startswith("**The field** is no truth here") and why in story(scene)[-1]
 
 
+@pytest.mark.long
 def test_a_report_without_a_field(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A line says so, and methods classified after are left out."""
     monkeypatch.setattr("splatgl.truth.report.publish._diagrams", lambda results: {})

@@ -81,6 +81,7 @@ def test_tunnel_of_other_checks() -> None:
 # --- terrain ---
 
 
+@pytest.mark.long
 def test_terrain_is_the_papers(terrain: Volume) -> None:
     assert terrain.samples.shape == (103, 512, 512)
     assert 0.5e6 < np.count_nonzero(terrain.samples) < 1.0e6
@@ -210,6 +211,7 @@ def test_hard_ball() -> None:
 # --- all of them ---
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("make", [scenes.terrain, scenes.nerve])
 def test_the_same_seed_gives_the_same_scene(make: Callable[..., Volume], request: pytest.FixtureRequest) -> None:
     first = request.getfixturevalue(make.__name__)

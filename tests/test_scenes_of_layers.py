@@ -70,6 +70,7 @@ def along_x(scene: sg.Scene) -> sg.Camera:
     return sg.Camera.orthographic((-30.0, 9.5, 9.5), (0.0, 9.5, 9.5), (0, 0, 1), height=8.0, size=(8, 8))
 
 
+@pytest.mark.long
 def test_blocks_have_the_extinction_of_both(renderer: sg.Renderer, blocks: sg.Scene) -> None:
     """In the part that they share extinctions add up, and colours mix by them."""
     image = renderer.render(blocks, along_x(blocks), PLAIN)
@@ -88,6 +89,7 @@ def test_blocks_have_the_extinction_of_both(renderer: sg.Renderer, blocks: sg.Sc
     assert np.abs(1 - clear - image.pixels[..., 3]).max() < 2e-6
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("parallel", [False, True])
 @pytest.mark.parametrize(
     ("changes", "most"),
@@ -129,6 +131,7 @@ def test_one_layer_is_its_volume(renderer: sg.Renderer, field: sg.Scene) -> None
     assert np.array_equal(renderer.render(sg.Scene([layer]), camera).pixels, alone.pixels)
 
 
+@pytest.mark.long
 def test_a_volume_twice_is_twice_as_dense(renderer: sg.Renderer, field: sg.Scene) -> None:
     """Half an opacity, as a factor, is not half an extinction."""
     volume = field.shown[1].volume
@@ -179,6 +182,7 @@ def test_what_is_refused(renderer: sg.Renderer, field: sg.Scene, blocks: sg.Scen
         sg.Layer(volume, opacity=1.5)
 
 
+@pytest.mark.long
 def test_moving_layers_are_the_mean_of_their_moments(renderer: sg.Renderer, field: sg.Scene) -> None:
     """All of them turn together; what does not move is sharp, to the last bit."""
     camera, turn = sg.Camera.orbit(field, 20, 30, size=(32, 32)), sg.Motion(spin=(0, 0, 20.0))
@@ -195,6 +199,7 @@ def test_moving_layers_are_the_mean_of_their_moments(renderer: sg.Renderer, fiel
     assert quick > slow == 2
 
 
+@pytest.mark.long
 def test_volumes_in_another_frame_are_turned(renderer: sg.Renderer, rng: np.random.Generator) -> None:
     """LPS and RAS are of one patient: the picture is that of two in one frame, with what is cut off each."""
     turn, look = np.diag([-1.0, -1.0, 1.0]), sg.Transfer([(0.4, 0), (0.7, 0.6)], colormap="viridis", shading=True)
@@ -319,6 +324,7 @@ def test_bad_layers_of_scene_files_are_told(tmp_path: Path) -> None:
             Scene.from_toml(path)
 
 
+@pytest.mark.long
 def test_all_layers_have_as_many_samples(renderer: sg.Renderer) -> None:
     """As the finest needs, whichever comes first."""
     coarse = sg.Layer(sg.Volume(np.ones((4, 4, 4), np.float32), (16, 16, 16)), sg.Transfer([(0, 0.3)]))

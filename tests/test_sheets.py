@@ -71,6 +71,7 @@ def apart(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings:
     return float(np.abs(found - right).max())
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("technique", TECHNIQUES)
 @pytest.mark.parametrize(
     ("grid", "view", "count", "changes"),
@@ -100,6 +101,7 @@ def test_the_picture_is_its_twin(
     assert apart(renderer, splats, camera, settings) < 4e-6
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("technique", TECHNIQUES)
 def test_pictures_of_light_and_of_widened_splats_are_their_twins(renderer: sg.Renderer, technique: Technique) -> None:
     """In perspective, widening is exact up to 1/z_k²: as far off as splats that composite one by one."""
@@ -111,6 +113,7 @@ def test_pictures_of_light_and_of_widened_splats_are_their_twins(renderer: sg.Re
     assert apart(renderer, splats, views(splats)["far"], settings) < min(1.2 * one_by_one, 2e-3)
 
 
+@pytest.mark.few(1)
 def test_by_default_the_error_is_within_the_tolerance(renderer: sg.Renderer) -> None:
     """Polynomials of footprints are off by 4e−5 of them."""
     splats = matter()
@@ -119,6 +122,7 @@ def test_by_default_the_error_is_within_the_tolerance(renderer: sg.Renderer) -> 
         assert apart(renderer, splats, eyes(splats)[view], settings) < 5e-5
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("parts", "changed"),
     [
@@ -234,6 +238,7 @@ def test_sheets_are_nearer_to_the_ray_integral(name: str) -> None:
     assert found[1] < 2e-4
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["cloud", "ball"])
 def test_nothing_pops_where_the_order_s_axis_changes(renderer: sg.Renderer, name: str) -> None:
     splats, settings = overlapping(name), sg.Settings(compositing="splats", antialias="off")
@@ -248,6 +253,7 @@ def test_nothing_pops_where_the_order_s_axis_changes(renderer: sg.Renderer, name
     assert change(settings.but(compositing="sheets", sheets=3)) <= moved + 0.003
 
 
+@pytest.mark.long
 def test_nothing_pops_as_the_eye_passes_sheets(renderer: sg.Renderer) -> None:
     splats = overlapping("cloud")
     settings = sg.Settings(antialias="off", compositing="sheets", sheets=2)

@@ -23,6 +23,7 @@ def one_splat(voxel: object, spacing: float = 1.0) -> sg.Splats:
     return sg.Splats.from_points([voxel], [[1, 1, 1]], [1.0], spacing)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("align", "row"), [("ray", "row4"), ("grid", "row5")])
 @pytest.mark.parametrize("name", NAMES)
 def test_pinned_vectors(

@@ -86,6 +86,7 @@ def test_azimuth_and_elevation_turn_what_is_seen() -> None:
     assert np.allclose(tilted.right, [1, 0, 0]) and np.allclose(tilted.forward, [0, 0.5, np.sqrt(0.75)])
 
 
+@pytest.mark.long
 def test_it_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
     np.save("stack.npy", stack().samples)

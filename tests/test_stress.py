@@ -46,11 +46,13 @@ def told(result: Result) -> str:
     return f"{result.bad_pixels} values not finite\n{lines(result)}\n{'; '.join(c.what for c in result.checks)}"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.long if n in LONG else ()) for n in CASES])
 def test_every_case_keeps_its_bound(renderer: sg.Renderer, name: str) -> None:
     kept(run_case(CASES[name], renderer))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", [n for n in CASES if n not in LONG])
 def test_cases_at_the_default_tolerance(renderer: sg.Renderer, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Bounds are stated at a tolerance of 1e-6; what it leaves out at its default is at most the tolerance."""
@@ -67,6 +69,7 @@ def test_fog_seen_from_a_few_places(renderer: sg.Renderer, monkeypatch: pytest.M
     kept(run_case(CASES["constant-fog"], renderer))
 
 
+@pytest.mark.long
 def test_a_method_of_every_axis(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     few = {name: replace(axis, methods=axis.methods[-1:]) for name, axis in registry.AXES.items()}
     monkeypatch.setattr(registry, "AXES", {**few, "settings": registry.AXES["settings"]})
@@ -79,6 +82,7 @@ def kept(result: Result) -> None:
     assert all(np.isfinite(each.bound) for each in result.checks)
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", BEYOND_THE_PAPER)
 def test_the_papers_form_breaks_it(renderer: sg.Renderer, name: str) -> None:
     checks = run_case(CASES[name], renderer).checks
@@ -201,6 +205,7 @@ def test_the_list_and_bad_names(capsys: pytest.CaptureFixture[str], tmp_path: Pa
         assert len(capsys.readouterr().err.splitlines()) == 1
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", sorted(set(PAGES) - {"million-faint"}))
 def test_pages_fit_a_terminal_and_hold_numbers(renderer: sg.Renderer, name: str) -> None:
     page = PAGES[name](Bench(renderer))
@@ -209,6 +214,7 @@ def test_pages_fit_a_terminal_and_hold_numbers(renderer: sg.Renderer, name: str)
     assert sum(character.isdigit() for character in page) > 100
 
 
+@pytest.mark.long
 def test_a_page_by_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["stress", "--explain", "thin-shell"]) == 0
     page = capsys.readouterr().out

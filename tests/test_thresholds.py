@@ -92,6 +92,7 @@ def off_most(renderer: sg.Renderer, name: str, seeds: range, shapes: Any, techni
     return found
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["values", "splats"])
 def test_pictures_on_thresholds_are_the_reference(renderer: sg.Renderer, name: str) -> None:
     assert max(off_most(renderer, name, range(16), GRIDS[:3], ["tiles"])) < 3e-3

@@ -31,6 +31,7 @@ def apart(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings:
     return float(np.abs(found - quads).max() / max(quads.max(), 1.0))
 
 
+@pytest.mark.few(21)
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 @pytest.mark.parametrize("view", views(noise()))
 @pytest.mark.parametrize("grid", GRIDS)
@@ -41,6 +42,7 @@ def test_tiles_draw_what_quads_draw(renderer: sg.Renderer, grid: str, view: str,
         assert apart(renderer, splats, views(splats)[view], settings) < SAME
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("attenuation", ["opacity", "optical-depth", "fill"])
 @pytest.mark.parametrize("view", ["far", "parallel, far"])
 @pytest.mark.parametrize("grid", ["cubes", "1:2:5"])
@@ -59,6 +61,7 @@ def test_what_follows_and_other_footprints_are_the_same(renderer: sg.Renderer, c
     assert apart(renderer, splats, views(splats)["fitted"], SPLATS.but(occlusion="off", **change)) < SAME
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize(
     "portions",
     [
@@ -94,6 +97,7 @@ def test_more_splats_on_a_tile_than_a_loop_has_rounds(renderer: sg.Renderer) -> 
     assert apart(renderer, cloud, camera, SPLATS.but(occlusion="off")) < SAME
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("grid", GRIDS)
 def test_tiles_that_end_hide_no_more_than_they_may(
     renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, grid: str
@@ -165,6 +169,7 @@ def test_polynomials_are_close_to_the_footprint() -> None:
     assert fitted(np.ones(1)) == 0 and fitted(np.full(1, 2.0)) == 0
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["b-spline", "crawfis-max", "gaussian"])
 def test_what_single_footprints_may_leave_out(name: str) -> None:
     """A share of a kernel's mass lies beyond their reach along lines, and no less: more of it to a larger tolerance."""
@@ -217,6 +222,7 @@ def test_sorted_records_without_runs_do_not_serve_who_needs_them(renderer: sg.Re
     assert (renderer.render(splats, camera, filled).pixels == right).all()
 
 
+@pytest.mark.long
 def test_blocks_beyond_the_edges_are_left_out(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where an order is asked for again; the picture is the same bit for bit, also in portions."""
     for grid in ("cubes", "sheared"):

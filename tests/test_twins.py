@@ -125,6 +125,7 @@ def texts(tree: ast.Module) -> Iterator[str]:
             yield node.value
 
 
+@pytest.mark.long
 def test_every_function_has_a_twin() -> None:
     """A Python function or method of its name, and a test that runs it."""
     here = Path(__file__).parent

@@ -134,6 +134,7 @@ def test_weights_of_sheets(count: int, twin: Twin, rng: np.random.Generator) -> 
     assert (found >= 0).all() and (found[:, count:] == 0).all()
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("view", ["fitted", "wide", "parallel"])
 @pytest.mark.parametrize("grid", ["cubes", "sheared"])
 @pytest.mark.parametrize("cut", [False, True])

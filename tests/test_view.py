@@ -479,6 +479,7 @@ def solid(side: int = 20) -> sg.Splats:
     )
 
 
+@pytest.mark.long
 def test_hidden_splats_cannot_be_seen(renderer: sg.Renderer) -> None:
     splats = solid()
     skin = skinned(splats)
@@ -704,6 +705,7 @@ def test_edits_at_every_stride_keep_their_unit(after: Content) -> None:
     assert edited.at(2).records is content.at(2).records and edited.at(2).unit == edited.at(1).unit
 
 
+@pytest.mark.long
 def test_the_window_draws_values_and_what_they_cannot_be(after: Content, renderer: sg.Renderer) -> None:
     painter, state = Painter(cast(Screen, Kept()), renderer, ()), State.of(after, SIZE)
     for level in (FULL, LADDER[6]):
@@ -755,6 +757,7 @@ def test_classification_is_a_choice(after: Content, scene: Scene) -> None:
     assert acted(State.of(after, SIZE), "compositing", after).settings.compositing == "sheets"
 
 
+@pytest.mark.long
 def test_light_beyond_z_k_is_tinted(after: Content, renderer: sg.Renderer) -> None:
     """All of it far off, none of it near, and in between the part that is beyond."""
     painter, state = Painter(cast(Screen, Kept()), renderer, ()), State.of(after, SIZE)
@@ -812,6 +815,7 @@ def test_scenes_survive_their_file(tmp_path: Path) -> None:
         Scene("bad\udcff.npy").to_toml(tmp_path)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("blend", ["composite", "xray"])
 @pytest.mark.parametrize("orthographic", [False, True])
 def test_what_is_saved_is_what_render_makes(

@@ -102,6 +102,7 @@ def test_k_says_when_nothing_is_beyond(window: Window) -> None:
     assert "orthographic view" in window.key("k")["message"]
 
 
+@pytest.mark.long
 @driven
 def test_a_file_that_is_removed_says_so(tmp_path: Path) -> None:
     """Its picture stays; the words go once it is back, and those of a damaged one once it is mended."""
@@ -166,6 +167,7 @@ def test_a_dropped_file_is_not_replaced(folder: Path, monkeypatch: pytest.Monkey
     assert [done.name for done in found.jobs.collect()] == ["reading again"]
 
 
+@pytest.mark.long
 @driven
 def test_the_first_frame_has_the_panel_and_the_help_hides_it(folder: Path) -> None:
     pytest.importorskip("imgui_bundle", reason=WITH_GUI)
@@ -185,6 +187,7 @@ def test_the_first_frame_has_the_panel_and_the_help_hides_it(folder: Path) -> No
     window.end()
 
 
+@pytest.mark.long
 @driven
 def test_everything_is_twice_as_large_at_a_scale_of_two(folder: Path) -> None:
     """Text, panel, slices' letters and the reach of handles: as in a window of half the pixels at a scale of one."""

@@ -82,6 +82,7 @@ def helper(folder: Path) -> dict[str, str]:
     return {"PATH": f"{folder / 'bin'}:{os.environ['PATH']}", "XDG_STATE_HOME": str(folder / "state")}
 
 
+@pytest.mark.long
 @driven
 def test_the_desktop_s_dialog(folder: Path) -> None:
     """What it answers is opened, or saved under that name; what is cancelled does nothing."""
@@ -121,6 +122,7 @@ def test_the_desktop_s_dialog(folder: Path) -> None:
     window.end()
 
 
+@pytest.mark.long
 @driven
 def test_the_window_s_own_dialog(folder: Path) -> None:
     """Without a desktop's, the window has one: a double click opens, Escape closes, letters are text."""

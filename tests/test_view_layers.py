@@ -96,6 +96,7 @@ def turned(state: State) -> State:
 # --- pictures -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_saved_scene_renders_equal(
     state: State, content: Content, renderer: sg.Renderer, folder: Path, tmp_path: Path
 ) -> None:
@@ -111,6 +112,7 @@ def test_a_saved_scene_renders_equal(
     assert np.abs(other - again).max() < 1e-4 and np.abs(other - plain).max() > 0.2
 
 
+@pytest.mark.long
 def test_hidden_parts_are_not_drawn(state: State, content: Content, renderer: sg.Renderer, folder: Path) -> None:
     """The first one hidden, all hidden but meshes, and the volume alone, which is the picture of one volume."""
     first, second = state.looks
@@ -138,6 +140,7 @@ def test_the_view_is_that_of_render(content: Content, folder: Path) -> None:
     assert np.array_equal(found.eye, right.eye) and np.array_equal(found.eye_from_world, right.eye_from_world)
 
 
+@pytest.mark.long
 def test_an_opacity_weakens_once(folder: Path, tmp_path: Path, renderer: sg.Renderer) -> None:
     """Of one volume, too: a saved scene that keeps the factor beside points with it would be fainter."""
     (folder / "faint.toml").write_text('volume = "blob.npy"\nopacity = 0.3\n[settings]\nantialias = "off"\n')
@@ -165,6 +168,7 @@ def test_channels_are_parts(folder: Path, renderer: sg.Renderer) -> None:
     assert [each.load["channel"] for each in scene_of(state, content).layers] == [1]
 
 
+@pytest.mark.long
 def test_coarser_strides_in_motion(folder: Path, renderer: sg.Renderer) -> None:
     """All parts have them: the picture is nearly the same, of fewer splats."""
     np.save(folder / "large.npy", blob(40).samples)
@@ -242,6 +246,7 @@ def test_a_mesh_alone(folder: Path, renderer: sg.Renderer) -> None:
     assert np.abs(shown - again).max() < 1e-4 and shown[..., 0].max() == 0 < shown[..., 2].max()
 
 
+@pytest.mark.long
 def test_a_mesh_in_memory_is_not_saved(folder: Path, renderer: sg.Renderer) -> None:
     mesh = MeshFile(str(folder / "ball.ply")).open()
     content = Content.open(Scene(str(folder / "blob.npy"), meshes=(mesh,)))
@@ -249,6 +254,7 @@ def test_a_mesh_in_memory_is_not_saved(folder: Path, renderer: sg.Renderer) -> N
         save_scene(State.of(content, SIZE), content, renderer.render, folder)
 
 
+@pytest.mark.long
 def test_as_many_layers_as_a_picture_has(folder: Path, renderer: sg.Renderer) -> None:
     """Eight are drawn; nine are told, unless some are hidden."""
     base, layer = Scene(str(folder / "other.npy")), Scene(str(folder / "other.npy"), opacity=0.1)
@@ -307,6 +313,7 @@ def click(window: Window, x: int, y: int) -> dict[str, object]:
     return window.ask("settle")
 
 
+@pytest.mark.long
 def test_the_window_shows_what_is_saved(window: Window, folder: Path) -> None:
     """A drag, a mesh hidden in the panel and shown again by undo, drops, and the picture that render makes."""
     pytest.importorskip("imgui_bundle")

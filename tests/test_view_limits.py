@@ -72,6 +72,7 @@ def test_names_that_cannot_be(content: Content, renderer: sg.Renderer, tmp_path:
     assert sorted(os.listdir(tmp_path)) == ["blob.npy"]
 
 
+@pytest.mark.long
 def test_what_is_shown_is_not_overwritten(renderer: sg.Renderer, tmp_path: Path) -> None:
     """Neither a volume, a layer, a mask nor another time point, by whatever name; others beside these may be."""
     paths = {name: str(tmp_path / f"{name}.npy") for name in ("a", "layer", "mask", "later")}

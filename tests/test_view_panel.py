@@ -61,6 +61,7 @@ def test_numbers_are_typed(panel: Window) -> None:
     assert panel.key("ctrl+z")["settings"]["blend"] == "composite" and panel.key("ctrl+z")["threshold"] == 0.0
 
 
+@pytest.mark.long
 def test_escape_closes_a_list(panel: Window) -> None:
     """One thing at a time, and never the window."""
     pointed(panel, *COLORS)

@@ -345,6 +345,7 @@ def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypat
     assert sum(each.smooth for each in slicing.marks().sprites) == 3 and not slicing.failed
 
 
+@pytest.mark.long
 @driven
 def test_samples_in_parts_are_read_behind_the_window(tmp_path: Path) -> None:
     zarr = pytest.importorskip("zarr")

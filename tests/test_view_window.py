@@ -502,6 +502,7 @@ def values(folder: Path) -> Iterator[Window]:
     window.end()
 
 
+@pytest.mark.long
 def test_values_classified_after_reconstruction(values: Window, folder: Path) -> None:
     """The window draws them, and splats classified before where only those can be drawn, and says so."""
     window = values
@@ -553,6 +554,7 @@ def test_values_classified_after_reconstruction(values: Window, folder: Path) ->
         assert told["settings"]["classification"] == asked and told_of(told, "classified after") == (asked != "pre")
 
 
+@pytest.mark.long
 def test_the_first_pictures_are_from_the_right_eye(tmp_path: Path) -> None:
     """What is shown of a file that is still being extracted is the whole of it, not its corner."""
     np.save(tmp_path / "large.npy", np.kron(blob(30).samples, np.ones((3, 3, 3), np.float32)))
@@ -667,6 +669,7 @@ def test_several_dropped_files_are_a_series(window: Window, tmp_path: Path) -> N
     assert not window.key("enter")["playing"]
 
 
+@pytest.mark.long
 def test_watching(tmp_path: Path) -> None:
     np.save(tmp_path / "v.npy", blob().samples)
     window = Window(tmp_path / "v.npy", tmp_path, watched=[str(tmp_path / "v.npy")], target=1e-6)
@@ -688,6 +691,7 @@ def test_watching(tmp_path: Path) -> None:
     window.end()
 
 
+@pytest.mark.long
 def test_a_file_of_time_points_has_a_slider(tmp_path: Path) -> None:
     """Its ends are the first and the last one, which keys go through, too; a view stays."""
     pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
@@ -862,6 +866,7 @@ def view(display: str, source: Path) -> subprocess.Popen[str]:
     return process
 
 
+@pytest.mark.long
 def test_a_volume_larger_than_memory(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every so many voxels at once, then as small means as fit, in the same view; another file is not replaced."""
     samples = blob(64).samples
@@ -922,6 +927,7 @@ def test_a_display_that_is_not_there(folder: Path) -> None:
     assert run.returncode == 2 and "Failed to open display :9999" in run.stderr and len(run.stderr.splitlines()) == 1
 
 
+@pytest.mark.long
 def test_no_display(folder: Path) -> None:
     environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
     command = [sys.executable, "-m", "splatgl", "view", str(folder / "blob.npy")]

@@ -32,6 +32,7 @@ def pictures(smooth: bool, view: tuple, pixels: int, renderer: sg.Renderer, proj
     return found
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("projection", ["orthographic", "perspective"])
 @pytest.mark.parametrize("pixels", [24, 72])
