@@ -281,6 +281,19 @@ def test_dask_computes_as_before_where_no_scheduler_answers(address: str, monkey
         assert dask.config.get("scheduler") == "sync" and dask.delayed(abs)(-1).compute() == 1
 
 
+@pytest.mark.parametrize("address", ["nonsense", "tcp://127.0.0.1:9"])
+def test_clients_that_find_no_scheduler_are_closed(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At once, not when they are freed, which may be while the next one starts: each would wait for the other."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(cluster, "TIMEOUT", 0.5)
+    made = []
+    start = distributed.Client.start
+    monkeypatch.setattr(distributed.Client, "start", lambda self, **how: (made.append(self), start(self, **how))[1])
+    with pytest.raises(sg.InputError, match="no Dask scheduler"), connected(None, address, None):
+        pass
+    assert [each.status for each in made] == ["closed"]
+
+
 def test_dask_computes_as_before_beside_workers(client: Any) -> None:
     """Nor does what finds no scheduler meanwhile become what Dask computes with, once it is freed."""
     dask = pytest.importorskip("dask")

@@ -10,7 +10,7 @@ import logging
 import os
 import platform
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -81,10 +81,15 @@ def connected(
 def _client(scheduler: str | LocalCluster) -> Client:
     from distributed import Client
 
+    client = Client.__new__(Client)
     try:
         # not what Dask computes with elsewhere: one that finds no scheduler could become that again when it is freed
-        return Client(scheduler, timeout=TIMEOUT, set_as_default=False)
+        client.__init__(scheduler, timeout=TIMEOUT, set_as_default=False)  # type: ignore[misc]
+        return client
     except Exception as error:
+        # at once: freed while the next one starts, it would wait for that without end
+        with suppress(Exception):
+            client.close()
         raise InputError(f"{scheduler}: no Dask scheduler of this version answers: {_line(error)}") from None
 
 
