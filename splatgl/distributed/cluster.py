@@ -84,7 +84,7 @@ def _client(scheduler: str | LocalCluster) -> Client:
     client = Client.__new__(Client)
     try:
         # not what Dask computes with elsewhere: one that finds no scheduler could become that again when it is freed
-        client.__init__(scheduler, timeout=TIMEOUT, set_as_default=False)  # type: ignore[misc]
+        client.__init__(scheduler, timeout=TIMEOUT, set_as_default=False)
         return client
     except Exception as error:
         # at once: freed while the next one starts, it would wait for that without end
