@@ -12,6 +12,7 @@ import pytest
 from twins import twin as twin
 
 import splatgl as sg
+from splatgl.app.kept import kept_renderer
 from splatgl.gl.context import current
 
 # how pictures are refused that only tiles draw
@@ -73,20 +74,17 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="session")
-def session_renderer() -> Iterator[sg.Renderer]:
-    with sg.Renderer() as renderer:
-        yield renderer
-
-
 @pytest.fixture
-def renderer(session_renderer: sg.Renderer) -> Iterator[sg.Renderer]:
-    """The session's renderer; a test that leaves a GL error behind fails."""
-    with current(session_renderer.ctx):
+def renderer() -> Iterator[sg.Renderer]:
+    """The renderer of `sg.render`, whose programs are compiled once; a test that leaves a GL error behind fails."""
+    # opened again where VTK ended its display
+    with kept_renderer() as kept:
+        pass
+    with current(kept.ctx):
         # transform feedback wants a complete framebuffer, whatever ran before
-        session_renderer.passes.targets.get("resolve", (1, 1), "rgba32f").framebuffer.use()
-        yield session_renderer
-        assert session_renderer.ctx.error == "GL_NO_ERROR"
+        kept.passes.targets.get("resolve", (1, 1), "rgba32f").framebuffer.use()
+        yield kept
+        assert kept.ctx.error == "GL_NO_ERROR"
 
 
 @pytest.fixture(scope="session")

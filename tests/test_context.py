@@ -148,6 +148,21 @@ def test_each_thread_has_its_own_current_context(opened: Open) -> None:
     assert current_loader() is ctx.extra and values(fill(ctx, 0.5)) == {0.5}
 
 
+def test_a_context_that_another_thread_uses_is_named(opened: Open) -> None:
+    ctx, said = opened("egl"), []
+
+    def work() -> None:
+        with pytest.raises(BackendError) as caught, current(ctx):
+            pass
+        said.append(str(caught.value))
+
+    with current(ctx):
+        thread = threading.Thread(target=work)
+        thread.start()
+        thread.join()
+    assert said == ["EGL's context is current in another thread; give each thread a Renderer"]
+
+
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_release_frees_the_context(opened: Open, backend: str) -> None:
     # 30 contexts with 4 MiB of texels each: kept, they would hold 120 MiB

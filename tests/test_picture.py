@@ -152,6 +152,7 @@ import numpy as np
 import splatgl as sg
 from splatgl.app.kept import kept_renderer
 from splatgl.gl.context import current
+from splatgl.gl.loader import BackendError
 ball = sg.scenes.ball(6)
 first = sg.render(ball, size=24).pixels
 with kept_renderer() as renderer, current(renderer.ctx):
@@ -163,6 +164,11 @@ with kept_renderer() as renderer, current(renderer.ctx):
 if egl is not None:
     # as VTK does
     egl.eglTerminate(ctypes.c_void_p(display))
+    try:
+        with current(renderer.ctx):
+            pass
+    except BackendError as error:
+        assert "another library ended its display" in str(error)
 print(backend, np.array_equal(first, sg.render(ball, size=24).pixels))
 if egl is not None:
     egl.eglTerminate(ctypes.c_void_p(display))

@@ -35,6 +35,8 @@ from hypothesis import strategies as st  # noqa: E402
 
 SECONDS, HANGS = 20, 600
 """Longest processor time for one bad file, of which most take milliseconds; and after how long one that waits hangs."""
+# tracing memory makes reading take five times as long
+fuzz.SECONDS = SECONDS
 
 MIB = 2**20
 ROOM = 16 * MIB

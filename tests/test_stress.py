@@ -151,9 +151,9 @@ def test_pixels_that_are_no_numbers_are_counted(renderer: sg.Renderer, monkeypat
     assert (bench.pictures, bench.bad_pixels) == (1, 2)
 
 
-@pytest.fixture(scope="module")
-def results(session_renderer: sg.Renderer) -> list[Result]:
-    return [run_case(case, session_renderer) for case in (CASES["rim"], CASES["tiny-volumes"], draws(0.6))]
+@pytest.fixture
+def results(renderer: sg.Renderer) -> list[Result]:
+    return [run_case(case, renderer) for case in (CASES["rim"], CASES["tiny-volumes"], draws(0.6))]
 
 
 def test_tables_fit_a_terminal(results: list[Result]) -> None:

@@ -36,7 +36,7 @@ PLUMBING = {
     *("splat_quad", "texel_of", "unpacked_extent", "read_scaled", "next_base", "placed", "class_texel", "weight_at"),
     *("open_pixel", "read_ring", "write_ring", "take_sheet", "take_near", "any_column"),
     *("head_of", "kept_pixel", "packed_piece", "matter_of_piece", "ends_of_piece", "keep", "add_matter"),
-    *("set_layer", "take", "keep_piece", "boxed"),
+    *("set_layer", "take", "keep_piece", "boxed", "within_depths"),
 }
 
 

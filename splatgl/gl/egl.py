@@ -8,7 +8,7 @@ from typing import Any
 
 from splatgl.gl.loader import BackendError, Loader, current_host, newest
 
-EGL_OPENGL_API = 0x30A2  # egl.h
+EGL_OPENGL_API, EGL_BAD_ACCESS = 0x30A2, 0x3002  # egl.h
 EGL_LIBRARIES = ("libEGL.so.1", "libEGL.so")
 # Any of these finds the functions; EGL itself serves if libGL, which X needs, is not installed
 GL_LIBRARIES = ("libGL.so.1", "libOpenGL.so.0", *EGL_LIBRARIES)
@@ -38,10 +38,11 @@ class EglLoader(Loader):
         # a host may have chosen OpenGL ES
         self._egl.eglBindAPI(EGL_OPENGL_API)
         self._context.__enter__()
+        error = self._egl.eglGetError()
         found = self._egl.eglGetCurrentContext()
-        if not found:
-            raise BackendError("EGL refused to make its context current; is another window system's current here?")
-        if found != (self._handle or found):
+        if error == EGL_BAD_ACCESS:
+            raise BackendError("EGL's context is current in another thread; give each thread a Renderer")
+        if not found or found != (self._handle or found):
             raise BackendError("EGL's context is gone, as another library ended its display; open another Renderer")
         self._handle = found
 
