@@ -99,13 +99,15 @@ class Field:
         return self.post.low + means[:, 0] * self.post.span, means[:, 1:]
 
     def _at(self, places: np.ndarray) -> np.ndarray:
-        cell = np.floor(places).astype(int)
-        sums = np.zeros((places.shape[1], 5))
-        for corner in np.ndindex(4, 4, 4):
-            at = cell + np.array(corner)[:, None] - 1
-            weight = self.kernel(np.sqrt(((places - at) ** 2).sum(axis=0)))
-            x, y, z = (np.clip(n + 3, 0, size - 1) for n, size in zip(at, self.terms.shape[2::-1], strict=True))
-            sums += weight[:, None] * self.terms[z, y, x]
+        depth, height, width, _ = self.terms.shape
+        # nothing is beyond the padding
+        cell = np.clip(np.floor(places).astype(int), -2, np.array([width, height, depth])[:, None] - 6)
+        squares = (places - cell - np.arange(-1, 3)[:, None, None]) ** 2
+        first = ((cell[2] + 2) * height + cell[1] + 2) * width + cell[0] + 2
+        terms, sums = self.terms.reshape(-1, 5), np.zeros((places.shape[1], 5))
+        for x, y, z in np.ndindex(4, 4, 4):
+            weight = self.kernel(np.sqrt(squares[x, 0] + squares[y, 1] + squares[z, 2]))
+            sums += weight[:, None] * terms[first + (z * height + y) * width + x]
         return sums
 
 
