@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 import splatgl as sg
 from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.classification.post import PostClassified
+from splatgl.splat.view import mask
 
 
 def faces(kind: str, n: int = 12) -> sg.Volume:
@@ -86,6 +90,29 @@ def test_bricks_and_levels_end_alike(renderer: sg.Renderer) -> None:
     post = PostClassified.of(WHITE, "b-spline", volume.shape[::-1])
     parts = renderer.render_bricks(Bricks.of(volume, post, side=7), block_camera("oblique")).pixels
     assert np.abs(parts - whole).max() < 1e-3
+
+
+class Stored:
+    """Samples that are read in parts."""
+
+    def __init__(self, samples: np.ndarray) -> None:
+        self.samples, self.shape, self.dtype, self.ndim = samples, samples.shape, samples.dtype, 3
+
+    def __getitem__(self, index: Any) -> np.ndarray:
+        return np.asarray(self.samples[index])
+
+
+def test_missing_samples_that_nothing_masks_are_counted(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a store in bricks, and of more than a mask can hold: a block's faces are 6 · 12² and more within NaN."""
+    volume, camera = faces("nan"), block_camera("oblique")
+    stored = replace(volume, samples=Stored(np.asarray(volume.samples)))
+    post = PostClassified.of(WHITE, "b-spline", volume.shape[::-1])
+    found = renderer.render_bricks(Bricks.of(stored, post, side=7), camera, bands=2).info["unmasked"]
+    assert 6 * 12**2 <= found <= 18**3 - 12**3  # type: ignore[operator]
+    masked, whole = Bricks.of(volume, post, side=7), sg.extract(volume, WHITE, classification="post")
+    assert renderer.render_bricks(masked, camera).info["unmasked"] == whole.unmasked == 0
+    monkeypatch.setattr(mask, "MOST", 100)
+    assert sg.extract(volume, WHITE, classification="post").unmasked == found
 
 
 def test_gradients_that_weigh_are_of_samples_alone() -> None:

@@ -1,4 +1,4 @@
-"""What `splatgl render` tells of a picture that it wrote: four lines at most; --explain tells the rest."""
+"""What `splatgl render` tells of a picture that it wrote: four or five lines; --explain tells the rest."""
 
 from __future__ import annotations
 
@@ -22,12 +22,14 @@ def summary(output: Path, image: Image, scene: Scene, volume: Volume, transfer: 
     info, (height, width, _) = image.info, image.pixels.shape
     # without the versions in brackets
     by = str(info["renderer"]).partition(" (")[0]
+    wide = info.get("unmasked")
     return "\n".join(
         [
             f"{output}: {width}×{height} pixels, {info['blend']} of {info['splats']:,} splats{_behind(image, output)}",
             f"transfer function: {_transfer(scene, volume, transfer)}",
             f"view: {_view(scene, volume, image)}",
             f"drawn in {info['seconds']:.2f} s by {by}; {_error(image)}{_cues(image)}",
+            *[f"beside {wide:,} missing samples matter is up to a voxel too wide, as they are not masked"] * bool(wide),
         ]
     )
 

@@ -233,6 +233,7 @@ class Renderer:
     ) -> np.ndarray:
         before = 0
         bricks.found.clear()
+        bricks.gaps.clear()
 
         def batches(seen: Seen) -> Iterator[Splats]:
             nonlocal before
@@ -256,6 +257,7 @@ class Renderer:
     ) -> Image:
         told = self.provenance(bricks.whole, camera, chosen, time.perf_counter() - started)
         told |= {"splats": splats, "bricks": len(bricks.low), "error_bound": None, "tolerance_met": False}
+        told["unmasked"] = bricks.whole.unmasked + sum(bricks.gaps.values())
         return Image(pixels, told)
 
     def _verified(self, splats: Splats, camera: Camera, settings: Settings, chosen: Plan, pixels: np.ndarray) -> float:
@@ -327,6 +329,7 @@ class Renderer:
             "target": chosen.target,
             "tolerance": chosen.resolved.tolerance,
             "dropped_depth": splats.dropped_depth,
+            "unmasked": splats.unmasked,
             "background": None if chosen.resolved.background is None else list(chosen.resolved.background),
             "renderer": self.info.renderer,
             "backend": self.info.backend,

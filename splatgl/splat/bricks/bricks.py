@@ -53,8 +53,8 @@ Seen = Callable[[np.ndarray, np.ndarray], bool]
 class Bricks:
     """A volume in boxes of voxels. low, high int64 [B, 3]: of their own voxels low ≤ (x, y, z) < high.
 
-    found: splats of those bricks that were extracted for a picture. shell: of all splats, only those between two sheets
-    are drawn.
+    found: splats of those bricks that were extracted for a picture. gaps: missing samples beside them, which nothing
+    masks, as they are known when a brick is read. shell: of all splats, only those between two sheets are drawn.
     """
 
     volume: Volume
@@ -62,6 +62,7 @@ class Bricks:
     low: np.ndarray
     high: np.ndarray
     found: dict[int, int] = field(default_factory=dict)
+    gaps: dict[int, int] = field(default_factory=dict)
     shell: Shell | None = None
 
     @classmethod
@@ -131,7 +132,12 @@ class Bricks:
 
     def records(self, brick: int) -> np.ndarray:
         """The records of one brick, in row order."""
-        return box_records(self.volume, self.post, self.kernel, places(self.low[brick]), places(self.high[brick]))
+        # of samples in memory, `whole` has masked them
+        gaps: list[np.ndarray] | None = None if isinstance(self.volume.samples, np.ndarray) else []
+        low, high = places(self.low[brick]), places(self.high[brick])
+        found = box_records(self.volume, self.post, self.kernel, low, high, gaps)
+        self.gaps[brick] = sum(map(len, gaps or ()))
+        return found
 
     def reached(self, view: View) -> bool:
         """Whether the eye may be in a kernel, or a kernel cross its plane in the picture."""
@@ -165,7 +171,7 @@ class Bricks:
         """The bricks that matter to what lies between two sheets, and of them those splats."""
         furthest = sheets.base(self._corner_places(sheets, view).max(axis=0))
         kept = (self.nearest(sheets, view) <= shell[1]) & (furthest > shell[0] - sheets.count)
-        return replace(self, low=self.low[kept], high=self.high[kept], found={}, shell=shell)
+        return replace(self, low=self.low[kept], high=self.high[kept], found={}, gaps={}, shell=shell)
 
     def shells(self, sheets: Sheets, view: View, count: int) -> list[Shell]:
         """The ranges of sheets of `count` parts, or fewer, of about as many bricks each, nearest first."""

@@ -159,7 +159,10 @@ def post_splats(volume: Volume, post: PostClassified, records: np.ndarray, gaps:
     """The splats of records of a volume's voxels. gaps [N, 3]: see `box_records`."""
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
     found = assemble(records, records["position"], grid, grid.mean_spacing, volume.name).classified_after(post)
-    return replace(found, mask=MaskField.of(volume) if gaps is None else MaskField.with_gaps(volume, gaps))
+    if gaps is None:
+        return replace(found, mask=MaskField.of(volume))
+    mask = MaskField.with_gaps(volume, gaps)
+    return replace(found, mask=mask, unmasked=0 if mask else len(gaps))
 
 
 def halo_of(kernel: Kernel) -> int:

@@ -72,6 +72,7 @@ class Splats:
     volume, from which pictures that take others extract them. mask: what cuts rays through values; None: nothing.
     frame: as of the volume.
     labels: normals of voxels of labels, which are drawn as boxes; None: these are none.
+    unmasked: missing samples beside values, which `mask` leaves out: matter is up to a voxel wider there.
     """
 
     records: np.ndarray
@@ -89,6 +90,7 @@ class Splats:
     mask: MaskField | None = None
     frame: str | None = None
     labels: LabelNormals | None = None
+    unmasked: int = 0
 
     def __len__(self) -> int:
         return len(self.records)
