@@ -22,11 +22,11 @@ def test_axes_are_right_down_forward() -> None:
 
 
 def test_z_k() -> None:
-    """z_k = s·z_img/p: 443.405 for 512 pixels, half-angle 30°."""
-    camera = sg.Camera.look_at((0, 0, 0), (0, 0, 1), (0, 1, 0), fov=60, size=(512, 512))
+    """z_k = s·z_img/p: 443.405 for 512 rows of pixels, however many columns, half-angle 30°."""
+    camera = sg.Camera.look_at((0, 0, 0), (0, 0, 1), (0, 1, 0), fov=60, size=(640, 512))
     assert camera.z_k(1.0) == pytest.approx(443.405006737633, abs=1e-11)
     assert camera.pixel_pitch(camera.z_k(2.5)) == pytest.approx(2.5)
-    parallel = sg.Camera.orthographic((0, 0, 0), (0, 0, 1), (0, 1, 0), height=100, size=(50, 50))
+    parallel = sg.Camera.orthographic((0, 0, 0), (0, 0, 1), (0, 1, 0), height=100, size=(70, 50))
     assert parallel.pixel_pitch(7.0) == 2
     assert (parallel.z_k(2.5), parallel.z_k(1.5)) == (np.inf, 0)
 

@@ -68,6 +68,22 @@ def test_light_through_fog(direction: tuple[float, ...]) -> None:
     assert np.quantile(off, 0.98) < 0.03 and np.sqrt((off**2).mean()) < 0.01
 
 
+def test_voxels_of_other_grids_lie_where_they_are() -> None:
+    """Shared out among cells around each, their extinction is all there, about the same middle."""
+    first = block(np.ones((6, 7, 8)), 0.3)
+    other = sg.Volume(np.pad(np.ones((1, 1, 1)), 1).astype(np.float32), (0.7, 0.8, 0.9), origin=(2.1, 1.9, 1.3))
+    second = sg.extract(other, sg.Transfer([(0.5, 0), (1, 0.2)], unit=1.0), classification="pre")
+    alone, both = Coarse.of([(first, ())]), Coarse.of([(first, ()), (second, ())])
+    assert alone.extinction.shape == both.extinction.shape
+    added = (both.extinction - alone.extinction).astype(np.float64)
+    index = np.stack(np.meshgrid(*map(np.arange, added.shape), indexing="ij"), axis=-1)[..., ::-1]
+    world = index @ both.cells.world_from_index.T + both.cells.origin
+    volume = abs(np.linalg.det(both.cells.world_from_index))
+    middle = np.array([2.8, 2.7, 2.2])
+    assert added.sum() * volume == pytest.approx(-np.log(0.8) * 0.7 * 0.8 * 0.9, rel=0.01)
+    assert np.tensordot(added, world, 3) / added.sum() == pytest.approx(middle, abs=1e-4)
+
+
 def test_open_planes_see_all_of_the_sky() -> None:
     """Of an opaque half-space a place at its surface sees half of the sphere, and a normal all of its sky; the other
     side none.

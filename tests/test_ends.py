@@ -72,6 +72,20 @@ def test_fog_within_missing_samples_is_as_long_as_its_voxels(renderer: sg.Render
             assert np.abs(alpha - (1 - 0.9**12)).max() < 2e-3
 
 
+def test_a_voxel_alone_ends_at_its_corners(renderer: sg.Renderer) -> None:
+    """Its one value is seen on all rays through its cube, however little of a kernel they pass near its corners."""
+    splats = sg.extract(sg.Volume(np.ones((1, 1, 1), np.float32)), sg.Transfer([(0, 0.9)], unit=1.0))
+    along = np.array([0.2, 1.0, 1.0])
+    camera = sg.Camera.orthographic(-30 * along, (0, 0, 0), (0, 1, 0.1), 1.8, size=(48, 48))
+    found = renderer.render(splats, camera, sg.Settings(blend="mip", antialias="off")).pixels[..., 3]
+    across, down = np.meshgrid(*camera.slopes())
+    start = camera.eye + across[..., None] * camera.eye_from_world[0] + down[..., None] * camera.eye_from_world[1]
+    faces = np.sort((np.array([-0.5, 0.5])[:, None, None, None] - start) / camera.forward, axis=0)
+    passed = faces[1].min(axis=-1) - faces[0].max(axis=-1)
+    assert (passed > 0.05).sum() > 1000
+    assert np.allclose(found[passed > 0.05], 0.9, atol=1e-3) and (found[passed < 0] == 0).all()
+
+
 @pytest.mark.parametrize("classification", ["post", "pre"])
 def test_a_plane_is_lit_across_it(classification: str, rng: np.random.Generator) -> None:
     """Of noise, as bright as its colours when seen from the front: its slopes within the plane do not light it."""

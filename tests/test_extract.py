@@ -121,6 +121,20 @@ def test_colors_of_a_coloured_volume_are_linear() -> None:
     assert splats.colors[1] == pytest.approx([1, 0.5029, 0], abs=1e-4)
 
 
+def test_voxels_beside_what_is_opaque_are_not(rng: np.random.Generator) -> None:
+    """Of voxels among whose 26 neighbours no sample is opaque, which only serve others, no coefficient is, either."""
+    samples = rng.random((12, 12, 12)).astype(np.float32)
+    splats = sg.extract(sg.Volume(samples), sg.Transfer([(0.99, 0), (0.9901, 0.9)], unit=1.0), classification="post")
+    padded = np.pad(samples, 1, mode="edge")
+    most = np.max([padded[z : z + 12, y : y + 12, x : x + 12] for z, y, x in np.ndindex(3, 3, 3)], axis=0)
+    x, y, z = np.rint(splats.records["position"]).astype(int).T
+    outer = most[z, y, x] < 0.99
+    assert 50 < outer.sum() < len(splats) < 12**3
+    value = splats.post.value(splats.records["value"])
+    assert (value[outer] <= most[z, y, x][outer] + 1e-6).all()
+    assert (splats.post.extinction(splats.records["value"][outer]) == 0).all()
+
+
 def test_big_volumes_are_read_slab_by_slab() -> None:
     """The extractor never asks for more planes than a slab and its halo."""
     asked: list[int] = []

@@ -123,6 +123,11 @@ def test_meshes_of_lines_and_arrows() -> None:
     colors = np.asarray(found.colors).reshape(60, -1, 3)[:, 0].astype(int)
     fast = np.linalg.norm(flow, axis=1)
     assert colors[fast.argmax(), 0] > 150 > colors[fast.argmin(), 0]
+    # by default of twice their mean distance: each has its share of the volume
+    every = flowing(lambda places: np.ones(places.shape))
+    default = sg.arrows(every, 60).vertices.reshape(60, -1, 3)
+    room = every.count * abs(np.linalg.det(every.world_from_index)) / 60
+    assert np.allclose(np.linalg.norm(default[:, -1] - default[:, -2], axis=1), 2 * room ** (1 / 3), rtol=1e-4)
 
 
 def test_directions_and_magnitudes() -> None:
