@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -15,11 +16,17 @@ import splatgl as sg
 from splatgl.app.kept import kept_renderer
 from splatgl.gl.context import current
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+from mutants_list import MUTANTS
+
 # how pictures are refused that only tiles draw
 ONLY_TILES = tuple(f"{what}: expected " for what in ("technique tiles", "layers", "meshes", "a volume in bricks"))
 
 # steps of this share of a whole are spread evenly, however many there are
 GOLDEN = 0.618034
+
+# tests that alone may notice a broken line
+NEEDED = {mutant.test for mutant in MUTANTS}
 
 
 @cache
@@ -36,7 +43,9 @@ def skip_without_compute_shaders() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a test marked few(n), all cases but n are long; these are spread over the product of its parameters."""
+    """Of a test marked few(n), all cases but n are long; these are spread over the product of its parameters, and those
+    beside them that mutants name, which must not be long.
+    """
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:
         if item.get_closest_marker("few"):
@@ -45,7 +54,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         (count,) = found[0].get_closest_marker("few").args  # type: ignore[union-attr]
         quick = {int(len(found) * ((k + 0.5) * GOLDEN % 1)) for k in range(count)}
         for number in set(range(len(found))) - quick:
-            found[number].add_marker("long")
+            if found[number].nodeid not in NEEDED:
+                found[number].add_marker("long")
+    for item in items:
+        if item.nodeid in NEEDED and item.get_closest_marker("long"):
+            raise pytest.UsageError(f"{item.nodeid}: expected to be quick, as scripts/mutants.py names it")
 
 
 @pytest.hookimpl(tryfirst=True)

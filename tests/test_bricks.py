@@ -23,7 +23,10 @@ from splatgl.splat.bricks import estimate, opaque
 from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.bricks.opaque import Opaque
 from splatgl.splat.bricks.within import bricks_of, required_bricks
+from splatgl.splat.kernel.kernels import kernel
 from splatgl.splat.plan.settings import Settings
+from splatgl.splat.sheets.sheets import Sheets
+from splatgl.splat.view.view import View
 from splatgl.truth.check import check_bricks
 
 RAMP = sg.Transfer([(0.45, 0), (0.6, 0.8)], colormap="hot", shading=True)
@@ -213,6 +216,26 @@ class Parts:
         found = self.samples[key]
         self.read += found.size
         return found
+
+
+@pytest.mark.parametrize("name", ["outside", "inside", "parallel"])
+def test_shells_hold_what_reaches_them(name: str, rng: np.random.Generator) -> None:
+    """Each all splats that add to its sheets, which begin before it, too; and each splat is counted once."""
+    volume = sg.Volume(noise(rng, (20, 17, 22)), spacing=(1, 1.3, 0.8))
+    bricks = in_bricks(volume, RAMP, ALL)
+    records = np.concatenate([bricks.records(n) for n in range(len(bricks.low))])
+    view = View.of(bricks.whole.grid, cameras(volume)[name], kernel("b-spline"), antialias=False)
+    sheets = Sheets.of(kernel("b-spline"), 3, 2)
+    base = sheets.base(sheets.places(view, records["position"]))
+    count = 0
+    for first, last in bricks.shells(sheets, view, 3):
+        some = bricks.within(sheets, view, (first, last))
+        found = np.concatenate([batch for batch, _ in some.batches(sheets, view, lambda *_: True)])
+        right = records[(base + sheets.count > first) & (base < last)]
+        assert 0 < len(right) < len(records)
+        assert set(map(tuple, right["position"].tolist())) <= set(map(tuple, found["position"].tolist()))
+        count += sum(some.found.values())
+    assert count == len(records)
 
 
 @pytest.mark.long

@@ -298,3 +298,15 @@ def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert 0 < found["minip"].sum() < 0.5 * found["mip"].sum()
     asked += ["--classification", "pre"]
     assert main([*asked, "--blend", "minip", "-o", "none.npy"]) == 2 and not Path("none.npy").exists()
+
+
+def test_maxima_of_voxels_classified_before_are_their_opacities(renderer: sg.Renderer) -> None:
+    """Whatever their size and the length to which opacities refer."""
+    samples = np.zeros((3, 3, 3))
+    samples[1, 1, 1] = 1
+    camera = sg.Camera.orthographic((2.5, 2.5, -20), (2.5, 2.5, 2.5), (0, 1, 0), height=2.5, size=(5, 5))
+    for unit in (0.5, 4.0):
+        transfer = sg.Transfer([(0, 0), (1, 0.3)], unit=unit)
+        splats = sg.extract(sg.Volume(samples, (2.5,) * 3), transfer, classification="pre")
+        found = renderer.render(splats, camera, sg.Settings(blend="mip", compositing="splats", antialias="off"))
+        assert found.pixels[2, 2, 3] == pytest.approx(0.3, abs=1e-4)

@@ -15,6 +15,7 @@ from splatgl.app.layered import layer_option
 from splatgl.app.scene import Scene
 from splatgl.app.viewpoint import View
 from splatgl.gl import layer_tiles
+from splatgl.splat.layers.layers import joined
 from splatgl.truth import reference
 
 FOG = {"a": (0.05, "gray"), "b": (0.12, "viridis")}
@@ -111,6 +112,15 @@ def test_as_in_float64(
     assert right.pixels[..., 3].max() > 0.5 and image.info["layers"] == ["first", "second"] == right.info["layers"]
     assert np.abs(image.pixels - right.pixels).max() < most * max(1, right.pixels.max())
     assert image.info["error_bound"] is None and image.info["tolerance_met"] is False
+
+
+def test_without_an_order_layers_hide_by_turns() -> None:
+    """Of maxima light adds up and what passes multiplies, before the background; sums add up."""
+    first, second = (np.full((1, 1, 4), [[color, 0.0, 0.0, alpha]]) for color, alpha in ((0.1, 0.25), (0.3, 0.6)))
+    mip = sg.Settings(blend="mip", background=(0.0, 1.0, 0.5))
+    assert joined([first, second], mip)[0, 0] == pytest.approx([0.4, 0.3, 0.15, 1.0])
+    assert joined([first, second], mip.but(background=None))[0, 0] == pytest.approx([0.4, 0, 0, 0.7])
+    assert joined([first, second], sg.Settings(blend="xray"))[0, 0] == pytest.approx([0.4, 0, 0, 0.85])
 
 
 def test_order_of_layers_does_not_matter(renderer: sg.Renderer, field: sg.Scene) -> None:

@@ -1,0 +1,147 @@
+"""Breaks one line of the package at a time and runs the test that must notice it; a mutant that passes is a hole.
+
+    scripts/mutants [--turn | --list | NAME…]
+
+A copy of the repository in a temporary folder is broken, one line after another, and the test that each names runs
+there. Before, all of these tests run unbroken: one that does not pass then would tell nothing. --turn takes every
+twelfth mutant, beginning with another one each day; names select those whose file, or test, contains one of them.
+
+Exit code 1 if a mutant survives or a test does not pass unbroken, 2 if a test could not run at all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from mutants_list import MUTANTS, Mutant
+
+ROOT = Path(__file__).parents[1]
+# what tests read
+COPIED = ("splatgl", "shaders", "tests", "scripts", "pyproject.toml", "README.md", "LICENSE")
+# days until each mutant has had its turn
+TURNS = 12
+# longest time for the test of one mutant; one that never ends is noticed, too
+SECONDS = 120.0
+# what drivers' messages begin with, by which any test would fail
+UNCOMPILED = "GLSL Compiler failed"
+
+
+class Unusable(Exception):
+    """A test that could not run."""
+
+
+class Copy:
+    """A copy of the repository in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        for each in COPIED:
+            if (ROOT / each).is_dir():
+                shutil.copytree(ROOT / each, folder / each)
+            else:
+                shutil.copy2(ROOT / each, folder)
+
+    def run(self, tests: Sequence[str], *options: str) -> tuple[int | None, str]:
+        """Runs tests in the copy: pytest's exit code, None if it did not end, and what it told."""
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options, *tests]
+        environment = {
+            # plugins of other packages take longer to load than a test to run
+            **{"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "GALLIVM_PERF": "nopt"},
+            **os.environ,
+            # bytecode of a broken file would outlive it
+            **{"PYTHONPATH": str(self.folder), "PYTHONDONTWRITEBYTECODE": "1"},
+        }
+        limit = SECONDS * len(tests)
+        try:
+            done = subprocess.run(
+                command, cwd=self.folder, env=environment, capture_output=True, text=True, timeout=limit
+            )
+        except subprocess.TimeoutExpired:
+            return None, f"no end after {limit:.0f} s"
+        return done.returncode, done.stdout + done.stderr
+
+    def passing(self, tests: Sequence[str]) -> tuple[set[str], bool]:
+        """The tests that pass unbroken, and whether others fail, and are not just skipped here. Raises Unusable where
+        one is not found.
+        """
+        code, told = self.run(tests, "-rp")
+        if code not in (0, 1, None):
+            raise Unusable(f"pytest ended with {code}:\n{told[-3000:]}")
+        if code != 0:
+            print(told[-3000:], file=sys.stderr)
+        passed = {line.removeprefix("PASSED ") for line in told.splitlines() if line.startswith("PASSED ")}
+        return passed, code != 0
+
+    def survives(self, mutant: Mutant) -> bool:
+        """Whether the test passes although the line is broken. Raises Unusable where it could not run."""
+        path = self.folder / mutant.file
+        right = path.read_text("utf-8")
+        if right.count(mutant.text) != 1:
+            raise Unusable(f"{mutant}: the text stands {right.count(mutant.text)} times in the file")
+        path.write_text(right.replace(mutant.text, mutant.replacement), "utf-8")
+        try:
+            code, told = self.run([mutant.test], "-x")
+        finally:
+            path.write_text(right, "utf-8")
+        if code not in (0, 1, None) or UNCOMPILED in told:
+            raise Unusable(f"{mutant}: pytest ended with {code}:\n{told[-3000:]}")
+        return code == 0
+
+
+def try_all(chosen: Sequence[Mutant]) -> int:
+    """Tries mutants and tells of each; returns the exit code."""
+    started = _spent()
+    with tempfile.TemporaryDirectory(prefix="splatgl-mutants-") as name:
+        copy = Copy(Path(name))
+        passing, has_failed = copy.passing(list(dict.fromkeys(each.test for each in chosen)))
+        untold = [each for each in chosen if each.test not in passing]
+        for each in untold:
+            print(f"its test does not pass unbroken: {each}\n  {each.test}", file=sys.stderr)
+        survivors = 0
+        for each in chosen:
+            if each not in untold:
+                before = _spent()
+                alive = copy.survives(each)
+                survivors += alive
+                told = f"SURVIVES {each.test}" if alive else "killed"
+                print(f"{told} ({_spent() - before:.1f} s)  {each}", flush=True)
+    told = f", {len(untold)} could not be tried" * bool(untold)
+    print(f"{survivors} of {len(chosen)} mutants survive{told}; {_spent() - started:.0f} s of processor time")
+    return int(survivors > 0 or has_failed)
+
+
+def _spent() -> float:
+    """Processor time, in seconds, of tests that ended."""
+    used = os.times()
+    return used.children_user + used.children_system
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="parts of the names of files or tests")
+    parser.add_argument("--turn", action="store_true", help="every twelfth, beginning with another one each day")
+    parser.add_argument("--list", action="store_true", help="list them")
+    args = parser.parse_args(arguments)
+    chosen = [each for each in MUTANTS if not args.names or any(name in each.file + each.test for name in args.names)]
+    if args.turn:
+        chosen = chosen[datetime.date.today().toordinal() % TURNS :: TURNS]
+    if args.list or not chosen:
+        print("\n".join(f"{each}\n  {each.test}" for each in chosen) or "none of that name")
+        return int(not chosen)
+    try:
+        return try_all(chosen)
+    except Unusable as error:
+        print(error, file=sys.stderr)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())
