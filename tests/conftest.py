@@ -27,6 +27,8 @@ GOLDEN = 0.618034
 
 # tests that alone may notice a broken line
 NEEDED = {mutant.test for mutant in MUTANTS}
+# of all tests of the files that are collected, chosen or not, whether they are long
+LONG = pytest.StashKey[dict[str, bool]]()
 
 
 @cache
@@ -42,9 +44,9 @@ def skip_without_compute_shaders() -> None:
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a test marked few(n), all cases but n are long; these are spread over the product of its parameters, and those
-    beside them that mutants name, which must not be long.
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Of a test marked few(n), all cases but n are long; these are spread over the product of its parameters, beside
+    those that mutants name.
     """
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:
@@ -56,9 +58,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for number in set(range(len(found))) - quick:
             if found[number].nodeid not in NEEDED:
                 found[number].add_marker("long")
-    for item in items:
-        if item.nodeid in NEEDED and item.get_closest_marker("long"):
-            raise pytest.UsageError(f"{item.nodeid}: expected to be quick, as scripts/mutants.py names it")
+    config.stash[LONG] = {item.nodeid: item.get_closest_marker("long") is not None for item in items}
+
+
+@pytest.fixture
+def are_long(pytestconfig: pytest.Config) -> dict[str, bool]:
+    """Of all tests of the files that are collected, whether they are long."""
+    if any("::" in each for each in pytestconfig.args):
+        pytest.skip("needs whole files")
+    return pytestconfig.stash[LONG]
 
 
 @pytest.hookimpl(tryfirst=True)

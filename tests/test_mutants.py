@@ -28,6 +28,13 @@ def test_a_mutant_stands_in_its_file(mutant: Mutant) -> None:
     assert re.search(rf"^def {name}\(", (ROOT / file).read_text("utf-8"), re.MULTILINE), mutant.test
 
 
+def test_tests_of_mutants_are_quick(are_long: dict[str, bool]) -> None:
+    """Of the files that are collected each named case is there, and runs in `scripts/test`."""
+    files = {each.split("::")[0] for each in are_long}
+    named = {each.test for each in MUTANTS if each.test.split("::")[0] in files}
+    assert sorted(each for each in named if are_long.get(each, True)) == []
+
+
 def test_what_computes_has_mutants() -> None:
     files = [each.file for each in MUTANTS]
     assert len(set(files)) == len(files) >= LEAST
