@@ -146,7 +146,8 @@ def compared(seed: int, renderer: sg.Renderer, technique: str) -> tuple[str, Fou
     given: Any = {"blend": blend, "technique": technique, "antialias": "off"}
     drawn = renderer.render(splats, camera, sg.Settings(**given)).pixels.astype(np.float64)
     right = march(splats, camera, blend, fine=FINE)
-    error, quiet = np.abs(drawn - right), calm(right)
+    # sums of depths have no largest value of their own
+    error, quiet = np.abs(drawn - right) / max(right[..., 3].max(), 1.0), calm(right)
     rmse = float(np.sqrt(np.mean(error[..., 3] ** 2)))
     off = int((error.max(axis=-1) > OFF)[quiet].sum())
     return where, Found(seed, rmse, float(error.max()), int(quiet.sum()), off)

@@ -71,8 +71,10 @@ class Rays:
         size = np.array(splats.post.shape)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = np.sort(np.stack([(-0.5 - start) / step, (size - 0.5 - start) / step]), axis=0)
-        near = np.maximum(np.nan_to_num(ends[0], nan=-np.inf).max(axis=0), 0.0)
-        far = np.nan_to_num(ends[1], nan=np.inf).min(axis=0)
+        # of a ray along a face, which is in the box, a place in its plane is 0/0
+        along = (step == 0) & (start >= -0.5) & (start <= size - 0.5)
+        near = np.maximum(np.where(along, -np.inf, ends[0]).max(axis=0), 0.0)
+        far = np.where(along, np.inf, ends[1]).min(axis=0)
         return cls(start, step, near, np.maximum(far, near), toward)
 
 
