@@ -2,9 +2,10 @@
 
     scripts/mutants [--turn | --list | NAME…]
 
-A copy of the repository in a temporary folder is broken, one line after another, and the test that each names runs
-there. Before, all of these tests run unbroken: one that does not pass then would tell nothing. --turn takes every
-twelfth mutant, beginning with another one each day; names select those whose file, or test, contains one of them.
+mutants.txt lists them. A copy of the repository in a temporary folder is broken, one line after another, and the test
+that each names runs there. Before, all of these tests run unbroken: one that does not pass then would tell nothing.
+--turn takes every twelfth mutant, beginning with another one each day; names select those whose file, or test,
+contains one of them.
 
 Exit code 1 if a mutant survives or a test does not pass unbroken, 2 if a test could not run at all.
 """
@@ -20,10 +21,10 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-
-from mutants_list import MUTANTS, Mutant
+from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
+LIST = Path(__file__).with_suffix(".txt")
 # what tests read
 COPIED = ("splatgl", "shaders", "tests", "scripts", "pyproject.toml", "README.md", "LICENSE")
 # days until each mutant has had its turn
@@ -32,6 +33,33 @@ TURNS = 12
 SECONDS = 120.0
 # what drivers' messages begin with, by which any test would fail
 UNCOMPILED = "GLSL Compiler failed"
+
+
+class Mutant(NamedTuple):
+    """A text that stands once in a file, what replaces it, and a test that fails then and runs in `scripts/test`."""
+
+    file: str
+    text: str
+    replacement: str
+    test: str
+
+    def __str__(self) -> str:
+        text, replacement = (" ".join(each.split()) for each in (self.text, self.replacement))
+        return f"{self.file}: {text!r} -> {replacement!r}"
+
+
+def listed() -> tuple[Mutant, ...]:
+    """The list, whose head says what its lines are."""
+    found = []
+    for stanza in LIST.read_text("utf-8").split("\n\n")[1:]:
+        head, *lines = stanza.strip("\n").split("\n")
+        text, replacement = ("\n".join(line[2:] for line in lines if line[0] == sign) for sign in "-+")
+        file, test = head.split(maxsplit=1)
+        found.append(Mutant(file, text, replacement, test))
+    return tuple(found)
+
+
+MUTANTS = listed()
 
 
 class Unusable(Exception):

@@ -17,7 +17,7 @@ from splatgl.app.kept import kept_renderer
 from splatgl.gl.context import current
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
-from mutants_list import MUTANTS
+from mutants import MUTANTS
 
 # how pictures are refused that only tiles draw
 ONLY_TILES = tuple(f"{what}: expected " for what in ("technique tiles", "layers", "meshes", "a volume in bricks"))

@@ -135,6 +135,16 @@ def test_voxels_beside_what_is_opaque_are_not(rng: np.random.Generator) -> None:
     assert (splats.post.extinction(splats.records["value"][outer]) == 0).all()
 
 
+@pytest.mark.parametrize("classification", ["pre", "post"])
+def test_depths_are_over_a_mean_spacing(classification: str) -> None:
+    """Whatever the length to which opacities refer."""
+    volume = sg.Volume(np.ones((3, 4, 5), np.float32), (1.0, 2.0, 4.0))
+    for unit in (0.5, 3.0):
+        splats = sg.extract(volume, sg.Transfer([(0, 0.3)], unit=unit), classification=classification)
+        assert splats.deepest == pytest.approx(-np.log(0.7) * 2 / unit, rel=1e-5)
+        assert splats.total_depth == pytest.approx(60 * splats.deepest, rel=1e-5)
+
+
 def test_big_volumes_are_read_slab_by_slab() -> None:
     """The extractor never asks for more planes than a slab and its halo."""
     asked: list[int] = []

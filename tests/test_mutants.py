@@ -11,7 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 import mutants
-from mutants_list import MUTANTS, Mutant
+from mutants import MUTANTS, Mutant
 
 ROOT = Path(__file__).parents[1]
 # folders of what computes, and least numbers of files, and of shaders among them

@@ -84,6 +84,12 @@ def test_planes_lie_across_the_view() -> None:
         assert order.axis == axis
         cells = splats.positions[back_to_front(splats, order)][:, axis]
         assert len(np.flatnonzero(np.diff(cells))) == splats.index_bounds[1, axis]
+    # of long voxels those that the view is nearest to the normal of, not those of which it passes the most
+    samples = np.ones((3, 4, 5))
+    for spacing, axis in (((1.0, 1.0, 5.0), 2), ((5.0, 1.0, 5.0), 2), ((9.0, 1.0, 1.0), 0)):
+        splats = sg.extract(sg.Volume(samples, spacing), sg.Transfer([(0, 0.5)]), classification="pre")
+        forward = (0.6, 0.0, 0.8) if axis == 2 else (0.8, 0.0, 0.6)
+        assert order_for(splats, sg.Camera.look_at((0, 0, 0), forward, (0, 1, 0))).axis == axis
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
