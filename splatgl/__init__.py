@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from splatgl.splat.kernel.kernels import register_kernel as register_kernel
     from splatgl.splat.layers.layers import Layer as Layer
     from splatgl.splat.layers.layers import Scene as Scene
+    from splatgl.splat.layers.segments import surfaces as surfaces
     from splatgl.splat.motion.motion import Motion as Motion
     from splatgl.splat.plan.plan import plan as plan
     from splatgl.splat.plan.settings import Settings as Settings
@@ -93,6 +94,7 @@ _PUBLIC = {
     "render_slabs": "splatgl.distributed.slabs",
     "register_kernel": "splatgl.splat.kernel.kernels",
     "show": "splatgl.app.show",
+    "surfaces": "splatgl.splat.layers.segments",
 }
 _MODULES = {
     "distributed": "splatgl.distributed",

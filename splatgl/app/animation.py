@@ -144,6 +144,7 @@ class Animation:
             *first.layers,
             *first.meshes,
             *first.vectors.told.items(),
+            *([] if first.surfaces is None else [first.surfaces]),
             *(first.mask or ()),
         )
         told = self.over.names if self.over else ()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from splatgl.data.sizes import size_of
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.presets import is_preset
 from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.layers.segments import SMOOTHING
 
 if TYPE_CHECKING:
     from splatgl.app.render import Drawing
@@ -54,6 +56,8 @@ def add_layers(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--clip-meshes", action="store_true", help=about)
     add_vectors(parser)
     parser.add_argument("--labels", metavar="FILE", help="a segmentation that is laid over the volume")
+    about = f"segmentations as smooth closed surfaces, smoothed from 0 to 1 ({SMOOTHING}), instead of voxels"
+    parser.add_argument("--surfaces", nargs="?", const=SMOOTHING, type=float, metavar="S", help=about)
 
 
 def layer_option(text: str) -> Scene:
@@ -102,7 +106,8 @@ def is_layered(scene: Scene, volume: Volume) -> bool:
     """Whether a scene's picture is of several layers or channels, or has meshes."""
     of_channels = len(volume.channels) > 1 or scene.transfer.keys() & {"color_of", "window_of"}
     alone = is_mesh(scene.volume) or not scene.visible
-    return bool(scene.layers or scene.meshes or scene.vectors.drawn or of_channels or alone)
+    drawn = scene.surfaces is not None or scene.vectors.drawn
+    return bool(scene.layers or scene.meshes or drawn or of_channels or alone)
 
 
 def layers_of(scene: Scene, volume: Volume, transfer: Transfer, quiet: bool = True) -> list[Layer]:
@@ -111,14 +116,28 @@ def layers_of(scene: Scene, volume: Volume, transfer: Transfer, quiet: bool = Tr
     quiet: whether notes on the other layers' files are not printed.
     """
     layers = of_channels(scene, volume, transfer)
-    for source in (each for each in scene.layers if each.visible):
-        other = (replace(source, mask=scene.mask) if source.mask is None else source).open()
+    for layer in (each for each in scene.layers if each.visible):
+        masked = replace(layer, mask=scene.mask) if layer.mask is None else layer
+        source = replace(masked, surfaces=scene.surfaces) if layer.surfaces is None else masked
+        other = source.open()
         tell(other, quiet, channels=True, layer=source.volume)
         own = None if source.clip is None and not source.crop else source.cut(other).settings.clip
-        layers += of_channels(source, other, source.transfer_for(other), own)
+        found = of_channels(source, other, source.transfer_for(other), own)
+        layers += found if layer.surfaces is None else [replace(each, surfaces=layer.surfaces) for each in found]
+    if scene.surfaces is not None:
+        layers = _as_surfaces(layers, scene)
     if not any(each.visible for each in layers):
         return [replace(layers[0], transfer=layers[0].seen.weakened(0.0), visible=True)]
     return layers
+
+
+def _as_surfaces(layers: list[Layer], scene: Scene) -> list[Layer]:
+    """The layers, segmentations among them as surfaces. InputError where there are none."""
+    if not any(each.seen.labels for each in layers):
+        this = "a segmentation, in SOURCE, --labels or --layer"
+        raise expected("--surfaces", this, f"amounts in {scene.volume}", "--values labels, if its numbers are names")
+    own = [each.surfaces if each.surfaces is not None else scene.surfaces for each in layers]
+    return [replace(each, surfaces=n if each.seen.labels else None) for each, n in zip(layers, own, strict=True)]
 
 
 def layered(scene: Scene, volume: Volume, transfer: Transfer, quiet: bool = True) -> Layers:
@@ -127,7 +146,10 @@ def layered(scene: Scene, volume: Volume, transfer: Transfer, quiet: bool = True
 
     meshes = [each.open() for each in surfaces_of(scene) if each.visible]
     meshes += scene.vectors.meshes(volume)
-    return Layers(layers_of(scene, volume, transfer, quiet), scene.settings.clip, meshes)
+    drawn = Layers(layers_of(scene, volume, transfer, quiet), scene.settings.clip, meshes)
+    for note in () if quiet else drawn.notes:
+        print(f"splatgl: {note}", file=sys.stderr)
+    return drawn
 
 
 def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> Image:

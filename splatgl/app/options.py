@@ -17,6 +17,7 @@ from splatgl.data.readers import LoadOptions
 from splatgl.data.readers.inside import inside
 from splatgl.data.readers.options import VALUES
 from splatgl.data.readers.remote import is_address
+from splatgl.splat.layers.segments import strength_of
 from splatgl.splat.plan.settings import LIKE, Settings, choices
 
 BACKGROUNDS = "auto, transparent, black, white, #rgb, #rrggbb or any name of CSS"
@@ -199,11 +200,15 @@ def scene_from_transfer(args: argparse.Namespace) -> Scene:
         meshes = tuple(clipped(each) for each in (*alone, *meshes))
     if meshes and not hasattr(args, "mesh"):
         raise expected("meshes", "none", len(meshes), "splatgl render draws them")
+    given = getattr(args, "surfaces", None)
+    smoothing = scene.surfaces if given is None else strength_of(given)
+    if smoothing is not None and not hasattr(args, "surfaces"):
+        raise expected("surfaces", "none", f"{smoothing:g}", "splatgl render draws them")
     vectors = asked_vectors(vars(args), scene.vectors)
     if vectors.drawn and not hasattr(args, "streamlines"):
         raise expected("vectors", "none", "streamlines or arrows", "splatgl render draws them")
     found = replace(scene, transfer=transfer, threshold=threshold, layers=layers, meshes=meshes)
-    return replace(found, vectors=vectors)
+    return replace(found, vectors=vectors, surfaces=smoothing)
 
 
 def scene_from(args: argparse.Namespace) -> Scene:

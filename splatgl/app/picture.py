@@ -31,6 +31,7 @@ from splatgl.data.scenes import SCENES
 from splatgl.data.sizes import bytes_of
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.layers.segments import strength_of
 from splatgl.splat.plan.settings import Settings
 
 if TYPE_CHECKING:
@@ -87,7 +88,8 @@ def render(
     transfer: a Transfer, the name of a preset or of a file, or the fields of a Transfer.
     options: as on the command line, of the view (azimuth, elevation, zoom, fov, size, eye, look_at, up, orthographic,
     height), unless there is a camera, and of the settings (blend, antialias, background, …); points, gradient,
-    colormap, window; vectors ("magnitude", "direction"), streamlines, arrows (how many, or True); clip (a condition,
+    colormap, window; vectors ("magnitude", "direction"), streamlines, arrows (how many, or True); surfaces (smoothing
+    of segmentations, or True); clip (a condition,
     plane, or several), crop, mask (whatever `Volume.masked` takes, or several); meshes; annotate (names, as on the
     command line); threshold, memory; those of `load` or
     `Volume.of` (spacing, array, …). background: linear RGB, or a name or "#rrggbb"; none leaves the image transparent.
@@ -120,7 +122,9 @@ def picture(x: Any, scene: Scene, memory: int | None = None, seen: bool = False)
     check_time(scene.annotate)
     scene = with_room(scene, volume, scene.annotate)
     image = draw(how, replace(scene, settings=unbacked(scene.settings, scene.annotate)), volume, chosen)
-    told = {"notes": volume.notes} if volume.notes else {}
+    drawn_so = image.info.get("notes", ())
+    notes = (*volume.notes, *(drawn_so if isinstance(drawn_so, tuple) else ()))
+    told = {"notes": notes} if notes else {}
     image = Image(image.pixels, {**image.info, **origin(scene, chosen), **told})
     return lay(image, scene, volume, chosen, scene.annotate, quiet=True) if scene.annotate else image
 
@@ -147,9 +151,11 @@ def scene_of(
     classified = {**_transfer(transfer), **_taken(given, *TRANSFER)}
     threshold, memory = given.pop("threshold", None), given.pop("memory", None)
     vectors = _taken(given, "vectors", "streamlines", "arrows")
+    surfaces = given.pop("surfaces", None)
     if is_splats(x):
         extra = [*classified, *given, *cuts] + ["threshold"] * (threshold is not None)
         extra += ["meshes"] * bool(meshes) + ["annotate"] * bool(over) + [*vectors]
+        extra += ["surfaces"] * (surfaces is not None)
         if extra:
             raise expected("splats", "a view and settings", ", ".join(extra), "extract them with these")
         scene: Scene = Scene(x.name)
@@ -166,6 +172,7 @@ def scene_of(
         **cuts,
         meshes=tuple(clipped(each) if clip_meshes else each for each in (*scene.meshes, *meshes)),
         vectors=asked_vectors(vectors, scene.vectors),
+        surfaces=scene.surfaces if surfaces is None else strength_of(surfaces),
         annotate=scene.annotate if annotate is None else over,
         transfer={**scene.transfer, **classified},
         view=_view(scene.view, camera, viewing),

@@ -197,6 +197,7 @@ def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer
     meshes = len(scene.meshes) + scene.vectors.drawn + is_mesh(scene.volume)
     cues = [(f"--{name.replace('_', '-')}", getattr(scene.settings, name)) for name in ("ambient_occlusion", "shadows")]
     told = (*cues, ("--threshold", scene.threshold), ("layers", len(scene.layers)), ("meshes", meshes))
+    told = (*told, ("--surfaces", scene.surfaces is not None))
     for what, given in told:
         if given:
             raise expected(what, "none, with --workers or --scheduler", given)

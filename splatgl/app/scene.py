@@ -10,7 +10,8 @@ annotate = ["scale", "title=A"] # as --annotate
 [settings]                      # as Settings
 [[mesh]]                        # file, color, opacity, radius, visible
 [vectors]                       # show ("magnitude", "direction"), streamlines, arrows, colormap
-[[layer]]                       # more: volume, threshold, opacity, visible, clip, crop, mask, [layer.load], …
+surfaces = 0.5                  # segmentations as surfaces, smoothed by that
+[[layer]]                       # more: volume, threshold, opacity, visible, clip, crop, mask, surfaces, [layer.load], …
 """
 
 from __future__ import annotations
@@ -35,9 +36,10 @@ from splatgl.data.scenes import SCENES
 from splatgl.data.toml import load_table, toml_value
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.colormap import whole
-from splatgl.splat.classification.flatness import decided
+from splatgl.splat.classification.flatness import MASK, decided
 from splatgl.splat.classification.presets import default_transfer, label_transfer, logarithmic, preset, preset_named
 from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.layers.segments import strength_of
 from splatgl.splat.plan.settings import Settings
 
 # extraction and cameras are imported once there is a volume: bad input is told at once
@@ -59,6 +61,7 @@ KEYS: dict[str, tuple[type, ...]] = {
     "clip": (list,),
     "crop": (str,),
     "mask": (str, list),
+    "surfaces": (int, float),
     "annotate": (list,),
     "layer": (list,),
     "mesh": (list,),
@@ -69,14 +72,15 @@ OF_CHANNELS = ("color_of", "window_of")
 # keys of a transfer function that say nothing of labels
 OF_AMOUNTS = frozenset(("points", "colormap", "window", "scale", "gradient"))
 # the keys of a layer
-LAYER = ("volume", "threshold", "load", "transfer", "opacity", "visible", "clip", "crop", "mask")
+LAYER = ("volume", "threshold", "load", "transfer", "opacity", "visible", "clip", "crop", "mask", "surfaces")
 
 
 @dataclass(frozen=True)
 class Scene:
     """A complete description of an image to render. opacity: factor of the transfer function's opacities. visible:
     whether its volume is drawn. clip: conditions of what is kept; of a layer None, those of the scene. crop: its part
-    in voxels, which the view is fitted to. mask: files of what is kept; of a layer None, those of the scene. layers:
+    in voxels, which the view is fitted to. mask: files of what is kept; of a layer None, those of the scene. surfaces:
+    smoothing of segmentations that are drawn as surfaces; None: as boxes; of a layer None, that of the scene. layers:
     more volumes in it, of which view and settings are not read. meshes: triangles in it. annotate: what is laid over
     it, as --annotate names it. vectors: how those of its volume are drawn.
     """
@@ -92,6 +96,7 @@ class Scene:
     clip: tuple[str, ...] | None = None
     crop: str = ""
     mask: tuple[Any, ...] | None = None
+    surfaces: float | None = None
     layers: tuple[Scene, ...] = ()
     meshes: tuple[MeshFile | Mesh, ...] = ()
     annotate: tuple[str, ...] = ()
@@ -148,7 +153,9 @@ class Scene:
             raise expected(f"{what}: clip", "conditions, each in quotes", repr(table["clip"])[:80])
         scene = cls(source, reading, table.get("transfer", {}), clip=clip, crop=table.get("crop", ""))
         masks = mask_table(path.parent, what, table.get("mask"))
-        scene = replace(scene, mask=masks, visible=table.get("visible", True))
+        with _named(what):
+            smoothing = strength_of(table["surfaces"]) if "surfaces" in table else None
+        scene = replace(scene, mask=masks, visible=table.get("visible", True), surfaces=smoothing)
         return replace(scene, threshold=float(table.get("threshold", 0.0)), opacity=float(table.get("opacity", 1.0)))
 
     def to_toml(self, folder: Path) -> str:
@@ -178,6 +185,7 @@ class Scene:
             if value != default:
                 lines.append(f"{name} = {toml_value(name, float(value))}")
         lines += [] if self.visible else ["visible = false"]
+        lines += [] if self.surfaces is None else [f"surfaces = {toml_value('surfaces', float(self.surfaces))}"]
         lines += [] if self.clip is None else [f"clip = {toml_value('clip', self.clip)}"]
         masks = None if self.mask is None else [_mask_in(each, folder) for each in self.mask]
         lines += [] if masks is None else [f"mask = {toml_value('mask', masks)}"]
@@ -238,6 +246,9 @@ class Scene:
         if self.transfer.keys() & {"preset", "only_labels"}:
             return volume
         found = decided(volume)
+        if self.surfaces is not None and found.hints.values == MASK:
+            # of two values, of which one is a segment
+            return found.of_values("labels")
         if self.transfer.keys() & OF_AMOUNTS and volume.labels is None:
             return replace(found.of_values("amounts") if found.labels is not None else found, notes=volume.notes)
         return found

@@ -25,13 +25,20 @@ def summary(output: Path, image: Image, scene: Scene, volume: Volume, transfer: 
     wide = info.get("unmasked")
     return "\n".join(
         [
-            f"{output}: {width}×{height} pixels, {info['blend']} of {info['splats']:,} splats{_behind(image, output)}",
+            f"{output}: {width}×{height} pixels, {info['blend']} of {_drawn(image)}{_behind(image, output)}",
             f"transfer function: {_transfer(scene, volume, transfer)}",
             f"view: {_view(scene, volume, image)}",
             f"drawn in {info['seconds']:.2f} s by {by}; {_error(image)}{_cues(image)}",
             *[f"beside {wide:,} missing samples matter is up to a voxel too wide, as they are not masked"] * bool(wide),
         ]
     )
+
+
+def _drawn(image: Image) -> str:
+    """Numbers of splats and triangles; of triangles alone where there are no splats."""
+    splats, triangles = (int(str(image.info.get(name, 0))) for name in ("splats", "triangles"))
+    told = [f"{splats:,} splats"] if splats or not triangles else []
+    return " and ".join([*told, *([f"{triangles:,} triangles"] if triangles else [])])
 
 
 def _cues(image: Image) -> str:

@@ -62,6 +62,7 @@ def render_scene(
         "seconds": round(time.perf_counter() - started, 6),
         "error_bound": None,
         "tolerance_met": False,
+        **({"notes": scene.notes} if scene.notes else {}),
     }
     return Image(pixels, {**info, **told})
 

@@ -19,6 +19,7 @@ from splatgl.app.viewer.portion import Portion, portion
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewpoint import FOV, View
 from splatgl.data.coarse import coarser
+from splatgl.data.errors import expected
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.splat.bricks.opaque import Opaque
@@ -78,6 +79,10 @@ class Content:
 
         quiet: whether notes on the files are not printed.
         """
+        smooth = [each.surfaces for each in (scene, *scene.layers) if each.surfaces is not None]
+        if smooth:
+            fix = "splatgl render draws them"
+            raise expected("surfaces", "none in the window, which draws voxels", f"{smooth[0]:g}", fix)
         volume = scene.open()
         several = is_layered(scene, volume)
         tell(volume, quiet, channels=several, times=True)

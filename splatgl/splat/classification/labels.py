@@ -114,6 +114,11 @@ def label_color(labels: Shown, values: np.ndarray) -> np.ndarray:
     return _looked_up(labels, values, 1)
 
 
+def label_place(labels: Shown, values: np.ndarray) -> np.ndarray:
+    """Places of values in `labels`, from 1 on, float64; 0 of what is no label."""
+    return _looked_up(labels, values, 2)
+
+
 def _looked_up(labels: Shown, values: np.ndarray, column: int) -> np.ndarray:
     numbers, *columns = _table(tuple(labels), values.dtype.kind in "bui")
     values = values.astype(numbers.dtype, copy=False)
@@ -123,9 +128,9 @@ def _looked_up(labels: Shown, values: np.ndarray, column: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def _table(labels: Shown, whole: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Numbers in ascending order, opacities, and linear RGB. whole: of 64 bits, as float64 does not hold them all;
-    those that are unsigned wrap around, as values do.
+def _table(labels: Shown, whole: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Numbers in ascending order, opacities, linear RGB, and places in `labels` from 1 on. whole: of 64 bits, as
+    float64 does not hold them all; those that are unsigned wrap around, as values do.
     """
     named = [number for number, _, _ in labels]
     numbers = np.array(named, object).astype(np.uint64 if min(named) >= 0 else np.int64).astype(np.int64)
@@ -133,4 +138,4 @@ def _table(labels: Shown, whole: bool) -> tuple[np.ndarray, np.ndarray, np.ndarr
     order = np.argsort(numbers, kind="stable")
     opacities = np.array([opacity for _, _, opacity in labels])
     srgb = np.array([[int(color[k : k + 2], 16) for k in (1, 3, 5)] for _, color, _ in labels])
-    return numbers[order], opacities[order], linear_from_srgb(np.arange(256) / 255)[srgb[order]]
+    return numbers[order], opacities[order], linear_from_srgb(np.arange(256) / 255)[srgb[order]], order + 1

@@ -19,6 +19,7 @@ from splatgl.splat.bricks.opaque import Opaque
 from splatgl.splat.classification.presets import default_transfer
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.layers.segments import smoothed_surfaces, strength_of
 from splatgl.splat.motion.moments import moments
 from splatgl.splat.motion.motion import Motion
 from splatgl.splat.plan.blend_mode import BLENDS
@@ -38,7 +39,8 @@ MOST_LAYERS = 8
 class Layer:
     """A volume and how it is seen. transfer: None: the default one of its values. opacity: factor from 0 to 1 of the
     transfer function's opacities. threshold: as of `extract`. clip: conditions of its own box, or planes, that cut it
-    instead of the scene's; None: those.
+    instead of the scene's; None: those. surfaces: how smooth the surfaces are that are drawn of a segmentation, as of
+    `surfaces`; None: the boxes of its voxels.
     """
 
     volume: Volume
@@ -47,12 +49,15 @@ class Layer:
     visible: bool = True
     threshold: float = 0.0
     clip: str | Sequence[Any] | None = None
+    surfaces: float | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.opacity <= 1:
             raise expected("opacity", "a factor from 0 to 1", self.opacity)
         transfer = self.transfer or default_transfer(self.volume)
         object.__setattr__(self, "transfer", transfer.weakened(self.opacity))
+        if self.surfaces is not None:
+            object.__setattr__(self, "surfaces", strength_of(self.surfaces))
 
     def placed(self, frame: str | None) -> Layer:
         """The layer with its volume, and the planes that cut it, in another frame."""
@@ -69,17 +74,18 @@ class Layer:
 
     @property
     def seen(self) -> Transfer:
-        """The transfer function, with the layer's opacity in it."""
+        """The transfer function of its voxels, with the layer's opacity in it; clear where surfaces are drawn."""
         assert self.transfer is not None
-        return self.transfer
+        return self.transfer if self.surfaces is None else self.transfer.weakened(0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Layers of one picture, in any order; volumes stand for layers by default. clip: conditions such as "x>0.3" of the
     box around the visible layers, or planes as of Settings. meshes: triangles, in the same world. Layers and meshes in
-    another frame, LPS or RAS, than the first layer are turned into its own; planes cut those that are `clipped`. Raises
-    InputError for too many layers, for none that is visible, and for planes that leave nothing.
+    another frame, LPS or RAS, than the first layer are turned into its own; planes cut those that are `clipped`.
+    Surfaces of segmentations are added to the meshes, cut as their layer; notes: how far they lie off its voxels.
+    Raises InputError for too many layers, for none that is visible, for planes that leave nothing, and as `surfaces`.
     """
 
     layers: Sequence[Layer | Volume]
@@ -87,6 +93,7 @@ class Scene:
     meshes: Sequence[Mesh] = ()
     made: dict[Settings, tuple[Splats, ...]] = field(default_factory=dict, repr=False)
     planes: tuple[tuple[Plane, ...], ...] = field(default=(), init=False, repr=False)
+    notes: tuple[str, ...] = field(default=(), init=False, repr=False)
 
     def __post_init__(self) -> None:
         layers = tuple(Layer(each) if isinstance(each, Volume) else each for each in self.layers)
@@ -97,7 +104,9 @@ class Scene:
         object.__setattr__(self, "planes", self._planes())
         placed = tuple(each.placed(first) for each in self.meshes)
         found = tuple(each.cut(self._around) if each.clipped and self._around else each for each in placed)
-        object.__setattr__(self, "meshes", found)
+        made, notes = self._segments()
+        object.__setattr__(self, "meshes", (*found, *made))
+        object.__setattr__(self, "notes", notes)
 
     @classmethod
     def of(cls, x: Any) -> Scene:
@@ -132,6 +141,18 @@ class Scene:
         return tuple(
             around if each.clip is None else planes_of(each.clip, Box.of([each.volume])) for each in self.shown
         )
+
+    def _segments(self) -> tuple[list[Mesh], tuple[str, ...]]:
+        """The surfaces of layers that are drawn so, and a note on each layer."""
+        found: list[Mesh] = []
+        notes: list[str] = []
+        for layer, planes in zip(self.shown, self.planes, strict=True):
+            if layer.surfaces is not None:
+                made, off = smoothed_surfaces(layer.volume, layer.transfer, layer.surfaces, closed=False)
+                found += [replace(each.cut(planes), clipped=True) for each in made]
+                told = f"{len(made)} segment{'s' * (len(made) != 1)} drawn as smoothed surfaces ({layer.surfaces:g})"
+                notes.append(f"{layer.volume.name or 'labels'}: {told}, up to {off:.2g} voxels off the faces of voxels")
+        return found, tuple(notes)
 
     @property
     def _around(self) -> tuple[Plane, ...]:
@@ -186,7 +207,8 @@ class Scene:
 
     @property
     def _subjects(self) -> list[Opaque]:
-        return [Opaque(each.volume, each.seen) for each in self.shown]
+        # of the voxels also where surfaces are drawn: the view of both is the same
+        return [Opaque(each.volume, each.transfer or each.seen) for each in self.shown]
 
 
 def common_samples(
