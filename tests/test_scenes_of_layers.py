@@ -325,7 +325,7 @@ def test_bad_layers_of_scene_files_are_told(tmp_path: Path) -> None:
     for text, said in (
         ("[[layer]]\nopacity = 0.5", r"\[\[layer\]\] 1: expected the key volume"),
         ('[[layer]]\nvolume = "a.npy"\nopacity = 2', "opacity: expected a factor from 0 to 1"),
-        ('[[layer]]\nvolume = "a.npy"\nzoom = 2', "expected keys clip, crop, load, mask, opacity, threshold, tr"),
+        ('[[layer]]\nvolume = "a.npy"\nzoom = 2', "expected keys clip, crop, load, mask, opacity, surfaces, th"),
         ("layer = [3]", r"\[\[layer\]\] 1: expected a table"),
         ("layer = 3", "layer: expected list"),
     ):
