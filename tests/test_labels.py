@@ -234,3 +234,20 @@ def test_a_stack_of_few_colours_is_no_segmentation() -> None:
     assert sg.default_transfer(volume).labels
     painted = sg.Volume(volume.samples, color=color)
     assert not sg.default_transfer(painted).labels
+
+
+@pytest.mark.parametrize("normal", [(1.0, 1.0, 0.0), (0.0, -1.0, 1.0), (1.0, 1.0, 1.0)])
+def test_faces_of_labels_are_lit_across_them_in_the_world(normal: tuple[float, ...]) -> None:
+    """Of a half-space on a grid of long voxels, towards its matter, within a few degrees."""
+    spacing = np.array([1.0, 2.0, 0.7])
+    across = np.array(normal) / np.linalg.norm(normal)
+    z, y, x = np.indices((28, 12, 20))
+    apart = (np.stack([x - 9.5, y - 5.5, z - 13.5], axis=-1) * spacing) @ across
+    volume = sg.Volume((apart > 0).astype(np.uint8), (1.0, 2.0, 0.7), labels=(Label(1, "half", "#ff0000"),))
+    splats = sg.extract(volume, label_transfer(volume))
+    i, j, k = splats.positions.astype(int).T
+    middle = (np.abs(splats.positions - (9.5, 5.5, 13.5)) < (5, 3, 7)).all(axis=1)
+    found = splats.records["normal"][middle & (apart[k, j, i] < 1.0)].astype(float)
+    assert len(found) > 20
+    mean = (found / np.linalg.norm(found, axis=1, keepdims=True)).mean(axis=0)
+    assert np.degrees(np.arccos(mean @ across / np.linalg.norm(mean))) < 5
