@@ -203,7 +203,7 @@ class Net:
                     mean[upper] += weights[1] * places[lower]
                 places = self._near(places + SHARE * strength * (mean - places))
             places = self._near(places + self._missing(places))
-        return self._near(places + self._missing(places))
+        return places
 
     def _near(self, places: np.ndarray) -> np.ndarray:
         """Within FARTHEST of where they come from."""
