@@ -198,6 +198,7 @@ def test_one_call_and_masks_of_two_values() -> None:
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     np.save("seg.npy", halves())
+    np.save("none.npy", np.zeros((5, 5, 5), np.uint8))
     np.save("gray.npy", np.indices((24, 24, 24)).sum(axis=0).astype(np.int16))
     return tmp_path
 
@@ -207,8 +208,9 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     [
         (
             "render gray.npy --surfaces",
-            "--surfaces: expected a segmentation, in SOURCE, --labels or --layer, got amounts",
+            "surfaces: expected a segmentation among the volumes, got amounts",
         ),
+        ("render none.npy --values labels --surfaces", "none.npy: expected layers with an opacity, got none"),
         ("render seg.npy --surfaces 2", "surfaces: expected a strength of smoothing from 0 to 1, got 2.0"),
         ("render seg.npy --surfaces --blend xray", "meshes: expected blend composite, got xray"),
         ("render gray.npy --labels seg.npy --surfaces --technique quads", "meshes: expected OpenGL 4.3 or newer"),

@@ -19,7 +19,7 @@ from splatgl.data.sizes import size_of
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.presets import is_preset
 from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.layers.segments import SMOOTHING
+from splatgl.splat.layers.segments import SMOOTHING, is_segmentation
 
 if TYPE_CHECKING:
     from splatgl.app.render import Drawing
@@ -133,11 +133,12 @@ def layers_of(scene: Scene, volume: Volume, transfer: Transfer, quiet: bool = Tr
 
 def _as_surfaces(layers: list[Layer], scene: Scene) -> list[Layer]:
     """The layers, segmentations among them as surfaces. InputError where there are none."""
-    if not any(each.seen.labels for each in layers):
-        this = "a segmentation, in SOURCE, --labels or --layer"
-        raise expected("--surfaces", this, f"amounts in {scene.volume}", "--values labels, if its numbers are names")
-    own = [each.surfaces if each.surfaces is not None else scene.surfaces for each in layers]
-    return [replace(each, surfaces=n if each.seen.labels else None) for each, n in zip(layers, own, strict=True)]
+    labelled = [is_segmentation(each.volume, each.seen) for each in layers]
+    if not any(labelled):
+        fix = "--values labels, if its numbers are names"
+        raise expected("surfaces", "a segmentation among the volumes", f"amounts in {scene.volume}", fix)
+    every = zip(layers, labelled, strict=True)
+    return [replace(each, surfaces=scene.surfaces) if yes and each.surfaces is None else each for each, yes in every]
 
 
 def layered(scene: Scene, volume: Volume, transfer: Transfer, quiet: bool = True) -> Layers:

@@ -19,7 +19,7 @@ from splatgl.data.errors import expected
 from splatgl.data.mesh import Mesh
 from splatgl.data.sizes import budget, size_of
 from splatgl.data.volume import Volume
-from splatgl.splat.classification.labels import SOLID, Shown, label_place
+from splatgl.splat.classification.labels import SOLID, Shown, label_place, labels_of
 from splatgl.splat.classification.presets import default_transfer, label_transfer
 from splatgl.splat.classification.transfer import Transfer
 
@@ -59,7 +59,7 @@ def smoothed_surfaces(
     """The same, and how far from the corners of voxels their vertices are at most, in voxels."""
     strength, what = strength_of(smoothing), f"surfaces of {volume.name or 'a volume'}"
     chosen = transfer or (label_transfer(volume) if volume.labels is not None else default_transfer(volume))
-    if not chosen.labels:
+    if not is_segmentation(volume, chosen):
         raise expected(what, "a segmentation", "amounts", "--values labels, if its numbers are names")
     if (need := volume.count * BYTES) > (most := budget()):
         fix = "draw boxes, a part, or a coarser level"
@@ -78,6 +78,11 @@ def smoothed_surfaces(
         name = names.get(number) or str(number)
         found.append(Mesh(vertices, faces, color, min(opacity / SOLID, 1.0), name=name, frame=volume.frame))
     return tuple(found), float(np.linalg.norm(places - net.corners, axis=1).max(initial=0.0))
+
+
+def is_segmentation(volume: Volume, transfer: Transfer) -> bool:
+    """Whether a volume is drawn as labels; also one of labels that holds none."""
+    return bool(transfer.labels) or (volume.labels is not None and not labels_of(volume))
 
 
 def strength_of(smoothing: Any) -> float:
