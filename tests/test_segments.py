@@ -11,6 +11,8 @@ import pytest
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
+from splatgl.data.color import linear_from_srgb
+from splatgl.data.sizes import limit
 from splatgl.data.volume import Label
 from splatgl.truth import reference
 
@@ -157,7 +159,9 @@ def test_names_colours_and_opacities(dtype: Any) -> None:
     volume = of(samples, labels=table)
     first, second = sg.surfaces(volume)
     assert [(each.name, each.opacity) for each in (first, second)] == [("liver", 1.0), ("tumour", pytest.approx(0.5))]
-    assert first.color == sg.Mesh([], [], "#c04020").color and second.color == sg.Mesh([], [], "#20c040").color
+    for mesh, color in ((first, 0xC04020), (second, 0x20C040)):
+        srgb = [(color >> shift & 255) / 255 for shift in (16, 8, 0)]
+        assert np.allclose(mesh.color, linear_from_srgb(np.array(srgb)))
     assert volume_in(first) == pytest.approx((samples == 1).sum(), rel=3e-3)
     assert sg.surfaces(of(np.zeros((3, 3, 3), np.uint8), labels=table)) == ()
 
@@ -189,9 +193,9 @@ def test_pictures_are_the_reference(renderer: sg.Renderer) -> None:
 
 
 def test_one_call_and_masks_of_two_values() -> None:
-    image = sg.render(ball(), surfaces=True, size=(24, 24))
-    assert image.info["triangles"] > 1000 and image.info["splats"] == 0
-    assert any("1 segment drawn as smoothed surfaces (0.5)" in note for note in image.info["notes"])
+    info = sg.render(ball(), surfaces=True, size=(24, 24)).info
+    assert isinstance(info["triangles"], int) and info["triangles"] > 1000 and info["splats"] == 0
+    assert "1 segment drawn as smoothed surfaces (0.5)" in str(info["notes"])
 
 
 @pytest.fixture
@@ -233,6 +237,7 @@ def test_refused(command: str, told: str, files: Path, capsys: pytest.CaptureFix
     assert told in capsys.readouterr().err.splitlines()[-1] and not Path("out.png").exists()
 
 
+@pytest.mark.compute
 def test_commands(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Over a volume, picked, in frames, and from a scene file."""
     look = ["--points", "0:0,70:0.01", "--labels", "seg.npy", "--surfaces", "--size", "24"]
@@ -247,3 +252,12 @@ def test_commands(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert found.surfaces == 0.25 and found.layers[0].surfaces == 1.0
     assert main(["animate", "scene.toml", "--frames", "2", "--size", "16", "-o", "f{frame}.png", "--quiet"]) == 0
     assert Path("f1.png").exists() and capsys.readouterr().err == ""
+
+
+def test_memory_that_is_too_small_is_told() -> None:
+    limit(1000)
+    try:
+        with pytest.raises(sg.InputError, match="surfaces of seg: expected a segmentation that needs up to 1000"):
+            sg.surfaces(of(halves()))
+    finally:
+        limit(None)

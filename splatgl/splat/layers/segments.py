@@ -36,8 +36,8 @@ AROUND = ((0, 0), (1, 0), (1, 1), (0, 1))
 HALVES = np.array([[0, 1, 2], [0, 2, 3]])
 # planes that are read at once
 SLAB = 16
-# bytes a voxel while nets are made
-BYTES = 8
+# bytes a voxel while nets are made, of balls that fill much of a grid of 256³
+BYTES = 14
 
 
 def surfaces(
