@@ -191,24 +191,18 @@ def scene_from_transfer(args: argparse.Namespace) -> Scene:
         layers = (*layers, Scene(args.labels, transfer={"only_labels": args.only_labels or ()}))
     elif args.only_labels is not None:
         transfer["only_labels"] = args.only_labels
-    if layers and not hasattr(args, "layer"):
-        raise expected("layers", "none", len(layers), "splatgl render draws them")
     meshes = (*scene.meshes, *(getattr(args, "mesh", None) or ()))
     if getattr(args, "clip_meshes", False):
         named = [each.file for each in meshes if isinstance(each, MeshFile)]
         alone = (MeshFile(scene.volume),) if is_mesh(scene.volume) and scene.volume not in named else ()
         meshes = tuple(clipped(each) for each in (*alone, *meshes))
-    if meshes and not hasattr(args, "mesh"):
-        raise expected("meshes", "none", len(meshes), "splatgl render draws them")
     given = getattr(args, "surfaces", None)
     smoothing = scene.surfaces if given is None else strength_of(given)
-    if smoothing is not None and not hasattr(args, "surfaces"):
-        raise expected("surfaces", "none", f"{smoothing:g}", "splatgl render draws them")
     vectors = asked_vectors(vars(args), scene.vectors)
-    if vectors.drawn and not hasattr(args, "streamlines"):
-        raise expected("vectors", "none", "streamlines or arrows", "splatgl render draws them")
     found = replace(scene, transfer=transfer, threshold=threshold, layers=layers, meshes=meshes)
-    return replace(found, vectors=vectors, surfaces=smoothing)
+    found = replace(found, vectors=vectors, surfaces=smoothing)
+    found.refuse_more(vars(args))
+    return found
 
 
 def scene_from(args: argparse.Namespace) -> Scene:

@@ -53,6 +53,7 @@ def run(args: argparse.Namespace) -> int:
     output = Path(args.output or "presets.png")
     check_output(output, (".png",))
     scene = scene_from_source(args)
+    scene.refuse_more()
     check_source(output, args.source, *scene.files)
     scene = replace(scene, view=view_of(args, scene.view, (SIDE, SIDE)))
     volume = scene.open()

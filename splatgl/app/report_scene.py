@@ -36,6 +36,7 @@ def subjects(sources: Sequence[str], level: Level) -> list[Subject]:
 def subject(source: str, level: Level) -> Subject:
     """The scene of a source, downsampled until it has at most as many splats as the level allows."""
     scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
+    scene.refuse_more()
     volume = scene.open()
     transfer, scene = scene.transfer_for(volume), scene.cut(volume)
     # keep the unit length of opacities when voxels are merged

@@ -16,7 +16,7 @@ surfaces = 0.5                  # segmentations as surfaces, smoothed by that
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -208,6 +208,18 @@ class Scene:
         )
         mask = None if self.mask is None else tuple(map(mask_anywhere, self.mask))
         return replace(self, volume=volume, load=reading, layers=layers, meshes=meshes, mask=mask)
+
+    def refuse_more(self, drawn: Container[str] = ()) -> None:
+        """InputError for what a command leaves out that draws the volume and, beside it, the options `drawn` alone."""
+        more = [
+            ("layer", "layers", len(self.layers) or None),
+            ("mesh", "meshes", len(self.meshes) or None),
+            ("surfaces", "surfaces", None if self.surfaces is None else f"{self.surfaces:g}"),
+            ("streamlines", "vectors", "streamlines or arrows" if self.vectors.drawn else None),
+        ]
+        for option, what, got in more:
+            if got is not None and option not in drawn:
+                raise expected(what, "none", got, "splatgl render draws them")
 
     @property
     def files(self) -> tuple[str, ...]:
