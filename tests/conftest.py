@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import gc
 import json
+import os
 import sys
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from splatting import GOLDEN
 from twins import twin as twin
 
 import splatgl as sg
 from splatgl.app.kept import kept_renderer
-from splatgl.gl.context import current
+from splatgl.app.render import Drawing
+from splatgl.gl import program
+from splatgl.gl.context import REQUIRE_GPU, current
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 from mutants import MUTANTS
@@ -22,8 +29,8 @@ from mutants import MUTANTS
 # how pictures are refused that only tiles draw
 ONLY_TILES = tuple(f"{what}: expected " for what in ("technique tiles", "layers", "meshes", "a volume in bricks"))
 
-# steps of this share of a whole are spread evenly, however many there are
-GOLDEN = 0.618034
+# tests draw with many more combinations of settings than a user, one after the other
+program.MOST_PROGRAMS = 400
 
 # tests that alone may notice a broken line
 NEEDED = {mutant.test for mutant in MUTANTS}
@@ -70,6 +77,17 @@ def are_long(pytestconfig: pytest.Config) -> dict[str, bool]:
 
 
 @pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    """Looking through thousands of tests for what may be freed takes long, and finds nothing."""
+    gc.disable()
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    gc.freeze()
+    gc.enable()
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("compute"):
         skip_without_compute_shaders()
@@ -92,6 +110,20 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SPLATGL_CACHE", str(tmp_path_factory.mktemp("cache")))
         patch.setenv("SPLATGL_RECENT", "off")
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shared_programs() -> Iterator[None]:
+    """Commands that are called in a test's process draw with the renderer of `sg.render`, whose programs are there."""
+    drawing = Drawing.renderer
+
+    def shared(self: Drawing) -> AbstractContextManager[sg.Renderer]:
+        is_plain = self == replace(self, backend="auto", device=None, gpu=False) and REQUIRE_GPU not in os.environ
+        return drawing(replace(self, kept=self.kept or is_plain))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Drawing, "renderer", shared)
         yield
 
 

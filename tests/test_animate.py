@@ -422,7 +422,7 @@ def test_a_scaled_x_ray_scales_its_bound() -> None:
     assert image.info["error_bound"] == 0.125 and (image.pixels == 0.75).all()
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("options", [["--moments", "1"], ["--moments", "3"], [], ["--blend", "xray"]], ids=str)
 def test_a_volume_beyond_memory_is_drawn_in_bricks(
     options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

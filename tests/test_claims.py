@@ -104,6 +104,7 @@ def test_layers_of_grid_aligned_splats_lose_the_slant(angle: float) -> None:
         assert sums["row1"] == pytest.approx(1, abs=5e-5) and sums["b1"] == pytest.approx(1, abs=5e-5)
 
 
+@pytest.mark.long
 def test_page_fits_a_terminal_and_says_what_fails(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["figure", "claims"]) == 0
     text = capsys.readouterr().out

@@ -63,7 +63,7 @@ def test_another_backend_keeps_to_the_same_baseline(
     splatgl_image(image, name=f"{scene}-composite")
 
 
-@pytest.mark.few(4)
+@pytest.mark.long
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 @pytest.mark.parametrize("scene", ["nerve", "letter-f"])
 def test_two_backends_draw_the_same(

@@ -294,6 +294,7 @@ def test_doctor_says_when_blending_is_wrong(opened: Open, monkeypatch: pytest.Mo
     assert not ok and "WRONG" in text
 
 
+@pytest.mark.long
 def test_doctor_says_when_the_default_can_not_be_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     need("egl")
     kept, told = sg.Renderer.render, []

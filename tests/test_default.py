@@ -76,7 +76,7 @@ def test_settings_choose_the_splats(
     assert right.info["classification"] == drawn[0] and right.info["splats"] == len(own)
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 def test_a_moving_picture_is_classified_as_a_still(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera) -> None:
     """It is the mean of stills while the shutter is open; streaks are of voxels, for who asks for them."""
     image = renderer.render(splats, camera, motion=TURNING)

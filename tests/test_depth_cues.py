@@ -139,15 +139,14 @@ def test_a_wall_casts_its_outline() -> None:
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("technique", ["tiles", "quads"])
 @pytest.mark.parametrize(
-    "how",
+    ("how", "technique"),
     [
-        {},
-        {"shading": "off"},
-        {"classification": "pre"},
-        {"classification": "pre", "compositing": "splats"},
-        {"clip": ((0.6, 0.8, 0.0, 9.0),)},
+        ({}, "quads"),
+        ({"shading": "off"}, "tiles"),
+        ({"classification": "pre"}, "quads"),
+        ({"classification": "pre", "compositing": "splats"}, "tiles"),
+        ({"clip": ((0.6, 0.8, 0.0, 9.0),)}, "tiles"),
     ],
 )
 def test_pictures_are_the_reference(how: dict[str, Any], technique: Any, renderer: sg.Renderer) -> None:
@@ -213,6 +212,7 @@ def test_strengths_that_are_none(value: Any) -> None:
             sg.Settings(**{name: value})
 
 
+@pytest.mark.long
 def test_commands_have_depth_cues(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
     np.save(tmp_path / "a.npy", cloud("cubes").samples.astype(np.float32))
     options = ["--size", "24", "--points", "0.4:0,0.6:0.8", "-o", str(tmp_path / "o.npy")]

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_bricks import ALL, RAMP, cameras, noise
+from test_bricks import ALL, PICTURES, RAMP, VIEWS, cameras, noise
 
 import splatgl as sg
 from splatgl.app.cli import main
@@ -57,8 +57,7 @@ def test_joining_does_not_depend_on_the_tree(how: str, rng: np.random.Generator)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("blend", ["composite", "xray", "mip", "minip", "mean"])
-@pytest.mark.parametrize("name", ["outside", "inside", "beside", "parallel"])
+@pytest.mark.parametrize(("blend", "name"), [*zip(PICTURES, (*VIEWS, "inside"), strict=True), ("composite", "beside")])
 def test_parts_add_up_to_the_picture(blend: str, name: str, renderer: sg.Renderer, rng: np.random.Generator) -> None:
     volume = sg.Volume(noise(rng, (30, 27, 32)), spacing=(1, 1.3, 0.8))
     camera, settings = cameras(volume)[name], ALL.but(blend=blend, background=(0.2, 0.5, 1.0))
@@ -172,6 +171,7 @@ def killing(marker: str, times: int, value: int) -> int:
     return value
 
 
+@pytest.mark.long
 def test_work_of_a_worker_that_dies_is_done_again(client: Any, tmp_path: Path) -> None:
     items = [(f"frame {n}", (str(tmp_path / "once"), 1 if n == 3 else 0, n)) for n in range(8)]
     assert sorted(found for _, found in cluster.spread(client, killing, items)) == list(range(8))
@@ -212,7 +212,7 @@ def frames(folder: Path) -> list[np.ndarray]:
     return [np.load(path) for path in sorted(folder.glob("*.npy"))]
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("options", [[], ["--blend", "xray"], ["--moments", "2"]], ids=str)
 def test_animations_with_a_scheduler(client: Any, saved: Path, tmp_path: Path, options: list[str]) -> None:
     """Another process's workers draw the same frames; those that are there are kept."""
@@ -339,7 +339,7 @@ def test_interrupted_frames_are_whole(saved: Path, tmp_path: Path) -> None:
     assert not list((tmp_path / "f").glob(".*"))
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize(("asked", "address"), [(None, "127.0.0.1:0"), ("0.0.0.0:8787", "0.0.0.0:8787")])
 def test_the_dashboard_listens_to_this_machine(
     monkeypatch: pytest.MonkeyPatch, asked: str | None, address: str

@@ -343,7 +343,7 @@ def test_unknown_fields_and_numbers_below_one(changes: dict, said: str) -> None:
         field_integral(case.volume, case.transfer, case.camera(), **changes)
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 def test_pixels_of_kept_values(blend: str, renderer: sg.Renderer) -> None:
     """The field of what is kept is that of all samples where it is opaque, and tells coarse sheets from fine."""

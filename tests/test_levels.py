@@ -125,7 +125,7 @@ def test_nothing_in_sight_takes_the_finest_level(smooth: sg.Volume, renderer: sg
     assert level_for(smooth, SOFT, away, Settings(), renderer).number == 0
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("blend", ["xray", "mip"])
 @pytest.mark.parametrize("parallel", [False, True])
 def test_levels_of_other_pictures(blend: str, parallel: bool, smooth: sg.Volume, renderer: sg.Renderer) -> None:

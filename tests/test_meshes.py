@@ -93,9 +93,10 @@ def cloud(grid: str) -> sg.Volume:
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("layers", [1, 2])
-@pytest.mark.parametrize("classification", ["post", "pre"])
-@pytest.mark.parametrize("parallel", [False, True])
+@pytest.mark.parametrize(
+    ("layers", "classification", "parallel"),
+    [(1, "post", True), (1, "pre", False), (2, "post", False), (2, "pre", True)],
+)
 def test_meshes_in_clouds_are_the_reference(
     layers: int, classification: Any, parallel: bool, renderer: sg.Renderer
 ) -> None:

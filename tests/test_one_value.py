@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from noise import GRIDS, LOOKS, inside, views
+from splatting import spread
 
 import splatgl as sg
 from splatgl.app.cli import main
@@ -50,21 +51,19 @@ def difference(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, sett
     return float(np.abs(found - right).max() / max(right.max(), 1))
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("technique", TECHNIQUES)
-@pytest.mark.parametrize("blend", [*BLENDED, "xray"])
-@pytest.mark.parametrize(
-    ("grid", "view", "changes"),
-    [
-        ("cubes", "fitted", {"antialias": "supersample", "samples": 2, "background": (0.2, 0.4, 0.6)}),
-        ("sheared", "inside", {"sheets": 2, "steps": 1}),
-        ("8:1", "parallel, close", {"sheets": 4, "steps": 3}),
-    ],
-    ids=str,
+PLACES = (
+    ("cubes", "fitted", {"antialias": "supersample", "samples": 2, "background": (0.2, 0.4, 0.6)}),
+    ("sheared", "inside", {"sheets": 2, "steps": 1}),
+    ("8:1", "parallel, close", {"sheets": 4, "steps": 3}),
 )
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize(("technique", "blend", "place"), spread(12, TECHNIQUES, (*BLENDED, "xray"), PLACES), ids=str)
 def test_the_picture_is_its_twin(
-    renderer: sg.Renderer, blend: str, grid: str, view: str, changes: dict[str, Any], technique: Technique
+    renderer: sg.Renderer, technique: Technique, blend: str, place: tuple[str, str, dict[str, Any]]
 ) -> None:
+    grid, view, changes = place
     placed = {"spacing": (1.0, 1.0, 8.0)} if grid == "8:1" else GRIDS[grid]
     splats = every(cells(), **placed)
     assert len(splats) == cells().size

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 from noise import noise, views
@@ -44,7 +42,7 @@ def test_no_mean_is_beyond_the_samples(k: int, rng: np.random.Generator) -> None
 @pytest.mark.parametrize("technique", ["quads", "tiles"])
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 def test_auto_is_within_its_bound(technique: str, blend: str, renderer: sg.Renderer) -> None:
-    for grid, tolerance in itertools.product(("cubes", "sheared"), (0.1, 1 / 255, 1e-4)):
+    for grid, tolerance in (("cubes", 0.1), ("sheared", 1 / 255), ("cubes", 1e-4)):
         splats = noise(grid)
         for camera in views(splats).values():
             background = None if blend == "xray" else (0.2, 0.4, 0.6)

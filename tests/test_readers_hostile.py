@@ -51,35 +51,23 @@ def examples(most: int) -> settings:
     return settings(max_examples=most, derandomize=True, deadline=None, database=None, suppress_health_check=fixtures)
 
 
-FEW, MANY = examples(12), examples(60)
+MANY = examples(24)
 
 
 # --- damaged at random ------------------------------------------------------------------------------------------------
 
 
-def mutated(tmp_path: Path, reader: str, index: int) -> None:
+@pytest.mark.few(2)
+@pytest.mark.parametrize("reader", VOLUMES)
+@MANY
+@given(index=st.integers(0, 2**32 - 1))
+def test_mutated_files_load_or_are_refused(tmp_path: Path, reader: str, index: int) -> None:
     if reader.startswith("dicom"):
         pytest.importorskip("pydicom", reason="writes the files; it is in the extra dicom")
     path = fuzz.case(reader, index, 0, tmp_path / "case")
     with bounds(fuzz.LIMIT):
         result, said = fuzz.outcome(path, "volume")
     assert result in ("loaded", "refused"), said
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("reader", VOLUMES)
-@FEW
-@given(index=st.integers(0, 2**32 - 1))
-def test_a_mutated_file_loads_or_is_refused(tmp_path: Path, reader: str, index: int) -> None:
-    mutated(tmp_path, reader, index)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("reader", VOLUMES)
-@MANY
-@given(index=st.integers(0, 2**32 - 1))
-def test_many_mutated_files_load_or_are_refused(tmp_path: Path, reader: str, index: int) -> None:
-    mutated(tmp_path, reader, index)
 
 
 ANY = st.one_of(st.integers(-3, 12), st.integers(-(2**70), 2**70))
@@ -113,21 +101,9 @@ SIZES = st.one_of(st.lists(ANY, min_size=1, max_size=5), st.lists(st.integers(1,
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize("name", TEXTS)
-@FEW
-@given(sizes=SIZES, skip=ANY)
-def test_headers_of_any_numbers(tmp_path: Path, name: str, sizes: list[int], skip: int) -> None:
-    numbered(tmp_path, name, sizes, skip)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", TEXTS)
 @MANY
 @given(sizes=SIZES, skip=ANY)
-def test_many_headers_of_any_numbers(tmp_path: Path, name: str, sizes: list[int], skip: int) -> None:
-    numbered(tmp_path, name, sizes, skip)
-
-
-def numbered(tmp_path: Path, name: str, sizes: list[int], skip: int) -> None:
+def test_headers_of_any_numbers(tmp_path: Path, name: str, sizes: list[int], skip: int) -> None:
     """What loads lies in the file; all else is refused, fast and without taking memory."""
     path = tmp_path / name
     path.unlink(missing_ok=True)

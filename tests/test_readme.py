@@ -207,7 +207,7 @@ def toml_files() -> dict[str, str]:
     return {name: text for name, (text,) in found.items()}
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "command", [pytest.param(c, marks=pytest.mark.long if any(word in c for word in LONG) else ()) for c in SPLATGL]
 )

@@ -198,6 +198,7 @@ def test_a_damaged_chunk(server: Server, folder: Path, store: None) -> None:
         found.samples[:]
 
 
+@pytest.mark.long
 def test_pictures_and_scenes(server: Server, store: None, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)
     asked = ["--points", "0.2:0,0.8:0.05", "--size", "24", "--level", "0", "--quiet", "-o"]

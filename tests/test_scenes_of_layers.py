@@ -91,19 +91,18 @@ def test_blocks_have_the_extinction_of_both(renderer: sg.Renderer, blocks: sg.Sc
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("parallel", [False, True])
 @pytest.mark.parametrize(
-    ("changes", "most"),
+    ("changes", "most", "parallel"),
     [
-        ({"antialias": "off", "occlusion": "off"}, 4e-4),
-        ({}, 4e-4),
-        ({"classification": "pre", "occlusion": "off"}, 1e-3),
-        ({"blend": "xray"}, 3e-4),
-        ({"blend": "mip", "background": (1.0, 0.5, 0.0)}, 3e-4),
+        ({"antialias": "off", "occlusion": "off"}, 4e-4, False),
+        ({}, 4e-4, True),
+        ({"classification": "pre", "occlusion": "off"}, 1e-3, True),
+        ({"blend": "xray"}, 3e-4, False),
+        ({"blend": "mip", "background": (1.0, 0.5, 0.0)}, 3e-4, True),
     ],
 )
 def test_as_in_float64(
-    renderer: sg.Renderer, field: sg.Scene, parallel: bool, changes: dict[str, object], most: float
+    renderer: sg.Renderer, field: sg.Scene, changes: dict[str, object], most: float, parallel: bool
 ) -> None:
     camera = sg.Camera.orbit(field, 30, 20, 40, (40, 36))
     camera = camera.parallel(field) if parallel else camera
@@ -123,6 +122,7 @@ def test_without_an_order_layers_hide_by_turns() -> None:
     assert joined([first, second], sg.Settings(blend="xray"))[0, 0] == pytest.approx([0.4, 0, 0, 0.85])
 
 
+@pytest.mark.long
 def test_order_of_layers_does_not_matter(renderer: sg.Renderer, field: sg.Scene) -> None:
     """Nor does one that is hidden, or clear."""
     camera = sg.Camera.orbit(field, 30, 20, 40, (40, 36))
@@ -247,6 +247,7 @@ def files(field: sg.Scene, tmp_path: Path) -> tuple[str, str]:
     return str(tmp_path / "first.npy"), str(tmp_path / "a:b.npy")
 
 
+@pytest.mark.long
 def test_layers_of_the_command_line(
     renderer: sg.Renderer, files: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -52,8 +52,8 @@ def test_every_case_keeps_its_bound(renderer: sg.Renderer, name: str) -> None:
     kept(run_case(CASES[name], renderer))
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("name", [n for n in CASES if n not in LONG])
+@pytest.mark.long
+@pytest.mark.parametrize("name", [n for n in CASES if n not in LONG][::4])
 def test_cases_at_the_default_tolerance(renderer: sg.Renderer, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Bounds are stated at a tolerance of 1e-6; what it leaves out at its default is at most the tolerance."""
     monkeypatch.setattr(bench, "FINEST", SPLATS.tolerance)
@@ -64,6 +64,7 @@ def test_cases_at_the_default_tolerance(renderer: sg.Renderer, name: str, monkey
         assert each.error <= each.bound + allowed, told(result)
 
 
+@pytest.mark.long
 def test_fog_seen_from_a_few_places(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fog, "VIEWS", 8)
     kept(run_case(CASES["constant-fog"], renderer))
@@ -82,7 +83,7 @@ def kept(result: Result) -> None:
     assert all(np.isfinite(each.bound) for each in result.checks)
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", BEYOND_THE_PAPER)
 def test_the_papers_form_breaks_it(renderer: sg.Renderer, name: str) -> None:
     checks = run_case(CASES[name], renderer).checks

@@ -182,6 +182,7 @@ def test_what_single_footprints_may_leave_out(name: str) -> None:
         assert 0.5 * share < mass[far > reach].sum() / mass.sum() < 1.05 * share
 
 
+@pytest.mark.long
 def test_a_lenient_tolerance_keeps_the_picture(renderer: sg.Renderer) -> None:
     """What is drawn to eight levels, as in motion, is off by less than one on average."""
     volume = sg.scenes.ball(12)

@@ -128,6 +128,7 @@ def test_a_file_that_is_removed_says_so(tmp_path: Path) -> None:
     window.end()
 
 
+@pytest.mark.long
 def test_a_dropped_file_is_not_replaced(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of two files of one name the second is still being read when the one that is watched changes: no reason to read
     that again.

@@ -213,7 +213,7 @@ def test_what_is_cut_off_is_not_picked(content: Content) -> None:
     assert depths[1] - depths[0] > 2.0
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("classification", ["post", "pre"])
 def test_cuts_are_saved(renderer: sg.Renderer, content: Content, tmp_path: Path, classification: str) -> None:
     """`splatgl render` of the saved scene gives the same picture, bit for bit, also after it was opened again."""

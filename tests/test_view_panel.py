@@ -41,6 +41,7 @@ def test_numbers_are_dragged(panel: Window) -> None:
     assert panel.drag(1, EXTINCTION, (EXTINCTION[0] + 60, EXTINCTION[1]))["extinction"] != 1.0
 
 
+@pytest.mark.long
 def test_numbers_are_typed(panel: Window) -> None:
     """Ctrl+click opens a field; its letters and digits are no shortcuts; escape gives up what is typed."""
     before = panel.ask("look")

@@ -305,6 +305,7 @@ def test_slices_follow_the_window_and_the_file(window: Window) -> None:
     window.ask("settle")
 
 
+@pytest.mark.long
 def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And says so; its pane is empty, where another one's picture would stand under its number."""
     zarr = pytest.importorskip("zarr")

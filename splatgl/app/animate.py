@@ -11,6 +11,7 @@ from splatgl.app.movie import need, write_movie
 from splatgl.app.on_workers import draw_frames
 from splatgl.app.options import add_drawing, add_source, numbers
 from splatgl.app.output import check_source
+from splatgl.app.render import Drawing
 from splatgl.app.worker_options import add_workers, asked, drawing_of
 from splatgl.data.errors import expected
 
@@ -78,9 +79,7 @@ def run(args: argparse.Namespace) -> int:
         with connected(args.workers, args.scheduler, None if args.quiet else print) as client:
             draw_frames(client, animation, frames, todo, drawing_of(args), args.quiet)
     elif todo:
-        from splatgl.gl.renderer import Renderer
-
-        with Renderer(args.backend, args.device, args.gpu) as renderer:
+        with Drawing(args.backend, args.device, args.gpu).renderer() as renderer:
             animation.draw(renderer, frames, todo, args.quiet)
     if frames.movie:
         ground = animation.scenes[0].settings.background or BLACK

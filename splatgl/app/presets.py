@@ -59,11 +59,11 @@ def run(args: argparse.Namespace) -> int:
     volume = scene.open()
     scene, volume = scene.cut(volume), smaller(volume)
     looks = {DEFAULT: (default_transfer(volume), scene.settings), **dict(looks_of(volume, scene.settings))}
+    from splatgl.app.render import Drawing
     from splatgl.data.image import write_whole
-    from splatgl.gl.renderer import Renderer
 
     camera = scene.view.camera(volume, volume)
-    with Renderer(args.backend, args.device, args.gpu) as renderer:
+    with Drawing(args.backend, args.device, args.gpu).renderer() as renderer:
         pictures = {name: drawn(renderer, scene, volume, camera, look) for name, look in looks.items()}
     write_whole(output, sheet(pictures))
     print(f"{output}: {len(pictures)} pictures of {volume.name or 'the volume'}, from the same eye")

@@ -14,6 +14,7 @@ from splatgl.app.figures.render import PICTURES, Motioned, PictureFigure, Shown,
 from splatgl.app.options import size
 from splatgl.app.output import check_output, check_source
 from splatgl.app.panels import encoded
+from splatgl.app.render import Drawing
 from splatgl.app.scene import Scene
 from splatgl.app.track import Turning
 from splatgl.app.viewpoint import View
@@ -66,9 +67,7 @@ def run_picture(args: argparse.Namespace) -> int:
     for path, suffix in pictures + tables:
         check_output(path, (suffix,))
         check_source(path, args.source, *scene.files)
-    from splatgl.gl.renderer import Renderer
-
-    with Renderer() as renderer:
+    with Drawing().renderer() as renderer:
         shown = Shown(figure, scene, renderer.render, _blur(renderer, args))
         if drawn:
             about = figure.caption if args.source is None else f"{figure.caption} Here: {shown.volume.name}."

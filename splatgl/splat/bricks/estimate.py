@@ -66,9 +66,11 @@ def need(bricks: Bricks, pixels: int, enough: int) -> Need:
     if whole.bytes <= enough and volume.count <= MOST_KEPT:
         return whole
     low = spread(np.maximum(size - PROBE_SIDE, 0), PROBES)
+    # of a small volume the same place comes again and again
+    low, same = np.unique(low, axis=0, return_inverse=True)
     probes = Bricks(volume, bricks.post, low, np.minimum(low + PROBE_SIDE, size))
-    voxels = (probes.high - low).prod(axis=1)
-    shares = np.array([len(probes.records(n)) for n in range(PROBES)]) / voxels
+    voxels = (probes.high - low).prod(axis=1)[same.ravel()]
+    shares = np.array([len(probes.records(n)) for n in range(len(low))])[same.ravel()] / voxels
     share = float(np.average(shares, weights=voxels))
     # where none is seen, some may be beside: as many as are missed with a chance of 1/20
     most = min(max(share + ERRORS * float(shares.std()) / np.sqrt(PROBES), MISSED / float(voxels.sum())), 1.0)
