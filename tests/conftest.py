@@ -21,6 +21,7 @@ import splatgl as sg
 from splatgl.app.kept import kept_renderer
 from splatgl.app.render import Drawing
 from splatgl.gl import program
+from splatgl.gl import renderer as renderers
 from splatgl.gl.context import REQUIRE_GPU, current
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
@@ -116,11 +117,12 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 @pytest.fixture(scope="session", autouse=True)
 def shared_programs() -> Iterator[None]:
     """Commands that are called in a test's process draw with the renderer of `sg.render`, whose programs are there."""
-    drawing = Drawing.renderer
+    drawing, opening = Drawing.renderer, renderers.open_context
 
     def shared(self: Drawing) -> AbstractContextManager[sg.Renderer]:
         is_plain = self == replace(self, backend="auto", device=None, gpu=False) and REQUIRE_GPU not in os.environ
-        return drawing(replace(self, kept=self.kept or is_plain))
+        # not where a test stands in for OpenGL
+        return drawing(replace(self, kept=self.kept or (is_plain and renderers.open_context is opening)))
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Drawing, "renderer", shared)
