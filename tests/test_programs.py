@@ -1,4 +1,4 @@
-"""What techniques refuse is told; and every program that is left compiles."""
+"""What techniques refuse is told; and programs that are left compile: of each pair of choices, and many of more."""
 
 from __future__ import annotations
 
@@ -121,11 +121,12 @@ def compiles(renderer: sg.Renderer, keys: set[tuple[object, ...]]) -> None:
 
 
 @pytest.mark.long
-def test_every_program_compiles(renderer: sg.Renderer) -> None:
+def test_programs_of_any_choices_compile(renderer: sg.Renderer) -> None:
+    """Every third; those of each pair of choices all do below."""
     keys = distinct(programs(pairs=False))
     print(f"{len(keys)} programs")
     assert len(keys) > 300
-    compiles(renderer, keys)
+    compiles(renderer, set(sorted(keys, key=str)[::3]))
 
 
 @pytest.mark.long
