@@ -113,6 +113,7 @@ def test_page_fits_a_terminal_and_says_what_fails(capsys: pytest.CaptureFixture[
     assert "9 of 13 hold" in text
 
 
+@pytest.mark.long
 def test_figures_have_their_own_claims(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["figure", "9", "--text"]) == 0
     text = capsys.readouterr().out

@@ -304,6 +304,7 @@ def test_dask_computes_as_before_beside_workers(client: Any) -> None:
     assert dask.config.get("scheduler", None) is None
 
 
+@pytest.mark.long
 def test_a_scheduler_without_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr(cluster, "TIMEOUT", 1.0)

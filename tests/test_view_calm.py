@@ -58,6 +58,7 @@ def test_the_help_fits_small_windows(scale: float) -> None:
     assert len([cell for cell in block.cells if cell[1] >= 0]) == 2 * len(text.lines)
 
 
+@pytest.mark.long
 @driven
 def test_edits_are_not_lost(window: Window) -> None:
     """Quitting asks once, by whatever way; a saved scene, or an edit that was undone, is no reason to."""
@@ -78,6 +79,7 @@ def test_edits_are_not_lost(window: Window) -> None:
     assert window.key("q")["closed"]
 
 
+@pytest.mark.long
 @driven
 def test_views_and_settings_are_undone(window: Window) -> None:
     before = window.ask("look")
@@ -94,6 +96,7 @@ def test_views_and_settings_are_undone(window: Window) -> None:
     assert "nothing to redo" in window.key("ctrl+y")["message"]
 
 
+@pytest.mark.long
 @driven
 def test_k_says_when_nothing_is_beyond(window: Window) -> None:
     assert "all voxels are nearer" in window.key("k")["message"]

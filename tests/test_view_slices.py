@@ -237,6 +237,7 @@ def test_slices_are_saved_at_the_picture_s_height() -> None:
         assert (both[height:, 5:, :3] == 0).all()
 
 
+@pytest.mark.long
 @driven
 def test_slices_are_shown_moved_and_hidden(window: Window) -> None:
     before, plain = window.ask("reset"), window.shot()
@@ -287,6 +288,7 @@ def test_slices_are_shown_moved_and_hidden(window: Window) -> None:
     assert sg.Image.load(window.folder / name).pixels.shape[1] == 400
 
 
+@pytest.mark.long
 @driven
 def test_slices_follow_the_window_and_the_file(window: Window) -> None:
     window.ask("reset")

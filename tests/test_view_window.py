@@ -354,6 +354,7 @@ CHECKS: dict[str, Callable[[Told, Told], bool]] = {
 @pytest.mark.parametrize(
     ("action", "key"), [(binding.action, key) for binding in BINDINGS for key in binding.keys], ids=str
 )
+@pytest.mark.long
 def test_every_key_does_what_the_help_says(window: Window, action: str, key: str) -> None:
     before = window.ask("look")
     if action == "reset":
@@ -374,6 +375,7 @@ def test_every_key_does_what_the_help_says(window: Window, action: str, key: str
         assert any("z_k" in line for line in after["hud lines"])
 
 
+@pytest.mark.long
 def test_motion_blur_is_seen_while_the_view_is_turned(window: Window) -> None:
     """A blurred picture, even one with all pixels and voxels, is replaced by a still at rest."""
     window.key("m")
@@ -387,6 +389,7 @@ def test_motion_blur_is_seen_while_the_view_is_turned(window: Window) -> None:
     assert not window.key("3")["blurred"]
 
 
+@pytest.mark.long
 def test_the_help_is_shown(window: Window) -> None:
     before = window.shot()
     window.key("?")
@@ -398,6 +401,7 @@ def test_the_help_is_shown(window: Window) -> None:
 # --- the mouse ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_left_turns(window: Window) -> None:
     before = window.ask("look")
     after = window.drag(1, (100, 90), (140, 70))
@@ -406,6 +410,7 @@ def test_left_turns(window: Window) -> None:
     assert apart[0] == pytest.approx(apart[1]) and after["full"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("button", "held"), [(1, "shift"), (2, "")])
 def test_panning(window: Window, button: int, held: str) -> None:
     before = window.ask("look")
@@ -415,12 +420,14 @@ def test_panning(window: Window, button: int, held: str) -> None:
     assert abs(moved @ np.array(before["axes"])[2]) < 1e-9
 
 
+@pytest.mark.long
 def test_ctrl_rolls(window: Window) -> None:
     before = window.ask("look")
     after = window.drag(1, (200, 90), (120, 160), "ctrl")
     assert np.allclose(direction(after), direction(before)) and not np.allclose(after["axes"], before["axes"], atol=0.5)
 
 
+@pytest.mark.long
 def test_the_wheel_zooms_to_the_cursor(window: Window) -> None:
     before = window.ask("look")
     window.hands("mousemove", 180, 50, "click", 4, "click", 4)
@@ -432,6 +439,7 @@ def test_the_wheel_zooms_to_the_cursor(window: Window) -> None:
     assert np.allclose(window.ask("settle")["eye"], before["eye"])
 
 
+@pytest.mark.long
 def test_a_picture_that_is_being_refined_gives_way(window: Window) -> None:
     before = window.ask("look")
     assert window.ask("nudge")["same"]
@@ -439,12 +447,14 @@ def test_a_picture_that_is_being_refined_gives_way(window: Window) -> None:
     assert after["full"] and np.subtract(after["eye"], before["eye"]) @ direction(before) > 0.5
 
 
+@pytest.mark.long
 def test_right_zooms(window: Window) -> None:
     before = window.ask("look")
     after = window.drag(3, (120, 90), (120, 50))
     assert np.subtract(after["eye"], before["eye"]) @ direction(before) > 0.5
 
 
+@pytest.mark.long
 def test_double_click_sets_the_pivot(window: Window) -> None:
     before = window.ask("double", within=PATIENCE)
     window.hands("mousemove", 120, 90, "click", 1, "click", 1)
@@ -477,6 +487,7 @@ def test_the_window_shows_what_is_saved(window: Window, folder: Path) -> None:
     assert np.array_equal(np.load(folder / "again.npy"), np.load((folder / scene).with_suffix(".npy")))
 
 
+@pytest.mark.long
 def test_the_reference_beside_it(window: Window) -> None:
     silent(window)
     plain = window.shot().astype(int)
@@ -589,6 +600,7 @@ def test_what_cannot_be_extracted_leaves_the_picture(values: Window) -> None:
     assert told["full"] and told["settings"]["blend"] == "mean" and told["splats"] > plain["splats"]
 
 
+@pytest.mark.long
 def test_z_k_is_shown(window: Window) -> None:
     """Far enough off, the plane is in front of the volume: all is tinted, and nothing of it in its colours."""
     silent(window)
@@ -624,6 +636,7 @@ def test_a_turned_view_keeps_to_its_baseline(folder: Path, splatgl_image: ImageR
     splatgl_image(image, name="turned", tolerance=0.02)
 
 
+@pytest.mark.long
 def test_resizing(window: Window) -> None:
     identity = window.identity
     window.hands("windowsize", "--sync", identity, 300, 200)
@@ -636,6 +649,7 @@ def test_resizing(window: Window) -> None:
 # --- files --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_dropped_files(window: Window, folder: Path) -> None:
     """Another volume is opened; a bad one says why, and what is shown stays."""
     # whatever another test has left
@@ -651,6 +665,7 @@ def test_dropped_files(window: Window, folder: Path) -> None:
     assert window.drop(folder / "blob.npy")["splats"] == first
 
 
+@pytest.mark.long
 def test_several_dropped_files_are_a_series(window: Window, tmp_path: Path) -> None:
     """Sorted by their numbers, in one view and one transfer function; each once, and around again when played."""
     for number, side in ((10, 24), (2, 16), (1, 20)):
@@ -895,6 +910,7 @@ def test_a_display_that_goes_away(folder: Path) -> None:
     assert error == "splatgl: the display went away\n" and process.returncode == 2
 
 
+@pytest.mark.long
 def test_a_window_that_goes_away(display: str, folder: Path) -> None:
     """No window manager does that, but it can be done."""
     process = view(display, folder / "blob.npy")
@@ -905,6 +921,7 @@ def test_a_window_that_goes_away(display: str, folder: Path) -> None:
     assert process.returncode == 2
 
 
+@pytest.mark.long
 def test_a_drag_whose_source_ends(window: Window, folder: Path) -> None:
     """A file manager that fails in the middle of a drag takes no window with it."""
     window.ask("settle")
@@ -915,11 +932,13 @@ def test_a_drag_whose_source_ends(window: Window, folder: Path) -> None:
     assert window.ask("settle")["full"] and window.drop(folder / "blob.npy")["full"]
 
 
+@pytest.mark.long
 def test_a_context_that_fails(window: Window) -> None:
     """One line, which `splatgl view` ends with."""
     assert window.ask("fail")["message"].startswith("window: OpenGL failed: GL_INVALID_ENUM; close other programs")
 
 
+@pytest.mark.long
 def test_a_display_that_is_not_there(folder: Path) -> None:
     command = [sys.executable, "-m", "splatgl", "view", str(folder / "blob.npy")]
     environment = {**os.environ, "DISPLAY": ":9999"}
