@@ -1,4 +1,4 @@
-"""Reconstructed values along rays in float64: what lies between two sheets is cut, classified in parts, and lit."""
+"""Reconstructed values along rays in float64: what lies around a sheet is cut, classified in parts, and lit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from splatgl.splat.cues.cues import Cues
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.blend_mode import BlendMode
 from splatgl.splat.plan.resolve import Resolved
-from splatgl.splat.sheets.sheets import LEAST_MASS, Sheets, index_direction
+from splatgl.splat.sheets.sheets import CENTERED, EDGE, LEAST_MASS, Sheets, index_direction, layer_phase
 from splatgl.splat.view.clip import FACE
 from splatgl.splat.view.mask import MaskField, face_share, kept_part
 from splatgl.splat.view.view import View
@@ -43,7 +43,7 @@ class SheetField:
 
     @classmethod
     def of(cls, splats: Splats, resolved: Resolved, view: View, near: int = 0) -> SheetField:
-        """Of splats that are classified after. near: sheets from the eye on that hold the field itself."""
+        """Of splats that are classified after. near: sheets from the eye on that are planes."""
         assert splats.post is not None
         look = resolved.look
         shines = look.light.within(resolved.camera)
@@ -62,12 +62,10 @@ class SheetField:
         for part in self.parts(sums, rays, first, sheets, seen):
             at = part.pixel
             if self.blend.one_value:
-                length = (part.ends[1] - part.ends[0]) / 2
-                values = part.begin[:, 0], part.end[:, 0]
-                if part.sheet + 1 >= self.near:
-                    values = ((values[0] + values[1]) / 2,) * 2
-                for value in values:
-                    light[at] = joined(light[at], value, length, self.blend.join)
+                length = part.ends[1] - part.ends[0]
+                # Simpson's rule for the mean, and nearly the extremes
+                for value, share in ((part.begin[:, 0], 1 / 6), (part.value, 2 / 3), (part.end[:, 0], 1 / 6)):
+                    light[at] = joined(light[at], value, length * share, self.blend.join)
             elif self.blend.unbounded:
                 light[at] += self.matter(part, rays)
             else:
@@ -79,41 +77,57 @@ class SheetField:
     def parts(
         self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets, seen: Callable[[], np.ndarray]
     ) -> Iterator[Part]:
-        """What lies between two sheets within the volume's box, in `steps` parts, nearest first. seen: tells in which
+        """What lies around each sheet within the volume's box, in `steps` parts, nearest first. seen: tells in which
         pixels anything more can be seen.
         """
-        pixels = len(sums)
-        before = np.zeros((pixels, 4))
-        known = np.zeros(pixels, bool)
         near, far = self.places(rays, rays.near, sheets), self.places(rays, rays.far, sheets)
         entry = near if rays.entry is None else self.places(rays, rays.entry, sheets)
         stretch = rays.stretch * sheets.thickness
-        padded = np.concatenate([sums, np.zeros((pixels, 1, 5))], axis=1)
-        for n in range(padded.shape[1]):
-            mass = padded[:, n, 0]
-            valid = mass >= LEAST_MASS
-            mean = padded[:, n, 1:] / np.where(valid, mass, 1.0)[:, None]
-            mean = np.where(valid[:, None], mean, before)
-            start = np.where(known[:, None], before, mean)
-            some = np.flatnonzero((valid | known) & seen())
+        padded = np.pad(self.centered(sums, rays, first, sheets), ((0, 0), (2, 2), (0, 0)))
+        for n in range(1, padded.shape[1] - 1):
+            some = np.flatnonzero((padded[:, n - 1 : n + 2, 0] > 0).any(axis=1) & seen())
+            before, own, behind_ = (padded[some, n + k] for k in (-1, 0, 1))
+            around = np.stack([(before + own) / 2, own, (own + behind_) / 2])
+            # half-way from the sheet before
+            begin = first + n - 2 - 0.5
             # the part within the box
-            low, high = (np.clip(end[some] - (first + n - 1), 0.0, 1.0) for end in (near, far))
-            face = entry[some] - (first + n - 1) + FACE / sheets.thickness
+            low, high = (np.clip(end[some] - begin, 0.0, 1.0) for end in (near, far))
+            face = entry[some] - begin + FACE / sheets.thickness
             for i in range(sheets.steps):
                 ends = self._kept(
-                    [np.clip((i + end) / sheets.steps, low, high) for end in (0, 1)], first + n - 1, some, rays, sheets
+                    [np.clip((i + end) / sheets.steps, low, high) for end in (0, 1)], begin, some, rays, sheets
                 )
-                begin, end = (start[some] * (1 - at[:, None]) + mean[some] * at[:, None] for at in ends)
+                middle = (ends[0] + ends[1]) / 2
+                has = between_sheets(around, middle)[:, 0] >= LEAST_MASS
+                ends[1] = np.where(has, ends[1], ends[0])
                 length = ends[1] - ends[0]
-                middle = ((first + n - 1) + (ends[0] + ends[1]) / 2) * sheets.thickness
                 faced = np.clip(face - ends[0], 0.0, length) / np.where(length > 0, length, 1.0)
-                yield Part(some, first + n - 1, (ends[0], ends[1]), begin, end, stretch[some], faced, middle)
-            before, known = np.where(valid[:, None], mean, 0.0), valid
+                means = (means_of(between_sheets(around, at)) for at in (ends[0], middle, ends[1]))
+                distance = (begin + middle) * sheets.thickness
+                yield Part(some, begin, (ends[0], ends[1]), *means, stretch[some], faced, distance)
+
+    def centered(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
+        """Sums [P, sheets, 5] whose values are moved, by their gradients, from where the mean place of even matter is to
+        the sheets' own.
+        """
+        number = first + np.arange(sums.shape[1])
+        offset = np.broadcast_to(ray_offset(self.view, rays), len(rays.near))
+        along = number * sheets.thickness - offset[:, None]
+        places = rays.start[..., None] + rays.direction[..., None] * along
+        lag = (sheets.layer_lags(rays.direction)[..., None] * layer_phase(places)).sum(axis=0)
+        if self.view.perspective:
+            lag += bend(number, sheets) * (number >= self.near)
+        low, high = CENTERED
+        share = np.clip((sums[..., 0] / sheets.mass - low) / (high - low), 0.0, 1.0)
+        slope = (sums[..., 2:] * rays.toward[:, None]).sum(axis=-1) * (rays.stretch * sheets.thickness)[:, None]
+        moved = sums.copy()
+        moved[..., 1] += share * lag * slope
+        return moved
 
     def _kept(
-        self, ends: list[np.ndarray], sheet: int, some: np.ndarray, rays: Rays, sheets: Sheets
+        self, ends: list[np.ndarray], sheet: float, some: np.ndarray, rays: Rays, sheets: Sheets
     ) -> list[np.ndarray]:
-        """What the mask keeps between ends, in sheets from one, of some pixels."""
+        """What the mask keeps between ends, in sheets from a place in them, of some pixels."""
         if self.mask is None:
             return ends
         at = [self.mask.at(self._points((sheet + end) * sheets.thickness, some, rays)) for end in ends]
@@ -169,16 +183,17 @@ class SheetField:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A part of what lies behind a sheet, of pixels [P]. ends: where it begins and ends, in sheets from that one.
+    """A part of what lies around a sheet, of pixels [P]. ends: where it begins and ends, in sheets from `sheet`.
 
-    begin, end [P, 4]: values and gradients there. stretch [P]: mean spacings per sheet. faced [P]: its share within the
+    begin, mean, end [P, 4]: values and gradients there and in its middle. stretch [P]: mean spacings per sheet. faced [P]: its share within the
     face of a cut. middle [P]: distance of its middle, index units, as sheets are counted.
     """
 
     pixel: np.ndarray
-    sheet: int
+    sheet: float
     ends: tuple[np.ndarray, np.ndarray]
     begin: np.ndarray
+    mean: np.ndarray
     end: np.ndarray
     stretch: np.ndarray
     faced: np.ndarray
@@ -187,7 +202,30 @@ class Part:
     @property
     def gradient(self) -> np.ndarray:
         """[P, 3]: in its middle."""
-        return np.asarray((self.begin[:, 1:] + self.end[:, 1:]) / 2)
+        return self.mean[:, 1:]
+
+    @property
+    def value(self) -> np.ndarray:
+        """[P]: in its middle."""
+        return self.mean[:, 0]
+
+
+def between_sheets(around: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """[P, 5]: sums at places u [P] from 0, half-way before a sheet, to 1, half-way behind. around [3, P, 5]: the sums
+    half-way before, of the sheet, and half-way behind.
+    """
+    shares = np.stack([(1 - u) ** 2, 2 * u * (1 - u), u**2]) + EDGE
+    return np.asarray((shares[..., None] * around).sum(axis=0))
+
+
+def means_of(sums: np.ndarray) -> np.ndarray:
+    """Values and gradients [P, 4] of sums [P, 5]; 0 without mass."""
+    return np.asarray(sums[:, 1:] / np.where(sums[:, :1] > 0, sums[:, :1], 1.0))
+
+
+def bend(number: np.ndarray, sheets: Sheets) -> np.ndarray:
+    """How far, in sheets, a ray passes even matter of a sphere before the sphere's own place."""
+    return np.asarray(sheets.variance / sheets.thickness**2 / np.maximum(number, 1))
 
 
 Lit = tuple[np.ndarray, np.ndarray]

@@ -1,8 +1,8 @@
 """Sheets in float64: the twin of `shaders/sheet_draw.comp`, with exact footprints and transfer functions.
 
-Classified before: extinction and extinction · colour add up within a sheet. Classified after: values and gradients
-are means within a sheet, linear between two sheets, and classified in parts between them, or joined to one value
-that is classified.
+Classified before: extinction and extinction · colour add up within a sheet. Classified after: masses, and values and
+gradients by mass, add up within a sheet; a quadratic B-spline joins the sums of sheets, and their means are classified
+in parts, or joined to one value that is classified.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from splatgl.splat.kernel.kernels import Kernel
 from splatgl.splat.kernel.tabulated import tabulated
 from splatgl.splat.plan.resolve import Resolved
 from splatgl.splat.sheets.near import ABSENT, NearField
+from splatgl.splat.sheets.sheets import Sheets
 from splatgl.splat.view.camera import Camera
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.truth.extent import Boxes, pixel_boxes
@@ -49,7 +50,7 @@ class SheetScene:
         self.field, self.near = None, NearField.of(splats, view, self.sheets)
         if self.near is not None:
             last = max(self.first + self.many, self.near.count)
-            self.first = min(self.first, 0)
+            self.first = min(self.first, -1)
             self.many = last - self.first
         if depth is not None:
             color = splats.colors.astype(np.float64)
@@ -86,10 +87,9 @@ class SheetScene:
         by_sheet = sums.T.reshape(-1, self.many, len(sums))
         if self.near is not None:
             rays = self._rays(window, None, None)
-            for sheet in range(self.near.count):
-                places = rays.start + rays.direction * (sheet * self.sheets.thickness)
-                held = near_sums(self.near, self.view.kernel, places) * self.sheets.thickness
-                by_sheet[:, sheet - self.first] = held
+            by_sheet[:, : -1 - self.first] = 0
+            for sheet in range(-1, self.near.count):
+                by_sheet[:, sheet - self.first] = near_sums(self.near, self.view.kernel, rays, sheet, self.sheets)
         return by_sheet
 
     def _classified(self, sums: np.ndarray, windows: Sequence[Window]) -> np.ndarray:
@@ -114,7 +114,7 @@ class SheetScene:
             sums = sums if near is None else sums * self._within(rays)[..., None]
             return Pieces(self._depths(rays, middle + np.array([-0.5, 0.5])), sums)
         every = np.ones(len(sums), bool)
-        number = (self.many + 1) * self.sheets.steps
+        number = (self.many + 2) * self.sheets.steps
         ends, matter = np.zeros((len(sums), number, 2)), np.zeros((len(sums), number, 4))
         for n, part in enumerate(self.field.parts(sums, rays, self.first, self.sheets, lambda: every)):
             # a piece for each part, also where nothing is known
@@ -162,10 +162,9 @@ def _pixels(window: Window, camera: Camera) -> np.ndarray:
     return np.asarray((rows + np.arange(window.x, window.x + window.width)).ravel())
 
 
-def near_sums(near: NearField, kernel: Kernel, places: np.ndarray) -> np.ndarray:
-    """[P, 5]: mass, value and gradient by mass, of the voxels around grid positions [3, P]. Of even matter a unit of
-    length has as much mass as in sheets.
-    """
+def near_sums(near: NearField, kernel: Kernel, rays: Rays, sheet: int, sheets: Sheets) -> np.ndarray:
+    """[P, 5]: mass, value and gradient by mass, of a sheet around the eye, across each ray."""
+    places = rays.start + rays.direction * (sheet * sheets.thickness)
     sums = np.zeros((places.shape[1], 5))
     first = np.floor(places).astype(np.int64)
     around = near.around
@@ -174,7 +173,10 @@ def near_sums(near: NearField, kernel: Kernel, places: np.ndarray) -> np.ndarray
         cell = first + np.array(step)[:, None] - around + 1
         x, y, z = np.clip(cell - near.low[:, None], 0, size - 1)
         found = near.cells[z, y, x].astype(np.float64)
-        weight = kernel.value(np.linalg.norm(places - cell, axis=0)) * (found[:, 3] < ABSENT)
+        apart = cell - places
+        along = (apart * rays.direction).sum(axis=0)
+        across = np.sqrt(np.maximum((apart**2).sum(axis=0) - along**2, 0.0))
+        weight = kernel.footprint(across) * sheets.shares(along / sheets.thickness) * (found[:, 3] < ABSENT)
         sums += weight[:, None] * np.column_stack([np.ones(len(found)), found[:, 3], found[:, :3]])
     return np.asarray(sums / kernel.footprint(np.zeros(())))
 

@@ -105,7 +105,7 @@ class Bricks:
             if self.shell is not None:
                 first, last = self.shell
                 self.found[brick] = int(((base >= first) & (base < last)).sum())
-                kept = (base > first - sheets.count) & (base <= last)
+                kept = (base >= first - sheets.count) & (base <= last + 1)
                 records, base = records[kept], base[kept]
             by_sheet = np.argsort(base, kind="stable")
             return records[by_sheet], base[by_sheet]
@@ -170,7 +170,7 @@ class Bricks:
     def within(self, sheets: Sheets, view: View, shell: Shell) -> Bricks:
         """The bricks that matter to what lies between two sheets, and of them those splats."""
         furthest = sheets.base(self._corner_places(sheets, view).max(axis=0))
-        kept = (self.nearest(sheets, view) <= shell[1]) & (furthest > shell[0] - sheets.count)
+        kept = (self.nearest(sheets, view) <= shell[1] + 1) & (furthest >= shell[0] - sheets.count)
         return replace(self, low=self.low[kept], high=self.high[kept], found={}, gaps={}, shell=shell)
 
     def shells(self, sheets: Sheets, view: View, count: int) -> list[Shell]:

@@ -1,8 +1,8 @@
-"""`NearField`: the voxels around the eye, of which the first sheets hold the field itself.
+"""`NearField`: the voxels around the eye, which belong to the first sheets by where each ray passes them.
 
 A sheet's mean is of voxels at one distance from the eye, e, which a ray passes at √(e² − D²), or behind the eye. From
-a few sheets on that is the sheet's own place; nearer, it is up to a third of a voxel off it. There the field is taken
-on the ray, at the sheets' places, from the voxels themselves.
+a few sheets on that is the sheet's own place; nearer, it is up to a third of a voxel off it. There voxels belong to
+planes across each ray, by where it passes them, also to one behind the eye.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Box = tuple[np.ndarray, np.ndarray]
 class NearField:
     """low int64 [3]: the first voxel (x, y, z). cells float32 [D, H, W, 4]: gradients, and values or ABSENT.
 
-    count: sheets from the eye on that hold the field. around: voxels in each direction within a kernel's reach.
+    count: sheets from the eye on that are planes; one behind it is, too. around: voxels in each direction within a kernel's reach.
     """
 
     low: np.ndarray

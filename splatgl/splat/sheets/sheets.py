@@ -16,12 +16,15 @@ from splatgl.splat.extraction.splats import Splats, corners_of
 from splatgl.splat.kernel.kernels import Kernel, depth_deviation
 from splatgl.splat.view.view import View
 
-# share of a constant field's sums below which a sheet holds no value on a ray
-LEAST_MASS = 0.02
+# mass below which a place holds no value; and the share of each of three sheets, besides their weights, in what lies
+# between them, so that there is a value wherever one of them has any
+LEAST_MASS, EDGE = 0.02, 1e-4
+# shares of even matter's mass from which a sheet's value is moved to the sheet's place: not at all, wholly
+CENTERED = (0.85, 0.95)
 # most sheets of a picture; beyond, splats are composited one by one; and the longest side of a volume, in voxels, whose
 # sheets are all counted
 MOST_SHEETS, LONGEST = 2**15, 2**13
-# sheets from the eye on that hold the field itself, at least: further ones are less than a tenth of a voxel off it
+# sheets from the eye on that are planes across each ray, at least: further ones are less than a tenth of a voxel off
 NEAR = 5
 
 
@@ -29,33 +32,37 @@ NEAR = 5
 class Sheets:
     """count: sheets that share a splat, 2 to 4. thickness: index units.
 
-    steps: parts between two sheets, each classified once; 0: splats are classified before.
+    steps: parts of a sheet's thickness, each classified once; 0: splats are classified before. variance: of the kernel
+    in depth, voxels². mass: of a sheet on a ray through even matter.
     """
 
     count: int
     thickness: float
     steps: int
+    variance: float
+    mass: float
 
     @classmethod
     def of(cls, kernel: Kernel, count: int, steps: int) -> Sheets:
         """The sheets whose spread of a splat in depth has the kernel's own deviation.
 
-        Boxes of B-spline weights, of variance h² (n + 2)/12; or points, with linear interpolation between, of variance
-        h² (n + 1)/12 + h²/6.
+        Boxes of B-spline weights, of variance h² (n + 2)/12; or points of variance h² (n + 1)/12, whose sums a quadratic
+        B-spline joins, of variance h²/4.
         """
-        degree = count - 1
-        variance = (degree + 2) / 12 if steps == 0 else (degree + 1) / 12 + 1 / 6
-        return cls(count, depth_deviation(kernel) / float(np.sqrt(variance)), steps)
+        degree, deviation = count - 1, depth_deviation(kernel)
+        variance = (degree + 2) / 12 if steps == 0 else (degree + 1) / 12 + 1 / 4
+        thickness = deviation / float(np.sqrt(variance))
+        return cls(count, thickness, steps, deviation**2, thickness / float(kernel.footprint(np.zeros(()))))
 
     def explain(self) -> str:
         """A description, one line."""
         how = (
-            f"classified after reconstruction, in {self.steps} parts between two" if self.steps else "classified before"
+            f"classified after reconstruction, in {self.steps} parts each" if self.steps else "classified before"
         )
         return f"sheets {self.thickness:.3g} voxels thick, {self.count} share a splat, {how}"
 
     def near_count(self, radius: float) -> int:
-        """Sheets from the eye on that hold the field itself. radius: of the kernel, within which no splat of others
+        """Sheets from the eye on that are planes across each ray. radius: of the kernel, within which no splat of others
         is from the eye: each is wholly before it or behind.
         """
         return max(NEAR, int(np.ceil(radius / self.thickness + self.count / 2)))
@@ -68,6 +75,27 @@ class Sheets:
     def weights(self, place: np.ndarray, base: np.ndarray) -> np.ndarray:
         """[count, N] weights of the sheets base, base + 1, …, of splats at `place` [N]."""
         return WEIGHTS[self.count](np.asarray(place, np.float64) - base)
+
+    def shares(self, place: np.ndarray) -> np.ndarray:
+        """[N] weights of the sheet at 0 of splats at `place` [N]."""
+        number = -self.base(place)
+        inside = (number >= 0) & (number < self.count)
+        weights = self.weights(place, -number)
+        found = np.take_along_axis(weights, np.clip(number, 0, self.count - 1)[None], axis=0)[0]
+        return np.asarray(np.where(inside, found, 0.0))
+
+    def layer_lags(self, direction: np.ndarray) -> np.ndarray:
+        """[3, N]: how far, in sheets, even matter's mean place is from a sheet's, per `layer_phase`, by the layers of
+        voxels across each axis; direction [3, N]: unit vectors of rays, index axes.
+
+        The first term of Poisson's sum over voxels: the weights' derivative at the frequency of layers along the ray, by
+        the footprint's, as of a Gaussian, across it.
+        """
+        f = np.maximum(np.abs(direction) * self.thickness, 0.1)
+        box = np.sinc(f)
+        slope = self.count * box ** (self.count - 1) * (np.cos(np.pi * f) - box) / f
+        across = np.exp(-2 * np.pi**2 * self.variance * (1 - direction**2))
+        return np.asarray(8 / np.pi * slope * across * np.sign(direction))
 
     def places(self, view: View, positions: np.ndarray) -> np.ndarray:
         """Distances from the eye over thickness, float64 [N], of splats at grid positions [N, 3]."""
@@ -102,6 +130,12 @@ def index_direction(view: View) -> np.ndarray:
     """[3]: unit vector along a parallel view's rays, index axes."""
     along = view.index_from_eye[:, 2]
     return np.asarray(along / np.linalg.norm(along))
+
+
+def layer_phase(place: np.ndarray) -> np.ndarray:
+    """−sin(2π place)/8 in parabolas, of grid positions along an axis."""
+    x = place - np.floor(place) - 0.5
+    return np.asarray(x * (1 - 2 * np.abs(x)))
 
 
 def _linear(t: np.ndarray) -> np.ndarray:
