@@ -10,6 +10,8 @@ uniform sampler2D sheet_sums;    // of the sheet
 uniform sampler2D sheet_masses;
 uniform sampler2D sums_before;   // of the sheet before
 uniform sampler2D masses_before;
+uniform sampler2D sums_earlier;  // of the one before that
+uniform sampler2D masses_earlier;
 uniform int sheet;               // its number
 uniform int top;                 // the picture's row at which the band begins whose sheets these are
 
@@ -25,17 +27,19 @@ void main() {
     if (STEPS == 0) {
         if (sum0[0].a <= 0.0) discard;
     } else {
-        float mass = texelFetch(masses_before, pixel, 0).r;
-        vec4 sums = texelFetch(sums_before, pixel, 0);
         masses[0] = texelFetch(sheet_masses, pixel, 0);
+        held[0] = vec3(0.0, texelFetch(masses_earlier, pixel, 0).r, texelFetch(masses_before, pixel, 0).r);
+        middle[0] = texelFetch(sums_earlier, pixel, 0);
+        before[0] = texelFetch(sums_before, pixel, 0);
 #if NEAR == 1
-        take_near(0, sheet - 1, sums, mass);
+        take_near(0, sheet - 2, middle[0], held[0].y);
+        take_near(0, sheet - 1, before[0], held[0].z);
         take_near(0, sheet, sum0[0], masses[0].x);
 #endif
-        known[0] = mass >= LEAST_MASS ? 1.0 : 0.0;
-        if (masses[0].x < LEAST_MASS && known[0] == 0.0) discard;
-        before[0] = known[0] > 0.0 ? sums / mass : vec4(0.0);
+        if (masses[0].x + held[0].y + held[0].z < LEAST_MASS) discard;
         set_ray(0);
+        middle[0] = centered(0, sheet - 2, middle[0], held[0].y);
+        before[0] = centered(0, sheet - 1, before[0], held[0].z);
     }
     take_sheet(0, sheet);
     close_sheet(0, sheet);

@@ -7,7 +7,10 @@
 // switch MASKED 0
 // switch LIMITED 0
 // switch NEAR 0
-#constant LEAST_MASS  // below which a sheet holds no value
+#constant LEAST_MASS  // below which a place holds no value
+#constant EDGE        // share of each sheet, besides its weight, in what lies between three
+#constant CENTERED    // shares of full_mass from which a value is moved to its sheet's place: not at all,
+#constant WHOLLY      // wholly
 #constant CELLS       // of the classification table
 #constant TABLE_ROW   // ends of cells along its rows
 #constant WEIGHTS     // cells of the table of weights by gradient, in the rows behind
@@ -101,11 +104,11 @@ float face_share(vec3 gradient, vec3 normal) {
 #if NEAR == 1
 uniform sampler2D near_sums;    // see near_field.frag
 uniform sampler2D near_masses;
-uniform ivec2 near_sheets;      // first of the sheets that hold the field itself, and the one behind the last
+uniform ivec2 near_sheets;      // first of the sheets that are planes, and the one behind the last
 uniform vec2 near_grid;         // 1 over pixels between two rays, and rows of a sheet
 uniform float near_top;         // the picture's row of the band's first
 
-// A sheet's sums and mass, if it holds the field itself.
+// A sheet's sums and mass, if it is a plane.
 void take_near(int row, int sheet, inout vec4 sums, inout float mass) {
     if (sheet >= near_sheets.y) return;
     vec2 at = (first + vec2(0.0, float(row) + near_top) - 0.5) * near_grid.x + 0.5;
@@ -120,15 +123,15 @@ void take_near(int row, int sheet, inout vec4 sums, inout float mass) {
 // the open sheets of a pixel, nearest first, and their masses
 vec4 sum0[ROWS], sum1[ROWS], sum2[ROWS], sum3[ROWS];
 vec4 masses[ROWS];
-// of a pixel: the value and gradient on the sheet before, or 0; whether there is one
-vec4 before[ROWS];
-float known[ROWS];
-// of the sheet that was taken last: the value and gradient before it; classified before, its sum; whether it is between
-// two sheets, or one of them at least
-vec4 start[ROWS];
-bool some[ROWS];
+// of a pixel, by mass: gradient and value of the last two sheets that were taken, and half-way between the first of them
+// and the one before it; classified before, the last one's sum. And their masses, in the order of places
+vec4 start[ROWS], middle[ROWS], before[ROWS];
+vec3 held[ROWS];
 // or, until all sheets are closed, of blends of one value: it, or their sum by length, and the length
 vec4 light[ROWS];
+// of a pixel's ray: its place among voxels at the first sheet, voxels per sheet, and how far sheets' values are off their
+// places by the layers of voxels
+vec3 layer_first[ROWS], layer_step[ROWS], layer_lag[ROWS];
 #if CUED
 // of a pixel's ray: its cell at the first sheet, and cells per sheet
 vec3 first_cell[ROWS], cell_step[ROWS];
@@ -182,6 +185,11 @@ void set_ray(int row) {
     near = drawn.x;
     far = drawn.y;
 #endif
+    if (STEPS > 0) {
+        layer_first[row] = start + direction * (first_sheet * thickness - offset) - box_low - 0.5;
+        layer_step[row] = direction * thickness;
+        layer_lag[row] = layer_lags(direction);
+    }
 #if MASKED == 1
     mask_first[row] = start + direction * (first_sheet * thickness - offset) - mask_low;
     mask_step[row] = direction * thickness;
@@ -316,26 +324,43 @@ vec4 shown(vec4 light) {
     return light.y > 0.0 ? behind(vec4(0.0), weighed(matter, vec3(0.0), 1.0)) : vec4(0.0);
 }
 
+// A sheet's sums, with the value moved by the gradient from the mean place of even matter to the sheet's own.
+vec4 centered(int row, int sheet, vec4 sums, float mass) {
+    float lag = dot(layer_lag[row], layer_phase(layer_first[row] + layer_step[row] * float(sheet)));
+#if NEAR == 1
+    if (sheet >= near_sheets.y)
+#endif
+    if (PERSPECTIVE == 1) lag += bulge(float(sheet) + first_sheet);
+    float share = clamp((mass / full_mass - CENTERED) / (WHOLLY - CENTERED), 0.0, 1.0);
+    sums.a += share * lag * dot(sums.rgb, toward[row]) * lengths[row] * style.opacity_length;
+    return sums;
+}
+
+// Weights of three sums of what lies between the first place, 0, and the last, 1.
+vec3 spline_shares(float u) {
+    return vec3((1.0 - u) * (1.0 - u), 2.0 * u * (1.0 - u), u * u) + EDGE;
+}
+
 // Takes the values of the nearest open sheet, number `current`, and opens another; classified after, true if matter
-// before it can be seen.
+// around the one before it can be seen.
 bool take_sheet(int row, int current) {
     bool seen = true;
-    start[row] = STEPS == 0 ? sum0[row] : before[row];
-    if (STEPS > 0) {
+    if (STEPS == 0) start[row] = sum0[row];
+    else {
 #if NEAR == 1
         take_near(row, current, sum0[row], masses[row].x);
 #endif
-        bool valid = masses[row].x >= LEAST_MASS;
-        vec4 mean = valid ? sum0[row] * (1.0 / masses[row].x) : before[row];
-        if (known[row] == 0.0) start[row] = mean;
-        some[row] = valid || known[row] > 0.0;
-        before[row] = mean;
-        known[row] = valid ? 1.0 : 0.0;
-        vec2 places = vec2(start[row].a, mean.a) * class_scale.x + class_scale.y;
-        bool within = max(places.x, places.y) >= class_seen.x && min(places.x, places.y) <= class_seen.y;
-        // the part before it, which ends at the sheet, within the box
-        bool inside = ends[row].x < float(current) && ends[row].y > float(current - 1);
-        seen = some[row] && inside && (ONE_VALUE || within);
+        start[row] = 0.5 * (middle[row] + before[row]);
+        middle[row] = before[row];
+        before[row] = centered(row, current, sum0[row], masses[row].x);
+        held[row] = vec3(0.5 * (held[row].y + held[row].z), held[row].z, masses[row].x);
+        // whether any of the values, by mass, is a place in the table between those with matter; some mass at least
+        vec3 places = vec3(start[row].a, middle[row].a, before[row].a) * class_scale.x + class_scale.y * held[row];
+        vec2 limits = clamp(class_seen, -1e9, 1e9) + vec2(-1e-2, 1e-2);
+        bool within = any(greaterThan(places, limits.x * held[row])) && any(lessThan(places, limits.y * held[row]));
+        // the part around it, within the box
+        bool inside = ends[row].x < float(current) - 0.5 && ends[row].y > float(current) - 1.5;
+        seen = inside && (ONE_VALUE ? any(greaterThan(held[row], vec3(0.0))) : within);
     }
     sum0[row] = sum1[row];
     sum1[row] = SHEETS > 2 ? sum2[row] : vec4(0.0);
@@ -345,7 +370,7 @@ bool take_sheet(int row, int current) {
     return seen;
 }
 
-// Composites the sheet that was taken last, number `current`, or what lies between it and the one before.
+// Composites the sheet that was taken last, number `current`; classified after, what lies around the one before it.
 void close_sheet(int row, int current) {
     if (STEPS == 0) {
 #if LIMITED == 1
@@ -357,41 +382,45 @@ void close_sheet(int row, int current) {
 #endif
         light[row] = behind(light[row], start[row]);
     } else {
-        vec4 near = start[row], mean = before[row];
-        // the part within the box, and its values' places
-        vec2 inside = clamp(ends[row] - float(current - 1), 0.0, 1.0);
-        vec2 place = vec2(near.a, mean.a - near.a) * class_scale.x + vec2(class_scale.y, 0.0);
-        Until begin = class_until(place.x + inside.x * place.y);
+        float origin = float(current) - 1.5;
+        vec4 last = 0.5 * (middle[row] + before[row]);
+        vec3 mass = vec3(held[row].xy, 0.5 * (held[row].y + held[row].z));
+        // values by mass; and their places in the table
+        vec3 values = vec3(start[row].a, middle[row].a, last.a);
+        vec3 places = values * class_scale.x + class_scale.y * mass;
+        // the part within the box
+        vec2 inside = clamp(ends[row] - origin, 0.0, 1.0);
+        vec3 shares = spline_shares(inside.x);
+        Until begin = class_until(dot(places, shares) / max(dot(mass, shares), 1e-30));
 #if MASKED == 1
-        float kept = mask_at(row, float(current - 1) + inside.x).r - MASK_EDGE;
+        float kept = mask_at(row, origin + inside.x).r - MASK_EDGE;
 #endif
         for (int i = 0; i < STEPS; i++) {
             vec2 part = clamp(vec2(float(i), float(i + 1)) / float(STEPS), inside.x, inside.y);
 #if MASKED == 1
-            float kept_then = mask_at(row, float(current - 1) + part.y).r - MASK_EDGE;
+            float kept_then = mask_at(row, origin + part.y).r - MASK_EDGE;
             part = kept_part(part, vec2(kept, kept_then));
             kept = kept_then;
-            begin = class_until(place.x + part.x * place.y);
+            shares = spline_shares(part.x);
+            begin = class_until(dot(places, shares) / max(dot(mass, shares), 1e-30));
 #endif
-            float length_ = some[row] ? part.y - part.x : 0.0;
-            float middle = 0.5 * (part.x + part.y);
+            vec3 first_shares = spline_shares(part.x), mean_shares = spline_shares(0.5 * (part.x + part.y));
+            vec3 last_shares = spline_shares(part.y);
+            float mean_mass = dot(mass, mean_shares), last_mass = max(dot(mass, last_shares), 1e-30);
+            float length_ = mean_mass >= LEAST_MASS ? part.y - part.x : 0.0;
             if (ONE_VALUE) {
-#if NEAR == 1
-                // extremes of the field itself are at the ends of what is linear
-                if (current < near_sheets.y) {
-                    light[row] = joined(light[row], mix(near.a, mean.a, part.x), 0.5 * length_);
-                    light[row] = joined(light[row], mix(near.a, mean.a, part.y), 0.5 * length_);
-                    continue;
-                }
-#endif
-                light[row] = joined(light[row], mix(near.a, mean.a, middle), length_);
+                // Simpson's rule for the mean, and nearly the extremes
+                float first_mass = max(dot(mass, first_shares), 1e-30);
+                light[row] = joined(light[row], dot(values, first_shares) / first_mass, length_ / 6.0);
+                light[row] = joined(light[row], dot(values, mean_shares) / max(mean_mass, 1e-30), length_ / 1.5);
+                light[row] = joined(light[row], dot(values, last_shares) / last_mass, length_ / 6.0);
             } else {
-                Until end = class_until(place.x + part.y * place.y);
+                Until end = class_until(dot(places, last_shares) / last_mass);
                 vec4 matter = class_mean(begin, end);
                 begin = end;
-                vec3 gradient = mix(near.rgb, mean.rgb, middle);
+                vec3 gradient = mat3(start[row].rgb, middle[row].rgb, last.rgb) * mean_shares / max(mean_mass, 1e-30);
                 matter = weighed(matter, gradient, length_ * lengths[row]);
-                vec2 at = float(current - 1) + part;
+                vec2 at = origin + part;
                 if (SHADING == 1 || CUED) {
                     vec2 light = light_of(row, gradient, at.x, at.y);
                     matter.rgb = matter.rgb * light.x + (LIGHT == 1 ? matter.a * light.y : 0.0);

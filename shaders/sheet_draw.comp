@@ -43,12 +43,12 @@ void add_four(int row, Joined four[4], Ray ray, vec4 weights[4]) {
 }
 
 // Floats kept of a pixel; the last are of the column.
-#define KEPT 25
+#define KEPT 30
 #define RING(number, row) rings[((tile * uint(KEPT + 1) + uint(number)) * ROWS + uint(row)) * LANES + gl_LocalInvocationID.x]
 void open_pixel(int row) {
     sum0[row] = sum1[row] = sum2[row] = sum3[row] = masses[row] = vec4(0.0);
-    before[row] = vec4(0.0);
-    known[row] = 0.0;
+    middle[row] = before[row] = vec4(0.0);
+    held[row] = vec3(0.0);
     light[row] = vec4(0.0);
     if (STEPS > 0 || LIMITED == 1) set_ray(row);
 }
@@ -63,8 +63,9 @@ void read_ring(uint tile, int row) {
     if (SHEETS > 2) sum2[row] = RING4(8, row);
     if (SHEETS > 3) sum3[row] = RING4(12, row);
     masses[row] = RING4(16, row);
-    before[row] = RING4(20, row);
-    known[row] = RING(24, row);
+    middle[row] = RING4(20, row);
+    before[row] = RING4(24, row);
+    held[row] = vec3(0.0, RING(28, row), RING(29, row));
 }
 
 void write_ring(uint tile, int row) {
@@ -73,8 +74,10 @@ void write_ring(uint tile, int row) {
     if (SHEETS > 2) SET_RING4(8, row, sum2[row])
     if (SHEETS > 3) SET_RING4(12, row, sum3[row])
     SET_RING4(16, row, masses[row])
-    SET_RING4(20, row, before[row])
-    RING(24, row) = known[row];
+    SET_RING4(20, row, middle[row])
+    SET_RING4(24, row, before[row])
+    RING(28, row) = held[row].y;
+    RING(29, row) = held[row].z;
 }
 
 // The four entries of a list around one, and its first sheet.
@@ -135,9 +138,9 @@ void main() {
     }
 #if NEAR == 1
     if (!begun) {
-        // and the sheet behind them, which ends the last segment
+        // and two sheets behind them, to which what they hold reaches
         current = near_sheets.x;
-        holding = near_sheets.y - near_sheets.x + 1;
+        holding = near_sheets.y - near_sheets.x + 2;
     }
 #endif
     float least = 0.0;
@@ -148,7 +151,7 @@ void main() {
         span = vec2(1e9, -1e9);
         EACH(SPAN)
         for (uint then = (at & ~3u) + 4u; then < end; then += 4u) {
-            if (any_column(float(next_base(then, end, names) + SHEETS - 1) >= floor(span.x))) break;
+            if (any_column(float(next_base(then, end, names) + SHEETS) >= floor(span.x))) break;
             at = then;
         }
     }
@@ -177,8 +180,8 @@ void main() {
                     passed += uint(now);
                 }
                 EACH(ADD)
-                // a sheet more than it reaches ends the last segment
-                if (passed > at) holding = max(holding, SHEETS + 1);
+                // classified after, what they hold reaches a sheet further, which the next one ends
+                if (passed > at) holding = max(holding, SHEETS + (STEPS > 0 ? 2 : 0));
                 at = passed;
                 next = next_base(at, end, names);
             } while (at < end && next <= current);
@@ -189,7 +192,7 @@ void main() {
             seen = any_column(seen);
             current++;
             holding--;
-            behind = STEPS > 0 && !any_column(float(current - 1) < span.y);
+            behind = STEPS > 0 && !any_column(float(current) - 1.5 < span.y);
         } while (!seen && !behind && (at < end || holding > 0));
         if (waits) break;
         EACH(CLOSE)

@@ -8,6 +8,10 @@ uniform vec3 sheet_direction;  // parallel views: unit vector along the rays, in
 uniform float thickness;       // of a sheet, index units
 uniform float first_sheet;     // sheets are counted from this one
 
+// of even matter: a kernel's variance in depth, voxels², and a sheet's mass
+uniform float kernel_variance;
+uniform float full_mass;
+
 // Distance over thickness, in sheets from the first, of a splat at a grid position.
 float sheet_place(vec3 position) {
     vec3 i = position - frame.base.xyz - sheet_eye;
@@ -31,4 +35,31 @@ vec4 sheet_weights(float t) {
     }
     float g = clamp(t - 1.0, 0.0, 1.0), q = 1.0 - g;
     return vec4(q * q * q / 6.0, 2.0 / 3.0 - g * g * (1.0 - g / 2.0), 2.0 / 3.0 - q * q * (1.0 - q / 2.0), g * g * g / 6.0);
+}
+
+// The share of the sheet at 0.
+float sheet_share(float place) {
+    int number = -sheet_base(place);
+    vec4 weights = sheet_weights(place + float(number));
+    return number >= 0 && number < SHEETS ? weights[number] : 0.0;
+}
+
+// See Sheets.layer_lags; direction: a ray's unit vector, index axes.
+vec3 layer_lags(vec3 direction) {
+    const float PI = 3.14159265;
+    vec3 f = max(abs(direction) * thickness, vec3(0.1));
+    vec3 box = sin(PI * f) / (PI * f);
+    vec3 power = SHEETS == 2 ? box : SHEETS == 3 ? box * box : box * box * box;
+    vec3 slope = float(SHEETS) * power * (cos(PI * f) - box) / f;
+    return 8.0 / PI * slope * exp(-2.0 * PI * PI * kernel_variance * (1.0 - direction * direction)) * sign(direction);
+}
+
+vec3 layer_phase(vec3 place) {
+    vec3 x = fract(place) - 0.5;
+    return x * (1.0 - 2.0 * abs(x));
+}
+
+// How far a ray passes even matter of a sphere, number `sheet` from the eye, before the sphere's own place, in sheets.
+float bulge(float sheet) {
+    return kernel_variance / (thickness * thickness * max(sheet, 1.0));
 }

@@ -1,4 +1,4 @@
-"""The first sheets from the eye, which hold the field itself: drawn before the others, on a grid of rays."""
+"""The first sheets from the eye, which are planes across each ray: drawn before the others, on a grid of rays."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from splatgl.splat.plan.plan import Plan
 from splatgl.splat.sheets.near import NearField
 
 # texture units
-SUMS_UNIT, MASSES_UNIT, VOXELS_UNIT, KERNEL_UNIT = 28, 29, 30, 31
+SUMS_UNIT, MASSES_UNIT, VOXELS_UNIT = 28, 29, 30
 # least voxels between two rays of the grid, between which the field is linear; and its most rows
 LEAST_APART, MOST_ROWS = 1 / 128, 16_000
 # of a picture without near sheets
@@ -55,13 +55,12 @@ class NearSheets:
         assert sheets is not None
         step = grid_step(near, plan)
         columns, rows = (-(-(side - 1) // step) + 1 for side in plan.view.size)
-        self._prepare(near, (columns, rows * near.count))
+        self._prepare(near, (columns, rows * (near.count + 1)))
         assert self.target is not None
         program = self.programs.for_screen("near_field.frag", plan.program, {"SIDE": 2 * near.around})
-        self.tables.kernel(plan.kernel).use(KERNEL_UNIT)
+        self.tables.use(plan)
         own = {
             "near_voxels": VOXELS_UNIT,
-            "kernel_table": KERNEL_UNIT,
             "near_low": tuple(near.low - plan.view.eye_index),
             "thickness": sheets.thickness,
             "near_step": step,
@@ -78,7 +77,7 @@ class NearSheets:
         return {
             "near_sums": SUMS_UNIT,
             "near_masses": MASSES_UNIT,
-            "near_sheets": (first, first + near.count),
+            "near_sheets": (first - 1, first + near.count),
             "near_grid": (1.0 / step, float(rows)),
             "near_base": first + near.count - sheets.count + 1,
         }
@@ -115,4 +114,4 @@ def grid_step(near: NearField, plan: Plan) -> int:
     # of neighbours at the furthest sheet, at most
     apart = view.pitch * widths[0] / widths[-1] * sheets.thickness * (near.count - 1)
     allowed = max(float(np.sqrt(plan.resolved.tolerance)), LEAST_APART)
-    return max(int(allowed / apart), -(-view.size[1] * near.count // MOST_ROWS), 1)
+    return max(int(allowed / apart), -(-view.size[1] * (near.count + 1) // MOST_ROWS), 1)

@@ -37,6 +37,8 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
         "sheet_eye": tuple(view.eye_index - base_of(splats, view.eye_index)),
         "sheet_direction": tuple(index_direction(view)),
         "thickness": sheets.thickness,
+        "kernel_variance": sheets.variance,
+        "full_mass": sheets.mass,
         "first_sheet": float(sheets.range(splats, view)[0]),
         "shell": EVERYWHERE,
         "partial": False,

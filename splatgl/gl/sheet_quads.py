@@ -31,14 +31,17 @@ from splatgl.splat.sheets.sheets import Sheets
 from splatgl.splat.view.screen_bounds import Window, screen_bounds
 from splatgl.splat.view.view import View
 
-# texture units of a sheet, of the one before, and of values joined to one
-UNITS = {"sheet_sums": 4, "sheet_masses": 5, "sums_before": 6, "masses_before": 7}
-JOINED_UNIT = 8
+# texture units of a sheet, of the two before, and of values joined to one
+UNITS = {
+    **{"sheet_sums": 4, "sheet_masses": 5, "sums_before": 6, "masses_before": 7},
+    **{"sums_earlier": 8, "masses_earlier": 9},
+}
+JOINED_UNIT = 10
 # below every value, and every −value
 LEAST = -float(np.finfo(np.float32).max)
 
 
-# most pixels of a band of the picture: its open sheets take up to 100 bytes a pixel
+# most pixels of a band of the picture: its open sheets take up to 120 bytes a pixel
 MOST_PIXELS = 2**22
 
 
@@ -106,9 +109,9 @@ class SheetQuads:
         chosen, groups = by_first_sheet(splats, sheets, plan.view)
         near = range(0)
         if field is not None:
-            # and the sheet behind them, which ends the last segment
+            # and two sheets behind them, to which what they hold reaches
             nearest = -int(first_sheet)
-            near = range(nearest, nearest + field.count + 1)
+            near = range(nearest - 1, nearest + field.count + 2)
             groups = {base: group for base, group in groups.items() if base >= int(str(uniforms["near_base"]))}
         records = splats.records_with_runs if plan.program.runs else splats.records
         self.instances.fill(records[chosen])
@@ -151,7 +154,7 @@ class SheetQuads:
     def _close(
         self, into: moderngl.Framebuffer, program: moderngl.Program, ring: Ring, sheet: int, window: Window
     ) -> None:
-        """Composites a sheet within a window, with the segment from the one before."""
+        """Composites a sheet within a window; classified after, what lies around the one before."""
         set_uniforms(program, sheet=sheet)
         ring.use(sheet)
         into.scissor = window.box
@@ -183,12 +186,12 @@ class SheetQuads:
 
 
 class Ring:
-    """Textures of the open sheets of a band, used in turn, and classified after of the one before; and of a picture's
+    """Textures of the open sheets of a band, used in turn, and classified after of the two before; and of a picture's
     values and lengths of blends of one value.
     """
 
     def __init__(self, ctx: moderngl.Context, kind: Kind) -> None:
-        self.ctx, self.kind, self.count, self.slots, self.top = ctx, kind, kind.sheets, kind.sheets + kind.post, 0
+        self.ctx, self.kind, self.count, self.slots, self.top = ctx, kind, kind.sheets, kind.sheets + 2 * kind.post, 0
         size = kind.size[0], kind.rows
         self.sums = [ctx.texture(size, 4, dtype="f4") for _ in range(self.slots)]
         self.masses = [ctx.texture(size, 1, dtype="f4") for _ in range(self.slots * kind.post)]
@@ -214,10 +217,10 @@ class Ring:
         settle(self.ctx)
 
     def use(self, sheet: int) -> None:
-        """Binds the textures of a sheet and of the one before."""
-        textures = [each[n % self.slots] for n in (sheet, sheet - 1) for each in (self.sums, self.masses) if each]
-        units = UNITS.values() if self.masses else (UNITS["sheet_sums"], UNITS["sums_before"])
-        for unit, texture in zip(units, textures, strict=True):
+        """Binds the textures of a sheet and, classified after, of the two before."""
+        held = (sheet, sheet - 1, sheet - 2) if self.masses else (sheet,)
+        textures = [each[n % self.slots] for n in held for each in (self.sums, self.masses) if each]
+        for unit, texture in zip(UNITS.values(), textures, strict=False):
             texture.use(unit)
 
     def release(self) -> None:
@@ -258,7 +261,7 @@ def within(groups: dict[int, Group], band: Window) -> dict[int, Group]:
 
 
 def closed(groups: dict[int, Group], slots: int) -> list[int]:
-    """The sheets that hold something, and after classification the one behind each."""
+    """The sheets that hold something, and after classification the two behind each."""
     return sorted({first + n for first in groups for n in range(slots)})
 
 

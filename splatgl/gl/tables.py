@@ -11,7 +11,7 @@ import numpy as np
 from splatgl.gl.constants import TABLE_ROW
 from splatgl.splat.classification.post import WEIGHTS, PostClassified
 from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.kernel.kernels import Kernel, footprint_table, half_line_table, kernel_table, radial_table
+from splatgl.splat.kernel.kernels import Kernel, footprint_table, half_line_table, radial_table
 from splatgl.splat.motion.blur_table import blur_table
 from splatgl.splat.plan.plan import Plan
 
@@ -27,9 +27,6 @@ FORMATS: dict[int, tuple[str, np.dtype, int]] = {
 }
 # texels along each axis of the half-line table: bilinear error 1e−5
 HALF_LINE_SIZE = 256
-# texels of a kernel's table: linear error 1e−5
-KERNEL_SIZE = 2048
-
 
 class Tables:
     """Cache of table textures."""
@@ -52,10 +49,6 @@ class Tables:
             table.use(HALF_LINE_UNIT)
         if program.motion == "exact":
             self._of(kernel, "blur", 0, 32, lambda: blur_table(kernel.name).packed).use(BLUR_UNIT)
-
-    def kernel(self, kernel: Kernel) -> moderngl.Texture:
-        """The kernel itself, over F(0), see near_field.frag."""
-        return self._of(kernel, "kernel", KERNEL_SIZE, 32, lambda: kernel_table(kernel, KERNEL_SIZE))
 
     def classification(self, splats: Splats) -> moderngl.Texture:
         """The table of the splats' transfer function, see sheet_draw.comp; kept for the next picture."""

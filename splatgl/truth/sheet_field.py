@@ -116,7 +116,7 @@ class SheetField:
         places = rays.start[..., None] + rays.direction[..., None] * along
         lag = (sheets.layer_lags(rays.direction)[..., None] * layer_phase(places)).sum(axis=0)
         if self.view.perspective:
-            lag += bend(number, sheets) * (number >= self.near)
+            lag += bulge(number, sheets) * (number >= self.near)
         low, high = CENTERED
         share = np.clip((sums[..., 0] / sheets.mass - low) / (high - low), 0.0, 1.0)
         slope = (sums[..., 2:] * rays.toward[:, None]).sum(axis=-1) * (rays.stretch * sheets.thickness)[:, None]
@@ -223,7 +223,7 @@ def means_of(sums: np.ndarray) -> np.ndarray:
     return np.asarray(sums[:, 1:] / np.where(sums[:, :1] > 0, sums[:, :1], 1.0))
 
 
-def bend(number: np.ndarray, sheets: Sheets) -> np.ndarray:
+def bulge(number: np.ndarray, sheets: Sheets) -> np.ndarray:
     """How far, in sheets, a ray passes even matter of a sphere before the sphere's own place."""
     return np.asarray(sheets.variance / sheets.thickness**2 / np.maximum(number, 1))
 

@@ -259,13 +259,6 @@ def radial_table(shape: Kernel, size: int = 1024) -> np.ndarray:
     return np.stack([value, np.diff(value, append=0.0)], axis=-1)[None]
 
 
-def kernel_table(shape: Kernel, size: int = 2048) -> np.ndarray:
-    """The kernel over F(0) at `size` squared distances from 0 to R², and the step to the next: float64 [1, size, 2]."""
-    value = shape.value(np.sqrt(np.linspace(0.0, 1.0, size)) * shape.radius) / shape.footprint(np.zeros(()))
-    value[-1] = 0.0
-    return np.stack([value, np.diff(value, append=0.0)], axis=-1)[None]
-
-
 @dataclass(frozen=True)
 class Polynomials:
     """F/F(0) over s = D²/R²: inner[0] + inner[1] s + … up to `split`, then u^2.5 (outer[0] + outer[1] u …), u = 1 − s.
