@@ -8,8 +8,9 @@ uniform vec3 sheet_direction;  // parallel views: unit vector along the rays, in
 uniform float thickness;       // of a sheet, index units
 uniform float first_sheet;     // sheets are counted from this one
 
-// of even matter: a kernel's variance in depth, voxels², and a sheet's mass
+// a kernel's variance in depth, voxels², and coefficients of its Fourier transform; and a sheet's mass of even matter
 uniform float kernel_variance;
+uniform vec4 kernel_spectrum;
 uniform float full_mass;
 
 // Distance over thickness, in sheets from the first, of a splat at a grid position.
@@ -51,7 +52,10 @@ vec3 layer_lags(vec3 direction) {
     vec3 box = sin(PI * f) / (PI * f);
     vec3 power = SHEETS == 2 ? box : SHEETS == 3 ? box * box : box * box * box;
     vec3 slope = float(SHEETS) * power * (cos(PI * f) - box) / f;
-    return 8.0 / PI * slope * exp(-2.0 * PI * PI * kernel_variance * (1.0 - direction * direction)) * sign(direction);
+    vec3 x = 1.0 - direction * direction;
+    vec4 c = kernel_spectrum;
+    vec3 across = 1.0 + x * (c.x + x * (c.y + x * (c.z + x * c.w)));
+    return 8.0 / PI * slope * across * sign(direction);
 }
 
 vec3 layer_phase(vec3 place) {

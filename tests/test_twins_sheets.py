@@ -18,12 +18,12 @@ from splatgl.splat.classification.shading import surface_light
 from splatgl.splat.kernel.kernels import Kernel, kernel
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.plan import Plan
-from splatgl.splat.sheets.sheets import Sheets
+from splatgl.splat.sheets.sheets import Sheets, layer_phase
 from splatgl.splat.view.clip import FACE
 from splatgl.splat.view.view import View
 from splatgl.truth import blend as blends
 from splatgl.truth.rays import Rays
-from splatgl.truth.sheet_field import Part, SheetField, behind, weighted
+from splatgl.truth.sheet_field import Part, SheetField, behind, between_sheets, bulge, weighted
 from splatgl.truth.sheets import composited
 
 # normals of planes, and distances from the middle
@@ -105,6 +105,16 @@ def close_sheet(field: SheetField | None, sums: np.ndarray, rays: Rays, sheets: 
     return (composited(sums) if field is None else field.composited(sums, rays, 0, sheets)).T
 
 
+def sheet_share(sheets: Sheets, place: np.ndarray) -> np.ndarray:
+    return sheets.shares(place)
+
+
+def spline_shares(u: np.ndarray) -> np.ndarray:
+    """[N, 3]: of three sums, each of which alone is 1."""
+    ones = np.repeat(np.eye(3)[:, None], len(u), axis=1)
+    return between_sheets(ones, u)
+
+
 @pytest.mark.parametrize("view", ["fitted", "parallel"])
 @pytest.mark.parametrize("grid", ["cubes", "sheared"])
 def test_places_in_sheets(grid: str, view: str, twin: Twin, rng: np.random.Generator) -> None:
@@ -132,6 +142,47 @@ def test_weights_of_sheets(count: int, twin: Twin, rng: np.random.Generator) -> 
     found = twin("sheets.glsl", "result = sheet_weights(t)", state={"SHEETS": count}, t=t)
     assert np.abs(found[:, :count].T - sheet_weights(sheets, t)).max() < 5e-7
     assert (found >= 0).all() and (found[:, count:] == 0).all()
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_places_of_layers(count: int, twin: Twin, rng: np.random.Generator) -> None:
+    """How far voxels' layers move a sheet's mean place; and the one sheet of several at a place."""
+    sheets = Sheets.of(kernel("b-spline"), count, 2)
+    own = {"thickness": sheets.thickness, "kernel_variance": sheets.variance, "kernel_spectrum": sheets.spectrum}
+    direction = rng.normal(size=(COUNT, 3))
+    direction[:30] = np.eye(3)[rng.integers(3, size=30)] * rng.choice([-1, 1], 30)[:, None]
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    state = {"SHEETS": count, **own}
+    found = twin("sheets.glsl", "result.xyz = layer_lags(d)", state=state, d=direction)[:, :3]
+    assert np.abs(found - sheets.layer_lags(direction.T).T).max() < 1e-5
+    place = rng.uniform(-40, 40, (COUNT, 3)).astype(np.float32).astype(np.float64)
+    found = twin("sheets.glsl", "result.xyz = layer_phase(p)", state={"SHEETS": count}, p=place)[:, :3]
+    assert np.abs(found - layer_phase(place)).max() < 1e-5
+    assert np.abs(layer_phase(place) + np.sin(2 * np.pi * place) / 8).max() < 0.0075
+    number = rng.integers(-3, 40, COUNT)
+    found = twin("sheets.glsl", "result.x = bulge(n)", state=state, n=number.astype(float))[:, 0]
+    assert np.abs(found - bulge(number, sheets)).max() < 1e-6
+    place = rng.uniform(-3, 3, COUNT).astype(np.float32).astype(np.float64)
+    found = twin("sheets.glsl", "result.x = sheet_share(p)", state={"SHEETS": count}, p=place)[:, 0]
+    assert np.abs(found - sheet_share(sheets, place)).max() < 1e-6
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_mean_places_of_even_matter(count: int) -> None:
+    """Against sums over voxels: on rays along an axis, and across three."""
+    sheets, shape = Sheets.of(kernel("b-spline"), count, 2), kernel("b-spline")
+    cells = np.stack(np.meshgrid(*(np.arange(-7, 8),) * 3)).reshape(3, -1)
+    for axis in ((0, 0, 1), (0.28, 0, -0.96), (0.48, 0.36, 0.8), (0.577, -0.577, 0.577)):
+        direction = np.array(axis) / np.linalg.norm(axis)
+        for place in np.random.default_rng(1).uniform(-0.5, 0.5, (8, 3)):
+            apart = cells - place[:, None]
+            along = direction @ apart
+            weight = shape.footprint(np.sqrt(np.maximum((apart**2).sum(axis=0) - along**2, 0)))
+            weight = weight * sheet_share(sheets, along / sheets.thickness)
+            right = -(weight @ along) / weight.sum() / sheets.thickness
+            found = (sheets.layer_lags(direction[:, None])[:, 0] * layer_phase(place)).sum()
+            assert abs(found - right) < (0.05 if count == 2 else 0.025)
+            assert weight.sum() / shape.footprint(np.zeros(())) == pytest.approx(sheets.mass, rel=0.08)
 
 
 @pytest.mark.few(5)
@@ -228,10 +279,18 @@ def test_shares_of_a_splat(steps: int, twin: Twin, rng: np.random.Generator) -> 
 
 def some_rays(rng: np.random.Generator) -> Rays:
     """Rays whose ends are between sheets 0 and 2, nearly all of them."""
-    near, far, zero = rng.uniform(-1.5, 0.5, COUNT), rng.uniform(0.3, 2.5, COUNT), np.zeros((3, COUNT))
+    near, far, start = rng.uniform(-1.5, 0.5, COUNT), rng.uniform(0.3, 2.5, COUNT), rng.uniform(-1, 1, (3, COUNT))
     toward = rng.normal(size=(COUNT, 3))
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
-    return Rays(zero, zero, near, np.maximum(far, near), rng.uniform(0.5, 2, COUNT), toward)
+    return Rays(start, toward.T[::-1], near, np.maximum(far, near), rng.uniform(0.5, 2, COUNT), toward)
+
+
+def of_layers(rays: Rays, sheets: Sheets) -> dict[str, np.ndarray]:
+    """Inputs of LAYERS: rays among voxels."""
+    return {"p": rays.start.T, "q": rays.direction.T * sheets.thickness}
+
+
+LAYERS = "layer_first[0] = p; layer_step[0] = q; layer_lag[0] = layer_lags(q / thickness);"
 
 
 def class_state(renderer: sg.Renderer, splats: sg.Splats) -> dict[str, object]:
@@ -324,7 +383,8 @@ def test_light_over_matter(
     found = twin("sheet_draw.comp", f"{steps}; result = behind(l, w)", plan, splats, state, **inputs)
     along = length * splats.unit / splats.grid.mean_spacing
     faced = np.clip(face[:, 3], 0, 1)
-    part = Part(np.arange(COUNT), 0, (np.zeros(COUNT), np.ones(COUNT)), first, last, along, faced, np.zeros(COUNT))
+    ends, middle = (np.zeros(COUNT), np.ones(COUNT)), (first + last) / 2
+    part = Part(np.arange(COUNT), 0, ends, first, middle, last, along, faced, np.zeros(COUNT))
     rays = replace(some_rays(rng), toward=toward, face=face[:, :3] if cut else None)
     right = behind(light, field.matter(part, rays))
     shines = np.broadcast_to(0.0 if field.shines is None else field.shines, (COUNT, 3))
@@ -355,16 +415,44 @@ def test_light_over_sheets(steps: int, renderer: sg.Renderer, twin: Twin, rng: n
     expression = """
         open_pixel(0); masses[0] = vec4(m, 0.0, 0.0); sum0[0] = a; sum1[0] = b;
         ends[0] = e.xy; lengths[0] = e.z; toward[0] = t;
-        for (int n = 0; n < 3; n++) if (take_sheet(0, n)) close_sheet(0, n);
+        for (int n = 0; n < 4; n++) if (take_sheet(0, n)) close_sheet(0, n);
         result = light[0]
     """
+    if steps:
+        state |= {**sheet_uniforms(splats, plan), "first_sheet": 0.0}
+        expression = expression.replace("for", LAYERS + " for")
     ordered = np.roll(sums[..., 1:], -1, axis=2) if steps else sums
     thick = sheets.thickness
     ends = np.stack([rays.near / thick, rays.far / thick, rays.stretch * thick], axis=1)
     inputs = {"m": mass[..., 0], "a": ordered[:, 0], "b": ordered[:, 1], "e": ends, "t": rays.toward}
+    inputs |= of_layers(rays, sheets) if steps else {}
     found = twin("sheet_draw.comp", expression, plan, splats, state, **inputs)
     right = close_sheet(field, sums, rays, sheets)
     assert right.max() > 0.3 and np.abs(found.T - right).max() < (5e-4 if steps else 3e-6)
+
+
+def centered(field: SheetField, sums: np.ndarray, rays: Rays, sheets: Sheets) -> np.ndarray:
+    return field.centered(sums, rays, 0, sheets)
+
+
+def test_sums_at_the_place_of_a_sheet(twin: Twin, rng: np.random.Generator) -> None:
+    """Masses on both sides of those whose values are moved, and how three sums are joined."""
+    splats = samples()
+    plan = planned(splats, "fitted", 3, steps=2)
+    field, sheets, rays = SheetField.of(splats, plan.resolved, plan.view), plan.resolved.sheets, some_rays(rng)
+    mass = sheets.mass * rng.uniform(0.8, 1, COUNT)
+    sums = np.column_stack([mass, rng.uniform(0, 1, COUNT), rng.normal(size=(COUNT, 3))])[:, None] + np.zeros((1, 3, 1))
+    right = centered(field, sums, rays, sheets)[:, 2]
+    state = {**sheet_uniforms(splats, plan), "first_sheet": 0.0}
+    inputs = {"s": np.roll(sums[:, 2, 1:], -1, axis=1), "m": mass, "t": rays.toward, "e": rays.stretch * sheets.thickness}
+    expression = f"toward[0] = t; lengths[0] = e / style.opacity_length; {LAYERS} result = centered(0, 2, s, m)"
+    found = twin("sheet_draw.comp", expression, plan, splats, state, **inputs, **of_layers(rays, sheets))
+    off = np.abs(right[:, 1] - sums[:, 2, 1])
+    assert (off[mass < 0.85 * sheets.mass] == 0).all() and off.max() > 0.05
+    assert np.abs(found - np.roll(right[:, 1:], -1, axis=1)).max() < 2e-5
+    u = rng.uniform(0, 1, COUNT)
+    found = twin("sheet_draw.comp", "result.xyz = spline_shares(u)", plan, splats, u=u)[:, :3]
+    assert np.abs(found - spline_shares(u)).max() < 1e-6
 
 
 @pytest.mark.parametrize("blend", [name for name, mode in BLENDS.items() if mode.one_value])
@@ -386,13 +474,17 @@ def test_one_value_of_sheets(blend: str, renderer: sg.Renderer, twin: Twin, rng:
     mass, mean = 10 ** rng.uniform(-3, 0, (COUNT, 2, 1)), rng.uniform(0, 1, (COUNT, 2, 4))
     sums = np.concatenate([mass, mean * mass], axis=2)
     rays, sheets = some_rays(rng), plan.resolved.sheets
-    expression = """
-        open_pixel(0); masses[0] = vec4(m, 0.0, 0.0); sum0[0] = a; sum1[0] = b; ends[0] = e;
-        for (int n = 0; n < 3; n++) if (take_sheet(0, n)) close_sheet(0, n);
+    expression = f"""
+        open_pixel(0); masses[0] = vec4(m, 0.0, 0.0); sum0[0] = a; sum1[0] = b; ends[0] = e.xy;
+        lengths[0] = e.z; toward[0] = t; {LAYERS}
+        for (int n = 0; n < 4; n++) if (take_sheet(0, n)) close_sheet(0, n);
         result = shown(light[0])
     """
-    ordered, ends = np.roll(sums[..., 1:], -1, axis=2), np.stack([rays.near, rays.far], axis=1) / sheets.thickness
-    inputs = {"m": mass[..., 0], "a": ordered[:, 0], "b": ordered[:, 1], "e": ends}
+    state |= {**sheet_uniforms(splats, plan), "first_sheet": 0.0}
+    ordered = np.roll(sums[..., 1:], -1, axis=2)
+    ends = np.stack([rays.near, rays.far, rays.stretch * sheets.thickness**2], axis=1) / sheets.thickness
+    inputs = {"m": mass[..., 0], "a": ordered[:, 0], "b": ordered[:, 1], "e": ends, "t": rays.toward}
+    inputs |= of_layers(rays, sheets)
     found = twin("sheet_draw.comp", expression, plan, splats, state, **inputs)
     right = close_sheet(field, sums, rays, sheets)
     assert right[3].max() > 0.5 and np.abs(found.T - right).max() < 5e-4

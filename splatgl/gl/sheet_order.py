@@ -38,6 +38,7 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
         "sheet_direction": tuple(index_direction(view)),
         "thickness": sheets.thickness,
         "kernel_variance": sheets.variance,
+        "kernel_spectrum": sheets.spectrum,
         "full_mass": sheets.mass,
         "first_sheet": float(sheets.range(splats, view)[0]),
         "shell": EVERYWHERE,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.splat.extraction.splats import Splats, corners_of
-from splatgl.splat.kernel.kernels import Kernel, depth_deviation
+from splatgl.splat.kernel.kernels import Kernel, depth_deviation, spectrum
 from splatgl.splat.view.view import View
 
 # mass below which a place holds no value; and the share of each of three sheets, besides their weights, in what lies
@@ -33,13 +33,14 @@ class Sheets:
     """count: sheets that share a splat, 2 to 4. thickness: index units.
 
     steps: parts of a sheet's thickness, each classified once; 0: splats are classified before. variance: of the kernel
-    in depth, voxels². mass: of a sheet on a ray through even matter.
+    in depth, voxels²; spectrum: its Fourier transform's coefficients. mass: of a sheet on a ray through even matter.
     """
 
     count: int
     thickness: float
     steps: int
     variance: float
+    spectrum: tuple[float, float, float, float]
     mass: float
 
     @classmethod
@@ -52,7 +53,8 @@ class Sheets:
         degree, deviation = count - 1, depth_deviation(kernel)
         variance = (degree + 2) / 12 if steps == 0 else (degree + 1) / 12 + 1 / 4
         thickness = deviation / float(np.sqrt(variance))
-        return cls(count, thickness, steps, deviation**2, thickness / float(kernel.footprint(np.zeros(()))))
+        mass = thickness / float(kernel.footprint(np.zeros(())))
+        return cls(count, thickness, steps, deviation**2, spectrum(kernel), mass)
 
     def explain(self) -> str:
         """A description, one line."""
@@ -88,13 +90,13 @@ class Sheets:
         """[3, N]: how far, in sheets, even matter's mean place is from a sheet's, per `layer_phase`, by the layers of
         voxels across each axis; direction [3, N]: unit vectors of rays, index axes.
 
-        The first term of Poisson's sum over voxels: the weights' derivative at the frequency of layers along the ray, by
-        the footprint's, as of a Gaussian, across it.
+        The first terms of Poisson's sum over voxels: of the Fourier transform of weights the derivative at the layers'
+        frequency along the ray, and of the kernel's at that across it.
         """
         f = np.maximum(np.abs(direction) * self.thickness, 0.1)
         box = np.sinc(f)
         slope = self.count * box ** (self.count - 1) * (np.cos(np.pi * f) - box) / f
-        across = np.exp(-2 * np.pi**2 * self.variance * (1 - direction**2))
+        across = np.polyval([*self.spectrum[::-1], 1.0], 1 - direction**2)
         return np.asarray(8 / np.pi * slope * across * np.sign(direction))
 
     def places(self, view: View, positions: np.ndarray) -> np.ndarray:
