@@ -11,6 +11,7 @@
 #constant EDGE        // share of each sheet, besides its weight, in what lies between three
 #constant CENTERED    // shares of full_mass from which a value is moved to its sheet's place: not at all,
 #constant WHOLLY      // wholly
+#constant AMID        // voxels from the first and last layer up to which it is not moved by how layers lie
 #constant CELLS       // of the classification table
 #constant TABLE_ROW   // ends of cells along its rows
 #constant WEIGHTS     // cells of the table of weights by gradient, in the rows behind
@@ -326,7 +327,10 @@ vec4 shown(vec4 light) {
 
 // A sheet's sums, with the value moved by the gradient from the mean place of even matter to the sheet's own.
 vec4 centered(int row, int sheet, vec4 sums, float mass) {
-    float lag = dot(layer_lag[row], layer_phase(layer_first[row] + layer_step[row] * float(sheet)));
+    vec3 place = layer_first[row] + layer_step[row] * float(sheet);
+    // near the first and last layer the field's mean place is off it, too
+    vec3 amid = clamp(min(place, box_high - box_low - 1.0 - place) - AMID, 0.0, 1.0);
+    float lag = dot(layer_lag[row], layer_phase(place) * amid);
 #if NEAR == 1
     if (sheet >= near_sheets.y)
 #endif

@@ -47,6 +47,7 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "LEAST": motion_opacity.LEAST,
     "LEAST_MASS": sheets.LEAST_MASS,
     "EDGE": sheets.EDGE,
+    "AMID": sheets.AMID,
     "CENTERED": sheets.CENTERED[0],
     "WHOLLY": sheets.CENTERED[1],
     "LISTED": np.uint32(LISTED),

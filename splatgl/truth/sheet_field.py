@@ -13,7 +13,7 @@ from splatgl.splat.cues.cues import Cues
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.blend_mode import BlendMode
 from splatgl.splat.plan.resolve import Resolved
-from splatgl.splat.sheets.sheets import CENTERED, EDGE, LEAST_MASS, Sheets, index_direction, layer_phase
+from splatgl.splat.sheets.sheets import AMID, CENTERED, EDGE, LEAST_MASS, Sheets, index_direction, layer_phase
 from splatgl.splat.view.clip import FACE
 from splatgl.splat.view.mask import MaskField, face_share, kept_part
 from splatgl.splat.view.view import View
@@ -114,7 +114,10 @@ class SheetField:
         offset = np.broadcast_to(ray_offset(self.view, rays), len(rays.near))
         along = number * sheets.thickness - offset[:, None]
         places = rays.start[..., None] + rays.direction[..., None] * along
-        lag = (sheets.layer_lags(rays.direction)[..., None] * layer_phase(places)).sum(axis=0)
+        # near the first and last layer the field's mean place is off it, too
+        last = np.array(self.post.shape)[:, None, None] - 1
+        amid = np.clip(np.minimum(places, last - places) - AMID, 0.0, 1.0)
+        lag = (sheets.layer_lags(rays.direction)[..., None] * layer_phase(places) * amid).sum(axis=0)
         if self.view.perspective:
             lag += bulge(number, sheets) * (number >= self.near)
         low, high = CENTERED
