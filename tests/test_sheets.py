@@ -291,14 +291,14 @@ def test_weights_are_a_partition_of_one(count: int) -> None:
 @pytest.mark.parametrize("count", COUNTS)
 @pytest.mark.parametrize("steps", [0, 2])
 def test_sheets_spread_as_far_as_the_kernel(count: int, steps: int, name: str) -> None:
-    """Averaged over places, a sheet's box, or linear interpolation between points, widens the weights."""
+    """Averaged over places, a sheet's box, or the B-spline between points, widens the weights."""
     sheets = Sheets.of(kernel(name), count, steps)
     place = np.linspace(0, 1, 4001)[:-1] + 1e-5
     base = sheets.base(place)
     away = base + np.arange(count)[:, None] - place
     weights = sheets.weights(place, base)
     mean = (weights * away).mean() * count
-    spread = (weights * (away - mean) ** 2).sum(axis=0).mean() + (1 / 12 if steps == 0 else 1 / 6)
+    spread = (weights * (away - mean) ** 2).sum(axis=0).mean() + (1 / 12 if steps == 0 else 1 / 4)
     assert abs(spread * sheets.thickness**2 - depth_deviation(kernel(name)) ** 2) < 1e-6
 
 

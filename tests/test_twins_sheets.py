@@ -444,7 +444,12 @@ def test_sums_at_the_place_of_a_sheet(twin: Twin, rng: np.random.Generator) -> N
     sums = np.column_stack([mass, rng.uniform(0, 1, COUNT), rng.normal(size=(COUNT, 3))])[:, None] + np.zeros((1, 3, 1))
     right = centered(field, sums, rays, sheets)[:, 2]
     state = {**sheet_uniforms(splats, plan), "first_sheet": 0.0}
-    inputs = {"s": np.roll(sums[:, 2, 1:], -1, axis=1), "m": mass, "t": rays.toward, "e": rays.stretch * sheets.thickness}
+    inputs = {
+        "s": np.roll(sums[:, 2, 1:], -1, axis=1),
+        "m": mass,
+        "t": rays.toward,
+        "e": rays.stretch * sheets.thickness,
+    }
     expression = f"toward[0] = t; lengths[0] = e / style.opacity_length; {LAYERS} result = centered(0, 2, s, m)"
     found = twin("sheet_draw.comp", expression, plan, splats, state, **inputs, **of_layers(rays, sheets))
     off = np.abs(right[:, 1] - sums[:, 2, 1])

@@ -142,7 +142,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--shadows", type=float, metavar="S", help=about)
     group.add_argument("--samples", type=int, metavar="N", help="supersampling: samples along each axis of a pixel (4)")
     group.add_argument("--sheets", type=int, metavar="N", help="sheets that share a splat, 2 to 4")
-    group.add_argument("--steps", type=int, metavar="N", help="parts between two sheets, each classified once")
+    group.add_argument("--steps", type=int, metavar="N", help="parts of a sheet, each classified once")
     group.add_argument("--z-s", type=float, metavar="Z", help="hybrid: depth at which splats become grid-aligned")
     group.add_argument(
         "--table-size", type=int, metavar="N", help="texels along each axis of the footprint table (256)"

@@ -28,6 +28,7 @@ FORMATS: dict[int, tuple[str, np.dtype, int]] = {
 # texels along each axis of the half-line table: bilinear error 1e−5
 HALF_LINE_SIZE = 256
 
+
 class Tables:
     """Cache of table textures."""
 

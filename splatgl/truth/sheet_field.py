@@ -102,13 +102,14 @@ class SheetField:
                 ends[1] = np.where(has, ends[1], ends[0])
                 length = ends[1] - ends[0]
                 faced = np.clip(face - ends[0], 0.0, length) / np.where(length > 0, length, 1.0)
-                means = (means_of(between_sheets(around, at)) for at in (ends[0], middle, ends[1]))
+                first_, mean, last = (means_of(between_sheets(around, at)) for at in (ends[0], middle, ends[1]))
                 distance = (begin + middle) * sheets.thickness
-                yield Part(some, begin, (ends[0], ends[1]), *means, stretch[some], faced, distance)
+                between = (ends[0], ends[1])
+                yield Part(some, begin, between, first_, mean, last, stretch[some], faced, distance)
 
     def centered(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
-        """Sums [P, sheets, 5] whose values are moved, by their gradients, from where the mean place of even matter is to
-        the sheets' own.
+        """Sums [P, sheets, 5] whose values are moved, by their gradients, from the mean place of even matter to the
+        sheets' own.
         """
         number = first + np.arange(sums.shape[1])
         offset = np.broadcast_to(ray_offset(self.view, rays), len(rays.near))
@@ -188,8 +189,8 @@ class SheetField:
 class Part:
     """A part of what lies around a sheet, of pixels [P]. ends: where it begins and ends, in sheets from `sheet`.
 
-    begin, mean, end [P, 4]: values and gradients there and in its middle. stretch [P]: mean spacings per sheet. faced [P]: its share within the
-    face of a cut. middle [P]: distance of its middle, index units, as sheets are counted.
+    begin, mean, end [P, 4]: values and gradients there and in its middle. stretch [P]: mean spacings per sheet. faced
+    [P]: its share within the face of a cut. middle [P]: distance of its middle, index units, as sheets are counted.
     """
 
     pixel: np.ndarray

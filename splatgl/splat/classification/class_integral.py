@@ -1,7 +1,7 @@
 """`ClassIntegral`: a transfer function's means over intervals of values, so that no step or spike is passed over.
 
-Between two sheets values are linear; the extinction and emission of a stretch of a ray are means over the values that
-it passes. [Engel, Kraus & Ertl 2001, without its table of pairs: differences of one running integral]
+Along a part of a ray values are linear; its extinction and emission are means over the values that it passes. [Engel,
+Kraus & Ertl 2001, without its table of pairs: differences of one running integral]
 """
 
 from __future__ import annotations

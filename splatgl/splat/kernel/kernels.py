@@ -242,7 +242,6 @@ def depth_deviation(shape: Kernel) -> float:
     return float(np.sqrt(total))
 
 
-@lru_cache
 def spectrum(shape: Kernel) -> tuple[float, float, float, float]:
     """Coefficients of q² to q⁸ of the kernel's Fourier transform at q periods per voxel, up to 1; at 0 it is 1."""
     q = np.linspace(0.0, 1.0, 65)[1:]

@@ -33,10 +33,9 @@ MOST_SAMPLES = 4
 MOST_SIDE, MOST_AREA = 16384, 2**26
 # kernel of splats that are classified before
 PRE_KERNEL = "crawfis-max"
-# sheets that share a splat, and parts between two, from these tolerances on
+# sheets that share a splat, and parts of a sheet, from these tolerances on
 SHEETS = ((0.03, 2, 1), (0.005, 2, 2), (3e-3, 3, 2), (0.0, 3, 3))
-# such points of blends of one value: there means are as smooth as the field on average, and extremes neither too large
-# nor too small
+# such parts in blends of one value, at whose ends and middles extremes are looked for
 ONE_VALUE_STEPS = 2
 # weight of the differences across a pixel's edges in its mean (Euler–Maclaurin)
 END_CORRECTION = 1 / 24
@@ -46,7 +45,7 @@ END_CORRECTION = 1 / 24
 class Look:
     """Appearance of splats. attenuation: opacity, optical-depth or fill. shading: whether lit from the eye.
 
-    sheets: sheets that share a splat; 0: splats composite one by one. steps: parts between two, each classified
+    sheets: sheets that share a splat; 0: splats composite one by one. steps: parts of a sheet, each classified
     once; 0: splats are classified before. weighted: whether gradients weigh opacities classified there. clipped:
     whether planes cut rays. masked: whether a mask does. light: of what is shaded. sky, shadows: whether matter keeps
     ambient and direct light off.

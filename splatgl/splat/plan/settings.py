@@ -46,7 +46,7 @@ MAX_SAMPLES = 64
 FULL_SHUTTER = 360.0
 # pictures that a moving one is the mean of, at most
 MAX_MOMENTS = 4096
-# sheets that share a splat, and most parts between two
+# sheets that share a splat, and most parts of a sheet
 LEAST_SHEETS, MOST_SHEETS, MOST_STEPS = 2, 4, 8
 
 # the defaults of earlier versions
@@ -64,7 +64,7 @@ class Settings:
     (voxels are).
     compositing auto (sheets where the settings allow it) | sheets (splats add up within sheets of equal distance from
     the eye, which composite; always if classified after) | splats (every splat in order). sheets: 2 to 4 that share a
-    splat; steps: 1 to 8 parts between two sheets, each classified once; None: by the tolerance.
+    splat; steps: 1 to 8 parts of a sheet, each classified once; None: by the tolerance.
     antialias auto (as many samples a pixel as voxels and tolerance ask for) | paper (stretched beyond z_k) | off |
     supersample (samples × samples a pixel). align auto | exact | ray | grid | hybrid
     (ray-perpendicular up to depth z_s, grid-aligned beyond; z_s in world units, None: from `tolerance`).

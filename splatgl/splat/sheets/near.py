@@ -27,7 +27,8 @@ Box = tuple[np.ndarray, np.ndarray]
 class NearField:
     """low int64 [3]: the first voxel (x, y, z). cells float32 [D, H, W, 4]: gradients, and values or ABSENT.
 
-    count: sheets from the eye on that are planes; one behind it is, too. around: voxels in each direction within a kernel's reach.
+    count: sheets from the eye on that are planes; one behind it is, too. around: voxels in each direction within a
+    kernel's reach.
     """
 
     low: np.ndarray

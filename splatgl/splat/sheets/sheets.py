@@ -49,8 +49,8 @@ class Sheets:
     def of(cls, kernel: Kernel, count: int, steps: int) -> Sheets:
         """The sheets whose spread of a splat in depth has the kernel's own deviation.
 
-        Boxes of B-spline weights, of variance h² (n + 2)/12; or points of variance h² (n + 1)/12, whose sums a quadratic
-        B-spline joins, of variance h²/4.
+        Boxes of B-spline weights, of variance h² (n + 2)/12; or points of variance h² (n + 1)/12, whose sums a
+        quadratic B-spline joins, of variance h²/4.
         """
         degree, deviation = count - 1, depth_deviation(kernel)
         variance = (degree + 2) / 12 if steps == 0 else (degree + 1) / 12 + 1 / 4
@@ -60,14 +60,12 @@ class Sheets:
 
     def explain(self) -> str:
         """A description, one line."""
-        how = (
-            f"classified after reconstruction, in {self.steps} parts each" if self.steps else "classified before"
-        )
+        how = f"classified after reconstruction, in {self.steps} parts each" if self.steps else "classified before"
         return f"sheets {self.thickness:.3g} voxels thick, {self.count} share a splat, {how}"
 
     def near_count(self, radius: float) -> int:
-        """Sheets from the eye on that are planes across each ray. radius: of the kernel, within which no splat of others
-        is from the eye: each is wholly before it or behind.
+        """Sheets from the eye on that are planes across each ray. radius: of the kernel, within which no splat of
+        others is from the eye: each is wholly before it or behind.
         """
         return max(NEAR, int(np.ceil(radius / self.thickness + self.count / 2)))
 
