@@ -327,6 +327,7 @@ vec4 shown(vec4 light) {
 
 // A sheet's sums, with the value moved by the gradient from the mean place of even matter to the sheet's own.
 vec4 centered(int row, int sheet, vec4 sums, float mass) {
+    if (ONE_VALUE) return sums;
     vec3 place = layer_first[row] + layer_step[row] * float(sheet);
     // near the first and last layer the field's mean place is off it, too
     vec3 amid = clamp(min(place, box_high - box_low - 1.0 - place) - AMID, 0.0, 1.0);

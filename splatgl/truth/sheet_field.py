@@ -109,8 +109,10 @@ class SheetField:
 
     def centered(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """Sums [P, sheets, 5] whose values are moved, by their gradients, from the mean place of even matter to the
-        sheets' own.
+        sheets' own; of one value unchanged, whose extremes are then those of means.
         """
+        if self.blend.one_value:
+            return sums
         number = first + np.arange(sums.shape[1])
         offset = np.broadcast_to(ray_offset(self.view, rays), len(rays.near))
         along = number * sheets.thickness - offset[:, None]
