@@ -182,7 +182,7 @@ def test_mean_places_of_even_matter(count: int) -> None:
             right = -(weight @ along) / weight.sum() / sheets.thickness
             found = (sheets.layer_lags(direction[:, None])[:, 0] * layer_phase(place)).sum()
             assert abs(found - right) < (0.05 if count == 2 else 0.025)
-            assert weight.sum() / shape.footprint(np.zeros(())) == pytest.approx(sheets.mass, rel=0.08)
+            assert weight.sum() / shape.footprint(np.zeros(())) == pytest.approx(sheets.mass, rel=0.12)
 
 
 @pytest.mark.few(5)
