@@ -361,7 +361,7 @@ bool take_sheet(int row, int current) {
         held[row] = vec3(0.5 * (held[row].y + held[row].z), held[row].z, masses[row].x);
         // whether any of the values, by mass, is a place in the table between those with matter; some mass at least
         vec3 places = vec3(start[row].a, middle[row].a, before[row].a) * class_scale.x + class_scale.y * held[row];
-        vec2 limits = clamp(class_seen, -1e9, 1e9) + vec2(-1e-2, 1e-2);
+        vec2 limits = clamp(class_seen, -1e38, 1e38) + vec2(-1e-2, 1e-2);
         bool within = any(greaterThan(places, limits.x * held[row])) && any(lessThan(places, limits.y * held[row]));
         // the part around it, within the box
         bool inside = ends[row].x < float(current) - 0.5 && ends[row].y > float(current) - 1.5;
