@@ -191,9 +191,9 @@ def test_sheets_draw_the_fields_value(blend: str) -> None:
         found = sg.reference.render(splats, camera, EXACT.but(blend=blend, **changes)).pixels[..., 3]
         assert np.abs(found - right).max() < 0.06
         missed.append(float(np.sqrt(((found - right) ** 2).mean())))
-    assert missed[0] > missed[1] > missed[2] and missed[1] < (0.002 if blend == "mean" else 0.006)
-    # what is linear between sheets has the same mean however many points there are; its extremes are missed by one
-    assert abs(missed[3] / missed[1] - 1) < 1e-9 if blend == "mean" else missed[3] > 1.3 * missed[1]
+    assert missed[0] > missed[1] > missed[2] and missed[1] < (0.0006 if blend == "mean" else 0.0045)
+    # both ends and the middle of a part tell its mean, and nearly its extremes
+    assert abs(missed[3] / missed[1] - 1) < 0.05
 
 
 def test_a_maximum_is_no_less_than_a_mean_and_that_than_a_minimum(renderer: sg.Renderer) -> None:
@@ -282,7 +282,7 @@ def test_the_plan_tells_what_it_does() -> None:
     splats = sg.extract(sg.Volume(cells()), sg.Transfer(RAMP.points, shading=True), classification="post-all")
     for blend in BLENDED:
         told = sg.plan(splats, eyes(splats)["fitted"], sg.Settings(blend=blend), tiles=True).explain()
-        assert "shading left out" in told and "ordering left out" not in told and "2 parts between" in told
+        assert "shading left out" in told and "ordering left out" not in told and "2 parts each" in told
 
 
 @pytest.mark.long
