@@ -327,17 +327,19 @@ vec4 shown(vec4 light) {
 
 // A sheet's sums, with the value moved by the gradient from the mean place of even matter to the sheet's own.
 vec4 centered(int row, int sheet, vec4 sums, float mass) {
-    if (ONE_VALUE) return sums;
+    // beside missing samples gradients are of faces
+    if (ONE_VALUE || MASKED == 1) return sums;
     vec3 place = layer_first[row] + layer_step[row] * float(sheet);
-    // near the first and last layer the field's mean place is off it, too
-    vec3 amid = clamp(min(place, box_high - box_low - 1.0 - place) - AMID, 0.0, 1.0);
-    float lag = dot(layer_lag[row], layer_phase(place) * amid);
+    // so they are near the first and last layer
+    vec3 inward = min(place, box_high - box_low - 1.0 - place);
+    float amid = clamp(min(min(inward.x, inward.y), inward.z) - AMID, 0.0, 1.0);
+    float lag = dot(layer_lag[row], layer_phase(place));
 #if NEAR == 1
     if (sheet >= near_sheets.y)
 #endif
     if (PERSPECTIVE == 1) lag += bulge(float(sheet) + first_sheet);
     float share = clamp((mass / full_mass - CENTERED) / (WHOLLY - CENTERED), 0.0, 1.0);
-    sums.a += share * lag * dot(sums.rgb, toward[row]) * lengths[row] * style.opacity_length;
+    sums.a += amid * share * lag * dot(sums.rgb, toward[row]) * lengths[row] * style.opacity_length;
     return sums;
 }
 

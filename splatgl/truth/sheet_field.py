@@ -119,15 +119,15 @@ class SheetField:
         places = rays.start[..., None] + rays.direction[..., None] * along
         # near the first and last layer the field's mean place is off it, too
         last = np.array(self.post.shape)[:, None, None] - 1
-        amid = np.clip(np.minimum(places, last - places) - AMID, 0.0, 1.0)
-        lag = (sheets.layer_lags(rays.direction)[..., None] * layer_phase(places) * amid).sum(axis=0)
+        amid = np.clip(np.minimum(places, last - places).min(axis=0) - AMID, 0.0, 1.0)
+        lag = (sheets.layer_lags(rays.direction)[..., None] * layer_phase(places)).sum(axis=0)
         if self.view.perspective:
             lag += bulge(number, sheets) * (number >= self.near)
         low, high = CENTERED
         share = np.clip((sums[..., 0] / sheets.mass - low) / (high - low), 0.0, 1.0)
         slope = (sums[..., 2:] * rays.toward[:, None]).sum(axis=-1) * (rays.stretch * sheets.thickness)[:, None]
         moved = sums.copy()
-        moved[..., 1] += share * lag * slope
+        moved[..., 1] += amid * share * lag * slope
         return moved
 
     def _kept(
