@@ -21,7 +21,8 @@ from splatgl.splat.view.view import View
 LEAST_MASS, EDGE = 0.02, 1e-4
 # shares of even matter's mass from which a sheet's value is moved to the sheet's place: not at all, wholly
 CENTERED = (0.85, 0.95)
-# voxels from the first and last layer up to which it is not moved by how layers lie; a voxel further it is wholly
+# voxels from the first and last layer up to which it is not moved, as gradients there are of faces; a voxel further it
+# is wholly
 AMID = 1.5
 # most sheets of a picture; beyond, splats are composited one by one; and the longest side of a volume, in voxels, whose
 # sheets are all counted
