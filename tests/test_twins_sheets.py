@@ -182,7 +182,9 @@ def test_mean_places_of_even_matter(count: int) -> None:
             right = -(weight @ along) / weight.sum() / sheets.thickness
             found = (sheets.layer_lags(direction[:, None])[:, 0] * layer_phase(place)).sum()
             assert abs(found - right) < (0.05 if count == 2 else 0.025)
-            assert weight.sum() / shape.footprint(np.zeros(())) == pytest.approx(sheets.mass, rel=0.12)
+            assert weight.sum() / shape.footprint(np.zeros(())) == pytest.approx(
+                sheets.mass, rel=0.14 if count == 2 else 0.12
+            )
 
 
 @pytest.mark.few(5)
@@ -440,6 +442,8 @@ def test_sums_at_the_place_of_a_sheet(twin: Twin, rng: np.random.Generator) -> N
     splats = samples()
     plan = planned(splats, "fitted", 3, steps=2)
     field, sheets, rays = SheetField.of(splats, plan.resolved, plan.view), plan.resolved.sheets, some_rays(rng)
+    # amid the grid of 8³
+    rays = replace(rays, start=rays.start + 3.5)
     mass = sheets.mass * rng.uniform(0.8, 1, COUNT)
     sums = np.column_stack([mass, rng.uniform(0, 1, COUNT), rng.normal(size=(COUNT, 3))])[:, None] + np.zeros((1, 3, 1))
     right = centered(field, sums, rays, sheets)[:, 2]
