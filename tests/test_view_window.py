@@ -579,6 +579,7 @@ def test_the_first_pictures_are_from_the_right_eye(tmp_path: Path) -> None:
     window.end()
 
 
+@pytest.mark.long
 def test_what_cannot_be_extracted_leaves_the_picture(values: Window) -> None:
     """The window says why, its keys work on, and it goes on once something else is asked for."""
     window = values
@@ -618,6 +619,7 @@ def test_z_k_is_shown(window: Window) -> None:
     assert (shown[middle][:, 0] - shown[middle][:, 2]).mean() > 20
 
 
+@pytest.mark.long
 def test_a_turned_view_keeps_to_its_baseline(folder: Path, splatgl_image: ImageRegression) -> None:
     """What real hands and keys make of the picture is the same as ever: every other pixel of a window of its own."""
     window = Window(folder / "blob.npy", folder)
@@ -767,6 +769,7 @@ def test_edits_leave_nothing_behind(values: Window) -> None:
     assert window.ask("settle")["contents"] <= before + 2
 
 
+@pytest.mark.long
 def test_memory_stays_where_the_window_is_resized(panel: Window) -> None:
     """Pictures of other sizes leave no room behind that none of them fits."""
     sizes = (640, 480), (450, 350), (600, 450)
@@ -811,6 +814,7 @@ def pointed(window: Window, *place: int) -> None:
         window.ask("look")
 
 
+@pytest.mark.long
 def test_the_panel_edits_the_curve(panel: Window) -> None:
     """A double click adds a point, which is dragged; right and ctrl click remove it; all are undone."""
     before = panel.ask("reset")
@@ -838,6 +842,7 @@ def test_the_panel_edits_the_curve(panel: Window) -> None:
     assert panel.key("ctrl+shift+z")["points"] == added["points"]
 
 
+@pytest.mark.long
 def test_the_curve_is_zoomed_and_moved(panel: Window) -> None:
     """By the wheel about the cursor, and by a drag where no point is; no point changes."""
     panel.ask("reset")
@@ -858,6 +863,7 @@ def test_the_curve_is_zoomed_and_moved(panel: Window) -> None:
     assert moved["points"] == before["points"] and np.allclose(moved["eye"], before["eye"])
 
 
+@pytest.mark.long
 def test_the_panel_takes_no_shortcuts(panel: Window) -> None:
     """Beside the panel the mouse turns the view, over it it does not; keys are keys."""
     panel.ask("reset")
@@ -901,6 +907,7 @@ def test_ctrl_c(display: str, folder: Path) -> None:
     assert process.communicate(timeout=PATIENCE) == (None, "") and process.returncode == 0
 
 
+@pytest.mark.long
 def test_a_display_that_goes_away(folder: Path) -> None:
     server, name = start_display()
     process = view(name, folder / "blob.npy")
