@@ -327,10 +327,9 @@ vec4 shown(vec4 light) {
 
 // A sheet's sums, with the value moved by the gradient from the mean place of even matter to the sheet's own.
 vec4 centered(int row, int sheet, vec4 sums, float mass) {
-    // beside missing samples gradients are of faces
-    if (ONE_VALUE || MASKED == 1) return sums;
+    if (ONE_VALUE) return sums;
     vec3 place = layer_first[row] + layer_step[row] * float(sheet);
-    // so they are near the first and last layer
+    // near the first and last layer gradients are of faces
     vec3 inward = min(place, box_high - box_low - 1.0 - place);
     float amid = clamp(min(min(inward.x, inward.y), inward.z) - AMID, 0.0, 1.0);
     float lag = dot(layer_lag[row], layer_phase(place));

@@ -117,12 +117,12 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 @pytest.fixture(scope="session", autouse=True)
 def shared_programs() -> Iterator[None]:
     """Commands that are called in a test's process draw with the renderer of `sg.render`, whose programs are there."""
-    drawing, opening = Drawing.renderer, renderers.open_context
+    drawing, opening = Drawing.renderer, vars(renderers)["open_context"]
 
     def shared(self: Drawing) -> AbstractContextManager[sg.Renderer]:
         is_plain = self == replace(self, backend="auto", device=None, gpu=False) and REQUIRE_GPU not in os.environ
         # not where a test stands in for OpenGL
-        return drawing(replace(self, kept=self.kept or (is_plain and renderers.open_context is opening)))
+        return drawing(replace(self, kept=self.kept or (is_plain and vars(renderers)["open_context"] is opening)))
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Drawing, "renderer", shared)

@@ -109,16 +109,15 @@ class SheetField:
 
     def centered(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """Sums [P, sheets, 5] whose values are moved, by their gradients, from the mean place of even matter to the
-        sheets' own; of one value unchanged, whose extremes are then those of means, or masked.
+        sheets' own; of one value unchanged, whose extremes are then those of means.
         """
-        # beside missing samples gradients are of faces
-        if self.blend.one_value or self.mask is not None:
+        if self.blend.one_value:
             return sums
         number = first + np.arange(sums.shape[1])
         offset = np.broadcast_to(ray_offset(self.view, rays), len(rays.near))
         along = number * sheets.thickness - offset[:, None]
         places = rays.start[..., None] + rays.direction[..., None] * along
-        # so they are near the first and last layer
+        # near the first and last layer gradients are of faces
         last = np.array(self.post.shape)[:, None, None] - 1
         amid = np.clip(np.minimum(places, last - places).min(axis=0) - AMID, 0.0, 1.0)
         lag = (sheets.layer_lags(rays.direction)[..., None] * layer_phase(places)).sum(axis=0)
