@@ -11,7 +11,7 @@
 #constant EDGE        // share of each sheet, besides its weight, in what lies between three
 #constant CENTERED    // shares of full_mass from which a value is moved to its sheet's place: not at all,
 #constant WHOLLY      // wholly
-#constant AMID        // voxels from the first and last layer up to which it is not moved by how layers lie
+#constant AMID        // voxels from the first and last layer up to which it is not moved
 #constant CELLS       // of the classification table
 #constant TABLE_ROW   // ends of cells along its rows
 #constant WEIGHTS     // cells of the table of weights by gradient, in the rows behind
