@@ -270,6 +270,11 @@ def _rows(things: np.ndarray) -> int:
     return -(-max(len(things), 1) // ABREAST)
 
 
+def uneven(rows: int) -> int:
+    """At least so many rows of a small texture, and no power of two: for those llvmpipe compiles shaders once more."""
+    return max(rows, 2) | 1 if rows < 1024 else rows
+
+
 def _padded(words: np.ndarray) -> np.ndarray:
     """The words [N, n] and zeros, to whole rows of a texture."""
     padded = np.zeros((_rows(words) * ABREAST, words.shape[1]), np.uint32)
@@ -280,7 +285,7 @@ def _padded(words: np.ndarray) -> np.ndarray:
 def _filled(ctx: moderngl.Context, words: np.ndarray) -> moderngl.Texture:
     """A texture of words [N, n], of up to four a texel."""
     channels = min(words.shape[1], 4)
-    size = ABREAST * words.shape[1] // channels, _rows(words)
+    size = ABREAST * words.shape[1] // channels, uneven(_rows(words))
     texture = ctx.texture(size, channels, alignment=4, dtype="u4")
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     _write(texture, words)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import Texels
+from splatgl.gl.buffers import Texels, uneven
 from splatgl.gl.constants import ABREAST, LANES
 from splatgl.gl.near_sheets import NOTHING
 from splatgl.gl.program import Programs
@@ -144,6 +144,6 @@ class SheetOrder:
         if self.order is None or self.order.height < height:
             if self.order is not None:
                 self.order.release()
-            self.order = self.ctx.texture((ABREAST, height), 1, dtype="u4")
+            self.order = self.ctx.texture((ABREAST, uneven(height)), 1, dtype="u4")
             self.order.filter = (moderngl.NEAREST, moderngl.NEAREST)
         return self.order

@@ -15,7 +15,7 @@ from itertools import pairwise
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import SplatBuffers, Texels
+from splatgl.gl.buffers import SplatBuffers, Texels, uneven
 from splatgl.gl.constants import ABREAST, LANES, LISTED, NOWHERE
 from splatgl.gl.draw_order import DrawOrder, Range, chunks
 from splatgl.gl.portions import Portions
@@ -178,7 +178,7 @@ class Tiles:
 
     def _make_placed(self, number: int, height: int) -> None:
         old = self.framebuffer, *self.placed
-        self.placed = [self.ctx.texture((ABREAST, height), 4, dtype="u4") for _ in range(number)]
+        self.placed = [self.ctx.texture((ABREAST, uneven(height)), 4, dtype="u4") for _ in range(number)]
         for texture in self.placed:
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.framebuffer = self.ctx.framebuffer(self.placed)
@@ -225,7 +225,7 @@ class Tiles:
         if self.list is None or self.list.height < height:
             if self.list is not None:
                 self.list.release()
-            self.list = self.ctx.texture((LISTED, height), 4, dtype="u4")
+            self.list = self.ctx.texture((LISTED, uneven(height)), 4, dtype="u4")
             self.list.filter = (moderngl.NEAREST, moderngl.NEAREST)
         # copied, as llvmpipe reads textures faster than buffers and writes buffers faster than images
         self.list.write(listed, viewport=(0, 0, LISTED, height))
