@@ -38,8 +38,8 @@ void main() {
 #endif
         if (masses[0].x + held[0].y + held[0].z < LEAST_MASS) discard;
         set_ray(0);
-        middle[0] = centered(0, sheet - 2, middle[0], held[0].y);
-        before[0] = centered(0, sheet - 1, before[0], held[0].z);
+        middle[0] = centered(0, sheet - 2, middle[0], held[0].y, spread[0].y);
+        before[0] = centered(0, sheet - 1, before[0], held[0].z, spread[0].z);
     }
     take_sheet(0, sheet);
     close_sheet(0, sheet);

@@ -128,11 +128,16 @@ vec4 masses[ROWS];
 // and the one before it; classified before, the last one's sum. And their masses, in the order of places
 vec4 start[ROWS], middle[ROWS], before[ROWS];
 vec3 held[ROWS];
+// how much further than others the sheets spread even matter, in sheets², likewise
+vec3 spread[ROWS];
+// values by mass around the sheet that is closed next
+vec3 around[ROWS];
 // or, until all sheets are closed, of blends of one value: it, or their sum by length, and the length
 vec4 light[ROWS];
-// of a pixel's ray: its place among voxels at the first sheet, voxels per sheet, and how far sheets' values are off their
-// places by the layers of voxels
-vec3 layer_first[ROWS], layer_step[ROWS], layer_lag[ROWS];
+// of a pixel's ray: its place among voxels at the first sheet, voxels per sheet, and what the layers of voxels, and planes
+// half as far apart, do to sheets
+vec3 layer_first[ROWS], layer_step[ROWS];
+mat2x3 layers[ROWS], half_layers[ROWS];
 #if CUED
 // of a pixel's ray: its cell at the first sheet, and cells per sheet
 vec3 first_cell[ROWS], cell_step[ROWS];
@@ -189,7 +194,8 @@ void set_ray(int row) {
     if (STEPS > 0) {
         layer_first[row] = start + direction * (first_sheet * thickness - offset) - box_low - 0.5;
         layer_step[row] = direction * thickness;
-        layer_lag[row] = layer_lags(direction);
+        layers[row] = layer_terms(direction, 1.0);
+        half_layers[row] = layer_terms(direction, 2.0);
     }
 #if MASKED == 1
     mask_first[row] = start + direction * (first_sheet * thickness - offset) - mask_low;
@@ -325,21 +331,44 @@ vec4 shown(vec4 light) {
     return light.y > 0.0 ? behind(vec4(0.0), weighed(matter, vec3(0.0), 1.0)) : vec4(0.0);
 }
 
-// A sheet's sums, with the value moved by the gradient from the mean place of even matter to the sheet's own.
-vec4 centered(int row, int sheet, vec4 sums, float mass) {
+// A sheet's sums as if even matter had the same mass everywhere, with the value moved by the gradient from the mean place
+// of even matter to the sheet's own; further: how much further than others it spreads even matter.
+vec4 centered(int row, int sheet, vec4 sums, inout float mass, out float further) {
+    further = 0.0;
     if (ONE_VALUE) return sums;
     vec3 place = layer_first[row] + layer_step[row] * float(sheet);
     // near the first and last layer gradients are of faces
     vec3 inward = min(place, box_high - box_low - 1.0 - place);
-    float amid = clamp(min(min(inward.x, inward.y), inward.z) - AMID, 0.0, 1.0);
-    float lag = dot(layer_lag[row], layer_phase(place));
+    float amid = min(min(inward.x, inward.y), inward.z) - AMID;
+    vec3 sine = layer_wave(place), cosine = layer_wave(place + 0.25);
+    float lag = dot(layers[row][0], sine) + 2.0 * dot(half_layers[row][0], sine * cosine);
+    further = dot(layers[row][1], cosine) + dot(half_layers[row][1], 1.0 - 2.0 * sine * sine) - 2.0 * lag * lag;
 #if NEAR == 1
     if (sheet >= near_sheets.y)
 #endif
     if (PERSPECTIVE == 1) lag += bulge(float(sheet) + first_sheet);
-    float share = clamp((mass / full_mass - CENTERED) / (WHOLLY - CENTERED), 0.0, 1.0);
-    sums.a += amid * share * lag * dot(sums.rgb, toward[row]) * lengths[row] * style.opacity_length;
-    return sums;
+    float relative = mass / full_mass;
+    float share = clamp(amid, 0.0, 1.0) * clamp((relative - CENTERED) / (WHOLLY - CENTERED), 0.0, 1.0);
+    float even = 1.0 + share * (1.0 / max(relative, CENTERED) - 1.0);
+    // gradients of the sheets beside it count, too
+    further *= share * clamp(amid - 1.0, 0.0, 1.0);
+    sums.a += share * lag * even * dot(sums.rgb, toward[row]) * lengths[row] * style.opacity_length;
+    mass *= even;
+    return sums * even;
+}
+
+// Values by mass half-way before the sheet that was taken before the last, there, and half-way behind: less by what further
+// spread adds where gradients change along the ray.
+vec3 values_around(int row) {
+    vec4 last = 0.5 * (middle[row] + before[row]);
+    vec3 values = vec3(start[row].a, middle[row].a, last.a);
+    if (ONE_VALUE) return values;
+    vec2 bend = vec2(dot(middle[row].rgb - start[row].rgb, toward[row]), dot(last.rgb - middle[row].rgb, toward[row]));
+    bend *= lengths[row] * style.opacity_length;
+    vec3 further = vec3(spread[row].xy, 0.5 * (spread[row].y + spread[row].z));
+    vec2 at_ends = bend * further.xz;
+    float amid = dot(further, vec3(0.25, 0.5, 0.25)) * (bend.x + bend.y) - 0.5 * (at_ends.x + at_ends.y);
+    return values - vec3(at_ends.x, amid, at_ends.y);
 }
 
 // Weights of three sums of what lies between the first place, 0, and the last, 1.
@@ -358,12 +387,16 @@ bool take_sheet(int row, int current) {
 #endif
         start[row] = 0.5 * (middle[row] + before[row]);
         middle[row] = before[row];
-        before[row] = centered(row, current, sum0[row], masses[row].x);
+        float further;
+        before[row] = centered(row, current, sum0[row], masses[row].x, further);
         held[row] = vec3(0.5 * (held[row].y + held[row].z), held[row].z, masses[row].x);
+        spread[row] = vec3(0.5 * (spread[row].y + spread[row].z), spread[row].z, further);
         // whether any of the values, by mass, is a place in the table between those with matter; some mass at least
-        vec3 places = vec3(start[row].a, middle[row].a, before[row].a) * class_scale.x + class_scale.y * held[row];
+        vec3 mass = vec3(held[row].xy, 0.5 * (held[row].y + held[row].z));
+        around[row] = values_around(row);
+        vec3 places = around[row] * class_scale.x + class_scale.y * mass;
         vec2 limits = clamp(class_seen, -1e38, 1e38) + vec2(-1e-2, 1e-2);
-        bool within = any(greaterThan(places, limits.x * held[row])) && any(lessThan(places, limits.y * held[row]));
+        bool within = any(greaterThan(places, limits.x * mass)) && any(lessThan(places, limits.y * mass));
         // the part around it, within the box
         bool inside = ends[row].x < float(current) - 0.5 && ends[row].y > float(current) - 1.5;
         seen = inside && (ONE_VALUE ? any(greaterThan(held[row], vec3(0.0))) : within);
@@ -392,8 +425,7 @@ void close_sheet(int row, int current) {
         vec4 last = 0.5 * (middle[row] + before[row]);
         vec3 mass = vec3(held[row].xy, 0.5 * (held[row].y + held[row].z));
         // values by mass; and their places in the table
-        vec3 values = vec3(start[row].a, middle[row].a, last.a);
-        vec3 places = values * class_scale.x + class_scale.y * mass;
+        vec3 places = around[row] * class_scale.x + class_scale.y * mass;
         // the part within the box
         vec2 inside = clamp(ends[row] - origin, 0.0, 1.0);
         vec3 shares = spline_shares(inside.x);
@@ -410,16 +442,15 @@ void close_sheet(int row, int current) {
             shares = spline_shares(part.x);
             begin = class_until(dot(places, shares) / max(dot(mass, shares), 1e-30));
 #endif
-            vec3 first_shares = spline_shares(part.x), mean_shares = spline_shares(0.5 * (part.x + part.y));
-            vec3 last_shares = spline_shares(part.y);
+            vec3 mean_shares = spline_shares(0.5 * (part.x + part.y)), last_shares = spline_shares(part.y);
             float mean_mass = dot(mass, mean_shares), last_mass = max(dot(mass, last_shares), 1e-30);
             float length_ = mean_mass >= LEAST_MASS ? part.y - part.x : 0.0;
             if (ONE_VALUE) {
                 // Simpson's rule for the mean, and nearly the extremes
-                float first_mass = max(dot(mass, first_shares), 1e-30);
-                light[row] = joined(light[row], dot(values, first_shares) / first_mass, length_ / 6.0);
-                light[row] = joined(light[row], dot(values, mean_shares) / max(mean_mass, 1e-30), length_ / 1.5);
-                light[row] = joined(light[row], dot(values, last_shares) / last_mass, length_ / 6.0);
+                float first_mass = max(dot(mass, shares), 1e-30);
+                light[row] = joined(light[row], dot(around[row], shares) / first_mass, length_ / 6.0);
+                light[row] = joined(light[row], dot(around[row], mean_shares) / max(mean_mass, 1e-30), length_ / 1.5);
+                light[row] = joined(light[row], dot(around[row], last_shares) / last_mass, length_ / 6.0);
             } else {
                 Until end = class_until(dot(places, last_shares) / last_mass);
                 vec4 matter = class_mean(begin, end);
@@ -436,6 +467,7 @@ void close_sheet(int row, int current) {
 #endif
                 light[row] = behind(light[row], matter);
             }
+            shares = last_shares;
         }
     }
 }

@@ -43,12 +43,12 @@ void add_four(int row, Joined four[4], Ray ray, vec4 weights[4]) {
 }
 
 // Floats kept of a pixel; the last are of the column.
-#define KEPT 30
+#define KEPT 32
 #define RING(number, row) rings[((tile * uint(KEPT + 1) + uint(number)) * ROWS + uint(row)) * LANES + gl_LocalInvocationID.x]
 void open_pixel(int row) {
     sum0[row] = sum1[row] = sum2[row] = sum3[row] = masses[row] = vec4(0.0);
     middle[row] = before[row] = vec4(0.0);
-    held[row] = vec3(0.0);
+    held[row] = spread[row] = vec3(0.0);
     light[row] = vec4(0.0);
     if (STEPS > 0 || LIMITED == 1) set_ray(row);
 }
@@ -66,6 +66,7 @@ void read_ring(uint tile, int row) {
     middle[row] = RING4(20, row);
     before[row] = RING4(24, row);
     held[row] = vec3(0.0, RING(28, row), RING(29, row));
+    spread[row] = vec3(0.0, RING(30, row), RING(31, row));
 }
 
 void write_ring(uint tile, int row) {
@@ -78,6 +79,8 @@ void write_ring(uint tile, int row) {
     SET_RING4(24, row, before[row])
     RING(28, row) = held[row].y;
     RING(29, row) = held[row].z;
+    RING(30, row) = spread[row].y;
+    RING(31, row) = spread[row].z;
 }
 
 // The four entries of a list around one, and its first sheet.

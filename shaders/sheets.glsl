@@ -8,7 +8,7 @@ uniform vec3 sheet_direction;  // parallel views: unit vector along the rays, in
 uniform float thickness;       // of a sheet, index units
 uniform float first_sheet;     // sheets are counted from this one
 
-// a kernel's variance in depth, voxels², and coefficients of its Fourier transform; and a sheet's mass of even matter
+// a kernel's variance in depth, voxels², and coefficients of its Fourier transform's root; and a sheet's mass of even matter
 uniform float kernel_variance;
 uniform vec4 kernel_spectrum;
 uniform float full_mass;
@@ -45,22 +45,28 @@ float sheet_share(float place) {
     return number >= 0 && number < SHEETS ? weights[number] : 0.0;
 }
 
-// See Sheets.layer_lags; direction: a ray's unit vector, index axes.
-vec3 layer_lags(vec3 direction) {
+// See Sheets.layer_terms, of one order; direction: a ray's unit vector, index axes.
+mat2x3 layer_terms(vec3 direction, float order) {
     const float PI = 3.14159265;
-    vec3 f = max(abs(direction) * thickness, vec3(0.1));
-    vec3 box = sin(PI * f) / (PI * f);
-    vec3 power = SHEETS == 2 ? box : SHEETS == 3 ? box * box : box * box * box;
-    vec3 slope = float(SHEETS) * power * (cos(PI * f) - box) / f;
-    vec3 x = 1.0 - direction * direction;
+    float count = float(SHEETS);
+    vec3 f = max(abs(direction) * (thickness * order), vec3(0.1));
+    vec3 box = sin(PI * f) / (PI * f), slope = (cos(PI * f) - box) / f;
+    vec3 bend = -PI * PI * box - 2.0 * slope / f;
+    vec3 power = SHEETS == 2 ? vec3(1.0) : SHEETS == 3 ? box : box * box;
+    vec3 second = (count - 1.0) * slope * slope + box * bend;
+    vec3 x = min(order * order * (1.0 - direction * direction), vec3(1.0));
     vec4 c = kernel_spectrum;
-    vec3 across = 1.0 + x * (c.x + x * (c.y + x * (c.z + x * c.w)));
-    return 8.0 / PI * slope * across * sign(direction);
+    vec3 root = 1.0 + x * (c.x + x * (c.y + x * (c.z + x * c.w)));
+    vec3 share = count * power * root * root;
+    vec3 spread = second / (-2.0 * PI * PI) - box * box / 6.0;
+    return mat2x3(share * box * slope * sign(direction) / -PI, share * spread);
 }
 
-vec3 layer_phase(vec3 place) {
-    vec3 x = fract(place) - 0.5;
-    return x * (1.0 - 2.0 * abs(x));
+// sin(2π place).
+vec3 layer_wave(vec3 place) {
+    vec3 x = 0.5 - fract(place);
+    x *= 8.0 - 16.0 * abs(x);
+    return x * (0.775 + 0.225 * abs(x));
 }
 
 // How far a ray passes even matter of a sphere, number `sheet` from the eye, before the sphere's own place, in sheets.

@@ -76,15 +76,15 @@ def test_parts_add_up_to_the_picture(blend: str, name: str, renderer: sg.Rendere
         read += len(some.low)
         pixels = renderer.render_part(some, camera, settings)
         parts.append(Part.of(pixels, sum(some.found.values())))
-    assert read < 3.1 * len(bricks.low)
+    # what joins three sheets reaches one sheet further to both sides of a part than their splats do
+    assert read < 3.05 * len(bricks.low)
     how = chosen.program.look.blend.join
     whole = join(how, join(how, parts[0], parts[1]), join(how, parts[2], parts[3]))
     image = renderer.render_joined(bricks, camera, settings, whole.whole, whole.splats)
     assert right.pixels.max() > 0.3 and image.info["splats"] == right.info["splats"]
-    # a mean is a quotient of sums of thirds of each part
-    assert np.abs(image.pixels - right.pixels).max() < (1e-5 if blend == "mean" else 1e-6) * max(
-        right.pixels.max(), 1.0
-    )
+    # a mean is a quotient of float32 sums, of some hundred terms, that parts add up in another order
+    most = (5e-6 if blend == "mean" else 1e-6) * max(right.pixels.max(), 1.0)
+    assert np.abs(image.pixels - right.pixels).max() < most
     # each part is needed
     less = renderer.render_joined(bricks, camera, settings, join(how, parts[0], parts[1]).whole, 0)
     assert np.abs(less.pixels - right.pixels).max() > 0.01

@@ -349,7 +349,7 @@ def test_steep_and_constant_transfer_functions(renderer: sg.Renderer, points: li
 @pytest.mark.parametrize("view", ["along", "oblique"])
 def test_no_spike_is_passed_over(renderer: sg.Renderer, view: str, width: float) -> None:
     """Values rise by 1 per voxel: however narrow a spike is, and wherever it lies between two sheets, a ray that
-    crosses it gathers its area over the slope of the values along the ray, to a few per cent.
+    crosses it gathers its area over the slope of the values along the ray, to two per cent.
     """
     z = np.indices((24, 12, 12))[0].astype(float)
     camera = sg.Camera.orbit(sg.Volume(z), 90, 90, size=(9, 9), zoom=3) if view == "along" else None
@@ -364,10 +364,9 @@ def test_no_spike_is_passed_over(renderer: sg.Renderer, view: str, width: float)
         splats = sg.extract(sg.Volume(z), transfer, classification="post")
         for steps in (1, 3):
             alpha = renderer.render(splats, camera, EXACT.but(steps=steps)).pixels[3:6, 3:6, 3]
-            assert np.abs(alpha + np.expm1(-area / slope)).max() < 0.04, (middle, steps)
+            assert np.abs(alpha + np.expm1(-area / slope)).max() < 0.015, (middle, steps)
             right = sg.reference.render(splats, camera, EXACT.but(steps=steps)).pixels[3:6, 3:6, 3]
-            # one where two parts meet may be either's, whose slopes differ a little
-            assert np.abs(alpha - right).max() < 4e-3
+            assert np.abs(alpha - right).max() < 1e-5
 
 
 @pytest.mark.few(1)

@@ -18,12 +18,12 @@ from splatgl.splat.classification.shading import surface_light
 from splatgl.splat.kernel.kernels import Kernel, kernel
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.plan import Plan
-from splatgl.splat.sheets.sheets import Sheets, layer_phase
+from splatgl.splat.sheets.sheets import Sheets, layer_wave
 from splatgl.splat.view.clip import FACE
 from splatgl.splat.view.view import View
 from splatgl.truth import blend as blends
 from splatgl.truth.rays import Rays
-from splatgl.truth.sheet_field import Part, SheetField, behind, between_sheets, bulge, weighted
+from splatgl.truth.sheet_field import Part, SheetField, behind, between_sheets, bulge, means_of, unbent, weighted
 from splatgl.truth.sheets import composited
 
 # normals of planes, and distances from the middle
@@ -153,12 +153,15 @@ def test_places_of_layers(count: int, twin: Twin, rng: np.random.Generator) -> N
     direction[:30] = np.eye(3)[rng.integers(3, size=30)] * rng.choice([-1, 1], 30)[:, None]
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     state = {"SHEETS": count, **own}
-    found = twin("sheets.glsl", "result.xyz = layer_lags(d)", state=state, d=direction)[:, :3]
-    assert np.abs(found - sheets.layer_lags(direction.T).T).max() < 1e-5
+    right = sheets.layer_terms(direction.T)
+    for order, what in np.ndindex(2, 2):
+        expression = f"result.xyz = layer_terms(d, {order + 1}.0)[{what}]"
+        found = twin("sheets.glsl", expression, state=state, d=direction)[:, :3]
+        assert np.abs(found - right[order, what].T).max() < 2e-5
     place = rng.uniform(-40, 40, (COUNT, 3)).astype(np.float32).astype(np.float64)
-    found = twin("sheets.glsl", "result.xyz = layer_phase(p)", state={"SHEETS": count}, p=place)[:, :3]
-    assert np.abs(found - layer_phase(place)).max() < 1e-5
-    assert np.abs(layer_phase(place) + np.sin(2 * np.pi * place) / 8).max() < 0.0075
+    found = twin("sheets.glsl", "result.xyz = layer_wave(p)", state={"SHEETS": count}, p=place)[:, :3]
+    assert np.abs(found - layer_wave(place)).max() < 1e-5
+    assert np.abs(layer_wave(place) - np.sin(2 * np.pi * place)).max() < 0.0012
     number = rng.integers(-3, 40, COUNT)
     found = twin("sheets.glsl", "result.x = bulge(n)", state=state, n=number.astype(float))[:, 0]
     assert np.abs(found - bulge(number, sheets)).max() < 1e-6
@@ -168,23 +171,27 @@ def test_places_of_layers(count: int, twin: Twin, rng: np.random.Generator) -> N
 
 
 @pytest.mark.parametrize("count", [2, 3, 4])
-def test_mean_places_of_even_matter(count: int) -> None:
-    """Against sums over voxels: on rays along an axis, and across three."""
+def test_places_and_spread_of_even_matter(count: int) -> None:
+    """Against sums over voxels: on rays along an axis, nearly so, and across two and three."""
     sheets, shape = Sheets.of(kernel("b-spline"), count, 2), kernel("b-spline")
     cells = np.stack(np.meshgrid(*(np.arange(-7, 8),) * 3)).reshape(3, -1)
-    for axis in ((0, 0, 1), (0.28, 0, -0.96), (0.48, 0.36, 0.8), (0.577, -0.577, 0.577)):
+    off = []
+    for axis in ((0, 0, 1), (0.1, 0.05, 0.99), (0.28, 0, -0.96), (0.48, 0.36, 0.8), (0.577, -0.577, 0.577)):
         direction = np.array(axis) / np.linalg.norm(axis)
+        terms = sheets.layer_terms(direction[:, None])[..., 0]
         for place in np.random.default_rng(1).uniform(-0.5, 0.5, (8, 3)):
             apart = cells - place[:, None]
             along = direction @ apart
             weight = shape.footprint(np.sqrt(np.maximum((apart**2).sum(axis=0) - along**2, 0)))
             weight = weight * sheet_share(sheets, along / sheets.thickness)
-            right = -(weight @ along) / weight.sum() / sheets.thickness
-            found = (sheets.layer_lags(direction[:, None])[:, 0] * layer_phase(place)).sum()
-            assert abs(found - right) < (0.05 if count == 2 else 0.025)
-            assert weight.sum() / shape.footprint(np.zeros(())) == pytest.approx(
-                sheets.mass, rel=0.14 if count == 2 else 0.12
-            )
+            along /= sheets.thickness
+            mass = weight.sum() / shape.footprint(np.zeros(())) / sheets.mass
+            sine, cosine = (layer_wave(np.stack([place, 2 * place]) + part) for part in ([[0], [0]], [[0.25], [0.25]]))
+            lag, further = (terms[:, 0] * sine).sum(), (terms[:, 1] * cosine).sum()
+            spread = (weight @ along**2) / weight.sum() - count / 12
+            off.append((lag / mass + (weight @ along) / weight.sum(), further / mass - spread, mass - 1))
+    most = {2: (0.025, 0.06, 0.13), 3: (0.012, 0.009, 0.06), 4: (0.005, 0.004, 0.035)}[count]
+    assert (np.abs(off).max(axis=0) < most).all()
 
 
 @pytest.mark.few(5)
@@ -292,7 +299,10 @@ def of_layers(rays: Rays, sheets: Sheets) -> dict[str, np.ndarray]:
     return {"p": rays.start.T, "q": rays.direction.T * sheets.thickness}
 
 
-LAYERS = "layer_first[0] = p; layer_step[0] = q; layer_lag[0] = layer_lags(q / thickness);"
+LAYERS = """
+    layer_first[0] = p; layer_step[0] = q;
+    layers[0] = layer_terms(q / thickness, 1.0); half_layers[0] = layer_terms(q / thickness, 2.0);
+"""
 
 
 def class_state(renderer: sg.Renderer, splats: sg.Splats) -> dict[str, object]:
@@ -437,6 +447,11 @@ def centered(field: SheetField, sums: np.ndarray, rays: Rays, sheets: Sheets) ->
     return field.centered(sums, rays, 0, sheets)
 
 
+def values_around(around: np.ndarray, rays: Rays, sheets: Sheets) -> np.ndarray:
+    """[N, 3]: of sums and further spread [3, N, 6]."""
+    return unbent(around, rays.toward * (rays.stretch * sheets.thickness)[:, None])[..., 1].T
+
+
 def test_sums_at_the_place_of_a_sheet(twin: Twin, rng: np.random.Generator) -> None:
     """Masses on both sides of those whose values are moved, and how three sums are joined."""
     splats = samples()
@@ -446,22 +461,42 @@ def test_sums_at_the_place_of_a_sheet(twin: Twin, rng: np.random.Generator) -> N
     rays = replace(rays, start=rays.start + 3.5)
     mass = sheets.mass * rng.uniform(0.8, 1, COUNT)
     sums = np.column_stack([mass, rng.uniform(0, 1, COUNT), rng.normal(size=(COUNT, 3))])[:, None] + np.zeros((1, 3, 1))
-    right = centered(field, sums, rays, sheets)[:, 2]
+    right = centered(field, sums, rays, sheets)
     state = {**sheet_uniforms(splats, plan), "first_sheet": 0.0}
-    inputs = {
-        "s": np.roll(sums[:, 2, 1:], -1, axis=1),
-        "m": mass,
-        "t": rays.toward,
-        "e": rays.stretch * sheets.thickness,
-    }
-    expression = f"toward[0] = t; lengths[0] = e / style.opacity_length; {LAYERS} result = centered(0, 2, s, m)"
-    found = twin("sheet_draw.comp", expression, plan, splats, state, **inputs, **of_layers(rays, sheets))
-    off = np.abs(right[:, 1] - sums[:, 2, 1])
-    assert (off[mass < 0.85 * sheets.mass] == 0).all() and off.max() > 0.05
-    assert np.abs(found - np.roll(right[:, 1:], -1, axis=1)).max() < 2e-5
+    inputs = {"s": np.roll(sums[:, 2, 1:], -1, axis=1), "m": mass, "t": rays.toward}
+    inputs |= {"e": rays.stretch * sheets.thickness, **of_layers(rays, sheets)}
+    setup = f"toward[0] = t; lengths[0] = e / style.opacity_length; float mass = m, further; {LAYERS}"
+    found = twin("sheet_draw.comp", f"{setup} result = centered(0, 2, s, mass, further)", plan, splats, state, **inputs)
+    few = mass < 0.85 * sheets.mass
+    off = np.abs(right[:, 2, 1] - sums[:, 2, 1])
+    assert (off[few] == 0).all() and off.max() > 0.05 and 10 < few.sum() < COUNT - 10
+    assert np.abs(found - np.roll(right[:, 2, 1:5], -1, axis=1)).max() < 2e-5
+    expression = f"{setup} centered(0, 2, s, mass, further); result.xy = vec2(mass, further)"
+    found = twin("sheet_draw.comp", expression, plan, splats, state, **inputs)[:, :2]
+    assert np.abs(found - right[:, 2, [0, 5]]).max() < 2e-5 and (right[few, 2, 5] == 0).all()
+    near = np.array([right[:, n, 5] for n in range(3)])
+    expression = """
+        toward[0] = t; lengths[0] = e / style.opacity_length;
+        start[0] = a; middle[0] = b; before[0] = 2.0 * c - b; spread[0] = vec3(d.xy, 2.0 * d.z - d.y);
+        result.xyz = values_around(0)
+    """
+    three = rng.normal(size=(3, COUNT, 5))
+    bent = values_around(np.concatenate([three, near[..., None]], axis=2), rays, sheets)
+    own = {name: np.roll(part[:, 1:], -1, axis=1) for name, part in zip("abc", three, strict=True)}
+    own |= {"d": near.T, "t": rays.toward, "e": rays.stretch * sheets.thickness}
+    found = twin("sheet_draw.comp", expression, plan, splats, state, **own)[:, :3]
+    assert np.abs(found - bent).max() < 2e-5 and np.abs(bent - three[..., 1].T).max() > 0.05
     u = rng.uniform(0, 1, COUNT)
     found = twin("sheet_draw.comp", "result.xyz = spline_shares(u)", plan, splats, u=u)[:, :3]
     assert np.abs(found - spline_shares(u)).max() < 1e-6
+
+
+def test_no_gap_between_the_values_of_sheets(rng: np.random.Generator) -> None:
+    """What is between two values at the border of two sheets is in neither: the same there, from both sides."""
+    a, b, c, d = rng.uniform(0.5, 1, (4, COUNT, 5))
+    behind_, ahead = np.stack([(a + b) / 2, b, (b + c) / 2]), np.stack([(b + c) / 2, c, (c + d) / 2])
+    ends = [means_of(between_sheets(*side)) for side in ((behind_, np.ones(COUNT)), (ahead, np.zeros(COUNT)))]
+    assert np.abs(ends[0] - ends[1]).max() < 1e-9
 
 
 @pytest.mark.parametrize("blend", [name for name, mode in BLENDS.items() if mode.one_value])

@@ -34,7 +34,7 @@ from splatgl.splat.view.screen_bounds import Window, screen_bounds
 # buffer binding of open sheets
 RINGS = 5
 # floats of a pixel's open sheets: KEPT of sheet_draw.comp, and one more
-RING = 31
+RING = 33
 # most list entries of a tile per dispatch: with the sheets that follow each other, loop iterations stay below 65535
 MOST_ENTRIES = 30_000
 # voxels beyond a plane on which what it keeps may depend: a kernel's reach, and that of sheets

@@ -13,7 +13,7 @@ from splatgl.splat.cues.cues import Cues
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.blend_mode import BlendMode
 from splatgl.splat.plan.resolve import Resolved
-from splatgl.splat.sheets.sheets import AMID, CENTERED, EDGE, LEAST_MASS, Sheets, index_direction, layer_phase
+from splatgl.splat.sheets.sheets import AMID, CENTERED, EDGE, LEAST_MASS, Sheets, index_direction, layer_wave
 from splatgl.splat.view.clip import FACE
 from splatgl.splat.view.mask import MaskField, face_share, kept_part
 from splatgl.splat.view.view import View
@@ -84,10 +84,11 @@ class SheetField:
         entry = near if rays.entry is None else self.places(rays, rays.entry, sheets)
         stretch = rays.stretch * sheets.thickness
         padded = np.pad(self.centered(sums, rays, first, sheets), ((0, 0), (2, 2), (0, 0)))
+        along = rays.toward * stretch[:, None]
         for n in range(1, padded.shape[1] - 1):
             some = np.flatnonzero((padded[:, n - 1 : n + 2, 0] > 0).any(axis=1) & seen())
             before, own, behind_ = (padded[some, n + k] for k in (-1, 0, 1))
-            around = np.stack([(before + own) / 2, own, (own + behind_) / 2])
+            around = unbent(np.stack([(before + own) / 2, own, (own + behind_) / 2]), along[some])
             # half-way from the sheet before
             begin = first + n - 2 - 0.5
             # the part within the box
@@ -108,27 +109,35 @@ class SheetField:
                 yield Part(some, begin, between, first_, mean, last, stretch[some], faced, distance)
 
     def centered(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
-        """Sums [P, sheets, 5] whose values are moved, by their gradients, from the mean place of even matter to the
-        sheets' own; of one value unchanged, whose extremes are then those of means.
+        """[P, sheets, 6]: sums [P, sheets, 5] as if even matter had the same mass everywhere, whose values are moved,
+        by their gradients, from its mean place to the sheets' own; and how much further than others, in sheets², they
+        spread it. Of one value unchanged, whose extremes are then those of means.
         """
         if self.blend.one_value:
-            return sums
+            return np.concatenate([sums, np.zeros_like(sums[..., :1])], axis=-1)
         number = first + np.arange(sums.shape[1])
         offset = np.broadcast_to(ray_offset(self.view, rays), len(rays.near))
         along = number * sheets.thickness - offset[:, None]
         places = rays.start[..., None] + rays.direction[..., None] * along
         # near the first and last layer gradients are of faces
         last = np.array(self.post.shape)[:, None, None] - 1
-        amid = np.clip(np.minimum(places, last - places).min(axis=0) - AMID, 0.0, 1.0)
-        lag = (sheets.layer_lags(rays.direction)[..., None] * layer_phase(places)).sum(axis=0)
+        amid = np.minimum(places, last - places).min(axis=0) - AMID
+        layers, half = sheets.layer_terms(rays.direction)[..., None]
+        sine, cosine = layer_wave(places), layer_wave(places + 0.25)
+        lag = (layers[0] * sine + 2 * half[0] * sine * cosine).sum(axis=0)
+        further = (layers[1] * cosine + half[1] * (1 - 2 * sine**2)).sum(axis=0) - 2 * lag**2
         if self.view.perspective:
             lag += bulge(number, sheets) * (number >= self.near)
         low, high = CENTERED
-        share = np.clip((sums[..., 0] / sheets.mass - low) / (high - low), 0.0, 1.0)
+        mass = sums[..., 0] / sheets.mass
+        share = np.clip(amid, 0.0, 1.0) * np.clip((mass - low) / (high - low), 0.0, 1.0)
+        even = 1 + share * (1 / np.maximum(mass, low) - 1)
         slope = (sums[..., 2:] * rays.toward[:, None]).sum(axis=-1) * (rays.stretch * sheets.thickness)[:, None]
         moved = sums.copy()
-        moved[..., 1] += amid * share * lag * slope
-        return moved
+        moved[..., 1] += share * lag * even * slope
+        # gradients of the sheets beside it count, too
+        further *= share * np.clip(amid - 1, 0.0, 1.0)
+        return np.concatenate([moved * even[..., None], further[..., None]], axis=-1)
 
     def _kept(
         self, ends: list[np.ndarray], sheet: float, some: np.ndarray, rays: Rays, sheets: Sheets
@@ -222,6 +231,19 @@ def between_sheets(around: np.ndarray, u: np.ndarray) -> np.ndarray:
     """
     shares = np.stack([(1 - u) ** 2, 2 * u * (1 - u), u**2]) + EDGE
     return np.asarray((shares[..., None] * around).sum(axis=0))
+
+
+def unbent(around: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Sums `around` a sheet [3, P, 5], of which [3, P, 6] hold further spread, too: values are less by what that adds
+    where gradients change along rays. along [P, 3]: unit directions times mean spacings per sheet.
+    """
+    further = around[..., 5]
+    before, behind_ = np.diff((around[..., 2:5] * along).sum(axis=-1), axis=0)
+    ends = before * further[0], behind_ * further[2]
+    middle = (further[0] + 2 * further[1] + further[2]) / 4 * (before + behind_) - sum(ends) / 2
+    found = around[..., :5].copy()
+    found[..., 1] -= np.stack([ends[0], middle, ends[1]])
+    return found
 
 
 def means_of(sums: np.ndarray) -> np.ndarray:

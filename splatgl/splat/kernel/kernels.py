@@ -243,16 +243,17 @@ def depth_deviation(shape: Kernel) -> float:
 
 
 def spectrum(shape: Kernel) -> tuple[float, float, float, float]:
-    """Coefficients of q² to q⁸ of the kernel's Fourier transform at q periods per voxel, up to 1; at 0 it is 1."""
+    """Coefficients of q² to q⁸ of the root of the kernel's Fourier transform at q periods per voxel, up to 1."""
     q = np.linspace(0.0, 1.0, 65)[1:]
     nodes, weights = unit_rule(40)
-    found, low = -np.ones_like(q), 0.0
+    found, low = np.zeros_like(q), 0.0
     for knot in shape.knots:
         r = low + (knot - low) * nodes
         shells = 4 * np.pi * (knot - low) * weights * r**2 * shape.value(r)
         found += np.sinc(2 * q[:, None] * r) @ shells
         low = knot
-    fitted = np.linalg.lstsq(q[:, None] ** np.array([2, 4, 6, 8]), found, rcond=None)[0]
+    powers = q[:, None] ** np.array([2, 4, 6, 8])
+    fitted = np.linalg.lstsq(powers, np.sqrt(np.maximum(found, 0.0)) - 1, rcond=None)[0]
     first, second, third, fourth = fitted.tolist()
     return first, second, third, fourth
 

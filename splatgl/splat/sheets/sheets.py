@@ -17,8 +17,9 @@ from splatgl.splat.kernel.kernels import Kernel, depth_deviation, spectrum
 from splatgl.splat.view.view import View
 
 # mass below which a place holds no value; and the share of each of three sheets, besides their weights, in what lies
-# between them, so that there is a value wherever one of them has any
-LEAST_MASS, EDGE = 0.02, 1e-4
+# between them, so that there is a value wherever one of them has any: less than rounding, so that values do not jump
+# between sheets
+LEAST_MASS, EDGE = 0.02, 1e-12
 # shares of even matter's mass from which a sheet's value is moved to the sheet's place: not at all, wholly
 CENTERED = (0.85, 0.95)
 # voxels from the first and last layer up to which it is not moved, as gradients there are of faces; a voxel further it
@@ -87,18 +88,27 @@ class Sheets:
         found = np.take_along_axis(weights, np.clip(number, 0, self.count - 1)[None], axis=0)[0]
         return np.asarray(np.where(inside, found, 0.0))
 
-    def layer_lags(self, direction: np.ndarray) -> np.ndarray:
-        """[3, N]: how far, in sheets, even matter's mean place is from a sheet's, per `layer_phase`, by the layers of
-        voxels across each axis; direction [3, N]: unit vectors of rays, index axes.
+    def layer_terms(self, direction: np.ndarray) -> np.ndarray:
+        """[2, 2, 3, N]: by the layers of voxels across each axis, and by planes half as far apart: how far, in sheets,
+        even matter's mean place is before a sheet's, per sine of the place among them; and how much further, in
+        sheets², it is spread, per cosine. direction [3, N]: unit vectors of rays, index axes.
 
-        The first terms of Poisson's sum over voxels: of the Fourier transform of weights the derivative at the layers'
-        frequency along the ray, and of the kernel's at that across it.
+        The first terms of Poisson's sum over voxels: of the Fourier transform of weights the first and second
+        derivative at the planes' frequency along the ray, and of the kernel's at that across it.
         """
-        f = np.maximum(np.abs(direction) * self.thickness, 0.1)
-        box = np.sinc(f)
-        slope = self.count * box ** (self.count - 1) * (np.cos(np.pi * f) - box) / f
-        across = np.polyval([*self.spectrum[::-1], 1.0], 1 - direction**2)
-        return np.asarray(8 / np.pi * slope * across * np.sign(direction))
+        found = []
+        for order in (1, 2):
+            f = np.maximum(order * np.abs(direction) * self.thickness, 0.1)
+            box = np.sinc(f)
+            slope = (np.cos(np.pi * f) - box) / f
+            bend = -(np.pi**2) * box - 2 * slope / f
+            second = (self.count - 1) * slope**2 + box * bend
+            apart = np.minimum(order**2 * (1 - direction**2), 1.0)
+            across = np.polyval([*self.spectrum[::-1], 1.0], apart) ** 2
+            share = self.count * box ** (self.count - 2) * across
+            lag = -share * box * slope * np.sign(direction) / np.pi
+            found.append(np.stack([lag, -share * (second / (2 * np.pi**2) + box**2 / 6)]))
+        return np.stack(found)
 
     def places(self, view: View, positions: np.ndarray) -> np.ndarray:
         """Distances from the eye over thickness, float64 [N], of splats at grid positions [N, 3]."""
@@ -135,10 +145,11 @@ def index_direction(view: View) -> np.ndarray:
     return np.asarray(along / np.linalg.norm(along))
 
 
-def layer_phase(place: np.ndarray) -> np.ndarray:
-    """−sin(2π place)/8 in parabolas, of grid positions along an axis."""
-    x = place - np.floor(place) - 0.5
-    return np.asarray(x * (1 - 2 * np.abs(x)))
+def layer_wave(place: np.ndarray) -> np.ndarray:
+    """sin(2π place), to 1.2e-3, of grid positions along an axis."""
+    x = 0.5 - (place - np.floor(place))
+    x = x * (8 - 16 * np.abs(x))
+    return np.asarray(x * (0.775 + 0.225 * np.abs(x)))
 
 
 def _linear(t: np.ndarray) -> np.ndarray:

@@ -25,7 +25,7 @@ DEPTHS = (1e-12, 1e-6, 1.0, 1e2, 1e4)
 # float32 sums of a ray through constant values
 CONSTANT = 2e-5
 # the slope of a field of means, and where it passes a value, are off by this share
-SLOPE = 0.05
+SLOPE = 0.03
 # voxels by which limits of coefficients may widen a plate of one voxel at half its value
 THIN = 0.4
 
