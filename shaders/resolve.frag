@@ -4,6 +4,7 @@
 
 uniform sampler2D drawn;
 uniform int samples;      // along each axis
+uniform ivec2 last;       // sample
 uniform float ends;       // 1/24, or 0: the samples' own mean
 uniform vec4 background;  // linear premultiplied; zero: transparent
 
@@ -18,7 +19,7 @@ float weight(int j) {
 }
 
 void main() {
-    ivec2 first = ivec2(gl_FragCoord.xy) * samples, last = textureSize(drawn, 0) - 1;
+    ivec2 first = ivec2(gl_FragCoord.xy) * samples;
     int around = ends > 0.0 ? 1 : 0;
     vec4 sum = vec4(0.0);
     // row by row, to keep float32 sums short

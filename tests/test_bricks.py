@@ -70,7 +70,7 @@ def in_bricks(volume: sg.Volume, transfer: sg.Transfer, settings: Settings, side
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize(("blend", "grid", "name"), spread(10, PICTURES, ("cubes", "sheared"), VIEWS))
+@pytest.mark.parametrize(("blend", "grid", "name"), spread(7, PICTURES, ("cubes", "sheared"), VIEWS))
 def test_bricks_draw_the_picture_of_the_whole(
     blend: str, grid: str, name: str, renderer: sg.Renderer, rng: np.random.Generator
 ) -> None:
@@ -116,8 +116,7 @@ def test_no_dispatch_has_more_tiles_than_it_may(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("grid", ["cubes", "sheared"])
-@pytest.mark.parametrize("name", ["outside", "inside", "parallel"])
+@pytest.mark.parametrize(("name", "grid"), [("outside", "sheared"), ("inside", "cubes"), ("parallel", "sheared")])
 def test_squares_of_bricks_are_compared_as_those_of_the_whole(
     grid: str, name: str, renderer: sg.Renderer, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -145,7 +144,7 @@ def test_squares_of_bricks_are_compared_as_those_of_the_whole(
 def test_random_scenes_in_bricks(renderer: sg.Renderer) -> None:
     """Of any shape, size of bricks, kernel, tolerance and type of samples, with missing ones."""
     # 1087: long voxels beside the eye
-    for seed in (*range(8), 1087):
+    for number, seed in enumerate((*range(8), 1087)):
         rng = np.random.default_rng(seed)
         shape = tuple(int(n) for n in rng.integers(1, 24, 3))
         samples = noise(rng, shape)
@@ -156,8 +155,11 @@ def test_random_scenes_in_bricks(renderer: sg.Renderer) -> None:
         top = 255.0 if samples.dtype == np.uint8 else 1.0
         volume = sg.Volume(samples, spacing=tuple(rng.uniform(0.5, 3, 3)))
         transfer = sg.Transfer([(0.4 * top, 0), (rng.uniform(0.5, 0.7) * top, rng.uniform(0.05, 1))], colormap="bone")
-        kernel = ("auto", "crawfis-max", "gaussian")[seed % 3]
-        settings = ALL.but(kernel=kernel, tolerance=10 ** rng.uniform(-4, -2))
+        rng.random()
+        # one tolerance of each kernel, as shaders are compiled for both; of each type of samples all kernels
+        kinds = (("auto", 2e-3), ("crawfis-max", 1e-4), ("gaussian", 1e-3))
+        kernel, tolerance = kinds[(number + number // 3) % len(kinds)]
+        settings = ALL.but(kernel=kernel, tolerance=tolerance)
         eye = volume.center + rng.normal(size=3) * np.ptp(volume.corners, axis=0) * rng.uniform(0.1, 2)
         camera = sg.Camera.look_at(eye, volume.center, (0.1, 0.2, 1), 50, (24, 20))
         splats = sg.extract(volume, transfer, kernel=kernel if kernel != "auto" else "b-spline")

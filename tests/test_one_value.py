@@ -127,7 +127,7 @@ def test_quads_in_bands_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest
             found = renderer.render(splats, camera, settings, verify_bound=False).pixels
             drawing = renderer.passes.techniques["sheets in quads"]
             assert isinstance(drawing, sheet_quads.SheetQuads) and drawing.ring is not None
-            assert drawing.ring.sums[0].size == (camera.size[0], rows)
+            assert (drawing.ring.kind.size, drawing.ring.kind.rows) == (camera.size, rows)
         assert whole[..., 3].max() > 0.1 and np.abs(found - whole).max() < 2e-5
 
 

@@ -39,18 +39,19 @@ def cameras_of(splats: sg.Splats) -> list[sg.Camera]:
     return [fitted, inside, far, fitted.parallel(splats), far.parallel(splats)]
 
 
-def programs(pairs: bool) -> set[Program]:
-    """All that plans compile; pairs: of the values of every two settings, the others as they are by default."""
+def programs() -> set[Program]:
+    """All that plans compile of the values of every two settings, the others as they are by default, and of every
+    eighth combination of all.
+    """
     names = (*COMPILED, "tolerance", "table_bits")
     values = {**{name: choices()[name] for name in COMPILED}, "tolerance": (1 / 255, 1e-6), "table_bits": (32, 8)}
     # the others take values
     values["blend"] = tuple(name for name, mode in BLENDS.items() if not mode.post_only)
-    some = itertools.combinations(names, 2) if pairs else [names]
-    wanted = {
-        tuple(zip(chosen, each, strict=True))
-        for chosen in some
-        for each in itertools.product(*(values[name] for name in chosen))
-    }
+    every, *pairs = (
+        [tuple(zip(chosen, each, strict=True)) for each in itertools.product(*(values[name] for name in chosen))]
+        for chosen in (names, *itertools.combinations(names, 2))
+    )
+    wanted = {*every[::8], *itertools.chain(*pairs)}
     moves = sg.Motion(spin=(0, 0, 5))
     found = set()
     for grid in GRIDS:
@@ -120,29 +121,35 @@ def compiles(renderer: sg.Renderer, keys: set[tuple[object, ...]]) -> None:
             build_compute(renderer.ctx, name, dict(switches)).release()
 
 
+def covering(keys: set[tuple[object, ...]]) -> set[tuple[object, ...]]:
+    """So many programs that each two values that a shader's switches have in some program are in one of these."""
+    found, seen = set(), set[object]()
+    for key in sorted(keys, key=str):
+        name, *switches = key
+        pairs = {(name, *pair) for pair in itertools.combinations(switches, 2)} or {(name,)}
+        if pairs - seen:
+            found.add(key)
+            seen |= pairs
+    return found
+
+
 @pytest.mark.long
 def test_programs_of_any_choices_compile(renderer: sg.Renderer) -> None:
-    """Every third; those of each pair of choices all do below."""
-    keys = distinct(programs(pairs=False))
-    print(f"{len(keys)} programs")
-    assert len(keys) > 300
-    compiles(renderer, set(sorted(keys, key=str)[::3]))
-
-
-@pytest.mark.long
-def test_pairs_of_choices_compile(renderer: sg.Renderer) -> None:
-    keys = distinct(programs(pairs=True))
-    print(f"{len(keys)} programs")
-    assert len(keys) > 60
-    compiles(renderer, keys)
+    """Those in which each two values of switches meet, and every sixteenth of the others."""
+    keys = distinct(programs())
+    some = covering(keys) | set(sorted(keys, key=str)[::16])
+    print(f"{len(some)} of {len(keys)} programs")
+    assert len(keys) > 300 and len(some) > 60
+    compiles(renderer, some)
 
 
 @pytest.mark.long
 def test_programs_of_sheets_compile(renderer: sg.Renderer) -> None:
-    """Every seventh of thousands, of which every shader is one."""
-    keys = sorted(distinct(of_sheets()), key=str)[::7]
-    stages = {name for name, *_ in keys}
-    print(f"{len(keys)} programs")
+    """As above, of thousands, of which every shader is one."""
+    keys = distinct(of_sheets())
+    some = covering(keys) | set(sorted(keys, key=str)[::64])
+    stages = {name for name, *_ in some}
+    print(f"{len(some)} of {len(keys)} programs")
     quads = {"splat", "sheet_close.frag", "sheet_show.frag"}
     assert stages == quads | {"tile_place.frag", "sheet_draw.comp", "sheet_sort.comp"}
-    compiles(renderer, set(keys))
+    compiles(renderer, some)

@@ -271,7 +271,7 @@ def _rows(things: np.ndarray) -> int:
 
 
 def uneven(rows: int) -> int:
-    """At least so many rows of a small texture, and no power of two: for those llvmpipe compiles shaders once more."""
+    """At least so many rows or columns, and of few no power of two, for which llvmpipe compiles once more."""
     return max(rows, 2) | 1 if rows < 1024 else rows
 
 

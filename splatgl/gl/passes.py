@@ -164,7 +164,7 @@ class Passes:
     def joined(self, samples: np.ndarray, whole: Splats, plan: Plan) -> np.ndarray:
         """float32 [H, W, 4]: the picture whose parts' samples were joined."""
         target = self.targets.get("draw", plan.view.size, plan.target)
-        target.texture.write(np.ascontiguousarray(samples, np.float32))
+        target.texture.write(np.ascontiguousarray(samples, np.float32), (0, 0, *target.size))
         if plan.program.look.blend.one_value:
             self._bind(whole, plan)
             self.sheets.show(target, whole, plan)
@@ -213,7 +213,7 @@ class Passes:
         target.framebuffer.use()
         self.ctx.enable_only(moderngl.NOTHING)
         drawn.texture.use(location=0)
-        program["samples"] = plan.samples
+        program["samples"], program["last"] = plan.samples, (width - 1, height - 1)
         program["ends"] = END_CORRECTION if plan.resolved.averaged else 0.0
         program["background"] = (*background, 1.0) if background else (0.0, 0.0, 0.0, 0.0)
         self._whole(program)

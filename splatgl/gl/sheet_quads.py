@@ -13,7 +13,7 @@ from typing import NamedTuple
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import Instances
+from splatgl.gl.buffers import Instances, uneven
 from splatgl.gl.draw_order import DrawOrder
 from splatgl.gl.near_sheets import NearSheets
 from splatgl.gl.portions import Portions
@@ -192,16 +192,18 @@ class Ring:
 
     def __init__(self, ctx: moderngl.Context, kind: Kind) -> None:
         self.ctx, self.kind, self.count, self.slots, self.top = ctx, kind, kind.sheets, kind.sheets + 2 * kind.post, 0
-        size = kind.size[0], kind.rows
+        wide, size = uneven(kind.size[0]), (uneven(kind.size[0]), uneven(kind.rows))
         self.sums = [ctx.texture(size, 4, dtype="f4") for _ in range(self.slots)]
         self.masses = [ctx.texture(size, 1, dtype="f4") for _ in range(self.slots * kind.post)]
-        self.values = [ctx.texture(kind.size, 2, dtype="f4") for _ in range(kind.one_value)]
+        self.values = [ctx.texture((wide, uneven(kind.size[1])), 2, dtype="f4") for _ in range(kind.one_value)]
         for texture in (*self.sums, *self.masses, *self.values):
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         # of all that are open from a slot on, and of one slot
         self.open = [ctx.framebuffer(self._attachments(n, self.count)) for n in range(self.slots)]
         self.each = [ctx.framebuffer(self._attachments(n, 1)) for n in range(self.slots)]
         self.joined = ctx.framebuffer(self.values) if self.values else None
+        if self.joined:
+            self.joined.viewport = (0, 0, *kind.size)
 
     def begin(self, band: Window, window: Window) -> None:
         """Empties all sheets for a band of the picture, within a window of it."""

@@ -10,6 +10,7 @@ import moderngl
 import numpy as np
 
 from splatgl.data.errors import InputError, expected
+from splatgl.gl.buffers import uneven
 from splatgl.gl.context import is_software
 from splatgl.splat.view.screen_bounds import Window
 
@@ -25,8 +26,9 @@ _software: WeakKeyDictionary[moderngl.Context, bool] = WeakKeyDictionary()
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A render target, [H, W] of RGBA, row 0 on top."""
+    """A render target, [H, W] of RGBA, row 0 on top; its texture may be larger by a row and a column."""
 
+    size: tuple[int, int]
     texture: moderngl.Texture
     framebuffer: moderngl.Framebuffer
     format: str
@@ -34,7 +36,7 @@ class Target:
     def read(self, window: Window | None = None) -> np.ndarray:
         """float32 [H, W, 4]; rows outside the window are zero and never touched."""
         name, dtype, one = FORMATS[self.format]
-        width, height = self.texture.size
+        width, height = self.size
         first, rows = (window.y, window.height) if window else (0, height)
         # the system maps zero pages lazily: rows outside the window cost nothing
         pixels = np.zeros((height, width, 4), dtype)
@@ -71,7 +73,7 @@ class Targets:
     def get(self, role: str, size: tuple[int, int], form: str) -> Target:
         """The role's target of `size` (width, height) in that texture format; not cleared."""
         target = self.kept.get(role)
-        if target is None or target.texture.size != size or target.format != form:
+        if target is None or target.size != size or target.format != form:
             # moderngl rebinds the current framebuffer when it creates one, so the old one is freed last
             old, target = target, self._make(size, form)
             target.framebuffer.use()
@@ -88,9 +90,11 @@ class Targets:
     def _make(self, size: tuple[int, int], form: str) -> Target:
         check_size(self.ctx, size)
         try:
-            texture = self.ctx.texture(size, 4, dtype=FORMATS[form][0])
+            texture = self.ctx.texture((uneven(size[0]), uneven(size[1])), 4, dtype=FORMATS[form][0])
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            return Target(texture, self.ctx.framebuffer([texture]), form)
+            target = Target(size, texture, self.ctx.framebuffer([texture]), form)
+            target.framebuffer.viewport = (0, 0, *size)
+            return target
         except moderngl.Error as error:
             raise InputError(
                 f"image size {size[0]}×{size[1]}: OpenGL cannot draw into {form} of that size ({error})"
