@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import itertools
 from dataclasses import replace
 from functools import partial
 
@@ -14,6 +15,7 @@ from test_context import resident_mebibytes
 import splatgl as sg
 from splatgl.app.viewer.blocks import give_back_free, give_back_large
 from splatgl.data.scenes import letter_f
+from splatgl.gl.buffers import uneven
 from splatgl.gl.target import settle
 from splatgl.splat.motion.moments import Moments
 from splatgl.splat.plan.plan import plan
@@ -221,6 +223,24 @@ def test_no_splats_is_the_background_whatever_draws_them(technique: str, rendere
             assert (image.pixels == np.array([*ground, 1], np.float32)).all(), (eye, changes)
             assert image.info["error_bound"] <= 1e-6 and image.info["tolerance_met"] is True
             assert (renderer.render(nothing, camera, settings.but(blend="xray")).pixels == 0).all()
+
+
+def test_small_textures_have_no_power_of_two_of_rows(renderer: sg.Renderer) -> None:
+    """Else llvmpipe compiles shaders once more; rows and columns beyond the picture are not in it."""
+    splats = sg.extract(
+        sg.Volume(np.random.default_rng(1).random((6, 5, 4), np.float32)), sg.Transfer([(0, 0), (1, 1)])
+    )
+    for size, changes in itertools.product(((16, 8), (1, 8)), ({}, {"technique": "quads"}, {"background": (1, 0, 0)})):
+        settings = sg.Settings(antialias="supersample", samples=2, **changes)
+        # whose edges show matter
+        camera = sg.Camera.orbit(splats, size=size, zoom=3)
+        found = renderer.render(splats, camera, settings, verify_bound=False).pixels
+        right = sg.reference.render(splats, camera, settings).pixels
+        assert right[:, -1, 3].max() > 0.1 and np.abs(found - right).max() < 0.01
+        for target in renderer.passes.targets.kept.values():
+            assert all(side & (side - 1) for side in target.texture.size)
+    for rows in (1, 2, 3, 64, 1023):
+        assert rows <= uneven(rows) <= rows + 2 and uneven(rows) & (uneven(rows) - 1)
 
 
 def test_eye_inside_the_volume(renderer: sg.Renderer) -> None:
