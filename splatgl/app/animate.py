@@ -9,7 +9,7 @@ from splatgl.app.frames import Frames
 from splatgl.app.layered import add_layers
 from splatgl.app.movie import need, write_movie
 from splatgl.app.on_workers import draw_frames
-from splatgl.app.options import add_drawing, add_source, numbers
+from splatgl.app.options import add_drawing, add_source, numbers, scene_from
 from splatgl.app.output import check_source
 from splatgl.app.render import Drawing
 from splatgl.app.worker_options import add_workers, asked, drawing_of
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     """Renders the requested frames that do not exist yet; returns 0."""
     _check(args)
     on_workers = asked(args)
-    animation = Animation.of(args)
+    animation = Animation.of(scene_from(args), args)
     frames = Frames.at(args.output, animation.mark)
     if frames.movie:
         need(frames.movie)

@@ -21,7 +21,6 @@ from splatgl.app.frame_work import FrameView, Matter, Over, Work
 from splatgl.app.frames import Frames, mark_of
 from splatgl.app.layered import check_fits, is_layered, layered
 from splatgl.app.meshes import is_mesh
-from splatgl.app.options import scene_from
 from splatgl.app.output import tell
 from splatgl.app.render import PATIENCE, nothing
 from splatgl.app.scene import Scene
@@ -76,9 +75,11 @@ class Animation:
     over: Over | None = None
 
     @classmethod
-    def of(cls, args: argparse.Namespace) -> Animation:
-        """Reads the first volume, whose transfer function and placement apply to the whole series."""
-        scenes = volumes(scene_from(args), args.more)
+    def of(cls, scene: Scene, args: argparse.Namespace) -> Animation:
+        """The animation of a scene and of the files in `args.more`. Reads the first volume, whose transfer function and
+        placement apply to all.
+        """
+        scenes = volumes(scene, args.more)
         if len(scenes) > 1 and isinstance(args.time, slice):
             raise expected("--time", "one time point of each file", "several", "animate one file, or name one point")
         scene = scenes[0]
