@@ -30,7 +30,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 
 sys.path.insert(0, str(Path(__file__).parent))
 from fuzz_seeds import SEEDS, Seed

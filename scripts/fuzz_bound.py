@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import splatgl as sg
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 
 Random = np.random.Generator
 

@@ -21,9 +21,9 @@ import numpy as np
 import splatgl as sg
 from splatgl.app.info import describe
 from splatgl.app.scene import Scene
-from splatgl.data.errors import Choice
 from splatgl.data.readers import hdf5_file, listed
 from splatgl.data.volume import Volume
+from splatgl.errors import Choice
 
 TOUCH = 2**22
 """Samples up to which a loaded volume is summed up and described whole; of a larger one both ends are."""

@@ -28,9 +28,8 @@ from gpu_check_tests import tests
 
 import splatgl as sg
 from splatgl.app.doctor import check_line
-from splatgl.app.output import check_output
-from splatgl.data.errors import InputError
-from splatgl.data.image import write_whole
+from splatgl.errors import InputError
+from splatgl.fileio import check_output, write_whole
 from splatgl.gl.buffers import Instances, Textured
 from splatgl.gl.context import current
 from splatgl.gl.draw_order import DrawOrder

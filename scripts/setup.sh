@@ -125,7 +125,7 @@ pip_install() { "$venv/bin/python" -m pip install --quiet "$@" >&2; }
 probe() { # backend
     "$venv/bin/python" -c '
 import sys
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 from splatgl.gl.context import context_info, open_context
 try:
     info = context_info(open_context(sys.argv[1]))

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from splatgl.app.picture import render as render
     from splatgl.app.show import show as show
     from splatgl.data import scenes as scenes
-    from splatgl.data.errors import InputError as InputError
     from splatgl.data.image import Image as Image
     from splatgl.data.mesh import Mesh as Mesh
     from splatgl.data.readers import load as load
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from splatgl.data.volume import Volume as Volume
     from splatgl.distributed.parts import over as over
     from splatgl.distributed.slabs import render_slabs as render_slabs
+    from splatgl.errors import InputError as InputError
     from splatgl.gl.portions import Interrupted as Interrupted
     from splatgl.gl.renderer import Renderer as Renderer
     from splatgl.splat.classification.presets import default_transfer as default_transfer
@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 _PUBLIC = {
     "Camera": "splatgl.splat.view.camera",
     "Image": "splatgl.data.image",
-    "InputError": "splatgl.data.errors",
+    "InputError": "splatgl.errors",
     "Interrupted": "splatgl.gl.portions",
     "PiecewiseCubic": "splatgl.splat.kernel.kernels",
     "Mesh": "splatgl.data.mesh",

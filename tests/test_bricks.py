@@ -13,10 +13,11 @@ from noise import GRIDS
 from splatting import spread
 
 import splatgl as sg
+from splatgl import fileio
 from splatgl.app.cli import main
 from splatgl.data.readers import chunked, zarr_store
 from splatgl.data.readers.chunked import Chunked
-from splatgl.data.sizes import bytes_of, size_of
+from splatgl.fileio import bytes_of, size_of
 from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.slabs import render_slabs
 from splatgl.splat.bricks import bricks as bricking
@@ -328,7 +329,7 @@ def test_estimates(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) ->
     assert 1 < many.bands(2**31) < many.bands(2**30) < many.bands(1) == estimate.MOST_BANDS
     monkeypatch.setattr(Bricks, "records", lambda *_: pytest.fail("read"))
     assert estimate.need(bricks, 100, 2**40).splats == volume.count
-    assert 0 < estimate.budget() < 2**50
+    assert 0 < fileio.budget() < 2**50
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])

@@ -12,7 +12,7 @@ import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
 from splatgl.data.readers.chunked import Chunked
-from splatgl.data.readers.files import WHOLE
+from splatgl.fileio import WHOLE
 
 tifffile = pytest.importorskip("tifffile")
 SIZES = {"T": 3, "C": 2, "Z": 4, "Y": 10, "X": 12}

@@ -12,7 +12,7 @@ from noise import GRIDS, views
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.classification.shading import AMBIENT, DIFFUSE, LIGHTS
 from splatgl.splat.extraction.splats import corners_of

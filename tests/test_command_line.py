@@ -183,7 +183,7 @@ def test_names_of_the_reader_are_those_of_its_options() -> None:
     from dataclasses import fields
 
     from splatgl.app.words import READING
-    from splatgl.data.readers import LoadOptions
+    from splatgl.data.readers.options import LoadOptions
 
     known = {field.name for field in fields(LoadOptions)}
     assert set(READING) <= known
@@ -370,7 +370,7 @@ def test_info_lists_channels_times_and_arrays_of_stores(here: Path, capsys: Said
 def test_a_choice_is_an_error_with_what_there_is(here: Path) -> None:
     import pickle
 
-    from splatgl.data.errors import Choice
+    from splatgl.errors import Choice
 
     with pytest.raises(sg.InputError, match=r"^two\.npz: arrays: expected one 3-D array") as told:
         sg.load("two.npz")

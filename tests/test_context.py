@@ -18,7 +18,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.app import doctor
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 from splatgl.gl import context as contexts
 from splatgl.gl import egl, osmesa
 from splatgl.gl.context import BACKENDS, context_info, current, is_software, open_context

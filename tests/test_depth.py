@@ -11,7 +11,7 @@ from noise import GRIDS
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 from splatgl.truth.depth import depths
 
 # opaque within a ten-thousandth of a spacing behind its edge

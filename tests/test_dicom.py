@@ -13,8 +13,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.data.errors import InputError
 from splatgl.data.readers import listed
+from splatgl.errors import InputError
 
 pytest.importorskip("pydicom", reason="writes the files; it is in the extra dicom")
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))

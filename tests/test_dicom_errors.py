@@ -16,7 +16,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 
 pytest.importorskip("pydicom", reason="writes the files; it is in the extra dicom")
 from test_dicom import HU, written

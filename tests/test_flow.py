@@ -12,7 +12,7 @@ from noise import GRIDS
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 from splatgl.splat.flow.streamlines import lines_through, spread_lines
 from splatgl.splat.flow.vectors import VectorField
 

@@ -82,7 +82,10 @@ def wrong_imports(path: Path) -> list[str]:
         there = room(parts[1:])
         if there is not None and there != here and PLACES[there] >= PLACES[here]:
             # until all of truth has moved into rooms of their own
-            if there in FACADES.get(relative(path), ()) or (here, there) in (("truth", "reference"), ("truth", "comparison")):
+            if there in FACADES.get(relative(path), ()) or (here, there) in (
+                ("truth", "reference"),
+                ("truth", "comparison"),
+            ):
                 continue
             wrong.append(f"{relative(path)}:{line} imports {name}")
         if there is None and name != "splatgl.__version__":

@@ -13,8 +13,8 @@ from test_clip import FOG, OPACITY, PLAIN, SOLID, block, field, lengths
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
-from splatgl.data.errors import InputError
 from splatgl.data.mask import named
+from splatgl.errors import InputError
 from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.classification.shading import AMBIENT, DIFFUSE
 from splatgl.splat.cues.coarse import Coarse

@@ -14,7 +14,7 @@ from splatgl.app.annotations.subject import Scale
 from splatgl.app.cli import main
 from splatgl.app.meshes import MeshFile, mesh_option
 from splatgl.app.scene import Scene
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 from splatgl.splat.classification.colormap import colormap
 from splatgl.splat.view.clip import planes
 from splatgl.truth import reference

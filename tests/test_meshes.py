@@ -14,7 +14,7 @@ from splatgl.app.cli import main
 from splatgl.app.meshes import MeshFile, mesh_option
 from splatgl.app.scene import Scene
 from splatgl.data.color import linear_from_srgb
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 from splatgl.splat.classification.shading import AMBIENT, DIFFUSE, LIGHTS
 from splatgl.splat.view.screen_bounds import Window
 from splatgl.truth import reference

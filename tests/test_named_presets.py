@@ -11,8 +11,8 @@ from PIL import Image as Pillow
 import splatgl as sg
 from splatgl.app import presets as sheets
 from splatgl.app.cli import main
-from splatgl.data.errors import InputError
 from splatgl.data.volume import Volume
+from splatgl.errors import InputError
 from splatgl.splat.classification.medical import MEDICAL
 from splatgl.splat.classification.presets import PRESETS, preset, preset_named
 

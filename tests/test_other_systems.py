@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatgl.data import sizes
+from splatgl import fileio
 
 # found by each Python that starts, the processes of readers among them: modules and functions that Windows has not, and
 # paths that only Linux has
@@ -86,8 +86,8 @@ def test_a_file_that_ends_hdf5_is_told_there_too(tmp_path: Path, monkeypatch: py
 
 
 def test_memory_that_nobody_tells_is_assumed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sizes, "Path", lambda name: Path("/nowhere") / name.lstrip("/"))
+    monkeypatch.setattr(fileio, "Path", lambda name: Path("/nowhere") / name.lstrip("/"))
     monkeypatch.setitem(sys.modules, "psutil", None)
-    assert 2**28 < sizes._available() < 2**50
+    assert 2**28 < fileio._available() < 2**50
     monkeypatch.delattr(os, "sysconf")
-    assert sizes._available() == sizes.ASSUMED and sizes.budget() == sizes.ASSUMED // 2
+    assert fileio._available() == fileio.ASSUMED and fileio.budget() == fileio.ASSUMED // 2

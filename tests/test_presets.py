@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from splatgl.app.scene import Scene
-from splatgl.data.errors import InputError
 from splatgl.data.volume import Hints, Volume
+from splatgl.errors import InputError
 from splatgl.splat.classification.colormap import colormap
 from splatgl.splat.classification.looks import SOLID
 from splatgl.splat.classification.presets import BONE_HU, PRESETS, default_transfer, preset

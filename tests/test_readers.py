@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from test_readers_phantom import ORIGIN, SIZES, SPACING, F, Q, check, put
 
-from splatgl.data.errors import InputError
 from splatgl.data.readers import LoadOptions, load
 from splatgl.data.readers.files import is_mapped
+from splatgl.errors import InputError
 
 Writer = Callable[[Path], Path]
 

@@ -13,11 +13,11 @@ from PIL import Image as Pillow
 from test_readers_phantom import SPACING, F
 
 from splatgl.app.cli import main
-from splatgl.data.errors import InputError
 from splatgl.data.readers import hdf5_file, load
 from splatgl.data.readers.chunked import Chunked
 from splatgl.data.readers.files import is_mapped
 from splatgl.data.readers.hdf5 import _SPACINGS
+from splatgl.errors import InputError
 
 h5py = pytest.importorskip("h5py")
 

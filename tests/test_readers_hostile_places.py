@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from test_readers_hostile import good, refused
 
-from splatgl.data.errors import InputError
 from splatgl.data.readers import load
 from splatgl.data.readers.files import map_array
+from splatgl.errors import InputError
 
 # --- what is no file --------------------------------------------------------------------------------------------------
 
@@ -69,7 +69,7 @@ def test_a_file_cut_short_before_it_is_mapped(tmp_path: Path, monkeypatch: pytes
 
 LOUD = """
 import sys
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 from splatgl.data.readers import load
 for name in sys.argv[1:]:
     try:

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl import fileio
 from splatgl.app.cli import main
-from splatgl.data import sizes
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 
 MIB = 2**20
 # of zeros, and the memory that may be taken
@@ -100,9 +100,9 @@ BOMBS: dict[str, Callable[[Path], None]] = {
 @pytest.fixture
 def budget() -> Iterator[None]:
     """That of a process which was given BUDGET."""
-    sizes.limit(BUDGET)
+    fileio.limit(BUDGET)
     yield
-    sizes.limit(None)
+    fileio.limit(None)
 
 
 def peak(work: Callable[[], object]) -> int:
@@ -178,6 +178,6 @@ def test_the_command_keeps_to_its_memory(tmp_path: Path, capsys: pytest.CaptureF
     assert main([*asked, "--memory", "8MiB"]) == 2
     told = capsys.readouterr().err.splitlines()
     assert len(told) == 1 and "at most 8.0 MiB in memory, got 24.0 MiB" in told[0]
-    assert sizes.budget() == 8 * MIB and not (tmp_path / "a.png").exists()
+    assert fileio.budget() == 8 * MIB and not (tmp_path / "a.png").exists()
     main(["presets"])
-    assert sizes.budget() != 8 * MIB
+    assert fileio.budget() != 8 * MIB

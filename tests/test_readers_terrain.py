@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from splatgl.data.errors import InputError
 from splatgl.data.readers import load, terrain_from_heights
+from splatgl.errors import InputError
 
 ROWS = np.array([[0, 50, 100], [200, 150, 250]], np.uint8)
 """Heights in picture order: row 0 is the northern edge. The span is 250."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from splatgl.app.scene import Scene
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.settings import Settings
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from splatgl.data import scene_fields, scene_terrain, scenes
-from splatgl.data.errors import InputError
 from splatgl.data.volume import Volume
+from splatgl.errors import InputError
 
 
 @pytest.fixture(scope="module")

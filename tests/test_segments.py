@@ -12,8 +12,8 @@ import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
 from splatgl.data.color import linear_from_srgb
-from splatgl.data.sizes import limit
 from splatgl.data.volume import Label
+from splatgl.fileio import limit
 from splatgl.truth import reference
 
 MIDDLE = np.array([11.7, 11.4, 11.9])

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 import splatgl as sg
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 
 imagecodecs = pytest.importorskip("imagecodecs", reason="the extra readers")
 tifffile = pytest.importorskip("tifffile", reason="the extra readers")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 from splatgl.splat.classification import colormap as maps
 from splatgl.splat.classification.colormap import CORE, colormap
 from splatgl.splat.classification.transfer import OPAQUE, Transfer

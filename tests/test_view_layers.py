@@ -23,7 +23,7 @@ from splatgl.app.viewer.parts import read
 from splatgl.app.viewer.saving import picture_of, save_scene, scene_of
 from splatgl.app.viewer.state import State, acted, drawable
 from splatgl.app.viewer.together import Together
-from splatgl.data.errors import Choice, InputError
+from splatgl.errors import Choice, InputError
 
 SIZE = (96, 72)
 # the panel of a window of 640 × 460 pixels

@@ -13,8 +13,8 @@ import pytest
 import splatgl as sg
 from splatgl.app.frames import Frames
 from splatgl.app.movie import write_movie
-from splatgl.data.errors import InputError
-from splatgl.data.written import replaced, shortened, write_whole
+from splatgl.errors import InputError
+from splatgl.fileio import replaced, shortened, write_whole
 
 
 def picture(path: Path) -> None:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from splatgl.app.cli import main
-from splatgl.data.errors import InputError
 from splatgl.data.readers import load, zarr_store
 from splatgl.data.readers.chunked import Chunked
+from splatgl.errors import InputError
 
 zarr = pytest.importorskip("zarr")
 

@@ -28,8 +28,8 @@ from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.files import Files
 from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.viewer import Options, Viewer
-from splatgl.data.errors import InputError
 from splatgl.data.readers import zarr_store
+from splatgl.errors import InputError
 from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
 

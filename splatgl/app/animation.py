@@ -26,8 +26,8 @@ from splatgl.app.render import PATIENCE, nothing
 from splatgl.app.scene import Scene
 from splatgl.app.series import read_ahead, time_points, volumes
 from splatgl.app.track import Track, Turning, keyframes, turning
-from splatgl.data.errors import expected
-from splatgl.data.sizes import budget, size_of
+from splatgl.errors import expected
+from splatgl.fileio import budget, size_of
 from splatgl.splat.bricks.opaque import Opaque
 from splatgl.splat.bricks.within import bricks_of, fits
 from splatgl.splat.classification.transfer import Transfer

@@ -13,8 +13,8 @@ from typing import Any, NoReturn
 
 from splatgl import __version__
 from splatgl.app.words import nearest, one_line, options_of, worded
-from splatgl.data.errors import InputError, expected
-from splatgl.data.sizes import limit
+from splatgl.errors import InputError, expected
+from splatgl.fileio import limit
 
 BAD_INPUT = 2
 # exit code of a program interrupted by Ctrl-C

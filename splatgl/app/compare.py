@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.app.output import check_output
-from splatgl.data.errors import InputError, expected
-from splatgl.data.image import Image, write_whole
+from splatgl.data.image import Image
+from splatgl.errors import InputError, expected
+from splatgl.fileio import check_output, write_whole
 from splatgl.truth.compare_read import Picture, alike, pairs, read, read_mask
 from splatgl.truth.metrics import need_flip
 from splatgl.truth.verdict import Tolerance, Verdict, judge

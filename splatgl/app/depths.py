@@ -12,12 +12,12 @@ import numpy as np
 
 from splatgl import __version__
 from splatgl.app.layered import is_layered, layered
-from splatgl.app.output import check_output, check_source
 from splatgl.app.scene import Scene
-from splatgl.data.errors import expected
 from splatgl.data.float_map import MAPS, save_map
 from splatgl.data.picture_files import need
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.fileio import check_output, check_source
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.settings import Settings
 

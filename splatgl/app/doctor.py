@@ -9,8 +9,8 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
 from splatgl.data.scenes import ball
+from splatgl.errors import InputError, expected
 from splatgl.gl.context import BACKENDS, context_info, egl_devices, open_context
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.selfcheck import Check, run_checks

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 from splatgl.splat.integral.approximations import half_line
 from splatgl.splat.integral.table1 import Splat, row1
 from splatgl.splat.kernel.kernels import Kernel, kernel

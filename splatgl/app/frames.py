@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from string import Formatter
 
-from splatgl.app.output import check_output
-from splatgl.data.errors import expected
-from splatgl.data.image import Image, write_whole
-from splatgl.data.written import shortened
+from splatgl.data.image import Image
+from splatgl.errors import expected
+from splatgl.fileio import check_output, shortened, write_whole
 
 MOVIES = (".mp4", ".webm", ".gif")
 PICTURES = (".png", ".npy")

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from functools import partial
 
 from splatgl.app.words import options_of, worded
-from splatgl.data.errors import Choice
+from splatgl.errors import Choice
 
 
 def add_info_parser(parser: argparse.ArgumentParser) -> None:

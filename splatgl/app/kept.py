@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import RLock
 
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 from splatgl.gl.context import current, inherited
 from splatgl.gl.loader import BackendError, restored
 from splatgl.gl.renderer import Renderer

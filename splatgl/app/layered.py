@@ -13,10 +13,10 @@ from splatgl.app.options import color_of, window_of
 from splatgl.app.output import tell
 from splatgl.app.scene import Scene
 from splatgl.app.vectors import add_vectors
-from splatgl.data.errors import expected
 from splatgl.data.image import Image
-from splatgl.data.sizes import size_of
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.fileio import size_of
 from splatgl.splat.classification.presets import is_preset
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.layers.segments import SMOOTHING, is_segmentation
@@ -175,7 +175,7 @@ def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) 
 
 def check_fits(scene: Scene, drawn: Layers, memory: int | None = None) -> None:
     """InputError for a layer that is drawn in bricks alone. memory: bytes; None: half of what is free."""
-    from splatgl.data.sizes import budget
+    from splatgl.fileio import budget
     from splatgl.splat.bricks.within import bricks_of, fits
 
     most = budget() if memory is None else memory

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from splatgl.data.errors import expected
 from splatgl.data.mask import OUTSIDE, named
 from splatgl.data.readers.remote import is_address
+from splatgl.errors import expected
 
 if TYPE_CHECKING:
     from splatgl.data.volume import Volume

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
-from splatgl.data.toml import toml_value
 from splatgl.data.volume import Hints, Volume
+from splatgl.errors import InputError, expected
+from splatgl.fileio import toml_value
 
 if TYPE_CHECKING:
     from splatgl.app.scene import Scene

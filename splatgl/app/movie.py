@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import missing_extra
-from splatgl.data.written import replaced
+from splatgl.errors import missing_extra
+from splatgl.fileio import replaced
 
 # codec and its options; a smaller crf gives a larger file: these values are visually lossless
 CODECS: dict[str, tuple[str, str, dict[str, str]]] = {

@@ -12,7 +12,7 @@ from splatgl.app.depths import camera_of
 from splatgl.app.layered import add_layers, layered
 from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.output import tell
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 
 if TYPE_CHECKING:
     from splatgl.data.volume import Volume

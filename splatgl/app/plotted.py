@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from splatgl.app.kept import kept_renderer
 from splatgl.app.options import size
-from splatgl.data.errors import expected
 from splatgl.data.image import Image
+from splatgl.errors import expected
 from splatgl.splat.plan.settings import Settings
 
 if TYPE_CHECKING:

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 from splatgl.app.backgrounds import suited
 from splatgl.app.options import add_backend, add_source, add_view, scene_from_source, view_of
-from splatgl.app.output import check_output, check_source
 from splatgl.app.scene import Scene
-from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.fileio import check_output, check_source
 from splatgl.splat.classification.presets import PRESETS, default_transfer, preset
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.settings import Settings
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     scene, volume = scene.cut(volume), smaller(volume)
     looks = {DEFAULT: (default_transfer(volume), scene.settings), **dict(looks_of(volume, scene.settings))}
     from splatgl.app.render import Drawing
-    from splatgl.data.image import write_whole
+    from splatgl.fileio import write_whole
 
     camera = scene.view.camera(volume, volume)
     with Drawing(args.backend, args.device, args.gpu).renderer() as renderer:

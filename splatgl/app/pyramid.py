@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from splatgl.app.options import add_source, add_transfer, scene_from_transfer
-from splatgl.app.output import check_folder, tell
-from splatgl.data.errors import InputError, expected, missing_extra
+from splatgl.app.output import tell
 from splatgl.data.volume import Places, Volume
-from splatgl.data.written import made, shortened
+from splatgl.errors import InputError, expected, missing_extra
+from splatgl.fileio import check_folder, made, shortened
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.classified import classified, halved, steps_of
 from splatgl.splat.extraction.splats import Grid

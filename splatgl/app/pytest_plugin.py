@@ -128,7 +128,7 @@ class Collector:
 
     def _report(self, folder: Path) -> str:
         """Writes the report and returns a message with its path."""
-        from splatgl.data.image import write_whole
+        from splatgl.fileio import write_whole
         from splatgl.truth.compare_report import Case, page
 
         cases = [Case(*(case[key] for key in ("name", "state", "line", "html"))) for case in self.cases]

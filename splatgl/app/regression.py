@@ -14,8 +14,8 @@ import pytest
 from PIL.Image import Image as PillowImage
 
 from splatgl.app.baselines import FOLDER, Baselines, renderer_class, stem_of
-from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
+from splatgl.errors import InputError, expected
 from splatgl.truth.compare_read import Picture, alike, read
 from splatgl.truth.compare_report import Case, case, case_alone
 from splatgl.truth.verdict import Tolerance, Verdict, judge

@@ -21,15 +21,15 @@ from splatgl.app.layered import add_layers, draw_layers, is_layered
 from splatgl.app.masks import check_masked
 from splatgl.app.meshes import is_mesh
 from splatgl.app.options import add_drawing, add_source, scene_from
-from splatgl.app.output import check_output, check_source, tell
+from splatgl.app.output import tell
 from splatgl.app.scene import Scene
 from splatgl.app.summary import accuracy, summary
 from splatgl.app.worker_options import add_workers, asked
-from splatgl.data.errors import InputError, expected
 from splatgl.data.image import SAVED, Image
 from splatgl.data.picture_files import need
-from splatgl.data.sizes import bytes_of, size_of
 from splatgl.data.volume import Volume
+from splatgl.errors import InputError, expected
+from splatgl.fileio import bytes_of, check_output, check_source, size_of
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.blend_mode import BLENDS
 
@@ -245,7 +245,7 @@ def _level(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> tu
 
 def _in_bricks(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer, camera: Camera | None) -> Image | None:
     """The image, drawn brick by brick, if it needs more than --memory; else None."""
-    from splatgl.data.sizes import budget
+    from splatgl.fileio import budget
     from splatgl.splat.bricks.opaque import Opaque
     from splatgl.splat.bricks.within import bricks_of, fits
 

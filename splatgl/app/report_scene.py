@@ -11,9 +11,9 @@ import numpy as np
 
 from splatgl.app.scene import Scene
 from splatgl.data.coarse import coarser
-from splatgl.data.errors import expected
 from splatgl.data.scene_fields import FORMULAS
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.extract import extract
 from splatgl.splat.extraction.splats import Splats

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TypeVar
 
 from splatgl.app.scene import Scene
-from splatgl.data.errors import expected
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 
 T = TypeVar("T")
 WILDCARDS = re.compile(r"[*?\[]")

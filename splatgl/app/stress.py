@@ -7,10 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from splatgl.app.output import check_folder, check_output
 from splatgl.app.worker_options import add_workers, asked, drawing_of
-from splatgl.data.errors import expected
-from splatgl.data.image import write_whole
+from splatgl.errors import expected
+from splatgl.fileio import check_folder, check_output, write_whole
 from splatgl.truth.stress import CASES, run_case
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Check, Result

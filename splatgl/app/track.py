@@ -22,9 +22,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from splatgl.app.viewpoint import VIEW_COUNTS, View, typed
-from splatgl.data.errors import InputError, expected
-from splatgl.data.toml import load_table
 from splatgl.data.volume import Volume
+from splatgl.errors import InputError, expected
+from splatgl.fileio import load_table
 from splatgl.splat.motion.motion import Motion
 from splatgl.splat.view.camera import Bounded, Camera
 

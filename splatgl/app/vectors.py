@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
-from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 
 if TYPE_CHECKING:
     from splatgl.data.mesh import Mesh

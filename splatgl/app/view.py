@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 from splatgl.app.layered import add_layers
 from splatgl.app.options import add_drawing, add_source, scene_from
-from splatgl.app.output import check_folder
 from splatgl.app.viewer.bindings import BINDINGS, listing, load_bindings
 from splatgl.app.viewer.pacing import TARGET
-from splatgl.data.errors import InputError, expected
+from splatgl.errors import InputError, expected
+from splatgl.fileio import check_folder
 
 if TYPE_CHECKING:
     from splatgl.app.scene import Scene

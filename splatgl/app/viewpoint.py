@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.app.stacks import FLAT
-from splatgl.data.errors import expected
 from splatgl.data.volume import Hints, Triple, Volume
+from splatgl.errors import expected
 
 # cameras are imported once there is a volume: bad input is told at once
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 
 if TYPE_CHECKING:
     from splatgl.distributed.worker import Drawing

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.data.color import linear_from_srgb
-from splatgl.data.errors import expected
 from splatgl.data.image import KEYWORD, Image
 from splatgl.data.picture_files import EXR, TIFF, exr_library, need, tiff_library
-from splatgl.data.written import write_whole
+from splatgl.errors import expected
+from splatgl.fileio import write_whole
 
 # endings of the files that are written
 MAPS = (".npy", *TIFF, *EXR, ".png")

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
-from splatgl.data.errors import InputError, expected, missing_extra
 from splatgl.data.picture_files import EXR, JPEG, TIFF, encode_exr, encode_jpeg, encode_tiff, load_exr, load_tiff
-from splatgl.data.sizes import require_memory
-from splatgl.data.written import write_whole as write_whole
+from splatgl.errors import InputError, expected, missing_extra
+from splatgl.fileio import require_memory
+from splatgl.fileio import write_whole as write_whole
 
 # the PNG text chunk that holds the provenance as JSON
 KEYWORD = "splatgl"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
+from splatgl.errors import InputError, expected
 
 if TYPE_CHECKING:
     from splatgl.data.volume import Places, Volume

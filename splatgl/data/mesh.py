@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.color import linear_from_srgb
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 
 # a corner has its vertex' mean normal if that is within this angle of its triangle's, else the triangle's
 SMOOTH = np.cos(np.radians(45.0))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected, missing_extra
+from splatgl.errors import InputError, expected, missing_extra
 
 KEYWORD = "splatgl"
 """The EXR attribute that holds the provenance as JSON; in TIFF it is the ImageDescription."""

@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.volume import Hints, Volume
+from splatgl.errors import expected
 
 Formula = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.volume import Hints, Triple, Volume
+from splatgl.errors import expected
 
 OPAQUE_POINTS = ((0.0, 0.0), (255.0, 0.99))
 # sRGB of the letter's parts

@@ -10,12 +10,12 @@ from functools import partial
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.scene_fields import balls, marschner_lobb, sinusoids
 from splatgl.data.scene_nerve import nerve
 from splatgl.data.scene_phantoms import ball, constant, letter_f, single_voxel
 from splatgl.data.scene_terrain import terrain
 from splatgl.data.volume import Hints, Volume
+from splatgl.errors import expected
 
 __all__ = ["SCENES", "ball", "balls", "constant", "letter_f", "marschner_lobb", "nerve", "single_voxel", "sinusoids"]
 __all__ += ["terrain", "tunnel"]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 
 if TYPE_CHECKING:
     from splatgl.data.mask import Mask

@@ -14,8 +14,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from splatgl.data.errors import InputError, expected, missing_extra
 from splatgl.distributed.worker import call
+from splatgl.errors import InputError, expected, missing_extra
 
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.image import Image
+from splatgl.errors import expected
 
 
 @dataclass(frozen=True, eq=False)

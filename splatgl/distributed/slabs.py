@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
 from splatgl.data.readers import load
-from splatgl.data.sizes import bytes_of
 from splatgl.data.volume import Volume
 from splatgl.distributed.parts import Part, join
 from splatgl.distributed.worker import Drawing, Subject, call, kept, renderer
+from splatgl.errors import InputError, expected
+from splatgl.fileio import bytes_of
 from splatgl.splat.bricks.bricks import Bricks, Shell
 from splatgl.splat.bricks.within import required_bricks
 from splatgl.splat.classification.transfer import Transfer
@@ -142,7 +142,7 @@ def _shells(job: Job, sent: Volume | None, count: int) -> tuple[str, list[Shell]
 
 def _part(job: Job, sent: Volume | None, shell: Shell) -> Part:
     """On a worker: a part of the picture."""
-    from splatgl.data.sizes import budget
+    from splatgl.fileio import budget
     from splatgl.splat.bricks.estimate import need
 
     bricks, chosen = _planned(job, sent)

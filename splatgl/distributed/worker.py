@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from splatgl.data.errors import InputError
 from splatgl.data.volume import Volume
+from splatgl.errors import InputError
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.settings import Settings
 

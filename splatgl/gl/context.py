@@ -12,7 +12,7 @@ from typing import Any
 
 import moderngl
 
-from splatgl.data.errors import InputError, expected
+from splatgl.errors import InputError, expected
 from splatgl.gl.egl import EglLoader, device_count
 from splatgl.gl.loader import SPAWN, BackendError, Loader, current_loader, forked, switch_to
 from splatgl.gl.osmesa import OsmesaLoader

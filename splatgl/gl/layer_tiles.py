@@ -8,7 +8,7 @@ from dataclasses import replace
 import moderngl
 import numpy as np
 
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 from splatgl.gl.boxes import BoxTiles
 from splatgl.gl.buffers import SplatBuffers
 from splatgl.gl.constants import LANES, PAGE

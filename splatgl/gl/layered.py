@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.image import Image
+from splatgl.errors import expected
 from splatgl.gl.layer_tiles import Drawn
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.layers.layers import Scene, casting, check_layer, common_samples, joined

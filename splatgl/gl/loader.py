@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar, TypeVar
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 
 Opened = TypeVar("Opened")
 # core profiles in the order in which they are asked for: some drivers give exactly what is asked. 4.3 has compute

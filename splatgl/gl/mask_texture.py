@@ -6,7 +6,7 @@ from contextlib import ExitStack
 
 import moderngl
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 from splatgl.splat.extraction.label_normals import LabelNormals
 from splatgl.splat.view.mask import MaskField
 

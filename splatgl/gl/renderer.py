@@ -12,9 +12,9 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
 from splatgl.data.mesh import Mesh
+from splatgl.errors import InputError, expected
 from splatgl.gl.context import check_process, context_info, current, inherited, open_context
 from splatgl.gl.layer_tiles import Drawn
 from splatgl.gl.layered import render_moving_scene, render_scene

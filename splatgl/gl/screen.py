@@ -13,7 +13,7 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
+from splatgl.errors import InputError, expected
 from splatgl.gl.context import adopt, current
 from splatgl.gl.loader import BackendError, hand_back
 from splatgl.gl.marks import Marker, Marks

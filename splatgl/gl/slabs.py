@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.readers import load
-from splatgl.data.sizes import budget
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.fileio import budget
 from splatgl.gl.levels import level_for
 from splatgl.gl.renderer import Renderer
 from splatgl.splat.bricks.bricks import Bricks

@@ -5,7 +5,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 from splatgl.gl.buffers import Attribute, Sorted
 from splatgl.gl.draw_order import DrawOrder, Range, indices
 from splatgl.gl.quads import Quads

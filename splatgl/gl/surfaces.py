@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import moderngl
 import numpy as np
 
-from splatgl.data.errors import InputError
 from splatgl.data.mesh import Mesh
+from splatgl.errors import InputError
 from splatgl.gl.program import BLEND_STATES, Programs
 from splatgl.gl.target import Target, check_size, settle
 from splatgl.gl.tiles import set_uniforms

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import moderngl
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
+from splatgl.errors import InputError, expected
 from splatgl.gl.buffers import uneven
 from splatgl.gl.context import is_software
 from splatgl.splat.view.screen_bounds import Window

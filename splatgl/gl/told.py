@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.plan import Plan
 from splatgl.splat.plan.settings import Settings

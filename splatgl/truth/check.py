@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.image import Image
+from splatgl.errors import expected
 from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.layers.layers import Scene

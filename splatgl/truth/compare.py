@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.image import Image
+from splatgl.errors import expected
 from splatgl.truth.metrics import flip, ssim, unmatched
 from splatgl.truth.quantization import differ, over_channels
 

@@ -8,9 +8,9 @@ from tokenize import TokenError
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
 from splatgl.data.image import PNG_SIGNATURE, Image
 from splatgl.data.picture_files import EXR, TIFF, holds_floats
+from splatgl.errors import InputError, expected
 
 SUFFIXES = (".png", ".npy")
 # colour type in a PNG's header (PNG specification §11.2.2) and its name; a palette is RGB, or RGBA with tRNS

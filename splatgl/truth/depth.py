@@ -14,9 +14,9 @@ from functools import partial
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.layers.layers import Layer, Scene
 from splatgl.splat.plan.settings import Settings

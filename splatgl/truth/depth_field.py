@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 from splatgl.splat.classification.class_integral import ClassIntegral
 from splatgl.splat.extraction.extract import only_pre
 from splatgl.splat.extraction.post import gradients

@@ -13,9 +13,9 @@ from functools import partial
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 from splatgl.splat.classification.class_integral import ClassIntegral
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.classification.shading import LIGHTS, Light, surface_light

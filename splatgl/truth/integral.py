@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.image import Image
+from splatgl.errors import expected
 from splatgl.splat.cues.voxels import shone
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.kernel.kernels import Kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from splatgl.data.errors import expected, missing_extra
+from splatgl.errors import expected, missing_extra
 from splatgl.truth.quantization import differ, over_channels
 
 # Wang et al., "Image quality assessment: from error visibility to structural similarity", 2004, Eq. 13: K1 and K2;

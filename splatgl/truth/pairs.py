@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 from splatgl.splat.extraction.splats import Grid
 from splatgl.splat.integral.line_integral import Integral, row1
 from splatgl.splat.integral.quads import Quads, on_quads, table_quad

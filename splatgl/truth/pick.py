@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.volume import Triple, Volume
+from splatgl.errors import expected
 from splatgl.splat.classification.class_integral import ClassIntegral
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.splats import Grid

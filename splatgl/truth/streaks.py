@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.image import Image
+from splatgl.errors import expected
 from splatgl.splat.cues.voxels import shone
 from splatgl.splat.extraction.order import back_to_front, order_for
 from splatgl.splat.extraction.splats import Splats

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.image import Image
+from splatgl.errors import expected
 from splatgl.truth.compare import NAMES, Comparison, compare, masked
 from splatgl.truth.metrics_kinds import Kind, kind_of
 

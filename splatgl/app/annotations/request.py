@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 from splatgl.splat.plan.blend_mode import BLENDS
 
 if TYPE_CHECKING:

@@ -9,9 +9,8 @@ from textwrap import fill
 from splatgl import __version__
 from splatgl.app.figures.options import add_pictures, refuse, run_picture
 from splatgl.app.figures.render import PICTURES
-from splatgl.app.output import check_output
-from splatgl.data.errors import expected
-from splatgl.data.image import write_whole
+from splatgl.errors import expected
+from splatgl.fileio import check_output, write_whole
 from splatgl.truth.claims import page
 from splatgl.truth.figures import FIGURES, Figure
 from splatgl.truth.figures.tables import PAGE

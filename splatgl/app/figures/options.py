@@ -12,14 +12,14 @@ from splatgl import __version__
 from splatgl.app.figures.metrics import SHUTTER, numbers
 from splatgl.app.figures.render import PICTURES, Motioned, PictureFigure, Shown, by_moments, picture
 from splatgl.app.options import size
-from splatgl.app.output import check_output, check_source
 from splatgl.app.panels import encoded
 from splatgl.app.render import Drawing
 from splatgl.app.scene import Scene
 from splatgl.app.track import Turning
 from splatgl.app.viewpoint import View
-from splatgl.data.errors import expected
-from splatgl.data.image import Image, write_whole
+from splatgl.data.image import Image
+from splatgl.errors import expected
+from splatgl.fileio import check_output, check_source, write_whole
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.motion.blur import MOTIONS
 from splatgl.splat.motion.moments import Draw, moments

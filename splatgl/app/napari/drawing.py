@@ -14,9 +14,9 @@ import numpy as np
 
 from splatgl.app.kept import kept_renderer
 from splatgl.data.color import linear_from_srgb
-from splatgl.data.errors import expected
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 from splatgl.splat.classification.colormap import of_colors
 from splatgl.splat.classification.labels import SOLID, labels_of
 from splatgl.splat.classification.looks import SURFACE

@@ -13,7 +13,7 @@ from splatgl.app.viewer.files import OPENING, TIME, Brought, News
 from splatgl.app.viewer.jobs import Done
 from splatgl.app.viewer.parts import bare
 from splatgl.app.viewer.together import Together
-from splatgl.data.errors import TOLD, told
+from splatgl.errors import TOLD, told
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.content import Content

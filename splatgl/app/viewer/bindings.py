@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from splatgl.data.errors import expected
-from splatgl.data.toml import load_table
+from splatgl.errors import expected
+from splatgl.fileio import load_table
 
 MODIFIERS = ("ctrl", "alt", "shift")
 # names of keys without a character; function keys are f1 to f12

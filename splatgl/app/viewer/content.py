@@ -19,9 +19,9 @@ from splatgl.app.viewer.portion import Portion, portion
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewpoint import FOV, View
 from splatgl.data.coarse import coarser
-from splatgl.data.errors import expected
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 from splatgl.splat.bricks.opaque import Opaque
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.extract import Progress, extract, only_pre

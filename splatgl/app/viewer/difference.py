@@ -10,8 +10,8 @@ import numpy as np
 
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.jobs import Cancelled, Jobs
-from splatgl.data.errors import TOLD, told
 from splatgl.data.image import Image
+from splatgl.errors import TOLD, told
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.layers.layers import Scene as Layers
 from splatgl.splat.plan.settings import Settings

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.jobs import Cancelled, Done, Jobs
 from splatgl.app.viewer.pacing import REST, STRIDES
-from splatgl.data.errors import TOLD, told
+from splatgl.errors import TOLD, told
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.viewer import Viewer

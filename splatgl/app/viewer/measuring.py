@@ -10,8 +10,8 @@ import numpy as np
 
 from splatgl.app.annotations.scale_bar import length_text
 from splatgl.app.viewer.sight import Place
-from splatgl.data.errors import InputError
 from splatgl.data.volume import Triple
+from splatgl.errors import InputError
 from splatgl.splat.layers.layers import Layer, Scene
 from splatgl.truth.pick import Picked, pick
 

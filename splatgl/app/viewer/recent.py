@@ -9,9 +9,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from splatgl.data.errors import InputError
 from splatgl.data.scenes import SCENES
-from splatgl.data.written import write_whole
+from splatgl.errors import InputError
+from splatgl.fileio import write_whole
 
 MOST = 10
 # the environment's switch, and the values that turn the list off

@@ -11,14 +11,14 @@ from pathlib import Path
 
 from splatgl.app.annotations.request import LEAST_SIDE, lay
 from splatgl.app.meshes import MeshFile, surfaces_of
-from splatgl.app.output import overwrites
 from splatgl.app.render import origin
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.state import State
-from splatgl.data.errors import TOLD, expected, told
-from splatgl.data.image import Image, write_whole
+from splatgl.data.image import Image
+from splatgl.errors import TOLD, expected, told
+from splatgl.fileio import overwrites, write_whole
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.layers.layers import Scene as Layers
 from splatgl.splat.plan.blend_mode import BLENDS

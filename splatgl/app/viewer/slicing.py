@@ -13,8 +13,8 @@ from splatgl.app.viewer.labels import label
 from splatgl.app.viewer.moves import up_of
 from splatgl.app.viewer.sight import Place, segment
 from splatgl.app.viewer.slices import ANATOMY, Pane, Slices, colors, grey, panes, plane, strided, window_of, world_axes
-from splatgl.data.errors import InputError
 from splatgl.data.volume import Volume
+from splatgl.errors import InputError
 from splatgl.gl.marks import Color, Marks, Sprite, Stroke
 from splatgl.splat.view.camera import Camera
 

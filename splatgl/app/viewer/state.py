@@ -16,7 +16,7 @@ from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.slices import Slices
-from splatgl.data.errors import InputError
+from splatgl.errors import InputError
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.motion.blur import MOTIONS
 from splatgl.splat.plan.blend_mode import BLENDS

@@ -15,9 +15,9 @@ from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.parts import Look, bare, dressed, read
-from splatgl.data.errors import expected
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 from splatgl.splat.extraction.extract import Progress
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.layers.layers import MOST_LAYERS, Layer, check_layer

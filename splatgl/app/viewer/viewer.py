@@ -34,7 +34,7 @@ from splatgl.app.viewer.slices import column
 from splatgl.app.viewer.slicing import Slicing
 from splatgl.app.viewer.state import State
 from splatgl.app.viewer.window import Window
-from splatgl.data.errors import TOLD, missing_extra, told
+from splatgl.errors import TOLD, missing_extra, told
 from splatgl.gl.portions import Interrupted
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen

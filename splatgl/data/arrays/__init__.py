@@ -10,8 +10,8 @@ from dataclasses import dataclass, fields, replace
 from importlib import import_module
 from typing import Any
 
-from splatgl.data.errors import expected
 from splatgl.data.volume import Triple, Volume
+from splatgl.errors import expected
 
 # root module of a type, or of one of its bases → its function in this folder; others are arrays
 _SOURCES = {

@@ -8,10 +8,10 @@ import numpy as np
 
 from splatgl.data.arrays.parts import Turned
 from splatgl.data.arrays.plain import checked
-from splatgl.data.errors import expected
 from splatgl.data.readers.even import Coordinate, kind_of, lattice
 from splatgl.data.readers.grid import axes_of, stated, triple
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 
 if TYPE_CHECKING:
     from splatgl.data.arrays import ArrayOptions

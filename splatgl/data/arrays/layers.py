@@ -10,9 +10,9 @@ import numpy as np
 
 from splatgl.data.arrays.parts import Turned
 from splatgl.data.arrays.plain import CHANNELS, checked
-from splatgl.data.errors import expected
 from splatgl.data.readers.grid import axes_of, triple, unit_name
 from splatgl.data.volume import Hints, Volume
+from splatgl.errors import expected
 
 if TYPE_CHECKING:
     from splatgl.data.arrays import ArrayOptions

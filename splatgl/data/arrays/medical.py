@@ -8,9 +8,9 @@ import numpy as np
 
 from splatgl.data.arrays.parts import Turned, kept
 from splatgl.data.arrays.plain import checked
-from splatgl.data.errors import expected
 from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 
 if TYPE_CHECKING:
     from splatgl.data.arrays import ArrayOptions

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
 from splatgl.data.volume import Volume
+from splatgl.errors import InputError, expected
 
 if TYPE_CHECKING:
     from splatgl.data.arrays import ArrayOptions

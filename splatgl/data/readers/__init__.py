@@ -7,7 +7,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from splatgl.data.errors import Choice, InputError, expected
 from splatgl.data.readers.files import quiet
 from splatgl.data.readers.inside import HDF5, converter, inside
 from splatgl.data.readers.label_table import table_beside
@@ -15,6 +14,7 @@ from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.remote import Remote, is_address, name_of
 from splatgl.data.readers.terrain import terrain_from_heights
 from splatgl.data.volume import Volume
+from splatgl.errors import Choice, InputError, expected
 
 __all__ = ["FORMATS", "Format", "LoadOptions", "contents", "load", "terrain_from_heights"]
 

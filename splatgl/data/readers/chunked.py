@@ -12,9 +12,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from splatgl.data.errors import InputError
 from splatgl.data.readers.extents import MOST, Extents
 from splatgl.data.readers.files import library
+from splatgl.errors import InputError
 
 KEPT_BYTES = 2**27
 """Bytes of decoded chunks that are kept."""

@@ -11,8 +11,8 @@ from itertools import islice
 from pathlib import Path
 from typing import IO
 
-from splatgl.data.errors import InputError, expected
 from splatgl.data.readers.files import require_plausible
+from splatgl.errors import InputError, expected
 
 SUFFIXES = (".dcm", ".dicom", ".ima")
 MAGIC, MAGIC_AT = b"DICM", 128

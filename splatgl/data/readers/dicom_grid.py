@@ -8,10 +8,10 @@ from itertools import groupby
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.readers.dicom_headers import TIMES, Frame, normal_of
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Triple
+from splatgl.errors import expected
 
 # shares of a slice's distance: positions within are the same place; an even grid is told if it's off by more than
 # EVEN, and not taken beyond UNEVEN

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected, missing_extra
 from splatgl.data.readers.dicom_files import Bounded, Source
+from splatgl.errors import InputError, expected, missing_extra
 
 Six = tuple[float, ...]
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.color import LUMA
-from splatgl.data.errors import expected, missing_extra
 from splatgl.data.readers.codestream import MOST_TILES, stream_size
 from splatgl.data.readers.dicom_files import Bounded
 from splatgl.data.readers.dicom_headers import Frame, Header, dataset, reading
 from splatgl.data.readers.files import DEFLATE_RATIO, MAX_BYTES, require_bytes
+from splatgl.errors import expected, missing_extra
 
 FREE_FRAME = MAX_BYTES // 8
 """Bytes of a frame that few compressed bytes may stand for: 64 MiB. Decoders hold several times as many."""

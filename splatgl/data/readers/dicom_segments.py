@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.readers.dicom_files import Source
 from splatgl.data.readers.dicom_headers import (
     Frame,
@@ -25,10 +24,12 @@ from splatgl.data.readers.dicom_headers import (
     reading,
 )
 from splatgl.data.readers.dicom_pixels import check_header, decoded, decoder_of
-from splatgl.data.readers.files import byte_count, require_bytes
+from splatgl.data.readers.files import require_bytes
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.several import Channel, Several, rgb_of
 from splatgl.data.volume import Label, Volume
+from splatgl.errors import expected
+from splatgl.fileio import byte_count
 
 TAGS = {
     "SEG": ("SegmentSequence", "SegmentationType", "MaximumFractionalValue"),

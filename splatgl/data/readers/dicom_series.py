@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from splatgl.data.errors import InputError, expected
 from splatgl.data.readers.dicom_files import Source, sources
 from splatgl.data.readers.dicom_grid import largest_group, rank
 from splatgl.data.readers.dicom_headers import Frame, Header, frames, header
 from splatgl.data.readers.options import LoadOptions
+from splatgl.errors import InputError, expected
 
 OTHERS = {
     "SEG": "a segmentation",

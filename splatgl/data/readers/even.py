@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected
-from splatgl.data.readers.files import WHOLE, byte_count
 from splatgl.data.readers.grid import METRES, unit_name
+from splatgl.errors import expected
+from splatgl.fileio import WHOLE, byte_count
 
 _MOST_UNEVEN = 1e-3
 """Deviation from even steps, in steps: coordinates are often written with few digits."""

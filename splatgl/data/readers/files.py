@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import warnings
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,16 +11,14 @@ from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
-from splatgl.data.errors import InputError, choice, expected
-from splatgl.data.sizes import require_memory
+from splatgl.errors import InputError, choice, expected
+from splatgl.fileio import byte_count, require_memory
 
 DEFLATE_RATIO = 1032
 """Most bytes that one byte of deflate data can expand to (zlib's technical notes: 1032:1)."""
 
 MAX_BYTES = 2**29
 """Most bytes allocated on a file's word alone: where the codec's ratio is unbounded and the file is small."""
-
-WHOLE = 2**28
 """Most bytes of samples of a store or a multiscale image that are read at once; more are read in parts."""
 
 CHUNK_BYTES = 2**20
@@ -47,11 +44,6 @@ def grid_shape(sizes: Sequence[int], what: str = "dimensions") -> Shape:
         raise expected(what, "at least one voxel along each axis", _times(sizes), "the header is damaged")
     x, y, z = (int(size) for size in sizes)
     return z, y, x
-
-
-def byte_count(shape: Sequence[int], dtype: np.dtype) -> int:
-    """Bytes of an array, exact for sizes of any magnitude."""
-    return math.prod(int(size) for size in shape) * dtype.itemsize
 
 
 def require_bytes(needed: int, there: int, what: str = "data") -> None:

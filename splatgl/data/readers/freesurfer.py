@@ -13,19 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected, missing_extra
-from splatgl.data.readers.files import (
-    byte_count,
-    grid_shape,
-    library,
-    require_bytes,
-    require_plausible,
-    selection,
-)
+from splatgl.data.readers.files import grid_shape, library, require_bytes, require_plausible, selection
 from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.readers.options import LoadOptions
-from splatgl.data.sizes import require_memory
 from splatgl.data.volume import Volume
+from splatgl.errors import expected, missing_extra
+from splatgl.fileio import byte_count, require_memory
 
 _HEADER = 348
 """Bytes of an Analyze header, which its first number states."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.volume import Triple
+from splatgl.errors import expected
 
 METRES = {"nm": 1e-9, "um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "in": 0.0254, "Å": 1e-10}
 """Metres per unit of length, by the short name used in `Volume.unit`."""

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import choice, expected
 from splatgl.data.readers.even import Coordinate, Lattice, kind_of, lattice
 from splatgl.data.readers.files import library, selection
 from splatgl.data.readers.grid import METRES, axes_of, stated, triple, unit_name
@@ -34,6 +33,7 @@ from splatgl.data.readers.hdf5_file import (
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.several import MOST_CHANNELS, SECONDS, Channel, Several
 from splatgl.data.volume import Volume
+from splatgl.errors import choice, expected
 
 _SPACINGS = (
     *("element_size_um", "spacing", "Spacing", "voxel_size", "voxelSize", "VoxelSize", "voxelsize"),

@@ -19,19 +19,18 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected, missing_extra
 from splatgl.data.readers.chunked import Chunked
 from splatgl.data.readers.files import (
     CHUNK_BYTES,
     DEFLATE_RATIO,
     MAX_BYTES,
-    WHOLE,
-    byte_count,
     library,
     map_array,
     require_bytes,
     require_plausible,
 )
+from splatgl.errors import InputError, expected, missing_extra
+from splatgl.fileio import WHOLE, byte_count
 
 _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}
 """Filters by number whose results are bounded by what is stored; others state a size of their own, or are plug-ins."""

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.readers.files import grid_shape, library
 from splatgl.data.readers.grid import axes_of, triple, unit_name
 from splatgl.data.readers.hdf5_file import is_numbers, node_at, open_hdf5, samples_of, text_of
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.several import Channel, Several, as_microscope, rgb_of, window_of
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 
 _MOST = 64
 """Most levels; each has half the voxels of the one before, or fewer."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from splatgl.data.errors import expected
 from splatgl.data.volume import Label
+from splatgl.errors import expected
 
 ENDINGS = (".label", ".lbl", ".txt")
 MARK = "ITK-SnAP Label Description File"

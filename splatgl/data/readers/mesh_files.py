@@ -11,11 +11,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected, missing_extra
 from splatgl.data.mesh import SIDES, Mesh, ringed
 from splatgl.data.readers.files import library, quiet
 from splatgl.data.readers.mesh_values import by_cells, colored, numbers_of, of_ply, together
 from splatgl.data.readers.vtk_xml import VtkXml, arrays_of, numbers_in, parse_vtk
+from splatgl.errors import InputError, expected, missing_extra
 
 # a line's radius, where none is given: a share of the diagonal of all
 THIN = 1 / 400

@@ -9,10 +9,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.mesh import Mesh
 from splatgl.data.readers.vtk_arrays import PointArray
 from splatgl.data.readers.vtk_xml import VtkXml, arrays_of
+from splatgl.errors import expected
 
 # of PLY: coordinates and looks, which are no numbers of points; and names that come first, in this order
 LOOKS = ("x", "y", "z", "nx", "ny", "nz", "s", "t", "u", "v", "texture_u", "texture_v", "flags")

@@ -14,13 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
-from splatgl.data.readers.files import byte_count, data_file, grid_shape, inflate, library, map_array, selection
+from splatgl.data.readers.files import data_file, grid_shape, inflate, library, map_array, selection
 from splatgl.data.readers.grid import triple, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.several import Several, components
 from splatgl.data.readers.text import read_numbers, require_end
 from splatgl.data.volume import Triple, Volume
+from splatgl.errors import InputError, expected
+from splatgl.fileio import byte_count
 
 _TYPES = {
     "MET_CHAR": "i1",

@@ -13,9 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected, missing_extra
 from splatgl.data.readers.files import (
-    byte_count,
     grid_shape,
     inflate,
     library,
@@ -26,8 +24,9 @@ from splatgl.data.readers.files import (
 )
 from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.readers.options import LoadOptions
-from splatgl.data.sizes import require_memory
 from splatgl.data.volume import Volume
+from splatgl.errors import expected, missing_extra
+from splatgl.fileio import byte_count, require_memory
 
 _HEADER = 1024
 """Bytes of the header; an extended one of `nsymbt` bytes follows."""

@@ -13,21 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected, missing_extra
 from splatgl.data.quantities import is_whole
-from splatgl.data.readers.files import (
-    byte_count,
-    grid_shape,
-    library,
-    require_bytes,
-    require_plausible,
-    selection,
-)
+from splatgl.data.readers.files import grid_shape, library, require_bytes, require_plausible, selection
 from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.several import Several
-from splatgl.data.sizes import require_memory
 from splatgl.data.volume import Volume
+from splatgl.errors import expected, missing_extra
+from splatgl.fileio import byte_count, require_memory
 
 _UNITS = {1: "m", 2: "mm", 3: "um"}
 """Units of length by the lowest three bits of xyzt_units (nifti1.h); other codes are no lengths."""

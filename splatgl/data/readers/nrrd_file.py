@@ -16,9 +16,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from splatgl.data.errors import expected, missing_extra
 from splatgl.data.readers.files import (
-    byte_count,
     data_file,
     grid_shape,
     inflate,
@@ -32,8 +30,9 @@ from splatgl.data.readers.grid import axes_of, stated, triple, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.several import SECONDS, Channel, Several, components, rgb_of
 from splatgl.data.readers.text import read_numbers, require_end
-from splatgl.data.sizes import require_memory
 from splatgl.data.volume import Label, Volume
+from splatgl.errors import expected, missing_extra
+from splatgl.fileio import byte_count, require_memory
 
 _TYPES = {
     "i1": "signed char, int8, int8_t",

@@ -10,11 +10,11 @@ from typing import IO
 
 import numpy as np
 
-from splatgl.data.errors import choice, expected
-from splatgl.data.readers.files import byte_count, library, map_array, require_bytes, require_plausible
+from splatgl.data.readers.files import library, map_array, require_bytes, require_plausible
 from splatgl.data.readers.options import LoadOptions
-from splatgl.data.sizes import require_memory
 from splatgl.data.volume import Volume
+from splatgl.errors import choice, expected
+from splatgl.fileio import byte_count, require_memory
 
 _HEADER_LIMIT = 2**16
 """Most bytes looked at for a header; NumPy itself refuses to read one of more than 10 000."""

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
 from splatgl.data.volume import Triple
+from splatgl.errors import InputError, expected
 
 DEFAULT_LEVELS = 103
 """Voxel levels of a terrain: the height of the terrain volume in [M98], 512 × 512 × 103."""

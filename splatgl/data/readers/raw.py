@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.errors import InputError, choice, expected
-from splatgl.data.readers.files import byte_count, grid_shape, map_array
+from splatgl.data.readers.files import grid_shape, map_array
 from splatgl.data.readers.options import LoadOptions, sample_type
 from splatgl.data.volume import Volume
+from splatgl.errors import InputError, choice, expected
+from splatgl.fileio import byte_count
 
 _SHAPE = re.compile(r"(?<!\d)(\d+)x(\d+)x(\d+)(?!\d)", re.IGNORECASE)
 _DTYPE = re.compile(r"(?<![a-z])(u?int(?:8|16|32|64)|float(?:16|32|64))(le|be)?(?![a-z0-9])", re.IGNORECASE)

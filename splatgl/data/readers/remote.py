@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from splatgl.data.errors import InputError, expected, missing_extra
-from splatgl.data.written import shortened
+from splatgl.errors import InputError, expected, missing_extra
+from splatgl.fileio import shortened
 
 # times that something is asked for, seconds between the first two, which double, and seconds for a connection and
 # between two parts of an answer

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.color import luma
-from splatgl.data.errors import choice, expected
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Volume
+from splatgl.errors import choice, expected
 
 SECONDS = {
     **{name: 1.0 for name in ("s", "sec", "second", "seconds")},

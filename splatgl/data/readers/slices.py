@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.data.color import luma
-from splatgl.data.errors import expected
-from splatgl.data.readers.files import byte_count, library
+from splatgl.data.readers.files import library
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.terrain import open_picture
 from splatgl.data.readers.tiff_checks import check_chain
 from splatgl.data.readers.tiff_lzw import guard
 from splatgl.data.readers.tiff_parts import open_tiff
 from splatgl.data.readers.zarr_axes import by_numbers
-from splatgl.data.sizes import require_memory
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.fileio import byte_count, require_memory
 
 KINDS = {".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG"}
 """Formats of slices by ending."""

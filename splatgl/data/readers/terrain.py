@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.data.color import luma
-from splatgl.data.errors import expected
 from splatgl.data.readers.files import library, require_plausible
 from splatgl.data.readers.options import DEFAULT_LEVELS, LoadOptions
 from splatgl.data.readers.several import as_microscope
-from splatgl.data.sizes import require_memory
 from splatgl.data.volume import Hints, Volume
+from splatgl.errors import expected
+from splatgl.fileio import require_memory
 
 MAX_VOXELS = 4 * 2**30
 """Most voxels of a terrain, a byte each: a map of 6400 × 6400 in 103 levels."""

@@ -6,8 +6,8 @@ from typing import BinaryIO
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.readers.files import library
+from splatgl.errors import expected
 
 _BLOCK_BYTES = 2**16
 """Bytes split into words at a time: small beside a volume, large beside a call's cost."""

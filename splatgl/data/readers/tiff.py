@@ -18,17 +18,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatgl.data.color import luma
-from splatgl.data.errors import InputError, expected
-from splatgl.data.readers.files import (
-    MAX_BYTES,
-    WHOLE,
-    byte_count,
-    library,
-    map_array,
-    require_bytes,
-    require_plausible,
-    selection,
-)
+from splatgl.data.readers.files import MAX_BYTES, library, map_array, require_bytes, require_plausible, selection
 from splatgl.data.readers.grid import METRES, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.several import as_microscope
@@ -46,8 +36,9 @@ from splatgl.data.readers.tiff_images import about, chosen, pixels_of, survey_of
 from splatgl.data.readers.tiff_lzw import guard
 from splatgl.data.readers.tiff_parts import open_tiff, parts
 from splatgl.data.readers.xml_tree import parse_xml
-from splatgl.data.sizes import require_memory
 from splatgl.data.volume import Triple, Volume
+from splatgl.errors import InputError, expected
+from splatgl.fileio import WHOLE, byte_count, require_memory
 
 _CODECS = {
     1: "none",

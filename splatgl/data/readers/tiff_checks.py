@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import BinaryIO
 from xml.etree.ElementTree import Element
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 
 MAX_PLANES = 2**20
 """Most planes of a series: a list of them takes some bytes each, whether they are in the file or not."""

@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 from xml.etree.ElementTree import Element
 
-from splatgl.data.errors import expected
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.terrain import DEGREE, Survey
 from splatgl.data.readers.xml_tree import parse_xml
+from splatgl.errors import expected
 
 # tags of GeoTIFF 1.1 §2.5 to 2.8, and of GDAL
 SCALE, TIE, MATRIX, KEYS, METADATA, NODATA = 33550, 33922, 34264, 34735, 42112, 42113

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.readers.codestream import MOST_TILES, stream_size
+from splatgl.errors import expected
 
 _LZW, _PICTURES = 5, (7, 33003, 33005, 34712)
 _CLEAR, _END = 256, 257

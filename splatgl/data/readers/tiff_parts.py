@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from splatgl.data.errors import missing_extra
 from splatgl.data.readers.chunked import Chunked
 from splatgl.data.readers.files import library
 from splatgl.data.readers.tiff_lzw import guard
 from splatgl.data.readers.turned import Turned
+from splatgl.errors import missing_extra
 
 OTHER_KINDS = ("avs", "bif", "eer", "mmstack", "ndpi", "ndtiff", "philips", "qpi", "scn", "svs")
 """Kinds of slide scanners' pictures and of series over many files, which are read as plain pages."""

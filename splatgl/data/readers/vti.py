@@ -12,7 +12,6 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.readers.even import even_steps
 from splatgl.data.readers.files import Shape, data_file, grid_shape
 from splatgl.data.readers.grid import axes_of, triple
@@ -21,6 +20,7 @@ from splatgl.data.readers.vtk_arrays import PointArray, hints_for, pick, told
 from splatgl.data.readers.vtk_pieces import Piece, cells_along, joined
 from splatgl.data.readers.vtk_xml import VtkXml, arrays_of, extent_of, numbers_in, parse_vtk
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 
 _UNEVEN = "resample it with ParaView's filter Resample To Image"
 

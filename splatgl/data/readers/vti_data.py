@@ -12,17 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.errors import expected, missing_extra
-from splatgl.data.readers.files import (
-    MAX_BYTES,
-    byte_count,
-    library,
-    map_array,
-    require_bytes,
-    require_plausible,
-)
+from splatgl.data.readers.files import MAX_BYTES, library, map_array, require_bytes, require_plausible
 from splatgl.data.readers.text import read_numbers, require_end
-from splatgl.data.sizes import require_memory
+from splatgl.errors import expected, missing_extra
+from splatgl.fileio import byte_count, require_memory
 
 Shape4 = tuple[int, int, int, int]
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.data.errors import choice, expected
 from splatgl.data.quantities import hints_of
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Hints
+from splatgl.errors import choice, expected
 
 MOST_TOLD = 8
 """Most names of arrays that a note lists."""

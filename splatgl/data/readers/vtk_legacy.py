@@ -14,14 +14,15 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
-from splatgl.data.readers.files import Shape, byte_count, grid_shape, map_array, require_bytes
+from splatgl.data.readers.files import Shape, grid_shape, map_array, require_bytes
 from splatgl.data.readers.grid import triple
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.text import read_numbers
 from splatgl.data.readers.vtk_arrays import PointArray, hints_for, pick, told
 from splatgl.data.readers.vtk_pieces import cells_along
 from splatgl.data.volume import Volume
+from splatgl.errors import InputError, expected
+from splatgl.fileio import byte_count
 
 _TYPES = {
     "unsigned_char": "u1",

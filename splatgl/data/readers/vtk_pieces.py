@@ -8,9 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.readers.files import Shape
 from splatgl.data.readers.vtk_arrays import PointArray
+from splatgl.errors import expected
 
 Index = tuple[int, int, int]
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from splatgl.data.errors import expected
 from splatgl.data.readers import vti
 from splatgl.data.readers.files import data_file
 from splatgl.data.readers.inside import converter
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.vtk_xml import numbers_in, parse_vtk
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 
 _GRIDS = {".vti": vti.read, ".vtr": vti.read, ".pvti": vti.read_parallel, ".pvtr": vti.read_parallel}
 

@@ -12,11 +12,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.readers.files import Shape
 from splatgl.data.readers.vti_data import COMPRESSORS, Coding, Source, decode, parse_ascii
 from splatgl.data.readers.vtk_arrays import PointArray
 from splatgl.data.readers.xml_tree import parse_xml
+from splatgl.errors import expected
 
 _TYPES = {
     f"{name}{8 * size}": f"{code}{size}"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
-from splatgl.data.errors import expected
 from splatgl.data.readers.files import library
+from splatgl.errors import expected
 
 MAX_DEPTH = 64
 """Deepest nesting of elements; image files need six."""

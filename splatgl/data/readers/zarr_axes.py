@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.readers.even import Coordinate, kind_of
 from splatgl.data.readers.several import MOST_CHANNELS, SECONDS, Channel, Several, rgb_of, window_of
 from splatgl.data.volume import Label
+from splatgl.errors import expected
 
 MOST_COORDINATES = 2**20
 """Most coordinates along a dimension that are read."""

@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from splatgl.data.errors import expected
 from splatgl.data.readers.extents import tag_of
-from splatgl.data.readers.files import CHUNK_BYTES, DEFLATE_RATIO, MAX_BYTES, byte_count, require_plausible
+from splatgl.data.readers.files import CHUNK_BYTES, DEFLATE_RATIO, MAX_BYTES, require_plausible
+from splatgl.errors import expected
+from splatgl.fileio import byte_count
 
 Fetch = Callable[[Sequence[str]], None]
 

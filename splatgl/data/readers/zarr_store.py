@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import InputError, choice, expected, missing_extra
 from splatgl.data.readers.chunked import Chunked
 from splatgl.data.readers.even import lattice
-from splatgl.data.readers.files import WHOLE, byte_count, library, selection
+from splatgl.data.readers.files import library, selection
 from splatgl.data.readers.grid import METRES, axes_of, stated, triple, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.remote import METADATA, Remote
@@ -33,6 +32,8 @@ from splatgl.data.readers.zarr_axes import (
 )
 from splatgl.data.readers.zarr_checks import check_array, check_files
 from splatgl.data.volume import Hints, Triple, Volume
+from splatgl.errors import InputError, choice, expected, missing_extra
+from splatgl.fileio import WHOLE, byte_count
 
 WHOLE_LEVEL = 0
 """Most bytes of a coarser level that are read at once: most pictures take one of them, or none."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.readers.files import is_mapped
-from splatgl.data.sizes import budget as budget
-from splatgl.data.sizes import size_of
+from splatgl.fileio import budget as budget
+from splatgl.fileio import size_of
 from splatgl.splat.bricks.bricks import SIDE, Bricks
 from splatgl.splat.extraction.splats import MOST_KEPT
 

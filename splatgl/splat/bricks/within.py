@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.bricks.estimate import Need, need
 from splatgl.splat.classification.post import PostClassified

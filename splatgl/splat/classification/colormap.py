@@ -11,7 +11,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from splatgl.data.color import linear_from_srgb
-from splatgl.data.errors import expected, missing_extra
+from splatgl.errors import expected, missing_extra
 
 ENTRIES = 256
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.color import linear_from_srgb
-from splatgl.data.errors import expected
 from splatgl.data.volume import Label, Volume
+from splatgl.errors import expected
 
 # (number, "#rrggbb", opacity), ascending
 Shown = Sequence[tuple[int, str, float]]

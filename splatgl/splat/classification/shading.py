@@ -8,7 +8,7 @@ from numbers import Real
 
 import numpy as np
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 from splatgl.splat.view.camera import Camera
 
 # ambient and diffuse shares of the head light

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from splatgl.data.errors import InputError, expected
-from splatgl.data.toml import load_table, parse_table
-from splatgl.data.written import write_whole
+from splatgl.errors import InputError, expected
+from splatgl.fileio import load_table, parse_table, write_whole
 from splatgl.splat.classification.colormap import colormap
 from splatgl.splat.classification.labels import checked_labels, label_color, label_opacity
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
 from splatgl.data.volume import Volume
+from splatgl.errors import InputError, expected
 from splatgl.splat.classification.post import PostClassified, active_range
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.post import extract_post

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
+from splatgl.errors import expected
 
 
 def checked_points(points: object, colors: object, extinctions: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

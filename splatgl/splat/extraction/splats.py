@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.extraction.lattice import Lattice, index_rows, lattice_across
 from splatgl.splat.extraction.parts import in_parts

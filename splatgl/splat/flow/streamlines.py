@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.mesh import SIDES, Mesh
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 from splatgl.splat.flow.vectors import VectorField, colors_of, slowest
 
 # smallest spacings between two points of a line, and every how many of them are drawn

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.color import srgb_from_linear
-from splatgl.data.errors import expected
 from splatgl.data.volume import Hints, Volume
+from splatgl.errors import expected
 from splatgl.splat.classification.colormap import colormap
 
 # share of the vectors' greatest speed below which nothing is drawn, and the share of samples that may be faster than

@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 
 
 class Kernel(Protocol):

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 from splatgl.splat.classification.looks import SURFACE
 from splatgl.splat.classification.presets import preset
 from splatgl.splat.classification.transfer import Transfer

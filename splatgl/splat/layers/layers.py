@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
+from splatgl.errors import InputError, expected
 from splatgl.splat.bricks.opaque import Opaque
 from splatgl.splat.classification.presets import default_transfer
 from splatgl.splat.classification.transfer import Transfer

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.mesh import Mesh
-from splatgl.data.sizes import budget, size_of
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.fileio import budget, size_of
 from splatgl.splat.classification.labels import SOLID, Shown, label_place, labels_of
 from splatgl.splat.classification.presets import default_transfer, label_transfer
 from splatgl.splat.classification.transfer import Transfer

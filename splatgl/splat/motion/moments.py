@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.image import Image
+from splatgl.errors import expected
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.motion.motion import Motion, exposure, streaks
 from splatgl.splat.plan.settings import FULL_SHUTTER, Settings

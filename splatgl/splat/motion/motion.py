@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 from splatgl.splat.extraction.records import as_points
 from splatgl.splat.extraction.splats import Splats
 from splatgl.splat.plan.settings import FULL_SHUTTER

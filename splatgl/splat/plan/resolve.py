@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
+from splatgl.errors import InputError, expected
 from splatgl.splat.classification.shading import LIGHTS, Light
 from splatgl.splat.cues.cues import Cues
 from splatgl.splat.extraction.splats import MOST_KEPT, Splats

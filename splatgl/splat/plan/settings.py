@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from numbers import Real
 from typing import Any, Literal, get_args
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 from splatgl.splat.classification.shading import checked_place
 from splatgl.splat.kernel.kernels import KERNELS
 from splatgl.splat.plan.blend_mode import BLENDS

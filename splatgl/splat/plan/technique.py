@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 from splatgl.splat.kernel.kernels import Kernel, polynomials
 from splatgl.splat.plan.blend_mode import BLENDS
 from splatgl.splat.plan.settings import Settings, choices

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected
 from splatgl.data.mesh import SIDES, Mesh
+from splatgl.errors import expected
 from splatgl.splat.plotters.volumes import clip_planes, matrix_of
 from splatgl.splat.view.camera import Camera
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.color import srgb_from_linear
-from splatgl.data.errors import expected
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 from splatgl.splat.classification.colormap import of_colors
 from splatgl.splat.classification.shading import Light
 from splatgl.splat.classification.transfer import Nodes, Transfer

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.color import linear_from_srgb
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 from splatgl.splat.layers.layers import Scene
 from splatgl.splat.plan.settings import Settings
 from splatgl.splat.plotters.actors import meshes_of

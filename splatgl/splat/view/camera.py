@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 import pyrr
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 
 # |sin| of the smallest angle between `up` and the view that defines a horizon
 UP_TOLERANCE = 1e-9

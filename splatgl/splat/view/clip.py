@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 from splatgl.splat.extraction.kept import LatestParts
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
 from splatgl.data.volume import Volume
+from splatgl.errors import InputError, expected
 from splatgl.splat.extraction.splats import corners_of
 from splatgl.splat.view.clip import Plane, planes
 

@@ -16,9 +16,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from splatgl.data.errors import expected
-from splatgl.data.sizes import size_of
 from splatgl.data.volume import Places, Volume
+from splatgl.errors import expected
+from splatgl.fileio import size_of
 from splatgl.splat.extraction.splats import Grid
 from splatgl.splat.view.clip import FLUSH
 from splatgl.splat.view.trilinear import trilinear

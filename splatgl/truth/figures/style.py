@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from splatgl.data.errors import missing_extra
+from splatgl.errors import missing_extra
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

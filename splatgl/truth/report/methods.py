@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from splatgl.data.errors import expected
+from splatgl.errors import expected
 from splatgl.splat.plan.settings import Settings
 
 # references for errors, and what each reveals

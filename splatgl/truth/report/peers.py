@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import expected, missing_extra
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
+from splatgl.errors import expected, missing_extra
 from splatgl.splat.classification.shading import AMBIENT, DIFFUSE
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.settings import Settings

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from splatgl.data.errors import InputError
-from splatgl.data.image import write_whole
+from splatgl.errors import InputError
+from splatgl.fileio import write_whole
 from splatgl.truth.report.content import CONVERGENCE
 from splatgl.truth.report.diagram import convergence, picture
 from splatgl.truth.report.markdown import as_markdown

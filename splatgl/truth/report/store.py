@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from splatgl.data.errors import InputError, expected
+from splatgl.errors import InputError, expected
 
 NAME = "runs.jsonl"
 # kinds of lines, and their keys

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
 from splatgl.data.scene_fields import Formula
 from splatgl.data.volume import Volume
+from splatgl.errors import InputError, expected
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.extract import POST_KERNEL
 from splatgl.splat.extraction.splats import Splats

@@ -7,8 +7,8 @@ import statistics
 import time
 from collections.abc import Callable, Hashable
 
-from splatgl.data.errors import InputError, expected
 from splatgl.data.image import Image
+from splatgl.errors import InputError, expected
 from splatgl.splat.plan.settings import Settings
 from splatgl.truth.drawing import Planner
 from splatgl.truth.report.errors import errors

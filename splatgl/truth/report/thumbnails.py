@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.data.errors import InputError
 from splatgl.data.image import Image
+from splatgl.errors import InputError
 from splatgl.splat.plan.settings import Settings
 from splatgl.truth.compare_pictures import data_uri, heat, largest, shown
 from splatgl.truth.drawing import Renderer

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.errors import InputError, expected
-from splatgl.data.image import Image, write_whole
+from splatgl.data.image import Image
 from splatgl.data.scene_fields import Formula
 from splatgl.data.volume import Volume
+from splatgl.errors import InputError, expected
+from splatgl.fileio import write_whole
 from splatgl.splat.extraction.extract import POST_KERNEL
 from splatgl.splat.plan.settings import Settings
 from splatgl.truth import reference

@@ -7,7 +7,7 @@ from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from splatgl.data.errors import InputError, expected
+from splatgl.errors import InputError, expected
 from splatgl.truth.drawing import Planner
 from splatgl.truth.report.convergence import STUDIES
 from splatgl.truth.report.methods import axis_of

@@ -1,0 +1,276 @@
+"""TOML tables, atomic writes, byte sizes, checks of output paths."""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+import os
+import re
+import stat
+import tempfile
+import tomllib
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from numbers import Integral, Real
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from splatgl.errors import InputError, expected
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+def check_output(path: Path, suffixes: tuple[str, ...] = (".png", ".npy")) -> None:
+    """InputError, before any work, if `path` cannot be written or has none of the suffixes."""
+    if path.suffix.lower() not in suffixes:
+        raise expected(path, f"a name that ends in {' or '.join(suffixes)}", repr(path.suffix))
+    if path.is_dir():
+        raise expected(path, "a file to write", "a directory")
+    check_folder(path.parent, path)
+    if path.exists() and not os.access(path, os.W_OK):
+        raise InputError(f"{path}: cannot be written: permission denied")
+
+
+def check_folder(folder: Path, name: Path | str) -> None:
+    """InputError, which begins with `name`, if a folder is neither one that can be written nor can be made."""
+    there = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
+    if not there.is_dir():
+        raise expected(name, "a folder", f"the file {there}", "choose another name")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"{name}: cannot be written: permission denied")
+
+
+def overwrites(path: Path, sources: Iterable[str | None]) -> bool:
+    """Whether writing `path` would overwrite one of the sources, by whatever name; None is none."""
+    return os.path.exists(path) and any(each and os.path.exists(each) and path.samefile(each) for each in sources)
+
+
+def check_source(path: Path, *sources: str | None) -> None:
+    """InputError if writing `path` would overwrite one of the sources; None is none."""
+    if overwrites(path, sources):
+        raise expected(path, "another file than the source", "the source itself", "name another one with -o")
+
+
+WHOLE = 2**28
+
+
+def byte_count(shape: Sequence[int], dtype: np.dtype) -> int:
+    """Bytes of an array, exact for sizes of any magnitude."""
+    return math.prod(int(size) for size in shape) * dtype.itemsize
+
+
+# share of what is available now that is used unless a budget is given
+SHARE = 0.5
+# free bytes where the system tells none
+ASSUMED = 4 << 30
+# the budget that was given, if any
+_given: list[int] = []
+
+
+def bytes_of(text: str) -> int:
+    """Parses a number of bytes: 4GiB, 500MB, 1e9. Raises InputError for other text."""
+    found = re.fullmatch(r"([0-9.]+(?:e[0-9]+)?) *(?:([kmgt])(i?)b?|b?)", text.strip().lower())
+    try:
+        assert found is not None
+        number, unit, binary = found.groups()
+        return int(float(number) * (1024 if binary else 1000) ** ("kmgt".index(unit) + 1 if unit else 0))
+    except (AssertionError, ValueError):
+        raise expected("memory", "a number of bytes, such as 4GiB or 500MB", repr(text)) from None
+
+
+def size_of(count: int) -> str:
+    """A number of bytes as text, such as 3.7 GiB."""
+    size, units = float(count), ["bytes", "KiB", "MiB", "GiB", "TiB"]
+    while size >= 1024 and len(units) > 1:
+        size, units = size / 1024, units[1:]
+    return f"{size:.0f} {units[0]}" if units[0] == "bytes" else f"{size:.1f} {units[0]}"
+
+
+def limit(memory: int | None) -> None:
+    """Sets the budget of this process, bytes; None: what is free."""
+    _given[:] = [] if memory is None else [memory]
+
+
+def require_memory(
+    needed: int, there: int, fix: str = "read it where more is free, or save a part of it", what: str = "samples"
+) -> None:
+    """Raises InputError for what takes `needed` bytes, in `there` packed ones, if memory is too small for it."""
+    most = budget()
+    if needed > most:
+        got = f"{size_of(needed)}, packed in {size_of(max(there, 0))}"
+        raise expected(what, f"at most {size_of(most)} in memory", got, fix)
+
+
+def budget() -> int:
+    """The bytes that were given; else SHARE of those that this process may still take, by the system and by its control
+    group.
+    """
+    if _given:
+        return _given[0]
+    free = [_available(), *(limit - used for limit, used in _groups())]
+    return int(SHARE * max(min(free), 0))
+
+
+def _available() -> int:
+    """Free bytes as Linux or psutil tell; else those of the machine, or ASSUMED where nothing tells, as on Windows."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        (line,) = (line for line in lines if line.startswith("MemAvailable:"))
+        return int(line.split()[1]) << 10
+    except (OSError, ValueError):
+        pass
+    try:
+        import psutil
+
+        return int(psutil.virtual_memory().available)
+    except ImportError:
+        pass
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return ASSUMED
+
+
+def _groups() -> list[tuple[int, int]]:
+    """Limit and use of the control group's memory, of either version."""
+    found = []
+    root = Path("/sys/fs/cgroup")
+    for limit, used in (
+        ("memory.max", "memory.current"),
+        ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"),
+    ):
+        try:
+            found.append((int((root / limit).read_text()), int((root / used).read_text())))
+        except (OSError, ValueError):
+            continue
+    return found
+
+
+MAX_BYTES = 2**20
+"""Longest file in bytes: a transfer function with a node for each of 65536 values."""
+
+
+def load_table(path: Path, what: str) -> dict[str, Any]:
+    """The table in a TOML file. what: the kind of file for messages, such as "a scene". Raises InputError naming it."""
+    try:
+        # a pipe would block, a device could be endless
+        if path.exists() and not path.is_file():
+            raise expected(path, f"{what} in a TOML file", "a folder, pipe or device")
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            raise expected(path, f"{what} of at most {MAX_BYTES} bytes", "more")
+        return parse_table(data.decode("utf-8"), f"{path}: expected {what} in TOML")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected {what} in TOML, got {error}") from error
+
+
+def parse_table(text: str, expectation: str) -> dict[str, Any]:
+    """The table in TOML text. Raises InputError whose message begins with `expectation`."""
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        # ValueError: bad TOML, invalid dates, and integers too long to convert
+        raise InputError(f"{expectation}, got {' '.join(str(error).split())}") from error
+
+
+def toml_value(what: str, value: Any) -> str:
+    """A string, number, boolean, or sequence of them as TOML. Raises InputError for what TOML cannot hold."""
+    if isinstance(value, str):
+        # JSON escapes everything that TOML requires, except DEL
+        text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        if any("\ud800" <= letter <= "\udfff" for letter in text):
+            raise expected(what, "text that TOML can hold", repr(value)[:80])
+        return text
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, Integral):
+        return str(int(value))
+    if isinstance(value, Real):
+        return repr(float(value))
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(toml_value(what, part) for part in value) + "]"
+    raise expected(what, "text, numbers or lists of them", type(value).__name__)
+
+
+# most bytes of a name that is made of another: file systems have 255, of which an ending takes some
+LONGEST = 200
+
+
+def write_whole(target: Path, data: bytes) -> None:
+    """Writes a file atomically: to a temporary name, then renamed. Makes the folders that are missing.
+
+    Raises InputError if it cannot be written; no new folder is left then.
+    """
+    with replaced(target) as temporary:
+        temporary.write_bytes(data)
+
+
+@contextmanager
+def replaced(target: Path) -> Iterator[Path]:
+    """A file beside `target` to write into, which takes its place and its mode at the end, or goes if the work fails.
+    Links are followed: what they lead to is replaced. Makes the folders that are missing.
+
+    Raises InputError if it cannot be written; no new folder is left then.
+    """
+    try:
+        real = Path(os.path.realpath(target))
+        mode = _mode(real)
+        with made(real.parent):
+            temporary = ""
+            try:
+                with tempfile.NamedTemporaryFile(
+                    dir=real.parent, prefix=f".{shortened(real.name)}.", delete=False
+                ) as file:
+                    temporary = file.name
+                yield Path(temporary)
+                os.chmod(temporary, mode)
+                os.replace(temporary, real)
+            finally:
+                if temporary and os.path.exists(temporary):
+                    os.unlink(temporary)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from error
+
+
+def shortened(name: str) -> str:
+    """A file's name, to which an ending can be added: its beginning, if it is long."""
+    return name.encode(errors="surrogateescape")[:LONGEST].decode(errors="ignore")
+
+
+def _mode(real: Path) -> int:
+    """The permissions of a file that is there, else those of a new one. Raises OSError for what is no file."""
+    try:
+        told = os.lstat(real).st_mode
+    except FileNotFoundError:
+        return 0o666 & ~_umask()
+    if stat.S_ISLNK(told):
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+    if stat.S_ISDIR(told):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(told):
+        raise OSError(errno.EINVAL, "a pipe or device")
+    return stat.S_IMODE(told)
+
+
+@contextmanager
+def made(folder: Path) -> Iterator[None]:
+    """Makes a folder, and those above it that are missing; they are removed if the work in it fails and left none."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        for path in missing:
+            # one that holds something stays, as do those above
+            with suppress(OSError):
+                path.rmdir()
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
