@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.data.coarse import coarser
-from splatgl.data.volume import Label
+from splatgl.data.volume import Label, coarser
 from splatgl.splat.classification.presets import label_transfer
 from splatgl.splat.extraction import label_normals
 from splatgl.splat.extraction.splats import Splats

@@ -11,8 +11,8 @@ from test_bricks import noise
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.data.coarse import coarser
 from splatgl.data.readers.chunked import Chunked
+from splatgl.data.volume import coarser
 from splatgl.gl import levels
 from splatgl.gl.levels import just_finer, level_for
 from splatgl.gl.slabs import render_slabs

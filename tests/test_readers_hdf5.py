@@ -303,16 +303,16 @@ def test_lengths_share_a_scale_and_an_axis_without_places_gets_an_aspect(tmp_pat
 
 
 def test_large_ones_are_resampled_where_they_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from splatgl.data.readers import even
+    from splatgl.data import affine
 
     levels = np.array([0.0, 1, 2, 4, 6])
     data = np.random.default_rng(3).random((5, 40, 50)).astype(np.float32)
     axes: dict[str, Any] = {"z": (levels, {}), "y": (np.arange(40.0), {}), "x": (np.arange(50.0), {})}
     path = weather(tmp_path / "a.nc", axes, data)
     whole = load(path).samples
-    monkeypatch.setattr(even, "WHOLE", 1000)
+    monkeypatch.setattr(affine, "WHOLE", 1000)
     part = load(path).samples
-    assert isinstance(part, even.Resampled) and part.shape == whole.shape == (7, 40, 50)
+    assert isinstance(part, affine.Resampled) and part.shape == whole.shape == (7, 40, 50)
     for key in (np.s_[2:6, 3:9, 4:40], np.s_[3], np.s_[3, 4, 5], np.s_[...], np.s_[:, 7], np.s_[0:0]):
         np.testing.assert_array_equal(part[key], whole[key])
     counts = load(

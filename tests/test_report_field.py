@@ -13,7 +13,7 @@ import pytest
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.report_scene import subject as opened
-from splatgl.data.scene_fields import FORMULAS
+from splatgl.data.scenes import FORMULAS
 from splatgl.truth.field import field_integral
 from splatgl.truth.report import convergence, work
 from splatgl.truth.report.methods import axis_of, methods

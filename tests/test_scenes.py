@@ -8,7 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from splatgl.data import scene_fields, scene_terrain, scenes
+from splatgl.data import scenes
+from splatgl.data.scenes import terrain_model
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 
@@ -110,7 +111,7 @@ def test_terrain_looks_like_land(terrain: Volume) -> None:
     assert terrain.color is not None
     y, x = np.indices(top.shape)
     photo = terrain.color[top, y, x].astype(int)
-    water = top <= scene_terrain.WATER
+    water = top <= terrain_model.WATER
     assert 0.02 < water.mean() < 0.2
     assert (photo[water][:, 2] > photo[water][:, 0]).mean() > 0.95
     assert photo[top > 90].mean() > photo[(top > 25) & (top < 45)].mean() + 40
@@ -220,7 +221,7 @@ def test_the_same_seed_gives_the_same_scene(make: Callable[..., Volume], request
     assert make is not scenes.nerve or not np.array_equal(first.samples, make(seed=12).samples)
 
 
-@pytest.mark.parametrize("name", [name for name in scenes.SCENES if name not in scene_fields.FORMULAS])
+@pytest.mark.parametrize("name", [name for name in scenes.SCENES if name not in scenes.FORMULAS])
 def test_every_scene_says_how_to_be_seen(name: str, request: pytest.FixtureRequest) -> None:
     volume = scenes.letter_f() if name == "letter-f" else request.getfixturevalue(name)
     hints = volume.hints
@@ -232,10 +233,10 @@ def test_every_scene_says_how_to_be_seen(name: str, request: pytest.FixtureReque
 # --- formulas ---
 
 
-@pytest.mark.parametrize("name", scene_fields.FORMULAS)
+@pytest.mark.parametrize("name", scenes.FORMULAS)
 def test_formulas_are_what_is_sampled(name: str) -> None:
     """At every voxel, with gradients that are differences of values."""
-    formula, volume = scene_fields.FORMULAS[name], scenes.SCENES[name]()
+    formula, volume = scenes.FORMULAS[name], scenes.SCENES[name]()
     z, y, x = (index.ravel() for index in np.indices(volume.shape))
     points = volume.world_from_index @ np.stack([x, y, z]) + np.asarray(volume.origin)[:, None]
     assert volume.name == name and np.abs(points).max() == pytest.approx(1.0)

@@ -36,7 +36,7 @@ from splatgl.app.viewer.saving import free, picture_of, save_picture, save_scene
 from splatgl.app.viewer.state import ACTIONS, State, acted
 from splatgl.app.viewer.watch import Watch
 from splatgl.app.viewpoint import View
-from splatgl.data.coarse import coarser
+from splatgl.data.volume import coarser
 from splatgl.gl.screen import Screen
 from splatgl.splat.classification.statistics import statistics
 from splatgl.splat.plan.blend_mode import BLENDS

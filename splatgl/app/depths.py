@@ -13,8 +13,8 @@ import numpy as np
 from splatgl import __version__
 from splatgl.app.layered import is_layered, layered
 from splatgl.app.scene import Scene
-from splatgl.data.float_map import MAPS, save_map
-from splatgl.data.picture_files import need
+from splatgl.data.image import MAPS, save_map
+from splatgl.data.image_files import need
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source

@@ -26,7 +26,7 @@ from splatgl.app.scene import Scene
 from splatgl.app.summary import accuracy, summary
 from splatgl.app.worker_options import add_workers, asked
 from splatgl.data.image import SAVED, Image
-from splatgl.data.picture_files import need
+from splatgl.data.image_files import need
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import bytes_of, check_output, check_source, size_of

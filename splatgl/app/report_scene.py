@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.app.scene import Scene
-from splatgl.data.coarse import coarser
-from splatgl.data.scene_fields import FORMULAS
-from splatgl.data.volume import Volume
+from splatgl.data.scenes import FORMULAS
+from splatgl.data.volume import Volume, coarser
 from splatgl.errors import expected
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.extract import extract

@@ -8,7 +8,7 @@ from splatgl.app.scene import Scene
 from splatgl.app.viewpoint import FOV
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.image import Image
-from splatgl.data.picture_files import JPEG
+from splatgl.data.image_files import JPEG
 from splatgl.data.volume import Volume
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.plan.blend_mode import BLENDS

@@ -9,7 +9,7 @@ from tokenize import TokenError
 import numpy as np
 
 from splatgl.data.image import PNG_SIGNATURE, Image
-from splatgl.data.picture_files import EXR, TIFF, holds_floats
+from splatgl.data.image_files import EXR, TIFF, holds_floats
 from splatgl.errors import InputError, expected
 
 SUFFIXES = (".png", ".npy")

@@ -18,9 +18,8 @@ from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.portion import Portion, portion
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewpoint import FOV, View
-from splatgl.data.coarse import coarser
 from splatgl.data.mesh import Mesh
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Volume, coarser
 from splatgl.errors import expected
 from splatgl.splat.bricks.opaque import Opaque
 from splatgl.splat.classification.transfer import Transfer

@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.data.coarse import FEWEST, coarser
-from splatgl.data.volume import Volume
+from splatgl.data.volume import FEWEST, Volume, coarser
 from splatgl.fileio import budget, size_of
 from splatgl.splat.bricks.estimate import need
 from splatgl.splat.bricks.within import bricks_of

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
+from splatgl.data.affine import at_places
 from splatgl.data.readers import dicom_segments
 from splatgl.data.readers.dicom_grid import Grid, grid_of, largest_group
 from splatgl.data.readers.dicom_headers import Frame, Header
 from splatgl.data.readers.dicom_pixels import check_header, decoded, is_color
 from splatgl.data.readers.dicom_series import SEGMENTS, Contents, chosen, contents
-from splatgl.data.readers.even import at_places
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected

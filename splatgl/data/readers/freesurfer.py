@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.affine import axes_of, triple
 from splatgl.data.readers.files import grid_shape, library, require_bytes, require_plausible, selection
-from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, missing_extra

@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.readers.even import Coordinate, Lattice, kind_of, lattice
+from splatgl.data.affine import METRES, Coordinate, Lattice, axes_of, kind_of, lattice, stated, triple, unit_name
 from splatgl.data.readers.files import library, selection
-from splatgl.data.readers.grid import METRES, axes_of, stated, triple, unit_name
 from splatgl.data.readers.hdf5_file import (
     MOST_VALUES,
     Packed,

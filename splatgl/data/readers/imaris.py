@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.affine import axes_of, triple, unit_name
 from splatgl.data.readers.files import grid_shape, library
-from splatgl.data.readers.grid import axes_of, triple, unit_name
 from splatgl.data.readers.hdf5_file import is_numbers, node_at, open_hdf5, samples_of, text_of
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.several import Channel, Several, as_microscope, rgb_of, window_of

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from splatgl.data.affine import triple, unit_name
 from splatgl.data.readers.files import data_file, grid_shape, inflate, library, map_array, selection
-from splatgl.data.readers.grid import triple, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.several import Several, components
 from splatgl.data.readers.text import read_numbers, require_end

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.affine import axes_of, triple
 from splatgl.data.readers.files import (
     grid_shape,
     inflate,
@@ -22,7 +23,6 @@ from splatgl.data.readers.files import (
     require_plausible,
     selection,
 )
-from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, missing_extra

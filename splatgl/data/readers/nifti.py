@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.affine import axes_of, triple
 from splatgl.data.quantities import is_whole
 from splatgl.data.readers.files import grid_shape, library, require_bytes, require_plausible, selection
-from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.several import Several
 from splatgl.data.volume import Volume

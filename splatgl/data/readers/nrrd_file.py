@@ -16,6 +16,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from splatgl.data.affine import axes_of, stated, triple, unit_name
 from splatgl.data.readers.files import (
     data_file,
     grid_shape,
@@ -26,7 +27,6 @@ from splatgl.data.readers.files import (
     require_plausible,
     selection,
 )
-from splatgl.data.readers.grid import axes_of, stated, triple, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.several import SECONDS, Channel, Several, components, rgb_of
 from splatgl.data.readers.text import read_numbers, require_end

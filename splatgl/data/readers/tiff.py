@@ -17,9 +17,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from splatgl.data.affine import METRES, unit_name
 from splatgl.data.color import luma
 from splatgl.data.readers.files import MAX_BYTES, library, map_array, require_bytes, require_plausible, selection
-from splatgl.data.readers.grid import METRES, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.several import as_microscope
 from splatgl.data.readers.terrain import (

@@ -12,9 +12,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from splatgl.data.readers.even import even_steps
+from splatgl.data.affine import axes_of, even_steps, triple
 from splatgl.data.readers.files import Shape, data_file, grid_shape
-from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.vtk_arrays import PointArray, hints_for, pick, told
 from splatgl.data.readers.vtk_pieces import Piece, cells_along, joined

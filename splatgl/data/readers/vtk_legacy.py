@@ -14,8 +14,8 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from splatgl.data.affine import triple
 from splatgl.data.readers.files import Shape, grid_shape, map_array, require_bytes
-from splatgl.data.readers.grid import triple
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.text import read_numbers
 from splatgl.data.readers.vtk_arrays import PointArray, hints_for, pick, told

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.readers.even import Coordinate, kind_of
+from splatgl.data.affine import Coordinate, kind_of
 from splatgl.data.readers.several import MOST_CHANNELS, SECONDS, Channel, Several, rgb_of, window_of
 from splatgl.data.volume import Label
 from splatgl.errors import expected

@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.affine import METRES, axes_of, lattice, stated, triple, unit_name
 from splatgl.data.readers.chunked import Chunked
-from splatgl.data.readers.even import lattice
 from splatgl.data.readers.files import library, selection
-from splatgl.data.readers.grid import METRES, axes_of, stated, triple, unit_name
 from splatgl.data.readers.options import LoadOptions
 from splatgl.data.readers.remote import METADATA, Remote
 from splatgl.data.readers.several import as_microscope

@@ -10,9 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatgl.data.coarse import FEWEST
 from splatgl.data.color import srgb_from_linear
-from splatgl.data.volume import Places, Volume
+from splatgl.data.volume import FEWEST, Places, Volume
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.extract import extract
 from splatgl.splat.extraction.splats import Grid

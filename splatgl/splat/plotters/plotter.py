@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.arrays.vtk_images import image_data, library, poly_data
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.integrations.vtk.image_data import image_data, library, poly_data
 from splatgl.splat.classification.mesh_colors import painted
 from splatgl.splat.classification.shading import Light
 from splatgl.splat.classification.transfer import Transfer

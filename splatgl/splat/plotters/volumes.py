@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.affine import axes_of, triple
 from splatgl.data.arrays import ArrayOptions
-from splatgl.data.arrays.vtk_images import chosen, of_components, of_vtk
-from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.integrations.vtk.image_data import chosen, of_components, of_vtk
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.layers.layers import Layer
 from splatgl.splat.plotters.properties import transfer_of

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from splatgl.data.scene_fields import Formula
+from splatgl.data.scenes import Formula
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.splat.classification.transfer import Transfer

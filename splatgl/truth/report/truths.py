@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.image import Image
-from splatgl.data.scene_fields import Formula
+from splatgl.data.scenes import Formula
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import write_whole

@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.data.arrays.plain import checked
+from splatgl.data.affine import axes_of, triple
+from splatgl.data.arrays import checked
 from splatgl.data.mesh import Mesh
-from splatgl.data.readers.grid import axes_of, triple
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, missing_extra
 
 if TYPE_CHECKING:
     from splatgl.data.arrays import ArrayOptions
+
 
 # names of arrays that have none
 VALUES, COLORS, VECTORS = "values", "colors", "vectors"

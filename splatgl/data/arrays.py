@@ -1,0 +1,388 @@
+"""Volumes from arrays and images of other libraries, which the module of their type tells.
+
+No library is imported here that `x` does not come from. Samples are views where the library permits, and stay on disk
+where they are there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.affine import Coordinate, axes_of, kind_of, lattice, stated, triple, unit_name
+from splatgl.data.volume import Hints, Triple, Volume
+from splatgl.errors import InputError, expected
+
+# root module of a type, or of one of its bases → its function; others are arrays
+_SOURCES = {
+    "xarray": "splatgl.data.arrays.of_xarray",
+    "SimpleITK": "splatgl.data.arrays.of_simpleitk",
+    "nibabel": "splatgl.data.arrays.of_nibabel",
+    "napari": "splatgl.data.arrays.of_napari",
+    "vtkmodules": "splatgl.integrations.vtk.image_data.of_vtk",
+}
+
+
+@dataclass(frozen=True)
+class ArrayOptions:
+    """Options beside an array; those that are None come from `x`, if it knows them.
+
+    spacing, origin: (x, y, z) in world units. unit: of length. array: name or number, where x holds several. values:
+    "labels" or "amounts", what samples are.
+    """
+
+    spacing: Triple | None = None
+    origin: Triple | None = None
+    unit: str | None = None
+    name: str | None = None
+    array: str | int | None = None
+    values: str | None = None
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The fields of `Volume` among them that are not None."""
+        named = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("array", "values")}
+        return {name: value for name, value in named.items() if value is not None}
+
+    def no_array(self, what: str) -> None:
+        """InputError if `array` was given for what holds one."""
+        if self.array is not None:
+            raise expected("array", f"none, as {what} holds one", repr(self.array), "leave it out")
+
+
+def volume_of(x: Any, **options: Any) -> Volume:
+    """The volume in `x`, with the options of `ArrayOptions`; see `Volume.of`."""
+    unknown = sorted(set(options) - {f.name for f in fields(ArrayOptions)})
+    if unknown:
+        raise expected("options", f"some of {', '.join(f.name for f in fields(ArrayOptions))}", ", ".join(unknown))
+    asked = ArrayOptions(**options)
+    found = x if isinstance(x, Volume) else _source(x)(x, asked)
+    # an array that does not know its spacing does not know that of its levels
+    levels = {"coarser": ()} if asked.spacing is not None or asked.origin is not None else {}
+    found = replace(found, **asked.given, **levels)
+    if asked.values not in (None, "labels", "amounts"):
+        raise expected("values", "labels or amounts", repr(asked.values))
+    return found if asked.values is None else found.of_values(asked.values)
+
+
+def _source(x: Any) -> Any:
+    """The function that makes volumes of what is like `x`."""
+    for base in type(x).__mro__:
+        place = _SOURCES.get(base.__module__.partition(".")[0])
+        if place is not None:
+            module, _, name = place.rpartition(".")
+            return getattr(import_module(module), name)
+    return of_array
+
+
+def of_xarray(x: Any, options: ArrayOptions) -> Volume:
+    """The volume of a DataArray, or of one variable of a Dataset, which `array` names."""
+    array = _variable(x, options).squeeze(drop=True) if len(x.dims) > 3 else _variable(x, options)
+    if array.ndim > 3:
+        extra = next((name for name in array.dims if _axis(array, name) not in tuple("xyz")), array.dims[0])
+        fix = f"pick one by x.isel({extra}=0)"
+        raise expected("DataArray", "3 dimensions", f"{array.ndim} ({', '.join(map(str, array.dims))})", fix)
+    checked(array, "DataArray")
+    axes = _order([_axis(array, name) for name in array.dims])
+    names = [array.dims[axis] for axis in axes]
+    # 1. samples: views in memory and of dask; what is still in a file is read in parts
+    if getattr(array.variable, "_in_memory", False) or array.chunks is not None:
+        samples = array.transpose(*names).data
+        samples = samples if array.chunks is not None else checked(samples, "DataArray")
+    else:
+        samples = Turned(array, axes)
+    # 2. the grid
+    grid = lattice([_coordinate(array, name, options) for name in names], even=options.spacing is not None)
+    spacing, direction = axes_of(grid.matrix, "coordinates")
+    title = str(array.name or array.attrs.get("long_name", ""))
+    unit = stated(array.attrs.get("units"))
+    return Volume(
+        grid.resampled(samples),
+        spacing,
+        triple(grid.origin, "coordinates"),
+        direction,
+        grid.unit,
+        title,
+        value_unit=unit,
+        notes=grid.notes,
+    )
+
+
+def _variable(x: Any, options: ArrayOptions) -> Any:
+    """The DataArray: x itself, or one of a Dataset."""
+    if not hasattr(x, "data_vars"):
+        if not hasattr(x, "coords") or not hasattr(x, "dims") or not hasattr(x, "dtype"):
+            raise expected("array", "a DataArray or Dataset of xarray", f"a {type(x).__name__}")
+        options.no_array("a DataArray")
+        return x
+    names = [str(name) for name in x.data_vars]
+    if options.array is None and len(names) == 1:
+        return x[names[0]]
+    if options.array not in names:
+        raise expected("array", f"one of {', '.join(names)}", repr(options.array), "name one: array=…")
+    return x[options.array]
+
+
+def _axis(array: Any, name: Any) -> str:
+    return kind_of(str(name), array.coords[name].attrs if name in array.coords else {})
+
+
+def _order(kinds: list[str]) -> list[int]:
+    """For z, y, x, the dimension that it is; those of unknown or doubtful kinds fill the rest in order."""
+    sure = {axis: kinds.index(axis) for axis in "zyx" if kinds.count(axis) == 1}
+    rest = iter(i for i in range(len(kinds)) if i not in sure.values())
+    return [sure[axis] if axis in sure else next(rest) for axis in "zyx"]
+
+
+def _coordinate(array: Any, name: Any, options: ArrayOptions) -> Coordinate:
+    """A dimension, with its places if it has a coordinate."""
+    is_known = name in array.coords and (options.spacing is None or array.coords[name].dtype.kind in "uif")
+    if not is_known:
+        return Coordinate(str(name), int(array.sizes[name]))
+    coordinate = array.coords[name]
+    values = np.asarray(coordinate.values)
+    if values.dtype.kind not in "uif":
+        raise expected(f"coordinate {name}", "numbers", f"type {values.dtype}", "give spacing=(x, y, z)")
+    return Coordinate.of(str(name), values.astype(np.float64), coordinate.attrs)
+
+
+# colour maps that are there without a library, and those that napari shares with cmap and matplotlib
+OWN, SHARED = ("gray", "viridis"), ("magma", "inferno", "plasma", "turbo", "twilight", "twilight_shifted", "hsv")
+
+
+def of_napari(x: Any, options: ArrayOptions) -> Volume:
+    """The volume of a napari layer: world (x, y, z) is napari's (z, y, x); `array` picks along a fourth axis.
+
+    Multiscale data keep their levels. Contrast limits are the window, a colour map that is known its name.
+    """
+    kind = type(x).__name__
+    if not hasattr(x, "data_to_world") or not hasattr(x, "data") or kind not in ("Image", "Labels"):
+        raise expected("layer", "an Image or Labels layer of napari", f"a {kind}")
+    if getattr(x, "rgb", False):
+        raise expected("layer", "one number per voxel", "colours (rgb)", "pick a channel: x.data[..., 0]")
+    levels = list(x.data) if x.multiscale else [x.data]
+    finest = tuple(levels[0].shape)
+    lead = _lead(finest, options)
+    # napari's world, as its own function places the first voxel and its neighbours
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    world = np.array([x.data_to_world((*lead, *corner))[-3:] for corner in corners])
+    origin, matrix = world[0][::-1], (world[1:] - world[0]).T[::-1, ::-1]
+    hints = _hints(x)
+    unit = _unit(x)
+    made = []
+    for data in levels:
+        factor = np.array(finest[-3:]) / data.shape[-3:]
+        scaled = matrix * factor[::-1]
+        spacing, direction = axes_of(scaled, "the layer's transform")
+        # levels fill the same box
+        start = origin + (scaled - matrix) @ np.full(3, 0.5)
+        # zarr's and HDF5's arrays would be read whole
+        samples = checked(data if not lead else data[lead] if _is_view(data) else Turned(data, lead=lead), "layer")
+        made.append(Volume(samples, spacing, triple(start, "translate"), direction, unit, x.name, hints=hints))
+    if kind == "Labels":
+        made = [replace(each, labels=()) for each in made]
+    first, *coarser = made
+    object.__setattr__(first, "coarser", tuple(coarser))
+    return first
+
+
+def _lead(shape: tuple[int, ...], options: ArrayOptions) -> tuple[int, ...]:
+    """The place along the axes before z, y, x."""
+    count = len(shape) - 3
+    if count <= 0:
+        options.no_array("the layer")
+        return ()
+    asked = options.array
+    if count == 1 and isinstance(asked, int) and 0 <= asked < shape[0]:
+        return (asked,)
+    if asked is None and all(size == 1 for size in shape[:count]):
+        return (0,) * count
+    what = "channel or time" if shape[0] <= CHANNELS else "time"
+    fix = f"pick a {what}: array=0 … array={shape[0] - 1}" if count == 1 else "take a volume of its data"
+    raise expected("layer", "3 axes [z, y, x]", f"{len(shape)} ({'×'.join(map(str, shape))})", fix)
+
+
+def _is_view(data: Any) -> bool:
+    """Whether a part of the data costs nothing before it is used."""
+    return isinstance(data, np.ndarray) or type(data).__module__.partition(".")[0] == "dask"
+
+
+def _hints(x: Any) -> Hints:
+    """The window and colour map that the layer is shown with; labels have none."""
+    if type(x).__name__ == "Labels":
+        return Hints()
+    low, high = (float(limit) for limit in x.contrast_limits)
+    name = str(x.colormap.name)
+    known = name in OWN or (name in SHARED and any(find_spec(each) for each in ("cmap", "matplotlib")))
+    return Hints(window=(low, high) if low < high else None, colormap=name if known else None)
+
+
+def _unit(x: Any) -> str:
+    """The unit of z, y and x, if they share one."""
+    units = {unit_name(str(unit)) for unit in tuple(getattr(x, "units", None) or ())[-3:]}
+    return units.pop() if len(units) == 1 else ""
+
+
+def of_simpleitk(x: Any, options: ArrayOptions) -> Volume:
+    """The volume of a SimpleITK image, a read-only view of its memory: world in LPS, mm."""
+    if not hasattr(x, "GetNumberOfComponentsPerPixel"):
+        raise expected("array", "an Image of SimpleITK", f"a {type(x).__name__}", "execute it first")
+    import SimpleITK
+
+    options.no_array("an image")
+    size, count = x.GetSize(), x.GetNumberOfComponentsPerPixel()
+    if len(size) != 3:
+        fix = "take a volume of it: x[:, :, :, 0]" if len(size) == 4 else "join planes by SimpleITK.JoinSeries"
+        raise expected("image", "3 dimensions", f"{len(size)} ({'×'.join(map(str, size))})", fix)
+    if count > 1:
+        fix = f"pick one of 0 … {count - 1} by SimpleITK.VectorIndexSelectionCast(x, 0)"
+        raise expected("image", "one number per voxel", f"{count} channels", fix)
+    samples = checked(kept(SimpleITK.GetArrayViewFromImage(x), x), "image")
+    direction = np.array(x.GetDirection()).reshape(3, 3)
+    spacing, origin = triple(x.GetSpacing(), "spacing"), triple(x.GetOrigin(), "origin")
+    return Volume(samples, spacing, origin, direction, "mm", frame="LPS")
+
+
+def of_nibabel(x: Any, options: ArrayOptions) -> Volume:
+    """The volume of a nibabel image, as `load` reads its file; `array` picks the time point of a 4-D one."""
+    if not hasattr(x, "dataobj") or not hasattr(x, "affine"):
+        raise expected("array", "a volume image of nibabel", f"a {type(x).__name__}")
+    from splatgl.data.readers.nifti import of_image
+    from splatgl.data.readers.options import LoadOptions
+
+    if "sform_code" in x.header:
+        return of_image(x, LoadOptions(array=options.array))
+    # MGH and others, in mm: nibabel gives their affines to RAS
+    options.no_array("an image")
+    if len(x.shape) != 3:
+        fix = "pick one by x.slicer[..., 0]"
+        raise expected("image", "3 axes [x, y, z]", f"{len(x.shape)} ({'×'.join(map(str, x.shape))})", fix)
+    data = x.dataobj
+    samples = data.T if isinstance(data, np.ndarray) else Turned(data, (2, 1, 0))
+    spacing, direction = axes_of(x.affine[:3, :3], "affine")
+    return Volume(checked(samples, "image"), spacing, triple(x.affine[:3, 3], "affine"), direction, "mm", frame="RAS")
+
+
+Key = int | slice | tuple[int | slice, ...]
+
+
+class Turned:
+    """Axes of an array that is read in parts, in another order; slices of it are numpy arrays.
+
+    axes: for z, y, x, the axis of `array` that it is, counted from behind `lead`: places along its first axes.
+    """
+
+    def __init__(self, array: Any, axes: Sequence[int] = (0, 1, 2), lead: tuple[int, ...] = ()) -> None:
+        self.array, self.axes, self.lead = array, tuple(axes), lead
+        self.shape = tuple(int(array.shape[len(lead) + axis]) for axis in axes)
+        self.dtype = np.dtype(array.dtype)
+
+    def __getitem__(self, key: Key) -> np.ndarray:
+        given = key if isinstance(key, tuple) else (key,)
+        whole = given + (slice(None),) * (len(self.shape) - len(given))
+        # numbers as slices, so that all axes are there to be turned
+        slices = [slice(k, k + 1 or None) if isinstance(k, int | np.integer) else k for k in whole]
+        own = tuple(slices[self.axes.index(axis)] for axis in range(len(self.axes)))
+        part = np.asarray(self.array[self.lead + own]).transpose(self.axes)
+        return part[tuple(0 if isinstance(k, int | np.integer) else slice(None) for k in whole)]
+
+
+def kept(view: np.ndarray, owner: Any) -> np.ndarray:
+    """The same memory as an array that keeps `owner`, whose memory it is, alive."""
+    return np.asarray(_Kept(view, owner))
+
+
+class _Kept:
+    def __init__(self, view: np.ndarray, owner: Any) -> None:
+        self.__array_interface__ = view.__array_interface__
+        self.held = (view, owner)
+
+
+# most entries of a first or last axis that are taken for channels
+CHANNELS = 8
+# most names of a group's members that are told
+TOLD = 8
+
+
+def of_array(x: Any, options: ArrayOptions) -> Volume:
+    """The volume of an array [z, y, x] on a grid of unit spacing."""
+    options.no_array("an array")
+    return Volume(checked(x), name=_name(x))
+
+
+def checked(x: Any, what: str = "array") -> Any:
+    """`x` as 3-D samples of real numbers: itself or a view, a copy only of what is no array. InputError otherwise."""
+    samples = _masked(x) if isinstance(x, np.ma.MaskedArray) else _as_array(x, what)
+    if samples.dtype.kind not in "buif":
+        raise expected(what, "real numbers", f"samples of type {samples.dtype}", _real(samples.dtype))
+    check_axes(samples.shape, what)
+    if not all(isinstance(size, int | np.integer) for size in samples.shape):
+        raise expected(what, "sizes that are known", samples.shape, "call x.compute_chunk_sizes()")
+    return samples
+
+
+def check_axes(shape: tuple[int, ...], what: str = "array") -> None:
+    """InputError unless there are three axes, naming what the others may be."""
+    got, count = "×".join(map(str, shape)) or "a single number", len(shape)
+    if count == 3:
+        return
+    if count == 2:
+        raise expected(what, "3 axes [z, y, x]", f"2 ({got})", "stack planes into one array: np.stack(planes)")
+    if count == 4:
+        # a few entries at one end are channels, at the front they may be points in time, too
+        last = shape[-1] <= CHANNELS < shape[0]
+        fix = f"pick a channel: x[..., 0] … x[..., {shape[-1] - 1}]" if last else "pick a channel or time: x[0]"
+        raise expected(what, "3 axes [z, y, x]", f"4 ({got})", fix)
+    raise expected(what, "3 axes [z, y, x]", f"{count} ({got})")
+
+
+def _as_array(x: Any, what: str) -> Any:
+    """What has a shape, a numpy dtype and slices; other libraries' arrays and lists as numpy's."""
+    if isinstance(x, str | bytes | PurePath):
+        raise expected(what, "an array or image", f"the text {str(x)[:80]!r}", "read a file by sg.load(path)")
+    if hasattr(x, "keys"):
+        # zarr's and h5py's groups, npz files, dictionaries
+        names = [str(name) for name in list(x.keys())[: TOLD + 1]]
+        listed = ", ".join(names[:TOLD]) + ", …" * (len(names) > TOLD)
+        raise expected(what, "an array", f"a {type(x).__name__} of {listed or 'nothing'}", "pick one: x[name]")
+    try:
+        dtype = getattr(x, "dtype", None)
+        if isinstance(dtype, np.dtype) and hasattr(x, "shape") and hasattr(x, "__getitem__"):
+            return x
+        found = np.asarray(x)
+    except InputError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split())[:200]
+        raise expected(
+            what, "an array [z, y, x]", f"{type(x).__name__} ({reason})", "convert it by np.asarray"
+        ) from error
+    if found.dtype == object:
+        raise expected(what, "an array [z, y, x]", f"a {type(x).__name__}", "convert it to an array of numbers")
+    return found
+
+
+def _masked(x: Any) -> np.ndarray:
+    """A masked array with NaN where it is masked, which is not drawn."""
+    if not np.ma.is_masked(x) or x.dtype.kind not in "buif":
+        return np.asarray(x.data)
+    wide = x.dtype if x.dtype.kind == "f" else np.dtype(np.float32 if x.dtype.itemsize < 4 else np.float64)
+    return np.asarray(x.astype(wide).filled(np.nan))
+
+
+def _real(dtype: np.dtype) -> str:
+    """How to convert samples of that type."""
+    return "take abs(x), x.real or x.imag" if dtype.kind == "c" else "convert it by x.astype(…)"
+
+
+def _name(x: Any) -> str:
+    """The last part of an array's own path in its file; "" for what has none."""
+    name = getattr(x, "name", None)
+    inside = type(x).__module__.partition(".")[0] in ("h5py", "zarr")
+    return name.strip("/").rpartition("/")[2] if inside and isinstance(name, str) else ""

@@ -1,0 +1,1 @@
+"""Plugins and bridges of other programs: napari, VTK and PyVista."""
