@@ -21,9 +21,9 @@ import numpy as np
 import splatgl as sg
 from splatgl.app.info import describe
 from splatgl.app.scene import Scene
-from splatgl.data.readers import hdf5_file, listed
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice
+from splatgl.readers import hdf5, listed
 
 TOUCH = 2**22
 """Samples up to which a loaded volume is summed up and described whole; of a larger one both ends are."""
@@ -142,12 +142,12 @@ def quick_looks() -> None:
         os.write(theirs, os.fsencode(command[-1]) + b"\0")
         return SimpleNamespace(returncode=int(os.read(answers, 16)))
 
-    hdf5_file.subprocess = SimpleNamespace(run=run, DEVNULL=None)  # type: ignore[assignment]
+    hdf5.subprocess = SimpleNamespace(run=run, DEVNULL=None)  # type: ignore[assignment]
 
 
 def _serve(ours: int, answer: int) -> None:
     """Answers each path with the exit status of a look, until the pipe is closed."""
-    script = str(Path(hdf5_file.__file__).with_name("hdf5_probe.py"))
+    script = str(Path(hdf5.__file__).with_name("hdf5_probe.py"))
     silent = os.open(os.devnull, os.O_RDWR)
     for number in (0, 1, 2):
         os.dup2(silent, number)

@@ -27,14 +27,14 @@ if TYPE_CHECKING:
     from splatgl.data import scenes as scenes
     from splatgl.data.image import Image as Image
     from splatgl.data.mesh import Mesh as Mesh
-    from splatgl.data.readers import load as load
-    from splatgl.data.readers.mesh_files import load_mesh as load_mesh
     from splatgl.data.volume import Volume as Volume
     from splatgl.distributed.parts import over as over
     from splatgl.distributed.slabs import render_slabs as render_slabs
     from splatgl.errors import InputError as InputError
     from splatgl.gl.portions import Interrupted as Interrupted
     from splatgl.gl.renderer import Renderer as Renderer
+    from splatgl.readers import load as load
+    from splatgl.readers.meshes import load_mesh as load_mesh
     from splatgl.splat.classification.presets import default_transfer as default_transfer
     from splatgl.splat.classification.presets import preset as preset
     from splatgl.splat.classification.transfer import Transfer as Transfer
@@ -84,8 +84,8 @@ _PUBLIC = {
     "depth_map": "splatgl.app.depths",
     "default_transfer": "splatgl.splat.classification.presets",
     "extract": "splatgl.splat.extraction.extract",
-    "load": "splatgl.data.readers",
-    "load_mesh": "splatgl.data.readers.mesh_files",
+    "load": "splatgl.readers",
+    "load_mesh": "splatgl.readers.meshes",
     "pick": "splatgl.truth.pick",
     "plan": "splatgl.splat.plan.plan",
     "preset": "splatgl.splat.classification.presets",

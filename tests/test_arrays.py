@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.data.readers import load
+from splatgl.readers import load
 
 SAMPLES = np.arange(2 * 3 * 4, dtype=np.uint16).reshape(2, 3, 4)
 GIVEN = {"spacing": (1.0, 2.0, 3.0), "origin": (4.0, 5.0, 6.0), "unit": "um", "name": "cells"}

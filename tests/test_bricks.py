@@ -15,11 +15,11 @@ from splatting import spread
 import splatgl as sg
 from splatgl import fileio
 from splatgl.app.cli import main
-from splatgl.data.readers import chunked, zarr_store
-from splatgl.data.readers.chunked import Chunked
 from splatgl.fileio import bytes_of, size_of
 from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.slabs import render_slabs
+from splatgl.readers import chunked, ome_zarr
+from splatgl.readers.chunked import Chunked
 from splatgl.splat.bricks import bricks as bricking
 from splatgl.splat.bricks import estimate, opaque
 from splatgl.splat.bricks.bricks import Bricks
@@ -371,7 +371,7 @@ def test_a_large_store_is_read_in_parts(
 ) -> None:
     path, samples = store
     whole = sg.load(path)
-    monkeypatch.setattr(zarr_store, "WHOLE", 1000)
+    monkeypatch.setattr(ome_zarr, "WHOLE", 1000)
     monkeypatch.setattr(chunked, "KEPT_BYTES", 2000)
     volume = sg.load(path)
     assert isinstance(whole.samples, np.ndarray) and isinstance(volume.samples, Chunked)
@@ -403,7 +403,7 @@ def test_chunks_that_show_nothing_are_read_once(
     """Extents of chunks are kept between runs, until anything in the store changes."""
     zarr = pytest.importorskip("zarr")
     monkeypatch.setenv("SPLATGL_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(zarr_store, "WHOLE", 1000)
+    monkeypatch.setattr(ome_zarr, "WHOLE", 1000)
     samples = np.full((32, 32, 32), 3, np.float32)
     samples[:8, :8, :8] = np.nan
     samples[24:, 24:, 24:] = 200
@@ -442,7 +442,7 @@ def test_a_damaged_chunk_is_told_in_one_line(
     path, _ = store
     (chunk,) = path.glob("c/0/1/1/1")
     chunk.write_bytes(chunk.read_bytes()[:9])
-    monkeypatch.setattr(zarr_store, "WHOLE", 1000)
+    monkeypatch.setattr(ome_zarr, "WHOLE", 1000)
     monkeypatch.chdir(path.parent)
     asked = ["render", str(path), "-o", "x.png", "--points", "100:0,150:1", "--size", "16", "--memory", "1"]
     assert main(asked) == 2

@@ -183,7 +183,7 @@ def test_names_of_the_reader_are_those_of_its_options() -> None:
     from dataclasses import fields
 
     from splatgl.app.words import READING
-    from splatgl.data.readers.options import LoadOptions
+    from splatgl.readers.options import LoadOptions
 
     known = {field.name for field in fields(LoadOptions)}
     assert set(READING) <= known

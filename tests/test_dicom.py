@@ -13,8 +13,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.data.readers import listed
 from splatgl.errors import InputError
+from splatgl.readers import listed
 
 pytest.importorskip("pydicom", reason="writes the files; it is in the extra dicom")
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))

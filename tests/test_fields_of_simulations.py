@@ -11,9 +11,9 @@ import pytest
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
-from splatgl.data.quantities import is_field
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
+from splatgl.readers.common import is_field
 from splatgl.splat.classification.post import PostClassified
 from splatgl.splat.classification.presets import default_transfer, logarithmic, preset
 from splatgl.splat.classification.transfer import Transfer

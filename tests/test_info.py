@@ -12,8 +12,8 @@ import pytest
 import splatgl as sg
 from splatgl.app import info
 from splatgl.app.info import WIDTH, describe, histogram, measure
-from splatgl.data.readers import load
 from splatgl.data.volume import Volume
+from splatgl.readers import load
 
 
 def page(volume: Volume) -> str:

@@ -22,7 +22,7 @@ except SystemExit as stop:
     code = stop.code
 print("\\n", code, *sys.modules)
 """
-DRAWS, COMPARES = ("moderngl", "splatgl.gl"), ("splatgl.truth", "splatgl.data.readers.tiff")
+DRAWS, COMPARES = ("moderngl", "splatgl.gl"), ("splatgl.truth", "splatgl.readers.tiff")
 NUMBERS = ("numpy", "splatgl.data.readers")
 CASES = {
     "render missing.nrrd": (*DRAWS, *COMPARES),

@@ -11,11 +11,11 @@ from test_bricks import noise
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.data.readers.chunked import Chunked
 from splatgl.data.volume import coarser
 from splatgl.gl import levels
 from splatgl.gl.levels import just_finer, level_for
 from splatgl.gl.slabs import render_slabs
+from splatgl.readers.chunked import Chunked
 from splatgl.splat.plan.settings import Settings
 
 SOFT = sg.Transfer([(0.2, 0.0), (0.8, 0.05)], colormap="hot", shading=False)

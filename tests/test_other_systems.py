@@ -67,7 +67,7 @@ def test_a_file_is_drawn(tmp_path: Path, elsewhere: dict[str, str]) -> None:
 
 def test_a_file_that_ends_hdf5_is_told_there_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the process that waits, where none can limit its own time; one that can't start says nothing of the file."""
-    hdf5_file = pytest.importorskip("splatgl.data.readers.hdf5_file")
+    hdf5_file = pytest.importorskip("splatgl.readers.hdf5")
     file, probe = tmp_path / "v.h5", tmp_path / "probe.py"
     file.write_bytes(b"v")
     monkeypatch.setattr(hdf5_file, "_PROBE", probe)

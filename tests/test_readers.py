@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from test_readers_phantom import ORIGIN, SIZES, SPACING, F, Q, check, put
 
-from splatgl.data.readers import LoadOptions, load
-from splatgl.data.readers.files import is_mapped
 from splatgl.errors import InputError
+from splatgl.readers import load
+from splatgl.readers.common import is_mapped
+from splatgl.readers.options import LoadOptions
 
 Writer = Callable[[Path], Path]
 

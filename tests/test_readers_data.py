@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatgl.data.readers import load
-from splatgl.data.readers.files import is_mapped
+from splatgl.readers import load
+from splatgl.readers.common import is_mapped
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[2] / "shared" / "data"))
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from test_readers_phantom import F
 
-from splatgl.data.readers import load
 from splatgl.errors import InputError
+from splatgl.readers import load
 
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(64)
 NRRD = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: {sizes}\nencoding: {encoding}\n{more}\n"

@@ -13,11 +13,11 @@ from PIL import Image as Pillow
 from test_readers_phantom import SPACING, F
 
 from splatgl.app.cli import main
-from splatgl.data.readers import hdf5_file, load
-from splatgl.data.readers.chunked import Chunked
-from splatgl.data.readers.files import is_mapped
-from splatgl.data.readers.hdf5 import _SPACINGS
 from splatgl.errors import InputError
+from splatgl.readers import hdf5, load
+from splatgl.readers.chunked import Chunked
+from splatgl.readers.common import is_mapped
+from splatgl.readers.hdf5 import _SPACINGS
 
 h5py = pytest.importorskip("h5py")
 
@@ -94,8 +94,8 @@ def test_labels_tell_the_axes(tmp_path: Path) -> None:
 def test_large_ones_are_read_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save(tmp_path / "a.h5", data=BIG, chunks=(8, 8, 8), compression="gzip")
     whole = load(path).samples
-    monkeypatch.setattr(hdf5_file, "WHOLE", 1000)
-    monkeypatch.setattr(hdf5_file, "_PART_BYTES", 2**14)
+    monkeypatch.setattr(hdf5, "WHOLE", 1000)
+    monkeypatch.setattr(hdf5, "_PART_BYTES", 2**14)
     part = load(path).samples
     assert isinstance(whole, np.ndarray) and isinstance(part, Chunked) and part.chunks != (8, 8, 8)
     np.testing.assert_array_equal(part[5:30, 20:45, ::7], BIG[5:30, 20:45, ::7])
@@ -118,7 +118,7 @@ def test_a_chunk_that_inflates_beyond_its_size_is_refused(tmp_path: Path, monkey
     with h5py.File(path, "w") as file:
         node = file.create_dataset("a", (8, 8, 8), "u1", chunks=(8, 8, 8), compression="gzip")
         node.id.write_direct_chunk((0, 0, 0), zlib.compress(bytes(10**7)))
-    monkeypatch.setattr(hdf5_file, "MAX_BYTES", 2**20)
+    monkeypatch.setattr(hdf5, "MAX_BYTES", 2**20)
     with pytest.raises(InputError, match="chunk: expected 512 bytes, got more"):
         load(path)
 
@@ -163,7 +163,7 @@ def test_files_on_which_the_library_fails_are_refused(tmp_path: Path, monkeypatc
     crash = tmp_path / "crash.py"
     crash.write_text("import os\nprint(1, flush=True)\nos.abort()\n")
     path = save(tmp_path / "a.h5")
-    monkeypatch.setattr(hdf5_file, "_PROBE", crash)
+    monkeypatch.setattr(hdf5, "_PROBE", crash)
     with pytest.raises(InputError, match="its library fails on the file"):
         load(path)
 
@@ -435,7 +435,7 @@ def test_attributes_that_cannot_be_listed_are_looked_at_by_name() -> None:
             self.asked.append(name)
             raise KeyError(name)
 
-    from splatgl.data.readers import hdf5_probe
+    from splatgl.readers import hdf5_probe
 
     hdf5_probe.look("a", SimpleNamespace(attrs=Attributes()))
     assert {"DIMENSION_LABELS", "axistags", "units", "ExtMin0", "ImageSizeX"} <= set(Attributes.asked)
@@ -444,7 +444,7 @@ def test_attributes_that_cannot_be_listed_are_looked_at_by_name() -> None:
 
 def test_the_look_at_a_file_asks_for_fill_values(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a damaged message HDF5's library reads beyond it."""
-    from splatgl.data.readers import hdf5_probe
+    from splatgl.readers import hdf5_probe
 
     asked: list[str] = []
     monkeypatch.setattr(h5py.Dataset, "fillvalue", property(lambda dataset: asked.append(dataset.name)))

@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatgl.data.readers import load
 from splatgl.errors import InputError
+from splatgl.readers import load
 
 SCRIPTS = Path(__file__).parents[1] / "scripts"
 sys.path.insert(0, str(SCRIPTS))

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from test_readers_hostile import good, refused
 
-from splatgl.data.readers import load
-from splatgl.data.readers.files import map_array
 from splatgl.errors import InputError
+from splatgl.readers import load
+from splatgl.readers.common import map_array
 
 # --- what is no file --------------------------------------------------------------------------------------------------
 
@@ -62,7 +62,7 @@ def test_what_the_system_refuses_is_one_line(tmp_path: Path, monkeypatch: pytest
 
 def test_a_file_cut_short_before_it_is_mapped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.raw").write_bytes(bytes(9))
-    monkeypatch.setattr("splatgl.data.readers.files.require_bytes", lambda *_: None)
+    monkeypatch.setattr("splatgl.readers.common.require_bytes", lambda *_: None)
     with pytest.raises(InputError, match="mapped samples"):
         map_array(tmp_path / "a.raw", 0, np.dtype("u1"), (10,))
 
@@ -70,7 +70,7 @@ def test_a_file_cut_short_before_it_is_mapped(tmp_path: Path, monkeypatch: pytes
 LOUD = """
 import sys
 from splatgl.errors import InputError
-from splatgl.data.readers import load
+from splatgl.readers import load
 for name in sys.argv[1:]:
     try:
         load(name)
@@ -117,7 +117,7 @@ def test_zarr_bombs(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from numcodecs import Blosc, Zstd
 
     # so that a small bomb is one
-    monkeypatch.setattr("splatgl.data.readers.zarr_checks.MAX_BYTES", 2**25)
+    monkeypatch.setattr("splatgl.readers.zarr_validation.MAX_BYTES", 2**25)
     engine = zlib.compressobj(9, wbits=31)
     bomb = b"".join(engine.compress(bytes(2**24)) for _ in range(4)) + engine.flush()
     (store / "0.0.0").write_bytes(bomb)

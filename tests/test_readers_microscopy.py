@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from test_readers_phantom import SPACING, F, check
 
-from splatgl.data.readers import load, tiff
-from splatgl.data.readers.chunked import Chunked
-from splatgl.data.readers.files import is_mapped
 from splatgl.errors import InputError
+from splatgl.readers import load, tiff
+from splatgl.readers.chunked import Chunked
+from splatgl.readers.common import is_mapped
 
 # --- TIFF ------------------------------------------------------------------------------------------------------------
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from test_readers_phantom import ORIGIN, SPACING, F, check
 
-from splatgl.data.readers import FORMATS, load
-from splatgl.data.readers.files import is_mapped
-from splatgl.data.readers.inside import CONVERTERS
 from splatgl.errors import InputError
+from splatgl.readers import FORMATS, load
+from splatgl.readers.common import is_mapped
+from splatgl.readers.options import CONVERTERS
 
 COLORS = np.random.default_rng(3).integers(0, 255, (*F.shape, 3), np.uint8)
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.readers.files import is_mapped
 from splatgl.data.volume import Volume
+from splatgl.readers.common import is_mapped
 
 SPACING = (1.5, 2.25, 3.0)
 ORIGIN = (10.0, -20.0, 30.5)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from splatgl.data.readers import load, terrain_from_heights
 from splatgl.errors import InputError
+from splatgl.readers import load
+from splatgl.readers.heightmap import terrain_from_heights
 
 ROWS = np.array([[0, 50, 100], [200, 150, 250]], np.uint8)
 """Heights in picture order: row 0 is the northern edge. The span is 250."""

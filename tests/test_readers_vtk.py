@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from test_readers_phantom import ORIGIN, SPACING, F, Q
 
-from splatgl.data.readers import load
-from splatgl.data.readers.files import is_mapped
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
+from splatgl.readers import load
+from splatgl.readers.common import is_mapped
 
 WIND = np.random.default_rng(5).normal(size=(*F.shape, 3)).astype(np.float32)
 SPEED = np.sqrt((WIND.astype(np.float64) ** 2).sum(axis=-1))

@@ -22,7 +22,7 @@ import splatgl as sg
 from splatgl.app.cli import COMMANDS, _parser, main
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.bindings import load_bindings
-from splatgl.data.readers import FORMATS
+from splatgl.readers import FORMATS
 from splatgl.splat.kernel import kernels
 from splatgl.splat.plan.settings import Settings, choices
 from splatgl.truth.stress import CASES

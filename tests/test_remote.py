@@ -19,8 +19,8 @@ from test_levels import SOFT, with_levels, write
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
-from splatgl.data.readers import remote
-from splatgl.data.readers.remote import is_address, name_of
+from splatgl.readers import remote
+from splatgl.readers.remote import is_address, name_of
 
 pytest.importorskip("fsspec", reason="needs the extra remote")
 pytest.importorskip("aiohttp", reason="needs the extra remote")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from splatgl.data import scenes
-from splatgl.data.scenes import terrain_model
+from splatgl.data.scenes import nerve_model, terrain_model
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 
@@ -21,12 +21,12 @@ def tunnel() -> Volume:
 
 @pytest.fixture(scope="module")
 def terrain() -> Volume:
-    return scenes.terrain()
+    return terrain_model.terrain()
 
 
 @pytest.fixture(scope="module")
 def nerve() -> Volume:
-    return scenes.nerve()
+    return nerve_model.nerve()
 
 
 def depths(volume: Volume) -> np.ndarray:
@@ -213,12 +213,12 @@ def test_hard_ball() -> None:
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("make", [scenes.terrain, scenes.nerve])
+@pytest.mark.parametrize("make", [terrain_model.terrain, nerve_model.nerve])
 def test_the_same_seed_gives_the_same_scene(make: Callable[..., Volume], request: pytest.FixtureRequest) -> None:
     first = request.getfixturevalue(make.__name__)
     again = make()
     assert np.array_equal(first.samples, again.samples)
-    assert make is not scenes.nerve or not np.array_equal(first.samples, make(seed=12).samples)
+    assert make is not nerve_model.nerve or not np.array_equal(first.samples, make(seed=12).samples)
 
 
 @pytest.mark.parametrize("name", [name for name in scenes.SCENES if name not in scenes.FORMULAS])

@@ -12,8 +12,8 @@ from PIL import Image
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.data.readers import load
 from splatgl.errors import InputError
+from splatgl.readers import load
 
 tifffile = pytest.importorskip("tifffile")
 

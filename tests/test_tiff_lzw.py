@@ -15,7 +15,7 @@ from splatgl.errors import InputError
 imagecodecs = pytest.importorskip("imagecodecs", reason="the extra readers")
 tifffile = pytest.importorskip("tifffile", reason="the extra readers")
 
-from splatgl.data.readers.tiff_lzw import check_lzw  # noqa: E402
+from splatgl.readers.tiff_validation import check_lzw  # noqa: E402
 
 
 def packed(codes: list[int]) -> bytes:

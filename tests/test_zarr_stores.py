@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from splatgl.app.cli import main
-from splatgl.data.readers import load, zarr_store
-from splatgl.data.readers.chunked import Chunked
 from splatgl.errors import InputError
+from splatgl.readers import load, ome_zarr
+from splatgl.readers.chunked import Chunked
 
 zarr = pytest.importorskip("zarr")
 
@@ -132,7 +132,7 @@ def test_stores_of_xarray(tmp_path: Path, version: int, monkeypatch: pytest.Monk
     assert sea.world_from_index[2, 2] < 0 and sea.world_from_index[1, 1] < 0
     # read in parts the same
     whole = load(path, array="u")
-    monkeypatch.setattr(zarr_store, "WHOLE", 100)
+    monkeypatch.setattr(ome_zarr, "WHOLE", 100)
     parts = load(path, array="u")
     assert isinstance(parts.samples, Chunked) and np.array_equal(parts.samples[:], whole.samples, equal_nan=True)
 

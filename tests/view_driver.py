@@ -28,10 +28,10 @@ from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.files import Files
 from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.viewer import Options, Viewer
-from splatgl.data.readers import zarr_store
 from splatgl.errors import InputError
 from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
+from splatgl.readers import ome_zarr
 
 DOUBLE = mouse.DOUBLE
 PAGE = os.sysconf("SC_PAGE_SIZE")
@@ -274,7 +274,7 @@ def main() -> None:
         vars(portion)["budget"] = partial(int, asked.pop("free"))
     if "whole" in asked:
         # bytes of samples that are read at once
-        vars(zarr_store)["WHOLE"] = asked.pop("whole")
+        vars(ome_zarr)["WHOLE"] = asked.pop("whole")
     scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
     with Renderer(backend) as renderer:
         behind = asked.pop("behind", False)

@@ -83,8 +83,8 @@ def _with_command(arguments: list[str]) -> list[str]:
         if not any(known.startswith(arguments[0]) for known in ("--help", "--version", "-h")):
             Parser(prog="splatgl").error(f"expected a command or a file first, got {arguments[0]}")
         return arguments
-    from splatgl.data.readers.remote import is_address
     from splatgl.data.scenes import SCENES
+    from splatgl.readers.remote import is_address
 
     source = arguments[0]
     if source in SCENES or is_address(source) or os.path.exists(source):

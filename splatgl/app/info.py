@@ -10,10 +10,10 @@ from textwrap import wrap
 import numpy as np
 
 from splatgl.app.words import one_line
-from splatgl.data.readers.files import is_mapped
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice, InputError
 from splatgl.fileio import budget, size_of
+from splatgl.readers.common import is_mapped
 from splatgl.splat.bricks.estimate import need
 from splatgl.splat.bricks.within import bricks_of, fits
 from splatgl.splat.classification.presets import default_transfer

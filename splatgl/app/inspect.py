@@ -28,7 +28,7 @@ def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
 def _info(options: Mapping[str, str], args: argparse.Namespace) -> int:
     from splatgl.app.options import scene_from_source
     from splatgl.app.output import tell
-    from splatgl.data.readers import listed
+    from splatgl.readers import listed
 
     scene = scene_from_source(args)
     listed_ = [] if "array" in scene.load else listed(scene.volume)

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl.data.mask import OUTSIDE, named
-from splatgl.data.readers.remote import is_address
 from splatgl.errors import expected
+from splatgl.readers.remote import is_address
 
 if TYPE_CHECKING:
     from splatgl.data.volume import Volume

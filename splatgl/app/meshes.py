@@ -61,14 +61,14 @@ class MeshFile:
 
     def open(self) -> Mesh:
         """The mesh. Raises InputError as `load_mesh`, and for a colour that has no name."""
-        from splatgl.data.readers.mesh_files import load_mesh
+        from splatgl.readers.meshes import load_mesh
 
         found = load_mesh(self.file, None, self.opacity, self.radius, self.array or None, self.window)
         return self.dressed(found)
 
     def dressed(self, mesh: Mesh) -> Mesh:
         """A mesh of the same file in this colour and opacity."""
-        from splatgl.data.readers.mesh_files import dressed
+        from splatgl.readers.meshes import dressed
 
         made = replace(mesh, opacity=self.opacity, clipped=self.clip)
         return dressed(made, self.linear or self.color or None)

@@ -12,11 +12,9 @@ from splatgl.app.meshes import MeshFile, clipped, is_mesh
 from splatgl.app.scene import Scene
 from splatgl.app.vectors import asked_vectors
 from splatgl.app.viewpoint import View
-from splatgl.data.readers import LoadOptions
-from splatgl.data.readers.inside import inside
-from splatgl.data.readers.options import VALUES
-from splatgl.data.readers.remote import is_address
 from splatgl.errors import expected
+from splatgl.readers.options import VALUES, LoadOptions, inside
+from splatgl.readers.remote import is_address
 from splatgl.splat.layers.segments import strength_of
 from splatgl.splat.plan.settings import LIKE, Settings, choices
 

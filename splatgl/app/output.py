@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from splatgl.data.readers.several import PICKED
 from splatgl.data.volume import Volume
+from splatgl.readers.channels import PICKED
 
 
 def tell(volume: Volume, quiet: bool = False, channels: bool = False, times: bool = False, layer: str = "") -> None:

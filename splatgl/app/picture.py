@@ -24,12 +24,12 @@ from splatgl.app.viewpoint import View, typed
 from splatgl.data.arrays import ArrayOptions
 from splatgl.data.image import Image
 from splatgl.data.mesh import Mesh
-from splatgl.data.readers import LoadOptions
-from splatgl.data.readers.remote import is_address
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import bytes_of
+from splatgl.readers.options import LoadOptions
+from splatgl.readers.remote import is_address
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.layers.segments import strength_of
 from splatgl.splat.plan.settings import Settings

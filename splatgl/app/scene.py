@@ -29,12 +29,13 @@ from splatgl.app.stacks import seen_along_z
 from splatgl.app.vectors import FAINT, Vectors
 from splatgl.app.viewpoint import Fitted, View, typed
 from splatgl.data.mask import named
-from splatgl.data.readers import LoadOptions, load
-from splatgl.data.readers.remote import is_address
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import load_table, toml_value
+from splatgl.readers import load
+from splatgl.readers.options import LoadOptions
+from splatgl.readers.remote import is_address
 from splatgl.splat.classification.colormap import whole
 from splatgl.splat.classification.flatness import MASK, decided
 from splatgl.splat.classification.presets import default_transfer, label_transfer, logarithmic, preset, preset_named

@@ -253,8 +253,8 @@ def of_nibabel(x: Any, options: ArrayOptions) -> Volume:
     """The volume of a nibabel image, as `load` reads its file; `array` picks the time point of a 4-D one."""
     if not hasattr(x, "dataobj") or not hasattr(x, "affine"):
         raise expected("array", "a volume image of nibabel", f"a {type(x).__name__}")
-    from splatgl.data.readers.nifti import of_image
-    from splatgl.data.readers.options import LoadOptions
+    from splatgl.readers.nifti import of_image
+    from splatgl.readers.options import LoadOptions
 
     if "sform_code" in x.header:
         return of_image(x, LoadOptions(array=options.array))

@@ -102,8 +102,8 @@ class Mask:
 
 def mask_of(given: Any, volume: Volume, labels: Sequence[int] = (), outside: bool = False) -> Mask:
     """The mask of a volume, of an array [D, H, W] on the grid of `volume`, or of FILE[:N,N…][:outside]."""
-    from splatgl.data.readers import load
     from splatgl.data.volume import Volume
+    from splatgl.readers import load
 
     if isinstance(given, Mask):
         return given

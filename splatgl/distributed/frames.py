@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from splatgl.data.image import Image
-from splatgl.data.readers import load
 from splatgl.distributed.cluster import spread
 from splatgl.distributed.worker import Drawing, Subject, kept, renderer
+from splatgl.readers import load
 from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.motion.motion import Motion
 from splatgl.splat.plan.settings import Settings

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.data.image import Image
-from splatgl.data.readers import load
 from splatgl.data.volume import Volume
 from splatgl.distributed.parts import Part, join
 from splatgl.distributed.worker import Drawing, Subject, call, kept, renderer
 from splatgl.errors import InputError, expected
 from splatgl.fileio import bytes_of
+from splatgl.readers import load
 from splatgl.splat.bricks.bricks import Bricks, Shell
 from splatgl.splat.bricks.within import required_bricks
 from splatgl.splat.classification.transfer import Transfer

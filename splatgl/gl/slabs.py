@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.data.image import Image
-from splatgl.data.readers import load
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import budget
 from splatgl.gl.levels import level_for
 from splatgl.gl.renderer import Renderer
+from splatgl.readers import load
 from splatgl.splat.bricks.bricks import Bricks
 from splatgl.splat.bricks.within import bricks_of, fits
 from splatgl.splat.classification.transfer import Transfer

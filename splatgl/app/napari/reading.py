@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data import readers
-from splatgl.data.readers import FORMATS
+from splatgl import readers
 from splatgl.data.volume import Volume
+from splatgl.readers import FORMATS
 
 LayerData = tuple[Any, dict[str, Any], str]
 

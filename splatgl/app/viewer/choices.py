@@ -9,10 +9,10 @@ from typing import Any
 
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
-from splatgl.data.readers import listed, load
-from splatgl.data.readers.remote import is_address
 from splatgl.data.scenes import SCENES
 from splatgl.errors import Choice, InputError
+from splatgl.readers import listed, load
+from splatgl.readers.remote import is_address
 
 # options of `load` that pick one of what a file holds
 PICKING = ("array", "channel")

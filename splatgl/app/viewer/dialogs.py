@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from splatgl.app.viewer.added import as_seen
 from splatgl.app.viewer.saving import free, saved_as
-from splatgl.data.readers import FORMATS
 from splatgl.errors import missing_extra
+from splatgl.readers import FORMATS
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.viewer import Viewer

@@ -17,8 +17,8 @@ from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.parts import read as _read
 from splatgl.app.viewer.watch import Watch
 from splatgl.data.mesh import Mesh
-from splatgl.data.readers.remote import is_address
 from splatgl.data.scenes import SCENES
+from splatgl.readers.remote import is_address
 from splatgl.splat.plan.settings import Settings
 
 if TYPE_CHECKING:

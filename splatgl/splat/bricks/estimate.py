@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.data.readers.files import is_mapped
 from splatgl.fileio import budget as budget
 from splatgl.fileio import size_of
+from splatgl.readers.common import is_mapped
 from splatgl.splat.bricks.bricks import SIDE, Bricks
 from splatgl.splat.extraction.splats import MOST_KEPT
 

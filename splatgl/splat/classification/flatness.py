@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.data.quantities import is_whole
 from splatgl.data.volume import Volume
+from splatgl.readers.common import is_whole
 
 # planes in a row that are read, how many times, and places that are looked at in them
 THREE, TIMES, PLACES = 3, 8, 1 << 17

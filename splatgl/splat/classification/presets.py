@@ -8,9 +8,9 @@ from difflib import get_close_matches
 
 import numpy as np
 
-from splatgl.data.quantities import FIELD, is_field
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.readers.common import FIELD, is_field
 from splatgl.splat.classification.flatness import LABELS, MASK, kind_of
 from splatgl.splat.classification.labels import labels_of, shown_labels
 from splatgl.splat.classification.looks import CORE, SOLID, SURFACE, Look, Preset, field, glow, soft, solid, surface

@@ -1,0 +1,306 @@
+"""Load(), FORMATS registry, format detection."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, fields, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from splatgl.data.volume import Label, Volume
+from splatgl.errors import Choice, InputError, expected
+from splatgl.readers.common import quiet
+from splatgl.readers.heightmap import terrain_from_heights
+from splatgl.readers.options import HDF5, LoadOptions, converter, inside
+from splatgl.readers.remote import Remote, is_address, name_of
+
+__all__ = ["FORMATS", "Format", "LoadOptions", "contents", "load", "terrain_from_heights"]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format: its name, suffixes, reader (module.function), supported options and magic bytes.
+
+    kinds: whether a volume is a file, a folder, or either. tells: a function of a path (module.function) that knows the
+    format by what is in a file or folder. lists: one that gives a line for each volume in it.
+    """
+
+    title: str
+    suffixes: tuple[str, ...]
+    reader: str
+    takes: tuple[str, ...] = ()
+    starts: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ("file",)
+    tells: str = ""
+    lists: str = ""
+
+    def read(self, path: Path, options: LoadOptions) -> Volume:
+        """Reads a volume."""
+        found: Volume = _function(self.reader)(path, options)
+        return found
+
+
+def _function(name: str) -> Any:
+    """A reader's function; only now is its module imported, so that one format does not wait for all."""
+    module, function = name.split(".")
+    return getattr(import_module(f"{__name__}.{module}"), function)
+
+
+_TERRAIN = ("color", "relief", "levels")
+_TIFF = ("array", "channel", "level", "time", "series")
+
+FORMATS = (
+    Format("NumPy", (".npy",), "raw.read_npy", starts=("NumPy",)),
+    Format("NumPy archive", (".npz",), "raw.read_npz", ("array",), ("ZIP",)),
+    Format("raw", (".raw", ".bin", ".dat"), "raw.read", ("shape", "dtype", "header_offset"), ("*",)),
+    Format("NRRD", (".nrrd", ".nhdr"), "nrrd.read", ("array", "channel", "time", "anywhere"), ("NRRD",)),
+    Format("NIfTI", (".nii",), "nifti.read", ("array", "time")),
+    Format("NIfTI, gzipped", (".nii.gz",), "nifti.read", ("array", "time"), ("gzip",)),
+    Format("Analyze", (".hdr", ".img"), "nifti.read_analyze", ("array",)),
+    Format("MGH", (".mgh",), "nifti.read_mgh", ("array",)),
+    Format("MGH, gzipped", (".mgz",), "nifti.read_mgh", ("array",), ("gzip",)),
+    Format("TIFF", (".tif", ".tiff"), "tiff.read", (*_TIFF, *_TERRAIN), ("TIFF",), lists="tiff.contents"),
+    Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "time", "anywhere")),
+    Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
+    Format("VTK grid", (".vti", ".vtr"), "vtk_xml.read", ("array", "channel"), ("XML",)),
+    Format("VTK pieces", (".pvti", ".pvtr"), "vtk_xml.read_parallel", ("array", "channel", "anywhere"), ("XML",)),
+    Format("VTK collection", (".pvd", ".vtm"), "vtk_xml.read_series", ("array", "channel", "anywhere"), ("XML",)),
+    Format("MRC", (".mrc", ".map", ".rec", ".ccp4"), "mrc.read", ("array",)),
+    Format("MRC, compressed", (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2"), "mrc.read", ("array",), ("gzip",)),
+    Format("HDF5", HDF5, "hdf5.read", ("array", "channel", "time", "anywhere"), ("HDF5",), lists="hdf5.contents"),
+    Format("Imaris", (".ims",), "imaris.read", ("array", "channel", "level", "time", "anywhere"), ("HDF5",)),
+    Format(
+        "Zarr",
+        (".zarr",),
+        "ome_zarr.read",
+        ("array", "channel", "level", "time"),
+        kinds=("folder",),
+        tells="ome_zarr.is_store",
+        lists="ome_zarr.contents",
+    ),
+    Format(
+        "DICOM",
+        (".dcm", ".dicom", ".ima", ".zip"),
+        "dicom.read",
+        ("array", "channel", "series"),
+        # a preamble may be the header of a TIFF file
+        ("ZIP", "TIFF"),
+        ("file", "folder"),
+        "dicom_headers.is_dicom",
+        "dicom.lines",
+    ),
+    Format("picture slices", (), "image_stack.read", kinds=("folder",), tells="image_stack.is_slices"),
+    Format("height picture", (".png", ".jpg", ".jpeg"), "heightmap.read_picture", _TERRAIN, ("PNG", "JPEG")),
+    Format("height table", (".csv",), "heightmap.read_csv", _TERRAIN),
+)
+"""All formats; every one takes `spacing` and `values` too."""
+
+ZIPPED = (".ozx", ".zarr.zip")
+"""Endings of Zarr stores in a zip, which are told what unpacks them."""
+
+LINE_LIMIT = 400
+"""Most characters of a message behind the path: some quote the file."""
+
+_STARTS = {
+    b"\x93NUMPY": "NumPy",
+    b"\x89PNG": "PNG",
+    b"\xff\xd8\xff": "JPEG",
+    b"PK\x03\x04": "ZIP",
+    b"\x1f\x8b": "gzip",
+    b"NRRD": "NRRD",
+    b"II*\x00": "TIFF",
+    b"MM\x00*": "TIFF",
+    b"II+\x00": "TIFF",
+    b"MM\x00+": "TIFF",
+    b"\x89HDF": "HDF5",
+    b"CDF\x01": "NetCDF-3",
+    b"CDF\x02": "NetCDF-3",
+    b"CDF\x05": "NetCDF-3",
+    b"# vtk": "legacy VTK",
+    b"<?xml": "XML",
+    b"%PDF": "PDF",
+}
+"""First bytes that tell a format for certain."""
+
+
+def load(path: str | Path, options: LoadOptions | None = None, **given: object) -> Volume:
+    """Loads the volume in a file or Zarr folder, or behind an address (https, s3, gs); the suffix selects the reader.
+
+    path: see `FORMATS` for the endings; an address without one is a Zarr store, whose chunks are read when needed. A
+    2-D picture or CSV becomes a terrain. FILE.h5:/NAME stands for array="/NAME". Further keywords are fields of
+    `LoadOptions`. Samples that can be memory-mapped are; the name is the file's stem. Raises InputError, which begins
+    with the path, for a file or an option that makes no volume.
+    """
+    source, array = inside(str(path))
+    path = source if is_address(source) else Path(source)
+    try:
+        with quiet():
+            asked = _options(options, given if array is None else {"array": array, **given})
+            return _load_remote(str(path), asked) if is_address(path) else _load(Path(path), asked)
+    except InputError as error:
+        raise _one_line(path, error) from error.__cause__
+    except OSError as error:
+        raise _one_line(path, InputError(f"cannot be read: {error.strerror or error}")) from error
+    except MemoryError as error:
+        raise _one_line(path, InputError("needs more memory than there is; use a smaller volume")) from error
+
+
+def listed(path: str | Path) -> list[str]:
+    """A line for each volume in a file or folder that holds several (series of DICOM, datasets of HDF5); none of other
+    formats, and of what cannot be read.
+    """
+    try:
+        with quiet():
+            form = None if is_address(path) else _format(Path(path))
+            return _function(form.lists)(Path(path)) if form and form.lists else []
+    except (InputError, OSError, MemoryError):
+        return []
+
+
+def _load(path: Path, options: LoadOptions) -> Volume:
+    form = _format(path)
+    _check(path, form, options)
+    volume = _named(form.read(path, options), path.name, form, options)
+    if volume.labels or volume.samples.dtype.kind not in "bui" or options.values == "amounts":
+        return volume
+    table = table_beside(path, path.name[: len(path.name) - len(_suffix(path, form))])
+    return volume if table is None else replace(volume, labels=table)
+
+
+def _load_remote(address: str, options: LoadOptions) -> Volume:
+    """The volume behind an address: a copy of the file, or of the parts of a Zarr store that are needed."""
+    from splatgl.readers import ome_zarr
+
+    name, remote = name_of(address), Remote(address)
+    if any(_suffix(Path(name), form) for form in FORMATS if "file" in form.kinds):
+        return _load(remote.file(), options)
+    form = next(form for form in FORMATS if form.reader == "ome_zarr.read")
+    _refuse(form, options)
+    volume = ome_zarr.read(remote.store(), options, remote)
+    return _named(volume, name, form, options)
+
+
+def _named(volume: Volume, name: str, form: Format, options: LoadOptions) -> Volume:
+    """The volume as the file's name and the options have it."""
+    if options.spacing is not None:
+        # a file that does not know its spacing does not know that of its levels
+        channels = tuple(replace(each, spacing=options.spacing, coarser=()) for each in volume.channels)
+        volume = replace(volume, spacing=options.spacing, coarser=(), channels=channels)
+    if options.values not in (None, "heights"):
+        volume = volume.of_values(options.values)
+    suffix = _suffix(Path(name), form)
+    return replace(volume, name=(name[: -len(suffix)] if suffix else name).removesuffix(".ome"))
+
+
+def _one_line(path: Path | str, error: InputError) -> InputError:
+    """The error as one line that begins with the path; text from a damaged header is shortened and sanitized."""
+    message = str(error)
+    short = message if len(message) <= LINE_LIMIT else message[: LINE_LIMIT - 1] + "…"
+    line = "".join(c if c.isprintable() else "?" for c in f"{path}: {short}")
+    return Choice(line, error.option, error.found) if isinstance(error, Choice) else InputError(line)
+
+
+def _options(options: LoadOptions | None, given: dict[str, object]) -> LoadOptions:
+    names = [field.name for field in fields(LoadOptions)]
+    unknown = sorted(set(given) - set(names))
+    if unknown:
+        raise expected("options", f"some of {', '.join(names)}", ", ".join(unknown))
+    return replace(options or LoadOptions(), **given)  # type: ignore[arg-type]
+
+
+def _format(path: Path) -> Format:
+    """The format of a name; of a folder, or of a file without such a name, the one that its contents tell."""
+    kind = "folder" if path.is_dir() else "file"
+    zipped = path.name.lower().endswith(ZIPPED)
+    named = next((form for form in FORMATS if _suffix(path, form) and not zipped), None)
+    told = [form for form in FORMATS if form.tells and kind in form.kinds]
+    if kind == "folder" or (named is None and path.is_file() and not zipped):
+        named = next((form for form in told if _function(form.tells)(path)), named)
+    if named:
+        return named
+    if kind == "folder":
+        names = " or ".join(form.title for form in told)
+        raise expected("path", f"a file, or a folder of {names}", "another folder", "name a file in it")
+    known, fix = ", ".join(suffix for form in FORMATS for suffix in form.suffixes), converter(path.name)
+    this = "one that is read" if fix else f"a name that ends in one of {known}"
+    raise expected("format", this, repr("".join(path.suffixes[-2:])), fix or "convert it")
+
+
+def _suffix(path: Path, form: Format) -> str:
+    return next((suffix for suffix in form.suffixes if path.name.lower().endswith(suffix)), "")
+
+
+def _check(path: Path, form: Format, options: LoadOptions) -> None:
+    """Checks before any reader runs: InputError for no file, no bytes, another format, unsupported options."""
+    kind = "folder" if path.is_dir() else "file" if path.is_file() else "pipe or device"
+    if not path.exists():
+        raise expected("path", "a file", "nothing of that name", "check the path")
+    if kind not in form.kinds:
+        raise expected("path", f"a {form.title} folder" if "file" not in form.kinds else "a file", f"a {kind}")
+    if kind == "file" and path.stat().st_size == 0:
+        raise expected("file", "data", "0 bytes", "the file is empty")
+    _refuse(form, options)
+    start = None if kind == "folder" or "*" in form.starts else _start(path)
+    if start and start not in (*form.starts, form.title):
+        fix = "convert it with: nccopy -k nc4 OLD NEW" if start == "NetCDF-3" else "rename or convert the file"
+        raise expected("contents", f"{form.title}, as the name says", start, fix)
+
+
+def _refuse(form: Format, options: LoadOptions) -> None:
+    """InputError for options that the format doesn't support."""
+    if options.values == "heights" and "relief" not in form.takes:
+        raise expected("values", f"labels or amounts for {form.title}", "heights")
+    refused = sorted(options.given - {"spacing", "values", *form.takes})
+    if refused:
+        known = ", ".join(("spacing", "values", *form.takes))
+        raise expected("options", f"some of {known} for {form.title}", ", ".join(refused))
+
+
+def _start(path: Path) -> str | None:
+    with path.open("rb") as file:
+        first = file.read(8)
+    return next((title for mark, title in _STARTS.items() if first.startswith(mark)), None)
+
+
+ENDINGS = (".label", ".lbl", ".txt")
+MARK = "ITK-SnAP Label Description File"
+# letters of a table at most, and of its first lines that tell what it is
+MOST, FIRST = 1 << 20, 400
+# number, red, green, blue, opacity, whether it is shown, whether as a mesh, and the name in quotation marks
+NUMBER_AND_COLOR = r"\s*(\d{1,9})\s+(\d{1,3})\s+(\d{1,3})\s+(\d{1,3})\s+"
+ROW = re.compile(NUMBER_AND_COLOR + r'(\d+\.?\d*|\.\d+)\s+(\d{1,9})\s+\d+\s+"([^"]*)"\s*')
+
+
+def table_beside(path: Path, stem: str) -> tuple[Label, ...] | None:
+    """The labels of stem.label, stem.lbl or stem.txt beside `path`, but 0; None without such a table of ITK-SNAP.
+
+    Raises InputError for a table with other lines, or without labels.
+    """
+    for name in (stem + ending for ending in ENDINGS):
+        table = path.parent / name
+        if not table.is_file():
+            continue
+        with table.open(encoding="utf-8", errors="replace") as file:
+            text = file.read(FIRST)
+            if MARK.lower() in text.lower():
+                return _labels(name, text + file.read(MOST))
+    return None
+
+
+def _labels(name: str, text: str) -> tuple[Label, ...]:
+    found: dict[int, Label] = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        row = ROW.fullmatch(line)
+        rgb = [int(part) for part in row.group(2, 3, 4)] if row else [256]
+        opacity = float(row[5]) if row else 0.0
+        if row is None or max(rgb) > 255 or opacity > 1:
+            raise expected(f"{name}, line {number}", 'NUMBER R G B A VIS MSH "NAME"', repr(line[:60]))
+        color, hidden = "#{:02x}{:02x}{:02x}".format(*rgb), not int(row[6])
+        found[int(row[1])] = Label(int(row[1]), row[7], color, opacity, hidden)
+    found.pop(0, None)
+    if not found:
+        raise expected(name, "labels", "none", "remove the file")
+    return tuple(sorted(found.values(), key=lambda label: label.number))

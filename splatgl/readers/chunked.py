@@ -1,0 +1,257 @@
+"""Lazy chunked arrays, axis order, chunk min/max cache."""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import math
+import os
+import tempfile
+import zipfile
+from collections import OrderedDict
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from threading import Lock
+from typing import Any, Protocol
+
+import numpy as np
+
+from splatgl.errors import InputError
+from splatgl.readers.common import library
+from splatgl.readers.remote import cache_folder
+
+KEPT_BYTES = 2**27
+"""Bytes of decoded chunks that are kept."""
+
+Key = int | slice | tuple[int | slice, ...]
+
+
+class Files(Protocol):
+    """What lies behind an array's chunks, named by the place of any sample of theirs."""
+
+    def tag(self) -> str:
+        """What changes with the contents."""
+        ...
+
+    def ready(self, places: Iterable[Sequence[int]]) -> None:
+        """Called before chunks are read, with all that are."""
+
+    def holds(self, place: Sequence[int]) -> bool:
+        """Whether anything is stored for a chunk; may raise InputError."""
+        ...
+
+
+class Chunked:
+    """A Zarr array, or what `index` leaves free of it, as samples [D, H, W]. Slices of it are numpy arrays.
+
+    form: the format of the file that it is in. Raises InputError, which begins with `name`, the file's path or address,
+    if a part can't be read.
+    """
+
+    def __init__(self, name: str, array: Any, index: Sequence[int | slice], files: Files, form: str = "Zarr") -> None:
+        self.name, self.array, self.index, self.files, self.form = name, array, tuple(index), files, form
+        axes = [axis for axis, place in enumerate(self.index) if isinstance(place, slice)]
+        self.shape = tuple(int(array.shape[axis]) for axis in axes)
+        self.chunks = tuple(int(array.chunks[axis]) for axis in axes)
+        self.dtype = np.dtype(array.dtype)
+        self.kept: OrderedDict[tuple[int, ...], np.ndarray] = OrderedDict()
+        self.lock = Lock()
+
+    @cached_property
+    def extents(self) -> Extents | None:
+        """Of the chunks that were read, now or before; None of colours, and of very many."""
+        if len(self.shape) != 3:
+            return None
+        counts = tuple(-(-size // chunk) for size, chunk in zip(self.shape, self.chunks, strict=True))
+        tag = f"{self.index} {self.shape} {self.files.tag()}"
+        return Extents(counts, self.dtype, tag) if math.prod(counts) <= MOST else None
+
+    def extent(self, low: Sequence[int], high: Sequence[int]) -> np.ndarray | None:
+        """[2]: a range that holds all finite samples from low to below high, [0] if there are none; None if one is not
+        known without reading.
+        """
+        touched = (range(a // n, -(-b // n)) for a, b, n in zip(low, high, self.chunks, strict=True))
+        return self.extents.of(product(*touched)) if self.extents else None
+
+    def __getitem__(self, key: Key) -> np.ndarray:
+        given = key if isinstance(key, tuple) else (key,)
+        whole = given + (slice(None),) * (len(self.shape) - len(given))
+        asked = [
+            range(size)[place] if isinstance(place, slice) else range(place, place + 1)
+            for size, place in zip(self.shape, whole, strict=True)
+        ]
+        # all from the first to the last
+        ranges = [range(min(each), max(each) + 1) if len(each) else range(0) for each in asked]
+        found = np.empty([len(each) for each in ranges], self.dtype)
+        touched = [
+            range(each.start // chunk, (each.stop - 1) // chunk + 1) if len(each) else range(0)
+            for each, chunk in zip(ranges, self.chunks, strict=True)
+        ]
+        with self.lock:
+            missing = [place for place in product(*touched) if place not in self.kept]
+        self.files.ready(self._begin(place) for place in missing)
+        for place in product(*touched):
+            low = [n * chunk for n, chunk in zip(place, self.chunks, strict=True)]
+            high = [min(a + chunk, size) for a, chunk, size in zip(low, self.chunks, self.shape, strict=True)]
+            first = [max(a, each.start) for a, each in zip(low, ranges, strict=True)]
+            last = [min(b, each.stop) for b, each in zip(high, ranges, strict=True)]
+            to = tuple(slice(a - each.start, b - each.start) for a, b, each in zip(first, last, ranges, strict=True))
+            of = tuple(slice(a - start, b - start) for a, b, start in zip(first, last, low, strict=True))
+            found[to] = self._chunk(place, low, high)[of]
+        return found[
+            tuple(
+                slice(None, None, each.step) if isinstance(place, slice) else 0
+                for place, each in zip(whole, asked, strict=True)
+            )
+        ]
+
+    def _begin(self, place: tuple[int, ...]) -> list[int]:
+        """Where a chunk begins, along all axes of the array."""
+        free = iter(n * chunk for n, chunk in zip(place, self.chunks, strict=True))
+        return [next(free) if isinstance(at, slice) else at for at in self.index]
+
+    def _chunk(self, place: tuple[int, ...], low: list[int], high: list[int]) -> np.ndarray:
+        with self.lock:
+            if place in self.kept:
+                self.kept.move_to_end(place)
+                return self.kept[place]
+        free = iter(map(slice, low, high))
+        part = tuple(next(free) if isinstance(at, slice) else at for at in self.index)
+        try:
+            with library(f"{self.form}, chunk {', '.join(map(str, place))}"):
+                if not self.files.holds(self._begin(place)):
+                    empty = np.asarray(self.array.fill_value or 0, self.dtype)
+                    chunk = np.broadcast_to(empty, [b - a for a, b in zip(low, high, strict=True)])
+                    if self.extents:
+                        self.extents.add(place, chunk)
+                    return chunk
+                chunk = np.asarray(self.array[part])
+        except InputError as error:
+            raise InputError(f"{self.name}: {error}") from error
+        with self.lock:
+            if self.extents:
+                self.extents.add(place, chunk)
+            self.kept[place] = chunk
+            most = max(KEPT_BYTES // max(math.prod(self.chunks) * self.dtype.itemsize, 1), 1)
+            while len(self.kept) > most:
+                self.kept.popitem(last=False)
+        return chunk
+
+
+# what is known of a chunk: nothing; its extent; that no sample is finite
+UNKNOWN, KNOWN, EMPTY = 0, 1, 2
+# most chunks of an array whose extents are kept
+MOST = 1 << 24
+
+Place = tuple[int, ...]
+
+
+class Extents:
+    """Those of an array of chunks. tag: of the store's contents; those of another tag are not taken."""
+
+    def __init__(self, counts: Place, dtype: np.dtype, tag: str) -> None:
+        self.file = cache_folder() / "extents" / f"{hashlib.sha256(tag.encode()).hexdigest()[:32]}.npz"
+        self.low, self.high = np.zeros(counts, dtype), np.zeros(counts, dtype)
+        self.known, self.changed = np.zeros(counts, np.uint8), False
+        try:
+            with np.load(self.file) as kept:
+                found = [np.asarray(kept[name]) for name in ("low", "high", "known")]
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            return
+        if [(each.shape, each.dtype) for each in found] == [(counts, dtype)] * 2 + [(counts, np.dtype(np.uint8))]:
+            self.low, self.high, self.known = found
+
+    def add(self, place: Place, chunk: np.ndarray) -> None:
+        """Takes note of a chunk that was read."""
+        if self.known[place] != UNKNOWN:
+            return
+        if not self.changed:
+            self.changed = True
+            atexit.register(self.save)
+        finite = chunk if chunk.dtype.kind in "bui" else chunk[np.isfinite(chunk)]
+        if finite.size:
+            self.low[place], self.high[place] = finite.min(), finite.max()
+        self.known[place] = KNOWN if finite.size else EMPTY
+
+    def of(self, places: Iterable[Place]) -> np.ndarray | None:
+        """[2]: least and largest finite sample of those chunks, [0] if there is none; None if one is not known."""
+        at = tuple(np.array(list(places)).T)
+        known = self.known[at]
+        if (known == UNKNOWN).any():
+            return None
+        some = known == KNOWN
+        if not some.any():
+            return np.zeros(0, self.low.dtype)
+        return np.array([self.low[at][some].min(), self.high[at][some].max()])
+
+    def save(self) -> None:
+        """Writes what is known; a folder that can't be written is left as it is."""
+        try:
+            self.file.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=self.file.parent, delete=False) as file:
+                np.savez_compressed(file, low=self.low, high=self.high, known=self.known)
+            os.replace(file.name, self.file)
+            self.changed = False
+        except OSError:
+            pass
+
+
+def tag_of(folder: Path) -> str:
+    """The path, sizes and times of all files of an array: whatever is written into it changes the tag."""
+    found = []
+    folders = [str(folder.resolve())]
+    while folders:
+        with os.scandir(folders.pop()) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    folders.append(entry.path)
+                else:
+                    told = entry.stat()
+                    found.append(f"{entry.path} {told.st_size} {told.st_mtime_ns}")
+    return "\n".join(sorted(found))
+
+
+class Turned:
+    """An array behind the interface that `Chunked` reads; nothing is read before it is indexed.
+
+    names: one per axis of the array; wanted: the same in the order wanted. A further one is an axis of one entry.
+    """
+
+    def __init__(self, array: Any, names: Sequence[str], wanted: Sequence[str]) -> None:
+        self.array = array
+        self.order = [names.index(name) if name in names else None for name in wanted]
+        self.shape = tuple(1 if axis is None else int(array.shape[axis]) for axis in self.order)
+        self.chunks = tuple(1 if axis is None else int(array.chunks[axis]) for axis in self.order)
+        self.dtype, self.fill_value = array.dtype, array.fill_value
+
+    def source(self, place: Sequence[Any]) -> tuple[Any, ...]:
+        """What belongs to each axis of the array, of a place or an index along the turned axes."""
+        found = {axis: each for axis, each in zip(self.order, place, strict=True) if axis is not None}
+        return tuple(found[axis] for axis in range(len(found)))
+
+    def __getitem__(self, index: Sequence[int | slice]) -> np.ndarray:
+        free = [axis for axis, at in zip(self.order, index, strict=True) if isinstance(at, slice)]
+        kept = sorted(axis for axis in free if axis is not None)
+        part = np.asarray(self.array[self.source(index)]).transpose([kept.index(a) for a in free if a is not None])
+        return np.expand_dims(part, free.index(None)) if None in free else part
+
+
+class TurnedFiles:
+    """The files of the array behind a `Turned`, asked for by its places."""
+
+    def __init__(self, files: Files, array: Turned) -> None:
+        self.files, self.array = files, array
+
+    def tag(self) -> str:
+        """That of the files."""
+        return self.files.tag()
+
+    def ready(self, places: Iterable[Sequence[int]]) -> None:
+        """Brings the files of those places."""
+        self.files.ready(self.array.source(place) for place in places)
+
+    def holds(self, place: Sequence[int]) -> bool:
+        """Whether there is a file of that place."""
+        return self.files.holds(self.array.source(place))

@@ -1,0 +1,268 @@
+"""Byte checks, mapping, inflating, number text."""
+
+from __future__ import annotations
+
+import logging
+import re
+import warnings
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path, PureWindowsPath
+from typing import BinaryIO
+
+import numpy as np
+
+from splatgl.data.volume import Hints
+from splatgl.errors import InputError, choice, expected
+from splatgl.fileio import byte_count, require_memory
+
+# anywhere in a name, and whole words
+PARTS = (
+    *("density", "temperature", "pressure", "velocity", "vorticity", "speed", "entropy", "enstrophy", "energy"),
+    *("helicity", "concentration", "salinity", "humidity", "viscosity", "divergence", "streamfunction", "turbulence"),
+)
+WORDS = ("rho", "temp", "vel", "mach", "wind", "flow", "flux", "theta", "phi", "qcriterion")
+# names of arrays are what a program calls its variables
+LETTERS = ("u", "v", "w", "p", "t")
+FIELD = "field"
+
+
+def is_field(name: str, array: bool = False) -> bool:
+    """Whether a name is that of a field of a simulation. array: of one array in a file, not of a file."""
+    lower = name.lower()
+    words = re.split(r"[^a-z]+", lower)
+    named = any(part in lower for part in PARTS) or any(word in WORDS for word in words)
+    return named or (array and lower in LETTERS)
+
+
+def is_whole(values: np.ndarray) -> bool:
+    """Whether all finite values are whole numbers."""
+    if values.dtype.kind != "f":
+        return True
+    finite = values[np.isfinite(values)]
+    return bool((finite == np.rint(finite)).all())
+
+
+def hints_of(array: str, vectors: bool) -> Hints:
+    """What a file's array says of how it is drawn. vectors: the samples are lengths of vectors."""
+    return Hints(preset=FIELD) if vectors or is_field(array, array=True) else Hints()
+
+
+DEFLATE_RATIO = 1032
+"""Most bytes that one byte of deflate data can expand to (zlib's technical notes: 1032:1)."""
+
+MAX_BYTES = 2**29
+"""Most bytes allocated on a file's word alone: where the codec's ratio is unbounded and the file is small."""
+"""Most bytes of samples of a store or a multiscale image that are read at once; more are read in parts."""
+
+CHUNK_BYTES = 2**20
+"""Bytes inflated or read at a time: small beside a volume, large beside a call's cost."""
+
+REASON_LIMIT = 200
+"""Most characters of a library's complaint that are passed on: some quote the file."""
+
+LOGGERS = (
+    *("nibabel.global", "numcodecs", "PIL.ImageFile", "PIL.PngImagePlugin", "PIL.TiffImagePlugin"),
+    *("pydicom", "pylibjpeg", "zarr"),
+)
+"""Loggers of libraries that print by themselves or through Python's last resort; tifffile's is listened to."""
+
+Shape = tuple[int, int, int]
+
+
+def grid_shape(sizes: Sequence[int], what: str = "dimensions") -> Shape:
+    """(D, H, W) from a header's sizes (x, y, z). Raises InputError unless all are positive."""
+    if len(sizes) != 3:
+        raise expected(what, "three axes", f"{len(sizes)} ({_times(sizes)})")
+    if min(sizes) < 1:
+        raise expected(what, "at least one voxel along each axis", _times(sizes), "the header is damaged")
+    x, y, z = (int(size) for size in sizes)
+    return z, y, x
+
+
+def require_bytes(needed: int, there: int, what: str = "data") -> None:
+    """Raises InputError if fewer bytes are present than needed."""
+    if there < needed:
+        got = f"{max(there, 0)} bytes"
+        raise expected(what, f"{needed} bytes", got, "the file is cut short or its header states a wrong size")
+
+
+def require_plausible(needed: int, there: int, bounded: bool = True) -> None:
+    """Raises InputError if `there` compressed bytes cannot hold `needed`; unbounded codecs are limited to MAX_BYTES."""
+    limit = there * DEFLATE_RATIO if bounded else max(there * DEFLATE_RATIO, MAX_BYTES)
+    if needed > limit:
+        got = f"{there} compressed bytes, which hold {limit} at most"
+        raise expected("data", f"{needed} bytes", got, "the file is cut short or its header states a wrong size")
+
+
+def map_array(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> np.ndarray:
+    """A read-only array [shape] (C order) mapped from `path` at `offset` bytes. Raises InputError if it is cut.
+
+    If the file is truncated later, reading the array's missing pages crashes the process.
+    """
+    if offset < 0:
+        raise expected("data", "a place in the file", f"byte {offset}", "the header is damaged")
+    require_bytes(byte_count(shape, dtype), path.stat().st_size - offset)
+    with library("mapped samples"):
+        return np.memmap(path, dtype=dtype, mode="r", offset=offset, shape=tuple(int(size) for size in shape))
+
+
+def is_mapped(array: np.ndarray) -> bool:
+    """Whether an array is a view of a memory-mapped file."""
+    base: object = array
+    while isinstance(base, np.ndarray):
+        if isinstance(base, np.memmap):
+            return True
+        base = base.base
+    return False
+
+
+def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> np.ndarray:
+    """An array [shape] from zlib or gzip data in `path` at `offset`; never inflates more than the array holds."""
+    # 1. the file must be large enough for the header's sizes
+    needed, there = byte_count(shape, dtype), path.stat().st_size - offset
+    require_plausible(needed, max(there, 0))
+    require_memory(needed, there)
+    # 2. inflate piece by piece into the array; 47 = 32 (zlib or gzip, told by the header) + 15 (window bits)
+    engine, out, filled = zlib.decompressobj(wbits=47), np.empty(needed, np.uint8), 0
+    with path.open("rb") as file, library("zlib data"):
+        file.seek(offset)
+        while not engine.eof:
+            piece = engine.unconsumed_tail or file.read(CHUNK_BYTES)
+            block = engine.decompress(piece, needed - filled + 1)
+            if not piece and not block:
+                raise expected("compressed data", "an end mark", "the end of the file", "the file is cut short")
+            if filled + len(block) > needed:
+                raise expected("inflated data", f"{needed} bytes", "more", "the header states a wrong size")
+            out[filled : filled + len(block)] = np.frombuffer(block, np.uint8)
+            filled += len(block)
+    require_bytes(needed, filled, "inflated data")
+    return out.view(dtype).reshape(tuple(shape))
+
+
+def data_file(header: Path, name: str, anywhere: bool) -> Path:
+    """The data file `name` in the folder of `header` or below; InputError for any other place, if not `anywhere`."""
+    path = header.parent / name.replace("\0", "?")
+    if not anywhere:
+        _require_inside(header, name)
+    if not path.is_file():
+        raise expected("data file", "a file beside the header", f"nothing named {name!r}", "copy it there")
+    return path
+
+
+def _require_inside(header: Path, name: str) -> None:
+    fix = "put both files side by side, or say --anywhere if you trust it"
+    outside = (
+        name.startswith(("/", "\\"))
+        or PureWindowsPath(name).drive
+        or ".." in PureWindowsPath(name).parts
+        or "\0" in name
+    )
+    if outside:
+        raise expected("data file", "a name inside the header's folder", repr(name), fix)
+    try:
+        inside = (header.parent / name).resolve().is_relative_to(header.parent.resolve())
+    except (OSError, RuntimeError):
+        # a symbolic link loop
+        inside = False
+    if not inside:
+        raise expected("data file", "a file inside the header's folder", repr(name), fix)
+
+
+def selection(shape: Sequence[int], extra: Mapping[int, tuple[str, int | None]]) -> tuple[int | slice, ...]:
+    """An index that keeps the axes not in `extra` and picks one entry of each that is.
+
+    extra: axis → (option's name, entry asked for or None). Raises InputError naming the choices if one must be made.
+    """
+    index: list[int | slice] = [slice(None)] * len(shape)
+    for axis, (option, entry) in extra.items():
+        count = int(shape[axis])
+        if entry is None and count > 1:
+            fix = f"pick one with {option}=0 … {option}={count - 1}"
+            error = expected("axes", "one sample per voxel", f"{count} along an extra axis", fix)
+            raise choice(error, option, [(f"0 … {count - 1}", f"along one axis of {' × '.join(map(str, shape))}")])
+        if entry is not None and entry >= count:
+            raise expected(option, f"a number from 0 to {count - 1}", entry)
+        index[axis] = entry or 0
+    return tuple(index)
+
+
+@contextmanager
+def library(title: str) -> Iterator[None]:
+    """Converts any exception of a decoder into one InputError.
+
+    Decoders raise many types (IndexError, AssertionError, struct.error, …), so the context encloses only the
+    decoder's own calls instead of filtering by type.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split())[:REASON_LIMIT] or type(error).__name__
+        raise InputError(
+            f"cannot be read as {title}: {reason}; the file may be damaged, or of a kind that is not read"
+        ) from error
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Suppresses warnings and logs of libraries: a rejected file gives one line."""
+    loggers = [logging.getLogger(name) for name in LOGGERS]
+    disabled = [logger.disabled for logger in loggers]
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        for logger in loggers:
+            logger.disabled = True
+        try:
+            yield
+        finally:
+            for logger, before in zip(loggers, disabled, strict=True):
+                logger.disabled = before
+
+
+def _times(sizes: Sequence[int]) -> str:
+    return "x".join(str(size) for size in sizes)
+
+
+_BLOCK_BYTES = 2**16
+"""Bytes split into words at a time: small beside a volume, large beside a call's cost."""
+
+_WORD_LIMIT = 64
+"""Longest number in bytes: float64 needs 24; numpy would give every word of a block the room of the longest."""
+
+
+def read_numbers(file: BinaryIO, count: int, dtype: np.dtype, there: int) -> np.ndarray:
+    """The next `count` numbers of `file` [count], in native byte order; leaves it at the end of their last line.
+
+    there: bytes up to the file's end, which bound what is allocated. Raises InputError if there are fewer numbers,
+    or more in the last line.
+    """
+    # 1. every number takes two bytes at least, the last one needs no blank behind it
+    numbers = np.empty(min(count, there // 2 + 1), dtype.newbyteorder("="))
+    filled, cut = 0, b""
+    while filled < count:
+        # 2. the words of a line or of a block of it; its last word may go on in the next block
+        block = file.readline(_BLOCK_BYTES)
+        words = (cut + block).split()
+        cut = words.pop() if words and block and not block[-1:].isspace() else b""
+        if max(map(len, (*words, cut)), default=0) > _WORD_LIMIT:
+            raise expected("data", "numbers", f"a word of more than {_WORD_LIMIT} letters", "the file is damaged")
+        # 3. as numbers
+        if filled + len(words) > count or (not block and filled + len(words) < count):
+            fix = "the file is cut short or damaged"
+            raise expected("data", f"{count} numbers", filled + len(words), fix)
+        with library("numbers"):
+            numbers[filled : filled + len(words)] = np.array(words or np.empty(0, "S1")).astype(numbers.dtype)
+        filled += len(words)
+    if cut:
+        raise expected("data", f"{count} numbers", "more", "the header states a wrong size")
+    return numbers
+
+
+def require_end(file: BinaryIO, count: int) -> None:
+    """Raises InputError if more than blanks follow `count` numbers."""
+    while block := file.read(_BLOCK_BYTES):
+        if block.strip():
+            raise expected("data", f"{count} numbers", "more", "the header states a wrong size")

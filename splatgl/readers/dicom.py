@@ -1,0 +1,521 @@
+"""DICOM series: choice, slice grid, read.
+
+Slices are sorted by ImagePositionPatient along the normal of ImageOrientationPatient (PS3.3 C.7.6.2); the patient's
+frame is LPS in millimetres. Stored windows (VOI) are meant for slices and don't become the volume's: most begin below
+air or background, which would be drawn, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from splatgl.data.affine import at_places
+from splatgl.data.volume import Triple, Volume
+from splatgl.errors import InputError, expected
+from splatgl.fileio import byte_count, require_memory
+from splatgl.readers import dicom_segments
+from splatgl.readers.dicom_headers import TIMES, Frame, Header, Source, frames, header, normal_of, sources
+from splatgl.readers.dicom_pixels import check_header, decoded, is_color
+from splatgl.readers.options import LoadOptions
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of the largest series of a file, folder or zip, or of the one that `series` names, in LPS.
+
+    `array` picks one of several images at each place. Samples are rescaled (Hounsfield units); they stay whole numbers
+    unless a scale, padding or a missing slice makes them float32, where NaN stands for what is not there.
+    """
+    # 1. which images
+    found = contents(path)
+    if not found.series:
+        return _segments(found, options)
+    if options.channel is not None:
+        raise expected("channel", "none, for images", options.channel)
+    series = chosen(found.series, options)
+    notes = [f"{found.damaged} damaged file{'s are' if found.damaged > 1 else ' is'} left out"] if found.damaged else []
+    if len(found.series) > 1 and options.series is None:
+        notes.append(f"series {series.number} of {len(found.series)} is read, the largest; series=N picks another")
+    for kind, title in SEGMENTS.items():
+        count = sum(head.modality == kind for head in found.segments)
+        notes += [f"{title} in {count} files ({kind}) beside the images are not drawn: --labels FILE adds one"] * (
+            count > 0
+        )
+    group, left = largest_group(series.frames)
+    for head in {id(frame.header): frame.header for frame in group}.values():
+        with _of(head, group):
+            check_header(head)
+    notes += dict.fromkeys(note for frame in group for note in frame.header.notes)
+    # 2. where they lie, and their samples
+    grid = grid_of(group, options)
+    samples, color = _samples(grid)
+    if grid.between is not None:
+        samples = at_places(samples, grid.between)
+        color = None if color is None else at_places(color, np.rint(np.nan_to_num(grid.between)))
+    return Volume(
+        samples,
+        grid.spacing,
+        grid.origin,
+        grid.direction,
+        grid.unit,
+        frame=grid.frame,
+        color=color,
+        notes=(*notes, *left, *grid.notes),
+        value_unit=group[0].header.value_unit,
+    )
+
+
+def _segments(found: Contents, options: LoadOptions) -> Volume:
+    """The labels of the only segmentation, or the only contours, that there are."""
+    several = found.segments
+    if len(several) > 1:
+        names = ", ".join(head.source.name for head in several[:5])
+        raise expected("DICOM", "one segmentation", f"{len(several)}: {names}", "name one of the files")
+    return dicom_segments.read(several[0].source, several[0].modality, options)
+
+
+@contextmanager
+def _of(head: Header, group: Sequence[Frame]) -> Iterator[None]:
+    """Puts the file's name before an error, where there are several."""
+    try:
+        yield
+    except InputError as error:
+        if len({frame.header.source for frame in group}) == 1 or "splatgl[" in str(error):
+            raise
+        raise InputError(f"{head.source.name}: {error}") from error
+
+
+def _samples(grid: Grid) -> tuple[np.ndarray, np.ndarray | None]:
+    """Samples [D, H, W], and colours uint8 [D, H, W, 3] if the frames have some."""
+    planes = [(plane, frame) for plane, frame in enumerate(grid.planes) if frame is not None]
+    group = [frame for _, frame in planes]
+    shape = (len(grid.planes), *group[0].header.size)
+    dtype = _dtype(group, len(planes) < len(grid.planes))
+    headers = {id(frame.header): frame.header for frame in group}.values()
+    voxel = dtype.itemsize + 3 * is_color(group[0].header)
+    require_memory(byte_count(shape, np.dtype(np.uint8)) * voxel, sum(header.room for header in headers))
+    samples = np.full(shape, np.nan, dtype) if len(planes) < len(grid.planes) else np.empty(shape, dtype)
+    color = np.zeros((*shape, 3), np.uint8) if is_color(group[0].header) else None
+    places = {id(frame): plane for plane, frame in planes}
+    files: dict[int, list[Frame]] = {}
+    for frame in group:
+        files.setdefault(id(frame.header), []).append(frame)
+    for each in files.values():
+        with _of(each[0].header, group):
+            for frame, stored, colors in decoded(each[0].header, each):
+                plane = places[id(frame)]
+                values = _values(frame, stored, samples.dtype)
+                samples = _widened(samples, values)
+                samples[plane] = values
+                if color is not None and colors is not None:
+                    color[plane] = colors
+    return samples, color
+
+
+def _dtype(group: Sequence[Frame], gaps: bool) -> np.dtype:
+    """The type of rescaled values: the stored one, int16 where 16 bits are shifted, int32, or float32."""
+    heads = [frame.header for frame in group]
+    real = any(head.stored[0] == 0 or head.padding or head.lut is not None for head in heads)
+    scales = {frame.scale for frame in group}
+    if is_color(heads[0]) and not gaps:
+        return np.dtype(np.uint8)
+    if gaps or real or any(slope != 1 or not shift.is_integer() for slope, shift in scales):
+        return np.dtype(np.float32)
+    low, high = 0.0, 0.0
+    for bits, signed in {head.stored for head in heads}:
+        least = -(2.0 ** (bits - 1)) if signed else 0.0
+        shifts = [shift for _, shift in scales]
+        low = min(low, least + min(shifts))
+        high = max(high, least + 2.0**bits - 1 + max(shifts))
+    fitting = [np.dtype(name) for name in ("uint8", "int8", "uint16", "int16", "int32")]
+    found = next((t for t in fitting if np.iinfo(t).min <= low and high <= np.iinfo(t).max), np.dtype(np.float32))
+    # 16 bits shifted to Hounsfield units fit into as many, but for values that hardly ever are: see `_widened`
+    return np.dtype(np.int16) if found == np.int32 and max(head.allocated for head in heads) <= 16 else found
+
+
+def _widened(samples: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """The samples, as int32 if they are whole numbers that don't hold these values."""
+    if samples.dtype.kind == "f" or np.can_cast(values.dtype, samples.dtype):
+        return samples
+    limits = np.iinfo(samples.dtype)
+    fits = limits.min <= values.min() and values.max() <= limits.max
+    return samples if fits else samples.astype(np.int32)
+
+
+def _values(frame: Frame, stored: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Values of a frame: rescaled, MONOCHROME1 turned so that more is brighter, NaN for padding."""
+    head, (slope, shift) = frame.header, frame.scale
+    if is_color(head):
+        return stored
+    values = stored
+    if head.lut is not None:
+        first, table = head.lut
+        values = table[np.clip(stored.astype(np.int64) - first, 0, len(table) - 1)]
+    if head.photometric == "MONOCHROME1" and head.stored[0]:
+        bits, signed = head.stored
+        values = (-1 if signed else 2**bits - 1) - values.astype(np.int64)
+    if dtype.kind != "f":
+        return values.astype(np.int64) + int(shift) if shift else values
+    scaled = values.astype(np.float64) * slope + shift
+    if head.padding:
+        scaled[(stored >= head.padding[0]) & (stored <= head.padding[1])] = np.nan
+    return scaled
+
+
+# shares of a slice's distance: positions within are the same place; an even grid is told if it's off by more than
+# EVEN, and not taken beyond UNEVEN
+SAME, EVEN, UNEVEN = 0.01, 0.02, 0.25
+# slices touch whose thickness is this share of their distance: where one is missing, it is at most a half
+TOUCH = 0.65
+# of uneven slices, distances above this multiple of the least may be gaps; planes for each slice at most
+GAP, MOST_PLANES = 1.5, 8
+# cosines, and shares of pixels' sizes, that are taken as equal
+ALIKE = 2e-3
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Frames by plane, None where a slice is missing; spacing, origin, direction as `Volume` has them; notes.
+
+    between: of uneven slices, the places of the volume's planes among those read (1.5: midway from the second to the
+    third; NaN: left empty); None: planes as they are.
+    """
+
+    planes: tuple[Frame | None, ...]
+    spacing: Triple
+    origin: Triple
+    direction: np.ndarray
+    unit: str
+    frame: str | None
+    notes: tuple[str, ...]
+    between: np.ndarray | None = None
+
+
+def largest_group(frames: Sequence[Frame]) -> tuple[list[Frame], tuple[str, ...]]:
+    """The frames of one size, kind and orientation that are largest; what is told of the others."""
+    groups: dict[tuple[object, ...], list[tuple[np.ndarray, list[Frame]]]] = {}
+    for frame in frames:
+        head = frame.header
+        key = (head.size, head.samples, head.photometric, frame.position is None, frame.orientation is None)
+        shape = np.array([*(frame.orientation or ()), *(np.log(frame.spacing) if frame.spacing else ())])
+        alike = groups.setdefault(key, [])
+        for first, members in alike:
+            if first.shape == shape.shape and np.abs(first - shape).max(initial=0) < ALIKE:
+                members.append(frame)
+                break
+        else:
+            alike.append((shape, [frame]))
+    chosen = max((members for alike in groups.values() for _, members in alike), key=rank)
+    left = len(frames) - len(chosen)
+    return chosen, (f"{left} of {len(frames)} images have another size or orientation: left out",) if left else ()
+
+
+def rank(frames: Sequence[Frame]) -> tuple[bool, int]:
+    """Orders frames of a volume by size: stacks after single pictures, then by voxels."""
+    return len(frames) > 1, sum(frame.header.size[0] * frame.header.size[1] for frame in frames)
+
+
+def grid_of(frames: Sequence[Frame], options: LoadOptions) -> Grid:
+    """The grid of frames of the same size and orientation. Raises InputError for slices that make no grid."""
+    first = frames[0]
+    across = first.spacing or (1.0, 1.0)
+    unsized = () if first.spacing or first.position is None else ("no size of pixels: 1 mm is assumed",)
+    unit = "mm" if first.spacing else ""
+    if first.position is None or first.orientation is None:
+        return _stacked(frames, options, across, unit)
+    # 1. the images of each place, along the normal
+    axes = np.array(first.orientation).reshape(2, 3)
+    normal = normal_of(first.orientation)
+    places = np.array([frame.position for frame in frames])
+    along = places @ normal
+    order = np.argsort(along, kind="stable")
+    same = np.cumsum(np.append(0, np.diff(along[order]) > _least(along, abs(first.step or 0.0))))
+    by_place = [[frames[order[n]] for n in group] for _, group in groupby(range(len(order)), lambda n: same[n])]
+    chosen, notes = _one_each(by_place, options)
+    notes += unsized
+    # 2. the planes that they are, and the even step between them
+    positions = np.array([frame.position for frame in chosen])
+    between = None
+    indices = np.zeros(1, np.int64) if len(chosen) == 1 else _indices(positions @ normal, chosen)
+    if len(chosen) == 1:
+        origin, step = positions[0], normal * abs(first.step or across[0])
+    elif indices is None:
+        origin, step, between, told = _resampled(positions, positions @ normal, chosen)
+        notes += told
+    else:
+        origin, step = _line(indices, positions)
+        notes += _told(indices, positions, origin, step)
+    indices = np.arange(len(chosen)) if indices is None else indices
+    planes: list[Frame | None] = [None] * (int(indices[-1]) + 1)
+    for index, frame in zip(indices.tolist(), chosen, strict=True):
+        planes[index] = frame
+    length = float(np.linalg.norm(step))
+    direction = np.column_stack([axes[0], axes[1], step / length])
+    x, y, z = origin.tolist()
+    return Grid(tuple(planes), (*across, length), (x, y, z), direction, unit or "mm", "LPS", notes, between)
+
+
+def _stacked(frames: Sequence[Frame], options: LoadOptions, across: tuple[float, float], unit: str) -> Grid:
+    """Frames without positions, in the order of their numbers."""
+    if options.array is not None:
+        raise expected("array", "none, for images without positions", repr(options.array))
+    ordered = sorted(frames, key=lambda frame: (*_key(frame)[-1:], frame.header.source.name, frame.number))
+    signed = ordered[0].step or across[0]
+    step, direction = abs(signed), np.diag([1.0, 1.0, np.sign(signed)])
+    how = f"{step:g} {unit}".strip() + " apart"
+    notes = (f"no positions: {len(frames)} images in the order of their numbers, {how}",) if len(frames) > 1 else ()
+    return Grid(tuple(ordered), (*across, step), (0.0, 0.0, 0.0), direction, unit, None, notes)
+
+
+def _least(along: np.ndarray, step: float) -> float:
+    """Distance below which two images are at the same place; step: from slice to slice, as the header has it, or 0."""
+    widest = float(np.diff(np.sort(along)).max(initial=0))
+    return max(min(SAME * widest, SAME * (step or np.inf)), 1e-4)
+
+
+def _key(frame: Frame) -> tuple[float, ...]:
+    return tuple(-np.inf if np.isnan(time) else time for time in frame.times)
+
+
+def _one_each(by_place: list[list[Frame]], options: LoadOptions) -> tuple[list[Frame], tuple[str, ...]]:
+    """One image of each place: the one of that number in the order of TIMES, else the first; what is told of it."""
+    each = [sorted(images, key=lambda frame: (*_key(frame), frame.number)) for images in by_place]
+    most, least = max(map(len, each)), min(map(len, each))
+    if most == 1 or most != least:
+        if options.array is not None:
+            raise expected("array", "a series with as many images at each place", f"{least} to {most}")
+        repeated = sum(map(len, each)) - len(each)
+        told = f"{repeated} images repeat the place of another: the first of each is read"
+        return [images[0] for images in each], (told,) if repeated else ()
+    number = options.array_number(most)
+    titles = zip(*(images[n].times for n in range(most) for images in each[:1]), strict=True)
+    kinds = [title for (_, _, title), times in zip(TIMES, titles, strict=True) if len(set(times)) == most]
+    told = f"{most} {(*kinds, 'images')[0]} at each place: number {number or 0} is read; array=N picks another"
+    return [images[number or 0] for images in each], () if number is not None else (told,)
+
+
+def _indices(along: np.ndarray, frames: Sequence[Frame]) -> np.ndarray | None:
+    """Plane numbers of sorted places: multiples of the usual distance, where all others lack slices; consecutive ones
+    where distances are about even; None of other slices, which are resampled.
+    """
+    apart = np.diff(along)
+    lacking = _lacking(apart, frames)
+    for step in (float(np.median(apart)), float(apart.min())):
+        steps = np.rint(apart / step)
+        if (steps >= 1).all() and (np.abs(apart - steps * step) <= EVEN * step * np.maximum(steps, 2)).all():
+            if not lacking[steps > 1].all():
+                return None
+            missing = int(steps.sum()) - len(apart)
+            if missing > len(along):
+                fix = "pick another series, or leave out the slices that lie apart"
+                raise expected("slices", "fewer missing than there are", f"{missing} missing of {len(along)}", fix)
+            return np.append(0, np.cumsum(steps)).astype(np.int64)
+    indices = np.arange(len(along))
+    off = along - np.polyval(np.polyfit(indices, along, 1), indices)
+    return indices if np.abs(off).max() <= UNEVEN * apart.mean() else None
+
+
+def _lacking(apart: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
+    """bool: between which slices, so far apart, others are missing.
+
+    Where slices at the least distance touch, by their thickness, those that don't lack some. Of others, those whose
+    distance is a multiple of that on both sides.
+    """
+    least = float(apart.min())
+    thick = np.array([max(frame.thickness or 0.0, abs(frame.step or 0.0)) for frame in frames])
+    reach = np.maximum(thick[:-1], thick[1:])
+    if (reach >= TOUCH * apart)[apart <= least * (1 + EVEN)].all():
+        return np.asarray((apart > GAP * least) & (reach < TOUCH * apart))
+    if len(apart) < 2:
+        return np.zeros(len(apart), bool)
+    before, after = np.append(apart[1], apart[:-1]), np.append(apart[1:], apart[-2])
+    steps = np.rint(apart / before)
+    multiple = (steps >= 2) & (np.abs(apart - steps * before) <= EVEN * apart)
+    return np.asarray(multiple & (np.abs(before - after) <= EVEN * before))
+
+
+def _resampled(
+    positions: np.ndarray, along: np.ndarray, frames: Sequence[Frame]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Origin [3] and step [3] of planes at the least distance of uneven slices, their places among the slices, and what
+    is told of them. Raises InputError where that makes far more planes than there are slices.
+    """
+    apart = np.diff(along)
+    least, span = float(apart.min()), float(along[-1] - along[0])
+    count = round(span / least) + 1
+    slope, start = np.polyfit(along - along[0], positions, 1)
+    off = np.linalg.norm(positions - start - (along - along[0])[:, None] * slope, axis=1).max()
+    if count > MOST_PLANES * len(along) or off > UNEVEN * least:
+        got = f"distances from {least:.4g} to {apart.max():.4g} mm"
+        raise expected("slices", "distances of one volume", got, "pick another series, or resample them")
+    at = along[0] + least * np.arange(count)
+    between = np.interp(at, along, np.arange(len(along)))
+    lacking = _lacking(apart, frames)
+    inside = lacking[np.minimum(between.astype(np.int64), len(apart) - 1)]
+    # half a plane belongs to the slice on either side
+    near = np.abs(at - along[np.rint(between).astype(np.int64)]) <= least / 2
+    between = np.where(inside & near, np.rint(between), np.where(inside, np.nan, between))
+    notes = [f"uneven slices, {least:.4g} to {apart.max():.4g} mm apart: resampled every {least:.4g} mm"]
+    empty = int(np.isnan(between).sum())
+    notes += [f"slices are missing: {empty} of {count} planes are left empty"] if empty else []
+    return start, slope * least, between, tuple(notes)
+
+
+def _line(indices: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Origin [3] and step [3] of the even positions nearest to those of the planes, by least squares."""
+    n = indices - indices.mean()
+    step = n @ (positions - positions.mean(axis=0)) / (n @ n)
+    return positions.mean(axis=0) - indices.mean() * step, step
+
+
+def _told(indices: np.ndarray, positions: np.ndarray, origin: np.ndarray, step: np.ndarray) -> tuple[str, ...]:
+    """What is told of missing slices and uneven distances. Raises InputError for slices that leave a line."""
+    length = float(np.linalg.norm(step))
+    off = float(np.linalg.norm(positions - origin - indices[:, None] * step, axis=1).max()) / length
+    if off > UNEVEN:
+        got = f"slices up to {off:.0%} of their distance of {length:.4g} mm beside it"
+        raise expected("slices", "positions along a line", got, "pick another series")
+    notes = []
+    missing = int(indices[-1]) + 1 - len(indices)
+    if missing:
+        notes.append(f"{missing} of {indices[-1] + 1} slices are missing: left empty")
+    if off > EVEN:
+        notes.append(f"uneven slices: drawn {length:.4g} mm apart, which is off by up to {off * length:.3g} mm")
+    return tuple(notes)
+
+
+OTHERS = {
+    "SEG": "a segmentation",
+    "RTSTRUCT": "contours",
+    "RTPLAN": "a treatment plan, without an image",
+    "SR": "a report, without an image",
+    "DICOMDIR": "a DICOMDIR, a table of contents: name the folder that it is in",
+}
+"""Kinds of files that hold no volume, and what to do with them."""
+
+SEGMENTS = {"SEG": "segmentations", "RTSTRUCT": "contours"}
+"""Kinds of files whose segments are read."""
+
+DICOMDIR_CLASS = "1.2.840.10008.1.3.10"
+
+
+@dataclass(frozen=True)
+class Series:
+    """A series of images: its number in the list, UID, kind, description, and frames."""
+
+    number: int
+    uid: str
+    modality: str
+    description: str
+    frames: tuple[Frame, ...]
+
+    def __str__(self) -> str:
+        """What may be shown of it: nothing that identifies a patient, no UID."""
+        rows, columns = self.frames[0].header.size
+        told = f"{self.number}: {self.modality}, {len(self.frames)} × {columns} × {rows}"
+        return f"{told}, {self.description}" if self.description else told
+
+    @property
+    def rank(self) -> tuple[bool, int]:
+        """Orders series by the size of their largest stack."""
+        return rank(largest_group(self.frames)[0])
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a path holds: its series, in the order of their numbers; files that are damaged, or without images."""
+
+    series: tuple[Series, ...]
+    damaged: int
+    others: tuple[Header, ...] = ()
+
+    @property
+    def segments(self) -> list[Header]:
+        """Those of the others that label voxels."""
+        return [head for head in self.others if head.modality in SEGMENTS]
+
+
+def contents(path: Path) -> Contents:
+    """The series of a path. Raises InputError if there are none, nor segments, which says what is there instead."""
+    found = sources(path)
+    if not found:
+        raise expected("DICOM", "files of slices", "none", "name the folder or file that holds them")
+    members: dict[str, list[Frame]] = {}
+    others: list[Header] = []
+    failed: list[InputError] = []
+    for source in found:
+        try:
+            head, each = _frames(source)
+        except InputError as error:
+            if len(found) == 1 or "splatgl[" in str(error):
+                raise
+            failed.append(error)
+            continue
+        if each:
+            members.setdefault(head.series, []).extend(each)
+        else:
+            others.append(head)
+    if not members and not any(head.modality in SEGMENTS for head in others):
+        raise _no_images([_kind(head) for head in others], failed)
+    ordered = sorted(members.values(), key=lambda each: (each[0].header.number, each[0].header.series))
+    series = (_series(number, each) for number, each in enumerate(ordered, 1))
+    return Contents(tuple(series), len(failed), tuple(others))
+
+
+def _series(number: int, members: list[Frame]) -> Series:
+    head = members[0].header
+    return Series(number, head.series, head.modality, head.description, tuple(members))
+
+
+def _frames(source: Source) -> tuple[Header, list[Frame]]:
+    """A file's header and frames, none if it is no image. Raises InputError for a damaged one."""
+    head, told = header(source)
+    if min(head.size) < 1 or head.modality in OTHERS:
+        return head, []
+    if not head.pixels:
+        raise expected("file", "pixels behind its header", "none", "it is cut short, or holds no image")
+    return head, frames(head, told)
+
+
+def _kind(head: Header) -> str:
+    if head.sop == DICOMDIR_CLASS:
+        return "DICOMDIR"
+    return head.modality if head.modality in OTHERS else ""
+
+
+def _no_images(others: Sequence[str], failed: Sequence[InputError]) -> InputError:
+    """What is there instead of images: the kind that can be converted, if there is one."""
+    if not others and failed:
+        return InputError(f"none of {len(failed)} DICOM files can be read: {failed[0]}")
+    kind = next((kind for kind in OTHERS if kind in others), "")
+    return expected("DICOM", "images", OTHERS.get(kind, "files without pixels"))
+
+
+def chosen(found: Sequence[Series], options: LoadOptions) -> Series:
+    """The series of that number, UID or end of a UID; without one, the largest. InputError for none and several."""
+    if options.series is None:
+        return max(found, key=lambda series: series.rank)
+    asked = str(options.series)
+    if asked.isascii() and asked.isdigit() and 1 <= int(asked[:9]) <= len(found):
+        return found[int(asked[:9]) - 1]
+    ends = [series for series in found if series.uid.endswith(asked)]
+    whole = [series for series in ends if series.uid == asked] or ends
+    if len(whole) != 1:
+        listed = "; ".join(map(str, found[:LISTED])) + ("; …" if len(found) > LISTED else "")
+        got = f"{len(whole)} of that end" if whole else "another"
+        raise expected("series", f"a number from 1 to {len(found)}, or the end of one UID", got, f"there are {listed}")
+    return whole[0]
+
+
+LISTED = 5
+"""Most series that a message lists."""
+
+
+def lines(path: Path) -> list[str]:
+    """A heading, and a line for each series."""
+    return ["series", *(f"  {series}" for series in contents(path).series)]

@@ -1,0 +1,547 @@
+"""Files of a folder or zip; header fields of frames."""
+
+from __future__ import annotations
+
+import math
+import os
+import zipfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from splatgl.errors import InputError, expected, missing_extra
+from splatgl.readers.common import require_plausible
+
+SUFFIXES = (".dcm", ".dicom", ".ima")
+MAGIC, MAGIC_AT = b"DICM", 128
+# groups 2 and 8, which a file without preamble begins with, in either byte order
+BARE = (b"\x02\x00", b"\x08\x00", b"\x00\x08")
+DEPTH = 5
+"""Folders below folders that are looked into: those of a CD (patient, study, series) and one more."""
+MOST_FILES, MOST_TRIED = 100_000, 2_000
+"""Most files of a source, and most that are tried to tell whether a folder holds any."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file, or a member of a zip. name: as it is told in messages, from the given path on."""
+
+    path: Path
+    name: str
+    member: str | None = None
+
+    @contextmanager
+    def open(self) -> Iterator[Bounded]:
+        """The bytes; InputError if a zip's member cannot be read."""
+        if self.member is None:
+            with self.path.open("rb") as file:
+                yield Bounded(file, self.path.stat().st_size)
+            return
+        with zip_file(self.path) as archive, archive.open(self.member) as packed:
+            yield Bounded(packed, archive.getinfo(self.member).file_size)
+
+
+class Bounded:
+    """A file that never reads beyond its end: libraries ask for whatever length a damaged header states, and buffers
+    of that length would be allocated.
+    """
+
+    def __init__(self, file: IO[bytes], size: int) -> None:
+        self.file, self.size = file, size
+
+    def read(self, count: int | None = -1) -> bytes:
+        """At most `count` bytes. The whole rest is never read: pydicom asks for it where it inflates."""
+        if count is None or count < 0:
+            raise expected("transfer syntax", "one that isn't deflated", "deflated", "save it uncompressed")
+        return self.file.read(min(count, max(self.size - self.file.tell(), 0)))
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        """Moves; returns the place."""
+        return self.file.seek(offset, whence)
+
+    def tell(self) -> int:
+        """The place."""
+        return self.file.tell()
+
+
+@contextmanager
+def zip_file(path: Path) -> Iterator[zipfile.ZipFile]:
+    """An opened zip; its own failures, also of members that are read meanwhile, as InputError."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            yield archive
+    except (InputError, OSError, MemoryError):
+        raise
+    except (NotImplementedError, RuntimeError) as error:
+        raise expected("zip", "members that are deflated, without a password", "others", "unpack it") from error
+    except Exception as error:
+        # zipfile raises many types, IndexError for a member without a name among them
+        raise InputError("cannot be read as zip: the file is cut short or damaged") from error
+
+
+def looks_like(head: bytes, name: str) -> bool:
+    """Whether a file is DICOM: the magic after the preamble, or a DICOM name and the first group of a bare one."""
+    return head[MAGIC_AT:] == MAGIC or (name.lower().endswith(SUFFIXES) and head.startswith(BARE))
+
+
+def is_dicom(path: Path) -> bool:
+    """Whether a file is one, or a folder holds one among its first files."""
+    files = islice(_files(path), MOST_TRIED) if path.is_dir() else iter([path])
+    return any(looks_like(_head(file), file.name) for file in files)
+
+
+def sources(path: Path) -> list[Source]:
+    """All DICOM files of a path, by name. Raises InputError for too many, and for a bad zip."""
+    if path.is_dir():
+        files = list(islice(_files(path), MOST_FILES + 1))
+        found = [Source(file, file.relative_to(path).as_posix()) for file in files]
+        found = [source for source in _few(found) if looks_like(_head(source.path), source.name)]
+        return sorted(found, key=lambda source: source.name)
+    if is_dicom(path):
+        return [Source(path, path.name)]
+    return _members(path) if zipfile.is_zipfile(path) else []
+
+
+def _few(found: list[Source]) -> list[Source]:
+    if len(found) > MOST_FILES:
+        raise expected("folder", f"at most {MOST_FILES} files", "more", "name the folder of one study")
+    return found
+
+
+def _files(folder: Path, depth: int = DEPTH) -> Iterator[Path]:
+    """Files of a folder, then of the folders in it; hidden ones and those that may not be read are left out."""
+    try:
+        entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
+    except OSError:
+        return
+    entries = [entry for entry in entries if not entry.name.startswith(".")]
+    yield from (Path(entry.path) for entry in entries if entry.is_file())
+    for entry in entries if depth else ():
+        if entry.is_dir(follow_symlinks=False):
+            yield from _files(Path(entry.path), depth - 1)
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(MAGIC_AT + len(MAGIC))
+    except OSError:
+        return b""
+
+
+def _members(path: Path) -> list[Source]:
+    """Members of a zip that are DICOM."""
+    with zip_file(path) as archive:
+        infos = [info for info in archive.infolist() if not info.is_dir()]
+        if sum(info.compress_size for info in infos) > path.stat().st_size:
+            raise expected("zip", "members beside each other", "members that overlap", "the file is damaged")
+        for info in infos:
+            require_plausible(info.file_size, info.compress_size)
+        found = []
+        for source in _few([Source(path, info.filename, info.filename) for info in infos]):
+            with archive.open(source.name) as file:
+                if looks_like(file.read(MAGIC_AT + len(MAGIC)), source.name):
+                    found.append(source)
+    return sorted(found, key=lambda source: source.name)
+
+
+Six = tuple[float, ...]
+
+# (0028,xxxx) and the pixels' own tags go to the decoder; the others tell the grid, the order and the list of series
+TAGS = """
+    SpecificCharacterSet SOPClassUID AcquisitionTime Modality SeriesDescription SliceThickness
+    SpacingBetweenSlices TriggerTime EchoTime DiffusionBValue SeriesInstanceUID SeriesNumber AcquisitionNumber
+    InstanceNumber ImagePositionPatient ImageOrientationPatient TemporalPositionIdentifier ImagerPixelSpacing
+    DetectorInformationSequence SharedFunctionalGroupsSequence PerFrameFunctionalGroupsSequence
+    GridFrameOffsetVector FrameIncrementPointer SliceVector TimeSlotVector TimeSliceVector PhaseVector RRIntervalVector
+    EnergyWindowVector DetectorVector ImageType DoseGridScaling SamplesPerPixel PhotometricInterpretation
+    PlanarConfiguration NumberOfFrames Rows Columns PixelSpacing BitsAllocated BitsStored HighBit PixelRepresentation
+    PixelPaddingValue PixelPaddingRangeLimit FloatPixelPaddingValue FloatPixelPaddingRangeLimit
+    DoubleFloatPixelPaddingValue DoubleFloatPixelPaddingRangeLimit RescaleIntercept RescaleSlope RescaleType Units
+    RealWorldValueMappingSequence ModalityLUTSequence
+    RedPaletteColorLookupTableDescriptor GreenPaletteColorLookupTableDescriptor
+    BluePaletteColorLookupTableDescriptor RedPaletteColorLookupTableData GreenPaletteColorLookupTableData
+    BluePaletteColorLookupTableData ExtendedOffsetTable ExtendedOffsetTableLengths
+"""
+
+# rows of the first overlay
+OVERLAY = 0x60000010
+
+LONG_VRS = (b"OB", b"OW", b"OF", b"OD", b"UN")
+
+# most frames of a file
+MOST_FRAMES = 100_000
+
+# elements of pixels, as little-endian files begin them
+PIXELS = {
+    b"\xe0\x7f\x10\x00": "PixelData",
+    b"\xe0\x7f\x08\x00": "FloatPixelData",
+    b"\xe0\x7f\x09\x00": "DoubleFloatPixelData",
+}
+
+# what tells images at the same place apart, in this order: tag, the sequence of enhanced files that holds it, its name
+TIMES = (
+    ("EnergyWindowVector", "", "energy windows"),
+    ("DetectorVector", "", "detectors"),
+    ("PhaseVector", "", "phases"),
+    ("RRIntervalVector", "", "beats"),
+    ("TimeSlotVector", "", "time slots"),
+    ("TimeSliceVector", "", "time slices"),
+    ("TemporalPositionIdentifier", "", "time points"),
+    ("TemporalPositionIndex", "FrameContentSequence", "time points"),
+    ("TriggerTime", "", "trigger times"),
+    ("NominalCardiacTriggerDelayTime", "CardiacSynchronizationSequence", "trigger times"),
+    ("EchoTime", "", "echo times"),
+    ("EffectiveEchoTime", "MREchoSequence", "echo times"),
+    ("DiffusionBValue", "", "b-values"),
+    ("DiffusionBValue", "MRDiffusionSequence", "b-values"),
+    ("AcquisitionNumber", "", "acquisitions"),
+    ("AcquisitionTime", "", "acquisition times"),
+    ("InstanceNumber", "", "images"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """An image: its header, its number in the file; position [3] and orientation [6] as DICOM has them, LPS mm.
+
+    spacing: (x, y) of its pixels or None. step: from slice to slice as the header has it, or None; negative where
+    frames of nuclear medicine are stacked against the normal. thickness: of the slice, or None. scale: (slope,
+    intercept). times: values of TIMES, NaN where there is none.
+    """
+
+    header: Header
+    number: int
+    position: Six | None
+    orientation: Six | None
+    spacing: tuple[float, float] | None
+    step: float | None
+    thickness: float | None
+    scale: tuple[float, float]
+    times: Six
+
+
+# of the image storages of nuclear medicine, in which SpacingBetweenSlices has a sign (PS3.3 C.8.4.15)
+NUCLEAR = ("1.2.840.10008.5.1.4.1.1.20", "1.2.840.10008.5.1.4.1.1.5")
+
+# names of units of values
+UNITS = {"HU": "HU", "BQML": "Bq/ml", "CNTS": "counts", "PROPCNTS": "counts", "GML": "g/ml", "CM2ML": "cm²/ml"}
+
+
+@dataclass(frozen=True, eq=False)
+class Header:
+    """What the frames of a file share. stored: (bits stored, whether signed); 0 bits for floating point.
+
+    padding: least and largest stored value that stands for nothing. lut: first stored value and the values of a
+    modality LUT. sop: class of the file. pixels, offset: name of the pixels' element, "" without one; the byte
+    of their values; room: bytes from there on. notes: what it states that is not drawn, a line each.
+    """
+
+    source: Source
+    series: str
+    number: int
+    modality: str
+    description: str
+    size: tuple[int, int]
+    frames: int
+    photometric: str
+    samples: int
+    allocated: int
+    stored: tuple[int, bool]
+    padding: tuple[float, float] | None
+    lut: tuple[int, np.ndarray] | None
+    syntax: str
+    sop: str
+    pixels: str
+    offset: int
+    room: int
+    value_unit: str = ""
+    notes: tuple[str, ...] = ()
+
+
+@contextmanager
+def reading() -> Iterator[None]:
+    """Any failure of pydicom as one InputError, which never quotes it: it may quote the file, names included."""
+    try:
+        yield
+    except (InputError, OSError, MemoryError):
+        raise
+    except Exception as error:
+        raise InputError(f"cannot be read as DICOM ({type(error).__name__}); the file is damaged") from error
+
+
+def dataset(file: Bounded, more: Sequence[str] = ()) -> Any:
+    """The tags of TAGS, and more; the file is at the element of the pixels afterwards, or at its end."""
+    try:
+        import pydicom
+    except ImportError:
+        raise missing_extra("DICOM files", "pydicom", "dicom") from None
+    with reading():
+        tags: list[Any] = [*TAGS.split(), *more, OVERLAY]
+        found: Any = pydicom.dcmread(file, stop_before_pixels=True, force=True, specific_tags=tags)
+        if "TransferSyntaxUID" not in found.file_meta:
+            implicit, little = found.original_encoding
+            uid = pydicom.uid
+            plain = uid.ExplicitVRLittleEndian if little else uid.ExplicitVRBigEndian
+            found.file_meta.TransferSyntaxUID = uid.ImplicitVRLittleEndian if implicit else plain
+        return found
+
+
+def header(source: Source) -> tuple[Header, Any]:
+    """The header of a file, and its data set. Raises InputError for a damaged one."""
+    with source.open() as file:
+        told = dataset(file)
+        at = file.tell()
+        pixels = file.read(6)
+    # an element in explicit VR, whatever the syntax says, has 12 bytes before its value, in implicit VR 8
+    at += 12 if pixels[4:] in LONG_VRS else 8
+    with reading():
+        palette = str(told.get("PhotometricInterpretation") or "MONOCHROME2")
+        rows, columns, count = (whole(told.get(name), 0) for name in ("Rows", "Columns", "NumberOfFrames"))
+        allocated, stored = whole(told.get("BitsAllocated"), 0), whole(told.get("BitsStored"), 0)
+        keyword = PIXELS.get(pixels[:4]) or PIXELS.get(pixels[1::-1] + pixels[3:1:-1], "")
+        return Header(
+            source,
+            series=str(told.get("SeriesInstanceUID") or ""),
+            number=whole(_lenient(told, "SeriesNumber"), -(2**31)),
+            modality=plain_text(told.get("Modality")) or "?",
+            description=plain_text(_lenient(told, "SeriesDescription")),
+            size=(rows, columns),
+            frames=max(count, 1),
+            photometric=palette,
+            samples=max(whole(told.get("SamplesPerPixel"), 0), 1),
+            allocated=allocated,
+            stored=(0 if "Float" in keyword else stored or allocated, told.get("PixelRepresentation") == 1),
+            padding=_padding(told, "" if keyword == "PixelData" else keyword.removesuffix("PixelData")),
+            lut=_lut(told),
+            syntax=str(told.file_meta.TransferSyntaxUID),
+            sop=str(told.get("SOPClassUID") or told.file_meta.get("MediaStorageSOPClassUID") or ""),
+            pixels=keyword,
+            offset=at,
+            room=max(file.size - at, 0),
+            value_unit=_value_unit(told),
+            notes=_ignored(told, max(count, 1)),
+        ), told
+
+
+def _ignored(told: Any, count: int) -> tuple[str, ...]:
+    """Lines on what a header of so many frames states that its volume has not."""
+    views = [str(each) for each in told.get("ImageType") or ()][2:3]
+    found = {
+        "overlays in the file are not drawn": OVERLAY in told,
+        "values are not mapped to real-world units, for which the file has a table": "RealWorldValueMappingSequence"
+        in told,
+        "the frames are views from around the patient, not slices: stacked as they come": told.get("Modality") == "NM"
+        and count > 1
+        and views in (["TOMO"], ["GATED TOMO"]),
+        "a negative SpacingBetweenSlices has no meaning but in nuclear medicine: taken as positive": count > 1
+        and told.get("Modality") != "NM"
+        and (numbers([told.get("SpacingBetweenSlices")], 1) or (0.0,))[0] < 0
+        and "PerFrameFunctionalGroupsSequence" not in told,
+    }
+    return tuple(note for note, is_there in found.items() if is_there)
+
+
+def _value_unit(told: Any) -> str:
+    """The unit of rescaled values: Hounsfield's of a CT, unless it says otherwise; of a PET its own."""
+    kind = plain_text(_lenient(told, "RescaleType")) or plain_text(_lenient(told, "Units"))
+    if not kind and plain_text(told.get("Modality")) == "CT":
+        return "HU"
+    return UNITS.get(kind, "")
+
+
+def frames(of: Header, told: Any) -> list[Frame]:
+    """All frames of a file. Raises InputError for a damaged header, and for more frames than it has bytes."""
+    if of.frames > min(of.room, MOST_FRAMES):
+        this = f"at most {min(of.room, MOST_FRAMES)} frames, in {of.room} bytes"
+        raise expected("pixels", this, of.frames, "the header is damaged")
+    with reading():
+        shared = next(iter(told.get("SharedFunctionalGroupsSequence") or ()), None)
+        each = told.get("PerFrameFunctionalGroupsSequence")
+        if each is not None and len(each) != of.frames:
+            raise expected("frames", f"{of.frames}, as the header says", len(each), "the file is damaged")
+        if each is None:
+            (first,) = [_frame(of, 0, _Groups(told, ()))]
+            return _classic(told, first) if of.frames > 1 else [first]
+        places = (tuple(group for group in (own, shared) if group is not None) for own in each)
+        return [_frame(of, number, _Groups(told, groups)) for number, groups in enumerate(places)]
+
+
+@dataclass(frozen=True)
+class _Groups:
+    """Functional groups of a frame, its own before the shared ones, and the data set that they are in."""
+
+    told: Any
+    groups: tuple[Any, ...]
+
+    def get(self, tag: str, sequence: str = "") -> Any:
+        """The value of a tag, in a sequence of a functional group first; None if there is none."""
+        for group in self.groups if sequence else ():
+            items = group.get(sequence)
+            if items and items[0].get(tag) is not None:
+                return items[0].get(tag)
+        return self.told.get(tag)
+
+
+def _frame(of: Header, number: int, groups: _Groups) -> Frame:
+    """A frame's own header."""
+    position = numbers(groups.get("ImagePositionPatient", "PlanePositionSequence"), 3)
+    orientation = numbers(groups.get("ImageOrientationPatient", "PlaneOrientationSequence"), 6)
+    detector = next(iter(groups.told.get("DetectorInformationSequence") or ()), None)
+    if detector is not None and position is None:
+        position = numbers(detector.get("ImagePositionPatient"), 3)
+        orientation = orientation or numbers(detector.get("ImageOrientationPatient"), 6)
+    (thickness,) = numbers([groups.get("SliceThickness", "PixelMeasuresSequence")], 1) or (0.0,)
+    (gap,) = numbers([groups.get("SpacingBetweenSlices", "PixelMeasuresSequence")], 1) or (0.0,)
+    step = (gap if of.sop in NUCLEAR or of.modality == "NM" else abs(gap)) or abs(thickness)
+    pixel = numbers(groups.get("PixelSpacing", "PixelMeasuresSequence") or groups.told.get("ImagerPixelSpacing"), 2)
+    dose = numbers([groups.told.get("DoseGridScaling")], 1)
+    slope = dose or numbers([groups.get("RescaleSlope", "PixelValueTransformationSequence")], 1)
+    shift = numbers([groups.get("RescaleIntercept", "PixelValueTransformationSequence")], 1)
+    times = [_time(groups, tag, sequence) for tag, sequence, _ in TIMES]
+    return Frame(
+        of,
+        number,
+        position,
+        _unit_axes(orientation),
+        (pixel[1], pixel[0]) if pixel and min(pixel) > 0 else None,
+        step or None,
+        abs(thickness) or None,
+        (slope[0] if slope and slope[0] else 1.0, shift[0] if shift else 0.0),
+        tuple(times),
+    )
+
+
+def _time(groups: _Groups, tag: str, sequence: str) -> float:
+    """A number that orders images, NaN if there is none. A time of day HHMMSS.F is ordered as a number, too."""
+    try:
+        value = groups.get(tag, sequence) if sequence else groups.told.get(tag)
+        return float(str(value)) if value not in (None, "") else math.nan
+    except Exception:
+        return math.nan
+
+
+def _classic(told: Any, first: Frame) -> list[Frame]:
+    """The frames of a multi-frame file without functional groups: along the normal, by what steps there are.
+
+    Frames of nuclear medicine say which slice they are, and which of several images of it.
+    """
+    count = first.header.frames
+    given = told.get("GridFrameOffsetVector")
+    offsets = numbers(given, count)
+    if given is None and first.step:
+        slices = numbers(told.get("SliceVector"), count) or tuple(range(1, count + 1))
+        offsets = tuple(first.step * (number - 1) for number in slices)
+    vectors = [numbers(told.get(tag), count) if tag.endswith("Vector") else None for tag, _, _ in TIMES]
+    times = [
+        tuple(found[n] if found else time for found, time in zip(vectors, first.times, strict=True))
+        for n in range(count)
+    ]
+    if first.position is None or first.orientation is None or offsets is None:
+        return [replace(first, number=number, position=None, times=times[number]) for number in range(count)]
+    normal, start = normal_of(first.orientation), np.array(first.position)
+    if given is not None and offsets[0] and abs(offsets[0] - start[2]) < 1e-3:
+        # of a dose, offsets that begin with the position's z are places along z (PS3.3 C.8.8.3.2)
+        normal = np.array([0.0, 0.0, 1.0])
+    places = [start + (offset - (offsets[0] if given is not None else 0.0)) * normal for offset in offsets]
+    return [replace(first, number=n, position=tuple(place.tolist()), times=times[n]) for n, place in enumerate(places)]
+
+
+def normal_of(orientation: Six) -> np.ndarray:
+    """The unit normal [3] of an image: rows' direction × columns' direction."""
+    normal = np.cross(orientation[:3], orientation[3:])
+    return np.asarray(normal / np.linalg.norm(normal))
+
+
+def _unit_axes(orientation: Six | None) -> Six | None:
+    """Both directions with length 1; None if they are no directions."""
+    if orientation is None:
+        return None
+    axes = np.array(orientation).reshape(2, 3)
+    lengths = np.linalg.norm(axes, axis=1, keepdims=True)
+    if not (np.abs(lengths - 1) < 0.1).all() or abs(float((axes[0] * axes[1]).sum())) > 0.1:
+        return None
+    return tuple((axes / lengths).ravel().tolist())
+
+
+def _lenient(told: Any, tag: str) -> Any:
+    """The value of a tag that can be done without: None if it is damaged."""
+    try:
+        return told.get(tag)
+    except Exception:
+        return None
+
+
+def _padding(told: Any, pixels: str) -> tuple[float, float] | None:
+    """The range of stored values that stand for nothing. Zero is no such value: MRI pads with its background.
+
+    pixels: "Float" or "DoubleFloat" of floating-point pixels, else "".
+    """
+    tags = (f"{pixels}PixelPadding{name}" for name in ("Value", "RangeLimit"))
+    found = [_as_stored(told, tag) if not pixels else numbers([told.get(tag)], 1) for tag in tags]
+    first, last = found[0], found[1] or found[0]
+    if not first or not last or first[0] == 0:
+        return None
+    return min(first[0], last[0]), max(first[0], last[0])
+
+
+def _as_stored(told: Any, tag: str) -> Six | None:
+    """The number of a tag that is of the pixels' type (US or SS), whatever the file writes: its bits as pixels."""
+    value = told.get(tag)
+    if isinstance(value, bytes) and len(value) == 2:
+        value = int.from_bytes(value, "little" if told.original_encoding[1] else "big")
+    found = numbers([value], 1)
+    return None if found is None else (_wrapped(told, found[0]),)
+
+
+def _wrapped(told: Any, value: float) -> float:
+    """A number of 16 bits as the type of the pixels has it: 63536 is −2000 of signed ones, and the reverse."""
+    signed, bits = told.get("PixelRepresentation") == 1, whole(told.get("BitsAllocated"), 16)
+    if bits > 16 or not -(2**15) <= value < 2**16:
+        return value
+    return value - 2**16 if signed and value >= 2**15 else value + 2**16 if not signed and value < 0 else value
+
+
+def _lut(told: Any) -> tuple[int, np.ndarray] | None:
+    """First stored value and entries of the modality LUT; None without one. Raises for a damaged one."""
+    items = told.get("ModalityLUTSequence")
+    if not items:
+        return None
+    count, first, bits = (int(each) for each in items[0].LUTDescriptor)
+    data = items[0].LUTData
+    wide = np.frombuffer(data, "<u2") if isinstance(data, bytes) else np.atleast_1d(np.asarray(data))
+    if (
+        wide.dtype.kind not in "ui"
+        or not 0 < len(wide) <= 2**16
+        or (count or 2**16) != len(wide)
+        or not 8 <= bits <= 16
+    ):
+        raise expected("modality LUT", "as many entries as its descriptor says", len(wide), "the header is damaged")
+    return int(_wrapped(told, first)), wide.astype(np.int64)
+
+
+def numbers(value: Any, count: int) -> Six | None:
+    """That many finite numbers; None for anything else."""
+    try:
+        found = tuple(float(each) for each in value)
+    except (TypeError, ValueError):
+        return None
+    return found if len(found) == count and all(map(math.isfinite, found)) else None
+
+
+def whole(value: Any, least: int) -> int:
+    """A whole number; `least` for none and for less."""
+    try:
+        return max(int(value), least)
+    except (TypeError, ValueError):
+        return least
+
+
+def plain_text(value: Any) -> str:
+    """Printable text of a tag, at most 64 characters."""
+    return "".join(c if c.isprintable() else "?" for c in str(value or ""))[:64].strip()

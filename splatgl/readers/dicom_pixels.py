@@ -1,0 +1,209 @@
+"""Decoding frames with pydicom."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.color import LUMA
+from splatgl.errors import expected, missing_extra
+from splatgl.readers.common import DEFLATE_RATIO, MAX_BYTES, require_bytes
+from splatgl.readers.dicom_headers import Bounded, Frame, Header, dataset, reading
+
+MOST_TILES = 4096
+"""Most tiles of a JPEG 2000 picture: its decoder allocates all of them at once."""
+
+JP2 = b"\0\0\0\x0cjP  "
+"""Begins a JPEG 2000 picture in a file's boxes; others begin with their codestream."""
+
+
+def stream_size(data: bytes) -> tuple[tuple[int, ...], int]:
+    """((rows, columns), tiles) of a JPEG, JPEG-LS or JPEG 2000 picture; ((), 0) without a header."""
+    at = data.find(b"\xff\x4f\xff\x51") if data.startswith(JP2) else 0
+    if data[at : at + 4] == b"\xff\x4f\xff\x51" and len(data) >= at + 42:
+        x, y, x0, y0, w, h, left, top = struct.unpack_from(">8I", data, at + 8)
+        tiles = -(-(x - left) // w) * -(-(y - top) // h) if w and h else 0
+        return (y - y0, x - x0), tiles
+    at = 2 if data.startswith(b"\xff\xd8") else len(data)
+    while at + 9 <= len(data):
+        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
+        if data[at] != 0xFF:
+            break
+        if marker == 0xFF:
+            at += 1
+            continue
+        # frame headers: all of C0 to CF but Huffman tables, reserved and arithmetic conditioning; F7 of JPEG-LS
+        if (0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)) or marker == 0xF7:
+            return struct.unpack_from(">HH", data, at + 5), 1
+        at += 2 + max(length, 2)
+    return (), 0
+
+
+FREE_FRAME = MAX_BYTES // 8
+"""Bytes of a frame that few compressed bytes may stand for: 64 MiB. Decoders hold several times as many."""
+
+COLORS = ("RGB", "YBR_FULL", "YBR_FULL_422", "YBR_ICT", "YBR_RCT", "YBR_PARTIAL_422", "YBR_PARTIAL_420")
+PALETTE = "PALETTE COLOR"
+GREYS = ("MONOCHROME1", "MONOCHROME2")
+
+RLE = "1.2.840.10008.1.2.5"
+
+
+def is_color(header: Header) -> bool:
+    """Whether frames are pictures in colour."""
+    return header.photometric in (*COLORS, PALETTE)
+
+
+def check_header(header: Header) -> None:
+    """InputError for pixels that are not read, and for sizes that the file cannot hold."""
+    uid = decoder_of(header.syntax)
+    rows, columns = header.size
+    fine = header.photometric in GREYS if header.samples == 1 else header.samples == 3 and is_color(header)
+    if not fine and not (header.samples == 1 and header.photometric == PALETTE):
+        this = "grey, RGB, YBR or palette pixels"
+        raise expected("pixels", this, f"{header.samples} × {printable(header.photometric)}", "convert the file")
+    if header.allocated not in (8, 16, 32, 64) or (is_color(header) and header.allocated > 16):
+        raise expected("pixels", "8 to 32 bits each, colours 8 or 16", f"{header.allocated} bits", "convert the file")
+    if not 0 <= header.stored[0] <= header.allocated:
+        raise expected("bits stored", f"at most {header.allocated}", header.stored[0], "the header is damaged")
+    there, needed = header.room, frame_bytes(header)
+    if not uid.is_encapsulated:
+        require_bytes(needed * header.frames, there, "pixels")
+        return
+    # a fragment takes 8 bytes at least
+    if header.frames > there // 8 or needed > max(there * DEFLATE_RATIO, FREE_FRAME):
+        got = f"{there} compressed bytes for {header.frames} × {columns} × {rows}"
+        raise expected("pixels", "sizes that they can hold", got, "the file is cut short or its header is damaged")
+
+
+def frame_bytes(header: Header) -> int:
+    """Bytes of a frame as it is stored without compression."""
+    rows, columns = header.size
+    pixels = rows * columns * header.samples * header.allocated // 8
+    return pixels * 2 // 3 if header.photometric == "YBR_FULL_422" and decoder_of(header.syntax).is_native else pixels
+
+
+def decoder_of(syntax: str) -> Any:
+    """pydicom's decoder. Raises InputError where there is none, or what it needs is not installed."""
+    from pydicom.pixels.decoders.base import get_decoder
+
+    with reading():
+        try:
+            found = get_decoder(syntax)
+        except NotImplementedError:
+            from pydicom.uid import UID
+
+            name = UID(syntax).name if UID(syntax).is_transfer_syntax else "an unknown one"
+            fix = "save the file uncompressed, for example with dcmdjpeg or gdcmconv --raw"
+            raise expected("transfer syntax", "uncompressed, RLE, JPEG, JPEG-LS or JPEG 2000", name, fix) from None
+        if not found.is_available:
+            wavelets = "2000" in found.UID.name
+            library, extra = ("pylibjpeg-openjpeg", "dicom") if wavelets else ("pylibjpeg-libjpeg", "dicom-jpeg")
+            raise missing_extra(f"DICOM files in {UID_NAMES.get(syntax, found.UID.name)}", library, extra)
+        return found
+
+
+UID_NAMES = {"1.2.840.10008.1.2.4.50": "JPEG Baseline", "1.2.840.10008.1.2.4.70": "JPEG Lossless"}
+"""Short names of transfer syntaxes, whose own are long."""
+
+
+def decoded(header: Header, frames: Sequence[Frame]) -> Iterator[tuple[Frame, np.ndarray, np.ndarray | None]]:
+    """(frame, stored values [H, W], colours uint8 [H, W, 3] or None) of frames of one file, by their numbers."""
+    decoder = decoder_of(header.syntax)
+    with header.source.open() as file:
+        told = dataset(file)
+        wanted = {frame.number: frame for frame in frames}
+        for number, data in _stored(file, header, sorted(wanted)):
+            with reading():
+                if decoder.is_encapsulated:
+                    array = _unpacked(decoder, header, data, told)
+                else:
+                    array = _plain(decoder, header, data, told)
+                color = _colors(array, header, told) if is_color(header) else None
+            if array.shape[:2] != header.size:
+                raise expected("pixels", f"{header.size}", array.shape[:2], "the file is damaged")
+            if color is not None:
+                array = np.rint(color @ LUMA).astype(np.uint8)
+            yield wanted[number], array, color
+
+
+def _stored(file: Bounded, header: Header, wanted: Sequence[int]) -> Iterator[tuple[int, bytes]]:
+    """(number, bytes) of the frames as they are in the file."""
+    decoder = decoder_of(header.syntax)
+    file.seek(header.offset)
+    if not decoder.is_encapsulated:
+        size = frame_bytes(header)
+        for number in wanted:
+            file.seek(header.offset + number * size)
+            data = file.read(size)
+            require_bytes(size, len(data), "pixels")
+            yield number, data
+        return
+    from pydicom.encaps import generate_frames
+
+    with reading():
+        found = generate_frames(file, number_of_frames=header.frames)
+        last = -1
+        for number in wanted:
+            data = next(islice(found, number - last - 1, None), b"")
+            last = number
+            if not data:
+                raise expected("pixels", f"{header.frames} frames", number, "the file is cut short")
+            yield number, data
+
+
+def _plain(decoder: Any, header: Header, data: bytes, told: Any) -> np.ndarray:
+    """A frame without compression."""
+    return np.asarray(decoder.as_array(data, index=0, validate=True, raw=False, **_pixel_options(header, told))[0])
+
+
+def _unpacked(decoder: Any, header: Header, data: bytes, told: Any) -> np.ndarray:
+    """A compressed frame; the sizes that its own header states are checked first."""
+    from pydicom.encaps import encapsulate
+
+    if header.syntax != RLE:
+        _check_stream(data, header)
+    packed = encapsulate([data], has_bot=False)
+    found = decoder.as_array(packed, index=0, validate=True, raw=False, **_pixel_options(header, told))[0]
+    return np.asarray(found)
+
+
+def _pixel_options(header: Header, told: Any) -> Any:
+    """What pydicom's decoders want to know of a single frame."""
+    from pydicom.pixels.utils import as_pixel_options
+
+    wide = "OB" if header.allocated <= 8 else "OW"
+    plain = {"bits_stored": header.stored[0] or header.allocated} if header.stored[0] else {}
+    found = as_pixel_options(told, number_of_frames=1, pixel_keyword=header.pixels, pixel_vr=wide, **plain)
+    found.pop("extended_offsets", None)
+    return found
+
+
+def _check_stream(data: bytes, header: Header) -> None:
+    """InputError if a JPEG or JPEG 2000 picture has another size than the header says, or too many tiles."""
+    size, tiles = stream_size(data)
+    if size != header.size or not 1 <= tiles <= MOST_TILES:
+        rows, columns = header.size
+        got = f"{size[1]} × {size[0]} in {tiles} tiles" if size else "none"
+        raise expected("compressed picture", f"{columns} × {rows} pixels", got, "the file is damaged")
+
+
+def _colors(array: np.ndarray, header: Header, told: Any) -> np.ndarray:
+    """RGB, uint8 [H, W, 3]."""
+    if header.photometric == PALETTE:
+        from pydicom.pixels.processing import apply_color_lut
+
+        array = apply_color_lut(array, told)[..., :3]
+    if array.dtype.itemsize > 1:
+        bits = array.dtype.itemsize * 8 if header.photometric == PALETTE else header.stored[0] or header.allocated
+        array = array >> max(bits - 8, 0)
+    return np.clip(array, 0, 255).astype(np.uint8)
+
+
+def printable(text: str) -> str:
+    """A code word of DICOM; anything else, which a damaged file may hold, is not shown."""
+    return text if text in (*COLORS, *GREYS, PALETTE, "ARGB", "CMYK", "HSV") else "unknown"

@@ -1,0 +1,372 @@
+"""Segments of DICOM as labels: segmentations (SEG, PS3.3 A.51), frame by frame, and contours (RTSTRUCT, PS3.3 C.8.8.6).
+
+Segments that overlap are in several channels, each with the table of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.volume import Label, Volume
+from splatgl.errors import expected
+from splatgl.fileio import byte_count
+from splatgl.readers.channels import Channel, Several, rgb_of
+from splatgl.readers.common import require_bytes
+from splatgl.readers.dicom_headers import (
+    Frame,
+    Header,
+    Source,
+    dataset,
+    frames,
+    header,
+    normal_of,
+    numbers,
+    plain_text,
+    reading,
+)
+from splatgl.readers.dicom_pixels import check_header, decoded, decoder_of
+from splatgl.readers.options import LoadOptions
+
+TAGS = {
+    "SEG": ("SegmentSequence", "SegmentationType", "MaximumFractionalValue"),
+    "RTSTRUCT": ("StructureSetROISequence", "ROIContourSequence"),
+}
+"""Kinds of files that are read here, and their tags beside those of images."""
+
+MOST_LAYERS, MOST_SEGMENTS = 8, 4096
+"""Most channels of segments that overlap, and most segments of a file."""
+
+MOST_PLANES = 4096
+"""Most planes between the first and the last slice of segments."""
+
+MOST_VOXELS, FINEST = 2**25, 0.25
+"""Most voxels, and least size in mm, of the grid that contours are filled on."""
+
+MARGIN = 1.382
+"""Voxels of that grid before the first contour."""
+
+MOST_POINTS = 10_000_000
+"""Most points of contours."""
+
+# planes of a segment by their numbers: bool [H, W]
+Planes = Mapping[int, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Planes at even places: shape [D, H, W], and world-from-index as `Volume` has it, in LPS and mm."""
+
+    shape: tuple[int, int, int]
+    spacing: tuple[float, float, float]
+    origin: tuple[float, float, float]
+    direction: np.ndarray
+
+
+def read(source: Source, kind: str, options: LoadOptions) -> Volume:
+    """The labels of a segmentation or of contours; `channel` picks one of those that overlapping segments take."""
+    if options.array is not None or options.series is not None:
+        raise expected("array and series", "none, for segments", "one of them", "pick segments by --only-labels")
+    with source.open() as file:
+        told = dataset(file, TAGS[kind])
+    head, _ = header(source)
+    with reading():
+        table = _segments(told) if kind == "SEG" else _regions(told)
+        grid, masks, notes = (_of_frames if kind == "SEG" else _of_contours)(head, told, table)
+        layers, left = _packed(grid, table, masks)
+    return _volume(grid, layers, (*notes, *left), options)
+
+
+def _volume(
+    grid: Grid, layers: Sequence[tuple[np.ndarray, tuple[Label, ...]]], notes: tuple[str, ...], options: LoadOptions
+) -> Volume:
+    """The volume of layers: samples [D, H, W] and what their numbers mean."""
+    names = [
+        ", ".join(label.name for label in labels) if len(labels) < 4 else f"segments {n}"
+        for n, (_, labels) in enumerate(layers)
+    ]
+    told = Several(tuple(map(Channel, names)) if len(layers) > 1 else (), together=True)
+
+    def one(channel: int | None) -> Volume:
+        samples, labels = layers[channel or 0]
+        at = (grid.spacing, grid.origin, grid.direction)
+        return Volume(samples, *at, unit="mm", frame="LPS", labels=labels, notes=notes)
+
+    volume = told.volume(options, one)
+    every = tuple(label for each in volume.channels for label in each.labels or ())
+    return replace(volume, labels=tuple(sorted(every, key=lambda label: label.number))) if every else volume
+
+
+def _packed(
+    grid: Grid, table: Sequence[Label], masks: Callable[[int], Iterator[tuple[int, np.ndarray]]]
+) -> tuple[list[tuple[np.ndarray, tuple[Label, ...]]], tuple[str, ...]]:
+    """Each segment in the first layer where it overlaps no other; what is told of those that are left out."""
+    dtype = np.dtype(np.uint8 if max((label.number for label in table), default=0) < 256 else np.uint16)
+    layers: list[np.ndarray] = []
+    kept: list[list[Label]] = []
+    left, empty = 0, 0
+    for label in table:
+        planes = {n: mask for n, mask in masks(label.number) if mask.any()}
+        if not planes:
+            empty += 1
+            continue
+        place = next(
+            (k for k, layer in enumerate(layers) if not any((layer[n] != 0)[m].any() for n, m in planes.items())), None
+        )
+        if place is None:
+            if len(layers) == MOST_LAYERS:
+                left += 1
+                continue
+            layers.append(np.zeros(grid.shape, dtype))
+            kept.append([])
+            place = len(layers) - 1
+        for n, mask in planes.items():
+            layers[place][n][mask] = label.number
+        kept[place].append(label)
+    if not layers:
+        raise expected("segments", "voxels that are in one", "none")
+    notes = (f"{empty} of {len(table)} segments are empty",) * bool(empty)
+    notes += (f"{left} of {len(table)} segments overlap more than {MOST_LAYERS} others: left out",) * bool(left)
+    return [(layer, tuple(labels)) for layer, labels in zip(layers, kept, strict=True)], notes
+
+
+# --- segmentations ----------------------------------------------------------------------------------------------------
+
+
+def _segments(told: Any) -> tuple[Label, ...]:
+    """Number, name and colour of each segment."""
+    items = list(told.get("SegmentSequence") or ())
+    if not 1 <= len(items) <= MOST_SEGMENTS:
+        raise expected("segments", f"1 to {MOST_SEGMENTS}", len(items), "the file is damaged")
+    found = {}
+    for item in items:
+        lab = numbers(item.get("RecommendedDisplayCIELabValue"), 3)
+        number = int(item.SegmentNumber)
+        if 0 < number < 2**16:
+            found[number] = Label(number, plain_text(item.get("SegmentLabel")), rgb_of(_srgb(lab)) if lab else None)
+    return tuple(found.values())
+
+
+def _srgb(lab: Sequence[float]) -> list[int]:
+    """sRGB from 0 to 255 of CIELab as DICOM codes it (PS3.3 C.10.7.1.1), of white D65, as programs write it."""
+    level = lab[0] / 65535 * 100
+    a, b = (each / 65535 * 255 - 128 for each in lab[1:])
+    f = (level + 16) / 116
+    xyz = np.array([f + a / 500, f, f - b / 200])
+    xyz = np.where(xyz > 6 / 29, xyz**3, 3 * (6 / 29) ** 2 * (xyz - 4 / 29)) * (0.95047, 1.0, 1.08883)
+    linear = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]) @ xyz
+    linear = np.clip(linear, 0.0, 1.0)
+    shown = np.where(linear > 0.0031308, 1.055 * linear ** (1 / 2.4) - 0.055, 12.92 * linear)
+    return [round(each * 255) for each in shown.tolist()]
+
+
+def _of_frames(
+    head: Header, told: Any, table: Sequence[Label]
+) -> tuple[Grid, Callable[[int], Iterator[tuple[int, np.ndarray]]], tuple[str, ...]]:
+    """The grid of a segmentation's frames, its planes of a segment, and what is told."""
+    rows, columns = head.size
+    kind = str(told.get("SegmentationType") or "BINARY").upper()
+    if head.allocated == 1:
+        if decoder_of(head.syntax).is_encapsulated or head.samples != 1:
+            raise expected("pixels", "plain ones of 1 bit", "others", "convert the file")
+        require_bytes(-(-rows * columns * head.frames // 8), head.room, "pixels")
+    else:
+        check_header(head)
+    each = frames(head, told)
+    if any(frame.position is None or frame.orientation is None or frame.spacing is None for frame in each):
+        raise expected(
+            "segments", "slices with positions, orientations and sizes of pixels", "none", "convert the file"
+        )
+    grid, planes = _placed(each, (rows, columns))
+    owners = [0] * len(each) if kind == "LABELMAP" else _owners(told, len(each))
+    most = float((numbers([told.get("MaximumFractionalValue")], 1) or (255.0,))[0])
+
+    def masks(number: int) -> Iterator[tuple[int, np.ndarray]]:
+        mine = [frame for frame, owner in zip(each, owners, strict=True) if owner == number or kind == "LABELMAP"]
+        found: dict[int, np.ndarray] = {}
+        for frame, values in _pixels(head, mine):
+            mask = (
+                values == number if kind == "LABELMAP" else values * 2.0 >= most if kind == "FRACTIONAL" else values > 0
+            )
+            for plane in planes[frame.number]:
+                found[plane] = found[plane] | mask if plane in found else mask
+        yield from found.items()
+
+    return grid, masks, ("fractions of segments are drawn from a half on",) * (kind == "FRACTIONAL")
+
+
+def _owners(told: Any, count: int) -> list[int]:
+    """The number of the segment that each frame is of."""
+    shared = next(iter(told.get("SharedFunctionalGroupsSequence") or ()), None)
+    own = list(told.get("PerFrameFunctionalGroupsSequence") or [None] * count)
+    found = []
+    for group in own:
+        items = next(
+            (
+                g.get("SegmentIdentificationSequence")
+                for g in (group, shared)
+                if g is not None and g.get("SegmentIdentificationSequence")
+            ),
+            None,
+        )
+        if not items:
+            raise expected("frames", "the segment that each is of", "none", "the file is damaged")
+        found.append(int(items[0].ReferencedSegmentNumber))
+    return found
+
+
+def _pixels(head: Header, mine: Sequence[Frame]) -> Iterator[tuple[Frame, np.ndarray]]:
+    """Frames and their stored values [H, W]."""
+    if head.allocated != 1:
+        yield from ((frame, stored) for frame, stored, _ in decoded(head, mine))
+        return
+    size = head.size[0] * head.size[1]
+    with head.source.open() as file:
+        for frame in mine:
+            # bits run on from frame to frame
+            first, last = frame.number * size, (frame.number + 1) * size
+            file.seek(head.offset + first // 8)
+            data = np.frombuffer(file.read(-(-last // 8) - first // 8), np.uint8)
+            bits = np.unpackbits(data, bitorder="little")[first % 8 :][:size]
+            require_bytes(size, len(bits), "pixels")
+            yield frame, bits.reshape(head.size)
+
+
+def _placed(each: Sequence[Frame], size: tuple[int, int]) -> tuple[Grid, dict[int, list[int]]]:
+    """The grid of frames, and the planes that each frame, by its number, is in: one, or those that its thickness spans
+    where places are no multiples of a step.
+    """
+    first = each[0]
+    assert first.orientation is not None and first.spacing is not None
+    axes = np.array(first.orientation).reshape(2, 3)
+    normal = normal_of(first.orientation)
+    positions = np.array([frame.position for frame in each])
+    if np.abs(np.array([frame.orientation for frame in each]) - first.orientation).max() > 2e-3:
+        raise expected("segments", "frames of one orientation", "several", "convert the file")
+    along = positions @ normal
+    places = np.unique(np.round(along, 3))
+    apart = np.diff(places)
+    stated = abs(first.step or 0.0) or first.thickness or 1.0
+    even = [h for h in (stated, float(apart.min()) if len(apart) else stated) if _is_multiple(apart, h)]
+    step = even[0] if even else float(apart.min())
+    count = round(float(np.ptp(along)) / step) + 1
+    if count > MOST_PLANES:
+        raise expected("segments", f"slices within {MOST_PLANES} planes", count, "the header is damaged")
+    if len(places) > 1:
+        slope, start = np.polyfit(along - along.min(), positions, 1)
+    else:
+        slope, start = normal, positions[0]
+    reach = (step if even else max(step, first.thickness or 0.0)) / 2
+    at = along.min() + step * np.arange(count)
+    planes = {
+        frame.number: np.flatnonzero(np.abs(at - place) <= reach * (1 + 1e-6)).tolist()
+        or [int(np.abs(at - place).argmin())]
+        for frame, place in zip(each, along, strict=True)
+    }
+    length = float(np.linalg.norm(slope)) * step
+    x, y, z = start.tolist()
+    direction = np.column_stack([axes[0], axes[1], slope / np.linalg.norm(slope)])
+    return Grid((count, *size), (*first.spacing, length), (x, y, z), direction), planes
+
+
+def _is_multiple(apart: np.ndarray, step: float) -> bool:
+    """Whether distances are whole numbers of steps."""
+    counts = apart / step
+    return bool(len(apart) == 0 or ((counts > 0.5).all() and np.abs(counts - np.rint(counts)).max() < 0.1))
+
+
+# --- contours ---------------------------------------------------------------------------------------------------------
+
+
+def _regions(told: Any) -> tuple[Label, ...]:
+    """Number, name and colour of each region of interest that has contours."""
+    names = {int(item.ROINumber): plain_text(item.get("ROIName")) for item in told.get("StructureSetROISequence") or ()}
+    found = {}
+    for item in list(told.get("ROIContourSequence") or ())[:MOST_SEGMENTS]:
+        number, color = int(item.ReferencedROINumber), numbers(item.get("ROIDisplayColor"), 3)
+        if item.get("ContourSequence") and 0 < number < 2**16:
+            found[number] = Label(number, names.get(number, ""), rgb_of([int(c) for c in color]) if color else None)
+    if not found:
+        raise expected("contours", "some", "none")
+    return tuple(found.values())
+
+
+def _of_contours(
+    head: Header, told: Any, table: Sequence[Label]
+) -> tuple[Grid, Callable[[int], Iterator[tuple[int, np.ndarray]]], tuple[str, ...]]:
+    """A grid that holds all contours, its planes inside those of a region, and what is told."""
+    regions: dict[int, dict[float, list[np.ndarray]]] = {label.number: {} for label in table}
+    left = 0
+    room = MOST_POINTS
+    for item in told.ROIContourSequence:
+        mine = regions.get(int(item.ReferencedROINumber))
+        for contour in (item.get("ContourSequence") or ()) if mine is not None else ():
+            data = np.array(contour.get("ContourData") or (), np.float64)
+            room -= data.size
+            if room < 0:
+                raise expected("contours", f"at most {MOST_POINTS} numbers", "more")
+            points = data[: data.size - data.size % 3].reshape(-1, 3)
+            closed = str(contour.get("ContourGeometricType") or "").startswith("CLOSED_PLANAR")
+            if not closed or len(points) < 3 or not np.isfinite(points).all() or np.ptp(points[:, 2]) > 0.1:
+                left += 1
+            elif mine is not None:
+                mine.setdefault(round(float(points[:, 2].mean()), 2), []).append(points[:, :2])
+    notes = (f"{left} contours are left out: points, open ones, or across the axial planes",) * bool(left)
+    every = [points for mine in regions.values() for some in mine.values() for points in some]
+    if not every:
+        raise expected("contours", "closed ones in axial planes", "others", "convert the file")
+    grid = _grid_of(every, np.unique([z for mine in regions.values() for z in mine]))
+    at = grid.origin[2] + grid.spacing[2] * np.arange(grid.shape[0])
+    told_of = (
+        f"contours are filled on a grid of {grid.spacing[0]:.3g} × {grid.spacing[1]:.3g} × {grid.spacing[2]:.3g} mm"
+    )
+
+    def masks(number: int) -> Iterator[tuple[int, np.ndarray]]:
+        mine = regions[number]
+        places = np.array(sorted(mine))
+        # of a region that is drawn in every other slice, a contour stands for two
+        thick = max(float(np.diff(places).min()) if len(places) > 1 else 0.0, grid.spacing[2])
+        for n, z in enumerate(at):
+            k = int(np.abs(places - z).argmin())
+            if abs(places[k] - z) <= thick / 2 * (1 + 1e-6):
+                yield n, _filled(mine[float(places[k])], grid)
+
+    return grid, masks, (told_of, *notes)
+
+
+def _grid_of(every: Sequence[np.ndarray], places: np.ndarray) -> Grid:
+    """Axial planes at the contours' distance, as fine as MOST_VOXELS permits."""
+    low, high = (np.array([pick(points, axis=0) for points in every]) for pick in (np.min, np.max))
+    low, high = low.min(axis=0), high.max(axis=0)
+    apart = np.diff(places)
+    step = float(apart.min()) if len(apart) else 1.0
+    count = round(float(places[-1] - places[0]) / step) + 1
+    if count > MOST_PLANES:
+        raise expected("contours", f"planes of which {MOST_PLANES} hold all", count, "convert the file")
+    size = max(FINEST, float(np.sqrt((high - low).prod() * count / MOST_VOXELS)))
+    # a margin that is no part of what contours are symmetric about: their areas would all be off alike
+    low = low - MARGIN * size
+    columns, rows = (int(n) for n in np.ceil((high - low) / size) + 2)
+    if byte_count((count, rows, columns), np.dtype("u1")) > 4 * MOST_VOXELS:
+        raise expected("contours", "an extent that a grid can hold", f"{(high - low).tolist()} mm")
+    x, y = low.tolist()
+    return Grid((count, rows, columns), (size, size, step), (x, y, float(places[0])), np.eye(3))
+
+
+def _filled(contours: Sequence[np.ndarray], grid: Grid) -> np.ndarray:
+    """bool [H, W]: which centres of voxels an odd number of contours [N, 2] go around, so that inner ones are holes."""
+    _, rows, columns = grid.shape
+    crossed = np.zeros((rows, columns + 1), np.int32)
+    for points in contours:
+        # in voxels
+        start = (points - np.array(grid.origin[:2])) / np.array(grid.spacing[:2])
+        for (x0, y0), (x1, y1) in zip(start, np.roll(start, -1, axis=0), strict=True):
+            first, last = (int(np.clip(np.ceil(y), 0, rows)) for y in sorted((y0, y1)))
+            at = np.arange(first, last)
+            if len(at):
+                x = x0 + (at - y0) * (x1 - x0) / (y1 - y0)
+                np.add.at(crossed, (at, np.clip(np.ceil(x), 0, columns).astype(np.int64)), 1)
+    return np.asarray(np.cumsum(crossed, axis=1)[:, :columns] % 2 == 1)

@@ -1,0 +1,597 @@
+"""HDF5 and NetCDF-4 datasets.
+
+The last three axes are z, y, x unless labels of the dimensions, ilastik's "axistags" or names of dimension scales say
+otherwise. Spacing comes from dimension scales, else from attributes; none is guessed. NetCDF's packed and missing
+values are unpacked (CF conventions 1.11, sections 2.5.1 and 8.1).
+
+An HDF5 file can name others (external links, external storage, virtual datasets): they are not followed unless that is
+permitted. Only filters whose results have a bound are run.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import math
+import subprocess
+import sys
+import zlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.affine import METRES, Coordinate, Lattice, axes_of, kind_of, lattice, stated, triple, unit_name
+from splatgl.data.volume import Volume
+from splatgl.errors import InputError, choice, expected, missing_extra
+from splatgl.fileio import WHOLE, byte_count
+from splatgl.readers.channels import MOST_CHANNELS, SECONDS, Channel, Several
+from splatgl.readers.chunked import Chunked
+from splatgl.readers.common import (
+    CHUNK_BYTES,
+    DEFLATE_RATIO,
+    MAX_BYTES,
+    library,
+    map_array,
+    require_bytes,
+    require_plausible,
+    selection,
+)
+from splatgl.readers.options import LoadOptions
+
+_SPACINGS = (
+    *("element_size_um", "spacing", "Spacing", "voxel_size", "voxelSize", "VoxelSize", "voxelsize"),
+    *("pixel_size", "pixelSize", "resolution", "Resolution"),
+)
+"""Attributes with the steps along a dataset's axes, or one for all, in the order of its axes; the first one counts."""
+
+_FEW = 16
+"""Most entries of a first or last axis without a label that is taken for channels."""
+
+
+@dataclass(frozen=True)
+class _Axes:
+    """Numbers of the axes z, y, x of a dataset, and of the others that have several entries."""
+
+    space: tuple[int, int, int]
+    others: tuple[int, ...]
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a dataset: `array` names it (/a/b), else it is the only one that may be a volume.
+
+    `channel` picks an entry along a fourth axis, `time` one along an axis of time. Samples of over WHOLE bytes are read
+    in parts.
+    """
+    file = open_hdf5(path)
+    # all that a file says is untrusted: any failure is attributed to it
+    with library("HDF5"):
+        dataset = _chosen(file, options)
+        kinds = _kinds(dataset)
+        axes = _axes(dataset.shape, kinds)
+        if axes is None:
+            this = "three axes, and a first or last one of few channels"
+            raise expected(dataset.name, this, _size(dataset.shape), "label its dimensions, or save one part of it")
+        time = next((axis for axis in axes.others if kinds[axis] == "time"), None)
+        told = _several(path, dataset, axes, time, options)
+        grid = _grid(path, dataset, axes, options)
+        spacing, direction = axes_of(grid.matrix, "spacing")
+
+        def one(channel: int | None) -> Volume:
+            extra: dict[int, tuple[str, int | None]] = {
+                axis: ("channel", (channel if told.channels else options.channel_number) if axis in axes.others else 0)
+                for axis in range(len(dataset.shape))
+                if axis not in axes.space
+            }
+            if time is not None:
+                extra[time] = ("time", options.time or 0)
+            index = selection(dataset.shape, extra)
+            samples: Any = samples_of(path, dataset, index, options.anywhere, _packed(dataset))
+            return Volume(
+                grid.resampled(_turned(samples, axes)),
+                spacing,
+                triple(grid.origin, "origin"),
+                direction,
+                grid.unit,
+                value_unit=_value_unit(dataset),
+                notes=grid.notes,
+            )
+
+        # the array is a dataset, not a time point
+        return told.volume(replace(options, array=None), one)
+
+
+def _several(path: Path, dataset: Any, axes: _Axes, time: int | None, options: LoadOptions) -> Several:
+    """The time points, and the channels by their numbers, if one axis beside them is left."""
+    others = [axis for axis in axes.others if axis != time]
+    count = dataset.shape[others[0]] if len(others) == 1 else 1
+    channels = tuple(Channel(str(n)) for n in range(count)) if 1 < count <= MOST_CHANNELS else ()
+    components = 1 if count == 1 and not others else MOST_CHANNELS**2
+    if time is None:
+        return Several(channels, components=components)
+    step = _time_step(path, dataset, time, options)
+    return Several(channels, False, dataset.shape[time], step, components)
+
+
+def contents(path: Path) -> list[str]:
+    """A line per dataset: name, type and shape; those that may be volumes begin with a star."""
+    with library("HDF5"), open_hdf5(path) as file:
+        found = datasets(file)
+        return [f"{'*' if _may_be(node) else ' '} {name}   {_told(node)}" for name, node in found.items()]
+
+
+def _told(node: Any) -> str:
+    return f"{node.dtype if is_numbers(node) else 'no numbers'} {_size(node.shape or ())}"
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return "×".join(map(str, shape)) or "one value"
+
+
+def _chosen(file: Any, options: LoadOptions) -> Any:
+    """The dataset that is asked for, else the only one that may be a volume."""
+    if options.array is not None:
+        node = node_at(file, str(options.array), options.anywhere)
+        if not hasattr(node, "shape") or not is_numbers(node):
+            every = datasets(file)
+            names = [name for name, each in every.items() if _may_be(each)] or list(every)
+            got = f"the group {options.array!r}" if hasattr(node, "keys") else repr(options.array)
+            raise expected("array", f"a dataset of real numbers: {', '.join(names) or 'the file has no dataset'}", got)
+        return node
+    found = datasets(file)
+    volumes = [node for node in found.values() if _may_be(node)]
+    if len(volumes) != 1:
+        listed = ", ".join(f"{name} {_size(node.shape or ())}" for name, node in found.items()) or "nothing"
+        told = f"{len(volumes) or 'none'} in {listed}"
+        error = expected("datasets", "one volume", told, "pick one with array=/NAME, or FILE:/NAME")
+        raise choice(error, "array", []) if volumes else error
+    return volumes[0]
+
+
+def _may_be(node: Any) -> bool:
+    """Whether a dataset is plausibly a volume: of real numbers, with three axes of space that are longer than one."""
+    if not is_numbers(node):
+        return False
+    axes = _axes(node.shape, _kinds(node))
+    return axes is not None and min(node.shape[axis] for axis in axes.space) > 1
+
+
+def _kinds(dataset: Any) -> list[str]:
+    """What each axis is, see `kind_of`: by labels, by "axistags", or by dimension scales."""
+    scales = scales_of(dataset) or [None] * len(dataset.shape)
+    names = [text.lower() for text in texts_of(dataset, "DIMENSION_LABELS")]
+    if not any(names) and "axistags" in dataset.attrs:
+        try:
+            names = [str(axis["key"]).lower() for axis in json.loads(text_of(dataset, "axistags"))["axes"]]
+        except (ValueError, KeyError, TypeError, RecursionError):
+            names = []
+    if not any(names):
+        names = ["" if scale is None else _name(scale) for scale in scales]
+    if len(names) != len(dataset.shape):
+        return [""] * len(dataset.shape)
+    return [
+        kind_of(name, {} if scale is None else _attributes(scale)) for name, scale in zip(names, scales, strict=True)
+    ]
+
+
+def _name(node: Any) -> str:
+    return str(node.name).rsplit("/", 1)[-1]
+
+
+def _attributes(scale: Any) -> dict[str, str]:
+    """What a dimension scale tells of its axis."""
+    return {name: text_of(scale, name) for name in ("units", "unit", "positive", "standard_name", "axis")}
+
+
+def _axes(shape: tuple[int, ...], kinds: list[str]) -> _Axes | None:
+    """The axes of space: those that are told, else three of them without those of one entry, and without a short first
+    or last one of four; None if they are not clear.
+    """
+    if len(shape) < 3 or min(shape) < 1:
+        return None
+    long = [axis for axis, size in enumerate(shape) if size > 1]
+    named = {kind: kinds.index(kind) for kind in "xyz" if kinds.count(kind) == 1}
+    if len(named) == 3:
+        z, y, x = named["z"], named["y"], named["x"]
+        return _Axes((z, y, x), tuple(axis for axis in long if axis not in (z, y, x)))
+    times = [axis for axis in long if kinds[axis] in ("time", "c")]
+    free = [axis for axis in range(len(shape)) if axis not in times]
+    if len(free) > 3:
+        free = [axis for axis in free if axis in long]
+    if len(free) == 4 and min(shape[free[0]], shape[free[3]]) <= _FEW:
+        free = free[1:] if shape[free[0]] <= shape[free[3]] else free[:3]
+    if len(free) != 3:
+        return None
+    z, y, x = free
+    return _Axes((z, y, x), tuple(axis for axis in long if axis not in free))
+
+
+def _turned(samples: Any, axes: _Axes) -> Any:
+    """Samples in the order z, y, x."""
+    order = np.argsort(axes.space).tolist()
+    if order == [0, 1, 2]:
+        return samples
+    if not isinstance(samples, np.ndarray):
+        raise expected("axes", "z, y, x in this order where the dataset is read in parts", "another", "transpose it")
+    return samples.transpose(np.argsort(order).tolist())
+
+
+def _packed(dataset: Any) -> Packed | None:
+    """How NetCDF packs the numbers, None if they are values."""
+    told = {name: numbers_of(dataset, name) for name in ("scale_factor", "add_offset", "_FillValue", "missing_value")}
+    scale, offset, *fills = (None if found is None or found.size != 1 else float(found[0]) for found in told.values())
+    fill = next((value for value in fills if value is not None and np.isfinite(value)), None)
+    if scale is None and offset is None and fill is None:
+        return None
+    return Packed(1.0 if scale is None else scale, 0.0 if offset is None else offset, fill)
+
+
+def _grid(path: Path, dataset: Any, axes: _Axes, options: LoadOptions) -> Lattice:
+    """The grid of the axes of space."""
+    scales = _coordinates(dataset, axes)
+    sizes = [dataset.shape[axis] for axis in axes.space]
+    plain = [Coordinate(name, size) for name, size in zip("zyx", sizes, strict=True)]
+    for name in () if all(scale is not None for scale in scales) else _SPACINGS:
+        given = _steps(numbers_of(dataset, name), len(dataset.shape), axes)
+        if given is not None:
+            unit = "um" if name == "element_size_um" else _unit(dataset)
+            return replace(lattice(plain), matrix=np.diag(given[::-1]), unit=unit)
+    told = [
+        known if scale is None else Coordinate.of(_name(scale), _places(path, scale, options), _attributes(scale))
+        for known, scale in zip(plain, scales, strict=True)
+    ]
+    grid = lattice(told, dataset.name, even=options.spacing is not None)
+    named = text_of(dataset, "coordinates").split()
+    # coordinates along two axes at once, of curved grids
+    curved = [name for name in named if kind_of(name, {}) in ("x", "y")] if None in scales[1:] else []
+    note = f"x and y are numbers of samples: coordinates in two dimensions ({', '.join(curved[:4])}) are not used"
+    return replace(grid, notes=(*grid.notes, *[note] * bool(curved)))
+
+
+def _places(path: Path, scale: Any, options: LoadOptions) -> np.ndarray:
+    return np.asarray(samples_of(path, scale, [slice(None)], options.anywhere)[:], np.float64)
+
+
+def _time_step(path: Path, dataset: Any, axis: int, options: LoadOptions) -> float | None:
+    """Seconds between two time points, if the scale of their axis says so: CF's "hours since …" too."""
+    scales = scales_of(dataset)
+    scale = scales[axis] if axis < len(scales) else None
+    if not _is_scale(scale, dataset.shape[axis]):
+        return None
+    unit = SECONDS.get((text_of(scale, "units") or text_of(scale, "unit")).split(" ")[0].lower())
+    places = _places(path, scale, options)
+    steps = np.diff(places)
+    even = len(steps) and np.isfinite(places).all() and np.ptp(steps) <= 1e-3 * abs(steps[0])
+    return float(steps[0]) * unit if unit and even and steps[0] > 0 else None
+
+
+def _unit(node: Any) -> str:
+    """The unit of length that is stated, "" for none; NetCDF's is mostly that of the values."""
+    found = {unit_name(text_of(node, name)) for name in ("unit", "units")} & set(METRES)
+    return found.pop() if len(found) == 1 else ""
+
+
+def _value_unit(dataset: Any) -> str:
+    """The unit of values; a length may as well be that of the grid."""
+    told = text_of(dataset, "units") or text_of(dataset, "unit")
+    return "" if unit_name(told) in METRES else stated(told)
+
+
+def _coordinates(dataset: Any, axes: _Axes) -> list[Any]:
+    """The dimension scales of the axes of space, None for one without a number per sample."""
+    found = scales_of(dataset)
+    return [
+        found[axis] if axis < len(found) and _is_scale(found[axis], dataset.shape[axis]) else None
+        for axis in axes.space
+    ]
+
+
+def _is_scale(scale: Any, size: int) -> bool:
+    # of a dimension without coordinates NetCDF writes a scale that says so
+    none = "This is a netCDF dimension but not"
+    plain = scale is not None and is_numbers(scale) and scale.shape == (size,) and size <= MOST_VALUES
+    return plain and not text_of(scale, "NAME").startswith(none)
+
+
+def _steps(numbers: np.ndarray | None, count: int, axes: _Axes) -> list[float] | None:
+    """Steps along z, y, x out of one number, or one per axis of space or of the dataset."""
+    if numbers is None or not np.isfinite(numbers).all():
+        return None
+    if numbers.size == 1:
+        numbers = np.repeat(numbers, 3)
+    if numbers.size == count > 3:
+        numbers = numbers[list(axes.space)]
+    return numbers.tolist() if numbers.size == 3 and (numbers > 0).all() else None
+
+
+_FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}
+"""Filters by number whose results are bounded by what is stored; others state a size of their own, or are plug-ins."""
+
+_GZIP = 1
+
+_PART_BYTES = 2**20
+"""Bytes that are read together at least, if the file's chunks are smaller."""
+
+_MOST_OBJECTS, _MOST_LINKS, MOST_VALUES = 10_000, 32, 2**20
+"""Most objects that are looked at, soft links that lead to one, and numbers of an attribute or a dimension scale."""
+
+
+_PROBE = Path(__file__).with_name("hdf5_probe.py")
+
+_PATIENCE = None if importlib.util.find_spec("resource") else 60.0
+"""Seconds after which a process that looks at a file is ended, where none can end itself by its processor time."""
+
+_SOUND: set[tuple[str, int, int]] = set()
+"""Files that a process of its own has looked at: path, bytes, time."""
+
+
+@dataclass(frozen=True)
+class Packed:
+    """How stored numbers become values: number · scale + offset; those equal to `fill` are missing."""
+
+    scale: float = 1.0
+    offset: float = 0.0
+    fill: float | None = None
+
+
+def open_hdf5(path: Path) -> Any:
+    """The file in h5py, for reading."""
+    try:
+        import h5py
+    except ImportError:
+        raise missing_extra("HDF5 files", "h5py", "readers") from None
+    _probe(path)
+    with library("HDF5"):
+        return h5py.File(path, "r", locking=False)
+
+
+def _probe(path: Path) -> None:
+    """InputError if HDF5's C library crashes or loops on the file: found in a process of its own, once a file."""
+    told = path.stat()
+    key = (str(path.resolve()), told.st_size, told.st_mtime_ns)
+    if key in _SOUND:
+        return
+    # -P: the folder of the script holds modules with common names
+    run = [sys.executable, "-P", str(_PROBE), str(path)]
+    none, out = subprocess.DEVNULL, subprocess.PIPE
+    try:
+        ended = subprocess.run(run, stdin=none, stdout=out, stderr=none, timeout=_PATIENCE)
+        # a process that did not get as far says nothing about the file
+        failed = ended.returncode != 0 and bool(ended.stdout)
+    except subprocess.TimeoutExpired:
+        failed = True
+    except OSError:
+        # the program that Python is embedded in, or none
+        failed = False
+    if failed:
+        raise InputError("cannot be read as HDF5: its library fails on the file, which may be damaged")
+    _SOUND.add(key)
+
+
+def datasets(file: Any) -> dict[str, Any]:
+    """All datasets by name that lie in the file itself. Raises InputError for very many objects."""
+    import h5py
+
+    found, seen = dict[str, Any](), 0
+
+    def look(name: str, node: Any) -> None:
+        nonlocal seen
+        seen += 1
+        if seen > _MOST_OBJECTS:
+            raise expected("file", f"at most {_MOST_OBJECTS} groups and datasets", "more", "name one by array=/…")
+        if isinstance(node, h5py.Dataset):
+            found["/" + name] = node
+
+    file.visititems(look)
+    return found
+
+
+def node_at(file: Any, name: str, anywhere: bool) -> Any:
+    """The group or dataset of that name, None if there is none. InputError for another file's, if not `anywhere`."""
+    import h5py
+
+    node, parts, links = file, [part for part in name.split("/") if part not in ("", ".")], 0
+    while parts:
+        if not isinstance(node, h5py.Group):
+            return None
+        part = parts.pop(0)
+        link = node.get(part, getlink=True)
+        if isinstance(link, h5py.ExternalLink) and not anywhere:
+            raise _elsewhere(name, link.filename)
+        if isinstance(link, h5py.SoftLink):
+            links += 1
+            if links > _MOST_LINKS:
+                raise expected(name, f"at most {_MOST_LINKS} links that lead there", "more")
+            node = file if link.path.startswith("/") else node
+            parts = [each for each in link.path.split("/") if each not in ("", ".")] + parts
+            continue
+        node = node.get(part)
+    return node
+
+
+def numbers_of(node: Any, name: str) -> np.ndarray | None:
+    """An attribute's real numbers, or those that its text has, flat; None if it has none."""
+    if name not in node.attrs:
+        return None
+    told = node.attrs.get_id(name)
+    if math.prod(told.shape or ()) > MOST_VALUES:
+        raise expected(name, f"at most {MOST_VALUES} values", told.shape)
+    values = np.asarray(node.attrs[name])
+    if values.dtype.kind in "buif":
+        return values.astype(np.float64).ravel()
+    try:
+        return np.array(text_of(node, name).replace(",", " ").split(), np.float64)
+    except ValueError:
+        return None
+
+
+def scales_of(dataset: Any) -> list[Any]:
+    """The first dimension scale of each axis, None where there is none; [] if none has.
+
+    Read from the attribute that names them: HDF5's own functions loop on damaged ones.
+    """
+    import h5py
+
+    if "DIMENSION_LIST" not in dataset.attrs or dataset.attrs.get_id("DIMENSION_LIST").shape != (len(dataset.shape),):
+        return []
+    named = [np.asarray(each).ravel() for each in dataset.attrs["DIMENSION_LIST"]]
+    nodes = [dataset.file[each[0]] if each.size and isinstance(each[0], h5py.Reference) else None for each in named]
+    return [node if isinstance(node, h5py.Dataset) else None for node in nodes]
+
+
+def texts_of(node: Any, name: str) -> list[str]:
+    """An attribute's texts, [] if there are none."""
+    if name not in node.attrs or math.prod(node.attrs.get_id(name).shape or ()) > MOST_VALUES:
+        return []
+    values = np.asarray(node.attrs[name]).ravel().tolist()
+    return [value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value) for value in values]
+
+
+def text_of(node: Any, name: str) -> str:
+    """An attribute's text, also where it is an array of letters; "" if there is none."""
+    if name not in node.attrs:
+        return ""
+    told = node.attrs.get_id(name)
+    if math.prod(told.shape or ()) > MOST_VALUES:
+        raise expected(name, f"at most {MOST_VALUES} letters", told.shape)
+    return "".join(texts_of(node, name))
+
+
+def is_numbers(dataset: Any) -> bool:
+    """Whether a dataset has real numbers; types that numpy does not know are none."""
+    try:
+        return dataset.dtype.kind in "buif" and dataset.shape is not None
+    except (TypeError, ValueError, RuntimeError, OverflowError):
+        return False
+
+
+def samples_of(
+    path: Path, dataset: Any, index: Sequence[int | slice], anywhere: bool, packed: Packed | None = None
+) -> np.ndarray | Chunked:
+    """What `index` picks of a dataset, as [D, H, W]: mapped, read, or of over WHOLE bytes read in parts.
+
+    Slices of the index begin at 0. Raises InputError for what must not be decoded.
+    """
+    _check(dataset, anywhere)
+    if anywhere:
+        # links may lead to another file
+        path = Path(dataset.file.filename)
+    offset = None if dataset.external or dataset.chunks else dataset.id.get_offset()
+    if offset is not None and packed is None:
+        return map_array(path, int(offset), dataset.dtype, dataset.shape)[tuple(index)]
+    part = _Part(path, dataset, index, packed)
+    if byte_count(part.free, part.dtype) > WHOLE:
+        return Chunked(str(path), part, part.index, part, "HDF5")
+    if not anywhere:
+        require_plausible(byte_count(part.free, dataset.dtype), dataset.id.get_storage_size(), bounded=False)
+    return part[part.index]
+
+
+def _check(dataset: Any, anywhere: bool) -> None:
+    """InputError for data in other files, for filters without a bound, and for very large chunks."""
+    if not anywhere and (dataset.external or dataset.is_virtual):
+        raise _elsewhere(dataset.name, dataset.external[0][0] if dataset.external else "a virtual dataset")
+    stated = dataset.id.get_create_plist()
+    codes = [stated.get_filter(number)[0] for number in range(stated.get_nfilters())]
+    unknown = [str(code) for code in codes if code not in _FILTERS]
+    if unknown or codes.count(_GZIP) > 1:
+        fix = "repack it with: h5repack -f GZIP=4 OLD NEW"
+        known = ", ".join(_FILTERS.values())
+        raise expected("filters", f"some of {known}", ", ".join(unknown) or "gzip twice", fix)
+    chunk = byte_count(dataset.chunks or (), dataset.dtype)
+    if chunk > MAX_BYTES:
+        fix = "repack it with smaller ones: h5repack -l CHUNK=64x64x64 OLD NEW"
+        raise expected("chunks", f"at most {MAX_BYTES} bytes each", chunk, fix)
+
+
+def _elsewhere(name: str, where: str) -> InputError:
+    fix = "copy it there with h5repack, or say --anywhere if you trust it"
+    return expected(name, "data in this file", f"data elsewhere ({where})", fix)
+
+
+class _Part:
+    """A dataset as `Chunked` reads it, and the file behind it; each chunk is checked before HDF5 decodes it."""
+
+    def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: Packed | None) -> None:
+        self.path, self.dataset, self.index, self.packed = path.resolve(), dataset, tuple(index), packed
+        ends = zip(self.index, dataset.shape, strict=True)
+        self.shape = tuple(size if isinstance(at, int) or at.stop is None else at.stop for at, size in ends)
+        self.free = [size for size, at in zip(self.shape, self.index, strict=True) if isinstance(at, slice)]
+        self.dtype = np.dtype(np.float32) if packed else np.dtype(dataset.dtype)
+        self.stored = tuple(dataset.chunks or ())
+        self.chunks = self._joined()
+        self.empty = not dataset.is_virtual and not dataset.external and not dataset.id.get_storage_size()
+        self.checked = dataset.compression == "gzip"
+        with library("HDF5"):
+            self.fill_value = self._values(np.asarray(dataset.fillvalue)[None])[0]
+
+    def _joined(self) -> tuple[int, ...]:
+        """Samples along each axis that are read together: chunks of the file, many if they are small."""
+        sizes = list(self.stored or (1,) * len(self.shape))
+        while byte_count(sizes, self.dtype) <= _PART_BYTES // 2:
+            short = [
+                axis for axis, at in enumerate(self.index) if isinstance(at, slice) and sizes[axis] < self.shape[axis]
+            ]
+            if not short:
+                break
+            # the shortest; of several that which runs faster in the file
+            axis = min(short, key=lambda axis: (sizes[axis], -axis))
+            sizes[axis] *= 2
+        return tuple(sizes)
+
+    def _values(self, stored: np.ndarray) -> np.ndarray:
+        if self.packed is None:
+            return stored
+        values = np.float64(self.packed.scale) * stored + self.packed.offset
+        return np.where(stored == self.packed.fill, np.nan, values).astype(np.float32)
+
+    def __getitem__(self, key: tuple[int | slice, ...]) -> np.ndarray:
+        with library("HDF5"):
+            for place in self._touched(key) if self.checked else ():
+                self._check_chunk(place)
+            return self._values(np.asarray(self.dataset[key]))
+
+    def _touched(self, key: tuple[int | slice, ...]) -> Iterable[tuple[int, ...]]:
+        """The first sample of each chunk in the file that is to be read."""
+        ends = [(at, at + 1) if isinstance(at, int) else (at.start or 0, at.stop) for at in key]
+        return product(
+            *(
+                range(low - low % step, size if high is None else high, step)
+                for (low, high), size, step in zip(ends, self.shape, self.stored, strict=True)
+            )
+        )
+
+    def _check_chunk(self, place: tuple[int, ...]) -> None:
+        """InputError if the chunk expands beyond its size."""
+        told = self.dataset.id.get_chunk_info_by_coord(place)
+        if told.byte_offset is not None and told.size * DEFLATE_RATIO > MAX_BYTES:
+            require_bytes(told.size, self.path.stat().st_size)
+            _check_inflated(self.dataset.id.read_direct_chunk(place)[1], byte_count(self.stored, self.dataset.dtype))
+
+    def tag(self) -> str:
+        """The path, size and time of the file, and the dataset in it."""
+        told = self.path.stat()
+        return f"{self.path} {told.st_size} {told.st_mtime_ns} {self.dataset.name} {self.packed}"
+
+    def ready(self, places: Iterable[Sequence[int]]) -> None:
+        """Nothing is to be brought here."""
+
+    def holds(self, place: Sequence[int]) -> bool:
+        """Whether anything may be stored for the samples that are read together there."""
+        if self.empty or self.chunks != self.stored:
+            return not self.empty
+        begin = tuple(at - at % size for at, size in zip(place, self.stored, strict=True))
+        return self.dataset.id.get_chunk_info_by_coord(begin).byte_offset is not None
+
+
+def _check_inflated(data: bytes, room: int) -> None:
+    """InputError if zlib data expand beyond `room` bytes."""
+    engine, size, piece = zlib.decompressobj(), 0, data
+    while size <= room and piece:
+        size += len(engine.decompress(piece, CHUNK_BYTES))
+        piece = engine.unconsumed_tail
+    if size > room:
+        raise expected("chunk", f"{room} bytes", "more", "the file is damaged")

@@ -1,0 +1,90 @@
+"""Run by itself, on a file: looks at all that `hdf5_file` asks HDF5 about it, in a process of its own.
+
+HDF5's C library crashes or loops on some damaged files, where no exception can be caught.
+"""
+
+from __future__ import annotations
+
+import sys
+from contextlib import suppress
+
+import h5py
+
+try:
+    import resource
+except ImportError:
+    # not on Windows, where the process that waits ends this one
+    resource = None  # type: ignore[assignment]
+
+SECONDS = 3
+"""Most processor time: ten thousand objects take about one."""
+
+STARTED = "looking"
+"""Printed before the file is opened: what ends the process then is the file's fault."""
+
+
+ASKED = (
+    *("DIMENSION_LABELS", "DIMENSION_LIST", "axistags", "scale_factor", "add_offset", "_FillValue", "missing_value"),
+    *("element_size_um", "spacing", "Spacing", "voxel_size", "voxelSize", "VoxelSize", "voxelsize", "pixel_size"),
+    *(
+        "pixelSize",
+        "resolution",
+        "Resolution",
+        "unit",
+        "units",
+        "positive",
+        "standard_name",
+        "coordinates",
+        "axis",
+        "NAME",
+        "Name",
+        "Color",
+        "ColorRange",
+        "Unit",
+    ),
+    *(f"{name}{axis}" for name in ("ExtMin", "ExtMax") for axis in range(3)),
+    *(f"ImageSize{axis}" for axis in "XYZ"),
+)
+"""Attributes that the readers look at by name, whether or not the list of all can be read."""
+
+
+def names(node: object) -> list[str]:
+    """The names of all attributes; of a damaged list those that the readers ask for."""
+    try:
+        return list(node.attrs)  # type: ignore[attr-defined]
+    except Exception:
+        return list(ASKED)
+
+
+def look(_name: str, node: object) -> None:
+    """Reads what describes a group or a dataset, and for the latter one value."""
+    for name in names(node):
+        try:
+            told = node.attrs.get_id(name)  # type: ignore[attr-defined]
+            if told.get_storage_size() < 1 << 20:
+                str(node.attrs[name])  # type: ignore[attr-defined]
+        except Exception:
+            continue
+    if isinstance(node, h5py.Dataset):
+        with suppress(Exception):
+            str(node.fillvalue)
+        try:
+            chunk = node.chunks
+            if chunk is not None and node.size and not node.is_virtual and not node.external:
+                node.id.get_storage_size()
+                node.id.get_chunk_info_by_coord((0,) * len(chunk))
+        except Exception:
+            return
+
+
+if __name__ == "__main__":
+    if resource is not None:
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    print(STARTED, flush=True)
+    try:
+        with h5py.File(sys.argv[1], "r", locking=False) as opened:
+            opened.visititems(look)
+    except Exception:
+        # what raises is told where it is read
+        sys.exit(0)

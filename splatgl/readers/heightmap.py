@@ -1,0 +1,329 @@
+"""Terrain: a height map (picture or CSV), with or without a colour picture, becomes columns of voxels.
+
+The picture's row 0 is the far, northern edge, so that y = H − 1 − row; a CSV's row 0 is the southern edge, y = 0.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from splatgl.data.color import luma
+from splatgl.data.volume import Hints, Volume
+from splatgl.errors import expected
+from splatgl.fileio import require_memory
+from splatgl.readers.channels import as_microscope
+from splatgl.readers.common import library, require_plausible
+from splatgl.readers.options import DEFAULT_LEVELS, LoadOptions
+
+MAX_VOXELS = 4 * 2**30
+"""Most voxels of a terrain, a byte each: a map of 6400 × 6400 in 103 levels."""
+
+PER_COLUMN = 24
+"""Bytes of a column besides its voxels: its heights and colour as they are read, and in float64."""
+
+PICTURES = ("PNG", "JPEG", "TIFF", "BMP", "GIF", "WEBP", "PPM")
+"""Formats that pictures are read in; Pillow's others run programs or are found by guessing."""
+
+DARK, NOISY, DARK_LEAST = 0.5, 1.2, 16
+"""Least share of a dark ground, ratio of second to first differences of noise in it (1.7), and pixels of a side."""
+
+SOLID = 255
+"""Sample of a voxel at or below the ground; 0 above it."""
+
+SHELL = 3
+"""Levels below what can be seen: the surface's gradients and its opacity need matter behind it."""
+
+RELIEF = (DEFAULT_LEVELS - 1) / 512
+"""Default relief as a part of the longer side: cubic voxels for the 512 × 512 × 103 terrain of [M98]."""
+
+_TINTS = np.array([[64, 104, 60], [122, 143, 79], [176, 158, 106], [142, 112, 86], [244, 244, 244]], np.float64)
+"""sRGB of lowland, meadow, steppe, rock and snow: what is drawn where no colour picture is given."""
+
+DEGREE = 6_371_000 * np.pi / 180
+"""Metres of a degree of latitude on a sphere."""
+
+CUSTOM = (-9999.0, -99999.0, -32768.0, -32767.0)
+"""Heights that stand for none in files that do not say so (ESRI's, SRTM's), where they lie far below all others."""
+
+ENDLESS = (3.4028234663852886e38, 1.7976931348623157e308, 1.70141e38, 9.969209968386869e36, 1e20, 1e30)
+"""Sizes that stand for no height: the ends of float32 and float64, Surfer's and NetCDF's, and round ones."""
+
+HEIGHTS = re.compile(
+    r"(?<![a-z])(dem|dtm|dsm|srtm|aster|lidar|heights?|heightmap|elev(ation)?|terrain|relief|topo(graphy)?|bathy(metry)?)"
+)
+PLANES = re.compile(
+    r"(?<![a-z])(dapi|hoechst|[emy]?gfp|[ry]fp|mcherry|fitc|tritc|cy[357]|fluo\w*|confocal|widefield|brightfield|stained)"
+)
+"""Words in names of maps of heights, and of a microscope's pictures."""
+
+_HINTS = Hints(
+    window=(0.0, float(SOLID)),
+    points=((SOLID / 2 - 0.5, 0.0), (SOLID / 2 + 0.5, 1.0)),
+    shading=True,
+    azimuth=25.0,
+    elevation=35.0,
+)
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a file says of its heights. step: widths of a pixel along x and y, None if not told, in `unit`. missing: the
+    number that stands for no height. slope, offset: of heights from what is stored. notes: on what was assumed.
+    """
+
+    step: tuple[float, float] | None = None
+    unit: str = ""
+    missing: float | None = None
+    slope: float = 1.0
+    offset: float = 0.0
+    notes: tuple[str, ...] = ()
+
+
+def terrain_from_heights(
+    heights: np.ndarray, color: np.ndarray | None = None, levels: int = DEFAULT_LEVELS, relief: float | None = None
+) -> Volume:
+    """A volume [levels, H, W] of uint8: 255 at the ground, 0 above and deep below; z is up, voxels are 1 wide.
+
+    Columns extend below their lowest neighbour's top, so that there are no gaps; those at the map's edge to the bottom.
+
+    heights: [H, W] real numbers, row 0 at y = 0; not finite ones are holes. color: uint8 [H', W', 3] sRGB, row 0 at
+    y = 0, resampled to the grid; without it heights are tinted. relief: world height between the lowest and highest
+    column. Raises InputError for heights that make no terrain.
+    """
+    # 1. heights in voxel levels; −1 for a hole
+    if heights.ndim != 2 or min(heights.shape) < 1 or heights.dtype.kind not in "buif":
+        raise expected("heights", "a 2-D map of real numbers", f"{heights.dtype} {heights.shape}")
+    _check_voxels(heights.shape[1], heights.shape[0], levels)
+    parts = _parts(np.asarray(heights, dtype=np.float64))
+    tops = np.where(np.isfinite(parts), np.rint(parts * (levels - 1)), -1).astype(np.int32)
+    # 2. the ground's shell, level by level; one colour per column, shared by its voxels
+    samples = np.empty((levels, *heights.shape), np.uint8)
+    floor = _floor(tops)
+    for level in range(levels):
+        np.multiply((tops >= level) & (floor <= level), np.uint8(SOLID), out=samples[level])
+    ground = _tints(parts) if color is None else _fit(color, heights.shape)
+    # 3. the grid
+    relief = relief or RELIEF * max(heights.shape)
+    return Volume(
+        samples,
+        spacing=(1.0, 1.0, relief / (levels - 1)),
+        color=np.broadcast_to(ground, (*samples.shape, 3)),
+        hints=_HINTS,
+    )
+
+
+def _check_voxels(width: int, height: int, levels: int) -> None:
+    voxels = width * height * levels
+    if voxels > MAX_VOXELS:
+        got = f"{voxels} ({width}x{height}x{levels})"
+        raise expected("terrain", f"at most {MAX_VOXELS} voxels", got, "use a smaller map or fewer levels")
+
+
+def _check_columns(path: Path, width: int, height: int, levels: int) -> None:
+    """Limits the columns, since a small file may hold a large empty map; only levels up to the default count."""
+    require_plausible(width * height * min(levels, DEFAULT_LEVELS), path.stat().st_size, bounded=False)
+    _check_voxels(width, height, levels)
+    require_memory(width * height * (levels + PER_COLUMN), path.stat().st_size, "use a smaller map or fewer levels")
+
+
+def read_picture(path: Path, options: LoadOptions) -> Volume:
+    """The terrain of a picture of heights: grey, 8 or 16 bits or float, bright is high; or a microscope's plane."""
+    flat = options.values in ("labels", "amounts") or (options.values is None and PLANES.search(path.name.lower()))
+    # before it is decoded: a small file may hold a large map
+    pixels = open_picture(path, 1 if flat else options.levels)
+    is_map, told = kind_of_picture(path, pixels, options)
+    volume = (
+        terrain_of_picture(path, grey_heights(pixels), options) if is_map else as_microscope(plane_of_picture(pixels))
+    )
+    return replace(volume, notes=(*volume.notes, *([told] if told else [])))
+
+
+def read_csv(path: Path, options: LoadOptions) -> Volume:
+    """The terrain of a table of heights: comma-separated numbers, the first line the southern edge (y = 0); cells that
+    are empty or no number are holes.
+    """
+    with library("a CSV table of heights"):
+        try:
+            with path.open(encoding="latin-1") as file:
+                heights = np.loadtxt(file, delimiter=",", ndmin=2, dtype=np.float64)
+        except ValueError:
+            heights = _with_holes(path)
+    if options.values in ("labels", "amounts"):
+        return Volume(heights[None])
+    return _surveyed(heights, _color(path, options), options, Survey())
+
+
+def _with_holes(path: Path) -> np.ndarray:
+    """The numbers of a table with empty cells, NaN there."""
+    with path.open(encoding="latin-1") as file:
+        rows = [[cell.strip().lower() for cell in line.split(",")] for line in file if line.strip()]
+    none = ("", "na", "n/a", "nan", "null", "none", "-", "nodata")
+    return np.array([[np.nan if cell in none else float(cell) for cell in row] for row in rows])
+
+
+def terrain_of_picture(path: Path, rows: np.ndarray, options: LoadOptions, survey: Survey | None = None) -> Volume:
+    """The terrain of heights in picture order [H, W], row 0 the northern edge."""
+    _check_columns(path, rows.shape[1], rows.shape[0], options.levels)
+    return _surveyed(rows[::-1], _color(path, options), options, survey or Survey())
+
+
+def _surveyed(heights: np.ndarray, color: np.ndarray | None, options: LoadOptions, survey: Survey) -> Volume:
+    """The terrain of heights, row 0 at y = 0, with holes where there are none, as high and wide as the survey says."""
+    if options.relief is not None and options.spacing is not None:
+        raise expected("relief", "none beside spacing, whose z is the height of a level", options.relief)
+    found, told = _without_missing(heights, survey.missing)
+    found = found * survey.slope + survey.offset
+    volume = terrain_from_heights(found, color, options.levels, options.relief)
+    notes = (*survey.notes, *told)
+    if survey.step is None:
+        return replace(volume, notes=notes)
+    relief = options.relief or float(np.nanmax(found) - np.nanmin(found)) or min(survey.step)
+    spacing = (*survey.step, relief / (options.levels - 1))
+    return replace(volume, spacing=spacing, unit=survey.unit, notes=notes)
+
+
+def _without_missing(heights: np.ndarray, missing: float | None) -> tuple[np.ndarray, list[str]]:
+    """Heights in float64, NaN where there are none; what is told of these."""
+    found = np.asarray(heights, np.float64)
+    kind = heights.dtype
+    if missing is not None:
+        # as it is written in the file's own type
+        same = np.float64(np.float32(missing)) if kind == np.float32 else missing
+        holes, why = np.isin(found, (missing, same)), f"no data ({missing:g})"
+    else:
+        holes = np.any([np.isclose(np.abs(found), size, rtol=1e-5, atol=0) for size in ENDLESS], axis=0)
+        finite = found[np.isfinite(found) & ~holes]
+        least = float(finite.min()) if finite.size else 0.0
+        rest = finite[finite > least]
+        custom = least in CUSTOM and rest.size and rest.min() - least > np.ptp(rest)
+        holes |= (found == least) if custom and kind.kind in "if" else False
+        why = f"{least:g}, which by custom means no data," if custom else "beyond any height"
+    holes &= np.isfinite(found)
+    count = int(np.count_nonzero(holes))
+    found = np.where(holes, np.nan, found)
+    told = [f"{count:,} of {found.size:,} heights are {why} and left out"] if count else []
+    return found, told
+
+
+def plane_of_picture(pixels: np.ndarray) -> Volume:
+    """One plane of a picture [H, W] or of colours [H, W, 3…4], row 0 at y = 0, as thick as a pixel is wide."""
+    if pixels.ndim == 2:
+        return Volume(pixels[None])
+    if pixels.ndim == 3 and pixels.shape[-1] in (1, 2):
+        return Volume(pixels[None, ..., 0])
+    if pixels.ndim != 3 or pixels.shape[-1] > 4 or pixels.dtype not in (np.uint8, np.uint16):
+        raise expected("picture", "grey, or colours of 8 or 16 bits", f"{pixels.dtype} {pixels.shape}")
+    color = pixels[None, ..., :3] if pixels.dtype == np.uint8 else (pixels[None, ..., :3] >> 8).astype(np.uint8)
+    return Volume(luma(color), color=np.ascontiguousarray(color))
+
+
+def kind_of_picture(path: Path, pixels: np.ndarray, options: LoadOptions, surveyed: bool = False) -> tuple[bool, str]:
+    """Whether a single picture is a map of heights, else a plane; and what is told of the choice, "" if it was asked.
+
+    A survey and options of terrains speak for heights, then the file's name, then a dark and noisy ground for a plane.
+    """
+    named = path.name.lower()
+    if options.values is not None:
+        return options.values == "heights", ""
+    if surveyed or options.color is not None or options.relief is not None or options.levels != DEFAULT_LEVELS:
+        return True, ""
+    plane = not HEIGHTS.search(named) and bool(PLANES.search(named) or _is_dark(pixels))
+    if plane:
+        return False, "a single picture is drawn as a plane: --values heights draws it as a terrain"
+    return True, "a single picture is drawn as heights of a terrain: --values amounts draws it as a plane"
+
+
+def _is_dark(pixels: np.ndarray) -> bool:
+    """Whether most of a grey picture is the noise of a camera in the dark: the lowest tenth of the range, where
+    neighbours differ at random. Ground is even or smooth: the sea, a plain.
+    """
+    if pixels.ndim != 2 or min(pixels.shape) < DARK_LEAST:
+        return False
+    values = np.asarray(pixels, np.float64)
+    if not np.isfinite(values).all():
+        return False
+    low, high = np.percentile(values, (0.1, 99.9))
+    dark = values < low + (high - low) / 10
+    three = dark[:, 2:] & dark[:, 1:-1] & dark[:, :-2]
+    if high <= low or dark.mean() < DARK or not three.any():
+        return False
+    bends, slopes = np.abs(np.diff(values, 2, axis=1))[three], np.abs(values[:, 2:] - values[:, :-2])[three]
+    # of noise √6 to √2 of its deviation
+    return float(bends.mean()) > NOISY * float(slopes.mean())
+
+
+def grey_heights(pixels: np.ndarray) -> np.ndarray:
+    """[H, W] of a grey picture, [H, W] or [H, W, 2…4]. Raises InputError if its channels differ."""
+    if pixels.ndim == 2:
+        return pixels
+    colors = pixels[..., :3] if pixels.shape[-1] > 2 else pixels[..., :1]
+    if pixels.ndim != 3 or (colors != colors[..., :1]).any():
+        raise expected("height map", "a grey picture", "colours", "give heights first and the picture as color=")
+    return colors[..., 0]
+
+
+def _color(path: Path, options: LoadOptions) -> np.ndarray | None:
+    """The colour picture uint8 [H, W, 3], turned so that row 0 is at y = 0."""
+    if options.color is None:
+        return None
+    picture = Path(options.color)
+    if not picture.is_file():
+        raise expected("color", "a picture", f"nothing named {str(picture)!r}", "check its path")
+    return open_picture(picture, 1, as_color=True)[::-1]
+
+
+def open_picture(path: Path, levels: int, as_color: bool = False) -> np.ndarray:
+    """The pixels of a picture, as they are stored but for palettes. levels: voxels that each stands for."""
+    from PIL import Image
+
+    # from memory: Pillow allocates any chunk length stated in a file
+    data = io.BytesIO(path.read_bytes())
+    with library(f"a picture ({path.name})"), Image.open(data, formats=PICTURES) as picture:
+        _check_columns(path, picture.width, picture.height, levels)
+        if as_color or picture.mode in ("P", "PA", "CMYK", "YCbCr", "LAB", "HSV"):
+            return np.asarray(picture.convert("RGB"))
+        return np.asarray(picture)
+
+
+def _floor(tops: np.ndarray) -> np.ndarray:
+    """int32 [H, W]: the lowest level of each column that anything above the ground can see, less SHELL."""
+    padded = np.pad(tops, 1, constant_values=-1)
+    height, width = tops.shape
+    around = [padded[y : y + height, x : x + width] for y in range(3) for x in range(3)]
+    return np.asarray(np.minimum.reduce(around)) - SHELL
+
+
+def _parts(heights: np.ndarray) -> np.ndarray:
+    """Heights as parts of the range, 0 lowest and 1 highest; NaN where there is none."""
+    finite = heights[np.isfinite(heights)]
+    if finite.size == 0:
+        raise expected("heights", "at least one finite number", "none")
+    # halved, so that the range of float64 itself does not overflow
+    low, high = float(finite.min()) / 2, float(finite.max()) / 2
+    return np.where(np.isfinite(heights), (heights / 2 - low) / ((high - low) or 1.0), np.nan)
+
+
+def _tints(parts: np.ndarray) -> np.ndarray:
+    """uint8 [H, W, 3] by height."""
+    stops = np.linspace(0, 1, len(_TINTS))
+    channels = [np.interp(np.nan_to_num(parts), stops, _TINTS[:, channel]) for channel in range(3)]
+    return np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
+
+
+def _fit(color: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """A picture resampled to [H, W, 3]: area averages where it shrinks, Lanczos where it grows."""
+    from PIL import Image
+
+    if color.ndim != 3 or color.shape[2] != 3 or color.dtype != np.uint8:
+        raise expected("color", "uint8 [H, W, 3]", f"{color.dtype} {color.shape}")
+    height, width = shape
+    if color.shape[:2] == (height, width):
+        return color
+    shrinks = color.shape[0] >= height and color.shape[1] >= width
+    method = Image.Resampling.BOX if shrinks else Image.Resampling.LANCZOS
+    return np.asarray(Image.fromarray(np.ascontiguousarray(color)).resize((width, height), method))

@@ -1,0 +1,125 @@
+"""Imaris files (.ims, version 5.5): HDF5 with a pyramid of levels, time points and channels.
+
+Layout: "Imaris 5.5 file format", imaris.oxinst.com. Numbers are attributes of letters; a level's dataset is padded to
+whole chunks, and its group says how much of it is the image. All levels span ExtMin to ExtMax, the faces of the image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.affine import axes_of, triple, unit_name
+from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.readers.channels import Channel, Several, as_microscope, rgb_of, window_of
+from splatgl.readers.common import grid_shape, library
+from splatgl.readers.hdf5 import is_numbers, node_at, open_hdf5, samples_of, text_of
+from splatgl.readers.options import LoadOptions
+
+_MOST = 64
+"""Most levels; each has half the voxels of the one before, or fewer."""
+
+_MOST_ENTRIES = 100_000
+"""Most time points or channels."""
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of an Imaris file with its coarser levels.
+
+    `channel` picks channels, `time` a time point, `level` one level. Samples of over WHOLE bytes are
+    read in parts.
+    """
+    file = open_hdf5(path)
+    with library("Imaris"):
+        # 1. which of its images
+        finest = _group(file, "DataSet/ResolutionLevel 0")
+        times = _count(finest, "TimePoint")
+        channels = _count(_group(finest, "TimePoint 0"), "Channel")
+        time = options.time_number(times)
+        # 2. at which levels
+        levels = _count(_group(file, "DataSet"), "ResolutionLevel", _MOST)
+        if options.level is not None and options.level >= levels:
+            raise expected("level", f"a number from 0 to {levels - 1}", options.level)
+        wanted = range(levels) if options.level is None else range(options.level, options.level + 1)
+        # 3. the samples, and the box that all have
+        image = _group(file, "DataSetInfo/Image")
+        told = Several(tuple(_channel(file, n) for n in range(channels)), channels > 1, times)
+
+        def read_one(channel: int | None) -> Volume:
+            names = [f"DataSet/ResolutionLevel {level}/TimePoint {time}/Channel {channel or 0}" for level in wanted]
+            found = [_volume(path, _group(file, name), image, options) for name in names]
+            return replace(found[0], coarser=tuple(found[1:]))
+
+        return as_microscope(told.volume(options, read_one))
+
+
+def _channel(file: Any, number: int) -> Channel:
+    """Its name, colour ("r g b" from 0 to 1) and range of values, as far as they are told."""
+    node = node_at(file, f"DataSetInfo/Channel {number}", anywhere=False)
+    if node is None:
+        return Channel(str(number))
+    color, ends = (text_of(node, name).split() for name in ("Color", "ColorRange"))
+    try:
+        parts = [float(part) for part in color]
+    except ValueError:
+        parts = []
+    shown = (
+        rgb_of([round(part * 255) for part in parts]) if len(parts) == 3 and all(0 <= p <= 1 for p in parts) else None
+    )
+    return Channel(text_of(node, "Name") or str(number), shown, window_of(*ends) if len(ends) == 2 else None)
+
+
+def _group(file: Any, name: str) -> Any:
+    node = node_at(file, name, anywhere=False)
+    if node is None or not hasattr(node, "keys"):
+        raise expected("file", f"a group {name!r}", "none", "is this an Imaris file?")
+    return node
+
+
+def _count(group: Any, name: str, most: int = _MOST_ENTRIES) -> int:
+    """How many groups "NAME 0", "NAME 1", … there are."""
+    count = 0
+    while count < most and f"{name} {count}" in group:
+        count += 1
+    if not count:
+        raise expected("file", f"a group '{name} 0'", "none", "is this an Imaris file?")
+    return count
+
+
+def _volume(path: Path, channel: Any, image: Any, options: LoadOptions) -> Volume:
+    data = node_at(channel, "Data", options.anywhere)
+    if not hasattr(data, "shape") or not is_numbers(data) or len(data.shape) != 3:
+        raise expected(f"{channel.name}/Data", "a dataset of real numbers with three axes", "none")
+    # 1. the image's part of the dataset
+    padded = data.shape[::-1]
+    sizes = [int(_number(channel, f"ImageSize{axis}", size)) for axis, size in zip("XYZ", padded, strict=True)]
+    shape = grid_shape(sizes, "ImageSize")
+    if any(size > room for size, room in zip(shape, data.shape, strict=True)):
+        raise expected("ImageSize", f"at most the dataset's {padded}", sizes, "the file is damaged")
+    samples = samples_of(path, data, [slice(0, size) for size in shape], options.anywhere)
+    # 2. its box
+    low, high = _ends(image, "ExtMin", [0, 0, 0]), _ends(image, "ExtMax", sizes)
+    matrix = np.diag((high - low) / sizes)
+    spacing, direction = axes_of(matrix, "ExtMin and ExtMax")
+    origin = low + matrix @ (0.5, 0.5, 0.5)
+    return Volume(samples, spacing, triple(origin, "ExtMin"), direction, unit_name(text_of(image, "Unit")))
+
+
+def _ends(image: Any, name: str, default: Sequence[float]) -> np.ndarray:
+    return np.array([_number(image, f"{name}{axis}", value) for axis, value in enumerate(default)])
+
+
+def _number(node: Any, name: str, default: float) -> float:
+    """The number that the letters of an attribute form."""
+    if name not in node.attrs:
+        return default
+    text = text_of(node, name)
+    try:
+        return float(text)
+    except ValueError:
+        raise expected(name, "a number", repr(text)) from None

@@ -1,0 +1,290 @@
+"""MetaImage, .mha and .mhd with a data file; uncompressed samples are memory-mapped.
+
+Format: itk.org/Wiki/MetaIO/Documentation. A row of TransformMatrix is the direction of one axis (the matrix is
+stored column by column), so that its transpose is `Volume.direction`. World coordinates are ITK's: LPS.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from itertools import takewhile
+from pathlib import Path
+
+import numpy as np
+
+from splatgl.data.affine import triple, unit_name
+from splatgl.data.volume import Triple, Volume
+from splatgl.errors import InputError, expected
+from splatgl.fileio import byte_count
+from splatgl.readers.channels import Several, components
+from splatgl.readers.common import (
+    data_file,
+    grid_shape,
+    inflate,
+    library,
+    map_array,
+    read_numbers,
+    require_end,
+    selection,
+)
+from splatgl.readers.options import LoadOptions
+
+_TYPES = {
+    "MET_CHAR": "i1",
+    "MET_UCHAR": "u1",
+    "MET_SHORT": "i2",
+    "MET_USHORT": "u2",
+    "MET_INT": "i4",
+    "MET_UINT": "u4",
+    "MET_LONG": "i4",
+    "MET_ULONG": "u4",
+    "MET_LONG_LONG": "i8",
+    "MET_ULONG_LONG": "u8",
+    "MET_FLOAT": "f4",
+    "MET_DOUBLE": "f8",
+}
+"""numpy codes by ElementType; MetaIO's LONG has four bytes on every machine."""
+
+_MATRIX_NAMES = ("TransformMatrix", "Rotation", "Orientation")
+
+_SIDES = {"R": (0, 1), "L": (0, -1), "A": (1, 1), "P": (1, -1), "I": (2, 1), "S": (2, -1)}
+"""World axis of LPS, and direction along it, of an axis that comes from a side."""
+
+_PATTERN = re.compile(r"[^%]*%0?[0-9]{0,2}d[^%]*")
+"""A name with the place of a number, such as slice%03d.raw."""
+
+_LINE_LIMIT = 4096
+"""Longest header line in bytes; a longer one means that the file is something else."""
+
+_LINES_LIMIT = 10_000
+"""Most header lines: the format has some forty fields, and programs add their own."""
+
+Fields = dict[str, str]
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a MetaImage file; `time` picks a time point of a 4-D one, `channel` one of several samples a voxel.
+
+    Without `channel`, three or four bytes are a colour, with its luma as samples, and three signed or real numbers a
+    vector in the world, with its length.
+    """
+    fields, files, start = _header(path)
+    sizes = _integers(fields, "DimSize")
+    grid_shape(sizes[:3])
+    if len(sizes) != _integer(fields, "NDims", 3) or min(sizes) < 1:
+        raise expected("DimSize", f"{fields['NDims']} positive numbers", fields["DimSize"], "the header is damaged")
+    channels = max(_integer(fields, "ElementNumberOfChannels", 1), 1)
+    shape = (*sizes[::-1], channels)
+    times = sizes[3] if len(sizes) > 3 else 1
+    step = _numbers(fields, ("ElementSpacing", "ElementSize"), [1.0] * 4)[3:4]
+    told = Several(times=times, step=step[0] if times > 1 and step and 0 < step[0] < np.inf else None)
+
+    def one(_: int | None) -> Volume:
+        samples = _data(path, fields, (files, start), shape, options.anywhere)
+        samples = samples[options.time or 0] if len(sizes) > 3 else samples
+        return _volume(samples, fields, options)
+
+    return told.volume(replace(options, channel=None), one)
+
+
+def _volume(samples: np.ndarray, fields: Fields, options: LoadOptions) -> Volume:
+    """The volume of samples [D, H, W, channels]."""
+    kind, channels = samples.dtype.kind, samples.shape[-1]
+    is_color = samples.dtype == np.uint8 and channels in (3, 4)
+    color = vectors = None
+    if options.channel is None and (is_color or (kind in "if" and channels == 3)):
+        samples, color, vectors = components(samples, is_color)
+    else:
+        samples = samples[selection(samples.shape, {3: ("channel", options.channel_number)})]
+    direction, frame, notes = _direction(fields)
+    return Volume(
+        samples,
+        _spacing(fields),
+        triple(_numbers(fields, ("Offset", "Position", "Origin"), [0.0] * 3)[:3], "Offset"),
+        direction,
+        unit_name(fields.get("DistanceUnits", "")),
+        frame=frame,
+        color=color,
+        vectors=vectors,
+        notes=(*notes, *_ignored(fields)),
+    )
+
+
+def _direction(fields: Fields) -> tuple[np.ndarray, str | None, tuple[str, ...]]:
+    """Direction [3, 3], frame, and what is told of both: ITK's convention, LPS, if the file states an orientation.
+
+    A letter of AnatomicalOrientation is the side that an axis comes from: RAI is from right, anterior and inferior.
+    """
+    count = _integer(fields, "NDims", 3)
+    matrix = np.array(_numbers(fields, _MATRIX_NAMES, []))
+    if matrix.size not in (0, count * count):
+        raise expected("TransformMatrix", f"{count * count} numbers", matrix.size)
+    # a row of the matrix is the direction of one axis: axes become columns
+    stated = matrix.reshape(count, count).T[:3, :3] if matrix.size else None
+    letters = fields.get("AnatomicalOrientation", "").upper()[:3]
+    sides = [_SIDES.get(letter) for letter in letters]
+    lettered = None
+    if len(sides) == 3 and None not in sides and len({side[0] for side in sides if side}) == 3:
+        lettered = np.zeros((3, 3))
+        for axis, side in enumerate(side for side in sides if side):
+            lettered[side[0], axis] = side[1]
+    if stated is None:
+        return (np.eye(3), None, ()) if lettered is None else (lettered, "LPS", ())
+    # the nearest axes of the matrix are the letters', or one of both is wrong
+    agrees = lettered is None or (lettered * stated).sum(axis=0).min() > 0.5
+    note = f"AnatomicalOrientation {letters} is not what TransformMatrix says, which is taken"
+    return stated, "LPS", () if agrees else (note,)
+
+
+def _ignored(fields: Fields) -> tuple[str, ...]:
+    """What a header states that is not read."""
+    scale = [_numbers(fields, (f"ElementToIntensityFunction{name}",), []) for name in ("Slope", "Offset")]
+    scaled = scale[0] not in ([], [1.0]) or scale[1] not in ([], [0.0])
+    return ("values are as stored: the file's ElementToIntensityFunction is not applied",) * scaled
+
+
+def _header(path: Path) -> tuple[Fields, list[str], int]:
+    """Fields up to ElementDataFile, which is the last one, the names that follow a LIST, and the byte after it."""
+    fields: Fields = {}
+    lines = 0
+    with path.open("rb") as file:
+        while "ElementDataFile" not in fields:
+            line = file.readline(_LINE_LIMIT)
+            key, equals, value = line.decode("latin-1").partition("=")
+            if (line.strip() and not equals) or len(line) == _LINE_LIMIT or not key.strip().isascii():
+                raise expected("header", "lines 'key = value'", repr(line[:16]), "is this a MetaImage file?")
+            if not line:
+                raise expected("header", "a last line 'ElementDataFile = …'", "none", "the file is cut short")
+            lines += 1
+            if lines > _LINES_LIMIT:
+                raise expected("header", f"at most {_LINES_LIMIT} lines", "more", "is this a MetaImage file?")
+            if equals:
+                fields[key.strip()] = value.strip()
+        start = file.tell()
+        listed = fields["ElementDataFile"].upper().split()[:1] == ["LIST"]
+        lines_ = (file.readline(_LINE_LIMIT).decode("latin-1").strip() for _ in range(_LINES_LIMIT * listed))
+        names = list(takewhile(bool, lines_))
+    if fields.get("NDims") not in ("3", "4"):
+        raise expected("NDims", "3 or 4", fields.get("NDims", "none"))
+    return fields, names, start
+
+
+def _listed(name: str, names: list[str], shape: tuple[int, ...]) -> tuple[list[str], int]:
+    """Names of the files of slices, none of a file that has its data in one; and the axes that each of them has.
+
+    "LIST" or "LIST 2D" with names behind it, or a pattern with the first and the last number, and the step.
+    """
+    words = name.split()
+    if words[0].upper() == "LIST":
+        asked = re.fullmatch(r"([1-9])D?", words[1].upper()) if len(words) > 1 else None
+        return names, int(asked[1]) if asked else len(shape) - 2
+    if "%" not in name:
+        return [], 0
+    numbers = [int(word) for word in words[1:] if re.fullmatch("-?[0-9]{1,7}", word)]
+    if not _PATTERN.fullmatch(words[0]) or len(numbers) != len(words) - 1 or not 1 <= len(numbers) <= 3:
+        raise expected("ElementDataFile", "LIST, or a name%03d.raw FIRST LAST STEP", repr(name))
+    first, last, step = (*numbers, *(numbers[0] + shape[0] - 1, 1)[len(numbers) - 1 :])
+    return [words[0] % number for number in range(first, last + 1, max(step, 1))[: _LINES_LIMIT + 1]], len(shape) - 2
+
+
+def _slices(
+    path: Path, fields: Fields, of: tuple[list[str], int], shape: tuple[int, ...], anywhere: bool
+) -> np.ndarray:
+    """Samples [shape] out of files that hold so many axes each, without counting channels."""
+    names, axes = of
+    inner, dtype = shape[len(shape) - 1 - axes :], _dtype(fields)
+    count = math.prod(shape[: len(shape) - 1 - axes])
+    if len(names) != count:
+        raise expected("ElementDataFile", f"{count} files of slices", len(names), "the header is damaged")
+    skip, binary = _integer(fields, "HeaderSize", 0), _flag(fields, "BinaryData", True)
+    if skip < -1 or not binary or _flag(fields, "CompressedData", False):
+        raise expected("files of slices", "plain binary ones", "others", "join them in one file")
+    files = [data_file(path, name, anywhere) for name in names]
+    size = byte_count(inner, dtype)
+    # all are there, before any is read
+    starts = [max(file.stat().st_size - size, 0) if skip == -1 else skip for file in files]
+    parts = [map_array(file, start, dtype, inner) for file, start in zip(files, starts, strict=True)]
+    return np.stack(parts).reshape(shape)
+
+
+def _data(
+    path: Path, fields: Fields, behind: tuple[list[str], int], shape: tuple[int, ...], anywhere: bool
+) -> np.ndarray:
+    """Samples [shape]. behind: what `_header` found behind the fields."""
+    dtype, start, name = _dtype(fields), behind[1], fields["ElementDataFile"]
+    # 1. where: here, in one file beside, or in several
+    if not name:
+        raise expected("ElementDataFile", "LOCAL, LIST or a name", "none")
+    of = _listed(name, behind[0], shape)
+    if of[1]:
+        return _slices(path, fields, of, shape, anywhere)
+    if name.upper() != "LOCAL":
+        path, start = data_file(path, name, anywhere), 0
+    # 2. how: text, zlib, or as it is; HeaderSize -1 counts from the end
+    if not _flag(fields, "BinaryData", True):
+        return _text(path, start, dtype, shape)
+    skip = _integer(fields, "HeaderSize", 0)
+    if skip < -1:
+        raise expected("HeaderSize", "-1 (from the end), 0 or more", skip)
+    if _flag(fields, "CompressedData", False):
+        return inflate(path, start + max(skip, 0), dtype, shape)
+    if skip == -1:
+        start, skip = max(path.stat().st_size - byte_count(shape, dtype), 0), 0
+    return map_array(path, start + skip, dtype, shape)
+
+
+def _dtype(fields: Fields) -> np.dtype:
+    name = fields.get("ElementType", "none").removesuffix("_ARRAY")
+    if name not in _TYPES:
+        raise expected("ElementType", "a MetaImage number type such as MET_SHORT", name)
+    big = _flag(fields, "ElementByteOrderMSB", False) or _flag(fields, "BinaryDataByteOrderMSB", False)
+    return np.dtype(_TYPES[name]).newbyteorder(">" if big else "<")
+
+
+def _text(path: Path, start: int, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
+    with path.open("rb") as file, library("MetaImage text data"):
+        file.seek(start)
+        count = byte_count(shape, np.dtype("u1"))
+        numbers = read_numbers(file, count, dtype, path.stat().st_size - start)
+        require_end(file, count)
+        return numbers.reshape(shape)
+
+
+def _spacing(fields: Fields) -> Triple:
+    return triple(_numbers(fields, ("ElementSpacing", "ElementSize"), [1.0] * 3)[:3], "ElementSpacing")
+
+
+def _flag(fields: Fields, name: str, default: bool) -> bool:
+    return fields.get(name, str(default)).lower() in ("true", "1")
+
+
+def _integers(fields: Fields, name: str) -> list[int]:
+    try:
+        return [int(word) for word in fields.get(name, "").split()]
+    except ValueError:
+        raise expected(name, "whole numbers", repr(fields[name])) from None
+
+
+def _integer(fields: Fields, name: str, default: int) -> int:
+    """The one whole number of a field, or the default if it is not there."""
+    numbers = _integers({name: str(default), **fields}, name)
+    if len(numbers) != 1:
+        raise expected(name, "one whole number", repr(fields[name]))
+    return numbers[0]
+
+
+def _numbers(fields: Fields, names: tuple[str, ...], default: list[float]) -> list[float]:
+    """The numbers of the first field that is there."""
+    for name in names:
+        if name in fields:
+            try:
+                return [float(word) for word in fields[name].split()]
+            except ValueError:
+                raise _not_numbers(name, fields[name]) from None
+    return default
+
+
+def _not_numbers(name: str, text: str) -> InputError:
+    return expected(name, "numbers", repr(text))

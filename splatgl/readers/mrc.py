@@ -1,0 +1,160 @@
+"""MRC and CCP4 maps (.mrc, .map, .rec, .ccp4), plain files mapped; .gz and .bz2 inflated.
+
+Format: Cheng et al., "MRC2014: Extensions to the MRC format header", J. Struct. Biol. 192 (2015), and CCP4's maplib.
+The header's layout and types are mrcfile's. Columns run fastest; mapc, mapr, maps say which axis of the cell each is.
+"""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.affine import axes_of, triple
+from splatgl.data.volume import Volume
+from splatgl.errors import expected, missing_extra
+from splatgl.fileio import byte_count, require_memory
+from splatgl.readers.common import grid_shape, inflate, library, map_array, require_bytes, require_plausible, selection
+from splatgl.readers.options import LoadOptions
+
+_HEADER = 1024
+"""Bytes of the header; an extended one of `nsymbt` bytes follows."""
+
+_IMOD, _IMOD_SIGNED = 1146047817, 1
+"""Mark of IMOD in the header, whose bytes (mode 0) are unsigned unless a flag is set (bio3d.colorado.edu/imod)."""
+
+_REAL = (0, 1, 2, 6, 12)
+"""Modes of real numbers; 3 and 4 are complex, 101 has four bits a voxel."""
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of an MRC file in ångström; `array` picks one of a stack of volumes."""
+    header = _header(path)
+    # 1. the samples, in the order of the file
+    sizes = [int(header[name]) for name in ("nx", "ny", "nz")]
+    columns = grid_shape(sizes)
+    skip = int(header["nsymbt"])
+    if skip < 0:
+        raise expected("nsymbt", "zero or more bytes", skip, "the header is damaged")
+    samples = _data(path, _HEADER + skip, _dtype(header), columns)
+    # 2. one volume of a stack
+    volumes = _volumes(header, columns[0])
+    stack = samples.reshape(volumes, columns[0] // volumes, *columns[1:])
+    number = options.array_number(volumes)
+    samples = stack[selection(stack.shape, {0: ("array", number)})]
+    # 3. axes: place[i] is the axis of the cell (0 is x) that axis i of the file, columns first, runs along
+    place = _places(header)
+    samples = samples.transpose([2 - place.index(axis) for axis in (2, 1, 0)])
+    matrix, origin, unit = _grid(header, place)
+    spacing, direction = axes_of(matrix, "cell")
+    return Volume(samples, spacing, triple(origin, "origin"), direction, unit)
+
+
+def _header(path: Path) -> Any:
+    try:
+        from mrcfile import utils
+        from mrcfile.dtypes import HEADER_DTYPE
+    except ImportError:
+        raise missing_extra("MRC files", "mrcfile", "readers") from None
+    with library("MRC"):
+        with _opened(path) as file:
+            first = file.read(_HEADER)
+        require_bytes(_HEADER, len(first), "header")
+        header = np.frombuffer(first, HEADER_DTYPE)[0]
+        try:
+            order = utils.byte_order_from_machine_stamp(header["machst"])
+        except ValueError:
+            # old files have none: the one order in which the mode is one
+            order = "<" if 0 <= header["mode"] < 2**16 else ">"
+        header = np.frombuffer(first, HEADER_DTYPE.newbyteorder(order))[0]
+    if int(header["mode"]) not in _REAL:
+        raise expected("mode", f"one of {', '.join(map(str, _REAL))}", int(header["mode"]), "is this an MRC file?")
+    return header
+
+
+def _opened(path: Path) -> Any:
+    name = path.name.lower()
+    return gzip.open(path) if name.endswith(".gz") else bz2.open(path) if name.endswith(".bz2") else path.open("rb")
+
+
+def _dtype(header: Any) -> np.dtype:
+    from mrcfile import utils
+
+    dtype = np.dtype(utils.dtype_from_mode(int(header["mode"])))
+    mark, flags = np.frombuffer(header["extra2"].tobytes()[40:48], header.dtype["nx"])
+    if dtype == np.int8 and mark == _IMOD and not flags & _IMOD_SIGNED:
+        dtype = np.dtype(np.uint8)
+    return dtype.newbyteorder(header.dtype["nx"].byteorder)
+
+
+def _data(path: Path, start: int, dtype: np.dtype, shape: tuple[int, int, int]) -> np.ndarray:
+    """The array [sections, rows, columns]."""
+    name, needed = path.name.lower(), start + byte_count(shape, dtype)
+    if name.endswith(".gz"):
+        return inflate(path, 0, np.dtype(np.uint8), (needed,))[start:].view(dtype).reshape(shape)
+    if name.endswith(".bz2"):
+        require_plausible(needed, path.stat().st_size, bounded=False)
+        require_memory(needed, path.stat().st_size)
+        with library("bzip2 data"), bz2.open(path) as file:
+            found = np.frombuffer(file.read(needed), np.uint8)
+        require_bytes(needed, found.size, "inflated data")
+        return found[start:].view(dtype).reshape(shape)
+    return map_array(path, start, dtype, shape)
+
+
+def _volumes(header: Any, sections: int) -> int:
+    """How many volumes lie one behind the other."""
+    from mrcfile import utils
+
+    each = int(header["mz"])
+    if not utils.spacegroup_is_volume_stack(header["ispg"]):
+        return 1
+    if each < 1 or sections % each:
+        raise expected("mz", f"a part of the {sections} sections", each, "the header is damaged")
+    return sections // each
+
+
+def _places(header: Any) -> list[int]:
+    found = [int(header[name]) - 1 for name in ("mapc", "mapr", "maps")]
+    if found == [-1, -1, -1]:
+        return [0, 1, 2]
+    if sorted(found) != [0, 1, 2]:
+        raise expected("mapc, mapr, maps", "1, 2 and 3 in any order", [axis + 1 for axis in found])
+    return found
+
+
+def _grid(header: Any, place: list[int]) -> tuple[np.ndarray, np.ndarray, str]:
+    """World-from-index [3, 3], the place of the first sample, and the unit.
+
+    The edges of the cell are a along x, b in the plane of x and y, and c (International Tables for Crystallography B,
+    section 3.3.1). The origin is the header's, else where the grid starts in the cell.
+    """
+    cell = np.array([header["cella"][axis] for axis in "xyz"], np.float64)
+    counts = np.array([header[name] for name in ("mx", "my", "mz")], np.float64)
+    if not (np.isfinite(cell) & (cell > 0)).all() or counts.min() < 1:
+        return np.eye(3), np.zeros(3), ""
+    angles = np.array([header["cellb"][name] for name in ("alpha", "beta", "gamma")], np.float64)
+    edges = _edges(angles) * (cell / counts)
+    origin = np.array([header["origin"][axis] for axis in "xyz"], np.float64)
+    if not origin.any():
+        starts = [int(header[name]) for name in ("nxstart", "nystart", "nzstart")]
+        origin = edges @ [starts[place.index(axis)] for axis in range(3)]
+    return edges, origin, "Å"
+
+
+def _edges(angles: np.ndarray) -> np.ndarray:
+    """Directions of the cell's edges as columns [3, 3]; angles (alpha, beta, gamma) in degrees, 0 stands for 90."""
+    if not np.isfinite(angles).all() or ((angles < 0) | (angles >= 180)).any():
+        raise expected("cell", "angles from 0 to 180 degrees", angles.tolist(), "the header is damaged")
+    right = np.where(angles == 0, 90.0, angles)
+    # exact zeros for right angles
+    cos = np.where(right == 90, 0.0, np.cos(np.deg2rad(right)))
+    sin = np.sqrt(1 - cos[2] ** 2)
+    lift = (cos[0] - cos[1] * cos[2]) / sin
+    height = 1 - cos[1] ** 2 - lift**2
+    if height <= 0:
+        raise expected("cell", "angles that a cell can have", angles.tolist(), "the header is damaged")
+    return np.array([[1, cos[2], cos[1]], [0, sin, lift], [0, 0, np.sqrt(height)]])

@@ -1,0 +1,284 @@
+"""NIfTI, Analyze, MGH through nibabel.
+
+nibabel's arrays are [x, y, z], and its affine takes (x, y, z) to RAS+. Analyze files state no orientation: nibabel
+takes x from right to left, as SPM does. A pair in the NIfTI format has these names too, and is read as such.
+
+nibabel's arrays are [x, y, z] with x fastest, and its affine takes (x, y, z) to RAS+ (nipy.org/nibabel,
+"Coordinate systems and affines"); the transpose of the array is [z, y, x].
+"""
+
+from __future__ import annotations
+
+import gzip
+import struct
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.affine import axes_of, triple
+from splatgl.data.volume import Volume
+from splatgl.errors import expected, missing_extra
+from splatgl.fileio import byte_count, require_memory
+from splatgl.readers.channels import Several
+from splatgl.readers.common import grid_shape, is_whole, library, require_bytes, require_plausible, selection
+from splatgl.readers.options import LoadOptions
+
+_HEADER = 348
+"""Bytes of an Analyze header, which its first number states."""
+
+_MGH_TYPES: dict[int, np.dtype] = {0: np.dtype(">u1"), 1: np.dtype(">i4"), 3: np.dtype(">f4"), 4: np.dtype(">i2")}
+_MGH_START = 284
+"""Byte at which the samples of an .mgh file begin."""
+
+
+def read_analyze(path: Path, options: LoadOptions) -> Volume:
+    """The volume of an Analyze or NIfTI pair in RAS; `array` picks the time point of a 4-D one."""
+    nibabel = _nibabel("Analyze files")
+    # 1. both files, of which either may be named
+    header, data = (_beside(path, suffix) for suffix in (".hdr", ".img"))
+    with header.open("rb") as file:
+        first = file.read(_HEADER)
+    if len(first) < _HEADER or struct.pack("<i", _HEADER) not in (first[:4], first[3::-1]):
+        raise expected(header.name, "an Analyze header of 348 bytes", "another", "is this an Analyze file?")
+    # 2. its sizes, checked against the data
+    with library("Analyze"):
+        if first[344:347] == b"ni1":
+            form: Any = nibabel.Nifti1Pair
+        else:
+            # SPM's scale factor and origin, without the .mat file that it would look for
+            spm = {"header_class": nibabel.spm2analyze.Spm2AnalyzeHeader}
+            form = type("Image", (nibabel.analyze.AnalyzeImage,), spm)
+        image = form.from_file_map(form.make_file_map({"header": str(header), "image": str(data)}), mmap="r")
+        dtype = _dtype_of(image)
+        sizes = [int(size) for size in image.shape]
+        start = int(image.dataobj.offset)
+    _check(sizes, dtype)
+    require_bytes(max(start, 0) + byte_count(sizes, dtype), data.stat().st_size)
+    return _mgh_volume(image, sizes, "mm", options)
+
+
+def read_mgh(path: Path, options: LoadOptions) -> Volume:
+    """The volume of an .mgh or .mgz file in RAS; `array` picks one of several frames."""
+    nibabel = _nibabel("MGH files")
+    packed = path.name.lower().endswith("z")
+    # 1. sizes, checked before nibabel looks for what follows the samples
+    with library("MGH"), gzip.open(path) if packed else path.open("rb") as file:
+        first = file.read(_MGH_START)
+    require_bytes(_MGH_START, len(first), "header")
+    version, *sizes, code = struct.unpack(">6i", first[:24])
+    if version != 1 or code not in _MGH_TYPES:
+        raise expected("header", "version 1, and type 0, 1, 3 or 4", f"{version}, {code}", "is this an MGH file?")
+    _check(sizes, _MGH_TYPES[code])
+    needed, there = _MGH_START + byte_count(sizes, _MGH_TYPES[code]), path.stat().st_size
+    if packed:
+        require_plausible(needed, there)
+        require_memory(needed, there)
+    else:
+        require_bytes(needed, there)
+    # 2. the image; of a packed one no more is inflated than the sizes say
+    with library("MGH"):
+        image = nibabel.MGHImage.from_filename(path, mmap="r")
+    return _mgh_volume(image, [int(size) for size in image.shape], "mm", options)
+
+
+def _nibabel(what: str) -> Any:
+    try:
+        import nibabel
+    except ImportError:
+        raise missing_extra(what, "nibabel", "readers") from None
+    return nibabel
+
+
+def _dtype_of(image: Any) -> np.dtype:
+    return np.dtype(image.get_data_dtype())
+
+
+def _beside(path: Path, suffix: str) -> Path:
+    """The file of the pair with that suffix, in the case of the one that is named."""
+    found = path.with_suffix(suffix.upper() if path.suffix.isupper() else suffix)
+    if not found.is_file():
+        raise expected("pair", f"{found.name} beside it", "none", "put both files side by side")
+    return found
+
+
+def _check(sizes: list[int], dtype: np.dtype) -> None:
+    if dtype.kind not in "uif":
+        raise expected("samples", "real numbers", dtype, "convert the file to one number per voxel")
+    grid_shape(sizes[:3])
+    if min(sizes) < 1:
+        raise expected("dimensions", "at least one entry along each axis", sizes, "the header is damaged")
+
+
+def _mgh_volume(image: Any, sizes: list[int], unit: str, options: LoadOptions) -> Volume:
+    long = [axis for axis in range(3, len(sizes)) if sizes[axis] > 1]
+    extra = {axis: ("array", options.array_number(sizes[axis]) if axis in long else 0) for axis in range(3, len(sizes))}
+    if not long and options.array is not None:
+        options.array_number(1)
+    with library("image"):
+        # what has a scale factor becomes float
+        proxy = image.dataobj
+        scaled = (float(getattr(proxy, "slope", 1.0)), float(getattr(proxy, "inter", 0.0))) != (1.0, 0.0)
+        stored = np.asanyarray(proxy) if scaled else np.asanyarray(proxy.get_unscaled())
+    samples = stored[selection(sizes, extra)].T
+    spacing, direction = axes_of(image.affine[:3, :3], "affine")
+    kept = samples.astype(np.float32) if samples.dtype == np.float64 and scaled else samples
+    return Volume(kept, spacing, triple(image.affine[:3, 3], "affine"), direction, unit, frame="RAS")
+
+
+_UNITS = {1: "m", 2: "mm", 3: "um"}
+"""Units of length by the lowest three bits of xyzt_units (nifti1.h); other codes are no lengths."""
+
+_TIMES = {8: 1.0, 16: 1e-3, 24: 1e-6}
+"""Seconds of the units of time in the next three bits."""
+
+_LABELS = 1002
+"""NIFTI_INTENT_LABEL: samples number segments (nifti1.h)."""
+
+UNORIENTED = "neither sform nor qform: the file does not say where the patient's sides are"
+
+_SNIFF_BYTES = 1024
+"""Bytes read to tell whether gzip data are sound: more than either header."""
+
+_NIFTI2_BYTES = 540
+"""sizeof_hdr of NIfTI-2, the first number of the file; NIfTI-1 has 348."""
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a .nii or .nii.gz file in RAS; `time` picks the time point of a 4-D one.
+
+    Samples with a slope or intercept are scaled to float32, the others keep their type.
+    """
+    image = _open(path)
+    _sizes(image)
+    _check_bytes(path, image)
+    return of_image(image, options)
+
+
+def of_image(image: Any, options: LoadOptions) -> Volume:
+    """The volume of a nibabel image with a NIfTI header, in a file or in memory, as `read` gives it."""
+    volume = _told(image).volume(options, lambda _: _volume(image, options))
+    named = int(image.header["intent_code"]) == _LABELS and all(map(is_whole, volume.samples))
+    return replace(volume, labels=()) if named else volume
+
+
+def _told(image: Any) -> Several:
+    """The time points: pixdim[4] apart."""
+    sizes, zooms = _sizes(image), image.header.get_zooms()
+    unit = _TIMES.get(int(image.header["xyzt_units"]) & 56, 0.0)
+    step = float(zooms[3]) * unit if len(zooms) > 3 else 0.0
+    return Several(times=sizes[3] if len(sizes) > 3 else 1, step=step if 0 < step < float("inf") else None)
+
+
+def _volume(image: Any, options: LoadOptions) -> Volume:
+    # 1. sizes
+    sizes = _sizes(image)
+    times = sizes[3] if len(sizes) > 3 else 1
+    arrays = [axis for axis in range(4, len(sizes)) if sizes[axis] > 1]
+    if not arrays and times == 1:
+        options.refuse("array", "a file of several time points or arrays")
+    # beside arrays, `array` is none of time
+    time = options.time or 0 if arrays else options.time_number(times)
+    extra: dict[int, tuple[str, int | None]] = {3: ("time", time)} if len(sizes) > 3 else {}
+    for axis in range(4, len(sizes)):
+        extra[axis] = ("array", options.array_number(sizes[axis]) if sizes[axis] > 1 else 0)
+    # 2. samples
+    stored, slope, intercept = _stored(image.dataobj, selection(sizes, extra))
+    if stored.dtype.kind not in "buif":
+        raise expected("samples", "real numbers", stored.dtype, "convert it to one number per voxel")
+    samples = _scaled(stored.T, slope, intercept)
+    # 3. grid
+    unit = _UNITS.get(int(image.header["xyzt_units"]) & 7, "")
+    if not (image.header["sform_code"] or image.header["qform_code"]):
+        return Volume(samples, _pixdim(image), unit=unit, notes=(UNORIENTED,))
+    spacing, direction = axes_of(image.affine[:3, :3], "affine")
+    return Volume(samples, spacing, triple(image.affine[:3, 3], "affine"), direction, unit, frame="RAS")
+
+
+def _sizes(image: Any) -> list[int]:
+    """Entries along x, y, z and further axes."""
+    sizes = [int(size) for size in image.shape]
+    grid_shape(sizes[:3])
+    if min(sizes) < 1:
+        raise expected("dimensions", "at least one entry along each axis", sizes, "the header is damaged")
+    return sizes
+
+
+def _stored(data: Any, index: tuple[int | slice, ...]) -> tuple[np.ndarray, float, float]:
+    """Samples that an index picks as they are stored, mapped where the file permits, their slope and intercept."""
+    if not hasattr(data, "get_unscaled"):
+        return np.asanyarray(data)[index], 1.0, 0.0
+    slope, intercept, name = float(data.slope), float(data.inter), str(data.file_like)
+    if not name.lower().endswith(".gz"):
+        with library("NIfTI"):
+            return np.asanyarray(data.get_unscaled())[index], slope, intercept
+    from nibabel.fileslice import fileslice
+    from nibabel.openers import ImageOpener
+
+    # of a series only what is picked is kept; samples that are scaled are there twice
+    picked = byte_count([size for size, at in zip(data.shape, index, strict=True) if at == slice(None)], data.dtype)
+    scaled = 0 if (slope, intercept) == (1.0, 0.0) else picked // data.dtype.itemsize * np.dtype(np.float32).itemsize
+    require_memory(picked + scaled, Path(name).stat().st_size)
+    with library("NIfTI"), ImageOpener(name) as file:
+        return np.asanyarray(fileslice(file, index, data.shape, data.dtype, data.offset, order="F")), slope, intercept
+
+
+def _open(path: Path) -> Any:
+    try:
+        import nibabel
+    except ImportError:
+        raise missing_extra("NIfTI files", "nibabel", "readers") from None
+    if path.name.lower().endswith(".gz"):
+        # reported before nibabel reports header errors
+        with library("gzip data"), gzip.open(path) as file:
+            file.read(_SNIFF_BYTES)
+    # the header's first number identifies NIfTI-2; nibabel's detection may run other parsers on the file
+    with library("NIfTI"):
+        form = nibabel.Nifti2Image if _second_version(path) else nibabel.Nifti1Image
+        header = type("Header", (form.header_class,), {"exts_klass": _NoExtensions})
+        reader: Any = type("Image", (form,), {"header_class": header})
+        return reader.from_filename(path, mmap="r")
+
+
+class _NoExtensions(list[object]):
+    """Replaces nibabel's extensions, which allocate any length stated in the file."""
+
+    @classmethod
+    def from_fileobj(cls, _file: object, _size: int, _byteswap: bool) -> _NoExtensions:
+        return cls()
+
+
+def _second_version(path: Path) -> bool:
+    with gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb") as file:
+        return file.read(4) in (_NIFTI2_BYTES.to_bytes(4, "little"), _NIFTI2_BYTES.to_bytes(4, "big"))
+
+
+def _check_bytes(path: Path, image: Any) -> None:
+    dtype = image.get_data_dtype()
+    if dtype.kind not in "uif":
+        raise expected("samples", "real numbers", dtype, "convert the file to one number per voxel")
+    offset = int(image.dataobj.offset)
+    if offset < 0:
+        raise expected("vox_offset", "a place in the file", offset, "the header is damaged")
+    needed, there = offset + byte_count(image.shape, dtype), path.stat().st_size
+    if path.name.lower().endswith(".gz"):
+        require_plausible(needed, there)
+    else:
+        require_bytes(needed, there)
+
+
+def _pixdim(image: Any) -> tuple[float, float, float]:
+    """Spacing of an image that states no orientation; zero means unknown."""
+    zooms = [abs(float(zoom)) for zoom in image.header.get_zooms()[:3]]
+    return triple([zoom or 1.0 for zoom in zooms], "pixdim")
+
+
+def _scaled(stored: np.ndarray, slope: float, intercept: float) -> np.ndarray:
+    if slope == 1 and intercept == 0:
+        return stored
+    # plane by plane, to avoid a float64 copy of the whole
+    scaled = np.empty(stored.shape, np.float32)
+    for plane, source in zip(scaled, stored, strict=True):
+        plane[...] = source * np.float64(slope) + intercept
+    return scaled

@@ -1,0 +1,403 @@
+"""NRRD, attached (.nrrd) and detached (.nhdr), header parsed by pynrrd; raw data is memory-mapped.
+
+Format: teem.sourceforge.net/nrrd/format.html. Axes are listed fastest first, and each entry of "space directions" is
+the step along one axis: the columns of world-from-index.
+"""
+
+from __future__ import annotations
+
+import bz2
+import io
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from splatgl.data.affine import axes_of, stated, triple, unit_name
+from splatgl.data.volume import Label, Volume
+from splatgl.errors import expected, missing_extra
+from splatgl.fileio import byte_count, require_memory
+from splatgl.readers.channels import SECONDS, Channel, Several, components, rgb_of
+from splatgl.readers.common import (
+    data_file,
+    grid_shape,
+    inflate,
+    library,
+    map_array,
+    read_numbers,
+    require_bytes,
+    require_end,
+    require_plausible,
+    selection,
+)
+from splatgl.readers.options import LoadOptions
+
+_TYPES = {
+    "i1": "signed char, int8, int8_t",
+    "u1": "uchar, unsigned char, uint8, uint8_t",
+    "i2": "short, short int, signed short, signed short int, int16, int16_t",
+    "u2": "ushort, unsigned short, unsigned short int, uint16, uint16_t",
+    "i4": "int, signed int, int32, int32_t",
+    "u4": "uint, unsigned int, uint32, uint32_t",
+    "i8": "longlong, long long, long long int, signed long long, signed long long int, int64, int64_t",
+    "u8": "ulonglong, unsigned long long, unsigned long long int, uint64, uint64_t",
+    "f4": "float",
+    "f8": "double",
+}
+_CODES = {spelling: code for code, spellings in _TYPES.items() for spelling in spellings.split(", ")}
+
+_FRAMES = {
+    **dict.fromkeys(("left-posterior-superior", "lps", "left-posterior-superior-time", "lpst"), "LPS"),
+    **dict.fromkeys(("right-anterior-superior", "ras", "right-anterior-superior-time", "rast"), "RAS"),
+}
+"""Frames kept by name; in the scanner's and other frames "superior" is not known to be +z."""
+
+_LEFT_ANTERIOR = ("left-anterior-superior", "las", "left-anterior-superior-time", "last")
+"""Frames that are turned into LPS."""
+
+_COMPONENTS = {
+    *(("rgb-color", 3), ("3-color", 3), ("rgba-color", 4), ("4-color", 4)),
+    *((kind, 3) for kind in ("vector", "3-vector", "covariant-vector", "3-gradient", "3-normal")),
+}
+"""Kinds and sizes of axes that hold all that a voxel has: its colour, or a vector."""
+
+MOST_SEGMENTS = 4096
+"""Most segments that a header may describe."""
+
+_TEXT = ("ascii", "text", "txt")
+
+_HEADER_LIMIT = 2**20
+"""Most bytes of a header: one with the gradients of a large diffusion study has some 2**17."""
+
+_MAX_AXES = 16
+"""Most axes of a file: NRRD_DIM_MAX of the format's own library."""
+
+Header = Mapping[str, Any]
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a NRRD file; `time` (or `array`) picks the number along an axis of time, `channel` along another.
+
+    Without `channel`, colours in bytes become `Volume.color` with their luma as samples, and three components of
+    vectors `Volume.vectors` with their lengths. The layers of 3D Slicer's segmentations are channels.
+    """
+    header, start = _header(path)
+    # 1. the three axes of space, and what is picked along others
+    sizes = [int(size) for size in header["sizes"]]
+    space = _space_axes(header, sizes)
+    grid_shape([sizes[axis] for axis in space])
+    others = [axis for axis in range(len(sizes)) if axis not in space]
+    kinds = [str(kind).lower() for kind in header.get("kinds", [""] * len(sizes))]
+    directions = header.get("space directions")
+    if directions is not None:
+        kinds = ["time" if _is_time(row) else kind for row, kind in zip(directions, kinds, strict=True)]
+    times = [axis for axis in others if kinds[axis] == "time"]
+    if options.array is not None and not times:
+        raise expected("array", "an axis of the kind time", "none", "pick a component with channel=N")
+    segments = _segments(header)
+    layered = next((axis for axis in others if axis not in times and segments and sizes[axis] > 1), None)
+    # 2. the samples, mapped if they can be
+    stored = _data(path, header, start, sizes[::-1], options.anywhere)
+    # 3. the volume of each layer of segments, or the only one
+    names = [_title(segments, layer) for layer in range(sizes[layered] if layered is not None else 0)]
+    count, step = (sizes[times[0]], _time_step(header, times[0])) if times else (1, None)
+    told = Several(tuple(map(Channel, names)), together=True, times=count, step=step)
+
+    def one(layer: int | None) -> Volume:
+        asked = options.channel_number if layer is None else layer
+        volume = _volume(header, stored, kinds, options, asked)
+        known = tuple(label for at, label in segments if layer is None or at == layer)
+        return replace(volume, labels=known or None) if volume.samples.dtype.kind in "bui" else volume
+
+    # a channel is picked where there are no layers of segments
+    volume = told.volume(options if layered is not None else replace(options, channel=None), one)
+    return replace(volume, labels=tuple(label for _, label in segments)) if volume.channels else volume
+
+
+def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadOptions, asked: int | None) -> Volume:
+    """The volume of the samples as they are stored. asked: the entry along axes that are neither space nor time."""
+    sizes, last = [int(size) for size in header["sizes"]], len(kinds) - 1
+    space = _space_axes(header, sizes)
+    others = [axis for axis in range(len(sizes)) if axis not in space]
+    whole = [axis for axis in others if (kinds[axis], sizes[axis]) in _COMPONENTS and asked is None]
+    extra: dict[int, tuple[str, int | None]] = {
+        last - axis: ("time", options.time_number(sizes[axis])) if kinds[axis] == "time" else ("channel", asked)
+        for axis in others
+        if axis not in whole[:1]
+    }
+    if not [axis for axis in others if kinds[axis] != "time"]:
+        options.refuse("channel", "several numbers per voxel")
+    samples = stored[selection(stored.shape, extra)]
+    color = vectors = None
+    if whole:
+        place = last - whole[0] - sum(axis < last - whole[0] for axis in extra)
+        samples, color, vectors = components(np.moveaxis(samples, place, -1), "color" in kinds[whole[0]])
+    matrix, origin, notes = _grid(header, space)
+    if vectors is not None:
+        vectors = _in_world(vectors, header)
+    named = str(header.get("space", "")).lower()
+    if named in _LEFT_ANTERIOR:
+        # LAS as LPS: y points the other way
+        matrix, origin = np.diag([1.0, -1.0, 1.0]) @ matrix, origin * (1, -1, 1)
+        vectors = None if vectors is None else vectors * np.array([1, -1, 1], vectors.dtype)
+    spacing, direction = axes_of(matrix, "space directions")
+    frame = "LPS" if named in _LEFT_ANTERIOR else _FRAMES.get(named)
+    if named.startswith("scanner"):
+        notes = (*notes, f"space {named}: where the patient's sides are is not told")
+    return Volume(
+        samples,
+        spacing,
+        triple(origin, "space origin"),
+        direction,
+        _unit(header, space),
+        frame=frame,
+        color=color,
+        vectors=vectors,
+        value_unit=stated(header.get("sample units")),
+        notes=(*notes, *_ignored(header)),
+    )
+
+
+def _is_time(direction: np.ndarray) -> bool:
+    """Whether the direction of an axis is the fourth of a space that has four."""
+    return len(direction) == 4 and np.isfinite(direction).all() and not any(direction[:3])
+
+
+def _time_step(header: Header, axis: int) -> float | None:
+    """Seconds from one time point to the next, as the file tells them; without a unit they are seconds."""
+    directions, spacings, units = (header.get(name) for name in ("space directions", "spacings", "units"))
+    step = np.nan
+    if directions is not None and _is_time(directions[axis]):
+        step, units = directions[axis][3], header.get("space units")
+        axis = 3
+    elif spacings is not None and axis < len(spacings):
+        step = spacings[axis]
+    unit = str(units[axis]).lower() if units is not None and axis < len(units) else ""
+    seconds = float(step) * SECONDS.get(unit, 0.0 if unit.strip("?") else 1.0)
+    return seconds if 0 < seconds < np.inf else None
+
+
+def _ignored(header: Header) -> tuple[str, ...]:
+    """What a header states that is not read."""
+    old = [float(header[name]) for name in ("old min", "oldmin", "old max", "oldmax") if name in header]
+    if len(old) != 2 or not np.isfinite(old).all():
+        return ()
+    return (f"values are as stored: they were quantized from {old[0]:g} … {old[1]:g}",)
+
+
+def _segments(header: Header) -> list[tuple[int, Label]]:
+    """The segments that 3D Slicer's tags describe, and the layer of each: number, name, and colour from 0 to 1.
+
+    Of files before there were layers, the n-th segment is the n-th layer, of number 1.
+    """
+    found: dict[tuple[int, int], Label] = {}
+    for n in range(MOST_SEGMENTS):
+        told = {
+            name: str(header.get(f"Segment{n}_{name}", "")) for name in ("LabelValue", "Layer", "Name", "Color", "ID")
+        }
+        if not any(told.values()):
+            break
+        if not told["LabelValue"]:
+            told |= {"LabelValue": "1", "Layer": str(n)}
+        if not re.fullmatch("-?[0-9]{1,18}", told["LabelValue"]):
+            break
+        layer = int(told["Layer"]) if re.fullmatch("[0-9]{1,9}", told["Layer"]) else 0
+        parts = [float(part) for part in told["Color"].split() if re.fullmatch(r"[01]|[01]?\.[0-9]+", part)]
+        color = rgb_of([round(min(part, 1.0) * 255) for part in parts]) if len(parts) == 3 else None
+        number = int(told["LabelValue"])
+        found.setdefault((layer, number), Label(number, told["Name"], color))
+    return [(layer, label) for (layer, _), label in found.items()]
+
+
+def _title(segments: list[tuple[int, Label]], layer: int) -> str:
+    """The names of a layer's few segments, or its number."""
+    names = [label.name for at, label in segments if at == layer]
+    return ", ".join(names) if 0 < len(names) < 4 and all(names) else f"layer {layer}"
+
+
+def _in_world(vectors: np.ndarray, header: Header) -> np.ndarray:
+    """Vectors along the axes of the world, into which a measurement frame turns them."""
+    frame = header.get("measurement frame")
+    if frame is None or np.shape(frame) != (3, 3) or not np.isfinite(frame).all():
+        return vectors
+    # each vector of the field is a column of the matrix
+    return np.asarray(vectors @ np.asarray(frame, np.float32))
+
+
+def _header(path: Path) -> tuple[Header, int]:
+    try:
+        import nrrd
+    except ImportError:
+        raise missing_extra("NRRD files", "pynrrd", "readers") from None
+    with path.open("rb") as file, library("NRRD"):
+        lines = _header_lines(file)
+        header, end = nrrd.read_header(lines), file.tell()
+    for name in ("dimension", "type", "encoding", "sizes"):
+        if name not in header:
+            raise expected("header", f"a field {name!r}", "none", "the header is incomplete")
+    if not 1 <= header["dimension"] <= _MAX_AXES:
+        raise expected("dimension", f"1 to {_MAX_AXES}", header["dimension"])
+    if header["dimension"] != len(header["sizes"]):
+        raise expected("sizes", f"{header['dimension']} (dimension)", len(header["sizes"]))
+    kinds = header.get("kinds")
+    if kinds is not None and len(kinds) != header["dimension"]:
+        raise expected("kinds", f"one per axis ({header['dimension']})", len(kinds))
+    if min(header["sizes"]) < 1:
+        raise expected("sizes", "at least one sample along each axis", header["sizes"].tolist())
+    return header, end
+
+
+def _header_lines(file: BinaryIO) -> list[bytes]:
+    """The lines up to the blank one that ends the header, that one included."""
+    lines, room = list[bytes](), _HEADER_LIMIT
+    while room > 0 and (line := file.readline(room)):
+        lines.append(line)
+        room -= len(line)
+        if not line.decode("ascii", "ignore").strip():
+            return lines
+    if room <= 0:
+        raise expected("header", f"at most {_HEADER_LIMIT} bytes", "more", "is this a NRRD file?")
+    return lines
+
+
+def _space_axes(header: Header, sizes: list[int]) -> list[int]:
+    """Numbers of the axes of space, fastest first: those with a direction, or of a spatial kind, or the first three."""
+    directions, kinds = header.get("space directions"), header.get("kinds")
+    if directions is not None and len(directions) != len(sizes):
+        raise expected("space directions", f"one per axis ({len(sizes)})", len(directions))
+    if directions is not None:
+        axes = [axis for axis, row in enumerate(directions) if np.isfinite(row).all() and not _is_time(row)]
+    elif kinds is not None and len(sizes) > 3:
+        axes = [axis for axis, kind in enumerate(kinds) if kind.lower() in ("domain", "space")]
+    else:
+        axes = list(range(min(len(sizes), 3)))
+    if len(axes) != 3:
+        raise expected("axes", "three axes of space", f"{len(axes)} among {len(sizes)}")
+    return axes
+
+
+def _data(path: Path, header: Header, start: int, shape: list[int], anywhere: bool) -> np.ndarray:
+    encoding = str(header["encoding"]).lower()
+    dtype = _dtype(header, encoding)
+    # 1. where the data are: here, or in one file beside; "line skip" counts before "byte skip"
+    name = header.get("data file", header.get("datafile"))
+    if name is not None:
+        if name.startswith("LIST") or "%" in name:
+            raise expected("data file", "one file", repr(name), "join the slices in one file")
+        path, start = data_file(path, name, anywhere), 0
+    start = _skip_lines(path, start, int(header.get("line skip", header.get("lineskip", 0))))
+    skip = int(header.get("byte skip", header.get("byteskip", 0)))
+    if skip < -1:
+        raise expected("byte skip", "-1 (from the end), 0 or more", skip)
+    # 2. what they are coded in; "byte skip" of compressed data counts inflated bytes
+    if encoding == "raw":
+        from_end = path.stat().st_size - byte_count(shape, dtype)
+        return map_array(path, max(from_end, 0) if skip == -1 else start + skip, dtype, shape)
+    if skip > 0:
+        raise expected("byte skip", "0 in compressed or text data", skip)
+    if encoding in ("gzip", "gz"):
+        return inflate(path, start, dtype, shape)
+    if encoding in ("bzip2", "bz2"):
+        return _bunzip(path, start, dtype, shape)
+    if encoding in _TEXT:
+        return _text(path, start, dtype, shape)
+    raise expected("encoding", "raw, gzip, bzip2 or text", repr(encoding), "convert the file to gzip")
+
+
+def _dtype(header: Header, encoding: str) -> np.dtype:
+    if header["type"] not in _CODES:
+        raise expected("type", "a real number type", repr(header["type"]))
+    dtype = np.dtype(_CODES[header["type"]])
+    if dtype.itemsize == 1 or encoding in _TEXT:
+        return dtype
+    endian = str(header.get("endian", "missing")).lower()
+    if endian not in ("little", "big"):
+        raise expected("endian", "little or big", endian)
+    return dtype.newbyteorder("<" if endian == "little" else ">")
+
+
+def _skip_lines(path: Path, start: int, lines: int) -> int:
+    with path.open("rb") as file:
+        file.seek(start)
+        for _ in range(lines):
+            if not file.readline():
+                raise expected("line skip", "fewer lines than the data file has", lines)
+        return file.tell()
+
+
+def _bunzip(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.ndarray:
+    needed = byte_count(shape, dtype)
+    require_plausible(needed, path.stat().st_size - start, bounded=False)
+    require_memory(needed, path.stat().st_size - start)
+    with path.open("rb") as file, library("bzip2 data"):
+        file.seek(start)
+        data = bz2.BZ2File(file).read(needed + 1)
+    if len(data) > needed:
+        raise expected("inflated data", f"{needed} bytes", "more", "the header states a wrong size")
+    require_bytes(needed, len(data), "inflated data")
+    return np.frombuffer(data, dtype).reshape(shape)
+
+
+def _text(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.ndarray:
+    count = byte_count(shape, np.dtype("u1"))
+    with path.open("rb") as file, library("NRRD text data"):
+        file.seek(start)
+        text = io.BytesIO(file.read().replace(b",", b" "))
+        numbers = read_numbers(text, count, dtype, text.getbuffer().nbytes)
+        require_end(text, count)
+        return numbers.reshape(shape)
+
+
+def _grid(header: Header, space: list[int]) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """World-from-index [3, 3], origin [3], and what is assumed: from "space directions", else from "spacings", whose
+    sign turns an axis, else from "axis mins" and "axis maxs".
+    """
+    origin = np.asarray(header.get("space origin", (0.0, 0.0, 0.0)), dtype=np.float64)
+    origin = np.where(np.isfinite(origin), origin, 0.0)[:3]
+    directions = header.get("space directions")
+    if directions is not None:
+        matrix = np.array([directions[axis] for axis in space], dtype=np.float64).T
+        matrix = matrix[:3] if matrix.shape == (4, 3) else matrix
+        if matrix.shape != (3, 3):
+            raise expected("space directions", "vectors of three numbers", f"{matrix.shape[0]} numbers")
+        return matrix, origin, ()
+    steps = _of_axes(header, space, "spacings")
+    low, high = (_of_axes(header, space, f"axis {name}", f"axis{name}") for name in ("mins", "maxs"))
+    sizes = np.array([header["sizes"][axis] for axis in space], np.float64)
+    centers = header.get("centers", header.get("centerings", ()))
+    words = centers.split() if isinstance(centers, str) else list(centers)
+    told = [words[axis].lower() if len(words) == len(header["sizes"]) else "" for axis in space]
+    nodes = np.array([word == "node" for word in told])
+    # from the middle of the first voxel to that of the last, or from face to face
+    spans = (high - low) / np.where(nodes, np.maximum(sizes - 1, 1), sizes)
+    taken = ~np.isfinite(steps) & np.isfinite(spans) & (spans != 0)
+    steps = np.where(taken, spans, np.where(np.isfinite(steps), steps, 1.0))
+    if "space origin" not in header:
+        # a least coordinate alone places the axis, too
+        places = low + np.where(nodes, 0.0, steps / 2)
+        origin = np.where(np.isfinite(low) & (taken | np.isfinite(places)), places, 0.0)
+    guessed = any(word not in ("cell", "node") for word, by in zip(told, taken, strict=True) if by)
+    note = "axis mins and maxs are taken for the faces of the grid: the file does not tell its centers"
+    return np.diag(steps), origin, (note,) * guessed
+
+
+def _of_axes(header: Header, space: list[int], *names: str) -> np.ndarray:
+    """The numbers of a field along the axes of space [3], NaN where there are none."""
+    name = next((name for name in names if name in header), None)
+    if name is None:
+        return np.full(3, np.nan)
+    values = header[name]
+    if len(values) != header["dimension"]:
+        raise expected(name, f"one per axis ({header['dimension']})", len(values))
+    return np.array([values[axis] for axis in space], np.float64)
+
+
+def _unit(header: Header, space: list[int]) -> str:
+    """The unit that all axes share, "" if there is none."""
+    units = header.get("space units")
+    if units is None and "units" in header:
+        units = [unit for axis, unit in enumerate(header["units"]) if axis in space]
+    return unit_name(units[0]) if units and len(set(units)) == 1 else ""

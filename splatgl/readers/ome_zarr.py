@@ -1,0 +1,490 @@
+"""Zarr 2/3, OME-Zarr.
+
+A multiscale image gives its finest level unless `level` or `array` names another; spacing, origin and unit come from
+the level's coordinate transformations (OME-Zarr 0.4 and 0.5).
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.affine import METRES, Coordinate, axes_of, kind_of, lattice, stated, triple, unit_name
+from splatgl.data.volume import Hints, Label, Triple, Volume
+from splatgl.errors import InputError, choice, expected, missing_extra
+from splatgl.fileio import WHOLE, byte_count
+from splatgl.readers.channels import MOST_CHANNELS, SECONDS, Channel, Several, as_microscope, rgb_of, window_of
+from splatgl.readers.chunked import Chunked, Turned, TurnedFiles
+from splatgl.readers.common import library, selection
+from splatgl.readers.options import LoadOptions
+from splatgl.readers.remote import METADATA, Remote
+from splatgl.readers.zarr_validation import check_array, check_files
+
+MOST_COORDINATES = 2**20
+"""Most coordinates along a dimension that are read."""
+
+
+def by_numbers(name: str) -> list[Any]:
+    """A key that sorts names with numbers in them by these: 2 before 10."""
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
+
+
+def dimensions_of(node: Any) -> list[str]:
+    """Names of the dimensions of an array, "" of one without; [] if none are told."""
+    told = getattr(node.metadata, "dimension_names", None) or node.attrs.asdict().get("_ARRAY_DIMENSIONS") or []
+    names = [str(name or "") for name in told]
+    return names if len(names) == len(node.shape) else []
+
+
+def coordinates_of(group: Any, node: Any, names: Sequence[str]) -> list[Coordinate]:
+    """Those along z, y and x: of the arrays that are called as the dimensions are, beside the array (xarray, CF)."""
+    dimensions = dimensions_of(node)
+    found = []
+    for name in ("z", "y", "x"):
+        axis = names.index(name)
+        scale = _scale(group, dimensions[axis], node.shape[axis]) if dimensions else None
+        if scale is None:
+            found.append(Coordinate(dimensions[axis] if dimensions else name, node.shape[axis]))
+        else:
+            packing = packing_of(scale)
+            places = np.asarray(scale[:] if packing is None else packing.values(scale[:]), np.float64)
+            found.append(Coordinate.of(dimensions[axis], places, scale.attrs.asdict()))
+    return found
+
+
+def _scale(group: Any, name: str, size: int) -> Any:
+    """The array of coordinates of a dimension beside the array; None if there is none."""
+    node: Any = group.get(name) if group is not None and name else None
+    is_scale = getattr(node, "shape", None) == (size,) and node.dtype.kind in "uif" and size <= MOST_COORDINATES
+    return node if is_scale else None
+
+
+@dataclass(frozen=True)
+class Packing:
+    """How stored numbers become values: number · scale + offset; those equal to `fill` are missing."""
+
+    scale: float
+    offset: float
+    fill: float | None
+
+    def values(self, stored: np.ndarray) -> np.ndarray:
+        """Values, float32, NaN where they are missing."""
+        found = stored.astype(np.float64) * self.scale + self.offset
+        return (found if self.fill is None else np.where(stored == self.fill, np.nan, found)).astype(np.float32)
+
+
+def packing_of(node: Any) -> Packing | None:
+    """What CF's attributes say of an array, as xarray writes them; None if numbers are values.
+
+    A missing value is the attribute's, or of format 2 the array's own fill value.
+    """
+    told = node.attrs.asdict()
+    scale, offset, fill, missing = (
+        _one_number(told.get(name)) for name in ("scale_factor", "add_offset", "_FillValue", "missing_value")
+    )
+    if fill is None and dimensions_of(node) and node.metadata.zarr_format == 2:
+        # zarr itself fills with 0
+        fill = _one_number(node.fill_value) or None
+    fill = missing if fill is None else fill
+    if scale is None and offset is None and (fill is None or np.isnan(fill)):
+        return None
+    return Packing(1.0 if scale is None else scale, 0.0 if offset is None else offset, fill)
+
+
+def _one_number(value: Any) -> float | None:
+    """A number, or that in base64 of eight bytes, as xarray writes floats in format 3."""
+    if isinstance(value, str):
+        try:
+            return float(struct.unpack("<d", base64.b64decode(value, validate=True))[0])
+        except (ValueError, struct.error):
+            return None
+    found = np.asarray(value).ravel()
+    return float(found[0]) if found.size == 1 and found.dtype.kind in "uif" else None
+
+
+class Unpacked:
+    """The values of a packed array, behind the interface that `Chunked` reads."""
+
+    def __init__(self, array: Any, packing: Packing) -> None:
+        self.array, self.packing = array, packing
+        self.shape, self.chunks, self.dtype = array.shape, array.chunks, np.dtype(np.float32)
+        self.fill_value = packing.values(np.asarray(array.fill_value or 0)).item()
+
+    def __getitem__(self, index: Any) -> np.ndarray:
+        return self.packing.values(np.asarray(self.array[index]))
+
+
+def axis_names(node: Any, multiscale: Mapping[str, Any] | None, group: Any = None) -> list[str]:
+    """One name per axis, with y and x, and z but for an image of one plane; without metadata t, c, z, y, x or the last
+    of these. group: of the array, which may hold the coordinates of its dimensions.
+    """
+    count = len(node.shape)
+    axes = (multiscale or {}).get("axes")
+    names = [axis if isinstance(axis, str) else str(axis.get("name", "?")) for axis in axes] if axes else []
+    if not names:
+        names = [_kind(group, name, size) for name, size in zip(dimensions_of(node), node.shape, strict=False)]
+        names = names if len(names) == count and {"z", "y", "x"} <= set(names) else []
+    names = names or list("tczyx")[5 - min(count, 5) :]
+    space = sorted(name for name in names if name in ("z", "y", "x"))
+    if len(names) != count or space not in (["x", "y", "z"], ["x", "y"]) or (len(space) < 3 and not axes):
+        raise expected("axes", "z, y and x among the array's axes", f"{names} of {count}")
+    return [name if name in tuple("zyxt") else f"c {name}" for name in names]
+
+
+def _kind(group: Any, name: str, size: int) -> str:
+    """z, y, x, t or c, by a dimension's coordinates or name; else its name."""
+    scale = _scale(group, name, size)
+    kind = kind_of(name, {} if scale is None else scale.attrs.asdict())
+    return {"time": "t"}.get(kind, kind or name.lower() or "?")
+
+
+def several(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, group: Any = None) -> Several:
+    """The channels and time points of an array. omero: what the group says of the channels."""
+    names = axis_names(node, multiscale, group)
+    sizes = dict(zip(names, node.shape, strict=True))
+    count = max((size for name, size in sizes.items() if name not in tuple("zyxt")), default=1)
+    if count > MOST_CHANNELS:
+        raise expected("channels", f"at most {MOST_CHANNELS}", count, "the header is damaged")
+    told = omero.get("channels", []) if isinstance(omero, Mapping) else []
+    found = [_channel(n, told[n] if n < len(told) else {}) for n in range(count)]
+    together = count > 1 and any(each.color for each in found)
+    return Several(tuple(found), together, sizes.get("t", 1), _step(multiscale, names))
+
+
+def _channel(number: int, told: Any) -> Channel:
+    told = told if isinstance(told, Mapping) else {}
+    color = str(told.get("color", "")).removeprefix("#")
+    window = told.get("window")
+    window = window if isinstance(window, Mapping) else {}
+    return Channel(
+        str(told.get("label") or number),
+        f"#{color.lower()}" if re.fullmatch("[0-9a-fA-F]{6}", color) else None,
+        window_of(window.get("start"), window.get("end")),
+    )
+
+
+def labels_of(attributes: Mapping[str, Any]) -> tuple[Label, ...] | None:
+    """The labels of an image of labels, with their colours (image-label); None of other images."""
+    told = attributes.get("image-label")
+    if not isinstance(told, Mapping):
+        return None
+    names = {entry.get("label-value"): str(entry.get("name", "")) for entry in told.get("properties") or ()}
+    found: dict[int, Label] = {}
+    for entry in told.get("colors") or ():
+        number, rgba = entry.get("label-value"), entry.get("rgba", ())
+        if isinstance(number, int) and number != 0 and len(rgba) >= 3:
+            found[number] = Label(number, names.get(number, ""), rgb_of(rgba))
+    return tuple(found.values())
+
+
+def _step(multiscale: Mapping[str, Any] | None, names: list[str]) -> float | None:
+    """Seconds between two time points: the scale along t, if its unit is told. Versions 0.1 to 0.3 tell none."""
+    axes = (multiscale or {}).get("axes")
+    if multiscale is None or not axes or "t" not in names:
+        return None
+    axis = axes[names.index("t")]
+    unit = SECONDS.get(axis.get("unit", "")) if isinstance(axis, Mapping) else None
+    scale = 1.0
+    for owner in (*multiscale["datasets"][:1], multiscale):
+        for step in owner.get("coordinateTransformations", ()):
+            if step.get("type") == "scale" and len(step.get("scale", ())) == len(names):
+                scale *= float(step["scale"][names.index("t")])
+    return scale * unit if unit and scale > 0 else None
+
+
+WHOLE_LEVEL = 0
+"""Most bytes of a coarser level that are read at once: most pictures take one of them, or none."""
+
+SPACE = ("z", "y", "x")
+"""Axes of samples, in their order."""
+
+MOST_GROUPS, MOST_NAMED = 1000, 8
+"""Groups and arrays that are looked through for images, and most names that are told."""
+
+MARKERS = ("zarr.json", ".zarray", ".zgroup")
+"""A folder with one of these files is a Zarr store."""
+
+Multiscale = Mapping[str, Any]
+
+
+def is_store(path: Path) -> bool:
+    """Whether a folder is a Zarr store."""
+    return any((path / marker).is_file() for marker in MARKERS)
+
+
+def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volume:
+    """The volume of a Zarr store, with its coarser levels; `channel` picks one channel. Samples of over WHOLE bytes are
+    read in parts. remote: what `path` is a copy of; its files are fetched when they are needed.
+    """
+    try:
+        import zarr
+    except ImportError:
+        raise missing_extra("Zarr stores", "zarr", "readers") from None
+    # all text in a store is untrusted: any failure is attributed to the file
+    with library("Zarr"):
+        check_files(path)
+        group = zarr.open(path, mode="r")
+        if not isinstance(group, zarr.Group):
+            for name in ("array", "level"):
+                if getattr(options, name) is not None:
+                    raise expected(name, "a group of arrays, where this is one", getattr(options, name), "leave it out")
+
+            def read_array(channel: int | None) -> Volume:
+                asked = replace(options, channel=channel)
+                return _volume(path, None, group, None, asked, remote, WHOLE)
+
+            return several(None, group, None).volume(options, read_array)
+        group, options, notes = _image(group, options, remote)
+        multiscale = _multiscale(group)
+        levels = multiscale["datasets"] if multiscale else []
+        if remote:
+            names = [entry["path"] for entry in levels] + ([options.array] if options.array else [])
+            remote.renew([f"{group.path}/{name}/{each}".lstrip("/") for name in names for each in METADATA])
+        nodes = [_level(group, multiscale, options)]
+        if multiscale is not None and options.array is None and options.level is None:
+            others = [group.get(entry["path"]) for entry in levels[1:]]
+            nodes += [node for node in others if node is not None]
+        # the array is a name here, and no time point
+        options = replace(options, array=None)
+
+        def read_one(channel: int | None) -> Volume:
+            asked = replace(options, channel=channel)
+            found = [
+                _classified(path, group, node, _volume(path, group, node, multiscale, asked, remote, most), remote)
+                for node, most in zip(nodes, (WHOLE, *(WHOLE_LEVEL for _ in nodes[1:])), strict=True)
+            ]
+            return replace(found[0], coarser=tuple(found[1:]))
+
+        attributes: dict[str, Any] = group.attrs.asdict()
+        told = several(attributes.get("ome", attributes).get("omero"), nodes[0], multiscale, group)
+        volume = replace(told.volume(options, read_one), labels=labels_of(attributes.get("ome", attributes)))
+        volume = replace(volume, notes=(*notes, *volume.notes))
+        return as_microscope(volume) if multiscale and "splatgl" not in attributes else volume
+
+
+def _classified(path: Path, group: Any, node: Any, volume: Volume, remote: Remote | None) -> Volume:
+    """The volume, with the colours and the look of a level of a pyramid, if it is one."""
+    told = group.attrs.asdict().get("splatgl")
+    if not told:
+        return volume
+    name = f"{told['color']}/{node.path.rsplit('/', 1)[-1]}"
+    if remote:
+        remote.renew([f"{name}/{each}" for each in METADATA])
+    color = group[name]
+    files = check_array(path, color, False, *([remote.fetch] if remote else []))
+    hints = Hints(points=((0.0, 0.0), (1.0, 1.0)), unit=float(told["unit"]), shading=bool(told["shading"]))
+    shade = Chunked(str(remote or path), color, [slice(None)] * 4, files)
+    kept = {"direction": np.array(told["direction"]), "frame": told["frame"], "hints": hints}
+    return replace(volume, color=shade if isinstance(volume.samples, Chunked) else shade[:], **kept)
+
+
+def _image(group: Any, options: LoadOptions, remote: Remote | None) -> tuple[Any, LoadOptions, tuple[str, ...]]:
+    """The group that is read: itself, the one that `array` names, or of a group of groups the only image, or the first
+    of a file of series (bioformats2raw's layout), of a plate or of others; the options that are left; what is told.
+    """
+    import zarr
+
+    if options.array is not None:
+        node = group.get(str(options.array).strip("/"))
+        return (node, replace(options, array=None), ()) if isinstance(node, zarr.Group) else (group, options, ())
+    if _multiscale(group) is not None or any(_is_volume(array) for _, array in group.arrays()):
+        return group, options, ()
+    if remote:
+        attributes = group.attrs.asdict()
+        if "bioformats2raw.layout" not in attributes.get("ome", attributes):
+            return group, options, ()
+        remote.renew([f"0/{each}" for each in METADATA])
+        node = group.get("0")
+        return (node, options, ()) if isinstance(node, zarr.Group) else (group, options, ())
+    found = _images(group)
+    if not found:
+        return group, options, ()
+    names = [each.path[len(group.path) :].strip("/") for each in found]
+    first = found[0] if isinstance(found[0], zarr.Group) else group
+    asked = options if first is found[0] else replace(options, array=names[0])
+    others = ", ".join(names[1 : MOST_NAMED + 1]) + ", …" * (len(names) > MOST_NAMED + 1)
+    told = (f"image {names[0]} of {len(names)} is read; --array picks another: {others}",) if len(names) > 1 else ()
+    return first, asked, told
+
+
+def _images(group: Any) -> list[Any]:
+    """Multiscale groups, and arrays that may be volumes, below a group, in the order of their names by numbers."""
+    import zarr
+
+    found, waiting, seen = list[Any](), [group], 0
+    while waiting and seen < MOST_GROUPS:
+        node = waiting.pop(0)
+        for _, child in sorted(node.members(), key=lambda each: by_numbers(each[0])):
+            seen += 1
+            if not isinstance(child, zarr.Group):
+                found += [child] * _is_volume(child)
+            elif _multiscale(child) is not None:
+                found.append(child)
+            else:
+                waiting.append(child)
+    return found
+
+
+def contents(path: Path) -> list[str]:
+    """A line for each image of a store of several."""
+    import zarr
+
+    with library("Zarr"):
+        check_files(path)
+        group = zarr.open(path, mode="r")
+        if not isinstance(group, zarr.Group) or _multiscale(group) is not None:
+            return []
+        return [f"* {'  '.join(_told(each))}" for each in _images(group)]
+
+
+def _told(node: Any) -> tuple[str, str]:
+    """The path and size of an image."""
+    multiscale = _multiscale(node) if hasattr(node, "members") else None
+    array = node[multiscale["datasets"][0]["path"]] if multiscale else node
+    return node.path, _about(("", array))[1]
+
+
+def _is_volume(array: Any) -> bool:
+    """Whether an array is plausibly a volume, and no coordinate."""
+    return len(array.shape) >= 3 and array.dtype.kind in "buif"
+
+
+def _volume(
+    path: Path,
+    group: Any,
+    node: Any,
+    multiscale: Multiscale | None,
+    options: LoadOptions,
+    remote: Remote | None,
+    most: int,
+) -> Volume:
+    """The volume of an array in a group. most: bytes of samples that are read at once; of a copy none are."""
+    # 1. the array
+    if min(node.shape, default=0) < 1 or node.dtype.kind not in "buif":
+        raise expected("array", "real numbers along at least three axes", f"{node.dtype} {node.shape}")
+    # 2. its samples
+    names = axis_names(node, multiscale, group)
+    wanted = [*(name for name in names if name not in SPACE), *SPACE]
+    array = Turned(node, names, wanted)
+    index = _index(array.shape, wanted, options)
+    whole = remote is None and byte_count(array.shape[-3:], node.dtype) <= most
+    files = TurnedFiles(check_array(path, node, whole, *([remote.fetch] if remote else [])), array)
+    packed = packing_of(node) if multiscale is None else None
+    unpacked = array if packed is None else Unpacked(array, packed)
+    samples: Any = unpacked[index] if whole else Chunked(str(remote or path), unpacked, index, files)
+    # 3. its grid
+    if multiscale is None:
+        grid = lattice(coordinates_of(group, node, names), even=options.spacing is not None)
+        spacing, direction = axes_of(grid.matrix, "coordinates")
+        unit = stated(str(node.attrs.asdict().get("units") or ""))
+        return Volume(
+            grid.resampled(samples),
+            spacing,
+            triple(grid.origin, "origin"),
+            direction,
+            grid.unit,
+            value_unit="" if unit_name(unit) in METRES else unit,
+            notes=grid.notes,
+        )
+    spacing, origin = _grid(multiscale, node.path.rsplit("/", 1)[-1], names)
+    return Volume(samples, spacing, origin, unit=_unit(multiscale))
+
+
+def _multiscale(group: Any) -> Multiscale | None:
+    attributes = group.attrs.asdict()
+    images = attributes.get("ome", attributes).get("multiscales")
+    return images[0] if images else None
+
+
+def _level(group: Any, multiscale: Multiscale | None, options: LoadOptions) -> Any:
+    """The array called `array`, else that level, the first unless given, else the only array of the group."""
+    import zarr
+
+    name = options.array
+    arrays = list(group.arrays())
+    volumes = [key for key, array in arrays if _is_volume(array)]
+    names = volumes or [key for key, _ in arrays]
+    levels = [entry["path"] for entry in multiscale["datasets"]] if multiscale is not None else []
+    if options.level is not None and (name is not None or options.level >= len(levels)):
+        this = (
+            f"a number from 0 to {len(levels) - 1}" if levels and name is None else "a multiscale image, and no array"
+        )
+        raise expected("level", this, options.level)
+    if name is None and levels:
+        name = levels[options.level or 0]
+    if name is None and len(names) == 1:
+        name = names[0]
+    node = group.get(name) if name is not None else None
+    if not isinstance(node, zarr.Array):
+        names = names or [each.path[len(group.path) :].strip("/") for each in _images(group)]
+        if not names:
+            held = ", ".join(sorted(key for key, _ in group.members())[:MOST_NAMED]) or "nothing"
+            raise expected("store", "an array of three axes in one of its groups", held, "check the path")
+        got = "several arrays" if name is None else repr(name)
+        fix = f"pick one with array=NAME; there are: {', '.join(names)}"
+        error = expected("array", "the name of one array", got, fix)
+        listed = [_about(each) for each in arrays if each[0] in names]
+        raise choice(error, "array", listed) if options.array is None else error
+    return node
+
+
+def _about(item: tuple[str, Any]) -> tuple[str, str]:
+    """An array's name; its size, with x first, and its type."""
+    return item[0], f"{' × '.join(map(str, item[1].shape[::-1]))} {item[1].dtype.name}"
+
+
+def _index(shape: Sequence[int], names: list[str], options: LoadOptions) -> tuple[int | slice, ...]:
+    extra: dict[int, tuple[str, int | None]] = {}
+    long = [axis for axis, name in enumerate(names) if name not in "zyxt" and shape[axis] > 1]
+    if len(long) > 1:
+        raise expected(
+            "axes", "one axis beside z, y, x and t", f"{[names[axis] for axis in long]}", "save a part of it"
+        )
+    for axis, name in enumerate(names):
+        if name == "t":
+            extra[axis] = ("time", options.time_number(shape[axis]) if shape[axis] > 1 else 0)
+        elif name not in "zyx":
+            extra[axis] = ("channel", options.channel_number if axis in long else 0)
+    return selection(shape, extra)
+
+
+def _grid(multiscale: Multiscale, level: str, names: list[str]) -> tuple[Triple, Triple]:
+    """Spacing and origin (x, y, z): the level's scale and translation, then those of the whole image."""
+    scale, origin = np.ones(len(names)), np.zeros(len(names))
+    datasets = [entry for entry in multiscale["datasets"] if entry["path"].rsplit("/", 1)[-1] == level]
+    for owner in (*datasets[:1], multiscale):
+        for step in owner.get("coordinateTransformations", ()):
+            values = np.asarray(step.get(step.get("type"), ()), dtype=np.float64)
+            if step.get("type") == "identity":
+                continue
+            if values.shape != scale.shape:
+                raise _bad_step(step)
+            if step["type"] == "scale":
+                scale, origin = scale * values, origin * values
+            elif step["type"] == "translation":
+                origin = origin + values
+            else:
+                raise _bad_step(step)
+    x, y = names.index("x"), names.index("y")
+    # a plane is as thick as a pixel is wide
+    z = names.index("z") if "z" in names else x
+    (sx, sy, sz), (ox, oy, oz) = scale[[x, y, z]].tolist(), origin[[x, y, z]].tolist()
+    return (sx, sy, sz), (ox, oy, oz if "z" in names else 0.0)
+
+
+def _bad_step(step: object) -> InputError:
+    return expected("coordinateTransformations", "a scale or translation with one number per axis", step)
+
+
+def _unit(multiscale: Multiscale) -> str:
+    """The unit that x, y and z share, "" if there is none."""
+    axes = [axis for axis in multiscale.get("axes", ()) if isinstance(axis, Mapping)]
+    units = {axis.get("unit", "") for axis in axes if axis.get("name") in ("x", "y", "z")}
+    return unit_name(units.pop()) if len(units) == 1 else ""

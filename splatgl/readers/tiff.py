@@ -1,0 +1,486 @@
+"""TIFF, OME-TIFF, ImageJ stacks.
+
+Pages are planes along z, rows run along y, row 0 first. The resolution tags count only where ImageJ's metadata
+confirms them: other programs write 72 dpi by default.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import weakref
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from splatgl.data.affine import METRES, unit_name
+from splatgl.data.color import luma
+from splatgl.data.volume import Triple, Volume
+from splatgl.errors import InputError, expected, missing_extra
+from splatgl.fileio import WHOLE, byte_count, require_memory
+from splatgl.readers.channels import as_microscope
+from splatgl.readers.chunked import Chunked, Turned
+from splatgl.readers.common import MAX_BYTES, library, map_array, require_bytes, require_plausible, selection
+from splatgl.readers.heightmap import (
+    HEIGHTS,
+    Survey,
+    grey_heights,
+    kind_of_picture,
+    plane_of_picture,
+    terrain_of_picture,
+)
+from splatgl.readers.options import LoadOptions
+from splatgl.readers.tiff_images import about, chosen, pixels_of, several, survey_of
+from splatgl.readers.tiff_validation import check_chain, check_ome, guard
+from splatgl.readers.vtk_xml import parse_xml
+
+_CODECS = {
+    1: "none",
+    5: "LZW",
+    7: "JPEG",
+    8: "deflate",
+    32773: "PackBits",
+    32946: "deflate",
+    33003: "JPEG 2000",
+    33005: "JPEG 2000",
+    34712: "JPEG 2000",
+    34925: "LZMA",
+    34926: "Zstandard",
+    50000: "Zstandard",
+}
+"""Compressions that are read: each is told how many bytes a strip may expand to, or states the size of its picture."""
+
+_FREE_PLANES, _PLANES_PER_PAGE = 4096, 64
+"""Planes that metadata may state beyond the file's pages, as aborted recordings do; all that are missing read as 0."""
+
+Grid = tuple[Triple, str]
+
+
+@dataclass(frozen=True)
+class _Series:
+    """A level of a series according to tifffile; offset: of its samples if they are one uncompressed run. bits: of a
+    sample in the file.
+    """
+
+    axes: str
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    offset: int | None
+    is_color: bool
+    is_compressed: bool
+    bits: int
+    segments: tuple[tuple[int, int], ...]
+    grid: Grid
+
+    @property
+    def long(self) -> list[int]:
+        """Axes that are z, y or x, or have more than one entry."""
+        return [axis for axis, size in enumerate(self.shape) if size > 1 or self.axes[axis] in "ZYX"]
+
+
+def contents(path: Path) -> list[str]:
+    """A line for each image of a file: its number, name and size; a star marks the one that is read."""
+    check_chain(path)
+    with _complaints(), open_tiff(path) as tiff, library("TIFF"):
+        place, _ = chosen(tiff, LoadOptions())
+        return [f"{'*' if n == place else ' '} {n + 1}   {about(each)}" for n, each in enumerate(tiff.series)]
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of an image of a TIFF file, the largest unless `series` picks one; of a 2-D one its terrain or plane.
+
+    `channel` picks channels, `time` a time point, `level` one of a multiscale image, whose coarser levels are read in
+    parts. Spacing and unit are those of ImageJ's or OME's metadata, else 1.
+    """
+    check_chain(path)
+    with _complaints(), ExitStack() as stack:
+        tiff = stack.enter_context(open_tiff(path))
+        with library("TIFF"):
+            if tiff.ome_metadata:
+                check_ome(parse_xml(tiff.ome_metadata, "OME-XML"))
+            place, notes = chosen(tiff, options)
+            pixels = pixels_of(tiff, place)
+            survey = survey_of(tiff.series[place].keyframe)
+        image = _Image(path, tiff, place, pixels, survey)
+        volume = _read(image, options)
+        return replace(volume, notes=(*notes, *_told(image), *volume.notes))
+
+
+@dataclass(frozen=True)
+class _Image:
+    """An image of an open file: its place in tiff.series, OME's element of its pixels, and what it says of heights."""
+
+    path: Path
+    tiff: Any
+    place: int
+    pixels: Element | None
+    survey: Survey | None
+
+    @property
+    def series(self) -> Any:
+        """It, in tifffile."""
+        return self.tiff.series[self.place]
+
+    @property
+    def is_microscope(self) -> bool:
+        """Whether its metadata are those of OME or ImageJ."""
+        return self.pixels is not None or bool(self.tiff.imagej_metadata)
+
+    def is_plane(self, options: LoadOptions) -> bool:
+        """Whether a single picture of it is a microscope's plane by its metadata."""
+        heights = self.survey is not None or bool(HEIGHTS.search(self.path.name.lower()))
+        asked = options.values == "heights" or options.color is not None or options.relief is not None
+        return self.is_microscope and not asked and (options.values is not None or not heights)
+
+
+def _told(image: _Image) -> list[str]:
+    """What the file states that is not heeded."""
+    notes = []
+    if image.tiff.ome_metadata and image.series.kind != "ome":
+        notes.append(
+            "OME's metadata name other files, or planes that are not here: only the pages of this one are read"
+        )
+    if image.series.keyframe.photometric.name == "MINISWHITE":
+        notes.append("values are as they are stored, though the file shows 0 as white")
+    return notes
+
+
+def _read(image: _Image, options: LoadOptions) -> Volume:
+    path, tiff = image.path, image.tiff
+    with library("TIFF"):
+        found = [_describe(level, image, image.is_plane(options)) for level in image.series.levels]
+    number = options.level or 0
+    if number >= len(found) or (options.level is not None and len(found) == 1):
+        this = f"a number from 0 to {len(found) - 1}" if len(found) > 1 else "a multiscale image"
+        raise expected("level", this, number)
+    for series in found:
+        _check_bytes(path, series)
+    series = found[number]
+    z = _stack_axis(series)
+    if z is None:
+        return _of_picture(image, series, number, options)
+    _refuse_unused(series, z, options)
+    large = len(found) > 1 and series.offset is None and byte_count(series.shape, series.dtype) > WHOLE
+    times = dict(zip(series.axes, series.shape, strict=True)).get("T", 1)
+    time = options.time_number(times) if times > 1 else 0
+    pixels = None if large else _pixels(image, series, number, time)
+
+    def read_one(channel: int | None) -> Volume:
+        whole = _is_rgb(series) and (channel is None or _is_channelled(series))
+        index = _index(series, z, replace(options, channel=0 if channel is None and whole else channel))
+        here = index if pixels is None else _index_of(pixels, index)
+        (samples,) = parts(path, image.place, [number], series.axes, index) if pixels is None else [pixels[here]]
+        volume = _on_grid(_without_missing(samples, image.survey), series, found[0])
+        if pixels is not None and whole:
+            return _colored(volume, pixels, here, series)
+        if options.level is not None or len(found) == 1:
+            return volume
+        others = [n for n, level in enumerate(found) if n and _alike(level, series)]
+        coarser = zip(parts(path, image.place, others, series.axes, index), others, strict=True)
+        return replace(volume, coarser=tuple(_on_grid(samples, found[n], series) for samples, n in coarser))
+
+    with library("TIFF"):
+        told = several(tiff, image.pixels, series.axes, series.shape)
+    if series.axes[z] == "S":
+        told = replace(told, components=1)
+    volume = told.volume(options, read_one)
+    return as_microscope(volume) if image.is_microscope else volume
+
+
+def _of_picture(image: _Image, series: _Series, number: int, options: LoadOptions) -> Volume:
+    """The terrain of a single picture, or its plane."""
+    for name in ("array", "channel", "time"):
+        options.refuse(name, "a stack, where this is a single picture")
+    rows = np.squeeze(_pixels(image, series, number))
+    rows = rows.reshape(rows.shape if rows.ndim > 1 else (1, -1))
+    is_map, told = kind_of_picture(image.path, rows, options, image.survey is not None)
+    if is_map:
+        volume = terrain_of_picture(image.path, grey_heights(rows), options, image.survey)
+    else:
+        volume = replace(as_microscope(plane_of_picture(rows)), spacing=series.grid[0], unit=series.grid[1])
+    return replace(volume, notes=(*volume.notes, *([told] if told else [])))
+
+
+def _refuse_unused(series: _Series, z: int, options: LoadOptions) -> None:
+    """InputError for options of what the image does not have."""
+    letters = [series.axes[axis] for axis in series.long if axis != z]
+    others = [letter for letter in letters if letter not in "YXCS"]
+    if not others:
+        options.refuse("array", f"an axis beside z, y, x and channels, where this has {series.axes}")
+    if options.values == "heights" or options.color is not None or options.relief is not None:
+        name = "values" if options.values == "heights" else "color" if options.color is not None else "relief"
+        raise expected(name, "a single picture of heights", f"{series.shape[z]} planes", "leave it out")
+
+
+def _without_missing(samples: Any, survey: Survey | None) -> Any:
+    """Samples with NaN where GDAL's number for no data stands; as they are where there is none."""
+    if survey is None or survey.missing is None or not isinstance(samples, np.ndarray):
+        return samples
+    holes = np.isin(samples, (survey.missing, np.float64(np.float32(survey.missing))))
+    return np.where(holes, np.nan, samples).astype(np.float32) if holes.any() else samples
+
+
+def _is_rgb(series: _Series) -> bool:
+    """Whether its samples are colours of 8 or 16 bits, with or without alpha."""
+    count = dict(zip(series.axes, series.shape, strict=True)).get("S", 0)
+    return series.is_color and count in (3, 4) and series.dtype in (np.uint8, np.uint16)
+
+
+def _is_channelled(series: _Series) -> bool:
+    """Whether samples of a pixel are not its channels, but the colours of each channel."""
+    return "C" in (series.axes[axis] for axis in series.long)
+
+
+def _colored(volume: Volume, pixels: np.ndarray, index: tuple[int | slice, ...], series: _Series) -> Volume:
+    """The volume with its colours, and their luma as samples. index: of one component."""
+    axis = series.axes.index("S")
+    every = (*index[:axis], slice(0, 3), *index[axis + 1 :])
+    color = np.moveaxis(pixels[every], sum(isinstance(at, slice) for at in index[:axis]), -1)
+    color = color if color.dtype.itemsize == 1 else (color >> 8).astype(np.uint8)
+    return replace(volume, samples=luma(color), color=np.ascontiguousarray(color))
+
+
+def _alike(level: _Series, finest: _Series) -> bool:
+    """Whether it is the finest one with fewer places along z, y and x."""
+    if level.axes != finest.axes:
+        return False
+    sizes = zip(level.axes, level.shape, finest.shape, strict=True)
+    return all(size == finer or (axis in "ZYX" and size < finer) for axis, size, finer in sizes)
+
+
+def _on_grid(samples: Any, level: _Series, finest: _Series) -> Volume:
+    """The samples of a level, in the box of the finest."""
+    sizes = [dict(zip(series.axes, series.shape, strict=True)) for series in (finest, level)]
+    shrunk = [sizes[0].get(axis, 1) / sizes[1].get(axis, 1) for axis in "XYZ"]
+    x, y, z = (size * factor for size, factor in zip(finest.grid[0], shrunk, strict=True))
+    origin = [(size * (factor - 1)) / 2 for size, factor in zip(finest.grid[0], shrunk, strict=True)]
+    return Volume(samples, (x, y, z), (origin[0], origin[1], origin[2]), unit=finest.grid[1])
+
+
+@contextmanager
+def _complaints() -> Iterator[None]:
+    """Raises the first error that tifffile only logs: it reads truncated files without failing."""
+    handler = _FirstError()
+    logger = logging.getLogger("tifffile")
+    propagate, logger.propagate = logger.propagate, False
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = propagate
+    if handler.message:
+        raise InputError(f"cannot be read as TIFF: {handler.message}; the file may be cut short or damaged")
+
+
+class _FirstError(logging.Handler):
+    """Keeps the first error that is logged."""
+
+    message = ""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.levelno >= logging.ERROR and not self.message:
+            self.message = record.getMessage()
+
+
+def _describe(series: Any, image: _Image, plane: bool) -> _Series:
+    """plane: whether a single picture is one of a stack."""
+    _check_codec(series)
+    pages = [page for page in series.pages if page is not None]
+    guard(pages)
+    segments = tuple(pair for page in pages for pair in zip(page.dataoffsets, page.databytecounts, strict=True))
+    axes, shape = series.axes, tuple(series.shape)
+    if min(shape, default=0) < 1:
+        raise expected("size", "at least one entry along each axis", f"{axes} {shape}", "the header is damaged")
+    if plane and {"Y", "X"} <= set(axes) <= set("TCYXS"):
+        at = axes.index("Y")
+        axes, shape = f"{axes[:at]}Z{axes[at:]}", (*shape[:at], 1, *shape[at:])
+    return _Series(
+        axes=axes,
+        shape=shape,
+        dtype=np.dtype(series.dtype).newbyteorder(image.tiff.byteorder),
+        offset=series.dataoffset,
+        is_color=series.keyframe.photometric.name in ("RGB", "YCBCR", "CIELAB", "SEPARATED"),
+        is_compressed=series.keyframe.compression != 1,
+        bits=int(np.max(series.keyframe.bitspersample)),
+        segments=segments,
+        grid=_grid(image),
+    )
+
+
+def _check_codec(series: Any) -> None:
+    """Rejects non-plain sample types, codecs without a size bound, and strips larger than all samples."""
+    frame = series.keyframe
+    if series.dtype is None:
+        raise expected("samples", "8 to 64 bits each", f"{frame.bitspersample} bits", "convert the file")
+    if int(frame.compression) not in _CODECS:
+        known = ", ".join(dict.fromkeys(_CODECS.values()))
+        raise expected(
+            "compression", f"one of {known}", frame.compression.name, "convert it with: tiffcp -c zip OLD NEW"
+        )
+    pages = [page for page in series.pages if page is not None]
+    if len(series.pages) > _FREE_PLANES + _PLANES_PER_PAGE * len(pages):
+        raise expected("planes", f"about the file's {len(pages)} pages", len(series.pages), "save it whole in one file")
+    strips, there = math.prod(frame.chunked), min(len(page.dataoffsets) for page in pages)
+    if strips > there:
+        raise expected("strips or tiles", f"{strips} a page", there, "the header is damaged")
+    strip = math.prod(frame.chunks) * series.dtype.itemsize
+    if strip > MAX_BYTES:
+        raise expected("strips or tiles", f"at most {MAX_BYTES} bytes", strip, "the header is damaged")
+
+
+def _check_bytes(path: Path, series: _Series) -> None:
+    """Every strip must lie in the file, and the strips must be able to hold the samples."""
+    if series.offset is not None:
+        return
+    require_bytes(max((start + count for start, count in series.segments), default=0), path.stat().st_size)
+    needed, stored = byte_count(series.shape, series.dtype), sum(count for _, count in series.segments)
+    if series.is_compressed:
+        require_plausible(needed, stored, bounded=False)
+    else:
+        # samples of 1 to 31 bits may be packed
+        require_bytes(min(needed, math.prod(series.shape) * series.bits // 8), stored)
+
+
+def _stack_axis(series: _Series) -> int | None:
+    """The axis of planes: Z, else the one other that is neither row, column, colour nor channel; None for a picture.
+
+    Samples along a first axis S of a file that is not in colour are planes too: so are stacks often written.
+    """
+    letters = {axis: series.axes[axis] for axis in series.long}
+    stacks = [axis for axis, letter in letters.items() if letter not in "YXCS"]
+    stacks += [axis for axis, letter in letters.items() if letter == "S" and axis == 0 and not series.is_color]
+    named = [axis for axis in stacks if letters[axis] == "Z"]
+    if not stacks and "C" in letters.values():
+        got = f"axes {series.axes} of shape {series.shape}"
+        raise expected("axes", "a stack of planes or a grey picture", got, "save one channel")
+    return next(iter(named + stacks), None)
+
+
+def _index(series: _Series, z: int, options: LoadOptions) -> tuple[int | slice, ...]:
+    """The index that selects [z, y, x] from the series' axes."""
+    extra: dict[int, tuple[str, int | None]] = {}
+    for axis, letter in enumerate(series.axes):
+        if axis == z or letter in "YX":
+            continue
+        if letter == "T":
+            entry: int | None = options.time_number(series.shape[axis])
+        else:
+            entry = options.channel_number if letter in "CS" else options.array_number(series.shape[axis])
+            entry = 0 if letter == "S" and _is_rgb(series) and _is_channelled(series) else entry
+        option = "time" if letter == "T" else "channel" if letter in "CS" else "array"
+        extra[axis] = (option, entry if axis in series.long else 0)
+    return selection(series.shape, extra)
+
+
+def _index_of(pixels: np.ndarray, index: tuple[int | slice, ...]) -> tuple[int | slice, ...]:
+    """The index in pixels that may be those of one time point alone."""
+    return tuple(at if size > 1 or isinstance(at, slice) else 0 for at, size in zip(index, pixels.shape, strict=True))
+
+
+def _pixels(image: _Image, series: _Series, level: int, time: int = 0) -> np.ndarray:
+    """All samples [series.shape]; those of one time point, if they are pages of their own that have to be decoded."""
+    if series.offset is not None:
+        return map_array(image.path, series.offset, series.dtype, series.shape)
+    with library("TIFF"):
+        whole = image.series.levels[level]
+        ahead, at = whole.shape[: -len(whole.keyframe.shape)], whole.axes.find("T")
+        if 0 <= at < len(ahead) and math.prod(ahead) == len(whole):
+            pages = np.arange(len(whole)).reshape(ahead).take(time, axis=at).ravel().tolist()
+            if all(whole[page] is not None for page in pages):
+                shape = (*series.shape[:at], 1, *series.shape[at + 1 :])
+                require_memory(byte_count(shape, series.dtype), image.path.stat().st_size)
+                return np.asarray(image.tiff.asarray(key=pages, series=image.place, level=level)).reshape(shape)
+        require_memory(byte_count(series.shape, series.dtype), image.path.stat().st_size)
+        return np.asarray(whole.asarray()).reshape(series.shape)
+
+
+def _grid(image: _Image) -> Grid:
+    if image.pixels is not None:
+        return _ome_grid(image.pixels)
+    if image.tiff.imagej_metadata:
+        return _imagej_grid(image.tiff)
+    if image.survey is not None and image.survey.step is not None:
+        x, y = image.survey.step
+        return (x, y, min(x, y)), image.survey.unit
+    return (1.0, 1.0, 1.0), ""
+
+
+def _imagej_grid(tiff: Any) -> Grid:
+    """ImageJ: samples per unit in the resolution tags, spacing of planes and the unit in its own metadata."""
+    tags, metadata = tiff.pages[0].tags, tiff.imagej_metadata
+    per_unit = [tags[name].value if name in tags else (1, 1) for name in ("XResolution", "YResolution")]
+    x, y = (below / above if above > 0 and below > 0 else 1.0 for above, below in per_unit)
+    z = abs(float(metadata.get("spacing", 1.0))) or 1.0
+    return (x, y, z), unit_name(str(metadata.get("unit", "")))
+
+
+def _ome_grid(pixels: Element) -> Grid:
+    """OME: PhysicalSizeX/Y/Z, micrometres unless said otherwise; all are turned into the unit of x."""
+    sizes = {axis: float(pixels.get(f"PhysicalSize{axis}", 0)) for axis in "XYZ"}
+    units = {axis: unit_name(pixels.get(f"PhysicalSize{axis}Unit", "um")) for axis in "XYZ"}
+    if not any(sizes.values()):
+        return (1.0, 1.0, 1.0), ""
+    known = all(unit in METRES for unit in units.values())
+    world = {axis: sizes[axis] * (METRES[units[axis]] / METRES[units["X"]] if known else 1.0) for axis in "XYZ"}
+    # a size that is not given is taken from x, as for cubic voxels
+    x, y, z = (world[axis] or world["X"] or 1.0 for axis in "XYZ")
+    return (x, y, z), units["X"]
+
+
+OTHER_KINDS = ("avs", "bif", "eer", "mmstack", "ndpi", "ndtiff", "philips", "qpi", "scn", "svs")
+"""Kinds of slide scanners' pictures and of series over many files, which are read as plain pages."""
+
+
+def open_tiff(path: Path) -> Any:
+    """The file in tifffile; other files that OME's metadata name are ignored."""
+    try:
+        import tifffile
+    except ImportError:
+        raise missing_extra("TIFF files", "tifffile", "readers") from None
+    kinds: Any = {f"is_{kind}": False for kind in OTHER_KINDS}
+    with library("TIFF"):
+        return tifffile.TiffFile(path, _multifile=False, **kinds)
+
+
+def parts(path: Path, place: int, levels: Sequence[int], axes: str, index: Sequence[int | slice]) -> list[Chunked]:
+    """What `index` leaves free of those levels of an image, by its place in tiff.series; the file is open as long as
+    one of them lives. axes: of the index; one that the series lacks has one entry.
+    """
+    try:
+        import zarr
+    except ImportError:
+        raise missing_extra("multiscale TIFF files", "zarr", "readers") from None
+    file = _OneFile(path)
+    with library("TIFF"):
+        series = file.tiff.series[place]
+        for level in levels:
+            guard(series.levels[level].pages)
+        found = [(zarr.open_array(series.aszarr(level=level), mode="r"), series.levels[level].axes) for level in levels]
+        arrays = [Turned(array, names, axes) for array, names in found]
+    return [Chunked(str(path), array, index, file, "TIFF") for array in arrays]
+
+
+class _OneFile:
+    """An open file that holds all chunks."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.tiff = path.resolve(), open_tiff(path)
+        weakref.finalize(self, self.tiff.close)
+
+    def tag(self) -> str:
+        """The path, size and time of the file."""
+        told = self.path.stat()
+        return f"{self.path} {told.st_size} {told.st_mtime_ns}"
+
+    def ready(self, places: Iterable[Sequence[int]]) -> None:
+        """Nothing is to be brought here."""
+
+    def holds(self, place: Sequence[int]) -> bool:
+        """Every chunk is in the file."""
+        return True

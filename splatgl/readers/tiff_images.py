@@ -1,0 +1,200 @@
+"""Images and channels of a TIFF file: which is read, what its OME-XML says, where GeoTIFF places it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+from xml.etree.ElementTree import Element
+
+from splatgl.errors import expected
+from splatgl.readers.channels import SECONDS, Channel, Several, rgb_of, window_of
+from splatgl.readers.heightmap import DEGREE, Survey
+from splatgl.readers.options import LoadOptions
+from splatgl.readers.vtk_xml import parse_xml
+
+WHITE = "#ffffff"
+# ImageJ's colours of a composite without lookup tables, which it leaves out of its files
+COMPOSITE = ("#ff0000", "#00ff00", "#0000ff", WHITE, "#00ffff", "#ff00ff", "#ffff00")
+
+
+def several(tiff: Any, pixels: Element | None, axes: str, shape: tuple[int, ...]) -> Several:
+    """The channels and time points of an image of those axes. pixels: OME's element of it."""
+    sizes = dict(zip(axes, shape, strict=True))
+    count, times = sizes.get("C", 1), sizes.get("T", 1)
+    if pixels is not None:
+        found = _of_ome(pixels, count, times)
+    elif tiff.imagej_metadata:
+        found = _of_imagej(tiff.imagej_metadata, count, times)
+    else:
+        found = Several(tuple(Channel(str(n)) for n in range(count)), times=times)
+    return replace(found, components=sizes.get("S", 1))
+
+
+def _of_ome(pixels: Element, count: int, times: int) -> Several:
+    """Colours are signed numbers of 32 bits, RGBA; times are seconds unless said otherwise."""
+    nodes = [node for node in pixels if node.tag.endswith("}Channel")][:count]
+    found = [Channel(node.get("Name") or str(n), _ome_color(node.get("Color"))) for n, node in enumerate(nodes)]
+    found += [Channel(str(n)) for n in range(len(found), count)]
+    together = count > 1 and any(each.color for each in found)
+    step = _positive(pixels.get("TimeIncrement")) * SECONDS.get(pixels.get("TimeIncrementUnit", "s"), 0.0)
+    return Several(tuple(found), together, times, step or None)
+
+
+def _ome_color(text: str | None) -> str | None:
+    try:
+        number = int(text or "") & 0xFFFFFFFF
+    except ValueError:
+        return None
+    return rgb_of([number >> 24, number >> 16, number >> 8])
+
+
+def _of_imagej(metadata: Mapping[str, Any], count: int, times: int) -> Several:
+    """Colours are the ends of lookup tables, windows the display ranges."""
+    tables, ranges = metadata.get("LUTs", ()), metadata.get("Ranges", ())
+    labels, composite = _labels(metadata.get("Labels", ()), count), metadata.get("mode") == "composite"
+    usual = dict(enumerate(COMPOSITE)) if composite and not len(tables) else {}
+    found = []
+    for n in range(count):
+        color = rgb_of([int(row[-1]) for row in tables[n]]) if n < len(tables) and len(tables[n]) == 3 else usual.get(n)
+        window = window_of(*ranges[2 * n : 2 * n + 2]) if len(ranges) >= 2 * n + 2 else None
+        found.append(Channel(labels[n], color, window))
+    together = count > 1 and (composite or any(each.color not in (None, WHITE) for each in found))
+    return Several(tuple(found), together, times, _positive(metadata.get("finterval")) or None)
+
+
+def _labels(told: Any, count: int) -> list[str]:
+    """Names of channels: the planes' labels, where each channel has its own on all its planes; else numbers."""
+    texts = [str(text).strip() for text in told] if isinstance(told, list | tuple) else []
+    names = texts[:count]
+    # channels vary fastest over the planes
+    same = all(text == names[n % count] for n, text in enumerate(texts))
+    return names if same and len(set(names) - {""}) == count else [str(n) for n in range(count)]
+
+
+def _positive(text: object) -> float:
+    """A positive, finite number; 0 for anything else."""
+    try:
+        number = float(str(text))
+    except ValueError:
+        return 0.0
+    return number if math.isfinite(number) and number > 0 else 0.0
+
+
+# tags of GeoTIFF 1.1 §2.5 to 2.8, and of GDAL
+SCALE, TIE, MATRIX, KEYS, METADATA, NODATA = 33550, 33922, 34264, 34735, 42112, 42113
+# keys: kind of coordinates, and the units of lengths along the ground and upwards
+MODEL, LINEAR, VERTICAL = 1024, 3076, 4099
+GEOGRAPHIC = 2
+# metres of units by EPSG's numbers, and by GDAL's names
+METRES = {9001: 1.0, 9002: 0.3048, 9003: 1200 / 3937, 9036: 1000.0}
+NAMED = {"m": 1.0, "metre": 1.0, "meter": 1.0, "ft": 0.3048, "foot": 0.3048, "us-ft": 1200 / 3937, "km": 1000.0}
+MOST_LISTED = 6
+
+
+def chosen(tiff: Any, options: LoadOptions) -> tuple[int, tuple[str, ...]]:
+    """The place of the image that is read in tiff.series, and notes: the one that `series` numbers from 1 on or names,
+    else the stack of the most voxels. InputError for a number or name that there is not.
+    """
+    every = list(tiff.series)
+    if not every:
+        raise expected("TIFF", "one image at least", "none in its pages")
+    asked = None if options.series is None else str(options.series)
+    lines = [f"{n} {each}" for n, each in enumerate(map(about, every), 1)]
+    listed = ", ".join(lines[:MOST_LISTED]) + ", …" * (len(lines) > MOST_LISTED)
+    if asked is not None:
+        named = [n for n, each in enumerate(every) if each.name == asked]
+        number = int(asked) - 1 if re.fullmatch("[0-9]{1,6}", asked) else -1
+        if not named and not 0 <= number < len(every):
+            raise expected("series", f"one of {listed}", repr(asked))
+        return named[0] if named else number, ()
+    sizes = [math.prod(n for n, axis in zip(each.shape, each.axes, strict=True) if axis not in "SCT") for each in every]
+    planes = [math.prod(each.shape[each.axes.index(axis)] for axis in "YX" if axis in each.axes) for each in every]
+    # an overview of one plane may have more pixels than a stack
+    place = max(range(len(every)), key=lambda n: (sizes[n] > planes[n], sizes[n], -n))
+    if len(every) == 1:
+        return 0, ()
+    others = ", ".join([line for n, line in enumerate(lines) if n != place][:MOST_LISTED])
+    told = f"image {lines[place]} of {len(every)} is read, the largest stack; --series N picks another: {others}"
+    return place, (told,)
+
+
+def about(series: Any) -> str:
+    """An image's name and size, x first."""
+    sizes = [str(n) for n, axis in zip(series.shape, series.axes, strict=True) if axis != "S"]
+    return f"{series.name} {'×'.join(reversed(sizes))}".strip()
+
+
+def pixels_of(tiff: Any, place: int) -> Element | None:
+    """The element Pixels of OME-XML that describes an image of tiff.series; None without OME-XML."""
+    if not tiff.ome_metadata:
+        return None
+    nodes = [node for node in parse_xml(tiff.ome_metadata, "OME-XML").iter() if node.tag.endswith("}Pixels")]
+    series = tiff.series[place]
+    first = next((page.index for page in series.pages if page is not None), None)
+    # images without pages are no series: the first page tells
+    for node in nodes:
+        pages = [int(each.get("IFD", 0)) for each in node if each.tag.endswith("}TiffData")]
+        if len(nodes) > 1 and pages and min(pages) == first:
+            return node
+    return nodes[min(place, len(nodes) - 1)] if nodes else None
+
+
+def survey_of(page: Any) -> Survey | None:
+    """Where the tags of GeoTIFF and GDAL place the heights of a page; None without any."""
+    found = {code: page.tags[code].value for code in (SCALE, TIE, MATRIX, KEYS, METADATA, NODATA) if code in page.tags}
+    if not found:
+        return None
+    keys = _keys(found.get(KEYS, ()))
+    items = _items(str(found.get(METADATA, "")))
+    step, top = _step(found)
+    length = METRES.get(keys.get(LINEAR, 9001), 1.0)
+    upward = NAMED.get(items.get("unittype", "").lower(), METRES.get(keys.get(VERTICAL, 9001), 1.0))
+    unit: str = "m" if keys and step else ""
+    notes: tuple[str, ...] = ()
+    if step and keys.get(MODEL) == GEOGRAPHIC:
+        middle = top - step[1] * page.shape[0] / 2
+        step = (step[0] * DEGREE * max(math.cos(math.radians(middle)), 1e-3), step[1] * DEGREE)
+        notes = (f"degrees are drawn as metres at latitude {middle:.4g}°",)
+    elif step and unit:
+        step = (step[0] * length, step[1] * length)
+    slope, offset = (_number(items.get(name), default) for name, default in (("scale", 1.0), ("offset", 0.0)))
+    missing = _number(str(found.get(NODATA, "")).strip("\0 "), None)
+    return Survey(step, unit, missing, slope * (upward if unit else 1.0), offset, notes)
+
+
+def _step(found: Mapping[int, Any]) -> tuple[tuple[float, float] | None, float]:
+    """Widths of a pixel along x and y, None if they are not told; and y of the first row."""
+    tie = [float(each) for each in found.get(TIE, ())]
+    top = tie[4] + tie[1] * float(found[SCALE][1]) if len(tie) >= 6 and SCALE in found else 0.0
+    if SCALE in found:
+        x, y = (abs(float(each)) for each in found[SCALE][:2])
+    elif len(found.get(MATRIX, ())) == 16:
+        rows = [float(each) for each in found[MATRIX]]
+        x, y, top = math.hypot(rows[0], rows[4]), math.hypot(rows[1], rows[5]), rows[7]
+    else:
+        return None, 0.0
+    return ((x, y) if 0 < x < 1e12 and 0 < y < 1e12 else None), top
+
+
+def _keys(values: Sequence[int]) -> dict[int, int]:
+    """Keys with short values: four numbers each behind a header of four (GeoTIFF 1.1 §7.1)."""
+    rows = [tuple(values[n : n + 4]) for n in range(4, len(values) - 3, 4)]
+    return {int(key): int(value) for key, place, _, value in rows if place == 0}
+
+
+def _items(text: str) -> dict[str, str]:
+    """GDAL's items of the first band by their role: scale, offset, unittype."""
+    if not text.strip().startswith("<"):
+        return {}
+    nodes = [node for node in parse_xml(text.strip("\0 \n"), "GDAL_METADATA").iter() if node.get("sample", "0") == "0"]
+    return {node.get("role", ""): (node.text or "").strip() for node in nodes if node.get("role")}
+
+
+def _number(text: str | None, default: Any) -> Any:
+    try:
+        return float(text or "")
+    except ValueError:
+        return default

@@ -1,0 +1,225 @@
+"""Structure and LZW checks before decoding.
+
+A code of a strip refers to one that came before it. The decoder of imagecodecs follows those that do not into memory
+that was never written.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from splatgl.errors import expected
+from splatgl.readers.dicom_pixels import MOST_TILES, stream_size
+
+MAX_PLANES = 2**20
+"""Most planes of a series: a list of them takes some bytes each, whether they are in the file or not."""
+
+_TYPE_BYTES = (0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8)
+"""Bytes of a tag's value by its type's number (TIFF 6.0 §2, TIFF technical note 1, BigTIFF)."""
+
+_MIN_TAGS, _MAX_TAGS = 4, 4096
+"""Tags of a page: width, height, where its strips are and how many bytes they have; none has thousands."""
+
+_OME_COUNTS = ("IFD", "NumPlanes", "PlaneCount", "FirstC", "FirstT", "FirstZ", "SizeC", "SizeT", "SizeZ")
+
+
+def check_chain(path: Path) -> None:
+    """Raises InputError for pages that form a cycle, overlap, or share their tags' values.
+
+    Truncated files are left to the decoder, which reports what is missing.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        layout = _layout(file.read(16))
+        if layout is None:
+            return
+        form, offset = layout
+        # 1. page by page: no cycles, and their total size is at most the file's
+        seen: set[int] = set()
+        used = 0
+        while 0 < offset < size:
+            if offset in seen:
+                raise expected("pages", "an end", f"page {len(seen)} leading back to another", "the file is damaged")
+            seen.add(offset)
+            table, values, offset = form.page(file, offset)
+            used += table + values
+            # 2. few writers share tag values, and none shares long ones
+            if used > 2 * size:
+                raise expected("tags", f"at most {size} bytes", "more", "the file is damaged")
+
+
+class _Form:
+    """The two layouts: classic with 32-bit offsets, BigTIFF with 64-bit ones."""
+
+    def __init__(self, order: str, big: bool) -> None:
+        self.count = struct.Struct(order + ("Q" if big else "H"))
+        self.tag = struct.Struct(order + ("HHQQ" if big else "HHII"))
+        self.offset = struct.Struct(order + ("Q" if big else "I"))
+
+    def page(self, file: BinaryIO, start: int) -> tuple[int, int, int]:
+        """(bytes of the page's table, bytes of its tags' values, place of the next page; 0 at the end)."""
+        file.seek(start)
+        head = file.read(self.count.size)
+        if len(head) < self.count.size:
+            return 0, 0, 0
+        (tags,) = self.count.unpack(head)
+        if not _MIN_TAGS <= tags <= _MAX_TAGS:
+            raise expected("tags of a page", f"{_MIN_TAGS} to {_MAX_TAGS}", tags, "the file is damaged")
+        table = file.read(tags * self.tag.size)
+        whole = len(table) // self.tag.size * self.tag.size
+        entries = list(self.tag.iter_unpack(table[:whole]))
+        values = sum(_TYPE_BYTES[kind] * count for _, kind, count, _ in entries if kind < len(_TYPE_BYTES))
+        last = file.read(self.offset.size)
+        following = self.offset.unpack(last)[0] if len(last) == self.offset.size else 0
+        return len(table), values, following
+
+
+def _layout(head: bytes) -> tuple[_Form, int] | None:
+    """The file's layout and its first page's place; None if it is not TIFF."""
+    order = {b"II": "<", b"MM": ">"}.get(head[:2])
+    if order is None or len(head) < 16:
+        return None
+    (version,) = struct.unpack_from(order + "H", head, 2)
+    if version not in (42, 43):
+        return None
+    big = version == 43
+    return _Form(order, big), struct.unpack_from(order + ("Q" if big else "I"), head, 8 if big else 4)[0]
+
+
+def check_ome(root: Element) -> None:
+    """Raises InputError if OME's metadata state more planes than any file has."""
+    for node in root.iter():
+        counts = {name: _whole(node, name) for name in _OME_COUNTS if name in node.attrib}
+        planes = abs(counts.get("SizeC", 1) * counts.get("SizeT", 1) * counts.get("SizeZ", 1))
+        most = max((planes, *map(abs, counts.values())))
+        if most > MAX_PLANES:
+            raise expected("OME-XML", f"at most {MAX_PLANES} planes", most, "the metadata are damaged")
+        if "Start" in node.attrib and "End" in node.attrib:
+            _check_steps(node)
+
+
+def _check_steps(node: Element) -> None:
+    """A modulo annotation counts its own steps."""
+    try:
+        start, end, step = (float(node.get(name, "1")) for name in ("Start", "End", "Step"))
+    except ValueError:
+        return
+    if not abs(end - start) <= MAX_PLANES * abs(step):
+        raise expected("OME-XML", f"at most {MAX_PLANES} steps", "more", "the metadata are damaged")
+
+
+def _whole(node: Element, name: str) -> int:
+    try:
+        return int(node.attrib[name])
+    except ValueError:
+        raise expected(f"OME-XML {name}", "a whole number", repr(node.attrib[name])) from None
+
+
+_LZW, _PICTURES = 5, (7, 33003, 33005, 34712)
+_CLEAR, _END = 256, 257
+
+# of the n-th code after a table is cleared: its bits, where it starts, and the first code that is not yet in the table
+# (TIFF 6.0 §13: codes become longer one entry early)
+_COUNT = 4096
+_FREE = 257 + np.arange(_COUNT)
+_BITS: np.ndarray = np.searchsorted([511, 1023, 2047], _FREE, side="right") + 9
+_STARTS = np.concatenate([[0], np.cumsum(_BITS)])
+_FIRST_FREE = np.where(np.arange(_COUNT) == 0, _CLEAR, _FREE + 1)
+
+# codes looked at first, and bytes per table that is cleared: writers clear full ones, of thousands of codes
+_FEW, _BYTES = 256, 64
+
+
+def guard(pages: Iterable[Any]) -> None:
+    """Makes tifffile's pages check strips of LZW, JPEG and JPEG 2000 before they decode them."""
+    for page in pages:
+        if page is None or page.keyframe.compression not in (_LZW, *_PICTURES):
+            continue
+        frame = page.keyframe
+        if not isinstance(frame.decode, _Checked):
+            frame.decode = _Checked(frame.decode, _check_of(frame))
+
+
+def _check_of(frame: Any) -> Callable[[bytes], None]:
+    if frame.compression == _LZW:
+        return partial(check_lzw, reversed_bits=frame.fillorder == 2)
+    return partial(check_picture, rows=int(frame.chunks[0]), columns=int(frame.chunks[1]))
+
+
+class _Checked:
+    """A page's decoder that raises InputError for damaged strips."""
+
+    def __init__(self, decode: Callable[..., Any], check: Callable[[bytes], None]) -> None:
+        self.decode, self.check = decode, check
+
+    def __call__(self, data: bytes | None, index: int, **given: Any) -> Any:
+        if data is not None:
+            self.check(data)
+        return self.decode(data, index, **given)
+
+
+def check_picture(data: bytes, rows: int, columns: int) -> None:
+    """Raises InputError for a strip or tile that states a larger picture than its place has."""
+    size, tiles = stream_size(bytes(data))
+    if not size or size[0] > rows or size[1] > columns or tiles > MOST_TILES:
+        got = f"{size[1]} × {size[0]} in {tiles} tiles" if size else "none"
+        raise expected("picture in a strip", f"{columns} × {rows} pixels at most", got, "the file is damaged")
+
+
+def check_lzw(data: bytes, reversed_bits: bool = False) -> None:
+    """Raises InputError for a strip with a code that is in no table. reversed_bits: the lowest comes first."""
+    array = np.frombuffer(data, np.uint8)
+    if reversed_bits:
+        array = np.packbits(np.unpackbits(array, bitorder="little"))
+    bits = 8 * len(array)
+    padded = np.concatenate([array, np.zeros(4, np.uint8)]).astype(np.uint32)
+    if bits >= 9 and _codes(padded, 0, 1)[0] != _CLEAR:
+        raise _damaged("a strip that does not begin with an empty table")
+    place, tables = 0, 0
+    while place + 9 <= bits:
+        place, following = _table(padded, place, bits)
+        tables += 1
+        if not following:
+            return
+        if tables > 4 + len(array) // _BYTES:
+            raise _damaged("tables of a few codes")
+
+
+def _table(padded: np.ndarray, place: int, bits: int) -> tuple[int, bool]:
+    """Checks the codes from a place on, up to where the table is cleared; (the place behind, whether more follow)."""
+    most = int(np.searchsorted(_STARTS, bits - place, side="right")) - 1
+    for count in (min(_FEW, most), most):
+        codes = _codes(padded, place, count)
+        ends = np.flatnonzero((codes == _CLEAR) | (codes == _END))
+        if len(ends):
+            break
+    last = int(ends[0]) if len(ends) else count
+    # what clears a table, or ends the strip, is in every table
+    if (codes[:last] >= _FIRST_FREE[:last]).any():
+        raise _damaged("one that is in no table")
+    if not len(ends):
+        # a table that is full and not cleared
+        if count == _COUNT and bits - place - _STARTS[count] >= _BITS[-1]:
+            raise _damaged("a table that is full")
+        return bits, False
+    return place + int(_STARTS[last + 1]), bool(codes[last] == _CLEAR)
+
+
+def _codes(padded: np.ndarray, place: int, count: int) -> np.ndarray:
+    """The codes of a table that begins at a bit. padded: bytes, uint32, with four more."""
+    starts, long = place + _STARTS[:count], _BITS[:count]
+    byte, bit = starts >> 3, starts & 7
+    word = padded[byte] << 16 | padded[byte + 1] << 8 | padded[byte + 2]
+    found: np.ndarray = (word >> (24 - bit - long).astype(np.uint32)) & ((1 << long) - 1).astype(np.uint32)
+    return found
+
+
+def _damaged(got: str) -> Exception:
+    return expected("LZW codes", "ones that the strip introduced", got, "the file is damaged")

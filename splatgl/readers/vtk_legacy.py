@@ -1,0 +1,323 @@
+""".vtk structured points; array selection.
+
+Format: "VTK File Formats", docs.vtk.org; x runs fastest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+from urllib.parse import unquote
+
+import numpy as np
+
+from splatgl.data.affine import triple
+from splatgl.data.volume import Hints, Volume
+from splatgl.errors import InputError, choice, expected
+from splatgl.fileio import byte_count
+from splatgl.readers.common import Shape, grid_shape, hints_of, map_array, read_numbers, require_bytes
+from splatgl.readers.options import LoadOptions
+
+MOST_TOLD = 8
+"""Most names of arrays that a note lists."""
+
+
+@dataclass(frozen=True)
+class PointArray:
+    """One array of a VTK grid. read() loads it as [D, H, W, components]; loading is lazy."""
+
+    name: str
+    components: int
+    is_vectors: bool
+    read: Callable[[], np.ndarray]
+    dtype: np.dtype | None = None
+
+
+def pick(arrays: Sequence[PointArray], options: LoadOptions) -> tuple[np.ndarray, np.ndarray | None]:
+    """(samples [D, H, W], vectors float32 [D, H, W, 3] or None) out of a file's arrays.
+
+    Without options the first array with one component, else the length of the first vectors, becomes the samples.
+    `array` names another one; "scalars", "vectors" and "speed" also stand for the first of their kind. `channel`
+    picks a component. Raises InputError naming the arrays if the choice is not clear.
+    """
+    if not arrays:
+        raise expected("arrays", "point or cell data", "none")
+    vectors = next((array for array in arrays if array.is_vectors), None)
+    chosen = _chosen(arrays, vectors, options)
+    if chosen.is_vectors:
+        vectors = chosen
+    field = None if vectors is None else np.asarray(vectors.read(), dtype=np.float32)
+    if options.channel_number is None and chosen.is_vectors and field is not None:
+        return _lengths(field), field
+    return _component(chosen, options), field
+
+
+def hints_for(arrays: Sequence[PointArray], options: LoadOptions, samples: np.ndarray) -> Hints:
+    """How what `pick` chose is drawn: speeds, and arrays that are named as a simulation's, as a field."""
+    chosen = _chosen(arrays, next((array for array in arrays if array.is_vectors), None), options)
+    return hints_of(chosen.name, chosen.is_vectors) if samples.dtype.kind == "f" else Hints()
+
+
+def told(arrays: Sequence[PointArray], options: LoadOptions) -> tuple[str, ...]:
+    """A note on the arrays of a file that are left out, if none was asked for."""
+    chosen = _chosen(arrays, next((array for array in arrays if array.is_vectors), None), options)
+    others = [array.name for array in arrays if array.name != chosen.name]
+    if options.array is not None or not others:
+        return ()
+    listed = ", ".join(others[:MOST_TOLD]) + ", …" * (len(others) > MOST_TOLD)
+    return (f"array {chosen.name} of {len(arrays)} is drawn; --array picks another: {listed}",)
+
+
+def _chosen(arrays: Sequence[PointArray], vectors: PointArray | None, options: LoadOptions) -> PointArray:
+    scalars = next((array for array in arrays if array.components == 1), None)
+    if options.array is None:
+        return scalars or vectors or arrays[0]
+    named = next((array for array in arrays if array.name == options.array), None)
+    chosen = named or {"scalars": scalars, "vectors": vectors, "speed": vectors}.get(str(options.array))
+    if chosen is None:
+        listed = ", ".join(f"{array.name} ({array.components})" for array in arrays)
+        raise expected("array", f"one of {listed}", repr(options.array))
+    return chosen
+
+
+def _component(chosen: PointArray, options: LoadOptions) -> np.ndarray:
+    count = chosen.components
+    if options.channel_number is None and count > 1:
+        fix = f"pick one with channel=0 … channel={count - 1}"
+        error = expected("array", "one number per voxel", f"{count} in {chosen.name!r}", fix)
+        raise choice(error, "channel", [(f"0 … {count - 1}", f"numbers of each voxel in {chosen.name!r}")])
+    if options.channel_number is not None and options.channel_number >= count:
+        raise expected("channel", f"a number from 0 to {count - 1}", options.channel_number)
+    return chosen.read()[..., options.channel_number or 0]
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    """Lengths float32 [D, H, W], plane by plane."""
+    lengths = np.empty(vectors.shape[:3], np.float32)
+    for plane, source in zip(lengths, vectors, strict=True):
+        plane[...] = np.linalg.norm(source, axis=-1)
+    return lengths
+
+
+_TYPES = {
+    "unsigned_char": "u1",
+    "char": "i1",
+    "signed_char": "i1",
+    "unsigned_short": ">u2",
+    "short": ">i2",
+    "unsigned_int": ">u4",
+    "int": ">i4",
+    "unsigned_long": ">u8",
+    "long": ">i8",
+    "vtktypeint64": ">i8",
+    "vtktypeuint64": ">u8",
+    "vtkidtype": ">i4",
+    "float": ">f4",
+    "double": ">f8",
+}
+"""Big-endian numpy codes; long has the eight bytes that 64-bit Unix writes, ids the four that VTK writes of them."""
+
+_LINE_LIMIT = 4096
+"""Longest header line in bytes; a longer one means that the file is something else."""
+
+_COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9}
+
+Words = list[str]
+
+
+@dataclass
+class _Parser:
+    """Parser state: the position in the file, and the grid and arrays found so far."""
+
+    path: Path
+    file: BinaryIO
+    binary: bool
+    grid: dict[str, Words] = field(default_factory=dict)
+    arrays: list[PointArray] = field(default_factory=list)
+    count: int = 0
+    of_points: bool = False
+    cells: list[PointArray] = field(default_factory=list)
+
+    def words(self) -> Words:
+        """The words of the next line that is not blank; none at the end of the file."""
+        while line := self.file.readline(_LINE_LIMIT):
+            if line.strip():
+                return line.decode("latin-1").split()
+        return []
+
+    def values(self, count: int, type_name: str) -> Callable[[], np.ndarray]:
+        """Steps over `count` numbers; the result reads them (binary) or holds them (ASCII)."""
+        code = _TYPES.get(type_name.lower())
+        if type_name.lower() == "bit" and self.binary and count >= 0:
+            return self._bits(count)
+        if code is None:
+            raise expected("type", "a VTK number type such as float", type_name)
+        if count < 0:
+            # a negative count would loop forever
+            raise expected("entries", "zero or more", count, "the header is damaged")
+        dtype, start = np.dtype(code), self.file.tell()
+        if not self.binary:
+            numbers = read_numbers(self.file, count, dtype, self.path.stat().st_size - start)
+            return lambda: numbers
+        size, there = byte_count((count,), dtype), self.path.stat().st_size - start
+        require_bytes(size, there)
+        self.file.seek(start + size)
+        return lambda: map_array(self.path, start, dtype, (count,))
+
+    def _bits(self, count: int) -> Callable[[], np.ndarray]:
+        """Steps over packed bits, the highest of a byte first; the result reads them as bool."""
+        start, size = self.file.tell(), -(-count // 8)
+        require_bytes(size, self.path.stat().st_size - start)
+        self.file.seek(start + size)
+        return lambda: np.unpackbits(map_array(self.path, start, np.dtype(np.uint8), (size,)), count=count).view(bool)
+
+    def shape(self) -> Shape:
+        return grid_shape(_whole(self.grid.get("DIMENSIONS", []), "DIMENSIONS"), "DIMENSIONS")
+
+    def add(self, name: str, components: int, type_name: str, is_vectors: bool, count: int) -> None:
+        """Steps over an array and keeps it if it has one entry per point, or per cell."""
+        if components < 1 or count < 0:
+            raise expected(name, "one or more components and entries", f"{components}, {count}")
+        read = self.values(count * components, type_name)
+        if self.of_points and count == self.count:
+            shape = (*self.shape(), components)
+            if count != math.prod(self.shape()):
+                raise expected("DIMENSIONS", "one line of them, ahead of the data", "another behind it")
+            self.arrays.append(PointArray(unquote(name), components, is_vectors, lambda: read().reshape(shape)))
+        between = tuple(map(cells_along, self.shape())) if not self.of_points and self.count else ()
+        if between and count == self.count == math.prod(between):
+            found = (*between, components)
+            self.cells.append(PointArray(unquote(name), components, is_vectors, lambda: read().reshape(found)))
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a legacy VTK file; `array` picks one by name, the first vectors go to `Volume.vectors`."""
+    with path.open("rb") as file:
+        parser = _Parser(path, file, _is_binary(file))
+        while words := parser.words():
+            _section(parser, words)
+    # the arrays of the points, or of the cells if there are no others, or one of that name
+    of_points, of_cells = ([each.name for each in some] for some in (parser.arrays, parser.cells))
+    in_cells = not of_points or (options.array not in (None, *of_points) and options.array in of_cells)
+    arrays = parser.cells if in_cells else parser.arrays
+    samples, vectors = pick(arrays, options)
+    grid = parser.grid
+    spacing = _floats(grid.get("SPACING", grid.get("ASPECT_RATIO", ["1", "1", "1"])), "SPACING")
+    origin = _floats(grid.get("ORIGIN", ["0", "0", "0"]), "ORIGIN")
+    if in_cells:
+        halves = [step / 2 * (count > 1) for step, count in zip(spacing, parser.shape()[::-1], strict=True)]
+        origin = triple([start + half for start, half in zip(origin, halves, strict=True)], "ORIGIN")
+    hints = hints_for(arrays, options, samples)
+    notes = told([*arrays, *(parser.arrays if in_cells else parser.cells)], options)
+    return Volume(samples, spacing, origin, vectors=vectors, hints=hints, notes=notes)
+
+
+def _is_binary(file: BinaryIO) -> bool:
+    first = file.readline(_LINE_LIMIT)
+    if not first.lower().startswith(b"# vtk datafile"):
+        raise expected("first line", "'# vtk DataFile Version …'", repr(first[:16]), "is this a legacy VTK file?")
+    file.readline(_LINE_LIMIT)
+    coding = file.readline(_LINE_LIMIT).strip().upper()
+    if coding not in (b"ASCII", b"BINARY"):
+        raise expected("third line", "ASCII or BINARY", repr(coding[:16]))
+    return coding == b"BINARY"
+
+
+def _section(parser: _Parser, words: Words) -> None:
+    """Parses one keyword and its data."""
+    keyword, rest = words[0].upper(), words[1:]
+    if keyword == "DATASET":
+        if rest[:1] != ["STRUCTURED_POINTS"]:
+            raise expected("DATASET", "STRUCTURED_POINTS", " ".join(rest), "resample it to an image first")
+    elif keyword in ("DIMENSIONS", "SPACING", "ASPECT_RATIO", "ORIGIN"):
+        parser.grid[keyword] = rest
+    elif keyword in ("POINT_DATA", "CELL_DATA"):
+        _start_data(parser, keyword, rest)
+    elif keyword == "METADATA":
+        _skip_metadata(parser.file)
+    elif keyword == "FIELD":
+        _fields(parser, rest)
+    elif keyword == "LOOKUP_TABLE":
+        parser.values(4 * _whole(rest[1:2], "LOOKUP_TABLE")[0], "unsigned_char" if parser.binary else "float")
+    else:
+        _attribute(parser, keyword, rest)
+
+
+def _start_data(parser: _Parser, keyword: str, rest: Words) -> None:
+    parser.count, parser.of_points = _whole(rest[:1], keyword)[0], keyword == "POINT_DATA"
+    depth, height, width = parser.shape()
+    if parser.of_points and parser.count != depth * height * width:
+        raise expected("POINT_DATA", f"{depth * height * width} points, as DIMENSIONS say", parser.count)
+
+
+def _attribute(parser: _Parser, keyword: str, rest: Words) -> None:
+    if keyword == "SCALARS" and len(rest) >= 2:
+        components = _whole(rest[2:3], "SCALARS")[0] if len(rest) > 2 else 1
+        _skip_table_name(parser.file)
+        parser.add(rest[0], components, rest[1], False, parser.count)
+    elif keyword in _COMPONENTS and len(rest) >= 2:
+        parser.add(rest[0], _COMPONENTS[keyword], rest[1], keyword == "VECTORS", parser.count)
+    elif keyword == "TEXTURE_COORDINATES" and len(rest) >= 3:
+        parser.add(rest[0], _whole(rest[1:2], keyword)[0], rest[2], False, parser.count)
+    elif keyword == "COLOR_SCALARS" and len(rest) >= 2:
+        type_name = "unsigned_char" if parser.binary else "float"
+        parser.add(rest[0], _whole(rest[1:2], keyword)[0], type_name, False, parser.count)
+    else:
+        raise expected("section", "a VTK keyword such as SCALARS", repr(" ".join([keyword, *rest])[:40]))
+
+
+def _fields(parser: _Parser, rest: Words) -> None:
+    for _ in range(_whole(rest[1:2], "FIELD")[0]):
+        words = parser.words()
+        while words[:1] == ["METADATA"]:
+            _skip_metadata(parser.file)
+            words = parser.words()
+        if len(words) != 4:
+            raise expected("FIELD", "a line 'name components tuples type'", repr(" ".join(words)[:40]))
+        components, count = _whole(words[1:3], "FIELD")
+        is_vectors = components == 3 and words[3] in ("float", "double")
+        parser.add(words[0], components, words[3], is_vectors, count)
+
+
+def _skip_table_name(file: BinaryIO) -> None:
+    """Steps over the line 'LOOKUP_TABLE name' after SCALARS, which some writers leave out."""
+    start = file.tell()
+    if not file.readline(_LINE_LIMIT).upper().startswith(b"LOOKUP_TABLE"):
+        file.seek(start)
+
+
+def _skip_metadata(file: BinaryIO) -> None:
+    """Steps over a METADATA block, which ends at a blank line."""
+    while file.readline(_LINE_LIMIT).strip():
+        pass
+
+
+def _whole(words: Words, what: str) -> list[int]:
+    try:
+        numbers = [int(word) for word in words]
+    except ValueError:
+        raise _not_numbers(what, words) from None
+    if not numbers:
+        raise expected(what, "whole numbers", "none", "the header is incomplete")
+    return numbers
+
+
+def _floats(words: Words, what: str) -> tuple[float, float, float]:
+    try:
+        return triple([float(word) for word in words], what)
+    except InputError:
+        raise
+    except ValueError:
+        raise _not_numbers(what, words) from None
+
+
+def _not_numbers(what: str, words: Words) -> InputError:
+    return expected(what, "numbers", repr(" ".join(words)))
+
+
+def cells_along(points: int) -> int:
+    """Cells along an axis; a flat grid has one layer."""
+    return max(points - 1, 1)

@@ -1,0 +1,560 @@
+""".vti .vtr .pvti .pvtr .pvd .vtm.
+
+Samples are those of the points, or of the cells: these stand half a step further, and are one fewer along each axis. A
+point's index counts from index 0, not from the extent's lower end, and Direction is listed row by row. Rectilinear
+grids with uneven steps are refused: a volume has even ones, and those of a resampled grid are not the file's.
+
+Format: "VTK XML file formats", docs.vtk.org.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import lzma
+import re
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+import numpy as np
+
+from splatgl.data.affine import axes_of, even_steps, triple
+from splatgl.data.volume import Volume
+from splatgl.errors import expected, missing_extra
+from splatgl.fileio import byte_count, require_memory
+from splatgl.readers.common import (
+    MAX_BYTES,
+    Shape,
+    data_file,
+    grid_shape,
+    library,
+    map_array,
+    read_numbers,
+    require_bytes,
+    require_end,
+    require_plausible,
+)
+from splatgl.readers.options import LoadOptions, converter
+from splatgl.readers.vtk_legacy import PointArray, cells_along, hints_for, pick, told
+
+_UNEVEN = "resample it with ParaView's filter Resample To Image"
+
+Grid = tuple[np.ndarray, np.ndarray]
+"""World-from-index [3, 3], and the place of index (0, 0, 0)."""
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a .vti or .vtr file; `array` picks an array by name, the first vectors go to `Volume.vectors`."""
+    file = parse_vtk(path, ("ImageData", "RectilinearGrid"))
+    pieces, coordinates = _pieces(file)
+    return _volume(pieces, _grid(file, pieces, coordinates), options)
+
+
+def read_parallel(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a .pvti or .pvtr file, whose pieces lie in files in its folder, as `read`."""
+    parent = parse_vtk(path, ("PImageData", "PRectilinearGrid"))
+    names = [node.get("Source", "") for node in parent.root.findall(f"{parent.kind}/Piece")]
+    if not names or len(set(names)) < len(names):
+        raise expected("Piece", "pieces in a file each", f"{len(names)} in {len(set(names))} files")
+    files = [parse_vtk(data_file(path, name, options.anywhere), (parent.kind[1:],)) for name in names]
+    found = [_pieces(file) for file in files]
+    pieces = [piece for each, _ in found for piece in each]
+    if parent.kind == "PRectilinearGrid":
+        return _volume(pieces, _rectilinear(pieces, [each for _, axes in found for each in axes]), options)
+    grids = [_grid(file, each, []) for file, (each, _) in zip(files, found, strict=True)]
+    if any(not np.allclose(grid[0], grids[0][0]) or not np.allclose(grid[1], grids[0][1]) for grid in grids):
+        raise expected("pieces", "one spacing, origin and direction", "several", "merge them with ParaView")
+    return _volume(pieces, grids[0], options)
+
+
+def _pieces(file: VtkXml) -> tuple[list[Piece], list[list[PointArray]]]:
+    """The pieces of a file that are not empty, and the coordinates along x, y, z of each, if it has such."""
+    owner = file.root.find(file.kind)
+    nodes = file.root.findall(f"{file.kind}/Piece")
+    if owner is None or not nodes:
+        raise expected("Piece", "one or more", "none")
+    extents = [extent_of(node if node.get("Extent") else owner) for node in nodes]
+    kept = [n for n, extent in enumerate(extents) if all(extent[a + 1] >= extent[a] for a in (0, 2, 4))] or [0]
+    found = [_piece(file, nodes[n], extents[n]) for n in kept]
+    axes = [_coordinates(file, nodes[n], piece) for n, piece in zip(kept, found, strict=True)]
+    return found, axes if file.kind == "RectilinearGrid" else []
+
+
+def _piece(file: VtkXml, node: Element, extent: list[int]) -> Piece:
+    low = (extent[0], extent[2], extent[4])
+    shape = grid_shape([extent[axis + 1] - extent[axis] + 1 for axis in (0, 2, 4)], "Extent")
+    cells: Shape = tuple(cells_along(count) for count in shape)  # type: ignore[assignment]
+    of_points, of_cells = node.find("PointData"), node.find("CellData")
+    return Piece(
+        low,
+        shape,
+        [] if of_points is None else arrays_of(file, of_points, shape),
+        [] if of_cells is None else arrays_of(file, of_cells, cells),
+    )
+
+
+def _coordinates(file: VtkXml, node: Element, piece: Piece) -> list[PointArray]:
+    """Of a rectilinear piece: the coordinates along x, y, z."""
+    owner = node.find("Coordinates")
+    nodes = [] if owner is None else owner.findall("DataArray")
+    if file.kind != "RectilinearGrid":
+        return []
+    if owner is None or len(nodes) != 3:
+        raise expected("Coordinates", "three arrays", len(nodes))
+    found = []
+    for each, count in zip(nodes, piece.shape[::-1], strict=True):
+        alone = Element("Coordinates")
+        alone.append(each)
+        found += arrays_of(file, alone, (1, 1, count))
+    return found
+
+
+def _grid(file: VtkXml, pieces: list[Piece], coordinates: list[list[PointArray]]) -> Grid:
+    if file.kind == "RectilinearGrid":
+        return _rectilinear(pieces, coordinates)
+    image = file.root.find(file.kind)
+    assert image is not None
+    direction = np.array(numbers_in(image, "Direction", "1 0 0 0 1 0 0 0 1", 9)).reshape(3, 3)
+    return direction * numbers_in(image, "Spacing", "1 1 1", 3), np.array(numbers_in(image, "Origin", "0 0 0", 3))
+
+
+def _rectilinear(pieces: list[Piece], coordinates: list[list[PointArray]]) -> Grid:
+    """The grid of even coordinates; one without steps, of a single sample, has the least of the other two."""
+    steps, starts = [], []
+    for axis, name in enumerate("xyz"):
+        first = min(piece.low[axis] for piece in pieces)
+        count = max(piece.low[axis] + piece.shape[2 - axis] for piece in pieces) - first
+        parts = [axes[axis].read().ravel() for axes in coordinates]
+        if count > sum(part.size for part in parts):
+            raise expected("pieces", "a whole grid", f"gaps along {name}")
+        places = np.full(count, np.nan)
+        for piece, part in zip(pieces, parts, strict=True):
+            places[piece.low[axis] - first :][: part.size] = part
+        start, step = even_steps(places, f"coordinates along {name}", _UNEVEN)
+        steps.append(step)
+        starts.append((start, first))
+    known = [abs(step) for step in steps if np.isfinite(step)] or [1.0]
+    steps = [step if np.isfinite(step) else min(known) for step in steps]
+    return np.diag(steps), np.array([start - step * n for (start, n), step in zip(starts, steps, strict=True)])
+
+
+def _volume(pieces: list[Piece], grid: Grid, options: LoadOptions) -> Volume:
+    matrix, origin = grid
+    spacing, direction = axes_of(matrix, "Direction and Spacing")
+    # 1. the arrays of the points, or of the cells if there are no others, or one of that name
+    points, low = joined(pieces, cells=False)
+    cells, _ = joined(pieces, cells=True)
+    named = [each.name for each in points]
+    of_cells = not points or (options.array not in (None, *named) and options.array in [each.name for each in cells])
+    arrays = cells if of_cells else points
+    samples, vectors = pick(arrays, options)
+    hints = hints_for(arrays, options, samples)
+    # 2. where the first of them stands
+    counts = np.array([max(piece.low[axis] + piece.shape[2 - axis] for piece in pieces) for axis in range(3)]) - low
+    first = np.array(low, np.float64) + (np.where(counts > 1, 0.5, 0.0) if of_cells else 0.0)
+    place = triple(matrix @ first + origin, "Origin")
+    # arrays of points and of cells are listed together
+    notes = told([*arrays, *(points if of_cells else cells)], options)
+    return Volume(samples, spacing, place, direction, vectors=vectors, hints=hints, notes=notes)
+
+
+Shape4 = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True)
+class Coding:
+    """How a file codes its arrays: the dtype of the header's counts, and the compressor of its blocks or ""."""
+
+    header: np.dtype
+    compressor: str
+
+
+@dataclass(frozen=True)
+class Source:
+    """Coded bytes: `inline` text, or the file itself (None), from `start` on; raw or base64."""
+
+    path: Path
+    inline: bytes | None
+    start: int
+    raw: bool
+
+    def at(self, offset: int) -> Source:
+        """The source `offset` stored bytes further on."""
+        if offset < 0:
+            raise expected("offset", "zero or more bytes", offset)
+        return replace(self, start=self.start + offset)
+
+    def stored(self, count: int) -> int:
+        """Stored bytes that code `count` bytes: base64 turns three into four characters."""
+        return count if self.raw else 4 * -(-count // 3)
+
+    def read(self, stored: int) -> bytes:
+        """The first `stored` bytes as they are. Raises InputError if they are not there."""
+        size = self.path.stat().st_size if self.inline is None else len(self.inline)
+        require_bytes(stored, size - self.start)
+        if self.inline is not None:
+            return self.inline[self.start : self.start + stored]
+        with self.path.open("rb") as file:
+            file.seek(self.start)
+            return file.read(stored)
+
+    def take(self, count: int) -> bytes:
+        """The first `count` bytes, decoded. Raises InputError if they are not there."""
+        data = self.read(self.stored(count))
+        if self.raw:
+            return data
+        with library("base64 data"):
+            decoded = base64.b64decode(data, validate=True)
+        require_bytes(count, len(decoded), "base64 data")
+        return decoded[:count]
+
+
+def parse_ascii(text: str, dtype: np.dtype, shape: Shape4) -> np.ndarray:
+    """The numbers of a text [shape]. Raises InputError if there are more or fewer."""
+    data, count = text.encode("ascii", "replace"), byte_count(shape, np.dtype("u1"))
+    file = io.BytesIO(data)
+    numbers = read_numbers(file, count, dtype, len(data))
+    require_end(file, count)
+    return numbers.reshape(shape)
+
+
+def decode(source: Source, coding: Coding, dtype: np.dtype, shape: Shape4) -> np.ndarray:
+    """The array [shape] behind `source`; raw bytes of a file that are not compressed are mapped."""
+    needed, width = byte_count(shape, dtype), coding.header.itemsize
+    if coding.compressor:
+        return _inflate_blocks(source, coding, needed).view(dtype).reshape(shape)
+    # 1. the header is the number of bytes that follow
+    _same(needed, int(np.frombuffer(source.take(width), coding.header)[0]))
+    if source.raw:
+        return map_array(source.path, source.start + width, dtype, shape)
+    # 2. base64: header and data are one run of characters, or two if the header was padded
+    stored = source.stored(width)
+    padded = source.read(stored).endswith(b"=")
+    data = source.at(stored).take(needed) if padded else source.take(width + needed)[width:]
+    return np.frombuffer(data, dtype).reshape(shape)
+
+
+def _inflate_blocks(source: Source, coding: Coding, needed: int) -> np.ndarray:
+    """Inflates blocks; header: number of blocks, bytes of each, of the last, compressed bytes of each."""
+    # 1. the header, whose length is in its first number
+    width = coding.header.itemsize
+    blocks = int(np.frombuffer(source.take(width), coding.header)[0])
+    header = [int(count) for count in np.frombuffer(source.take((3 + blocks) * width), coding.header)]
+    full, last, packed = header[1], header[2], header[3:]
+    sizes = [full] * blocks
+    if blocks and last:
+        sizes[-1] = last
+    _same(needed, sum(sizes))
+    require_plausible(needed, sum(packed), bounded=coding.compressor != "vtkLZMADataCompressor")
+    require_memory(needed, sum(packed))
+    # 2. the blocks, one behind the other
+    data = source.at(source.stored((3 + blocks) * width)).take(sum(packed))
+    out, start = bytearray(), 0
+    for size, stored in zip(sizes, packed, strict=True):
+        with library("compressed data"):
+            block = COMPRESSORS[coding.compressor](data[start : start + stored], size + 1)
+        if len(block) != size:
+            raise expected("inflated block", f"{size} bytes", "more" if len(block) > size else len(block))
+        out += block
+        start += stored
+    return np.frombuffer(out, np.uint8)
+
+
+def _zlib(data: bytes, most: int) -> bytes:
+    return zlib.decompressobj().decompress(data, most)
+
+
+def _lzma(data: bytes, most: int) -> bytes:
+    return lzma.LZMADecompressor(memlimit=MAX_BYTES).decompress(data, most)
+
+
+def _lz4(data: bytes, most: int) -> bytes:
+    try:
+        import imagecodecs
+    except ImportError:
+        raise missing_extra("LZ4 data", "imagecodecs", "readers") from None
+    return bytes(imagecodecs.lz4_decode(data, out=most))
+
+
+COMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
+    "vtkZLibDataCompressor": _zlib,
+    "vtkLZ4DataCompressor": _lz4,
+    "vtkLZMADataCompressor": _lzma,
+}
+"""By VTK's names: (data of one block, most bytes) → at most as many bytes of it."""
+
+
+def _same(needed: int, stated: int) -> None:
+    if needed != stated:
+        raise expected("data", f"{needed} bytes, as the extent says", f"{stated} by its own header")
+
+
+Index = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Part of a grid: index (x, y, z) of its first point, points along z, y, x, and the arrays of points and cells."""
+
+    low: Index
+    shape: Shape
+    points: list[PointArray]
+    cells: list[PointArray]
+
+
+def joined(pieces: Sequence[Piece], cells: bool) -> tuple[list[PointArray], Index]:
+    """The arrays of the points or cells of all pieces, and the index of the first point.
+
+    Where pieces overlap the later one counts. Raises InputError, once an array is read, if they leave gaps.
+    """
+    first: Index = tuple(min(piece.low[axis] for piece in pieces) for axis in range(3))  # type: ignore[assignment]
+    groups = [piece.cells if cells else piece.points for piece in pieces]
+    if len(pieces) == 1:
+        return groups[0], first
+    told = [[(each.name, each.components, each.dtype) for each in group] for group in groups]
+    if any(each != told[0] for each in told):
+        raise expected("pieces", "the same arrays in all", "others", "save the grid again")
+    last = [max(piece.low[axis] + piece.shape[2 - axis] for piece in pieces) for axis in range(3)]
+    shape = tuple(end - begin for end, begin in zip(last[::-1], first[::-1], strict=True))
+    counts: Shape = tuple(cells_along(size) for size in shape) if cells else shape  # type: ignore[assignment]
+    lows = [tuple(at - begin for at, begin in zip(piece.low, first, strict=True))[::-1] for piece in pieces]
+    return [
+        PointArray(one.name, one.components, one.is_vectors, partial(_join, parts, lows, counts), one.dtype)
+        for one, *_ in zip(*groups, strict=True)
+        for parts in [[group[groups[0].index(one)] for group in groups]]
+    ], first
+
+
+def _join(parts: Sequence[PointArray], lows: Sequence[tuple[int, ...]], shape: Shape) -> np.ndarray:
+    """One array [D, H, W, components] out of those of the pieces."""
+    # every piece is checked against its file before the whole is allocated
+    arrays = [part.read() for part in parts]
+    if np.prod(shape, dtype=np.float64) > sum(array.size / array.shape[3] for array in arrays):
+        raise expected("pieces", "a whole grid", "gaps between them")
+    whole = np.empty((*shape, parts[0].components), parts[0].dtype)
+    filled = np.zeros(shape, bool)
+    for array, low in zip(arrays, lows, strict=True):
+        box = tuple(slice(at, at + size) for at, size in zip(low, array.shape[:3], strict=True))
+        whole[box], filled[box] = array, True
+    if not filled.all():
+        raise expected("pieces", "a whole grid", "gaps between them")
+    return whole
+
+
+_GRIDS = {".vti": read, ".vtr": read, ".pvti": read_parallel, ".pvtr": read_parallel}
+
+_MOST_LISTED = 8
+"""Most names in a message."""
+
+Entry = tuple[str, str]
+"""The name of a time step or block, and that of its file."""
+
+
+def read_series(path: Path, options: LoadOptions) -> Volume:
+    """The volume of one time step of a .pvd file, or of one block of a .vtm file.
+
+    `array` is the number of the step or block, or a block's name; an array in it stands behind a slash: 3/density.
+    """
+    file = parse_vtk(path, ("Collection", "vtkMultiBlockDataSet"))
+    steps = file.kind == "Collection"
+    owner = file.root.find(file.kind)
+    entries = [] if owner is None else _steps(owner) if steps else _blocks(owner)
+    name, array = _chosen(entries, options, "time steps" if steps else "blocks")
+    return _read(path, name, replace(options, array=array), collections=steps)
+
+
+def _read(path: Path, name: str, options: LoadOptions, collections: bool) -> Volume:
+    """The volume in a file that `path` names; a time step may be of blocks, these are of grids."""
+    suffix = Path(name).suffix.lower()
+    if suffix not in _GRIDS and not (suffix == ".vtm" and collections):
+        raise expected(name, f"a file of {', '.join(_GRIDS)}", repr(suffix), converter(name))
+    found = data_file(path, name, options.anywhere)
+    if suffix == ".vtm":
+        parse_vtk(found, ("vtkMultiBlockDataSet",))
+        return read_series(found, options)
+    return _GRIDS[suffix](found, options)
+
+
+def _steps(owner: Element) -> list[Entry]:
+    """Time steps in order, each with one file."""
+    found = sorted((numbers_in(node, "timestep", "0", 1)[0], node.get("file", "")) for node in owner.findall("DataSet"))
+    if len({time for time, _ in found}) < len(found):
+        raise expected("DataSet", "one file a time step", "several", "save the parts as one .pvti")
+    return [(f"{time:g}", name) for time, name in found]
+
+
+def _blocks(owner: Element) -> list[Entry]:
+    """The grids among the blocks, by their names; if there is none, all blocks."""
+    found = [(node.get("name", ""), node.get("file", "")) for node in owner.iter("DataSet")]
+    return [entry for entry in found if Path(entry[1]).suffix.lower() in _GRIDS] or found
+
+
+def _chosen(entries: list[Entry], options: LoadOptions, what: str) -> tuple[str, str | None]:
+    """The file that is asked for, and the array in it."""
+    listed = ", ".join(f"{n} ({name})" if name else f"{n}" for n, (name, _) in enumerate(entries[:_MOST_LISTED]))
+    listed += ", …" if len(entries) > _MOST_LISTED else ""
+    if not entries:
+        raise expected(what, "one or more", "none")
+    asked = None if options.array is None else str(options.array)
+    if asked is not None:
+        head, _, rest = asked.partition("/")
+        if re.fullmatch("[0-9]{1,9}", head):
+            if int(head) >= len(entries):
+                raise expected("array", f"one of the {what} {listed}", repr(asked))
+            return entries[int(head)][1], rest or None
+        if what == "blocks":
+            for name, file in entries:
+                if name and (asked == name or asked.startswith(f"{name}/")):
+                    return file, asked[len(name) + 1 :] or None
+    if len(entries) > 1:
+        fix = f"pick one with array=0 … array={len(entries) - 1}, an array in it as in array=0/NAME"
+        raise expected(what, "one", f"{len(entries)}: {listed}", fix)
+    return entries[0][1], asked
+
+
+_TYPES = {
+    f"{name}{8 * size}": f"{code}{size}"
+    for name, code, sizes in (("Int", "i", (1, 2, 4, 8)), ("UInt", "u", (1, 2, 4, 8)), ("Float", "f", (4, 8)))
+    for size in sizes
+}
+
+_APPENDED = b"<AppendedData"
+
+
+@dataclass(frozen=True)
+class VtkXml:
+    """A file's XML part, the start of its appended data if it has such, and the coding of its arrays."""
+
+    path: Path
+    root: Element
+    appended: Source | None
+    coding: Coding
+
+    @property
+    def kind(self) -> str:
+        """What the file holds, such as ImageData."""
+        return self.root.get("type") or self.root.tag
+
+
+def parse_vtk(path: Path, kinds: tuple[str, ...]) -> VtkXml:
+    """The XML part of a file, whose appended data need not be XML. InputError if it holds none of `kinds`."""
+    data = np.memmap(path, np.uint8, mode="r")
+    text = data[: _find(data, _APPENDED)].tobytes()
+    appended = None
+    if len(text) < len(data):
+        tag_end = len(text) + _find(data[len(text) :], b">")
+        first = tag_end + _find(data[tag_end:], b"_") + 1
+        raw = b'"raw"' in data[len(text) : tag_end].tobytes()
+        appended = Source(path, None, first, raw)
+        text += b"</VTKFile>"
+    root = parse_xml(text, "VTK XML")
+    if root.tag != "VTKFile" or root.get("type") not in kinds:
+        raise expected("type", f"a VTKFile of {' or '.join(kinds)}", root.get("type") or root.tag)
+    return VtkXml(path, root, appended, _coding(root))
+
+
+def _find(data: np.ndarray, word: bytes) -> int:
+    """Offset of `word` in the bytes, or their number if absent; reads only up to it."""
+    step = 1 << 20
+    for start in range(0, len(data), step):
+        place = data[start : start + step + len(word)].tobytes().find(word)
+        if place >= 0:
+            return start + place
+    return len(data)
+
+
+def _coding(root: Element) -> Coding:
+    order = {"LittleEndian": "<", "BigEndian": ">"}.get(root.get("byte_order", "LittleEndian"))
+    header = {"UInt32": "u4", "UInt64": "u8"}.get(root.get("header_type", "UInt32"))
+    compressor = root.get("compressor", "")
+    if order is None or header is None:
+        got = f"{root.get('byte_order')}, {root.get('header_type')}"
+        raise expected("byte_order and header_type", "Little/BigEndian, UInt32/64", got)
+    if compressor not in ("", *COMPRESSORS):
+        raise expected("compressor", "zlib, LZ4, LZMA or none", compressor, "save it with zlib")
+    return Coding(np.dtype(order + header), compressor)
+
+
+def arrays_of(file: VtkXml, owner: Element, shape: Shape) -> list[PointArray]:
+    """The arrays below an element [D, H, W, components], each read when it is needed."""
+    return [_array(file, node, shape) for node in owner.findall("DataArray")]
+
+
+def _array(file: VtkXml, node: Element, shape: Shape) -> PointArray:
+    name, type_name, kind = node.get("Name", "unnamed"), node.get("type", "none"), node.get("format", "none")
+    components = int(numbers_in(node, "NumberOfComponents", "1", 1)[0])
+    if type_name not in _TYPES or components < 1:
+        raise expected(f"DataArray {name}", "a number type and components", f"{type_name}, {components}")
+    dtype = np.dtype(_TYPES[type_name]).newbyteorder(file.coding.header.byteorder)
+    full = (*shape, components)
+    if kind == "ascii":
+        read = partial(parse_ascii, node.text or "", dtype, full)
+    elif kind == "binary":
+        inline = "".join((node.text or "").split()).encode("ascii", "replace")
+        read = partial(decode, Source(file.path, inline, 0, False), file.coding, dtype, full)
+    elif kind == "appended" and file.appended is not None:
+        source = file.appended.at(int(numbers_in(node, "offset", "0", 1)[0]))
+        read = partial(decode, source, file.coding, dtype, full)
+    else:
+        raise expected(f"DataArray {name}", "format ascii, binary or appended (with data)", kind)
+    return PointArray(name, components, components == 3 and dtype.kind == "f", read, dtype)
+
+
+def extent_of(element: Element) -> list[int]:
+    """Lowest and highest index of points along x, y, z: six numbers."""
+    name = "Extent" if element.get("Extent") else "WholeExtent"
+    return [int(number) for number in numbers_in(element, name, "", 6)]
+
+
+def numbers_in(element: Element, name: str, default: str, count: int) -> list[float]:
+    """The numbers of an attribute. Raises InputError unless there are `count` finite ones."""
+    text = element.get(name, default)
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise expected(name, f"{count} numbers", repr(text))
+    return numbers
+
+
+MAX_DEPTH = 64
+"""Deepest nesting of elements; image files need six."""
+
+
+def parse_xml(text: str | bytes, title: str) -> Element:
+    """The root element of `text`. Raises InputError for damaged XML, for a DOCTYPE, and beyond MAX_DEPTH."""
+    builder, depth = TreeBuilder(), 0
+    parser = expat.ParserCreate(namespace_separator="}")
+
+    def refuse(*_declaration: object) -> None:
+        raise expected("XML", "no document type", "a DOCTYPE", "remove it")
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > MAX_DEPTH:
+            raise expected("XML", f"at most {MAX_DEPTH} levels of elements", "more", "the file is damaged")
+        builder.start(_braced(tag), {_braced(name): value for name, value in attributes.items()})
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(_braced(tag))
+
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler, parser.buffer_text = builder.data, True
+    with library(title):
+        parser.Parse(text, True)
+        return builder.close()
+
+
+def _braced(name: str) -> str:
+    """'uri}tag' as ElementTree writes it: '{uri}tag'."""
+    return f"{{{name}" if "}" in name else name

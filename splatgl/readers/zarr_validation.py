@@ -1,0 +1,208 @@
+"""Checks of a Zarr store before zarr decodes anything: its files, codecs and chunks."""
+
+from __future__ import annotations
+
+import math
+import os
+import zlib
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from splatgl.errors import expected
+from splatgl.fileio import byte_count
+from splatgl.readers.chunked import tag_of
+from splatgl.readers.common import CHUNK_BYTES, DEFLATE_RATIO, MAX_BYTES, require_plausible
+
+Fetch = Callable[[Sequence[str]], None]
+
+_COMPRESSORS = ("zlib", "gzip", "blosc", "zstd", "lz4")
+
+_FILTERS = (
+    *("bytes", "transpose", "sharding_indexed", "crc32c", "crc32", "adler32"),
+    *("shuffle", "delta", "fixedscaleoffset", "quantize", "bitround"),
+)
+"""Codecs that turn numbers into numbers; others run what is stored (pickle), or have no bound."""
+
+_BLOSC_HEADER = 16
+"""Bytes of the header of a Blosc chunk; the last four state its length."""
+
+_FREE_CHUNKS = 4096
+"""Chunks read without a file behind each: a moment's work."""
+
+_CHUNKS_PER_FILE = 64
+"""Missing chunks per chunk that is there: sparse volumes leave most of them out."""
+
+_INDEX_BYTES = 16
+"""Bytes of a shard's index per chunk in it, present or not."""
+
+_DECLARED_ROOM = 8
+"""A chunk's filters may change the size of a sample by this factor at most: eight bytes for one."""
+
+
+def check_files(path: Path) -> None:
+    """Raises InputError unless the store contains only plain files and folders, or links to such inside it."""
+    root = path.resolve()
+    folders = [path]
+    while folders:
+        with os.scandir(folders.pop()) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    folders.append(Path(entry.path))
+                elif not entry.is_file(follow_symlinks=False):
+                    _check_link(Path(entry.path), root)
+
+
+def _check_link(link: Path, root: Path) -> None:
+    inside = link.is_file() and link.resolve().is_relative_to(root)
+    if not inside:
+        raise expected(link.name, "a file inside the store", "a link, pipe or device", "replace it by the file")
+
+
+_LEAST_PARTS = 2**12
+"""Samples of a chunk from which reading parts takes no longer for their number."""
+
+
+class ChunkFiles:
+    """The files of an array's chunks, each checked before it is decoded. fetch: brings files of the store here."""
+
+    def __init__(self, path: Path, array: Any, fetch: Fetch | None = None) -> None:
+        self.path, self.folder, self.metadata, self.fetch = path, path / array.path, array.metadata, fetch
+        self.shape = array.shards or array.chunks
+        self.bytes = byte_count(array.chunks, array.dtype)
+        names = _names(array)
+        # a shard's chunks are read one by one, each as its codec's ratio allows
+        self.compressors = [name for name in names if name in _COMPRESSORS] if "sharding_indexed" not in names else []
+
+    def tag(self) -> str:
+        """What changes with the array's contents; of a copy, which grows, its place and metadata."""
+        if self.fetch is None:
+            return tag_of(self.folder)
+        return f"{self.folder.resolve()} {sorted(self.metadata.to_dict().items())}"
+
+    def ready(self, places: Iterable[Sequence[int]]) -> None:
+        """Brings the files of the chunks of the samples at those places here."""
+        if self.fetch is not None:
+            self.fetch(sorted({self._file(place).relative_to(self.path).as_posix() for place in places}))
+
+    def holds(self, place: Sequence[int]) -> bool:
+        """Whether there is a file for the chunk of the sample at `place`. InputError if it must not be decoded."""
+        file = self._file(place)
+        there = file.is_file()
+        if there:
+            self.check(file)
+        return there
+
+    def _file(self, place: Sequence[int]) -> Path:
+        key = tuple(at // size for at, size in zip(place, self.shape, strict=True))
+        return self.folder / str(self.metadata.encode_chunk_key(key))
+
+    def check(self, file: Path) -> None:
+        """Raises InputError if the chunk expands beyond its size."""
+        for name in self.compressors:
+            _check_chunk(file, name, self.bytes)
+
+
+def check_array(path: Path, array: Any, whole: bool = True, fetch: Fetch | None = None) -> ChunkFiles:
+    """Raises InputError for codecs not known to be safe, and for chunks too large for their files.
+
+    whole: whether all of it is to be read at once; else each chunk's file is still to be checked. fetch: as of
+    ChunkFiles.
+    """
+    # 1. the codecs
+    names = _names(array)
+    refused = [name for name in names if name not in (*_COMPRESSORS, *_FILTERS)]
+    compressors = [name for name in names if name in _COMPRESSORS]
+    if refused or len(compressors) > 1:
+        known = ", ".join(_COMPRESSORS)
+        raise expected("codecs", f"one of {known}", ", ".join(refused or compressors), "save it with blosc or zstd")
+    # 2. the chunks on disk must be able to hold the array: one that is missing costs nothing to write
+    files = [file for file in (path / array.path).rglob("*") if file.is_file()]
+    stored = sum(file.stat().st_size for file in files)
+    if whole:
+        require_plausible(byte_count(array.shape, array.dtype), stored, bounded=False)
+    chunk = byte_count(array.chunks, array.dtype)
+    if min(array.chunks) < 1 or chunk > MAX_BYTES:
+        raise expected("chunks", f"at most {MAX_BYTES} bytes each", f"{chunk} {array.chunks}", "save smaller ones")
+    # 3. and each costs time
+    count = math.prod(-(-size // part) for size, part in zip(array.shape, array.chunks, strict=True))
+    most = _FREE_CHUNKS + _CHUNKS_PER_FILE * len(files) + stored // _INDEX_BYTES
+    if count > most and (whole or math.prod(array.chunks) < _LEAST_PARTS):
+        raise expected("chunks", f"at most {most} for {len(files)} files", count, "save larger ones")
+    # 4. none may expand beyond its size
+    found = ChunkFiles(path, array, fetch)
+    if whole:
+        for file in files:
+            if file.name[:1] != "." and file.name != "zarr.json":
+                found.check(file)
+    return found
+
+
+def _names(array: Any) -> list[str]:
+    return [_name(codec) for codec in _codecs(array)]
+
+
+def _codecs(array: Any) -> list[Any]:
+    """All codecs of an array, those inside its shards too."""
+    metadata = array.metadata
+    if metadata.zarr_format == 2:
+        return [codec for codec in (*(metadata.filters or ()), metadata.compressor) if codec is not None]
+    found, waiting = [], list(metadata.codecs)
+    while waiting:
+        codec = waiting.pop()
+        found.append(codec)
+        waiting += [*getattr(codec, "codecs", ()), *getattr(codec, "index_codecs", ())]
+    return found
+
+
+def _name(codec: Any) -> str:
+    """The codec's name: numcodecs' own, or that of format 3."""
+    name = getattr(codec, "codec_id", None) or codec.to_dict()["name"]
+    return str(name).removeprefix("numcodecs.")
+
+
+def _check_chunk(file: Path, compressor: str, chunk: int) -> None:
+    """Raises InputError if the chunk says, or for long zlib data shows, that it expands beyond `chunk` bytes."""
+    stored, room = file.stat().st_size, _DECLARED_ROOM * chunk
+    if compressor in ("zlib", "gzip"):
+        size = _inflated(file, room) if stored * DEFLATE_RATIO > MAX_BYTES else 0
+    else:
+        with file.open("rb") as opened:
+            head = opened.read(18)
+        size = _declared(head, compressor, stored)
+        # Blosc is not told where a chunk ends: it reads as many bytes as the header states
+        if compressor == "blosc" and not _BLOSC_HEADER <= (length := int.from_bytes(head[12:16], "little")) <= stored:
+            raise expected(f"chunk {file.name}", f"{stored} bytes stored", f"{length} stated", "the file is damaged")
+    if size > room:
+        raise expected(f"chunk {file.name}", f"{chunk} bytes", f"{size} at least", "the file is damaged")
+
+
+def _declared(head: bytes, compressor: str, stored: int) -> int:
+    """Bytes that the chunk's own header states."""
+    if compressor == "blosc":
+        return int.from_bytes(head[4:8], "little")
+    if compressor == "lz4":
+        return int.from_bytes(head[:4], "little")
+    # Zstandard (RFC 8878 §3.1.1.1): a descriptor, perhaps a window and a dictionary, then the size, if it is stated
+    descriptor = head[4] if len(head) > 4 else 0
+    single, width = descriptor >> 5 & 1, (1, 2, 4, 8)[descriptor >> 6]
+    if descriptor >> 6 == 0 and not single:
+        return stored * _ZSTD_RATIO
+    start = 5 + (not single) + (0, 1, 2, 4)[descriptor & 3]
+    return int.from_bytes(head[start : start + width], "little") + (256 if width == 2 else 0)
+
+
+_ZSTD_RATIO = 2**15
+"""Most bytes per byte of Zstandard data: a block of 2**17 bytes takes four."""
+
+
+def _inflated(file: Path, room: int) -> int:
+    """Bytes of zlib or gzip data, counted up to a little over `room`."""
+    engine, size = zlib.decompressobj(wbits=47), 0
+    with file.open("rb") as opened:
+        while size <= room and not engine.eof:
+            piece = engine.unconsumed_tail or opened.read(CHUNK_BYTES)
+            if not piece:
+                break
+            size += len(engine.decompress(piece, CHUNK_BYTES))
+    return size
