@@ -22,7 +22,7 @@ from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.viewer import Options, Viewer
 from splatgl.gl.renderer import Renderer
-from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.transfer import Transfer
 
 # longest wait for a picture at rest
 PATIENCE = 120.0

@@ -26,7 +26,7 @@ import splatgl as sg
 from splatgl.app.cli import main as command
 from splatgl.app.scene import Scene
 from splatgl.app.viewpoint import View
-from splatgl.splat.plan.technique import TECHNIQUES, combinations
+from splatgl.splat.technique import TECHNIQUES, combinations
 from splatgl.truth.report.content import CONVERGENCE, registry
 from splatgl.truth.report.markdown import as_table
 from splatgl.truth.table_io import as_markdown

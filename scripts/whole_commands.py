@@ -28,8 +28,8 @@ from bench_rows import tell
 
 from splatgl.app.scene import Scene
 from splatgl.data.color import srgb_from_linear
-from splatgl.splat.bricks.opaque import Opaque
-from splatgl.splat.classification.shading import AMBIENT, DIFFUSE
+from splatgl.splat.lighting import AMBIENT, DIFFUSE
+from splatgl.splat.opaque_bounds import Opaque
 
 FILES = (
     "tooth.nhdr",

@@ -1,6 +1,6 @@
 // Quads beyond Table 1: the footprint at the true distance before z_k (form c), and beyond it the ellipse of
 // perspective space with the trapezoid's first-order term (b′).
-// Twin of splatgl/splat/integral/approximations.py. All lengths in mean voxel spacings, in eye axes; g and τ in index axes.
+// Twin of splatgl/splat/footprint.py. All lengths in mean voxel spacings, in eye axes; g and τ in index axes.
 #include "quads.glsl"
 #include "optics.glsl"
 #constant FIRST_ORDER  // terms beyond the box's stretch are left out where they change a footprint by more than this share

@@ -1,5 +1,5 @@
 // Attenuation by the share of its pixel that a splat's matter fills, for pixels wider than a voxel: distinguishes
-// walls, edges, threads and dots. Twin of splatgl/splat/integral/attenuation.py, which explains it.
+// walls, edges, threads and dots. Twin of splatgl/splat/footprint.py, which explains it.
 #include "ellipse.glsl"
 #include "optics.glsl"
 #constant RUN_OCTAVES    // runs are coded as 2^(code · RUN_OCTAVES)

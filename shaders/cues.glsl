@@ -1,4 +1,4 @@
-// Shares of the sky and of the light that reach a place: ambient occlusion and shadows. Twin of splatgl/splat/cues/cues.py.
+// Shares of the sky and of the light that reach a place: ambient occlusion and shadows. Twin of splatgl/splat/ambient_occlusion.py.
 // switch SKY 0
 // switch SHADOWS 0
 #define CUED (SKY == 1 || SHADOWS == 1)

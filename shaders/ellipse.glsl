@@ -1,4 +1,4 @@
-// A voxel's projection on a plane, and antialiasing's smallest width. Twin of splatgl/splat/view/ellipse.py.
+// A voxel's projection on a plane, and antialiasing's smallest width. Twin of splatgl/splat/view.py.
 // switch ALIGN ALIGN_RAY
 // switch PERSPECTIVE 1
 // switch ANTIALIAS 1

@@ -14,7 +14,7 @@
 #define FOOTPRINT_SINGLE 3
 // of the box of a voxel, see boxes.glsl
 #define FOOTPRINT_BOX 4
-// see splatgl/splat/kernel/kernels.py: eight terms over s = D²/R², seven over 1 − s, where these begin, and 1/R²
+// see splatgl/splat/kernels.py: eight terms over s = D²/R², seven over 1 − s, where these begin, and 1/R²
 
 // F/F(0) over [−R, R]²; or radial: one texel high, F/F(0) at a squared distance, and the step to the next
 uniform sampler2D footprint_table;

@@ -1,5 +1,5 @@
 // Light of surfaces: of voxels, of matter by its gradients, of cuts, and of meshes. Twin of
-// splatgl/splat/classification/shading.py.
+// splatgl/splat/lighting.py.
 // switch LIGHT 0
 #include "frame.glsl"
 #include "cues.glsl"

@@ -1,4 +1,4 @@
-// Colours of values of meshes; twin of splatgl/splat/classification/mesh_colors.py.
+// Colours of values of meshes; twin of splatgl/splat/colormaps.py.
 #constant MAP_ENTRIES
 #constant KNOWN          // places in a map below which there is no value
 uniform sampler2D maps;  // rows of linear RGB

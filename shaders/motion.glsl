@@ -1,5 +1,5 @@
 // A splat's path across the view while the shutter is open, as a straight line, and the quad around its streak.
-// Twin of splatgl/splat/motion/motion.py. All lengths in mean voxel spacings, in eye axes.
+// Twin of splatgl/splat/motion.py. All lengths in mean voxel spacings, in eye axes.
 // switch MOTION MOTION_OFF
 // switch FLOW 0
 #include "approximations.glsl"

@@ -1,4 +1,4 @@
-// Opacity of a splat that covers a pixel for part of the exposure. Twin of splatgl/splat/motion/motion_opacity.py.
+// Opacity of a splat that covers a pixel for part of the exposure. Twin of splatgl/splat/motion_blur.py.
 #include "optics.glsl"
 // dense splats hide for longer than the share p of the exposure: 1 − (1 − p)^κ, κ = 1 + DENSE x/(1 + DENSEST x)
 #constant DENSE

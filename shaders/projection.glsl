@@ -57,7 +57,7 @@ bool reaches(vec3 v, vec4 edges) {
     return all(lessThanEqual(edges.xy * z - v.xy, reach)) && all(lessThanEqual(v.xy - edges.zw * z, reach));
 }
 
-// Whether it may be visible; twin of splatgl/splat/view/block_culling.py.
+// Whether it may be visible; twin of splatgl/splat/culling.py.
 bool reached(vec3 v) {
     return reaches(v, vec4(-frame.edge, frame.edge));
 }

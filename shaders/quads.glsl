@@ -1,5 +1,5 @@
 // The quad of one splat: its plane and its two axes, with antialiasing.
-// Twin of splatgl/splat/integral/quads.py.  [M98 Table 1 row 4] [M98 Table 1 row 5]
+// Twin of splatgl/splat/footprint.py.  [M98 Table 1 row 4] [M98 Table 1 row 5]
 #include "ellipse.glsl"
 
 // All lengths in mean voxel spacings, in eye axes. A point on the quad is r.x axis_1 + r.y axis_2, r in voxels.

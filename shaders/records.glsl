@@ -1,4 +1,4 @@
-// A splat's record, and its words: see splatgl/splat/extraction/records.py
+// A splat's record, and its words: see splatgl/splat/splats.py
 // switch POINTS 0
 // switch STEPS 0
 #constant COLOR_SCALE

@@ -1,4 +1,4 @@
-// Sheets of equal distance from the eye in index space; twin of splatgl/splat/sheets/sheets.py.
+// Sheets of equal distance from the eye in index space; twin of splatgl/splat/sheets.py.
 // switch SHEETS 0
 // switch STEPS 0
 #include "ellipse.glsl"

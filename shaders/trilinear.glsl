@@ -1,4 +1,4 @@
-// Fields on cells, linear between their centres; twin of splatgl/splat/view/trilinear.py.
+// Fields on cells, linear between their centres; twin of splatgl/splat/grid.py.
 // In float32, where a sampler's weights may have 8 bits.
 vec4 trilinear(sampler3D field, vec3 place) {
     ivec3 last = textureSize(field, 0) - 1;

@@ -35,24 +35,24 @@ if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer as Renderer
     from splatgl.readers import load as load
     from splatgl.readers.meshes import load_mesh as load_mesh
-    from splatgl.splat.classification.presets import default_transfer as default_transfer
-    from splatgl.splat.classification.presets import preset as preset
-    from splatgl.splat.classification.transfer import Transfer as Transfer
-    from splatgl.splat.extraction.extract import extract as extract
-    from splatgl.splat.extraction.splats import Splats as Splats
-    from splatgl.splat.flow.arrows import arrows as arrows
-    from splatgl.splat.flow.streamlines import streamlines as streamlines
-    from splatgl.splat.flow.vectors import directions as directions
-    from splatgl.splat.flow.vectors import magnitudes as magnitudes
-    from splatgl.splat.kernel.kernels import PiecewiseCubic as PiecewiseCubic
-    from splatgl.splat.kernel.kernels import register_kernel as register_kernel
-    from splatgl.splat.layers.layers import Layer as Layer
-    from splatgl.splat.layers.layers import Scene as Scene
-    from splatgl.splat.layers.segments import surfaces as surfaces
-    from splatgl.splat.motion.motion import Motion as Motion
-    from splatgl.splat.plan.plan import plan as plan
-    from splatgl.splat.plan.settings import Settings as Settings
-    from splatgl.splat.view.camera import Camera as Camera
+    from splatgl.splat.camera import Camera as Camera
+    from splatgl.splat.extract import extract as extract
+    from splatgl.splat.kernels import PiecewiseCubic as PiecewiseCubic
+    from splatgl.splat.kernels import register_kernel as register_kernel
+    from splatgl.splat.motion import Motion as Motion
+    from splatgl.splat.plan import plan as plan
+    from splatgl.splat.presets import default_transfer as default_transfer
+    from splatgl.splat.presets import preset as preset
+    from splatgl.splat.scene import Layer as Layer
+    from splatgl.splat.scene import Scene as Scene
+    from splatgl.splat.segment_surfaces import surfaces as surfaces
+    from splatgl.splat.settings import Settings as Settings
+    from splatgl.splat.splats import Splats as Splats
+    from splatgl.splat.transfer import Transfer as Transfer
+    from splatgl.splat.vector_field import arrows as arrows
+    from splatgl.splat.vector_field import directions as directions
+    from splatgl.splat.vector_field import magnitudes as magnitudes
+    from splatgl.splat.vector_field import streamlines as streamlines
     from splatgl.truth import reference as reference
     from splatgl.truth.check import check as check
     from splatgl.truth.compare import compare as compare
@@ -60,41 +60,41 @@ if TYPE_CHECKING:
 
 # public name → where it lives; loaded on first use, so that a command imports only what it needs
 _PUBLIC = {
-    "Camera": "splatgl.splat.view.camera",
+    "Camera": "splatgl.splat.camera",
     "Image": "splatgl.data.image",
     "InputError": "splatgl.errors",
     "Interrupted": "splatgl.gl.portions",
-    "PiecewiseCubic": "splatgl.splat.kernel.kernels",
+    "PiecewiseCubic": "splatgl.splat.kernels",
     "Mesh": "splatgl.data.mesh",
-    "Layer": "splatgl.splat.layers.layers",
-    "Motion": "splatgl.splat.motion.motion",
+    "Layer": "splatgl.splat.scene",
+    "Motion": "splatgl.splat.motion",
     "Renderer": "splatgl.gl.renderer",
-    "Scene": "splatgl.splat.layers.layers",
-    "Settings": "splatgl.splat.plan.settings",
-    "Splats": "splatgl.splat.extraction.splats",
-    "Transfer": "splatgl.splat.classification.transfer",
+    "Scene": "splatgl.splat.scene",
+    "Settings": "splatgl.splat.settings",
+    "Splats": "splatgl.splat.splats",
+    "Transfer": "splatgl.splat.transfer",
     "Volume": "splatgl.data.volume",
     "annotated": "splatgl.app.annotations.annotate",
-    "arrows": "splatgl.splat.flow.arrows",
-    "directions": "splatgl.splat.flow.vectors",
-    "magnitudes": "splatgl.splat.flow.vectors",
-    "streamlines": "splatgl.splat.flow.streamlines",
+    "arrows": "splatgl.splat.vector_field",
+    "directions": "splatgl.splat.vector_field",
+    "magnitudes": "splatgl.splat.vector_field",
+    "streamlines": "splatgl.splat.vector_field",
     "check": "splatgl.truth.check",
     "compare": "splatgl.truth.compare",
     "depth_map": "splatgl.app.depths",
-    "default_transfer": "splatgl.splat.classification.presets",
-    "extract": "splatgl.splat.extraction.extract",
+    "default_transfer": "splatgl.splat.presets",
+    "extract": "splatgl.splat.extract",
     "load": "splatgl.readers",
     "load_mesh": "splatgl.readers.meshes",
     "pick": "splatgl.truth.pick",
-    "plan": "splatgl.splat.plan.plan",
-    "preset": "splatgl.splat.classification.presets",
+    "plan": "splatgl.splat.plan",
+    "preset": "splatgl.splat.presets",
     "over": "splatgl.distributed.parts",
     "render": "splatgl.app.picture",
     "render_slabs": "splatgl.distributed.slabs",
-    "register_kernel": "splatgl.splat.kernel.kernels",
+    "register_kernel": "splatgl.splat.kernels",
     "show": "splatgl.app.show",
-    "surfaces": "splatgl.splat.layers.segments",
+    "surfaces": "splatgl.splat.segment_surfaces",
 }
 _MODULES = {
     "distributed": "splatgl.distributed",

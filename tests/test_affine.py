@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.extraction.splats import Grid
-from splatgl.splat.integral.line_integral import row1
-from splatgl.splat.integral.quads import on_quads, table_quad
-from splatgl.splat.integral.table1 import ROWS, Splat
-from splatgl.splat.kernel.kernels import Gaussian, kernel
-from splatgl.splat.kernel.tabulated import tabulated
-from splatgl.splat.view.view import View
+from splatgl.splat.footprint import ROWS, Splat, on_quads, table_quad
+from splatgl.splat.grid import Grid
+from splatgl.splat.kernels import Gaussian, kernel, tabulated
+from splatgl.splat.line_integral import row1
+from splatgl.splat.view import View
 
 KERNELS = ("crawfis-max", "gaussian")
 TURN = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
@@ -133,7 +131,7 @@ def test_quadrature_is_fine_enough(name: str, rng: np.random.Generator, monkeypa
     ray[:, ::2] = voxel[:2, ::2] / depth[::2] + rng.normal(0, 1e-3, (2, 1500)) * view.pitch
     found = row1(view, voxel, ray).value
     nodes, weights = np.polynomial.legendre.leggauss(96)
-    monkeypatch.setattr("splatgl.splat.integral.curved_ray._RULE", ((nodes + 1) / 2, weights / 2))
+    monkeypatch.setattr("splatgl.splat.line_integral._RULE", ((nodes + 1) / 2, weights / 2))
     assert np.abs((found - row1(view, voxel, ray).value) / view.coverage(depth)).max() < 1e-11
 
 

@@ -11,11 +11,9 @@ from noise import GRIDS, noise, views
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.view.ahead import ahead
-from splatgl.splat.view.slab import between
-from splatgl.splat.view.view import View
-from splatgl.splat.view.widening import widening
+from splatgl.splat.culling import ahead
+from splatgl.splat.kernels import kernel
+from splatgl.splat.view import View, between, widening
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 import fuzz_bound

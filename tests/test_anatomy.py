@@ -13,7 +13,7 @@ import splatgl as sg
 from splatgl.app.annotations.axes import letters
 from splatgl.app.track import Swept, turning
 from splatgl.app.viewpoint import View
-from splatgl.splat.bricks.opaque import Opaque
+from splatgl.splat.opaque_bounds import Opaque
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 

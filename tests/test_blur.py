@@ -7,20 +7,22 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from splatgl.splat.kernel.kernels import Kernel, kernel
-from splatgl.splat.motion.blur import (
+from splatgl.splat.kernels import Kernel, kernel
+from splatgl.splat.motion_blur import (
     MOTIONS,
     POINT,
+    SHORT,
+    blur_table,
     box_blur,
+    dwelt_depth,
     energy_gain,
+    isolation,
     line_area,
     paper_gain,
     partial_area,
     streak,
     stretched,
 )
-from splatgl.splat.motion.blur_table import SHORT, blur_table
-from splatgl.splat.motion.motion_opacity import dwelt_depth, isolation
 
 # (u, v, l) → B of the kernel of unit volume
 PLACES = np.array([(0, 0, 0), (0.3, 0.2, 0.5), (1, 0, 2), (1, 0.5, 10), (50, 0.1, 100)], float).T

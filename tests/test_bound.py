@@ -11,12 +11,11 @@ import pytest
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.splat.bound.bound import MOVED, Bound, bound
-from splatgl.splat.bound.footprint_error import ULP
-from splatgl.splat.bound.ray_overlap import cells_of, ray_overlap
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.plan.resolve import Resolved
-from splatgl.splat.view.screen_bounds import Window
+from splatgl.splat.culling import Window
+from splatgl.splat.error_bound import MOVED, ULP, Bound, bound
+from splatgl.splat.kernels import kernel
+from splatgl.splat.ray_overlap import cells_of, ray_overlap
+from splatgl.splat.resolve import Resolved
 from splatgl.truth import streaks
 from splatgl.truth.pairs import values
 from splatgl.truth.reference import _Scene
@@ -160,7 +159,7 @@ def test_views_keep_their_bound(renderer: sg.Renderer, name: str) -> None:
 @pytest.mark.parametrize("few", [10_000, 60, 0], ids=["one by one", "blocks", "planes"])
 @pytest.mark.parametrize("name", SHAPES)
 def test_no_ray_meets_more_than_is_said(name: str, few: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("splatgl.splat.bound.ray_overlap.FEW", few)
+    monkeypatch.setattr("splatgl.splat.ray_overlap.FEW", few)
     splats = replace(SHAPES[name])
     assert (cells_of(splats).groups is None) == (few == 0)
     for view, camera in views(splats).items():

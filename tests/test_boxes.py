@@ -11,10 +11,10 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.volume import Label, coarser
-from splatgl.splat.classification.presets import label_transfer
-from splatgl.splat.extraction import label_normals
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.view.skin import exposed
+from splatgl.splat import label_normals
+from splatgl.splat.culling import exposed
+from splatgl.splat.presets import label_transfer
+from splatgl.splat.splats import Splats
 from splatgl.truth.depth import depths
 from splatgl.truth.pick import pick
 

@@ -20,15 +20,15 @@ from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.slabs import render_slabs
 from splatgl.readers import chunked, ome_zarr
 from splatgl.readers.chunked import Chunked
-from splatgl.splat.bricks import bricks as bricking
-from splatgl.splat.bricks import estimate, opaque
-from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.bricks.opaque import Opaque
-from splatgl.splat.bricks.within import bricks_of, required_bricks
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.sheets.sheets import Sheets
-from splatgl.splat.view.view import View
+from splatgl.splat import bricks as bricking
+from splatgl.splat import bricks as estimate
+from splatgl.splat import opaque_bounds
+from splatgl.splat.bricks import Bricks, bricks_of, required_bricks
+from splatgl.splat.kernels import kernel
+from splatgl.splat.opaque_bounds import Opaque
+from splatgl.splat.settings import Settings
+from splatgl.splat.sheets import Sheets
+from splatgl.splat.view import View
 from splatgl.truth.check import check_bricks
 
 RAMP = sg.Transfer([(0.45, 0), (0.6, 0.8)], colormap="hot", shading=True)
@@ -351,7 +351,7 @@ def test_a_view_is_fitted_to_opaque_samples(
     assert np.allclose(cameras[0].eye, cameras[1].eye, rtol=1e-12)
     nothing = Opaque(volume, sg.Transfer([(300.0, 0.0), (301.0, 1.0)]))
     assert np.array_equal(nothing.corners, volume.corners) and np.array_equal(nothing.outline, volume.outline)
-    monkeypatch.setattr(opaque, "MOST", 100)
+    monkeypatch.setattr(opaque_bounds, "MOST", 100)
     assert np.array_equal(Opaque(volume, transfer).outline, volume.outline)
 
 

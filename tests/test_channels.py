@@ -11,7 +11,7 @@ import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
 from splatgl.app.viewpoint import View
-from splatgl.splat.layers.channels import channel_transfers
+from splatgl.splat.scene import channel_transfers
 
 tifffile = pytest.importorskip("tifffile")
 # t, c, z, y, x

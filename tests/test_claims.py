@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from splatgl.app.cli import main
-from splatgl.splat.kernel.kernels import KERNELS
+from splatgl.splat.kernels import KERNELS
 from splatgl.truth.claims import HALF_ANGLES, TOLERANCES, Claim, claims, page
 from splatgl.truth.figures.setting import PAPER
 from splatgl.truth.figures.sums import layer_sums

@@ -13,11 +13,10 @@ import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
 from splatgl.errors import InputError
-from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.classification.shading import AMBIENT, DIFFUSE, LIGHTS
-from splatgl.splat.extraction.splats import corners_of
-from splatgl.splat.view.clip import MOST_CLIPS, Plane, planes
-from splatgl.splat.view.cuts import Box, crop_planes, left, planes_of
+from splatgl.splat.bricks import Bricks
+from splatgl.splat.clipping import MOST_CLIPS, Box, Plane, crop_planes, left, planes, planes_of
+from splatgl.splat.grid import corners_of
+from splatgl.splat.lighting import AMBIENT, DIFFUSE, LIGHTS
 from splatgl.truth import reference
 from splatgl.truth.field import kept_field_integral
 

@@ -12,9 +12,8 @@ from splatting import SPLATS
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.viewpoint import View
-from splatgl.splat.extraction import extract as extraction
-from splatgl.splat.plan import suited as suiting
-from splatgl.splat.plan.suited import extracted, suited
+from splatgl.splat import extract, resolve
+from splatgl.splat.resolve import extracted, suited
 from splatgl.truth.field import field_integral
 
 TRANSFER = sg.Transfer([(0.3, 0.0), (0.8, 0.6)], colormap="hot", window=(0.0, 1.0))
@@ -142,8 +141,8 @@ def test_volumes_of_which_voxels_are_classified(
     if why == "threshold":
         threshold = 0.05
     elif why == "many values":
-        monkeypatch.setattr(extraction, "MOST_KEPT", 100)
-        monkeypatch.setattr(suiting, "MOST_KEPT", 100)
+        monkeypatch.setattr(extract, "MOST_KEPT", 100)
+        monkeypatch.setattr(resolve, "MOST_KEPT", 100)
         said = "more than 100 values"
     elif why == "values from":
         volume = sg.Volume(volume.samples.astype(np.float64) * 1e-310)

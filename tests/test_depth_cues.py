@@ -10,9 +10,8 @@ from noise import GRIDS, views
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.splat.cues.coarse import Coarse
-from splatgl.splat.cues.cues import BEFORE, Cues, axes, sky_of, trilinear
-from splatgl.splat.cues.sweep import Sweep
+from splatgl.splat.ambient_occlusion import BEFORE, Coarse, Cues, Sweep, axes, sky_of
+from splatgl.splat.grid import trilinear
 from splatgl.truth import reference
 
 PLAIN = sg.Settings(antialias="off", occlusion="off")

@@ -21,9 +21,8 @@ from splatgl.app.cli import main
 from splatgl.distributed import cluster, connected, worker
 from splatgl.distributed.parts import Part, join, joined
 from splatgl.distributed.slabs import render_slabs
-from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.bricks.within import bricks_of
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.bricks import Bricks, bricks_of
+from splatgl.splat.settings import Settings
 
 # --- parts, without Dask ----------------------------------------------------------------------------------------------
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.view import mask
+from splatgl.splat import mask_field
+from splatgl.splat.bricks import Bricks
+from splatgl.splat.preintegration import PostClassified
 
 
 def faces(kind: str, n: int = 12) -> sg.Volume:
@@ -134,7 +134,7 @@ def test_missing_samples_that_nothing_masks_are_counted(monkeypatch: pytest.Monk
     in_memory, found = counts
     assert in_memory == 0 and 6 * 12**2 <= found <= 18**3 - 12**3
     assert sg.extract(volume, WHITE, classification="post").unmasked == 0
-    monkeypatch.setattr(mask, "MOST", 100)
+    monkeypatch.setattr(mask_field, "MOST", 100)
     assert sg.extract(volume, WHITE, classification="post").unmasked == found
 
 

@@ -8,9 +8,8 @@ from noise import scale
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.splat.integral.approximations import FORMS, half_line
-from splatgl.splat.integral.table1 import Splat, row1
-from splatgl.splat.kernel.kernels import Kernel, kernel
+from splatgl.splat.footprint import FORMS, Splat, half_line, row1
+from splatgl.splat.kernels import Kernel, kernel
 
 NAMES = {"D": "gaussian", "CM": "crawfis-max"}
 LEVEL = 255.0

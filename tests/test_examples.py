@@ -11,7 +11,7 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.splat.kernel.kernels import KERNELS
+from splatgl.splat.kernels import KERNELS
 
 FOLDER = Path(__file__).parents[1] / "scripts" / "examples"
 ARGUMENTS = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.extraction.records import COLOR_SCALE, MOST_ALONG, NORMAL_SCALE, VALUE, VOXEL
+from splatgl.splat.splats import COLOR_SCALE, MOST_ALONG, NORMAL_SCALE, VALUE, VOXEL
 
 RAMP = sg.Transfer([(0.2, 0.0), (1.0, 0.9)], colormap="hot")
 

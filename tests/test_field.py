@@ -13,10 +13,10 @@ import pytest
 from noise import GRIDS, LOOKS, inside, views
 
 import splatgl as sg
-from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.extraction.post import PREFILTERED, margin_of, prefiltered
-from splatgl.splat.kernel.kernels import FREE, kernel
-from splatgl.splat.plan.suited import suited
+from splatgl.splat.extract_values import PREFILTERED, margin_of, prefiltered
+from splatgl.splat.kernels import FREE, kernel
+from splatgl.splat.preintegration import PostClassified
+from splatgl.splat.resolve import suited
 from splatgl.truth.field import field_integral, kept_field_integral, kernel_field, trilinear_field
 
 STEP = 1e-5

@@ -14,9 +14,9 @@ from splatgl.app.scene import Scene
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.readers.common import is_field
-from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.classification.presets import default_transfer, logarithmic, preset
-from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.preintegration import PostClassified
+from splatgl.splat.presets import default_transfer, logarithmic, preset
+from splatgl.splat.transfer import Transfer
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[2] / "shared" / "data"))
 NAMED = ["isabel_windspeed_t02", "Density", "gas-temperature", "pressure0", "velocity magnitude", "vel", "qcriterion"]

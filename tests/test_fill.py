@@ -9,9 +9,9 @@ import pytest
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.splat.extraction.run_lengths import OCTAVES
-from splatgl.splat.integral.attenuation import filled_depth
-from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.footprint import filled_depth
+from splatgl.splat.kernels import kernel
+from splatgl.splat.splats import OCTAVES
 
 FORMS = ("opacity", "optical-depth", "fill")
 

@@ -14,8 +14,8 @@ import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
 from splatgl.data.volume import Label
-from splatgl.splat.classification.flatness import AMOUNTS, LABELS, MASK, decided, kind_of
-from splatgl.splat.classification.labels import label_color, label_opacity
+from splatgl.splat.colormaps import label_color, label_opacity
+from splatgl.splat.label_detection import AMOUNTS, LABELS, MASK, decided, kind_of
 
 N = 36
 PLACES = np.indices((N, N, N))

@@ -13,8 +13,7 @@ from noise import GRIDS
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.errors import InputError
-from splatgl.splat.flow.streamlines import lines_through, spread_lines
-from splatgl.splat.flow.vectors import VectorField
+from splatgl.splat.vector_field import VectorField, lines_through, spread_lines
 
 Flow = Callable[[np.ndarray], np.ndarray]
 

@@ -7,8 +7,8 @@ import pytest
 from noise import scale
 
 import splatgl as sg
-from splatgl.splat.integral.table1 import ROWS, Splat, switch_depth
-from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.footprint import ROWS, Splat, switch_depth
+from splatgl.splat.kernels import kernel
 
 NAMES = {"D": "gaussian", "CM": "crawfis-max"}
 

@@ -11,9 +11,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.volume import Volume
-from splatgl.splat.classification.ground import ground_of
-from splatgl.splat.classification.presets import default_transfer
-from splatgl.splat.classification.statistics import statistics
+from splatgl.splat.presets import default_transfer
+from splatgl.splat.statistics import ground_of, statistics
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[2] / "shared" / "data"))
 # offset, noise (standard deviation), least Jaccard index of what is kept, relative to the best of any threshold

@@ -10,7 +10,7 @@ import pytest
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.splat.kernel.kernels import KERNELS, PiecewiseCubic, footprint_table, kernel
+from splatgl.splat.kernels import KERNELS, PiecewiseCubic, footprint_table, kernel
 
 
 @pytest.mark.parametrize("name", KERNELS)

@@ -14,8 +14,8 @@ from splatgl.app.cli import main
 from splatgl.app.viewpoint import View
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Label
-from splatgl.splat.classification.labels import COLORS, color_of
-from splatgl.splat.classification.presets import label_transfer
+from splatgl.splat.colormaps import COLORS, color_of
+from splatgl.splat.presets import label_transfer
 
 TABLE = (Label(2, "liver", "#ff0000"), Label(7, "bone", "#00ff00"), Label(9, "vein"))
 

@@ -10,9 +10,9 @@ from noise import noise, views
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.splat.plan.occlusion_policy import Hiding
-from splatgl.splat.plan.plan import Plan
-from splatgl.splat.view.screen_bounds import Window
+from splatgl.splat.culling import Window
+from splatgl.splat.plan import Plan
+from splatgl.splat.technique import Hiding
 
 # float32's last digits, where another way computes the same
 ROUNDING = 2e-5

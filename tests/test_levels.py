@@ -16,7 +16,7 @@ from splatgl.gl import levels
 from splatgl.gl.levels import just_finer, level_for
 from splatgl.gl.slabs import render_slabs
 from splatgl.readers.chunked import Chunked
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.settings import Settings
 
 SOFT = sg.Transfer([(0.2, 0.0), (0.8, 0.05)], colormap="hot", shading=False)
 
@@ -176,7 +176,7 @@ def test_levels_of_a_store(
 
 
 def test_the_statistics_of_a_large_image_are_those_of_a_level(monkeypatch: pytest.MonkeyPatch) -> None:
-    from splatgl.splat.classification import statistics
+    from splatgl.splat import statistics
 
     volume = with_levels(sg.Volume(noise(np.random.default_rng(1), (32, 32, 32))), 2)
     monkeypatch.setattr(statistics, "MOST_OF_LEVEL", 16**3)

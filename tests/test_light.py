@@ -10,8 +10,8 @@ from noise import GRIDS, views
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.splat.classification.shading import LIGHTS, Light
-from splatgl.splat.plan.settings import choices
+from splatgl.splat.lighting import LIGHTS, Light
+from splatgl.splat.settings import choices
 from splatgl.truth import reference
 
 PLAIN = sg.Settings(antialias="off", occlusion="off")

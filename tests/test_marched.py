@@ -15,9 +15,9 @@ import splatgl as sg
 from splatgl.data.color import srgb_from_linear
 from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.near_sheets import grid_step
-from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.sheets.near import NearField
+from splatgl.splat.bricks import Bricks
+from splatgl.splat.preintegration import PostClassified
+from splatgl.splat.sheets import NearField
 
 PLAIN = sg.Settings(antialias="off")
 TECHNIQUES = ("tiles", "quads")

@@ -15,13 +15,13 @@ from splatgl.app.cli import main
 from splatgl.app.scene import Scene
 from splatgl.data.mask import named
 from splatgl.errors import InputError
-from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.classification.shading import AMBIENT, DIFFUSE
-from splatgl.splat.cues.coarse import Coarse
-from splatgl.splat.kernel.kernels import KERNELS
-from splatgl.splat.view import mask as fields
-from splatgl.splat.view.cuts import index_plane
-from splatgl.splat.view.mask import AROUND, EDGE, REACH, MaskField
+from splatgl.splat import mask_field
+from splatgl.splat.ambient_occlusion import Coarse
+from splatgl.splat.bricks import Bricks
+from splatgl.splat.clipping import index_plane
+from splatgl.splat.kernels import KERNELS
+from splatgl.splat.lighting import AMBIENT, DIFFUSE
+from splatgl.splat.mask_field import AROUND, EDGE, REACH, MaskField
 from splatgl.truth import reference
 from splatgl.truth.field import field_integral, kept_field_integral
 
@@ -124,8 +124,8 @@ def test_values_as_far_as_a_kernel_reaches_are_kept(monkeypatch: pytest.MonkeyPa
     rough = sg.Transfer([(0.45, 0), (0.55, 0.3)], colormap="gray", shading=False)
     camera = sg.Camera.orthographic((5.5, 30, 5.5), (5.5, 5.5, 5.5), (0, 0, 1), height=12, size=(6, 6))
     found = []
-    for reach in (fields.REACH, 16):
-        monkeypatch.setattr(fields, "REACH", reach)
+    for reach in (mask_field.REACH, 16):
+        monkeypatch.setattr(mask_field, "REACH", reach)
         splats = sg.extract(sg.Volume(samples).masked(np.indices(samples.shape)[1] < 7), rough, kernel="wide")
         found.append(reference.render(splats, camera, PLAIN.but(kernel="wide")).pixels)
     assert found[1][..., 3].max() > 0.5

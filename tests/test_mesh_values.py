@@ -15,8 +15,8 @@ from splatgl.app.cli import main
 from splatgl.app.meshes import MeshFile, mesh_option
 from splatgl.app.scene import Scene
 from splatgl.errors import InputError
-from splatgl.splat.classification.colormap import colormap
-from splatgl.splat.view.clip import planes
+from splatgl.splat.clipping import planes
+from splatgl.splat.colormaps import colormap
 from splatgl.truth import reference
 
 CLEAR = sg.Transfer([(0.0, 0.0), (1.0, 0.0)])

@@ -15,8 +15,8 @@ from splatgl.app.meshes import MeshFile, mesh_option
 from splatgl.app.scene import Scene
 from splatgl.data.color import linear_from_srgb
 from splatgl.errors import InputError
-from splatgl.splat.classification.shading import AMBIENT, DIFFUSE, LIGHTS
-from splatgl.splat.view.screen_bounds import Window
+from splatgl.splat.culling import Window
+from splatgl.splat.lighting import AMBIENT, DIFFUSE, LIGHTS
 from splatgl.truth import reference
 from splatgl.truth.surfaces import crossings
 

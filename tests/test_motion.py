@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.motion.motion import Motion, exposure, flow_of, streaks
-from splatgl.splat.view.rigid import Rigid, rotation, rotation_vector
+from splatgl.splat.motion import Motion, Rigid, exposure, flow_of, rotation, rotation_vector, streaks
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
@@ -109,8 +108,8 @@ def test_streaks_go_from_the_first_place_to_the_last(points: sg.Splats, camera: 
 
 
 def test_what_stands_still_stays_bit_for_bit(points: sg.Splats, camera: sg.Camera) -> None:
-    from splatgl.splat.kernel.kernels import kernel
-    from splatgl.splat.view.view import View
+    from splatgl.splat.kernels import kernel
+    from splatgl.splat.view import View
 
     right = View.of(points.grid, camera, kernel("crawfis-max")).voxels(points.positions)
     for motion, shutter in ((Motion(), 180), (Motion(spin=(0, 0, 9)), 0), (Motion(flow=np.zeros((40, 3))), 360)):

@@ -12,9 +12,9 @@ from splatting import SPLATS
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.gl.program import build, splat_switches
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.motion.blur import MOTIONS
-from splatgl.splat.motion.moments import Moments
+from splatgl.splat.kernels import kernel
+from splatgl.splat.motion import Moments
+from splatgl.splat.motion_blur import MOTIONS
 from splatgl.truth import streaks
 from splatgl.truth.pixel_means import pixel_means
 

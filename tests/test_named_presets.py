@@ -13,8 +13,7 @@ from splatgl.app import presets as sheets
 from splatgl.app.cli import main
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
-from splatgl.splat.classification.medical import MEDICAL
-from splatgl.splat.classification.presets import PRESETS, preset, preset_named
+from splatgl.splat.presets import MEDICAL, PRESETS, preset, preset_named
 
 SLICERS = ["CT-AAA", "CT-Air", "CT-Bone", "CT-Bones", "CT-Cardiac", "CT-Chest-Contrast", "CT-Coronary-Arteries"]
 SLICERS += ["CT-Lung", "CT-Soft", "CT-Soft-Tissue", "CT-Muscle", "CT-Fat", "CT-Liver-Vasculature", "MR-Default"]

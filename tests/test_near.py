@@ -8,8 +8,7 @@ from noise import GRIDS, LOOKS, inside, noise
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.splat.view.block_culling import Frustum
-from splatgl.splat.view.eye_near import AROUND_EYE
+from splatgl.splat.culling import AROUND_EYE, Frustum
 
 
 @pytest.mark.few(5)

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from splatgl.splat.integral.table1 import ROWS, Splat
-from splatgl.splat.kernel.kernels import KERNELS, Kernel
+from splatgl.splat.footprint import ROWS, Splat
+from splatgl.splat.kernels import KERNELS, Kernel
 from splatgl.truth.figures.setting import PAPER
 
 NYQUIST = 0.5

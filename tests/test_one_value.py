@@ -15,8 +15,7 @@ import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.gl import sheet_quads, sheet_tiles, tiles
 from splatgl.gl.portions import Interrupted
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.settings import Technique
+from splatgl.splat.settings import BLENDS, Technique
 from splatgl.truth.blend import joined, joined_value
 from splatgl.truth.field import field_integral
 

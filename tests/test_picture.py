@@ -18,7 +18,7 @@ import splatgl as sg
 from splatgl.app import kept
 from splatgl.app.cli import main
 from splatgl.app.show import has_display, in_notebook
-from splatgl.splat.bricks.opaque import Opaque
+from splatgl.splat.opaque_bounds import Opaque
 
 
 @pytest.fixture

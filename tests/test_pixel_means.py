@@ -8,7 +8,7 @@ from noise import noise, views
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.splat.plan.resolve import MOST_SAMPLES
+from splatgl.splat.resolve import MOST_SAMPLES
 from splatgl.truth.pixel_means import pixel_means
 
 AUTO = SPLATS.but(antialias="auto")

@@ -17,8 +17,8 @@ from splatgl.app.viewer.files import News
 from splatgl.app.viewer.portion import every, portion
 from splatgl.app.viewer.saving import scene_of
 from splatgl.app.viewer.state import State
-from splatgl.splat.bricks.estimate import EACH, FIXED, SAMPLE
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.bricks import EACH, FIXED, SAMPLE
+from splatgl.splat.settings import Settings
 
 ALL = sg.Transfer([(-1.0, 0.5), (2.0, 0.5)])
 

@@ -18,12 +18,11 @@ import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.gl import sheet_order, sheet_tiles, tiles
 from splatgl.gl.sheet_quads import by_first_sheet
-from splatgl.splat.classification.class_integral import ClassIntegral
-from splatgl.splat.classification.post import CELLS, PostClassified, opaque_intervals
-from splatgl.splat.extraction import post as extraction
-from splatgl.splat.motion.motion import Motion
-from splatgl.splat.plan.settings import Technique
-from splatgl.splat.view.box_outline import beside_box
+from splatgl.splat import extract_values
+from splatgl.splat.culling import beside_box
+from splatgl.splat.motion import Motion
+from splatgl.splat.preintegration import CELLS, ClassIntegral, PostClassified, opaque_intervals
+from splatgl.splat.settings import Technique
 from splatgl.truth.rays import Rays
 
 EXACT = sg.Settings(tolerance=1e-6, antialias="off")
@@ -262,7 +261,7 @@ def test_the_voxels_kept_suffice(kernel: str, monkeypatch: pytest.MonkeyPatch) -
     r = np.linalg.norm(np.indices((20, 20, 20)) - 9.5, axis=0)
     volume = sg.Volume(1 / (1 + np.exp((r - 5) / 0.8)))
     few = sg.extract(volume, RAMP, classification="post", kernel=kernel)
-    monkeypatch.setattr(extraction, "needed", lambda u, *_: (np.ones(u.shape, bool),) * 2)
+    monkeypatch.setattr(extract_values, "needed", lambda u, *_: (np.ones(u.shape, bool),) * 2)
     every = sg.extract(volume, RAMP, classification="post", kernel=kernel)
     assert len(few) < 0.5 * len(every) == 0.5 * volume.samples.size
     camera = sg.Camera.orbit(volume, 30, 20, size=(32, 24))
@@ -290,8 +289,8 @@ def test_records_do_not_depend_on_parts(monkeypatch: pytest.MonkeyPatch) -> None
     holes = cells().copy()
     holes[3:6, 4:7, 5:8] = np.nan
     right = sg.extract(sg.Volume(holes), RAMP, classification="post").records.tobytes()
-    monkeypatch.setattr(extraction, "CHUNK_VOXELS", 1)
-    monkeypatch.setattr(extraction, "RECORDS", 37)
+    monkeypatch.setattr(extract_values, "CHUNK_VOXELS", 1)
+    monkeypatch.setattr(extract_values, "RECORDS", 37)
     for slab in (None, 1, 4):
         assert sg.extract(sg.Volume(holes), RAMP, slab=slab, classification="post").records.tobytes() == right
 

@@ -12,11 +12,10 @@ import pytest
 from splatgl.app.scene import Scene
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import InputError
-from splatgl.splat.classification.colormap import colormap
-from splatgl.splat.classification.looks import SOLID
-from splatgl.splat.classification.presets import BONE_HU, PRESETS, default_transfer, preset
-from splatgl.splat.classification.statistics import PLANES, sorted_percentile, statistics
-from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.colormaps import colormap
+from splatgl.splat.presets import BONE_HU, PRESETS, SOLID, default_transfer, preset
+from splatgl.splat.statistics import PLANES, sorted_percentile, statistics
+from splatgl.splat.transfer import Transfer
 
 # presets of tissues between others, which the largest values are none of
 BANDS = ("ct-air", "ct-lung", "ct-muscle", "ct-fat")

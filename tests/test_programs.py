@@ -14,11 +14,10 @@ from splatting import SPLATS
 import splatgl as sg
 from splatgl.gl.program import build, build_compute, splat_switches
 from splatgl.gl.shader import declared_switches
-from splatgl.splat.motion.blur import MOTIONS
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.plan import Program
-from splatgl.splat.plan.settings import choices
-from splatgl.splat.plan.technique import TECHNIQUES, combinations
+from splatgl.splat.motion_blur import MOTIONS
+from splatgl.splat.plan import Program
+from splatgl.splat.settings import BLENDS, choices
+from splatgl.splat.technique import TECHNIQUES, combinations
 from splatgl.truth.table_io import as_markdown
 
 # what a program depends on

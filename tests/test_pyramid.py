@@ -17,7 +17,7 @@ from splatgl.app.cli import main
 from splatgl.app.pyramid import write
 from splatgl.gl.levels import level_for
 from splatgl.splat.extraction.classified import classified, halved
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.settings import Settings
 
 pytest.importorskip("zarr", reason="needs the extra readers")
 LOOK = sg.Transfer([(0.3, 0.0), (1.0, 0.9)], colormap="hot", shading=False)

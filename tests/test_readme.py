@@ -23,8 +23,8 @@ from splatgl.app.cli import COMMANDS, _parser, main
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.bindings import load_bindings
 from splatgl.readers import FORMATS
-from splatgl.splat.kernel import kernels
-from splatgl.splat.plan.settings import Settings, choices
+from splatgl.splat import kernels
+from splatgl.splat.settings import Settings, choices
 from splatgl.truth.stress import CASES
 
 ROOT = Path(__file__).parents[1]
@@ -239,7 +239,7 @@ def test_commands(command: str, here: Path) -> None:
 def test_snippets(block: Block, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # what they register is gone with them
     monkeypatch.setattr(kernels, "KERNELS", dict(kernels.KERNELS))
-    monkeypatch.setattr("splatgl.splat.plan.settings.KERNELS", kernels.KERNELS)
+    monkeypatch.setattr("splatgl.splat.settings.KERNELS", kernels.KERNELS)
     names: dict[str, Any] = {"__name__": "__main__"}
     exec(compile(block.text, str(block.path), "exec"), names)
     # one that defines a test is run by test_plugin.py

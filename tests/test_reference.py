@@ -9,13 +9,13 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.data.scenes import letter_f
-from splatgl.splat.extraction.order import back_to_front, order_for
-from splatgl.splat.integral.line_integral import row1
-from splatgl.splat.integral.table1 import ROWS, Splat
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.plan.resolve import Resolved
-from splatgl.splat.view.screen_bounds import Window
-from splatgl.splat.view.view import View
+from splatgl.splat.culling import Window
+from splatgl.splat.footprint import ROWS, Splat
+from splatgl.splat.kernels import kernel
+from splatgl.splat.line_integral import row1
+from splatgl.splat.ordering import back_to_front, order_for
+from splatgl.splat.resolve import Resolved
+from splatgl.splat.view import View
 from splatgl.truth import pairs
 from splatgl.truth.blend import ADD, Band, Part, Sum
 from splatgl.truth.extent import Boxes, pixel_boxes, reaching

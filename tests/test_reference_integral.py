@@ -7,9 +7,9 @@ import pytest
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.splat.integral.line_integral import row1
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.view.view import View
+from splatgl.splat.kernels import kernel
+from splatgl.splat.line_integral import row1
+from splatgl.splat.view import View
 from splatgl.truth import integral
 from splatgl.truth.integral import ray_integral
 from splatgl.truth.reference import render

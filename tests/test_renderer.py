@@ -17,8 +17,8 @@ from splatgl.app.viewer.blocks import give_back_free, give_back_large
 from splatgl.data.scenes import letter_f
 from splatgl.gl.buffers import uneven
 from splatgl.gl.target import settle
-from splatgl.splat.motion.moments import Moments
-from splatgl.splat.plan.plan import plan
+from splatgl.splat.motion import Moments
+from splatgl.splat.plan import plan
 
 
 @pytest.fixture(scope="module")

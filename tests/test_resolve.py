@@ -8,7 +8,7 @@ import pytest
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.splat.plan.resolve import Resolved, depth_range
+from splatgl.splat.resolve import Resolved, depth_range
 
 # distances of the eye from a ball of 5 voxels, world units: no voxel is smaller than a pixel, and all are
 NEAR, FAR = 10.0, 300.0

@@ -11,8 +11,8 @@ import pytest
 
 from splatgl.app.scene import Scene
 from splatgl.errors import InputError
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
 
 READ: dict[str, Callable[[Path], object]] = {"scene": Scene.from_toml, "transfer": Transfer.load}
 HEAD = 'volume = "tunnel"\n'

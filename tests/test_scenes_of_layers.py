@@ -15,7 +15,7 @@ from splatgl.app.layered import layer_option
 from splatgl.app.scene import Scene
 from splatgl.app.viewpoint import View
 from splatgl.gl import layer_tiles
-from splatgl.splat.layers.layers import joined
+from splatgl.splat.scene import joined
 from splatgl.truth import reference
 
 FOG = {"a": (0.05, "gray"), "b": (0.12, "viridis")}

@@ -13,11 +13,12 @@ from noise import GRIDS, LOOKS, inside, views
 import splatgl as sg
 from splatgl.gl import portions, sheet_order, sheet_quads, sheet_tiles, tiles
 from splatgl.gl.portions import Interrupted
-from splatgl.splat.extraction.order import order_for
-from splatgl.splat.kernel.kernels import KERNELS, depth_deviation, kernel
-from splatgl.splat.plan import occlusion_policy, tiling
-from splatgl.splat.plan.settings import Technique
-from splatgl.splat.sheets.sheets import Sheets
+from splatgl.splat import technique as occlusion_policy
+from splatgl.splat import technique as tiling
+from splatgl.splat.kernels import KERNELS, depth_deviation, kernel
+from splatgl.splat.ordering import order_for
+from splatgl.splat.settings import Technique
+from splatgl.splat.sheets import Sheets
 from splatgl.truth.integral import ray_integral
 
 EXACT = sg.Settings(compositing="sheets", antialias="paper", tolerance=1e-6)

@@ -12,8 +12,8 @@ from splatting import SPLATS
 import splatgl as sg
 from splatgl.gl.program import build, splat_switches
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.plan.plan import Plan
+from splatgl.splat.kernels import kernel
+from splatgl.splat.plan import Plan
 
 NAMES = {"D": "gaussian", "CM": "crawfis-max"}
 LEVEL = 255.0

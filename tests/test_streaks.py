@@ -8,8 +8,7 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.data.image import Image
-from splatgl.splat.motion.moments import MOST, Moments, Shorter, moments
-from splatgl.splat.motion.motion import Motion
+from splatgl.splat.motion import MOST, Moments, Motion, Shorter, moments
 from splatgl.truth import streaks
 
 XRAY = SPLATS.but(blend="xray")

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.sheets.sheets import Sheets
-from splatgl.splat.view.clip import clipped
-from splatgl.splat.view.cuts import index_plane
+from splatgl.splat.bricks import Bricks
+from splatgl.splat.clipping import clipped, index_plane
+from splatgl.splat.kernels import kernel
+from splatgl.splat.preintegration import PostClassified
+from splatgl.splat.sheets import Sheets
 
 CLASSES = sg.Transfer([(0.0, 0.2), (1.0, 0.8)], window=(0, 1), shading=False)
 PLAIN = sg.Settings(antialias="off", tolerance=0.005)

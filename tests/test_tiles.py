@@ -12,10 +12,9 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.gl import tiles
-from splatgl.splat.kernel.kernels import kernel, polynomials, single_reach
-from splatgl.splat.plan import occlusion_policy, tiling
-from splatgl.splat.view import block_culling
-from splatgl.splat.view.block_culling import BLOCK, Frustum, boxes, shown
+from splatgl.splat import culling, technique
+from splatgl.splat.culling import BLOCK, Frustum, boxes, shown
+from splatgl.splat.kernels import kernel, polynomials, single_reach
 
 TILED = SPLATS.but(technique="tiles")
 # polynomials are off by 4e−5 of the footprint, colours by 1e−5
@@ -107,9 +106,9 @@ def test_tiles_that_end_hide_no_more_than_they_may(
     for view in ("fitted", "close", "parallel"):
         camera = views(splats)[view]
         whole = renderer.render(splats, camera, TILED.but(occlusion="off")).pixels
-        monkeypatch.setattr(occlusion_policy, "SOLID", 0.0)
+        monkeypatch.setattr(technique, "SOLID", 0.0)
         for many in (10**9, 1000):
-            monkeypatch.setattr(tiling, "MANY", many)
+            monkeypatch.setattr(technique, "MANY", many)
             chosen = renderer.plan(splats, camera, TILED)
             assert 0 < chosen.hiding.cutoff < 1e-3 and (chosen.hiding.depth_batches > 1) == (many == 1000)
             ended = renderer.render(splats, camera, TILED).pixels
@@ -246,7 +245,7 @@ def test_a_block_is_left_out_only_if_all_of_it_is_beyond_the_edges(monkeypatch: 
     assert len(boxes(positions)) == -(-len(splats) // BLOCK)
     # as small as they are beside a large volume
     few = 8
-    monkeypatch.setattr(block_culling, "BLOCK", few)
+    monkeypatch.setattr(culling, "BLOCK", few)
     around = boxes(positions)
     outside = list(views(splats).values())
     left_out = 0
@@ -263,7 +262,7 @@ def test_a_block_is_left_out_only_if_all_of_it_is_beyond_the_edges(monkeypatch: 
 def test_a_splat_may_reach_more_tiles_than_a_loop_has_rounds(renderer: sg.Renderer) -> None:
     """Behind another that has taken most of them: nothing of it is listed twice."""
     side = 2120
-    assert (side // tiling.COLUMNS) ** 2 > 65_535
+    assert (side // technique.COLUMNS) ** 2 > 65_535
     places = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, 3.0]])
     splats = sg.Splats.from_points(places, np.ones((2, 3)), np.full(2, 0.5), spacing=(40, 40, 1))
     camera = sg.Camera.orthographic((0, 0, 0), (0, 0, 1), (0, 1, 0), 4.0, (side, side))

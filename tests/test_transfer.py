@@ -10,9 +10,9 @@ import pytest
 
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.errors import InputError
-from splatgl.splat.classification import colormap as maps
-from splatgl.splat.classification.colormap import CORE, colormap
-from splatgl.splat.classification.transfer import OPAQUE, Transfer
+from splatgl.splat import colormaps
+from splatgl.splat.colormaps import CORE, colormap
+from splatgl.splat.transfer import OPAQUE, Transfer
 
 # --- sRGB ---
 
@@ -190,7 +190,7 @@ def test_maps_are_linear_light() -> None:
     assert np.allclose(colormap("#ff8000"), linear_from_srgb([1.0, 128 / 255, 0.0]))
     nodes = srgb_from_linear(colormap("0:#000000,0.2:#ff0000,1:#0000ff"))
     assert np.allclose(nodes[[0, 51, 153, 255]], [[0, 0, 0], [1, 0, 0], [0.5, 0, 0.5], [0, 0, 1]], atol=1e-6)
-    assert colormap(maps.of_colors([0, 0.2, 1], [[0, 0, 0], [1, 0, 0], [0, 0, 1]])) is colormap(
+    assert colormap(colormaps.of_colors([0, 0.2, 1], [[0, 0, 0], [1, 0, 0], [0, 0, 1]])) is colormap(
         "0:#000000,0.2:#ff0000,1:#0000ff"
     )
     for wrong in ("0:#000000,0.5:red", "0.5:#000000,0.2:#ffffff", "0:#000000,2:#ffffff", "-:#000000"):
@@ -207,7 +207,7 @@ def test_other_maps_come_from_a_library() -> None:
 
 
 def test_without_a_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(maps, "find_spec", lambda _: None)
+    monkeypatch.setattr(colormaps, "find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"splatgl\[colormaps\]"):
         Transfer(((0, 1),), colormap="plasma")
     Transfer(((0, 1),), colormap="viridis")

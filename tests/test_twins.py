@@ -20,11 +20,10 @@ from twins import COUNT, Twin, functions
 
 import splatgl as sg
 from splatgl.data.color import srgb_from_linear
-from splatgl.splat.cues.voxels import shone
-from splatgl.splat.extraction.records import POINT, POINT_VALUE, VALUE, VOXEL, linear_color, of_points
-from splatgl.splat.extraction.run_lengths import OCTAVES
-from splatgl.splat.integral.attenuation import filled_depth, run_along, run_lengths
-from splatgl.splat.plan.resolve import END_CORRECTION
+from splatgl.splat.footprint import filled_depth, run_along, run_lengths
+from splatgl.splat.lighting import shone
+from splatgl.splat.resolve import END_CORRECTION
+from splatgl.splat.splats import OCTAVES, POINT, POINT_VALUE, VALUE, VOXEL, linear_color, of_points
 from splatgl.truth.blend import blended
 from splatgl.truth.pixel_means import pixel_means
 from splatgl.truth.reference import attenuated_depth

@@ -8,7 +8,8 @@ from noise import noise, views
 from twins import COUNT, Twin
 
 import splatgl as sg
-from splatgl.splat.cues.cues import Cues, trilinear
+from splatgl.splat.ambient_occlusion import Cues
+from splatgl.splat.grid import trilinear
 
 CUED = sg.Settings(classification="pre", shading="on", light="matte", ambient_occlusion=0.8, shadows=0.7)
 

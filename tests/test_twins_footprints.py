@@ -11,12 +11,11 @@ from splatting import SPLATS
 from twins import COUNT, Twin, some_voxels
 
 import splatgl as sg
-from splatgl.splat.integral import approximations
-from splatgl.splat.integral.approximations import form_bprime
-from splatgl.splat.integral.line_integral import row1
-from splatgl.splat.integral.table1 import Splat
-from splatgl.splat.kernel.kernels import Kernel, kernel, polynomials
-from splatgl.splat.view.view import View
+from splatgl.splat import footprint as approximations
+from splatgl.splat.footprint import Splat, form_bprime
+from splatgl.splat.kernels import Kernel, kernel, polynomials
+from splatgl.splat.line_integral import row1
+from splatgl.splat.view import View
 
 
 def radial(shape: Kernel, d2: np.ndarray) -> np.ndarray:

@@ -11,8 +11,8 @@ from twins import COUNT, Twin
 import splatgl as sg
 from splatgl.gl.mask_texture import MASK_UNIT
 from splatgl.gl.surfaces import MAPS_UNIT
-from splatgl.splat.classification.mesh_colors import FURTHEST, UNKNOWN, mapped_color, tables_of
-from splatgl.splat.view.mask import EDGE, ONE, ZERO, MaskField, face_share, kept_part
+from splatgl.splat.colormaps import FURTHEST, UNKNOWN, mapped_color, tables_of
+from splatgl.splat.mask_field import EDGE, ONE, ZERO, MaskField, face_share, kept_part
 from splatgl.truth.rays import Rays
 from splatgl.truth.sheet_field import ray_offset
 

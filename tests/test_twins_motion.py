@@ -10,13 +10,10 @@ from twins import COUNT, Twin, some_voxels
 
 import splatgl as sg
 from splatgl.gl.uniforms import frame_block
-from splatgl.splat.motion.blur import stretched
-from splatgl.splat.motion.blur_table import COLUMNS, ROWS, blur_table, hermite
-from splatgl.splat.motion.motion import FAR, NEAREST, Streaks, eye_point, streak_of, streaks
-from splatgl.splat.motion.motion_opacity import dwelt_opacity, isolation
-from splatgl.splat.plan.plan import Plan
-from splatgl.splat.view.ellipse import tangents
-from splatgl.splat.view.view import View
+from splatgl.splat.motion import FAR, NEAREST, Streaks, eye_point, streak_of, streaks
+from splatgl.splat.motion_blur import COLUMNS, ROWS, blur_table, dwelt_opacity, hermite, isolation, stretched
+from splatgl.splat.plan import Plan
+from splatgl.splat.view import View, tangents
 from splatgl.truth.streak_row import inner_of, passing
 from splatgl.truth.streaks import length_of
 

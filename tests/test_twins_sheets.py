@@ -13,14 +13,14 @@ from twins import COUNT, Twin
 import splatgl as sg
 from splatgl.gl.sheet_order import sheet_uniforms
 from splatgl.gl.tables import CLASS_UNIT, class_uniforms
-from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.classification.shading import surface_light
-from splatgl.splat.kernel.kernels import Kernel, kernel
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.plan import Plan
-from splatgl.splat.sheets.sheets import Sheets, layer_wave
-from splatgl.splat.view.clip import FACE
-from splatgl.splat.view.view import View
+from splatgl.splat.clipping import FACE
+from splatgl.splat.kernels import Kernel, kernel
+from splatgl.splat.lighting import surface_light
+from splatgl.splat.plan import Plan
+from splatgl.splat.preintegration import PostClassified
+from splatgl.splat.settings import BLENDS
+from splatgl.splat.sheets import Sheets, layer_wave
+from splatgl.splat.view import View
 from splatgl.truth import blend as blends
 from splatgl.truth.rays import Rays
 from splatgl.truth.sheet_field import Part, SheetField, behind, between_sheets, bulge, means_of, unbent, weighted

@@ -38,10 +38,9 @@ from splatgl.app.viewer.watch import Watch
 from splatgl.app.viewpoint import View
 from splatgl.data.volume import coarser
 from splatgl.gl.screen import Screen
-from splatgl.splat.classification.statistics import statistics
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.skin import outside, skinned
+from splatgl.splat.culling import outside, skinned
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.statistics import statistics
 
 SIZE = (120, 80)
 # seconds after which a thread hangs

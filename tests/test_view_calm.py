@@ -20,7 +20,7 @@ from splatgl.app.viewer.files import Files, News
 from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.overlay import FONT, Text, _fitted
 from splatgl.app.viewer.state import State
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.settings import Settings
 
 driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 WITH_GUI = "needs the extra gui: pip install splatgl[gui]"

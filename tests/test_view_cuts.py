@@ -19,7 +19,7 @@ from splatgl.app.viewer.pick import picked
 from splatgl.app.viewer.saving import save_scene
 from splatgl.app.viewer.sight import nearest_on_line, ray, seen, segment
 from splatgl.app.viewer.state import State, acted
-from splatgl.splat.view.cuts import crop_planes
+from splatgl.splat.clipping import crop_planes
 
 SIZE = (120, 80)
 ORTHOGRAPHIC = sg.Camera.orthographic((1.0, -30.0, 4.0), (2.0, 3.0, 1.0), (0, 0, 1), 40.0, SIZE)

@@ -27,7 +27,7 @@ from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.parts import read
 from splatgl.app.viewer.state import State
 from splatgl.app.viewer.together import Together
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.settings import Settings
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ from splatgl.app.regression import ImageRegression
 from splatgl.app.viewer import curve
 from splatgl.app.viewer.bindings import BINDINGS
 from splatgl.data.color import linear_from_srgb
-from splatgl.splat.plan.settings import choices
+from splatgl.splat.settings import choices
 
 MISSING = [tool for tool in ("Xvfb", "xdotool") if shutil.which(tool) is None]
 pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")

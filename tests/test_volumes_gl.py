@@ -8,7 +8,7 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.data.scenes import ball, letter_f
-from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.kernels import kernel
 from splatgl.truth.pixel_means import pixel_means
 
 SHEAR = np.array([[1.0, 0.35, 0.1], [0.0, 1.0, -0.25], [0.2, 0.0, 1.0]])

@@ -19,8 +19,8 @@ from splatgl.gl.cue_fields import SAMPLERS
 from splatgl.gl.program import build, splat_switches
 from splatgl.gl.tables import BLUR_UNIT, FOOTPRINT_UNIT, HALF_LINE_UNIT
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
-from splatgl.splat.plan.plan import Plan
-from splatgl.splat.view.view import View
+from splatgl.splat.plan import Plan
+from splatgl.splat.view import View
 
 COUNT = 2000
 UNITS = {"footprint_table": FOOTPRINT_UNIT, "half_table": HALF_LINE_UNIT, "blur_table": BLUR_UNIT, **SAMPLERS}

@@ -28,16 +28,16 @@ from splatgl.app.series import read_ahead, time_points, volumes
 from splatgl.app.track import Track, Turning, keyframes, turning
 from splatgl.errors import expected
 from splatgl.fileio import budget, size_of
-from splatgl.splat.bricks.opaque import Opaque
-from splatgl.splat.bricks.within import bricks_of, fits
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.order import order_for
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.layers.layers import Scene as Layers
-from splatgl.splat.motion.moments import moments
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.suited import blur, streaked
-from splatgl.splat.view.camera import Bounded, Camera
+from splatgl.splat.bricks import bricks_of, fits
+from splatgl.splat.camera import Bounded, Camera
+from splatgl.splat.motion import moments
+from splatgl.splat.opaque_bounds import Opaque
+from splatgl.splat.ordering import order_for
+from splatgl.splat.resolve import blur, streaked
+from splatgl.splat.scene import Scene as Layers
+from splatgl.splat.settings import BLENDS
+from splatgl.splat.splats import Splats
+from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.data.volume import Volume

@@ -13,9 +13,8 @@ import numpy as np
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.app.scene import Scene

@@ -18,12 +18,12 @@ from splatgl.data.image_files import need
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
-    from splatgl.splat.layers.layers import Scene as Layers
-    from splatgl.splat.view.camera import Camera
+    from splatgl.splat.camera import Camera
+    from splatgl.splat.scene import Scene as Layers
 
 # what is looked for where nothing is said: half of the light, or what the blend shows
 HALF = 0.5
@@ -93,9 +93,9 @@ def depths_of(
 
 def camera_of(scene: Scene, volume: Volume, transfer: Transfer, drawn: Layers | None) -> Camera:
     """The camera of the scene's picture, which is fitted to what that is drawn from. drawn: of layers or meshes."""
-    from splatgl.splat.bricks.opaque import Opaque
-    from splatgl.splat.extraction.extract import only_pre
-    from splatgl.splat.plan.suited import one_by_one
+    from splatgl.splat.extract import only_pre
+    from splatgl.splat.opaque_bounds import Opaque
+    from splatgl.splat.resolve import one_by_one
 
     if drawn is not None and is_layered(scene, volume):
         return scene.view.camera(volume, drawn)

@@ -15,11 +15,11 @@ from splatgl.gl.context import BACKENDS, context_info, egl_devices, open_context
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.selfcheck import Check, run_checks
 from splatgl.gl.shader import ShaderError
-from splatgl.splat.classification.presets import default_transfer
-from splatgl.splat.extraction.extract import extract
-from splatgl.splat.motion.motion import Motion
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.extract import extract
+from splatgl.splat.motion import Motion
+from splatgl.splat.presets import default_transfer
+from splatgl.splat.settings import Settings
 from splatgl.truth import reference
 
 PACKAGES = ("splatgl", "moderngl", "numpy", "glfw", "pyrr", "Pillow")

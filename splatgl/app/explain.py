@@ -11,10 +11,9 @@ from functools import cached_property
 import numpy as np
 
 from splatgl.errors import expected
-from splatgl.splat.integral.approximations import half_line
-from splatgl.splat.integral.table1 import Splat, row1
-from splatgl.splat.kernel.kernels import Kernel, kernel
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.footprint import Splat, half_line, row1
+from splatgl.splat.kernels import Kernel, kernel
 from splatgl.truth.figures.setting import straight_ahead
 from splatgl.truth.figures.worst import ALL, Form, Peak, Space, maximum
 

@@ -16,15 +16,13 @@ from splatgl.app.layered import is_layered, layered
 from splatgl.app.render import origin
 from splatgl.app.scene import Scene
 from splatgl.data.image import Image
-from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.bricks.within import required_bricks
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.layers.layers import Scene as Layers
-from splatgl.splat.motion.motion import Motion, flow_of
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.bricks import Bricks, required_bricks
+from splatgl.splat.camera import Camera
+from splatgl.splat.motion import Motion, flow_of
+from splatgl.splat.scene import Scene as Layers
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.splats import Splats
+from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer

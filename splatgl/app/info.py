@@ -14,10 +14,9 @@ from splatgl.data.volume import Volume
 from splatgl.errors import Choice, InputError
 from splatgl.fileio import budget, size_of
 from splatgl.readers.common import is_mapped
-from splatgl.splat.bricks.estimate import need
-from splatgl.splat.bricks.within import bricks_of, fits
-from splatgl.splat.classification.presets import default_transfer
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.bricks import bricks_of, fits, need
+from splatgl.splat.presets import default_transfer
+from splatgl.splat.settings import Settings
 
 WIDTH = 78
 """Columns of the page: fits a terminal of 80."""

@@ -17,15 +17,15 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import size_of
-from splatgl.splat.classification.presets import is_preset
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.layers.segments import SMOOTHING, is_segmentation
+from splatgl.splat.presets import is_preset
+from splatgl.splat.segment_surfaces import SMOOTHING, is_segmentation
+from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.app.render import Drawing
-    from splatgl.splat.layers.layers import Layer
-    from splatgl.splat.layers.layers import Scene as Layers
-    from splatgl.splat.view.clip import Plane
+    from splatgl.splat.clipping import Plane
+    from splatgl.splat.scene import Layer
+    from splatgl.splat.scene import Scene as Layers
 
 # a preset or a colour map behind a file's name
 LOOK = re.compile(r"#?[\w-]+")
@@ -70,8 +70,7 @@ def of_channels(
     scene: Scene, volume: Volume, transfer: Transfer, planes: tuple[Plane, ...] | None = None
 ) -> list[Layer]:
     """The layers of a volume: one for each of its channels. planes: their own."""
-    from splatgl.splat.layers.channels import channel_transfers
-    from splatgl.splat.layers.layers import Layer
+    from splatgl.splat.scene import Layer, channel_transfers
 
     colors, windows = (dict(scene.transfer.get(name, ())) for name in ("color_of", "window_of"))
     if len(volume.channels) < 2:
@@ -143,7 +142,7 @@ def _as_surfaces(layers: list[Layer], scene: Scene) -> list[Layer]:
 
 def layered(scene: Scene, volume: Volume, transfer: Transfer, quiet: bool = True) -> Layers:
     """The layers and meshes of a scene, of which `volume` is the first one's, cut by its planes. quiet: as above."""
-    from splatgl.splat.layers.layers import Scene as Layers
+    from splatgl.splat.scene import Scene as Layers
 
     meshes = [each.open() for each in surfaces_of(scene) if each.visible]
     meshes += scene.vectors.meshes(volume)
@@ -176,7 +175,7 @@ def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) 
 def check_fits(scene: Scene, drawn: Layers, memory: int | None = None) -> None:
     """InputError for a layer that is drawn in bricks alone. memory: bytes; None: half of what is free."""
     from splatgl.fileio import budget
-    from splatgl.splat.bricks.within import bricks_of, fits
+    from splatgl.splat.bricks import bricks_of, fits
 
     most = budget() if memory is None else memory
     for layer in drawn.shown:

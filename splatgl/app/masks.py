@@ -12,7 +12,7 @@ from splatgl.readers.remote import is_address
 
 if TYPE_CHECKING:
     from splatgl.data.volume import Volume
-    from splatgl.splat.classification.transfer import Transfer
+    from splatgl.splat.transfer import Transfer
 
 
 def mask_table(folder: Path, what: str, given: Any) -> tuple[str, ...] | None:
@@ -41,7 +41,7 @@ def mask_moved(mask: str, moved: Callable[[str], str]) -> str:
 
 def check_masked(source: str, volume: Volume, transfer: Transfer) -> None:
     """InputError for masks that keep nothing that can be seen."""
-    from splatgl.splat.bricks.opaque import Opaque
+    from splatgl.splat.opaque_bounds import Opaque
 
     if volume.masks and Opaque(volume, transfer).nothing:
         fix = "set the points to the values that matter, or take another mask"

@@ -196,7 +196,7 @@ def _number(text: str) -> float | None:
 def _linear(color: str) -> tuple[float, float, float] | None:
     """Of a colour; None for the name of a colour map. Raises InputError for others."""
     from splatgl.app.backgrounds import background
-    from splatgl.splat.classification.colormap import colormap
+    from splatgl.splat.colormaps import colormap
 
     try:
         found = background(color)

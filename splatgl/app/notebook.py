@@ -17,8 +17,8 @@ from splatgl.app.viewer.pacing import FULL, LADDER, REST, TARGET, Level
 from splatgl.app.viewer.refiner import Moment, Refiner
 from splatgl.app.viewer.sight import Place
 from splatgl.data.image import Image
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.view.skin import outside
+from splatgl.splat.culling import outside
+from splatgl.splat.settings import BLENDS
 
 # seconds without input before the full picture, longer than in a window: while it is drawn, no event is handled
 STILL = 0.3

@@ -10,7 +10,7 @@ from splatgl.app.animation import Animation, bar
 from splatgl.app.frame_work import FrameView, Work
 from splatgl.app.frames import Frames
 from splatgl.distributed.worker import Drawing, kept, renderer
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
 
 if TYPE_CHECKING:
     from distributed import Client

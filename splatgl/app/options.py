@@ -15,8 +15,8 @@ from splatgl.app.viewpoint import View
 from splatgl.errors import expected
 from splatgl.readers.options import VALUES, LoadOptions, inside
 from splatgl.readers.remote import is_address
-from splatgl.splat.layers.segments import strength_of
-from splatgl.splat.plan.settings import LIKE, Settings, choices
+from splatgl.splat.segment_surfaces import strength_of
+from splatgl.splat.settings import LIKE, Settings, choices
 
 BACKGROUNDS = "auto, transparent, black, white, #rgb, #rrggbb or any name of CSS"
 
@@ -236,7 +236,7 @@ TRANSFER = ("preset", "points", "gradient", "colormap", "window", "scale", "unit
 def _transfer_file(path: str | None) -> dict[str, Any]:
     if path is None:
         return {}
-    from splatgl.splat.classification.transfer import Transfer
+    from splatgl.splat.transfer import Transfer
 
     transfer = Transfer.load(path)
     return {f.name: getattr(transfer, f.name) for f in fields(Transfer)}

@@ -30,13 +30,13 @@ from splatgl.errors import expected
 from splatgl.fileio import bytes_of
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.layers.segments import strength_of
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.segment_surfaces import strength_of
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
-    from splatgl.splat.extraction.splats import Splats
-    from splatgl.splat.view.camera import Bounded, Camera
+    from splatgl.splat.camera import Bounded, Camera
+    from splatgl.splat.splats import Splats
 
 # the fields of Transfer that are keywords of their own; `unit` is that of an array, and `shading` a setting
 TRANSFER = ("points", "gradient", "colormap", "window", "scale")
@@ -131,7 +131,7 @@ def picture(x: Any, scene: Scene, memory: int | None = None, seen: bool = False)
 
 def is_splats(x: Any) -> bool:
     """Whether `x` is Splats, whose module need not be imported to tell."""
-    return any(base.__module__ == "splatgl.splat.extraction.splats" for base in type(x).__mro__)
+    return any(base.__module__ == "splatgl.splat.splats" for base in type(x).__mro__)
 
 
 def scene_of(
@@ -228,7 +228,7 @@ def _view(view: View, camera: Camera | None, given: dict[str, Any]) -> View:
     """The view as the options have it."""
     if camera is None:
         return replace(view, **{name: _placed(name, value) for name, value in given.items()})
-    from splatgl.splat.view.camera import Camera
+    from splatgl.splat.camera import Camera
 
     if not isinstance(camera, Camera):
         raise expected("camera", "a Camera", type(camera).__name__)

@@ -10,10 +10,10 @@ from splatgl.app.kept import kept_renderer
 from splatgl.app.options import size
 from splatgl.data.image import Image
 from splatgl.errors import expected
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.settings import Settings
 
 if TYPE_CHECKING:
-    from splatgl.splat.view.camera import Camera
+    from splatgl.splat.camera import Camera
 
 # options of the view of layers, and of a plotter's
 ORBIT = ("azimuth", "elevation", "fov", "size", "zoom", "up")
@@ -21,7 +21,7 @@ ORBIT = ("azimuth", "elevation", "fov", "size", "zoom", "up")
 
 def is_scene(x: Any) -> bool:
     """Whether `x` is a scene of layers, a plotter of PyVista, or a window or renderer of VTK. Imports none of them."""
-    layers = any(base.__module__ == "splatgl.splat.layers.layers" for base in type(x).__mro__)
+    layers = any(base.__module__ == "splatgl.splat.scene" for base in type(x).__mro__)
     return layers or any(hasattr(getattr(x, "renderer", x), name) for name in ("GetVolumes", "GetRenderers"))
 
 
@@ -31,8 +31,8 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
     Of a plotter info["notes"] lists what it shows beside. camera, settings: instead of the plotter's. options: fields
     of Settings, and of the view: of a plotter the size.
     """
-    from splatgl.splat.layers.layers import Scene
-    from splatgl.splat.view.camera import Camera
+    from splatgl.splat.camera import Camera
+    from splatgl.splat.scene import Scene
 
     layers = isinstance(x, Scene)
     drawing = {f.name: options[f.name] for f in fields(Settings) if f.name in options}

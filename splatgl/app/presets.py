@@ -14,15 +14,15 @@ from splatgl.app.scene import Scene
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
-from splatgl.splat.classification.presets import PRESETS, default_transfer, preset
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.presets import PRESETS, default_transfer, preset
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from PIL.Image import Image as Picture
 
     from splatgl.gl.renderer import Renderer
-    from splatgl.splat.view.camera import Camera
+    from splatgl.splat.camera import Camera
 
 # pixels of a picture's side and of its label's height and letters; pictures in a row
 SIDE, LABEL, LETTERS, ROW = 256, 22, 14, 6

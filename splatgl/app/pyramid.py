@@ -18,9 +18,9 @@ from splatgl.app.output import tell
 from splatgl.data.volume import Places, Volume
 from splatgl.errors import InputError, expected, missing_extra
 from splatgl.fileio import check_folder, made, shortened
-from splatgl.splat.classification.transfer import Transfer
 from splatgl.splat.extraction.classified import classified, halved, steps_of
-from splatgl.splat.extraction.splats import Grid
+from splatgl.splat.grid import Grid
+from splatgl.splat.transfer import Transfer
 
 # voxels along the sides of a chunk, and chunks along those of a box that is made at once; the coarsest level is a chunk
 CHUNK, BOX = 64, 2

@@ -30,15 +30,15 @@ from splatgl.data.image_files import need
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import bytes_of, check_output, check_source, size_of
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.settings import BLENDS
+from splatgl.splat.transfer import Transfer
 
 # what draws and compares is imported once there is something to draw: bad input is told at once
 if TYPE_CHECKING:
     from splatgl.gl.levels import Level
     from splatgl.gl.renderer import Renderer
-    from splatgl.splat.extraction.splats import Splats
-    from splatgl.splat.view.camera import Camera
+    from splatgl.splat.camera import Camera
+    from splatgl.splat.splats import Splats
     from splatgl.truth.compare_read import Picture
 
 # most labels that a picture stores: some 16 kB of text
@@ -189,7 +189,7 @@ def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer
     from splatgl.app.worker_options import drawing_of
     from splatgl.distributed.cluster import connected
     from splatgl.distributed.slabs import Job, draw_parts
-    from splatgl.splat.bricks.opaque import Opaque
+    from splatgl.splat.opaque_bounds import Opaque
 
     for name in ("check", "field", "savings", "explain"):
         if getattr(args, name):
@@ -231,7 +231,7 @@ def _reference(name: str, output: Path) -> Picture:
 def _level(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> tuple[Camera, Level]:
     """The camera, and the level of a multiscale image that it takes."""
     from splatgl.gl.levels import just_finer, level_for
-    from splatgl.splat.bricks.opaque import Opaque
+    from splatgl.splat.opaque_bounds import Opaque
 
     camera = scene.view.camera(volume, Opaque(volume, transfer))
     if just_finer(volume, camera) == 0:
@@ -246,8 +246,8 @@ def _level(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> tu
 def _in_bricks(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer, camera: Camera | None) -> Image | None:
     """The image, drawn brick by brick, if it needs more than --memory; else None."""
     from splatgl.fileio import budget
-    from splatgl.splat.bricks.opaque import Opaque
-    from splatgl.splat.bricks.within import bricks_of, fits
+    from splatgl.splat.bricks import bricks_of, fits
+    from splatgl.splat.opaque_bounds import Opaque
 
     bricks = None if scene.threshold else bricks_of(volume, transfer, scene.settings)
     if bricks is None:

@@ -13,9 +13,9 @@ from splatgl.app.scene import Scene
 from splatgl.data.scenes import FORMULAS
 from splatgl.data.volume import Volume, coarser
 from splatgl.errors import expected
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import extract
-from splatgl.splat.extraction.splats import Splats
+from splatgl.splat.extract import extract
+from splatgl.splat.splats import Splats
+from splatgl.splat.transfer import Transfer
 from splatgl.truth.report.content import CONVERGENCE
 from splatgl.truth.report.subject import Level, Subject
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.plan.occlusion_policy import Hiding
-from splatgl.splat.plan.plan import Plan
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.plan import Plan
+from splatgl.splat.splats import Splats
+from splatgl.splat.technique import Hiding
 
 # frames per variant, interleaved, after a warm-up frame that compiles and uploads; the fastest counts
 ROUNDS = 3

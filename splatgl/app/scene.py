@@ -36,18 +36,18 @@ from splatgl.fileio import load_table, toml_value
 from splatgl.readers import load
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
-from splatgl.splat.classification.colormap import whole
-from splatgl.splat.classification.flatness import MASK, decided
-from splatgl.splat.classification.presets import default_transfer, label_transfer, logarithmic, preset, preset_named
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.layers.segments import strength_of
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.colormaps import whole
+from splatgl.splat.label_detection import MASK, decided
+from splatgl.splat.presets import default_transfer, label_transfer, logarithmic, preset, preset_named
+from splatgl.splat.segment_surfaces import strength_of
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
 
 # extraction and cameras are imported once there is a volume: bad input is told at once
 if TYPE_CHECKING:
     from splatgl.data.mesh import Mesh
-    from splatgl.splat.extraction.extract import Progress
-    from splatgl.splat.extraction.splats import Splats
+    from splatgl.splat.extract import Progress
+    from splatgl.splat.splats import Splats
 
 # the types of a scene file's keys
 KEYS: dict[str, tuple[type, ...]] = {
@@ -270,7 +270,7 @@ class Scene:
         """The scene with the planes of `clip` and `crop` in its settings, and a view fitted to what crop leaves."""
         if not (self.clip or self.crop):
             return self
-        from splatgl.splat.view.cuts import Box, Part, crop_planes, left, planes_of
+        from splatgl.splat.clipping import Box, Part, crop_planes, left, planes_of
 
         around = crop_planes(self.crop, volume) if self.crop else ()
         found = planes_of(self.clip or (), Box.of([volume]))
@@ -282,7 +282,7 @@ class Scene:
         self, volume: Volume, transfer: Transfer, progress: Progress | None = None, moving: bool = False
     ) -> Splats:
         """The splats of the scene, classified as its settings say. moving: whether pictures are motion-blurred."""
-        from splatgl.splat.plan.suited import extracted
+        from splatgl.splat.resolve import extracted
 
         return extracted(volume, transfer, self.settings, self.threshold, progress, moving)
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from splatgl.app.picture import is_splats, picture, scene_of
 from splatgl.app.scene import Scene
 from splatgl.data.image import Image
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
-    from splatgl.splat.view.camera import Camera
+    from splatgl.splat.camera import Camera
 
 
 def show(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.classification.presets import is_microscopy
+from splatgl.splat.presets import is_microscopy
 
 # units of length of microscopes
 UNITS = ("um", "µm", "nm", "Å")

@@ -10,8 +10,8 @@ from splatgl.data.color import srgb_from_linear
 from splatgl.data.image import Image
 from splatgl.data.image_files import JPEG
 from splatgl.data.volume import Volume
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.settings import BLENDS
+from splatgl.splat.transfer import Transfer
 
 SHOWN = 3
 """Points of a transfer function that fit a line; of more, the first and the last are told."""

@@ -25,8 +25,8 @@ from splatgl.app.viewpoint import VIEW_COUNTS, View, typed
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import load_table
-from splatgl.splat.motion.motion import Motion
-from splatgl.splat.view.camera import Bounded, Camera
+from splatgl.splat.camera import Bounded, Camera
+from splatgl.splat.motion import Motion
 
 EASES = ("smooth", "linear")
 # camera keys that are not interpolated

@@ -58,14 +58,13 @@ class Vectors:
         """The volume that is drawn. Raises InputError for one without vectors."""
         if not self.show:
             return volume
-        from splatgl.splat.flow.vectors import directions, magnitudes
+        from splatgl.splat.vector_field import directions, magnitudes
 
         return magnitudes(volume) if self.show == "magnitude" else directions(volume)
 
     def meshes(self, volume: Volume) -> list[Mesh]:
         """Lines and arrows. Raises InputError for a volume without vectors."""
-        from splatgl.splat.flow.arrows import arrows
-        from splatgl.splat.flow.streamlines import streamlines
+        from splatgl.splat.vector_field import arrows, streamlines
 
         found = [streamlines(volume, self.streamlines, colormap=self.colormap)] if self.streamlines else []
         return found + ([arrows(volume, self.arrows, colormap=self.colormap)] if self.arrows else [])

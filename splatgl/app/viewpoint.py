@@ -14,8 +14,8 @@ from splatgl.errors import expected
 
 # cameras are imported once there is a volume: bad input is told at once
 if TYPE_CHECKING:
-    from splatgl.splat.extraction.splats import Splats
-    from splatgl.splat.view.camera import Bounded, Camera
+    from splatgl.splat.camera import Bounded, Camera
+    from splatgl.splat.splats import Splats
 
 # number of components of camera keys; the others have one, and `orthographic` is true or false
 VIEW_COUNTS = {"size": 2, "eye": 3, "look_at": 3, "up": 3}
@@ -52,9 +52,9 @@ class View:
 
     def camera(self, volume: Volume | Splats, subject: Bounded) -> Camera:
         """The camera; an orbit is fitted to what is visible of `subject`. volume: has hints, or is splats without."""
-        from splatgl.splat.bricks.opaque import Opaque
-        from splatgl.splat.extraction.splats import Splats
-        from splatgl.splat.view.camera import Camera
+        from splatgl.splat.camera import Camera
+        from splatgl.splat.opaque_bounds import Opaque
+        from splatgl.splat.splats import Splats
 
         if isinstance(subject, Splats) and subject.post is not None:
             known = volume if isinstance(volume, Volume) else subject.source and subject.source.volume

@@ -12,11 +12,11 @@ from splatgl.data.image import Image
 from splatgl.distributed.cluster import spread
 from splatgl.distributed.worker import Drawing, Subject, kept, renderer
 from splatgl.readers import load
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.motion.motion import Motion
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import extracted
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.motion import Motion
+from splatgl.splat.resolve import extracted
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -21,16 +21,15 @@ from splatgl.distributed.worker import Drawing, Subject, call, kept, renderer
 from splatgl.errors import InputError, expected
 from splatgl.fileio import bytes_of
 from splatgl.readers import load
-from splatgl.splat.bricks.bricks import Bricks, Shell
-from splatgl.splat.bricks.within import required_bricks
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.bricks import Bricks, Shell, required_bricks
+from splatgl.splat.camera import Camera
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from distributed import Client
 
-    from splatgl.splat.plan.plan import Plan
+    from splatgl.splat.plan import Plan
 
 # parts for each worker: those behind others end early, and wait for none
 PARTS = 2
@@ -143,7 +142,7 @@ def _shells(job: Job, sent: Volume | None, count: int) -> tuple[str, list[Shell]
 def _part(job: Job, sent: Volume | None, shell: Shell) -> Part:
     """On a worker: a part of the picture."""
     from splatgl.fileio import budget
-    from splatgl.splat.bricks.estimate import need
+    from splatgl.splat.bricks import need
 
     bricks, chosen = _planned(job, sent)
     assert chosen.resolved.sheets is not None

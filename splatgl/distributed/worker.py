@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer

@@ -14,8 +14,8 @@ from splatgl.gl.surfaces import FARTHEST_UNIT, NEAREST_UNIT, Limits
 from splatgl.gl.target import Target
 from splatgl.gl.tiles import Tiles, set_uniforms
 from splatgl.gl.uniforms import base_of
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.plan.plan import Plan
+from splatgl.splat.plan import Plan
+from splatgl.splat.splats import Splats
 
 
 def box_uniforms(splats: Splats, plan: Plan) -> Uniforms:

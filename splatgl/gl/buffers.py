@@ -10,8 +10,8 @@ import numpy as np
 
 from splatgl.gl.constants import ABREAST
 from splatgl.gl.draw_order import DrawOrder, Orders, Range, indices
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.view.block_culling import boxes
+from splatgl.splat.culling import boxes
+from splatgl.splat.splats import Splats
 
 # cache limits: entries, and bytes of records of all but the latest
 KEPT, KEPT_BYTES = 3, 2**28

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.classification import colormap, mesh_colors, post
-from splatgl.splat.extraction import records, run_lengths
-from splatgl.splat.integral import approximations, attenuation
-from splatgl.splat.motion import blur_table, motion, motion_opacity
-from splatgl.splat.plan import tiling
-from splatgl.splat.sheets import near, sheets
-from splatgl.splat.view import block_culling, clip, eye_near, mask, screen_bounds
+from splatgl.splat import (
+    clipping,
+    colormaps,
+    culling,
+    footprint,
+    mask_field,
+    motion,
+    motion_blur,
+    preintegration,
+    sheets,
+    splats,
+    technique,
+)
 
 # splats per row of the placed textures, and groups of four entries per row of the tile list
 ABREAST, LISTED = 1024, 2048
@@ -25,51 +31,51 @@ NOWHERE = 0xFFFFFFFF
 
 CONSTANTS: dict[str, float | np.uint32] = {
     "ABREAST": np.uint32(ABREAST),
-    "ABSENT": near.ABSENT,
+    "ABSENT": sheets.ABSENT,
     "AHEAD": motion.AHEAD,
-    "BLOCK": np.uint32(block_culling.BLOCK),
-    "CELLS": post.CELLS,
-    "COLOR_SCALE": records.COLOR_SCALE,
-    "COLUMNS": tiling.COLUMNS,
-    "DENSE": motion_opacity.DENSE,
-    "DENSEST": motion_opacity.DENSEST,
-    "FACE": clip.FACE,
+    "BLOCK": np.uint32(culling.BLOCK),
+    "CELLS": preintegration.CELLS,
+    "COLOR_SCALE": splats.COLOR_SCALE,
+    "COLUMNS": technique.COLUMNS,
+    "DENSE": motion_blur.DENSE,
+    "DENSEST": motion_blur.DENSEST,
+    "FACE": clipping.FACE,
     "FAR": motion.FAR,
-    "FIRST_ORDER": approximations.FIRST_ORDER,
-    "GRAZING": attenuation.GRAZING,
-    "FLUSH": clip.FLUSH,
-    "GRAZING_RAY": clip.GRAZING,
-    "HALF_LINE_REACH": eye_near.HALF_LINE_REACH,
-    "HAS_PLACE": eye_near.HAS_PLACE,
-    "KNOWN": mesh_colors.KNOWN,
+    "FIRST_ORDER": footprint.FIRST_ORDER,
+    "GRAZING": footprint.GRAZING,
+    "FLUSH": clipping.FLUSH,
+    "GRAZING_RAY": clipping.GRAZING,
+    "HALF_LINE_REACH": culling.HALF_LINE_REACH,
+    "HAS_PLACE": culling.HAS_PLACE,
+    "KNOWN": colormaps.KNOWN,
     "LANES": LANES,
-    "LARGEST_DEPTH": attenuation.LARGEST_DEPTH,
-    "LEAST": motion_opacity.LEAST,
+    "LARGEST_DEPTH": footprint.LARGEST_DEPTH,
+    "LEAST": motion_blur.LEAST,
     "LEAST_MASS": sheets.LEAST_MASS,
     "EDGE": sheets.EDGE,
     "AMID": sheets.AMID,
     "CENTERED": sheets.CENTERED[0],
     "WHOLLY": sheets.CENTERED[1],
     "LISTED": np.uint32(LISTED),
-    "MAP_ENTRIES": colormap.ENTRIES,
-    "MASK_EDGE": mask.EDGE,
-    "MASK_ONE": float(mask.ONE),
-    "MASK_ZERO": float(mask.ZERO),
-    "MASK_SURE": mask.SURE,
-    "MOST_CLIPS": clip.MOST_CLIPS,
-    "MOST_DOUBLINGS": tiling.MOST_DOUBLINGS,
+    "MAP_ENTRIES": colormaps.ENTRIES,
+    "MASK_EDGE": mask_field.EDGE,
+    "MASK_ONE": float(mask_field.ONE),
+    "MASK_ZERO": float(mask_field.ZERO),
+    "MASK_SURE": mask_field.SURE,
+    "MOST_CLIPS": clipping.MOST_CLIPS,
+    "MOST_DOUBLINGS": technique.MOST_DOUBLINGS,
     "NEAREST": motion.NEAREST,
     "NOWHERE": np.uint32(NOWHERE),
-    "ONSET": attenuation.ONSET,
+    "ONSET": footprint.ONSET,
     "PAGE": PAGE,
-    "PIXEL_MARGIN": screen_bounds.PIXEL_MARGIN,
-    "RIM_GROWTH": attenuation.RIM_GROWTH,
-    "RIM_START": attenuation.RIM_START,
-    "ROWS": tiling.ROWS,
-    "RUN_OCTAVES": run_lengths.OCTAVES,
-    "SHORT": blur_table.SHORT,
+    "PIXEL_MARGIN": culling.PIXEL_MARGIN,
+    "RIM_GROWTH": footprint.RIM_GROWTH,
+    "RIM_START": footprint.RIM_START,
+    "ROWS": technique.ROWS,
+    "RUN_OCTAVES": splats.OCTAVES,
+    "SHORT": motion_blur.SHORT,
     "TABLE_ROW": TABLE_ROW,
-    "WEIGHTS": post.WEIGHTS,
+    "WEIGHTS": preintegration.WEIGHTS,
 }
 
 

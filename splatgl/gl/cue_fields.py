@@ -7,8 +7,8 @@ from contextlib import ExitStack
 import moderngl
 import numpy as np
 
-from splatgl.splat.cues.cues import Cues, Fields
-from splatgl.splat.view.view import View
+from splatgl.splat.ambient_occlusion import Cues, Fields
+from splatgl.splat.view import View
 
 CUES_BINDING = 2
 # names of samplers, and their texture units

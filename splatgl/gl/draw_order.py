@@ -10,8 +10,8 @@ from weakref import WeakKeyDictionary
 import moderngl
 import numpy as np
 
-from splatgl.splat.extraction.order import Order, back_to_front
-from splatgl.splat.extraction.splats import MOST_KEPT, Splats
+from splatgl.splat.ordering import Order, back_to_front
+from splatgl.splat.splats import MOST_KEPT, Splats
 
 # cached drawing orders in bytes, 4 a splat: enough for interactive turning back and forth, not for a movie
 ORDER_BYTES = 2**25

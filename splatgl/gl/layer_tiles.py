@@ -20,12 +20,12 @@ from splatgl.gl.sheet_tiles import SheetTiles
 from splatgl.gl.tables import Tables
 from splatgl.gl.target import Target
 from splatgl.gl.tiles import Band, set_uniforms
-from splatgl.splat.extraction.order import order_for
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.plan.plan import Plan
-from splatgl.splat.plan.tiling import COLUMNS, ROWS
-from splatgl.splat.sheets.sheets import index_direction
-from splatgl.splat.view.screen_bounds import Window
+from splatgl.splat.culling import Window
+from splatgl.splat.ordering import order_for
+from splatgl.splat.plan import Plan
+from splatgl.splat.sheets import index_direction
+from splatgl.splat.splats import Splats
+from splatgl.splat.technique import COLUMNS, ROWS
 
 # buffer bindings, as of layers.glsl
 HEADS, PAGES = 1, 7

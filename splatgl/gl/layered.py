@@ -12,14 +12,12 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.gl.layer_tiles import Drawn
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.layers.layers import Scene, casting, check_layer, common_samples, joined
-from splatgl.splat.motion.moments import Moments
-from splatgl.splat.motion.motion import Motion
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import streaked, suited
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.motion import Moments, Motion
+from splatgl.splat.resolve import streaked, suited
+from splatgl.splat.scene import Scene, casting, check_layer, common_samples, joined
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.splats import Splats
 
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer

@@ -14,13 +14,12 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume, places
 from splatgl.gl.renderer import Renderer
-from splatgl.splat.bricks.estimate import spread
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.splats import Grid
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import extracted
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.bricks import spread
+from splatgl.splat.camera import Camera
+from splatgl.splat.grid import Grid
+from splatgl.splat.resolve import extracted
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.transfer import Transfer
 
 # boxes that are compared; places, and bytes of the finest level, that are looked at for them, as many are empty, and
 # matter that means lose is rare

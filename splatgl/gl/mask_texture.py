@@ -7,8 +7,8 @@ from contextlib import ExitStack
 import moderngl
 
 from splatgl.errors import expected
-from splatgl.splat.extraction.label_normals import LabelNormals
-from splatgl.splat.view.mask import MaskField
+from splatgl.splat.label_normals import LabelNormals
+from splatgl.splat.mask_field import MaskField
 
 # name of the sampler, and its texture unit
 MASK_SAMPLER, MASK_UNIT = "mask_field", 20

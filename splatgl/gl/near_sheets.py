@@ -10,8 +10,8 @@ import numpy as np
 
 from splatgl.gl.program import Programs
 from splatgl.gl.tables import Tables
-from splatgl.splat.plan.plan import Plan
-from splatgl.splat.sheets.near import NearField
+from splatgl.splat.plan import Plan
+from splatgl.splat.sheets import NearField
 
 # texture units
 SUMS_UNIT, MASSES_UNIT, VOXELS_UNIT = 28, 29, 30

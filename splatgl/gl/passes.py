@@ -29,13 +29,11 @@ from splatgl.gl.tables import Tables
 from splatgl.gl.target import Target, Targets
 from splatgl.gl.tiles import Tiles
 from splatgl.gl.uniforms import FRAME, FRAME_BINDING, STYLE, STYLE_BINDING, frame_block, style_block
-from splatgl.splat.extraction.order import order_for
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.plan.plan import Plan
-from splatgl.splat.plan.resolve import END_CORRECTION
-from splatgl.splat.view.ahead import ahead
-from splatgl.splat.view.screen_bounds import Window
-from splatgl.splat.view.skin import exposed
+from splatgl.splat.culling import Window, ahead, exposed
+from splatgl.splat.ordering import order_for
+from splatgl.splat.plan import Plan
+from splatgl.splat.resolve import END_CORRECTION
+from splatgl.splat.splats import Splats
 
 # names of targets: the picture's, that of matter between surfaces, and a layer's
 ROLES = ("draw", "part", "layer")

@@ -14,8 +14,8 @@ from splatgl.gl.cue_fields import CUES_BINDING, SAMPLERS
 from splatgl.gl.mask_texture import MASK_SAMPLER, MASK_UNIT
 from splatgl.gl.shader import ShaderError, compose, declared_switches
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING
-from splatgl.splat.kernel.kernels import kernel, polynomials, single_polynomial
-from splatgl.splat.plan.plan import Program
+from splatgl.splat.kernels import kernel, polynomials, single_polynomial
+from splatgl.splat.plan import Program
 
 Switches = Mapping[str, str | int | bool]
 Chosen = tuple[tuple[str, str | int | bool], ...]

@@ -12,8 +12,8 @@ from splatgl.gl.program import BLEND_STATES, Programs
 from splatgl.gl.tables import BLUR_UNIT, HALF_LINE_UNIT
 from splatgl.gl.target import Target
 from splatgl.gl.tiles import set_uniforms
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.plan.plan import Plan
+from splatgl.splat.plan import Plan
+from splatgl.splat.splats import Splats
 
 CORNERS = 4
 

@@ -23,17 +23,16 @@ from splatgl.gl.passes import Passes
 from splatgl.gl.sheet_tiles import Batches
 from splatgl.gl.target import check_size
 from splatgl.gl.told import refuse_bricks, told_of
-from splatgl.splat.bound.bound import bound
-from splatgl.splat.bricks.bricks import Bricks, Seen
-from splatgl.splat.extraction.post import post_splats
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.layers.layers import Scene
-from splatgl.splat.motion.moments import Moments, Shorter
-from splatgl.splat.motion.motion import Motion
-from splatgl.splat.plan.plan import Plan, plan
-from splatgl.splat.plan.settings import FULL_SHUTTER, Settings
-from splatgl.splat.plan.suited import suited
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.bricks import Bricks, Seen
+from splatgl.splat.camera import Camera
+from splatgl.splat.error_bound import bound
+from splatgl.splat.extract_values import post_splats
+from splatgl.splat.motion import Moments, Motion, Shorter
+from splatgl.splat.plan import Plan, plan
+from splatgl.splat.resolve import suited
+from splatgl.splat.scene import Scene
+from splatgl.splat.settings import FULL_SHUTTER, Settings
+from splatgl.splat.splats import Splats
 
 # the finest form, table and target, against which coarser ones are measured
 FINER: dict[str, Any] = {

@@ -11,12 +11,12 @@ from splatgl.gl.near_sheets import NOTHING
 from splatgl.gl.program import Programs
 from splatgl.gl.tables import class_uniforms
 from splatgl.gl.uniforms import base_of
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.plan.plan import Plan
-from splatgl.splat.sheets.sheets import index_direction
-from splatgl.splat.view.clip import MOST_CLIPS, Clip
-from splatgl.splat.view.screen_bounds import Window
-from splatgl.splat.view.view import View
+from splatgl.splat.clipping import MOST_CLIPS, Clip
+from splatgl.splat.culling import Window
+from splatgl.splat.plan import Plan
+from splatgl.splat.sheets import index_direction
+from splatgl.splat.splats import Splats
+from splatgl.splat.view import View
 
 # most splats of a run: llvmpipe ends a loop after 65535 iterations; and the least runs, for all cores and lanes
 MOST_RUN, LEAST_RUNS = 60_000, 64

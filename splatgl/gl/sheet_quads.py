@@ -24,12 +24,12 @@ from splatgl.gl.tables import CLASS_UNIT, HALF_LINE_UNIT, Tables
 from splatgl.gl.target import Target, settle
 from splatgl.gl.tiles import bands_of, set_uniforms
 from splatgl.gl.uniforms import frame_block
-from splatgl.splat.extraction.splats import Splats, corners_of
-from splatgl.splat.plan.plan import Plan
-from splatgl.splat.sheets.near import NearField
-from splatgl.splat.sheets.sheets import Sheets
-from splatgl.splat.view.screen_bounds import Window, screen_bounds
-from splatgl.splat.view.view import View
+from splatgl.splat.culling import Window, screen_bounds
+from splatgl.splat.grid import corners_of
+from splatgl.splat.plan import Plan
+from splatgl.splat.sheets import NearField, Sheets
+from splatgl.splat.splats import Splats
+from splatgl.splat.view import View
 
 # texture units of a sheet, of the two before, and of values joined to one
 UNITS = {

@@ -21,15 +21,13 @@ from splatgl.gl.surfaces import FARTHEST_UNIT, NEAREST_UNIT, Limits
 from splatgl.gl.tables import CLASS_UNIT, HALF_LINE_UNIT, Tables
 from splatgl.gl.target import Target
 from splatgl.gl.tiles import LIST_UNIT, LISTS, MOST_TILES, OPEN, Band, Tiles, bands_of, set_uniforms
-from splatgl.splat.bricks.bricks import Seen, Shell
-from splatgl.splat.extraction.splats import Splats, corners_of
-from splatgl.splat.plan.occlusion_policy import cuts
-from splatgl.splat.plan.plan import Plan
-from splatgl.splat.plan.tiling import COLUMNS, ROWS
-from splatgl.splat.sheets.near import NearField
-from splatgl.splat.view.block_culling import Frustum, shown
-from splatgl.splat.view.box_outline import beside_box
-from splatgl.splat.view.screen_bounds import Window, screen_bounds
+from splatgl.splat.bricks import Seen, Shell
+from splatgl.splat.culling import Frustum, Window, beside_box, screen_bounds, shown
+from splatgl.splat.grid import corners_of
+from splatgl.splat.plan import Plan
+from splatgl.splat.sheets import NearField
+from splatgl.splat.splats import Splats
+from splatgl.splat.technique import COLUMNS, ROWS, cuts
 
 # buffer binding of open sheets
 RINGS = 5

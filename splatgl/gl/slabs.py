@@ -15,16 +15,14 @@ from splatgl.fileio import budget
 from splatgl.gl.levels import level_for
 from splatgl.gl.renderer import Renderer
 from splatgl.readers import load
-from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.bricks.within import bricks_of, fits
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.motion.moments import Moments
-from splatgl.splat.motion.motion import Motion
-from splatgl.splat.plan.blurring import Blurred
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import extracted, streaked
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.bricks import Bricks, bricks_of, fits
+from splatgl.splat.camera import Camera
+from splatgl.splat.motion import Moments, Motion
+from splatgl.splat.plan import Blurred
+from splatgl.splat.resolve import extracted, streaked
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import Splats
+from splatgl.splat.transfer import Transfer
 
 # given how many bricks are done, and their number
 Progress = Callable[[int, int], None]

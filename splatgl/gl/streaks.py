@@ -9,9 +9,9 @@ from splatgl.errors import expected
 from splatgl.gl.buffers import Attribute, Sorted
 from splatgl.gl.draw_order import DrawOrder, Range, indices
 from splatgl.gl.quads import Quads
-from splatgl.splat.extraction.splats import MOST_KEPT, Splats
-from splatgl.splat.motion.motion import Exposure
-from splatgl.splat.plan.plan import Plan
+from splatgl.splat.motion import Exposure
+from splatgl.splat.plan import Plan
+from splatgl.splat.splats import MOST_KEPT, Splats
 
 
 class Streaks(Quads):

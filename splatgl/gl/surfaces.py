@@ -17,8 +17,8 @@ from splatgl.errors import InputError
 from splatgl.gl.program import BLEND_STATES, Programs
 from splatgl.gl.target import Target, check_size, settle
 from splatgl.gl.tiles import set_uniforms
-from splatgl.splat.classification.mesh_colors import places_of, tables_of
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.colormaps import places_of, tables_of
 
 # texture units of depths before and behind; those of the units below are in use while volumes are drawn
 NEAREST_UNIT, FARTHEST_UNIT = 16, 17

@@ -9,11 +9,11 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.constants import TABLE_ROW
-from splatgl.splat.classification.post import WEIGHTS, PostClassified
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.kernel.kernels import Kernel, footprint_table, half_line_table, radial_table
-from splatgl.splat.motion.blur_table import blur_table
-from splatgl.splat.plan.plan import Plan
+from splatgl.splat.kernels import Kernel, footprint_table, half_line_table, radial_table
+from splatgl.splat.motion_blur import blur_table
+from splatgl.splat.plan import Plan
+from splatgl.splat.preintegration import WEIGHTS, PostClassified
+from splatgl.splat.splats import Splats
 
 # texture units
 FOOTPRINT_UNIT, HALF_LINE_UNIT, BLUR_UNIT, CLASS_UNIT = 0, 1, 3, 15

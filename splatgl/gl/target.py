@@ -12,7 +12,7 @@ import numpy as np
 from splatgl.errors import InputError, expected
 from splatgl.gl.buffers import uneven
 from splatgl.gl.context import is_software
-from splatgl.splat.view.screen_bounds import Window
+from splatgl.splat.culling import Window
 
 # target → moderngl's dtype, numpy's, and the stored value of 1.0
 FORMATS: dict[str, tuple[str, np.dtype, float]] = {

@@ -22,13 +22,11 @@ from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
 from splatgl.gl.tables import HALF_LINE_UNIT
 from splatgl.gl.target import Target
-from splatgl.splat.extraction.splats import MOST_KEPT, Splats
-from splatgl.splat.kernel.kernels import single_reach
-from splatgl.splat.plan.occlusion_policy import cuts
-from splatgl.splat.plan.plan import Plan, Program
-from splatgl.splat.plan.tiling import COLUMNS, MOST, MOST_PIXELS, ROWS
-from splatgl.splat.view.block_culling import BLOCK, Frustum, shown
-from splatgl.splat.view.screen_bounds import Window
+from splatgl.splat.culling import BLOCK, Frustum, Window, shown
+from splatgl.splat.kernels import single_reach
+from splatgl.splat.plan import Plan, Program
+from splatgl.splat.splats import MOST_KEPT, Splats
+from splatgl.splat.technique import COLUMNS, MOST, MOST_PIXELS, ROWS, cuts
 
 # most entries of all lists together
 MOST_LISTED = 2**25

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from splatgl.errors import expected
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.plan.plan import Plan
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import one_by_one
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.plan import Plan
+from splatgl.splat.resolve import one_by_one
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import Splats
 
 
 def told_of(chosen: Plan) -> dict[str, object]:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.integral.quads import NEAR
-from splatgl.splat.motion.blur import line_area
-from splatgl.splat.motion.motion import Exposure
-from splatgl.splat.plan.plan import Plan
-from splatgl.splat.sheets.sheets import counted_box
-from splatgl.splat.view.block_culling import Frustum
-from splatgl.splat.view.camera import FAR
-from splatgl.splat.view.view import eye_from_index
+from splatgl.splat.camera import FAR
+from splatgl.splat.culling import Frustum
+from splatgl.splat.footprint import NEAR
+from splatgl.splat.motion import Exposure
+from splatgl.splat.motion_blur import line_area
+from splatgl.splat.plan import Plan
+from splatgl.splat.sheets import counted_box
+from splatgl.splat.splats import Splats
+from splatgl.splat.view import eye_from_index
 
 # binding points of the blocks
 FRAME_BINDING, STYLE_BINDING = 0, 1

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.image import Image
-from splatgl.splat.extraction.records import as_points
-from splatgl.splat.extraction.splats import Grid, Splats, assemble
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.motion.blur import line_area
-from splatgl.splat.motion.moments import Draw
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.grid import Grid
+from splatgl.splat.kernels import kernel
+from splatgl.splat.motion import Draw
+from splatgl.splat.motion_blur import line_area
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import Splats, as_points, assemble
 
 # samples a pixel, along each axis
 TIMES = 4

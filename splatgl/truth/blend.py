@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.plan.blend_mode import BlendMode
-from splatgl.splat.plan.resolve import Resolved
+from splatgl.splat.resolve import Resolved
+from splatgl.splat.settings import BlendMode
+from splatgl.splat.transfer import Transfer
 
 # largest opacity below 1: bounds paper's attenuation of an opaque splat not widened except by rounding
 ALMOST_ONE = 1.0 - 2.0**-53

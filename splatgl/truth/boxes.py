@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.splat.classification.shading import surface_light
-from splatgl.splat.extraction.order import back_to_front, order_for
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.integral.line_integral import Integral
-from splatgl.splat.plan.resolve import Resolved
-from splatgl.splat.view.clip import FACE, FLUSH
-from splatgl.splat.view.screen_bounds import Window
-from splatgl.splat.view.view import View
+from splatgl.splat.clipping import FACE, FLUSH
+from splatgl.splat.culling import Window
+from splatgl.splat.lighting import surface_light
+from splatgl.splat.line_integral import Integral
+from splatgl.splat.ordering import back_to_front, order_for
+from splatgl.splat.resolve import Resolved
+from splatgl.splat.splats import Splats
+from splatgl.splat.view import View
 from splatgl.truth.blend import ADD, Band, Part, pixels
 from splatgl.truth.extent import pixel_boxes
 from splatgl.truth.pairs import values

@@ -6,14 +6,13 @@ import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.errors import expected
-from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.layers.layers import Scene
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import classified_before, suited
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.screen_bounds import Window
+from splatgl.splat.bricks import Bricks
+from splatgl.splat.camera import Camera
+from splatgl.splat.culling import Window
+from splatgl.splat.resolve import classified_before, suited
+from splatgl.splat.scene import Scene
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.splats import Splats
 from splatgl.truth.field import kept_field_integral
 from splatgl.truth.reference import render_windows, render_windows_of
 

@@ -12,8 +12,8 @@ from textwrap import wrap
 
 import numpy as np
 
-from splatgl.splat.integral.table1 import switch_depth
-from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.footprint import switch_depth
+from splatgl.splat.kernels import kernel
 from splatgl.truth.figures.integrals import Voxel, voxels
 from splatgl.truth.figures.setting import PAPER, Setting
 from splatgl.truth.figures.shapes import Stretched

@@ -17,12 +17,12 @@ import numpy as np
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.layers.layers import Layer, Scene
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.mask import kept_part
-from splatgl.splat.view.screen_bounds import Window
+from splatgl.splat.camera import Camera
+from splatgl.splat.culling import Window
+from splatgl.splat.mask_field import kept_part
+from splatgl.splat.scene import Layer, Scene
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
 from splatgl.truth.depth_field import LayerField
 from splatgl.truth.surfaces import crossings
 

@@ -8,16 +8,16 @@ from functools import cached_property
 import numpy as np
 
 from splatgl.errors import expected
-from splatgl.splat.classification.class_integral import ClassIntegral
-from splatgl.splat.extraction.extract import only_pre
-from splatgl.splat.extraction.post import gradients
-from splatgl.splat.extraction.splats import Grid
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.layers.layers import Layer
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.clip import Clip, Plane
-from splatgl.splat.view.mask import MaskField
-from splatgl.splat.view.view import View
+from splatgl.splat.camera import Camera
+from splatgl.splat.clipping import Clip, Plane
+from splatgl.splat.extract import only_pre
+from splatgl.splat.extract_values import gradients
+from splatgl.splat.grid import Grid
+from splatgl.splat.kernels import kernel
+from splatgl.splat.mask_field import MaskField
+from splatgl.splat.preintegration import ClassIntegral
+from splatgl.splat.scene import Layer
+from splatgl.splat.view import View
 from splatgl.truth.rays import Rays
 
 # cells along the sides of boxes that are passed at once

@@ -9,10 +9,10 @@ from collections.abc import Hashable
 from typing import Protocol
 
 from splatgl.data.image import Image
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.motion.motion import Motion
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.motion import Motion
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import Splats
 
 
 class Renderer(Protocol):

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.view.block_culling import STRETCHED
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.ellipse import smallest_axis
-from splatgl.splat.view.screen_bounds import Window
-from splatgl.splat.view.view import View
+from splatgl.splat.camera import Camera
+from splatgl.splat.culling import STRETCHED, Window
+from splatgl.splat.view import View, smallest_axis
 
 # relative enlargement of a box against rounding
 MARGIN = 1e-9

@@ -16,23 +16,22 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.splat.classification.class_integral import ClassIntegral
-from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.classification.shading import LIGHTS, Light, surface_light
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.cues.cues import Cues
-from splatgl.splat.extraction.post import PREFILTERED, gradients, needed, prefiltered
-from splatgl.splat.extraction.splats import Grid, Splats
-from splatgl.splat.kernel.kernels import Kernel
-from splatgl.splat.kernel.kernels import kernel as kernel_named
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.resolve import Resolved
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.ahead import ahead
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.clip import FACE, Clip
-from splatgl.splat.view.mask import MaskField, face_share
-from splatgl.splat.view.view import View
+from splatgl.splat.ambient_occlusion import Cues
+from splatgl.splat.camera import Camera
+from splatgl.splat.clipping import FACE, Clip
+from splatgl.splat.culling import ahead
+from splatgl.splat.extract_values import PREFILTERED, gradients, needed, prefiltered
+from splatgl.splat.grid import Grid
+from splatgl.splat.kernels import Kernel
+from splatgl.splat.kernels import kernel as kernel_named
+from splatgl.splat.lighting import LIGHTS, Light, surface_light
+from splatgl.splat.mask_field import MaskField, face_share
+from splatgl.splat.preintegration import ClassIntegral, PostClassified
+from splatgl.splat.resolve import Resolved
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.splats import Splats
+from splatgl.splat.transfer import Transfer
+from splatgl.splat.view import View
 from splatgl.truth.blend import classified, joined, joined_value, over_background
 from splatgl.truth.integral import OPAQUE, distances, samples_of, spread
 from splatgl.truth.rays import Rays

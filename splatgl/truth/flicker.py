@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.splat.extraction.order import order_for
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.motion.moments import Draw
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.motion import Draw
+from splatgl.splat.ordering import order_for
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import Splats
 
 # degrees between the two frames compared for popping
 CLOSE = 0.01

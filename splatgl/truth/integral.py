@@ -14,16 +14,15 @@ import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.errors import expected
-from splatgl.splat.cues.voxels import shone
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.kernel.kernels import Kernel
-from splatgl.splat.kernel.kernels import kernel as kernel_named
-from splatgl.splat.plan.resolve import Resolved, kernel_name
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import suited
-from splatgl.splat.view.ahead import ahead
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.view import View
+from splatgl.splat.camera import Camera
+from splatgl.splat.culling import ahead
+from splatgl.splat.kernels import Kernel
+from splatgl.splat.kernels import kernel as kernel_named
+from splatgl.splat.lighting import shone
+from splatgl.splat.resolve import Resolved, kernel_name, suited
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import Splats
+from splatgl.splat.view import View
 from splatgl.truth.blend import over_background
 
 # maximum number of cells in the lookup table of the splats' box, 4 bytes each

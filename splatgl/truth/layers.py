@@ -11,14 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.layers.layers import Scene, check_layer, common_samples
-from splatgl.splat.plan.resolve import Resolved
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import suited
-from splatgl.splat.view.ahead import ahead
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.screen_bounds import Window
+from splatgl.splat.camera import Camera
+from splatgl.splat.culling import Window, ahead
+from splatgl.splat.resolve import Resolved, suited
+from splatgl.splat.scene import Scene, check_layer, common_samples
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import Splats
 from splatgl.truth.boxes import BoxScene
 from splatgl.truth.sheet_field import behind
 from splatgl.truth.sheets import Pieces, SheetScene

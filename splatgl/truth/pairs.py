@@ -12,13 +12,12 @@ from typing import Protocol
 import numpy as np
 
 from splatgl.errors import expected
-from splatgl.splat.extraction.splats import Grid
-from splatgl.splat.integral.line_integral import Integral, row1
-from splatgl.splat.integral.quads import Quads, on_quads, table_quad
-from splatgl.splat.integral.table1 import ROWS, Splat
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.screen_bounds import Window
-from splatgl.splat.view.view import View
+from splatgl.splat.camera import Camera
+from splatgl.splat.culling import Window
+from splatgl.splat.footprint import ROWS, Quads, Splat, on_quads, table_quad
+from splatgl.splat.grid import Grid
+from splatgl.splat.line_integral import Integral, row1
+from splatgl.splat.view import View
 from splatgl.truth.extent import Boxes
 
 # pairs per chunk: temporaries of 2 MB stay in the cache

@@ -10,16 +10,16 @@ import numpy as np
 
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import expected
-from splatgl.splat.classification.class_integral import ClassIntegral
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.splats import Grid
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.layers.layers import Layer, Scene
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.clip import Clip, Plane
-from splatgl.splat.view.mask import MaskField
-from splatgl.splat.view.screen_bounds import Window
-from splatgl.splat.view.view import View
+from splatgl.splat.camera import Camera
+from splatgl.splat.clipping import Clip, Plane
+from splatgl.splat.culling import Window
+from splatgl.splat.grid import Grid
+from splatgl.splat.kernels import kernel
+from splatgl.splat.mask_field import MaskField
+from splatgl.splat.preintegration import ClassIntegral
+from splatgl.splat.scene import Layer, Scene
+from splatgl.splat.transfer import Transfer
+from splatgl.splat.view import View
 from splatgl.truth.rays import Rays
 from splatgl.truth.surfaces import crossings
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.plan.resolve import END_CORRECTION
+from splatgl.splat.resolve import END_CORRECTION
 
 
 def pixel_means(samples: np.ndarray, k: int) -> np.ndarray:

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.clip import FLUSH, GRAZING, Clip
-from splatgl.splat.view.view import View
+from splatgl.splat.camera import Camera
+from splatgl.splat.clipping import FLUSH, GRAZING, Clip
+from splatgl.splat.view import View
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,24 +14,19 @@ import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.data.mesh import Mesh
-from splatgl.splat.bricks.bricks import Bricks
-from splatgl.splat.classification.shading import Light
-from splatgl.splat.cues.voxels import shone
-from splatgl.splat.extraction.order import back_to_front, order_for
-from splatgl.splat.extraction.post import post_splats
-from splatgl.splat.extraction.records import record_type
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.integral.attenuation import filled_depth
-from splatgl.splat.kernel.tabulated import tabulated
-from splatgl.splat.layers.layers import Scene, casting, joined
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.resolve import PRE_KERNEL, Resolved
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import suited
-from splatgl.splat.view.ahead import ahead
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.screen_bounds import Window
-from splatgl.splat.view.view import View
+from splatgl.splat.bricks import Bricks
+from splatgl.splat.camera import Camera
+from splatgl.splat.culling import Window, ahead
+from splatgl.splat.extract_values import post_splats
+from splatgl.splat.footprint import filled_depth
+from splatgl.splat.kernels import tabulated
+from splatgl.splat.lighting import Light, shone
+from splatgl.splat.ordering import back_to_front, order_for
+from splatgl.splat.resolve import PRE_KERNEL, Resolved, suited
+from splatgl.splat.scene import Scene, casting, joined
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.splats import Splats, record_type
+from splatgl.splat.view import View
 from splatgl.truth.blend import ADD, Band, Part, over_background, pixels
 from splatgl.truth.boxes import BoxScene
 from splatgl.truth.extent import Boxes, pixel_boxes, reaching

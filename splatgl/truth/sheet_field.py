@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.splat.classification.post import PostClassified
-from splatgl.splat.classification.shading import Light, surface_light
-from splatgl.splat.cues.cues import Cues
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.plan.blend_mode import BlendMode
-from splatgl.splat.plan.resolve import Resolved
-from splatgl.splat.sheets.sheets import AMID, CENTERED, EDGE, LEAST_MASS, Sheets, index_direction, layer_wave
-from splatgl.splat.view.clip import FACE
-from splatgl.splat.view.mask import MaskField, face_share, kept_part
-from splatgl.splat.view.view import View
+from splatgl.splat.ambient_occlusion import Cues
+from splatgl.splat.clipping import FACE
+from splatgl.splat.lighting import Light, surface_light
+from splatgl.splat.mask_field import MaskField, face_share, kept_part
+from splatgl.splat.preintegration import PostClassified
+from splatgl.splat.resolve import Resolved
+from splatgl.splat.settings import BlendMode
+from splatgl.splat.sheets import AMID, CENTERED, EDGE, LEAST_MASS, Sheets, index_direction, layer_wave
+from splatgl.splat.splats import Splats
+from splatgl.splat.view import View
 from splatgl.truth.blend import classified, joined, joined_value
 from splatgl.truth.rays import Rays
 

@@ -12,15 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.splat.cues.voxels import shone
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.kernel.kernels import Kernel
-from splatgl.splat.kernel.tabulated import tabulated
-from splatgl.splat.plan.resolve import Resolved
-from splatgl.splat.sheets.near import ABSENT, NearField
-from splatgl.splat.sheets.sheets import Sheets
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.screen_bounds import Window
+from splatgl.splat.camera import Camera
+from splatgl.splat.culling import Window
+from splatgl.splat.kernels import Kernel, tabulated
+from splatgl.splat.lighting import shone
+from splatgl.splat.resolve import Resolved
+from splatgl.splat.sheets import ABSENT, NearField, Sheets
+from splatgl.splat.splats import Splats
 from splatgl.truth.extent import Boxes, pixel_boxes
 from splatgl.truth.pairs import Row, Values, values
 from splatgl.truth.rays import Rays

@@ -7,10 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from splatgl.splat.integral.line_integral import Integral, row1
-from splatgl.splat.motion.blur import energy_gain, paper_gain, stretched
-from splatgl.splat.motion.blur_table import blur_table
-from splatgl.splat.view.view import View
+from splatgl.splat.line_integral import Integral, row1
+from splatgl.splat.motion_blur import blur_table, energy_gain, paper_gain, stretched
+from splatgl.splat.view import View
 from splatgl.truth.pairs import Row
 
 

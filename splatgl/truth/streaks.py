@@ -12,20 +12,18 @@ import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.errors import expected
-from splatgl.splat.cues.voxels import shone
-from splatgl.splat.extraction.order import back_to_front, order_for
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.integral.attenuation import run_along
-from splatgl.splat.kernel.tabulated import tabulated
-from splatgl.splat.motion.blur import MOTIONS, energy_gain
-from splatgl.splat.motion.motion import Motion, Streaks, streaks
-from splatgl.splat.motion.motion_opacity import dwelt_depth, isolation
-from splatgl.splat.plan.blend_mode import BLENDS, BlendMode
-from splatgl.splat.plan.resolve import AVERAGED, Resolved
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.screen_bounds import Window
-from splatgl.splat.view.view import View
+from splatgl.splat.camera import Camera
+from splatgl.splat.culling import Window
+from splatgl.splat.footprint import run_along
+from splatgl.splat.kernels import tabulated
+from splatgl.splat.lighting import shone
+from splatgl.splat.motion import Motion, Streaks, streaks
+from splatgl.splat.motion_blur import MOTIONS, dwelt_depth, energy_gain, isolation
+from splatgl.splat.ordering import back_to_front, order_for
+from splatgl.splat.resolve import AVERAGED, Resolved
+from splatgl.splat.settings import BLENDS, BlendMode, Settings
+from splatgl.splat.splats import Splats
+from splatgl.splat.view import View
 from splatgl.truth.blend import ADD, Band, Part, pixels
 from splatgl.truth.extent import Boxes, pixel_ends
 from splatgl.truth.pairs import values

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.mesh import Mesh
-from splatgl.splat.classification.mesh_colors import colors_at
-from splatgl.splat.classification.shading import Light, surface_light
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.screen_bounds import Window
+from splatgl.splat.camera import Camera
+from splatgl.splat.colormaps import colors_at
+from splatgl.splat.culling import Window
+from splatgl.splat.lighting import Light, surface_light
 from splatgl.truth.boxes import BoxScene
 from splatgl.truth.layers import LayerScene
 from splatgl.truth.sheets import SheetScene

@@ -14,8 +14,8 @@ from splatgl.app.annotations.request import check, check_size, check_time, text_
 from splatgl.app.annotations.subject import Subject
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.transfer import Transfer
 
 
 def annotated(

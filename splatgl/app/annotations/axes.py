@@ -6,7 +6,7 @@ import numpy as np
 
 from splatgl.app.annotations.layer import Color, Layer, Rect
 from splatgl.app.annotations.subject import Subject
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
 
 # of x, y, z, linear RGB; they read on black and on white
 COLORS: tuple[Color, ...] = ((0.75, 0.04, 0.03), (0.02, 0.40, 0.04), (0.08, 0.22, 0.90))

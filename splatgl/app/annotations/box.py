@@ -11,7 +11,7 @@ from splatgl.app.annotations.scale_bar import in_digits
 from splatgl.app.annotations.strokes import clipped, dashes
 from splatgl.app.annotations.subject import Subject
 from splatgl.app.annotations.ticks import ticks
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
 
 # the ends of the edges along grid x, y and z, as numbers of corners; corner 4z + 2y + x
 EDGES = tuple(tuple((n, n + step) for n in range(8) if not n & step) for step in (1, 2, 4))

@@ -11,8 +11,8 @@ import numpy as np
 from splatgl.app.annotations.layer import Color, Layer, Rect
 from splatgl.app.annotations.subject import Scale
 from splatgl.app.annotations.ticks import log_ticks, ticks
-from splatgl.splat.classification.colormap import colormap
-from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.colormaps import colormap
+from splatgl.splat.transfer import Transfer
 
 # the bar's height as a fraction of the picture's, and its and the curve's width in font heights
 TALL, WIDE, CURVE = 0.45, 0.9, 1.6

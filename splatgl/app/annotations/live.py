@@ -15,8 +15,8 @@ from splatgl.app.annotations.layer import BLACK, Color, Layer, Touched, ink_on
 from splatgl.app.annotations.request import check
 from splatgl.app.annotations.subject import Subject
 from splatgl.data.color import srgb_from_linear
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.transfer import Transfer
 
 # steps of linear light from 0 to 1 in the table to sRGB: an 8-bit step is missed in the darkest few alone
 STEPS = 4096

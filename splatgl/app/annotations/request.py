@@ -9,15 +9,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from splatgl.errors import expected
-from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.settings import BLENDS
 
 if TYPE_CHECKING:
     from splatgl.app.scene import Scene
     from splatgl.data.image import Image
     from splatgl.data.volume import Volume
-    from splatgl.splat.classification.transfer import Transfer
-    from splatgl.splat.plan.settings import Settings
-    from splatgl.splat.view.cuts import Part
+    from splatgl.splat.clipping import Part
+    from splatgl.splat.settings import Settings
+    from splatgl.splat.transfer import Transfer
 
 NAMES = ("scale", "colorbar", "axes", "directions", "box", "title", "time")
 # those that take a text
@@ -124,7 +124,7 @@ def with_room(scene: Scene, volume: Volume, asked: Sequence[str]) -> Scene:
 
 def room(volume: Volume) -> Part:
     """What a view is fitted to that shows a volume's box and its numbers."""
-    from splatgl.splat.view.cuts import Part
+    from splatgl.splat.clipping import Part
 
     return Part(volume.center + (volume.corners - volume.center) * ROOM, volume.frame)
 

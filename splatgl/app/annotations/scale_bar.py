@@ -9,7 +9,7 @@ import numpy as np
 from splatgl.app.annotations.layer import Layer, Rect
 from splatgl.app.annotations.subject import Subject
 from splatgl.app.annotations.ticks import nice_below
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
 
 # longest bar as a fraction of the picture's width
 WIDEST = 0.25

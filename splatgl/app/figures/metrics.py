@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.app.figures.render import Shown
-from splatgl.splat.motion.moments import Moments
-from splatgl.splat.motion.motion import streaks
+from splatgl.splat.motion import Moments, streaks
 from splatgl.truth.aliasing import (
     Reach,
     aliasing_energy,

@@ -20,12 +20,12 @@ from splatgl.app.viewpoint import View
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source, write_whole
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.motion.blur import MOTIONS
-from splatgl.splat.motion.moments import Draw, moments
-from splatgl.splat.plan.settings import MAX_MOMENTS, Settings
-from splatgl.splat.plan.suited import blur
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.motion import Draw, moments
+from splatgl.splat.motion_blur import MOTIONS
+from splatgl.splat.resolve import blur
+from splatgl.splat.settings import MAX_MOMENTS, Settings
+from splatgl.splat.splats import Splats
 from splatgl.truth.figures.tables import PAGE
 
 if TYPE_CHECKING:

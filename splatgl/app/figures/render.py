@@ -13,11 +13,11 @@ from splatgl.app.scene import Scene
 from splatgl.app.track import Turning, turning
 from splatgl.app.viewpoint import View
 from splatgl.data.volume import Volume
-from splatgl.splat.extraction.extract import extract
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.motion.moments import Draw, Moments
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.extract import extract
+from splatgl.splat.motion import Draw, Moments
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import Splats
 from splatgl.truth.aliasing import Reach
 from splatgl.truth.flicker import strip
 

@@ -17,16 +17,13 @@ from splatgl.data.color import linear_from_srgb
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.splat.classification.colormap import of_colors
-from splatgl.splat.classification.labels import SOLID, labels_of
-from splatgl.splat.classification.looks import SURFACE
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.layers.channels import LEAST, THROUGH
-from splatgl.splat.layers.layers import Layer, Scene
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.clip import Plane
+from splatgl.splat.camera import Camera
+from splatgl.splat.clipping import Plane
+from splatgl.splat.colormaps import SOLID, labels_of, of_colors
+from splatgl.splat.presets import SURFACE
+from splatgl.splat.scene import LEAST, THROUGH, Layer, Scene
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -11,7 +11,7 @@ from qtpy.QtWidgets import QComboBox, QFileDialog, QHBoxLayout, QLabel, QPushBut
 from splatgl.app.napari.drawing import picture, told
 from splatgl.data.image import Image
 from splatgl.errors import InputError
-from splatgl.splat.plan.blend_mode import BLENDS
+from splatgl.splat.settings import BLENDS
 
 # least width of the picture in the panel, pixels
 LEAST_WIDTH = 320

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from splatgl.app.viewer.content import Content
     from splatgl.app.viewer.state import State
     from splatgl.app.viewer.viewer import Viewer
-    from splatgl.splat.classification.transfer import Transfer
+    from splatgl.splat.transfer import Transfer
 
 
 def arrived(viewer: Viewer, done: Done) -> None:

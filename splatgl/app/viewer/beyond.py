@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.extraction.records import as_points
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.splats import Splats, as_points
 
 # linear light: splats beyond z_k are blended towards TINT by SHARE; splats at the plane get the colour PLANE
 TINT, PLANE = np.array([0.9, 0.12, 0.02], np.float32), np.array([1.0, 0.85, 0.1], np.float32)

@@ -21,16 +21,16 @@ from splatgl.app.viewpoint import FOV, View
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume, coarser
 from splatgl.errors import expected
-from splatgl.splat.bricks.opaque import Opaque
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import Progress, extract, only_pre
-from splatgl.splat.extraction.splats import MOST_KEPT, Grid, Splats
-from splatgl.splat.layers.layers import Scene as Layers
-from splatgl.splat.plan.resolve import Resolved
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import kind, one_by_one
-from splatgl.splat.view.camera import Bounded, Camera
-from splatgl.splat.view.skin import skinned
+from splatgl.splat.camera import Bounded, Camera
+from splatgl.splat.culling import skinned
+from splatgl.splat.extract import Progress, extract, only_pre
+from splatgl.splat.grid import Grid
+from splatgl.splat.opaque_bounds import Opaque
+from splatgl.splat.resolve import Resolved, kind, one_by_one
+from splatgl.splat.scene import Scene as Layers
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import MOST_KEPT, Splats
+from splatgl.splat.transfer import Transfer
 
 # volumes with fewer voxels are not downsampled
 SMALL = 1 << 15

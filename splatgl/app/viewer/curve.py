@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from splatgl.splat.classification.statistics import Statistics
-from splatgl.splat.classification.transfer import Nodes, Transfer
+from splatgl.splat.statistics import Statistics
+from splatgl.splat.transfer import Nodes, Transfer
 
 # opacities below this share about as much of the axis as each decade above it
 FINE = 0.01

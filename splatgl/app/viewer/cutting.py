@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.view.clip import MOST_CLIPS, Plane, planes
-from splatgl.splat.view.cuts import index_plane, left
+from splatgl.splat.clipping import MOST_CLIPS, Plane, index_plane, left, planes
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.content import Content

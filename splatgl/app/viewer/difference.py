@@ -12,10 +12,10 @@ from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.jobs import Cancelled, Jobs
 from splatgl.data.image import Image
 from splatgl.errors import TOLD, told
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.layers.layers import Scene as Layers
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.scene import Scene as Layers
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import Splats
 from splatgl.truth import reference as truth
 
 if TYPE_CHECKING:

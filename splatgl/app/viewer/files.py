@@ -19,7 +19,7 @@ from splatgl.app.viewer.watch import Watch
 from splatgl.data.mesh import Mesh
 from splatgl.data.scenes import SCENES
 from splatgl.readers.remote import is_address
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.settings import Settings
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.state import State

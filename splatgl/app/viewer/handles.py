@@ -9,9 +9,8 @@ import numpy as np
 from splatgl.app.viewer.cutting import Cuts, box_planes
 from splatgl.app.viewer.sight import Place, nearest_on_line, ray, seen
 from splatgl.data.volume import Volume
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.clip import Plane
-from splatgl.splat.view.cuts import left
+from splatgl.splat.camera import Camera
+from splatgl.splat.clipping import Plane, left
 
 # pixels from a handle at which it is taken, at a content scale of 1
 NEAR = 12.0

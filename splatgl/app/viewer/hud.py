@@ -9,7 +9,7 @@ from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.difference import Difference
 from splatgl.app.viewer.pacing import FULL, Level
 from splatgl.app.viewer.state import State
-from splatgl.splat.plan.plan import Plan
+from splatgl.splat.plan import Plan
 
 
 @dataclass(frozen=True, eq=False)

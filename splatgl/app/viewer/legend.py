@@ -13,8 +13,8 @@ from splatgl.app.annotations.request import LEAST_SIDE
 from splatgl.app.annotations.subject import Subject
 from splatgl.data.volume import Volume
 from splatgl.gl.marks import Sprite
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.content import Content

@@ -15,7 +15,7 @@ from splatgl.app.viewer.sight import seen, segment
 from splatgl.app.viewer.slicing import left_of, outlines
 from splatgl.data.volume import Volume
 from splatgl.gl.marks import Color, Marks, Sprite, Stroke
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.content import Content

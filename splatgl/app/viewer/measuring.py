@@ -12,7 +12,7 @@ from splatgl.app.annotations.scale_bar import length_text
 from splatgl.app.viewer.sight import Place
 from splatgl.data.volume import Triple
 from splatgl.errors import InputError
-from splatgl.splat.layers.layers import Layer, Scene
+from splatgl.splat.scene import Layer, Scene
 from splatgl.truth.pick import Picked, pick
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ import numpy as np
 from splatgl.app.viewer.pose import NOTCH, Pose
 from splatgl.data.color import linear_from_srgb
 from splatgl.gl.screen import GROUNDS
-from splatgl.splat.plan.settings import choices
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.settings import choices
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.content import Content

@@ -15,8 +15,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from splatgl.splat.plan.resolve import AVERAGED
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.resolve import AVERAGED
+from splatgl.splat.settings import Settings
 
 # target seconds per frame in motion
 TARGET = 0.033

@@ -22,13 +22,13 @@ from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.state import State
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Look, Screen
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.motion.motion import Motion
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.plan import Plan
-from splatgl.splat.plan.suited import streaked
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.skin import FAITHFUL, outside
+from splatgl.splat.camera import Camera
+from splatgl.splat.culling import FAITHFUL, outside
+from splatgl.splat.motion import Motion
+from splatgl.splat.plan import Plan
+from splatgl.splat.resolve import streaked
+from splatgl.splat.settings import BLENDS
+from splatgl.splat.splats import Splats
 
 # minimum seconds between HUD updates in motion
 CALM = 0.25

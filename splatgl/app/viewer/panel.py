@@ -13,11 +13,11 @@ from splatgl.app.viewer.hud import Frame
 from splatgl.app.viewer.overlay import plain
 from splatgl.app.viewer.panel_curve import Curve
 from splatgl.app.viewer.state import BLURS, HIGHEST, State, refusal, thresholded
-from splatgl.splat.classification.colormap import CORE
-from splatgl.splat.classification.presets import PRESETS, preset
-from splatgl.splat.classification.statistics import Statistics
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.plan.settings import choices
+from splatgl.splat.colormaps import CORE
+from splatgl.splat.presets import PRESETS, preset
+from splatgl.splat.settings import choices
+from splatgl.splat.statistics import Statistics
+from splatgl.splat.transfer import Transfer
 
 # screen units
 WIDTH, MARGIN = 330.0, 8.0

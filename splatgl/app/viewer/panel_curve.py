@@ -10,8 +10,8 @@ from imgui_bundle import imgui, implot
 from splatgl.app.viewer import curve
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Volume
-from splatgl.splat.classification.statistics import Statistics, statistics
-from splatgl.splat.classification.transfer import Nodes, Transfer
+from splatgl.splat.statistics import Statistics, statistics
+from splatgl.splat.transfer import Nodes, Transfer
 
 # screen units at a content scale of 1: height of the plot, of the strip of colours below it, radius of a point
 HEIGHT, STRIP, POINT = 190.0, 10.0, 5.0

@@ -12,7 +12,7 @@ from splatgl.app.viewer.cutting import MOST_PLANES, Cuts, add_plane, cut
 from splatgl.app.viewer.marking import plane_color
 from splatgl.app.viewer.state import State
 from splatgl.data.volume import Volume
-from splatgl.splat.view.clip import Plane
+from splatgl.splat.clipping import Plane
 
 
 def draw(state: State, content: Content) -> State:

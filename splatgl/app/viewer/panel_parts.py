@@ -13,7 +13,7 @@ from splatgl.app.viewer.overlay import plain
 from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.state import State
 from splatgl.data.color import srgb_from_linear
-from splatgl.splat.classification.colormap import colormap
+from splatgl.splat.colormaps import colormap
 
 # shares of the panel's width
 NAME, OPACITY = 0.42, 0.26

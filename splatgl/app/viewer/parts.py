@@ -10,7 +10,7 @@ import numpy as np
 
 from splatgl.app.meshes import MeshFile
 from splatgl.data.mesh import Mesh
-from splatgl.splat.classification.transfer import OPAQUE, Transfer
+from splatgl.splat.transfer import OPAQUE, Transfer
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.measuring import under_cursor
 from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.state import State
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.clip import Clip, Plane
-from splatgl.splat.view.view import eye_from_index
+from splatgl.splat.camera import Camera
+from splatgl.splat.clipping import Clip, Plane
+from splatgl.splat.splats import Splats
+from splatgl.splat.view import eye_from_index
 
 # splats within this many voxels of the ray count; the ray ends at this optical depth
 WITHIN = 1.0

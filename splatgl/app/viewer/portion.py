@@ -12,11 +12,10 @@ import numpy as np
 
 from splatgl.data.volume import FEWEST, Volume, coarser
 from splatgl.fileio import budget, size_of
-from splatgl.splat.bricks.estimate import need
-from splatgl.splat.bricks.within import bricks_of
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.splats import MOST_KEPT
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.bricks import bricks_of, need
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import MOST_KEPT
+from splatgl.splat.transfer import Transfer
 
 # voxels that are read and shown at once, of a stand-in at most, and of a level that has coarser ones at most
 LARGE, STAND_IN, MOST_OF_LEVEL = 1 << 23, 1 << 23, 1 << 28

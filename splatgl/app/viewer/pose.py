@@ -12,7 +12,7 @@ import numpy as np
 from splatgl.app.viewer.sight import Place
 from splatgl.app.viewpoint import View
 from splatgl.data.volume import Triple
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
 
 # minimum pivot depth as a fraction of the scene's radius, so that zooming can pass through the pivot
 NEAREST = 0.05

@@ -19,11 +19,10 @@ from splatgl.app.viewer.state import State
 from splatgl.data.image import Image
 from splatgl.errors import TOLD, expected, told
 from splatgl.fileio import overwrites, write_whole
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.layers.layers import Scene as Layers
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.scene import Scene as Layers
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.splats import Splats
 
 Draw = Callable[[Splats | Layers, Camera, Settings], Image]
 Add = Callable[[Image], Image]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
 
 # depth in front of a perspective eye, in heights of what it shows at depth 1, at which lines are cut off
 NEAR = 1e-6

@@ -11,7 +11,7 @@ import numpy as np
 
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Triple, Volume
-from splatgl.splat.classification.transfer import Transfer
+from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.content import Content

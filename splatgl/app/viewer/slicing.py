@@ -16,7 +16,7 @@ from splatgl.app.viewer.slices import ANATOMY, Pane, Slices, colors, grey, panes
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.gl.marks import Color, Marks, Sprite, Stroke
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.content import Content

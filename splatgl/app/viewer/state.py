@@ -17,11 +17,10 @@ from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.slices import Slices
 from splatgl.errors import InputError
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.motion.blur import MOTIONS
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.plan import plan
-from splatgl.splat.plan.settings import Settings, choices
+from splatgl.splat.motion_blur import MOTIONS
+from splatgl.splat.plan import plan
+from splatgl.splat.settings import BLENDS, Settings, choices
+from splatgl.splat.transfer import Transfer
 
 COMPARE = ("off", "split", "difference")
 # what is said of the picture

@@ -18,15 +18,14 @@ from splatgl.app.viewer.parts import Look, bare, dressed, read
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.splat.extraction.extract import Progress
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.layers.layers import MOST_LAYERS, Layer, check_layer
-from splatgl.splat.layers.layers import Scene as Layers
-from splatgl.splat.plan.blend_mode import BLENDS
-from splatgl.splat.plan.resolve import Resolved
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.camera import Bounded
-from splatgl.splat.view.clip import Plane
+from splatgl.splat.camera import Bounded
+from splatgl.splat.clipping import Plane
+from splatgl.splat.extract import Progress
+from splatgl.splat.resolve import Resolved
+from splatgl.splat.scene import MOST_LAYERS, Layer, check_layer
+from splatgl.splat.scene import Scene as Layers
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.splats import Splats
 
 # pictures' layers that are kept: those of each stride, and with the cuts before
 MOST_DRAWN = 2 * len(STRIDES)

@@ -12,9 +12,9 @@ import numpy as np
 
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import FEWEST, Places, Volume
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import extract
-from splatgl.splat.extraction.splats import Grid
+from splatgl.splat.extract import extract
+from splatgl.splat.grid import Grid
+from splatgl.splat.transfer import Transfer
 
 # voxels around a box on which its gradients depend
 HALO = 1

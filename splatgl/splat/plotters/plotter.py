@@ -10,14 +10,14 @@ from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.integrations.vtk.image_data import image_data, library, poly_data
-from splatgl.splat.classification.mesh_colors import painted
-from splatgl.splat.classification.shading import Light
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.layers.layers import Layer, Scene
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.camera import Camera
+from splatgl.splat.clipping import Plane
+from splatgl.splat.colormaps import painted
+from splatgl.splat.lighting import Light
 from splatgl.splat.plotters.properties import property_of
-from splatgl.splat.view.camera import Camera
-from splatgl.splat.view.clip import Plane
+from splatgl.splat.scene import Layer, Scene
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
 
 # the view of a scene whose camera is not given, degrees
 AZIMUTH, ELEVATION = 30.0, 20.0

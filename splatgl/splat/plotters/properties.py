@@ -9,9 +9,9 @@ import numpy as np
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.splat.classification.colormap import of_colors
-from splatgl.splat.classification.shading import Light
-from splatgl.splat.classification.transfer import Nodes, Transfer
+from splatgl.splat.colormaps import of_colors
+from splatgl.splat.lighting import Light
+from splatgl.splat.transfer import Nodes, Transfer
 
 # values at which functions that are not linear between their nodes are looked up, and control colours at most
 SAMPLES, COLORS = 1024, 256

@@ -9,11 +9,11 @@ import numpy as np
 
 from splatgl.data.color import linear_from_srgb
 from splatgl.errors import expected
-from splatgl.splat.layers.layers import Scene
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.camera import Camera
 from splatgl.splat.plotters.actors import meshes_of
 from splatgl.splat.plotters.volumes import blend_of, layers_of
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.scene import Scene
+from splatgl.splat.settings import Settings
 
 # VTK's numbers of kinds of light: at the eye, and where it is in the camera's axes
 AT_EYE, OF_CAMERA = 1, 2

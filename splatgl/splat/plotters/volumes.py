@@ -13,10 +13,10 @@ from splatgl.data.arrays import ArrayOptions
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.integrations.vtk.image_data import chosen, of_components, of_vtk
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.layers.layers import Layer
+from splatgl.splat.clipping import Plane
 from splatgl.splat.plotters.properties import transfer_of
-from splatgl.splat.view.clip import Plane
+from splatgl.splat.scene import Layer
+from splatgl.splat.transfer import Transfer
 
 # VTK's numbers of ways to choose samples by the name or number of an array, and of the part that is cropped
 BY_NAME, SUBVOLUME = (3, 4), 0x2000

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.motion.blur import MOTIONS, energy_gain, paper_gain, streak, stretched
+from splatgl.splat.kernels import kernel
+from splatgl.splat.motion_blur import MOTIONS, energy_gain, paper_gain, streak, stretched
 from splatgl.truth.figures.style import BLACK, BLUE, GRAY, GREEN, RED, bare, measure, plain, sheet
 from splatgl.truth.figures.tables import Table
 

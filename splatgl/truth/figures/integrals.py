@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.splat.integral.table1 import row1
+from splatgl.splat.footprint import row1
 from splatgl.truth.figures.setting import PAPER, Setting
 from splatgl.truth.figures.shapes import Stretched
 from splatgl.truth.figures.style import BLACK, GRAY, LINES, sheet

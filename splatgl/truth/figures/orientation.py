@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.splat.integral.table1 import Splat
-from splatgl.splat.kernel.kernels import Kernel, kernel
+from splatgl.splat.footprint import Splat
+from splatgl.splat.kernels import Kernel, kernel
 from splatgl.truth.figures.style import BLACK, BLUE, GRAY, RED, bare, sheet
 from splatgl.truth.figures.tables import Table
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
 from splatgl.truth.figures.setting import straight_ahead
 from splatgl.truth.figures.style import BLACK, BLUE, GRAY, PALE, RED, bare, measure, plain, sheet
 from splatgl.truth.figures.tables import Table

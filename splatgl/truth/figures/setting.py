@@ -10,8 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from splatgl.splat.kernel.kernels import Gaussian
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.kernels import Gaussian
 
 # fraction of the volume's length before z_k in the paper's plots: 102.4 of 512
 BEFORE = 0.2

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.kernel.kernels import Kernel
+from splatgl.splat.kernels import Kernel
 
 
 @dataclass(frozen=True)

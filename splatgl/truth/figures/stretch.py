@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.splat.integral.table1 import Splat, row1
-from splatgl.splat.kernel.kernels import kernel
+from splatgl.splat.footprint import Splat, row1
+from splatgl.splat.kernels import kernel
 from splatgl.truth.figures.setting import straight_ahead
 from splatgl.truth.figures.shapes import Stretched
 from splatgl.truth.figures.style import BLACK, BLUE, GRAY, LINES, PALE, RED, bare, measure, plain, sheet

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.integral.table1 import Splat
-from splatgl.splat.kernel.kernels import Kernel
+from splatgl.splat.footprint import Splat
+from splatgl.splat.kernels import Kernel
 from splatgl.truth.figures.worst import Form
 
 # positions of the ray within a voxel, along each axis

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.integral.approximations import FORMS
-from splatgl.splat.integral.table1 import ROWS, Splat, row1
-from splatgl.splat.kernel.kernels import Kernel
+from splatgl.splat.footprint import FORMS, ROWS, Splat, row1
+from splatgl.splat.kernels import Kernel
 
 Form = Callable[[Splat], np.ndarray]
 ALL: dict[str, Form] = {**ROWS, **FORMS}

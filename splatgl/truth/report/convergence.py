@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.scenes import ball
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import extract
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.plan.settings import Footprint, Settings
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.extract import extract
+from splatgl.splat.settings import Footprint, Settings
+from splatgl.splat.splats import Splats
+from splatgl.splat.transfer import Transfer
 from splatgl.truth import reference
 from splatgl.truth.drawing import Renderer
 from splatgl.truth.field import field_integral

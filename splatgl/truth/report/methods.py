@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from splatgl.errors import expected
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.settings import Settings
 
 # references for errors, and what each reveals
 TRUTHS = {

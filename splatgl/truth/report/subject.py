@@ -12,13 +12,12 @@ import numpy as np
 from splatgl.data.scenes import Formula
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import POST_KERNEL
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.plan.resolve import depth_range
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.plan.suited import kind
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.extract import POST_KERNEL
+from splatgl.splat.resolve import depth_range, kind
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import Splats
+from splatgl.splat.transfer import Transfer
 from splatgl.truth.report.methods import Method
 
 # (threshold, number of 2× downsamplings, kernel of values that are classified after reconstruction, else "") → splats

@@ -9,7 +9,7 @@ from collections.abc import Callable, Hashable
 
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.settings import Settings
 from splatgl.truth.drawing import Planner
 from splatgl.truth.report.errors import errors
 from splatgl.truth.report.methods import Method, axis_of, methods

@@ -15,8 +15,8 @@ from splatgl.data.scenes import Formula
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import write_whole
-from splatgl.splat.extraction.extract import POST_KERNEL
-from splatgl.splat.plan.settings import Settings
+from splatgl.splat.extract import POST_KERNEL
+from splatgl.splat.settings import Settings
 from splatgl.truth import reference
 from splatgl.truth.drawing import Renderer
 from splatgl.truth.field import Field, field_integral

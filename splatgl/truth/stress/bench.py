@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.splat.extraction.extract import extract
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.extract import extract
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import Splats
 from splatgl.truth import reference
 from splatgl.truth.drawing import Renderer
 

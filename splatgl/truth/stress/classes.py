@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.extract import POST_KERNEL, extract
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.kernel.kernels import FREE
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.extract import POST_KERNEL, extract
+from splatgl.splat.kernels import FREE
+from splatgl.splat.splats import Splats
+from splatgl.splat.transfer import Transfer
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import UP, middle, optical_depth, parallel

@@ -8,10 +8,10 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.plan.settings import choices
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.kernels import kernel
+from splatgl.splat.settings import choices
+from splatgl.splat.splats import Splats
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import alpha, block, parallel

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.integral.approximations import half_line
-from splatgl.splat.integral.quads import NEAR
-from splatgl.splat.kernel.kernels import Gaussian, kernel
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.footprint import NEAR, half_line
+from splatgl.splat.kernels import Gaussian, kernel
+from splatgl.splat.splats import Splats
 from splatgl.truth.stress.bench import Bench, voxels
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import ahead, alpha, block, dots, middle, noise, transfer

@@ -9,9 +9,9 @@ from itertools import product
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.kernels import kernel
+from splatgl.splat.splats import Splats
 from splatgl.truth.stress.bench import Bench, voxels
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import alpha, transfer

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.integral.approximations import half_line
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.footprint import half_line
+from splatgl.splat.kernels import kernel
 from splatgl.truth.stress.bench import Bench, voxels
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import UP, ahead, alpha, block, dots, noise, parallel, transfer

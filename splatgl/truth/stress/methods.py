@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.data.scenes import ball
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.plan.resolve import depth_range
-from splatgl.splat.plan.settings import Settings
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.resolve import depth_range
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
 from splatgl.truth import reference
 from splatgl.truth.report.methods import DEFAULT, methods
 from splatgl.truth.stress.bench import Bench, voxels

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.splat.classification.transfer import OPAQUE
+from splatgl.splat.transfer import OPAQUE
 from splatgl.truth.stress.bench import Bench, voxels
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import alpha, dots, middle, parallel, peak, transfer

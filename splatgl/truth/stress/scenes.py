@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from splatgl.data.volume import Volume
-from splatgl.splat.classification.transfer import Transfer
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.view.camera import Camera, Vector
+from splatgl.splat.camera import Camera, Vector
+from splatgl.splat.kernels import kernel
+from splatgl.splat.splats import Splats
+from splatgl.splat.transfer import Transfer
 from splatgl.truth.stress.bench import voxels
 
 # rows of pixels run along +y, columns along +x, for an eye that looks along +z

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.data.volume import Triple, Volume
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.kernels import kernel
 from splatgl.truth.stress.bench import Bench, voxels
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import alpha, dots, noise, transfer

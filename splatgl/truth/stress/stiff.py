@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.splat.extraction.splats import Splats
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.splats import Splats
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import UP, alpha, dots, middle, optical_depth, parallel

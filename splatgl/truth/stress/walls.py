@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.kernel.kernels import kernel
-from splatgl.splat.view.camera import Camera
+from splatgl.splat.camera import Camera
+from splatgl.splat.kernels import kernel
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.case import Case, Check, check
 from splatgl.truth.stress.scenes import alpha, block, optical_depth

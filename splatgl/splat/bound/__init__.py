@@ -1,1 +1,0 @@
-"""Error bounds of rendered pictures."""

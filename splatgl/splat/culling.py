@@ -1,0 +1,349 @@
+"""Frustum, block, hidden-splat culling; screen bounds.
+
+Values of the field on the plane depend on voxels behind it, too: of those classified after reconstruction so many are
+kept, as rays begin at the plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+
+from splatgl.splat.camera import Camera
+from splatgl.splat.kernels import kernel
+from splatgl.splat.motion import Exposure
+from splatgl.splat.resolve import Resolved
+from splatgl.splat.splats import LatestParts, Splats
+from splatgl.splat.view import View, between, tangents
+
+# rounding: a splat behind the plane by less than this share of its distance from the eye counts as on it
+ON_PLANE = 1e-9
+# kernel radii behind the plane, across it, within which values on it and in the sheets around it depend on voxels
+BEHIND = 3.0
+# cache: of the latest plane through the eye
+_latest_ahead = LatestParts()
+
+
+def ahead(splats: Splats, camera: Camera) -> Splats:
+    """The splats not behind a parallel view's eye, of labels those not wholly behind it; all in a perspective view.
+    Caches the latest result.
+    """
+    if camera.perspective or not len(splats):
+        return splats
+    depth = camera.eye_from_points(splats.corners)
+    if depth[:, 2].min() >= 0.0:
+        return splats
+    plane = (*camera.eye.tolist(), *camera.forward.tolist())
+    slack = ON_PLANE * float(np.linalg.norm(depth, axis=1).max())
+    if splats.labels is not None:
+        # a box is cut where the plane cuts it
+        slack += 0.5 * float(np.abs(camera.forward @ splats.grid.world_from_index).sum())
+    return _latest_ahead.of(splats, plane, lambda: _kept(splats, camera, slack))
+
+
+def _kept(splats: Splats, camera: Camera, slack: float) -> np.ndarray:
+    """bool [N]: which splats are not behind the eye by more than `slack`, world units."""
+    normal = camera.forward @ splats.grid.world_from_index
+    offset = camera.forward @ (splats.grid.origin - camera.eye)
+    if splats.post is not None:
+        slack += BEHIND * kernel(splats.post.kernel).radius * float(np.linalg.norm(normal))
+    return np.asarray(splats.positions @ normal + offset >= -slack)
+
+
+# splats per block: BLOCK in tile_place.frag
+BLOCK = 256
+# pixels added to the picture: a tile may cross its edge
+BLOCK_MARGIN = 8
+# beyond z_k a footprint's radius is R pixels, times √2 for slant, plus a margin for its first-order terms
+STRETCHED = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Frustum:
+    """Planes through the picture's edges, in eye axes and mean spacings; fields are [2], along x and y.
+
+    edge: slopes, or lengths, from the middle to the planes. support: largest distance beyond them from which a kernel
+    still reaches them, times the length of (1, edge). stretch: the same at depth 1 for a widened kernel.
+    """
+
+    view: View
+    edge: np.ndarray
+    support: np.ndarray
+    stretch: np.ndarray
+
+    @classmethod
+    def of(cls, view: View) -> Frustum:
+        """The planes of a view's picture, MARGIN pixels beyond its edges."""
+        edge = view.edge + BLOCK_MARGIN * view.pitch
+        normals = np.zeros((2, 2, 3))
+        for axis in (0, 1):
+            normals[axis, :, axis] = 1.0
+            normals[axis, :, 2] = edge[axis] * np.array([-1, 1]) if view.perspective else 0.0
+        support = view.kernel.radius * np.linalg.norm(normals @ view.eye_from_index, axis=-1).max(axis=1)
+        widest = STRETCHED * view.kernel.radius * view.pitch * view.antialias
+        if not view.perspective:
+            return cls(view, edge, np.maximum(support, widest), np.zeros(2))
+        return cls(view, edge, support, np.full(2, widest * (1 + float(np.hypot(*edge)))))
+
+    def reached(self, center: np.ndarray, half: np.ndarray | None = None) -> np.ndarray:
+        """Whether splats within `half` [3, N] of `center` [3, N], eye axes, may be visible; bool [N]."""
+        half = np.zeros_like(center) if half is None else half
+        furthest = center[2] + half[2] if self.view.perspective else np.ones(center.shape[1:])
+        beyond = np.abs(center[:2]) - half[:2] - self.edge[:, None] * furthest
+        reach = np.maximum(self.support[:, None], self.stretch[:, None] * furthest)
+        ahead = center[2] + half[2] > -self.view.reach if self.view.perspective else True
+        return np.asarray((beyond <= reach * (1 + 1e-3) + 1e-3 * self.support[:, None]).all(axis=0) & ahead)
+
+
+def boxes(positions: np.ndarray) -> np.ndarray:
+    """Bounding boxes of each BLOCK of positions [N, 3], grid indices: centre and half sides [blocks, 6]."""
+    if not len(positions):
+        return np.zeros((0, 6))
+    begins = np.arange(0, len(positions), BLOCK)
+    low, high = (extreme.reduceat(positions, begins).astype(np.float64) for extreme in (np.minimum, np.maximum))
+    return np.concatenate([(low + high) / 2, (high - low) / 2], axis=1)
+
+
+def shown(around: np.ndarray, frustum: Frustum) -> np.ndarray:
+    """Which boxes [blocks, 6] may contain a visible splat; bool [blocks]."""
+    view = frustum.view
+    return frustum.reached(view.voxels(around[:, :3]), np.abs(view.eye_from_index) @ around[:, 3:].T)
+
+
+# pixels around the outline, for rounding
+OUTLINE_MARGIN = 1.0
+
+
+def beside_box(view: View, shape: tuple[int, int, int], window: Window, side: tuple[int, int]) -> np.ndarray:
+    """bool [tiles]: whether a tile lies beside the outline of the box of `shape` voxels (x, y, z) with their cells.
+
+    Tiles of `side` pixels (x, y) cover the window row by row. None does if the eye's plane is not in front of the box.
+    """
+    across, down = (-(-size // pixels) for size, pixels in zip((window.width, window.height), side, strict=True))
+    ends = [(-0.5, size - 0.5) for size in shape]
+    corners = view.voxels(np.array(list(product(*ends))))
+    if view.perspective and corners[2].min() <= view.depth_reach:
+        return np.zeros(across * down, bool)
+    depth = corners[2] if view.perspective else np.ones(8)
+    places = (corners[:2] / depth).T / view.pitch + np.array(view.size) / 2
+    # centres of tiles, and half of what their pixels' centres span
+    half = (np.array(side) - 1) / 2
+    x = window.x + np.arange(across) * side[0] + side[0] / 2
+    y = window.y + np.arange(down) * side[1] + side[1] / 2
+    found = np.zeros((down, across), bool)
+    for a, b in combinations(places, 2):
+        along = b - a
+        length = float(np.hypot(*along))
+        if length < 1e-6:
+            continue
+        normal = np.array([along[1], -along[0]]) / length
+        apart = (places - a) @ normal
+        # an edge of the outline has all corners on one side
+        for sign in (1.0, -1.0):
+            if (sign * apart).max() <= 1e-6:
+                reach = sign * ((x - a[0]) * normal[0] + (y[:, None] - a[1]) * normal[1]) - np.abs(normal) @ half
+                found |= reach > OUTLINE_MARGIN
+    return found.ravel()
+
+
+# half lines are compiled in if a splat is nearer in depth than this many kernel reaches; tiles take them for those
+# nearer than HAS_PLACE reaches, the others have a place in the picture. Between the two both draw the same, so that no
+# rounding of float32 decides whether a splat is drawn
+AROUND_EYE, HAS_PLACE = 2.0, 1.5
+# a moving kernel's centre is near within this many radii: the root of HALF_LINE_REACH, with a margin
+NEAR_RADII = 1.06
+# quads: a kernel is around the eye if its centre is nearer than √HALF_LINE_REACH radii
+HALF_LINE_REACH = 1.1
+
+
+def eye_is_near(splats: Splats, view: View, exposure: Exposure | None) -> bool:
+    """Whether a potentially visible splat is around the eye; perspective views only."""
+    if not len(splats):
+        return False
+    low, high = splats.index_bounds
+    if exposure is not None:
+        # within reach of the box of all centres, flow included
+        near = NEAR_RADII * view.kernel.radius
+        if exposure.flow is not None:
+            near += float(np.linalg.norm(exposure.drift(splats), axis=1).max())
+        return bool(np.linalg.norm(view.eye_index - np.clip(view.eye_index, low, high)) < near)
+    box = np.where(view.eye_from_index[2] > 0, low, high) - view.eye_index
+    if view.eye_from_index[2] @ box > AROUND_EYE * view.reach:
+        return False
+    return bool(Frustum.of(view).reached(between(splats, view, -view.reach, AROUND_EYE * view.reach)).any())
+
+
+# splats within this many kernel reaches of the eye's plane may cover the whole picture
+CLEARANCE = 2.0
+# iterations for the furthest centre beyond the edge: each step is a tenth of the last
+ROUNDS = 5
+# pixels around the window, for rounding
+BOUNDS_MARGIN = 2
+# pixels around a splat: rasterisers snap positions to 1/256 of a pixel or finer, and float32 rounds them
+PIXEL_MARGIN = 2.0**-5
+
+
+@dataclass(frozen=True)
+class Window:
+    """A rectangle of pixels, (x, y) its first."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        """(x, y, width, height) in pixels."""
+        return self.x, self.y, self.width, self.height
+
+
+@dataclass(frozen=True)
+class ScreenBounds:
+    """Screen extent of a picture's splats.
+
+    window: all pixels that they reach. mean_depth: of the centre of their box, in mean spacings.
+    """
+
+    window: Window
+    mean_depth: float
+
+
+def screen_bounds(box: np.ndarray, view: View) -> ScreenBounds:
+    """The bounds of all splats within a box; the whole picture if the eye is near. box [8, 3]: its corners, grid."""
+    corners, size = view.voxels(box), view.size
+    steps = view.eye_from_index * view.kernel.radius
+    if not view.perspective:
+        half = max(float(np.linalg.norm(steps[:2], axis=1).max()) / view.pitch, STRETCHED * view.kernel.radius)
+        return ScreenBounds(_window(corners[:2].T / view.pitch, half, size), float(corners[2].mean()))
+    # the deepest reach, and the nearest centre
+    deep, nearest = float(np.linalg.norm(steps[2])), float(corners[2].min())
+    middle = max(float(corners[2].mean()), deep, 1e-9)
+    if nearest <= CLEARANCE * deep:
+        return ScreenBounds(Window(0, 0, *size), middle)
+    # the largest are centred beyond the edge and still reach into the picture
+    across = steps[:2]
+    furthest = np.array([_furthest(nearest, edge, s, steps[2]) for edge, s in zip(view.edge, across, strict=True)])
+    sides = [_sides(nearest, slope, step, steps[2]) for slope, step in zip(furthest, across, strict=True)]
+    stretched = STRETCHED * view.kernel.radius * (1 + float(np.hypot(*furthest)))
+    half = max(max(max(side) for side in sides) / view.pitch, stretched)
+    return ScreenBounds(_window((corners[:2] / corners[2]).T / view.pitch, half, size), middle)
+
+
+def _sides(z: float, slope: float, step: np.ndarray, deep: np.ndarray) -> tuple[float, float]:
+    """Extents, in slopes, of an ellipsoid at (slope z, z), inwards and outwards, on either side of the view.
+
+    step, deep: components of its half axes along the picture and along depth.
+    """
+    below, above = zip(*(tangents(slope * z, z, step, turn * deep) for turn in (1, -1)), strict=True)
+    return float(max(below)), float(max(above))
+
+
+def _furthest(z: float, edge: float, step: np.ndarray, deep: np.ndarray) -> float:
+    """The slope of the furthest centre beyond the edge whose splat still reaches it."""
+    beyond = 0.0
+    for _ in range(ROUNDS):
+        beyond = _sides(z, edge + beyond, step, deep)[0]
+    return edge + beyond * (1 + 1e-3)
+
+
+def _window(places: np.ndarray, half: float, size: tuple[int, int]) -> Window:
+    """The pixels within `half` of positions [N, 2], in pixels from the picture's centre."""
+    middle = np.array(size) / 2
+    low = np.clip(np.floor(places.min(axis=0) + middle - half) - BOUNDS_MARGIN, 0, size)
+    high = np.clip(np.ceil(places.max(axis=0) + middle + half) + BOUNDS_MARGIN, 0, size)
+    (x, y), (right, bottom) = low.astype(int), high.astype(int)
+    return Window(int(x), int(y), int(right - x), int(bottom - y))
+
+
+# a splat is hidden behind layers of cells, at most LAYERS in every direction, of this total optical depth:
+# e^−6.2 = 0.002 of its light is transmitted, half of the tolerance below which nothing is culled
+LAYERS, HIDING, FAITHFUL = 4, 6.2, 1 / 256
+# maximum number of cells, since the whole box is processed
+CELLS = 1 << 27
+# minimum fraction of culled splats that justifies a copy
+WORTH = 0.3
+# boxes of labels are hidden behind a total optical depth of which 6e−6 of the light passes; of fewer all are drawn
+OPAQUE, FEW = 12.0, 1 << 14
+# cache: what is exposed of the latest splats
+_latest_skin = LatestParts()
+
+
+def skinned(splats: Splats) -> Splats:
+    """The splats without those hidden from every side; the same object if hardly any are, or if they are classified
+    after reconstruction.
+
+    Valid for composite images from outside of the splats' box with no splat beyond z_k: there footprints are
+    attenuated, and the matter behind them contributes.
+    """
+    if splats.post is not None or not len(splats):
+        return splats
+    keep = _seen(splats, HIDING)
+    if keep.mean() > 1.0 - WORTH:
+        return splats
+    return splats.part(keep, among_all=True)
+
+
+def exposed(splats: Splats, resolved: Resolved) -> Splats:
+    """Boxes of labels that a picture may show, without those that others hide from every side, if it is seen from
+    outside of all and nothing is cut; of other splats all. Caches the latest result.
+    """
+    blended = not resolved.boxes or not resolved.look.blend.ordered or resolved.clip is not None
+    if blended or len(splats) < FEW:
+        return splats
+    camera, (low, high) = resolved.camera, splats.index_bounds + np.array([[-0.5], [0.5]])
+    place = splats.grid.index_from_world(camera.eye)
+    if camera.perspective:
+        if not ((place < low).any() or (place > high).any()):
+            return splats
+    elif camera.eye_from_points(splats.corners)[:, 2].min() < 0:
+        return splats
+
+    def keeps() -> np.ndarray:
+        keep = _seen(splats, OPAQUE * splats.grid.mean_spacing / splats.grid.smallest_spacing)
+        return keep if keep.mean() <= 1.0 - WORTH else np.ones(len(splats), bool)
+
+    return _latest_skin.of(splats, OPAQUE, keeps)
+
+
+def _seen(splats: Splats, hiding: float) -> np.ndarray:
+    """bool [N]: which splats are not behind layers of cells of that total depth, a mean spacing each, on every side."""
+    cells = _cells(splats)
+    shape = cells.max(axis=0) + 1 if len(splats) else np.zeros(3, np.int64)
+    if not 0 < np.prod(shape, dtype=np.float64) <= CELLS:
+        return np.ones(len(splats), bool)
+    depth = np.zeros(shape, np.float32)
+    depth[tuple(cells.T)] = splats.records["optical_depth"]
+
+    # hidden by any number of layers, up to LAYERS, each dense enough
+    hidden = np.zeros(shape, bool)
+    for layer in range(1, LAYERS + 1):
+        for axis in range(3):
+            depth = _least(depth, axis)
+        hidden |= depth >= hiding / layer
+        if not (depth >= hiding / LAYERS).any():
+            break
+    return ~hidden[tuple(cells.T)]
+
+
+def outside(splats: Splats, eye: np.ndarray) -> bool:
+    """Whether an eye position, world, is outside of the splats' box."""
+    low, high = splats.index_bounds
+    place = splats.grid.index_from_world(eye)
+    return bool((place < low).any() or (place > high).any())
+
+
+def _cells(splats: Splats) -> np.ndarray:
+    """Cell indices relative to the lowest."""
+    cells = splats.cells.astype(np.int64)
+    return np.asarray(cells - cells.min(axis=0)) if len(cells) else cells
+
+
+def _least(array: np.ndarray, axis: int) -> np.ndarray:
+    """Minimum of each value and its two neighbours along an axis; 0 at the ends."""
+    across = np.moveaxis(array, axis, 0)
+    least = np.zeros_like(across)
+    np.minimum(np.minimum(across[:-2], across[1:-1]), across[2:], out=least[1:-1])
+    return np.moveaxis(least, 0, axis)

@@ -1,0 +1,416 @@
+"""Extract(): entry and pre-classification.
+
+It reads the volume slab by slab.
+
+Each splat depends only on its voxel and six neighbours, so the result is bit-identical for any slab size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+
+from splatgl.data.color import linear_from_srgb
+from splatgl.data.volume import Slab, Volume
+from splatgl.errors import InputError, expected
+from splatgl.splat.extract_values import extract_post
+from splatgl.splat.grid import Grid
+from splatgl.splat.kernels import kernel as kernel_named
+from splatgl.splat.label_normals import HALO, LabelNormals
+from splatgl.splat.preintegration import PostClassified, active_range, faced, opaque_intervals, transparent
+from splatgl.splat.splats import (
+    MOST_KEPT,
+    NORMAL_SCALE,
+    Gathered,
+    Splats,
+    assemble,
+    in_parts,
+    record_type,
+    stored_color,
+)
+from splatgl.splat.transfer import Transfer
+
+if TYPE_CHECKING:
+    from splatgl.splat.scene import Scene
+
+
+# voxels in a slab: temporaries stay near 100 MB, numpy's overhead a thousandth
+SLAB_VOXELS = 1 << 22
+# kernel of values that are classified after reconstruction: its means are nearest to known fields
+POST_KERNEL = "b-spline"
+# ranges of values over which the steps of a table are numbers of float64
+LEAST_SPAN, MOST_SPAN = 1e-290, 1e300
+# largest ratio between reference length and spacing, either way: both fit float32
+MOST_UNIT = 1e30
+
+Progress = Callable[[Iterator[Any], int], Iterator[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Where splats come from, so that pictures which take others of the same volume can extract them.
+
+    many: whether values would be more than MOST_KEPT. made: those that are extracted, by classification and kernel.
+    """
+
+    volume: Volume
+    transfer: Transfer
+    threshold: float
+    slab: int | None = None
+    many: bool = False
+    made: dict[tuple[str, str], Splats] = field(default_factory=dict)
+
+    @property
+    def only_pre(self) -> str | None:
+        """What takes splats that are classified before reconstruction; None if both kinds can be extracted."""
+        return only_pre(self.volume, self.transfer, self.threshold)
+
+    def splats(self, classification: str, kernel: str) -> Splats:
+        """The splats for that classification, and for that kernel if they are classified after; extracted once."""
+        key = classification, kernel
+        if key not in self.made:
+            self.made[key] = extract(
+                self.volume, self.transfer, self.threshold, self.slab, classification=classification, kernel=kernel
+            )
+        return self.made[key]
+
+
+@overload
+def extract(
+    volume: Volume,
+    transfer: Transfer,
+    threshold: float = 0.0,
+    slab: int | None = None,
+    progress: Progress | None = None,
+    classification: str = "auto",
+    kernel: str = POST_KERNEL,
+) -> Splats: ...
+
+
+@overload
+def extract(volume: Volume, transfer: Sequence[Transfer], threshold: float = 0.0) -> Scene: ...
+
+
+def extract(
+    volume: Volume,
+    transfer: Transfer | Sequence[Transfer],
+    threshold: float = 0.0,
+    slab: int | None = None,
+    progress: Progress | None = None,
+    classification: str = "auto",
+    kernel: str = POST_KERNEL,
+) -> Splats | Scene:
+    """The splats of all finite voxels that the transfer function asks for, in row order. Of several transfer functions,
+    one for each of the volume's channels: the scene of these layers, extracted when it is drawn.
+
+    classification "pre": colours and opacities of voxels with t = F(∇, ρ) > threshold. "post": values and gradients
+    for `kernel`, which are classified after reconstruction, of all voxels that opaque points need; "post-all": of all,
+    as blends of one value need; "post-lean": without the quarter of "post" that only the rims of kernels need, for
+    pictures in motion; these for volumes without colours, and without a threshold. "auto": post where it is possible,
+    of at most MOST_KEPT voxels, else pre; a picture whose settings take others extracts those once, from the volume,
+    which the splats keep.
+
+    threshold is an opacity per reference length in [0, 1); slab: planes, or as many voxels, read at a time.
+    progress wraps the iteration over such parts (parts, their number). Raises InputError for a threshold
+    outside [0, 1), for a unit that float32 can't hold in spacings, and for more or fewer functions than channels.
+    """
+    if not isinstance(transfer, Transfer):
+        return _layers(volume, list(transfer), threshold)
+    if not 0.0 <= threshold < 1.0:
+        raise expected("threshold", "an opacity of at least 0 and less than 1", threshold)
+    if classification not in ("auto", "pre", "post", "post-all", "post-lean"):
+        raise expected("classification", "auto, pre, post, post-all or post-lean", repr(classification))
+    spacing = Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
+    unit = transfer.unit or spacing
+    if not 1 / MOST_UNIT <= unit / spacing <= MOST_UNIT:
+        raise expected("unit", f"a length within {MOST_UNIT:g} of the spacing, {spacing:g}", f"{unit:g}")
+    depth, height, width = volume.shape
+    planes = slab or max(1, SLAB_VOXELS // (height * width))
+    why = only_pre(volume, transfer, threshold)
+    if classification == "pre" or (classification == "auto" and why):
+        found = extract_pre(volume, transfer, threshold, planes, progress)
+    elif why:
+        raise InputError(f"{volume.name or 'volume'}: only classification pre is possible, because of {why}")
+    else:
+        post = PostClassified.of(transfer, kernel, (width, height, depth), classification == "post-all")
+        post = replace(post, lean=classification == "post-lean")
+        found = extract_post(volume, post, kernel_named(kernel), planes * height * width, progress)
+    found = replace(found, frame=volume.frame)
+    if classification != "auto":
+        return found
+    many = found.post is not None and len(found) > MOST_KEPT
+    if many:
+        found = replace(extract_pre(volume, transfer, threshold, planes, progress), frame=volume.frame)
+    return replace(found, source=Source(volume, transfer, threshold, slab, many))
+
+
+def _layers(volume: Volume, transfers: list[Transfer], threshold: float) -> Scene:
+    """The scene of a volume's channels."""
+    from splatgl.splat.scene import Layer, Scene
+
+    channels = volume.channels or (volume,)
+    if len(transfers) != len(channels):
+        raise expected("transfer", f"one, or one for each of {len(channels)} channels", len(transfers))
+    looks = zip(channels, transfers, strict=True)
+    return Scene([Layer(channel, each, threshold=threshold) for channel, each in looks])
+
+
+def only_pre(volume: Volume, transfer: Transfer, threshold: float) -> str | None:
+    """What takes splats that are classified before reconstruction; None if both kinds can be extracted."""
+    if threshold > 0:
+        return "threshold"
+    if transfer.labels:
+        return "labels"
+    low, high = active_range(transfer)
+    if low < high and not LEAST_SPAN <= high - low <= MOST_SPAN:
+        return f"values from {low:g} to {high:g}"
+    return "colours of its own" if volume.color is not None else None
+
+
+# integer types up to this many bytes use a lookup table over all values
+TABLE_BYTES = 2
+# records made at a time
+RECORDS = 1 << 16
+# differences in float64 whose halves and products may not be exact
+TINY = 2.0**-1000
+
+
+@dataclass(frozen=True, eq=False)
+class Lookup:
+    """opacity(ρ), "may be kept" and the record's colour, tabulated for integer types, computed for others."""
+
+    transfer: Transfer
+    threshold: float
+    record: np.dtype
+    first: int | None
+    opacities: np.ndarray
+    colors: np.ndarray
+
+    @classmethod
+    def of(cls, transfer: Transfer, dtype: np.dtype, threshold: float, record: np.dtype) -> Lookup:
+        """Tabulates all values of bool and of integers up to TABLE_BYTES; other types get no table."""
+        if dtype.kind == "b":
+            values = np.array([0, 1])
+        elif dtype.kind in "ui" and dtype.itemsize <= TABLE_BYTES:
+            values = np.arange(np.iinfo(dtype).min, np.iinfo(dtype).max + 1)
+        else:
+            return cls(transfer, threshold, record, None, np.zeros(0), np.zeros((0, 3)))
+        opacity, color = np.asarray(transfer.opacity(values)), stored_color(transfer.color(values), record)
+        return cls(transfer, threshold, record, int(values[0]), opacity, color)
+
+    def keeps(self, samples: np.ndarray) -> np.ndarray:
+        """Where the value's opacity exceeds the threshold, bool [...]; gradients can only reduce it."""
+        if self.first is None:
+            return self.opacity(samples) > self.threshold
+        return np.take(self.opacities > self.threshold, self._entry(samples))
+
+    def opacity(self, values: np.ndarray) -> np.ndarray:
+        """The transfer function's opacity of values [...], float64, before gradients."""
+        if self.first is None:
+            return np.asarray(self.transfer.opacity(values))
+        return np.take(self.opacities, self._entry(values))
+
+    def color(self, values: np.ndarray) -> np.ndarray:
+        """The record's colour of values [...]: [..., 3]."""
+        if self.first is None:
+            return stored_color(self.transfer.color(values), self.record)
+        return np.take(self.colors, self._entry(values), axis=0)
+
+    def _entry(self, values: np.ndarray) -> np.ndarray:
+        if not self.first:
+            return values.view(np.uint8) if values.dtype == bool else values
+        return values.astype(np.int32) - self.first
+
+
+def extract_pre(
+    volume: Volume, transfer: Transfer, threshold: float, planes: int, progress: Progress | None = None
+) -> Splats:
+    """Splats of all finite voxels with t > threshold, in row order; planes: of a slab."""
+    depth = volume.shape[0]
+    grid = Grid(volume.world_from_index, np.asarray(volume.origin))
+    lookup = Lookup.of(transfer, volume.samples.dtype, threshold, record_type(volume.shape, post=False))
+    unit = transfer.unit or grid.mean_spacing
+    dropped = Dropped(volume.shape) if threshold > 0 else None
+
+    # one slab at a time
+    normals = LabelNormals.empty(volume) if transfer.labels else None
+    slabs = volume.slabs(planes, halo=1 if normals is None else HALO)
+    gathered = Gathered(lookup.record)
+    for part in progress(slabs, -(-depth // planes)) if progress else slabs:
+        part = replace(part, samples=np.ascontiguousarray(part.samples))
+        own = part.samples[part.before : part.before + part.stop - part.start]
+        # voxels whose value may exceed the threshold
+        hidden = None if not volume.masks else ~_kept(volume, part.start, len(own))
+        flat = np.flatnonzero(lookup.keeps(own) if hidden is None else lookup.keeps(own) & ~hidden)
+        color = None if volume.color is None or not len(flat) else np.asarray(volume.color[part.start : part.stop])
+        if normals is not None:
+            normals.add(volume, part, _shown(lookup, volume, part))
+        work = partial(_records, volume, _Part(part, color, normals), flat, lookup, unit / grid.mean_spacing)
+        found = in_parts(len(flat), RECORDS, work)
+        for records, _ in found:
+            gathered.add(records)
+        if dropped:
+            dropped.add(lookup, own, part.start, flat, [opacity for _, opacity in found], hidden)
+
+    # the largest depth left out
+    lost = dropped.largest() * grid.mean_spacing / unit if dropped else 0.0
+    position = gathered.records["position"]
+    made = assemble(gathered.records, position, grid, unit, volume.name, transfer.shading, lost)
+    if normals is None or not len(position):
+        return made
+    return replace(
+        made, labels=normals.cut(position.min(axis=0).astype(np.int64), position.max(axis=0).astype(np.int64))
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A slab, the colours of its own voxels, and the normals of labels, that shade these instead of gradients."""
+
+    slab: Slab
+    color: np.ndarray | None
+    normals: LabelNormals | None
+
+
+def _kept(volume: Volume, first: int, planes: int) -> np.ndarray:
+    """Which voxels of some planes masks keep."""
+    return volume.kept((first, 0, 0), (first + planes, *volume.shape[1:]))
+
+
+def _shown(lookup: Lookup, volume: Volume, part: Slab) -> np.ndarray:
+    """The opacities of a slab's labels that are shown, float32."""
+    opacity = np.where(lookup.keeps(part.samples), lookup.opacity(part.samples), 0.0).astype(np.float32)
+    if volume.masks:
+        opacity *= _kept(volume, part.start - part.before, len(opacity))
+    return opacity
+
+
+def _records(
+    volume: Volume, part: _Part, flat: np.ndarray, lookup: Lookup, unit_in_spacings: float, which: slice
+) -> tuple[np.ndarray, np.ndarray]:
+    """The records of some voxels, flat indices of a slab's own, and t of all of them."""
+    transfer, slab, color = lookup.transfer, part.slab, part.color
+    _, height, width = slab.samples.shape
+    flat = flat[which] + slab.before * height * width
+    samples = slab.samples.reshape(-1)
+    values = np.take(samples, flat)
+    opacity = lookup.opacity(values)
+    z, rest = np.divmod(flat, height * width)
+    y, x = np.divmod(rest, width)
+
+    # gradients if needed; F(∇, ρ)
+    gradient = np.zeros((len(flat), 3))
+    if (transfer.shading and part.normals is None) or transfer.gradient:
+        # faces at the ends are lit; opacity by gradients would show them
+        opaque = None if transfer.gradient else opaque_intervals(transfer)
+        gradient = _gradient(slab.samples, flat, (x, y, z), opaque) @ np.linalg.inv(volume.world_from_index)
+    if transfer.gradient:
+        opacity = opacity * transfer.weight(np.linalg.norm(gradient, axis=1))
+    everyone = opacity
+    if transfer.gradient:
+        keep = opacity > lookup.threshold
+        values, opacity, gradient = values[keep], opacity[keep], gradient[keep]
+        x, y, z = x[keep], y[keep], z[keep]
+
+    # the records
+    records = np.zeros(len(values), lookup.record)
+    z -= slab.before
+    if color is not None:
+        linear = linear_from_srgb(np.arange(256) / 255)
+        records["color"] = stored_color(linear, lookup.record)[color[z, y, x]]
+    else:
+        records["color"] = lookup.color(values)
+    z += slab.start
+    records["position"][:, 0], records["position"][:, 1], records["position"][:, 2] = x, y, z
+    records["optical_depth"] = transfer.extinction(opacity, unit_in_spacings)
+    if transfer.shading:
+        records["normal"] = _snorm(gradient if part.normals is None else part.normals.of_voxels(x, y, z))
+    return records, everyone
+
+
+def _gradient(
+    samples: np.ndarray,
+    flat: np.ndarray,
+    places: tuple[np.ndarray, np.ndarray, np.ndarray],
+    opaque: np.ndarray | None,
+) -> np.ndarray:
+    """[N, 3] per grid step along x, y, z: central where both neighbours exist, else one-sided, else 0. opaque [n, 2]:
+    intervals of values, for which missing neighbours are as if they were transparent; only directions count then, and
+    gradients too small to be halved exactly are 2^60 times as long.
+    """
+    values = samples.reshape(-1)
+    center = np.take(values, flat).astype(np.float64)
+    outside, within = (center, np.zeros(len(flat), bool)) if opaque is None else transparent(opaque, center)
+    gradient, gone = np.empty((len(flat), 3)), np.empty((2, len(flat), 3), bool)
+    steps = np.empty((len(flat), 3), np.int8)
+    depth, height, width = samples.shape
+    for axis, (index, count, stride) in enumerate(
+        zip(places, (width, height, depth), (1, width, height * width), strict=True)
+    ):
+        low_there, high_there = index > 0, index < count - 1
+        low = np.take(values, np.where(low_there, flat - stride, flat)).astype(np.float64)
+        high = np.take(values, np.where(high_there, flat + stride, flat)).astype(np.float64)
+        if values.dtype.kind == "f":
+            low_there, high_there = low_there & np.isfinite(low), high_there & np.isfinite(high)
+        low, high = np.where(low_there, low, outside), np.where(high_there, high, outside)
+        gone[:, :, axis] = ~low_there, ~high_there
+        alone = gone[:, :, axis].all(axis=0)
+        steps[:, axis] = np.where(
+            (outside != center) & ~alone, 2, np.maximum(low_there.astype(np.int8) + high_there, 1)
+        )
+        # of a single plane both faces are the same
+        gradient[:, axis] = np.where(alone, center - outside, high - low)
+    if opaque is not None and values.dtype.kind == "f" and values.dtype.itemsize > 4:
+        gradient[np.abs(gradient).max(axis=1) < TINY] *= 2.0**60
+    gradient /= steps
+    return faced(gradient, gone, within)
+
+
+def _snorm(gradient: np.ndarray) -> np.ndarray:
+    """Unit vectors as 16-bit fractions; zero and tiny gradients give zero."""
+    x, y, z = np.abs(gradient.T)
+    largest = np.maximum(np.maximum(x, y), z)[:, None]
+    scaled = gradient / np.where(largest > 0, largest, 1.0)
+    length = np.sqrt(np.einsum("ij,ij->i", scaled, scaled))[:, None]
+    return np.rint(scaled / np.where(length > 0, length, 1.0) * NORMAL_SCALE).astype(np.int16)
+
+
+class Dropped:
+    """Optical depth per reference length removed by the threshold, summed along every axis line."""
+
+    def __init__(self, shape: tuple[int, int, int]) -> None:
+        d, h, w = shape
+        self.sums = [np.zeros((h, w)), np.zeros((d, w)), np.zeros((d, h))]
+
+    def add(
+        self,
+        lookup: Lookup,
+        own: np.ndarray,
+        start: int,
+        flat: np.ndarray,
+        parts: list[np.ndarray],
+        hidden: np.ndarray | None = None,
+    ) -> None:
+        """Adds one slab: all of `own` but what is hidden, less the voxels kept at `flat` with opacity t, in parts."""
+        opacity = np.concatenate([*parts, np.zeros(0)])
+        left = lookup.opacity(own)
+        if hidden is not None:
+            left = np.where(hidden, 0.0, left)
+        if lookup.transfer.gradient:
+            # voxels dropped by value count in full (an upper bound); the others with their t
+            np.put(left, flat, np.where(opacity > lookup.threshold, 0.0, opacity))
+        else:
+            np.put(left, flat, 0.0)
+        depth = lookup.transfer.extinction(left, 1.0)
+        stop = start + len(own)
+        self.sums[0] += depth.sum(axis=0)
+        self.sums[1][start:stop] += depth.sum(axis=1)
+        self.sums[2][start:stop] += depth.sum(axis=2)
+
+    def largest(self) -> float:
+        """The largest of the sums."""
+        return float(max(total.max() for total in self.sums))

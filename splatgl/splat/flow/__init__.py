@@ -1,1 +1,0 @@
-"""Pictures of vectors: streamlines, arrows, and volumes of magnitude and direction."""

@@ -1,1 +1,0 @@
-"""A splat's line integral along a ray: exact, by Table 1 of the paper, and by further approximations."""

@@ -1,1 +1,0 @@
-"""Reconstruction kernels, their footprints and tables."""

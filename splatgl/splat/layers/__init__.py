@@ -1,1 +1,0 @@
-"""Several volumes in one picture."""

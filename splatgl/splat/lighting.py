@@ -1,0 +1,136 @@
+"""Light models."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from numbers import Real
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from splatgl.errors import expected
+from splatgl.splat.camera import Camera
+from splatgl.splat.splats import Splats
+
+if TYPE_CHECKING:
+    from splatgl.splat.resolve import Resolved
+
+
+# ambient and diffuse shares of the head light
+AMBIENT, DIFFUSE = 0.3, 0.7
+# degrees by which light from above left is turned
+ABOVE_LEFT = (-35.0, 35.0)
+
+
+@dataclass(frozen=True)
+class Light:
+    """Shares of ambient, diffuse and specular light, 1 together at most; the highlight is the 2^sharpness-th power of a
+    cosine (Blinn 1977).
+
+    side, above: degrees by which the light is turned to the right of the eye, and above it, around what is seen; it is
+    at the eye itself if both are 0.
+    """
+
+    ambient: float = AMBIENT
+    diffuse: float = DIFFUSE
+    specular: float = 0.0
+    sharpness: int = 0
+    side: float = 0.0
+    above: float = 0.0
+
+    @classmethod
+    def of(cls, name: str, place: tuple[float, float] | None = None, shadows: bool = False) -> Light:
+        """A light by its name, from another place (side, above) if that is given; shadows: not at the eye, where none
+        that it casts is seen, unless that is given.
+        """
+        found = LIGHTS[name]
+        if place is None and shadows and found.direction is None:
+            place = ABOVE_LEFT
+        return found if place is None else replace(found, side=place[0], above=place[1])
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is at the eye and without highlights."""
+        return self.specular == 0 and self.direction is None
+
+    @property
+    def direction(self) -> np.ndarray | None:
+        """Where it shines, a unit vector [3] in eye axes; None: along each ray."""
+        if self.side == 0 and self.above == 0:
+            return None
+        side, above = np.radians([self.side, self.above])
+        return np.array([-np.sin(side) * np.cos(above), np.sin(above), np.cos(side) * np.cos(above)])
+
+    def within(self, camera: Camera) -> np.ndarray | None:
+        """Where it shines, world axes."""
+        return None if self.direction is None else self.direction @ camera.eye_from_world
+
+
+# matte: from above left, as in print; glossy: likewise, with highlights; flat: shows colours more than shapes
+LIGHTS = {
+    "head": Light(),
+    "matte": Light(0.25, 0.75, side=ABOVE_LEFT[0], above=ABOVE_LEFT[1]),
+    "glossy": Light(0.2, 0.55, 0.25, 5, side=ABOVE_LEFT[0], above=ABOVE_LEFT[1]),
+    "flat": Light(0.7, 0.3),
+}
+
+
+def checked_place(place: object) -> tuple[float, float]:
+    """Where a light is, degrees to the right and above. Raises InputError unless these are two finite numbers."""
+    numbers = list(place) if isinstance(place, Sequence | np.ndarray) and not isinstance(place, str) else []
+    plain = all(isinstance(number, Real) and not isinstance(number, bool) for number in numbers)
+    if len(numbers) != 2 or not plain or not all(abs(number) <= 360 for number in numbers):
+        raise expected("light_from", "degrees to the right of the eye and above it, up to 360", repr(place)[:80])
+    side, above = (float(number) for number in numbers)
+    return side, above
+
+
+def surface_light(
+    normal: np.ndarray,
+    toward: np.ndarray,
+    light: Light,
+    direction: np.ndarray | None,
+    reached: tuple[np.ndarray, np.ndarray] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Factors of colours [P] and highlights [P] of normals [P, 3] and unit vectors [P, 3] along rays; 1 and 0 without a
+    normal. direction: where the light shines, in the same axes; None: along each ray. reached: shares [P] of ambient
+    and of other light that reach the surface; None: all of it.
+
+    Normals point to the side that is seen. Float64 twin of `shaders/light.glsl`.
+    """
+    size = np.linalg.norm(normal, axis=1)
+    n = normal / np.where(size > 0, size, 1.0)[:, None]
+    seen = (n * toward).sum(axis=1)
+    cosine = half = np.minimum(np.abs(seen), 1.0)
+    if direction is not None:
+        n = n * np.where(seen < 0, -1.0, 1.0)[:, None]
+        cosine = np.clip(n @ direction, 0.0, 1.0)
+        between = toward + direction
+        length = np.linalg.norm(between, axis=1)
+        half = np.clip((n * between).sum(axis=1) / np.where(length > 0, length, 1.0), 0.0, 1.0)
+    sky, direct = reached if reached is not None else (np.ones(len(size)), np.ones(len(size)))
+    unshaded = 1.0 - light.ambient * (1.0 - sky) - (1.0 - light.ambient) * (1.0 - direct)
+    factor = np.where(size > 0, light.ambient * sky + light.diffuse * cosine * direct, unshaded)
+    highlight = np.where(size > 0, light.specular * half ** (2.0**light.sharpness) * direct, 0.0)
+    return factor, highlight
+
+
+def shone(color: np.ndarray, splats: Splats, camera: Camera, voxel: np.ndarray, resolved: Resolved) -> np.ndarray:
+    """Colours [N, 3] of voxels [3, N] (eye axes) by their normals, if they are shaded, and by what reaches them.
+
+    Float64 twin of `shone` in `shaders/splat_setup.glsl`.
+    """
+    light, cues = resolved.look.light, resolved.cues
+    if not resolved.look.shading and cues is None:
+        return color
+    normal = splats.records["normal"].astype(np.float64) * resolved.look.shading
+    towards = voxel.T if camera.perspective else np.broadcast_to([0.0, 0.0, 1.0], normal.shape)
+    far = np.linalg.norm(towards, axis=1)
+    # a voxel at the eye has no direction to it: use the view direction
+    towards = np.where(far[:, None] > 0, towards / np.where(far > 0, far, 1.0)[:, None], [0.0, 0.0, 1.0])
+    reached = None
+    if cues is not None:
+        reached = cues.reached(splats.positions.astype(np.float64), normal, towards @ camera.eye_from_world)
+    factor, highlight = surface_light(normal @ camera.eye_from_world.T, towards, light, light.direction, reached)
+    return np.asarray(color * factor[:, None] + highlight[:, None])

@@ -1,0 +1,208 @@
+"""`MaskField`: masks of a volume, and missing samples, as rays see them: matter ends where half of what is around it is
+kept.
+
+Masks cut what values are classified to, never values: between a kept voxel and one that is not, the field of values
+goes on, and the picture ends at once, where the mask, linear between voxels' centres, passes one half. So a mask whose
+faces are planes cuts as these planes do, and a voxel alone is still seen. Faces that a mask cuts through matter are lit
+by its gradient. Voxels that are classified before are kept or left out whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from splatgl.data.volume import Places, Volume
+from splatgl.errors import expected
+from splatgl.fileio import size_of
+from splatgl.splat.clipping import FLUSH
+from splatgl.splat.grid import Grid, trilinear
+
+# the mask at which matter ends
+EDGE = 0.5
+# voxels around what is kept that its gradient, and its values beyond it, are known in
+AROUND = 3
+# voxels around it on which values within depend: a kernel's reach, and that of sheets
+REACH = 5
+# most voxels of the box around what is kept
+MOST = 2**29
+# the length of the smoothed mask's gradient at a plane face
+FACE_GRADIENT = 0.3125
+# what a byte holds for a component of −1, 0 and 1
+ZERO, ONE = 128, 127
+# gradients of values, in ranges of the transfer function per mean spacing, from which on they light faces that they fit
+SURE = 0.05
+# cache: the field of each volume
+_made: WeakKeyDictionary[Volume, MaskField | None] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class MaskField:
+    """kept uint8 [d, h, w]: 255 or 0 of the voxels from `low` (x, y, z) on; beyond, the nearest of them. world: index
+    axes to world axes of gradients, of mean spacings.
+    """
+
+    kept: np.ndarray
+    low: tuple[int, int, int]
+    world: np.ndarray
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def of(cls, volume: Volume) -> MaskField | None:
+        """The masks of a volume together; None without any. Raises InputError for more voxels than can be held."""
+        if not volume.masks:
+            return None
+        if volume not in _made:
+            _made[volume] = cls._of(volume)
+        return _made[volume]
+
+    @classmethod
+    def with_gaps(cls, volume: Volume, gaps: np.ndarray) -> MaskField | None:
+        """Its masks, without the missing voxels at `gaps` [N, 3] (x, y, z); of more than can be held, only masks."""
+        mask = cls.of(volume)
+        if not len(gaps):
+            return mask
+        if mask is None:
+            low = np.maximum(gaps.min(axis=0) - AROUND, 0)
+            high = np.minimum(gaps.max(axis=0) + 1 + AROUND, volume.shape[::-1])
+            if int((high - low).prod(dtype=np.int64)) > MOST:
+                return None
+            grid = Grid(volume.world_from_index, np.asarray(volume.origin))
+            x, y, z = low.tolist()
+            kept = np.full((high - low)[::-1], 255, np.uint8)
+            mask = cls(kept, (x, y, z), np.linalg.inv(grid.world_from_index) * grid.mean_spacing, volume.shape)
+        else:
+            mask = replace(mask, kept=mask.kept.copy())
+        places = gaps - np.array(mask.low)
+        x, y, z = places[((places >= 0) & (places < mask.kept.shape[::-1])).all(axis=1)].T
+        mask.kept[z, y, x] = 0
+        return mask
+
+    @classmethod
+    def _of(cls, volume: Volume) -> MaskField:
+        depth, height, width = volume.shape
+        ends = np.array([[depth, height, width], [0, 0, 0]])
+        for z, plane in _planes(volume, (0, 0, 0), volume.shape):
+            if plane.any():
+                y, x = (np.flatnonzero(plane.any(axis=axis)) for axis in (1, 0))
+                ends[0] = np.minimum(ends[0], (z, y[0], x[0]))
+                ends[1] = np.maximum(ends[1], (z + 1, y[-1] + 1, x[-1] + 1))
+        if (ends[0] >= ends[1]).any():
+            ends[1] = ends[0] = 0
+            ends[1] += 1
+        low = np.maximum(ends[0] - AROUND, 0)
+        high = np.minimum(ends[1] + AROUND, volume.shape)
+        count = int((high - low).prod())
+        if count > MOST:
+            fix = "draw a coarser --level, or mask less of it"
+            raise expected("mask", f"a box of at most {MOST:,} voxels ({size_of(MOST)}) around it", f"{count:,}", fix)
+        kept = np.zeros(high - low, np.uint8)
+        (z0, y0, x0), (z1, y1, x1) = low.tolist(), high.tolist()
+        for z, plane in _planes(volume, (z0, y0, x0), (z1, y1, x1)):
+            kept[z - z0] = plane * np.uint8(255)
+        grid = Grid(volume.world_from_index, np.asarray(volume.origin))
+        return cls(kept, (x0, y0, z0), np.linalg.inv(grid.world_from_index) * grid.mean_spacing, volume.shape)
+
+    @cached_property
+    def faced(self) -> np.ndarray:
+        """uint8 [d, h, w, 4]: `kept`, and the gradient of the smoothed mask, world axes, of a length from 0 to 1, which
+        it has at plane faces.
+        """
+        smooth = self.kept.astype(np.float32) / 255
+        for axis in (0, 1, 2, 0, 1, 2):
+            padded = np.pad(smooth, [(int(axis == each),) * 2 for each in range(3)], mode="edge")
+            below, above = (padded.take(range(k, k + smooth.shape[axis]), axis) for k in (0, 2))
+            smooth = (below + 2 * smooth + above) / 4
+        found = np.empty((*smooth.shape, 4), np.uint8)
+        found[..., 0] = self.kept
+        for z in range(len(smooth)):
+            found[z, ..., 1:] = np.rint(self._faces(smooth, z) * ONE + ZERO)
+        return found
+
+    def _faces(self, smooth: np.ndarray, z: int) -> np.ndarray:
+        """[h, w, 3]: the gradient in a plane, as `faced` has it before it is rounded."""
+        below, above = smooth[max(z - 1, 0)], smooth[min(z + 1, len(smooth) - 1)]
+        padded = np.pad(smooth[z], 1, mode="edge")
+        along = (padded[1:-1, 2:] - padded[1:-1, :-2], padded[2:, 1:-1] - padded[:-2, 1:-1], above - below)
+        gradient = np.stack(along, axis=-1) / 2
+        size = np.minimum(np.linalg.norm(gradient, axis=-1, keepdims=True) / FACE_GRADIENT, 1.0)
+        world = gradient @ self.world
+        length = np.linalg.norm(world, axis=-1, keepdims=True)
+        return np.asarray(world / np.where(length > 0, length, 1.0) * size)
+
+    def at(self, places: np.ndarray) -> np.ndarray:
+        """[P]: the mask less EDGE at grid positions [3, P]: matter ends where it falls below 0."""
+        return np.asarray(trilinear(self.kept[..., None], self._cells(places))[:, 0] / 255 - EDGE)
+
+    def normals(self, places: np.ndarray) -> np.ndarray:
+        """[P, 3]: the gradients of `faced` at grid positions [3, P], world axes."""
+        return np.asarray((trilinear(self.faced[..., 1:], self._cells(places)) - ZERO) / ONE)
+
+    def _cells(self, places: np.ndarray) -> np.ndarray:
+        return np.asarray(places.T - np.array(self.low))
+
+    def keeps(self, positions: np.ndarray) -> np.ndarray:
+        """bool [N]: which grid positions [N, 3] lie in kept voxels."""
+        last = np.array(self.kept.shape[::-1]) - 1
+        x, y, z = np.clip(np.rint(positions).astype(np.int64) - np.array(self.low), 0, last).T
+        return np.asarray(self.kept[z, y, x] > 0)
+
+    @cached_property
+    def _near(self) -> tuple[np.ndarray, np.ndarray]:
+        """Which voxels are within REACH of kept ones, of a box, and its first (z, y, x)."""
+        low = np.array(self.low[::-1])
+        first = np.maximum(low - REACH, 0)
+        last = np.minimum(low + self.kept.shape + REACH, self.shape)
+        found = np.zeros(last - first, bool)
+        z, y, x = (slice(a, a + n) for a, n in zip(low - first, self.kept.shape, strict=True))
+        found[z, y, x] = self.kept > 0
+        for axis in range(3):
+            count = np.cumsum(found, axis=axis, dtype=np.int32)
+            size = found.shape[axis]
+            ends = np.minimum(np.arange(size) + REACH, size - 1)
+            starts = np.arange(size) - REACH - 1
+            before = np.where((starts < 0).reshape([-1 if axis == n else 1 for n in range(3)]), 0, 1)
+            found = count.take(ends, axis) - before * count.take(np.maximum(starts, 0), axis) > 0
+        return found, first
+
+    def near(self, low: Places, high: Places) -> np.ndarray:
+        """bool: which voxels low ≤ (z, y, x) < high values of kept places depend on."""
+        near, first = self._near
+        found = np.zeros([b - a for a, b in zip(low, high, strict=True)], bool)
+        begin, end = np.maximum(low, first), np.minimum(high, first + near.shape)
+        if (begin < end).all():
+            own = tuple(slice(a, b) for a, b in zip(begin - low, end - low, strict=True))
+            found[own] = near[tuple(slice(a, b) for a, b in zip(begin - first, end - first, strict=True))]
+        return found
+
+
+def kept_part(at: tuple[np.ndarray, np.ndarray], ends: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The ends of what is kept between two [P], where the mask less EDGE is `at`, and linear between; all of what lies
+    in a face.
+    """
+    first, last = (np.where(np.maximum(*np.abs(at)) < FLUSH, 0.0, each) for each in at)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cross = ends[0] + (ends[1] - ends[0]) * (first / (first - last))
+    begin = np.where(first >= 0, ends[0], np.where(last >= 0, cross, ends[0]))
+    end = np.where(first >= 0, np.where(last >= 0, ends[1], cross), np.where(last >= 0, ends[1], ends[0]))
+    return begin, end
+
+
+def face_share(gradient: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """The share [P] of light by the mask's normals [P, 3] of MaskField; of values' gradients [P, 3] the rest: these
+    light what they bound themselves, where the mask follows them.
+    """
+    size2, face2 = (gradient**2).sum(axis=1), (normal**2).sum(axis=1)
+    along = (gradient * normal).sum(axis=1)
+    alike = along * along / np.maximum(size2 * face2, 1e-30) * (size2 / (size2 + SURE**2))
+    return np.asarray(np.sqrt(face2) * (1.0 - alike))
+
+
+def _planes(volume: Volume, low: Places, high: Places) -> Iterator[tuple[int, np.ndarray]]:
+    """Planes of what is kept in a box, and their numbers."""
+    for z in range(low[0], high[0]):
+        yield z, volume.kept((z, *low[1:]), (z + 1, *high[1:]))[0]

@@ -1,0 +1,406 @@
+"""Motion, rigid transforms, moments.
+
+Times are in frames: 0 is the current frame, −1 the previous one. With a shutter of 180° the exposure lasts
+from −½ to 0, and a moving splat is blurred along that part of its path.  [M98 §5]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from splatgl.data.image import Image
+from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.splat.camera import Camera
+from splatgl.splat.settings import FULL_SHUTTER, Settings
+from splatgl.splat.splats import Splats, as_points
+from splatgl.splat.view import eye_from_index
+
+# a splat nearer to the eye's plane than this, in mean spacings, has no projection
+NEAREST = 1e-2
+# shaders: kernels nearer to the eye's plane than AHEAD of their reaches are drawn still; beyond FAR reaches all rays
+# that meet a kernel are parallel within 7 %
+AHEAD, FAR = 1.1, 16.0
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Scene motion per frame; all parts are optional and combine.
+
+    spin [3]: the volume turns by |spin| degrees a frame about the axis `spin` through `center` [3] (world),
+    counter-clockwise seen from its tip. velocity [3]: it moves, in world units a frame.
+    flow [N, 3]: each splat's own velocity, in world units a frame, in the order of the records.
+    camera: the previous frame's camera; interpolated by the shortest screw motion.
+    Raises InputError for other shapes and numbers that are not finite.
+    """
+
+    spin: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    center: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    velocity: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    flow: np.ndarray | None = None
+    camera: Camera | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("spin", "center", "velocity"):
+            object.__setattr__(self, name, _triple(name, getattr(self, name)))
+        if self.flow is not None:
+            flow = np.asarray(self.flow, dtype=np.float64)
+            if flow.ndim != 2 or flow.shape[1] != 3 or not np.isfinite(flow).all():
+                raise expected("flow", "finite velocities [N, 3]", f"{flow.dtype} {flow.shape}")
+            object.__setattr__(self, "flow", flow)
+
+    @property
+    def still(self) -> bool:
+        """True if nothing moves."""
+        moving = self.spin.any() or self.velocity.any() or (self.flow is not None and self.flow.any())
+        return not moving and self.camera is None
+
+    def view(self, camera: Camera, at: float) -> Camera:
+        """The camera relative to the volume at time `at`, if `camera` is that of the frame.
+
+        It includes the volume's motion: with the light at the eye, a rotating volume and an orbiting camera
+        give the same pictures.
+        """
+        if at == 0 or not (self.camera or self.spin.any() or self.velocity.any()):
+            return camera
+        place = Rigid(camera.eye_from_world, camera.eye_from_world @ -camera.eye)
+        extent = camera.extent
+        if self.camera is not None:
+            # eye_from_world at that time, by the screw from the previous camera
+            before = Rigid(self.camera.eye_from_world, self.camera.eye_from_world @ -self.camera.eye)
+            place = before.after(place.inverse()).part(-at).after(place)
+            extent = camera.extent * (self.camera.extent / camera.extent) ** -at
+        volume = Rigid.about(np.radians(self.spin) * at, self.center)
+        place = place.after(Rigid(volume.rotation, volume.shift + self.velocity * at))
+        return replace(camera, eye=-place.rotation.T @ place.shift, eye_from_world=place.rotation, extent=extent)
+
+    def moved(self, splats: Splats, at: float) -> Splats:
+        """The splats moved by their flow to that time; they keep their cells, and thus their order."""
+        if self.flow is None or at == 0:
+            return splats
+        records = as_points(splats.records)
+        records["position"] += at * _in_cells(splats, self.flow)
+        return splats.in_cells(records)
+
+
+@dataclass(frozen=True, eq=False)
+class Streaks:
+    """The paths of N splats across the view while the shutter is open, as straight lines.
+
+    camera: in the middle of the exposure. middle [3, N]: the path's middle, eye axes, in mean spacings.
+    step [2, N]: from its beginning to its end, across the view at that depth.
+    """
+
+    camera: Camera
+    middle: np.ndarray
+    step: np.ndarray
+
+    @property
+    def length(self) -> np.ndarray:
+        """[N]: the paths' lengths, mean spacings."""
+        return np.hypot(*self.step)
+
+    def pixels(self, spacing: float) -> np.ndarray:
+        """[N]: the paths' lengths in pixels; spacing: the grid's mean spacing."""
+        return self.length * spacing / self.camera.pixel_pitch(np.maximum(self.middle[2], NEAREST) * spacing)
+
+
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """Motion during one exposure: the cameras at shutter open, in the middle and at shutter close.
+
+    frames: duration of the exposure in frames. flow: as in Motion, None without flow.
+    """
+
+    first: Camera
+    middle: Camera
+    last: Camera
+    frames: float
+    flow: np.ndarray | None
+
+    @classmethod
+    def of(cls, camera: Camera, shutter: float, motion: Motion | None) -> Exposure | None:
+        """The exposure; None for a still: no motion, or a closed shutter."""
+        frames = exposure(shutter)
+        if motion is None or motion.still or frames == 0:
+            return None
+        flow = motion.flow if motion.flow is not None and motion.flow.any() else None
+        return cls(motion.view(camera, -frames), motion.view(camera, -frames / 2), camera, frames, flow)
+
+    def bend(self, splats: Splats) -> float:
+        """Largest deviation of the path of a corner of the splats' box from its straight streak, in pixels; ∞ if one
+        crosses the eye's plane.
+        """
+        places = []
+        for camera in (self.first, self.middle, self.last):
+            eye = camera.eye_from_points(splats.corners)
+            if camera.perspective and not eye[:, 2].min() > 0:
+                return float(np.inf)
+            flat = eye[:, :2] / eye[:, 2:] if camera.perspective else eye[:, :2]
+            places.append(flat * (camera.size[1] / camera.extent))
+        # two thirds of the sagitta, as a streak is centred on the mean position
+        away = (places[0] - 2 * places[1] + places[2]) / 3
+        return float(np.linalg.norm(away, axis=1).max())
+
+    def drift(self, splats: Splats) -> np.ndarray:
+        """float64 [N, 3]: each splat's flow in half of the exposure, in grid steps."""
+        assert self.flow is not None
+        return _in_cells(splats, self.flow) * (self.frames / 2)
+
+
+def exposure(shutter: float) -> float:
+    """Exposure in frames of a shutter angle in degrees. InputError outside of 0 … 360."""
+    if not 0 <= shutter <= FULL_SHUTTER:
+        raise expected("shutter", "an angle from 0 to 360 degrees", shutter)
+    return float(shutter) / FULL_SHUTTER
+
+
+def streaks(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> Streaks:
+    """The splats' paths during an exposure of that shutter angle, which ends at the frame's time.
+
+    Streaks are straight approximations of curved paths: parallel to the chord from start to end, centred on the
+    mean position. For a splat that crosses the eye's plane it is the tangent in the middle.
+    """
+    length = exposure(shutter)
+    times = (-length, -length / 2, 0.0)
+    views = [motion.view(camera, at) for at in times]
+    middle = views[1]
+    first, mean, last = (
+        eye_point(splats, view, motion.flow, at, middle.extent) for view, at in zip(views, times, strict=True)
+    )
+    shift, step = streak_of(mean, first, last, camera.perspective)
+    mean[:2] += shift
+    return Streaks(middle, mean, step)
+
+
+def streak_of(
+    mean: np.ndarray, first: np.ndarray, last: np.ndarray, perspective: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """From the paths' middles in time to their mean positions, and from their starts to their ends; [2, N] each.
+
+    mean, first, last [3, N]: the splats in the middle of the exposure and at its ends. Simpson's rule for the mean.
+    """
+    if not perspective:
+        return ((first[:2] - mean[:2]) + (last[:2] - mean[:2])) / 6, last[:2] - first[:2]
+    ahead = np.minimum(np.minimum(first[2], mean[2]), last[2]) > NEAREST
+    slope = [points[:2] / np.where(ahead, points[2], 1.0) for points in (first, mean, last)]
+    # 0 to the last bit for still splats
+    shift = np.where(ahead, ((slope[0] - slope[1]) + (slope[2] - slope[1])) / 6 * mean[2], 0.0)
+    depth = np.where(mean[2] > NEAREST, mean[2], 1.0)
+    tangent = np.where(mean[2] > NEAREST, (last - first)[:2] - mean[:2] / depth * (last - first)[2], 0.0)
+    return shift, np.where(ahead, (slope[2] - slope[0]) * mean[2], tangent)
+
+
+def flow_of(splats: Splats, volume: Volume, scale: float = 1.0) -> np.ndarray:
+    """float64 [N, 3]: the volume's vectors at the cells of splats extracted from it, times `scale` frames a unit
+    of time; world axes. A vector that is not finite is 0.
+
+    Raises InputError for a volume without vectors and for splats of another grid.
+    """
+    if volume.vectors is None:
+        raise expected(volume.name or "volume", "vectors, such as a velocity at each voxel", "none")
+    same = np.allclose(splats.grid.world_from_index, volume.world_from_index)
+    if not (same and np.allclose(splats.grid.origin, volume.origin)):
+        raise expected("splats", f"the grid of {volume.name or 'the volume'}", "another one", "extract them from it")
+    cells = np.rint(splats.positions).astype(np.intp)
+    if len(cells) and (cells.min() < 0 or (cells.max(axis=0) >= np.array(volume.shape[::-1])).any()):
+        raise expected("splats", "cells of the volume", "some outside", "extract them from it")
+    x, y, z = cells.T
+    vectors = np.asarray(volume.vectors[z, y, x], dtype=np.float64)
+    return np.asarray(np.where(np.isfinite(vectors).all(axis=1, keepdims=True), vectors, 0.0) * scale)
+
+
+def eye_point(splats: Splats, view: Camera, flow: np.ndarray | None, at: float, extent: float) -> np.ndarray:
+    """[3, N] in the eye axes of that time, mean spacings; x and y scaled to a camera of that extent."""
+    grid = splats.grid
+    offset = splats.positions.astype(np.float64) - grid.index_from_world(view.eye)
+    if flow is not None:
+        offset += at * _in_cells(splats, flow)
+    points = eye_from_index(grid, view) @ offset.T
+    points[:2] *= extent / view.extent
+    return np.asarray(points)
+
+
+def _in_cells(splats: Splats, flow: np.ndarray) -> np.ndarray:
+    """World velocities [N, 3] of all splats in grid steps. InputError for another number of splats."""
+    if flow.shape != (len(splats), 3):
+        raise expected("flow", f"velocities of {len(splats)} splats", flow.shape)
+    return np.asarray(flow @ np.linalg.inv(splats.grid.world_from_index).T)
+
+
+def _triple(name: str, value: Sequence[float] | np.ndarray) -> np.ndarray:
+    numbers = np.asarray(value, dtype=np.float64)
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+        raise expected(name, "three finite numbers (x, y, z)", value)
+    return numbers
+
+
+# a draw function: Renderer.render, or reference.render
+Draw = Callable[[Splats, Camera, Settings], Image]
+
+
+# maximum motion of visible splats between two moments, pixels: a footprint is three wide
+STEP = 1.5
+# maximum number of moments, and of splats whose paths are sampled
+MOST, PROBED = 64, 4096
+# fraction of the paths that must stay within STEP
+KEPT = 0.99
+
+# a draw function with motion: Renderer.render
+DrawMoving = Callable[[Splats, Camera, Settings, Motion], Image]
+
+
+class Moments:
+    """Temporal supersampling of any `Draw`; itself a `Draw`."""
+
+    def __init__(self, draw: Draw, motion: Motion, shutter: float = 180.0, count: int = 256) -> None:
+        if count < 1:
+            raise expected("count", "at least one moment", count)
+        self.draw, self.motion, self.count = draw, motion, count
+        self.exposure = exposure(shutter)
+
+    def __call__(self, splats: Splats, camera: Camera, settings: Settings) -> Image:
+        """The mean of the moments' images; info is the last one's, with their number. If each has an
+        error bound, the mean of the bounds bounds the error against the mean of the moments' exact images.
+        """
+        total: np.ndarray | None = None
+        bounds: list[float] = []
+        for part in range(self.count):
+            image = self._part(splats, camera, settings, part)
+            pixels = image.pixels.astype(np.float64)
+            total = pixels if total is None else total + pixels
+            found = image.info.get("error_bound")
+            bounds += [found] if isinstance(found, float) else []
+        assert total is not None
+        mean = total / self.count
+        info = {**image.info, "moments": self.count, "shutter": self.exposure * FULL_SHUTTER}
+        if "error_bound" in info:
+            error = sum(bounds) / self.count if len(bounds) == self.count else None
+            allowed = settings.tolerance * (max(float(mean.max()), 1e-30) if settings.blend == "xray" else 1.0)
+            info |= {"error_bound": error, "tolerance_met": error is not None and error <= allowed}
+        return Image(mean, info)
+
+    def _part(self, splats: Splats, camera: Camera, settings: Settings, part: int) -> Image:
+        """The image at the middle of a part of the exposure."""
+        at = -self.exposure * (part + 0.5) / self.count
+        return self.draw(self.motion.moved(splats, at), self.motion.view(camera, at), settings)
+
+
+class Shorter(Moments):
+    """The mean of images, each with motion blur over its part of the exposure: curved paths become polygons, and
+    occlusion follows the order at each time.
+    """
+
+    def __init__(self, draw: DrawMoving, motion: Motion, shutter: float = 180.0, count: int = 4) -> None:
+        super().__init__(draw, motion, shutter, count)  # type: ignore[arg-type]
+        self.draw_moving = draw
+
+    def _part(self, splats: Splats, camera: Camera, settings: Settings, part: int) -> Image:
+        first, last = (-self.exposure * (part + side) / self.count for side in (1, 0))
+        # treated as a separate frame with the shutter always open; its camera includes the volume's motion
+        view, flow = self.motion.view(camera, last), self.motion.flow
+        moved = Motion(camera=self.motion.view(camera, first), flow=None if flow is None else flow * (last - first))
+        return self.draw_moving(self.motion.moved(splats, last), view, settings.but(shutter=FULL_SHUTTER), moved)
+
+
+def moments(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> int:
+    """Number of moments such that footprints hide the steps: at most 1.5 pixels each for the fastest visible splats.
+
+    1 if nothing visible moves.
+    """
+    each = max(len(splats) // PROBED, 1)
+    flow = None if motion.flow is None else motion.flow[::each]
+    paths = streaks(replace(splats, records=splats.records[::each]), camera, replace(motion, flow=flow), shutter)
+    spacing = splats.grid.mean_spacing
+    # splats within the image at any time on their paths
+    depth = np.where(paths.middle[2] > 0, paths.middle[2], np.inf) if camera.perspective else 1 / spacing
+    middle, half_step = np.abs(paths.middle[:2] / depth), np.abs(paths.step / depth) / 2
+    edge = np.array([[camera.size[0] / camera.size[1]], [1.0]]) * paths.camera.extent / 2
+    seen = (middle <= edge + half_step).all(axis=0) & (paths.middle[2] > 0)
+    if not seen.any():
+        return 1
+    longest = float(np.quantile(paths.pixels(spacing)[seen], KEPT))
+    return min(int(np.ceil(longest / STEP)) + 1, MOST)
+
+
+# angles below this, in radians, use Taylor series
+SMALL = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Rigid:
+    """x → rotation @ x + shift."""
+
+    rotation: np.ndarray
+    shift: np.ndarray
+
+    @classmethod
+    def about(cls, turn: np.ndarray, center: np.ndarray) -> Rigid:
+        """A turn by |turn| radians about the axis `turn` through `center`, counter-clockwise seen from its tip."""
+        q = rotation(turn)
+        return cls(q, center - q @ center)
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """Points [..., 3] moved."""
+        return np.asarray(points @ self.rotation.T + self.shift)
+
+    def after(self, first: Rigid) -> Rigid:
+        """First `first`, then this."""
+        return Rigid(self.rotation @ first.rotation, self.rotation @ first.shift + self.shift)
+
+    def inverse(self) -> Rigid:
+        """The motion that undoes this one."""
+        return Rigid(self.rotation.T, -self.rotation.T @ self.shift)
+
+    def part(self, share: float) -> Rigid:
+        """A fraction of the motion, as a screw about and along one axis at constant speed.
+
+        0 is the identity, 1 this motion. Half a turn or more goes the shorter way.
+        """
+        turn = rotation_vector(self.rotation)
+        pace = np.linalg.solve(_swept(turn), self.shift)
+        return Rigid(rotation(share * turn), _swept(share * turn) @ (share * pace))
+
+
+def rotation(turn: np.ndarray) -> np.ndarray:
+    """[3, 3]: the rotation by |turn| radians about `turn` (Rodrigues' formula)."""
+    first, second, _ = _weights(turn)
+    k = _cross(turn)
+    return np.asarray(np.eye(3) + first * k + second * k @ k)
+
+
+def rotation_vector(matrix: np.ndarray) -> np.ndarray:
+    """[3]: the axis times the angle in radians, at most π, of a rotation [3, 3]."""
+    skew = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]) / 2
+    sine, cosine = float(np.linalg.norm(skew)), (float(np.trace(matrix)) - 1) / 2
+    angle = float(np.arctan2(sine, cosine))
+    if cosine > -0.5:
+        return np.asarray(skew * (angle / sine if sine > 0 else 1.0))
+    # near half a turn the axis follows from the symmetric part: Q + Qᵀ = 2 cos·1 + 2 (1 − cos) n nᵀ
+    squares = (matrix + matrix.T) / 2 - cosine * np.eye(3)
+    axis = squares[:, int(np.argmax(np.diag(squares)))]
+    axis = axis / np.linalg.norm(axis)
+    return np.asarray(axis * angle * (-1.0 if axis @ skew < 0 else 1.0))
+
+
+def _swept(turn: np.ndarray) -> np.ndarray:
+    """∫₀¹ rotation(s turn) ds: the displacement at unit velocity in a rotating frame."""
+    _, second, third = _weights(turn)
+    k = _cross(turn)
+    return np.asarray(np.eye(3) + second * k + third * k @ k)
+
+
+def _weights(turn: np.ndarray) -> tuple[float, float, float]:
+    """Returns sin θ/θ, (1 − cos θ)/θ² and (θ − sin θ)/θ³, θ = |turn|."""
+    angle = float(np.linalg.norm(turn))
+    if angle < SMALL:
+        return 1 - angle**2 / 6, 0.5 - angle**2 / 24, 1 / 6 - angle**2 / 120
+    # (1 − cos θ)/θ² from the half angle, without cancellation
+    return np.sin(angle) / angle, 2 * (np.sin(angle / 2) / angle) ** 2, (angle - np.sin(angle)) / angle**3
+
+
+def _cross(v: np.ndarray) -> np.ndarray:
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

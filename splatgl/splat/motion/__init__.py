@@ -1,1 +1,0 @@
-"""Motion during the exposure, and motion-blurred splats (streaks)."""

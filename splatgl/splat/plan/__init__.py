@@ -1,1 +1,0 @@
-"""Settings of a picture, and the plan that draws it."""

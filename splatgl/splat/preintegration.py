@@ -1,0 +1,314 @@
+"""Running integrals of the transfer function (post-classification).
+
+Along a part of a ray values are linear; its extinction and emission are means over the values that it passes. [Engel,
+Kraus & Ertl 2001, without its table of pairs: differences of one running integral]
+
+The kernels reconstruct value and gradient; the transfer function classifies the reconstructed value.
+[Mueller, Möller & Crawfis 1999]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from splatgl.splat.transfer import OPAQUE, Transfer
+
+# largest value of a running integral in whole numbers: differences fit into 32 bits with a sign
+WHOLE = 2**31 - 1
+# cells between two points of a transfer function, however close they are
+PARTS = 64
+# opacity below 1 of cells beside a point of opacity 1 that are as opaque as it
+TIP = 1e-3
+# of opacities at the ends of cells
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class ClassIntegral:
+    """Cells between ascending `knots` [n + 1], with the first and last value beyond the ends.
+
+    Components are extinction · linear RGB, and extinction, per reference length. below [n + 1, 4]: their integrals from
+    the first knot. low, high [n, 4]: at the ends of each cell, linear between. outside [2, 4]: beyond the ends.
+    """
+
+    knots: np.ndarray
+    below: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    outside: np.ndarray
+
+    @classmethod
+    def of(cls, transfer: Transfer, low: float, high: float, cells: int) -> ClassIntegral:
+        """At least so many cells between low < high, and PARTS between two points of the transfer function."""
+        place = np.arange(cells + 1) / cells
+        points = np.unique([low, high, *(value for value in transfer.bends if low < value < high)])
+        part = np.arange(PARTS)[:, None] / PARTS
+        between = points[:-1] * (1 - part) + points[1:] * part
+        knots = np.unique(np.concatenate([low * (1 - place) + high * place, between.ravel()]))
+        start, width = knots[:-1], np.diff(knots)
+        # two points within a cell, as a value at a step is on its upper side; exact where it is linear
+        opaque = _beside_opaque(transfer, start, width, (high - low) / cells)
+        near, far = (_emission(transfer, start + share * width, opaque) for share in (0.25, 0.75))
+        mean = (near + far) / 2
+        slope = np.clip(far - near, -mean, mean)
+        below = np.concatenate([np.zeros((1, 4)), np.cumsum(mean * width[:, None], axis=0)])
+        outside = _emission(transfer, np.array([low - (high - low), high + (high - low)]))
+        return cls(knots, below, mean - slope, mean + slope, outside)
+
+    def until(self, values: np.ndarray) -> np.ndarray:
+        """[N, 4]: the integral from the first knot to values [N]; negative below it."""
+        cell = self._cells(values)
+        inside = np.clip(values, self.knots[0], self.knots[-1])
+        part = inside - self.knots[cell]
+        share = (part / (self.knots[cell + 1] - self.knots[cell]))[:, None]
+        low, high = self.low[cell], self.high[cell]
+        beyond = np.where((values < inside)[:, None], self.outside[0], self.outside[1])
+        within = part[:, None] * (low + share * (high - low) / 2)
+        return np.asarray(self.below[cell] + within + (values - inside)[:, None] * beyond)
+
+    def mean(self, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+        """[N, 4]: means over the values between first and last [N], in either order."""
+        apart = last - first
+        cell = self._cells(first)
+        width = self.knots[cell + 1] - self.knots[cell]
+        middle = (first + last) / 2
+        share = ((middle - self.knots[cell]) / width)[:, None]
+        same = self.low[cell] + share * (self.high[cell] - self.low[cell])
+        same = np.where((middle < self.knots[0])[:, None], self.outside[0], same)
+        same = np.where((middle >= self.knots[-1])[:, None], self.outside[1], same)
+        alike = (apart == 0) | ((self._cells(last) == cell) & (self._outside(first) == self._outside(last)))
+        found = (self.until(last) - self.until(first)) / np.where(alike, 1.0, apart)[:, None]
+        return np.maximum(np.where(alike[:, None], same, found), 0.0)
+
+    def table(self, cells: int) -> tuple[np.ndarray, float]:
+        """uint32 [cells + 1, 4]: integrals from the first knot on to the ends of so many cells of equal width, in the
+        unit that is returned, per cell width.
+        """
+        place = np.arange(cells + 1) / cells
+        until = np.maximum(self.until(self.knots[0] * (1 - place) + self.knots[-1] * place), 0.0)
+        width = (self.knots[-1] - self.knots[0]) / cells
+        unit = float(until.max()) / width / WHOLE or 1.0
+        return np.rint(until / width / unit).astype(np.uint32), unit
+
+    def _cells(self, values: np.ndarray) -> np.ndarray:
+        return np.clip(np.searchsorted(self.knots, values, side="right") - 1, 0, len(self.low) - 1)
+
+    def _outside(self, values: np.ndarray) -> np.ndarray:
+        return (values >= self.knots[-1]).astype(int) - (values < self.knots[0])
+
+
+def _beside_opaque(transfer: Transfer, start: np.ndarray, width: np.ndarray, reach: float) -> np.ndarray:
+    """bool [n]: the cells within `reach` of a value of opacity 1, as nearly opaque themselves. There extinction rises
+    without end, and a mean over a cell is not that of flat matter whose value is the point itself.
+    """
+    quarter, half, last = (transfer.opacity(start + share * width) for share in (0.25, 0.5, 0.75))
+    ends = np.stack([quarter + (quarter - last) / 2, last + (last - quarter) / 2])
+    tips = np.unique(np.stack([start, start + width])[ends >= OPAQUE - ROUNDING])
+    if not tips.size:
+        return np.zeros(len(start), bool)
+    after = np.clip(np.searchsorted(tips, start), 0, len(tips) - 1)
+    apart = np.minimum(np.abs(tips[after] - start - width), np.abs(start - tips[np.maximum(after - 1, 0)]))
+    return np.asarray((apart <= reach) & (half >= OPAQUE - TIP))
+
+
+def _emission(transfer: Transfer, values: np.ndarray, opaque: np.ndarray | None = None) -> np.ndarray:
+    """[N, 4]: extinction · linear RGB, and extinction, per reference length, of values [N]; opaque: which of them have
+    the most.
+    """
+    opacity = transfer.opacity(values)
+    extinction = transfer.extinction(opacity if opaque is None else np.where(opaque, 1.0, opacity), 1.0)[:, None]
+    return np.concatenate([transfer.color(values) * extinction, extinction], axis=1)
+
+
+# cells of the classification table, and of that of weights by gradient
+CELLS, WEIGHTS = 2**14, 2**10
+# largest multiple of the transfer function's range that a value is kept at; means stay finite in float32
+FURTHEST = 2.0**20
+# least range of a transfer function relative to its largest record value: two float32 numbers in each table cell
+RESOLVED = 2.0**-9
+# share of a transfer function's range by which an interval that ends at zero opacity is shorter, so that float64 tells
+INWARDS = 2.0**-51
+
+
+@dataclass(frozen=True, eq=False)
+class PostClassified:
+    """transfer: of reconstructed values. kernel: whose coefficients the values are.
+
+    shape: voxels along x, y, z; rays end at the box of their cells. low, span: record values are (ρ − low)/span.
+    kept [n, 2]: intervals of values that voxels were kept for. lean: whether those that only the rims of kernels need
+    are left out. faced: whether gradients of the outermost voxels are as if transparent ones lay around them, so that
+    faces at the ends are lit; not where gradients weigh opacity, which would show faces of what is none.
+    """
+
+    transfer: Transfer
+    kernel: str
+    shape: tuple[int, int, int]
+    low: float
+    span: float
+    kept: np.ndarray
+    lean: bool = False
+    faced: bool = True
+
+    @classmethod
+    def of(cls, transfer: Transfer, kernel: str, shape: tuple[int, int, int], every: bool = False) -> PostClassified:
+        """Values relative to the range over which the transfer function varies."""
+        low, high = active_range(transfer)
+        span = high - low if high > low else max(abs(low), 1.0) * 1e-3
+        kept = np.array([[-np.inf, np.inf]]) if every else opaque_intervals(transfer)
+        return cls(transfer, kernel, shape, low, span, kept, faced=not transfer.gradient)
+
+    @property
+    def every(self) -> bool:
+        """Whether voxels of all values are kept."""
+        return bool(np.isinf(self.kept).all(axis=1).any())
+
+    @property
+    def wanted(self) -> np.ndarray:
+        """[n, 2]: intervals of record values around which voxels are kept."""
+        return np.asarray((self.kept - self.low) / self.span)
+
+    def relative(self, values: np.ndarray) -> np.ndarray:
+        """Record values, float32, of samples [...]."""
+        with np.errstate(over="ignore"):
+            u = (np.asarray(values, np.float64) - self.low) / self.span
+        return np.clip(u, -FURTHEST, FURTHEST).astype(np.float32)
+
+    def value(self, u: np.ndarray) -> np.ndarray:
+        """Values ρ of record values u [...]."""
+        return np.asarray(self.low + np.asarray(u, np.float64) * self.span)
+
+    def recolored(self, transfer: Transfer) -> PostClassified:
+        """The same values under another transfer function."""
+        return replace(self, transfer=transfer)
+
+    def holds(self, transfer: Transfer) -> bool:
+        """Whether the records serve another transfer function: they hold all voxels of its opaque values, and resolve
+        the values over which it varies.
+        """
+        low, high = self.recolored(transfer).range
+        furthest = max(abs(low), abs(high))
+        resolved = furthest <= FURTHEST and high - low >= RESOLVED * furthest
+        starts, ends = self.kept.T
+        slack = 2 * INWARDS * self.span * max(high - low, 1.0)
+        kept = ((starts - slack <= a) & (b <= ends + slack) for a, b in opaque_intervals(transfer))
+        return resolved and self.faced != bool(transfer.gradient) and all(each.any() for each in kept)
+
+    @property
+    def fresh(self) -> bool:
+        """Whether extraction for the transfer function would give the same records."""
+        anew = PostClassified.of(self.transfer, self.kernel, self.shape, self.every)
+        same = (anew.low, anew.span, anew.faced) == (self.low, self.span, self.faced)
+        return same and np.array_equal(anew.kept, self.kept)
+
+    def around(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Record values [N] of what lies around voxels of u [N] beyond the ends, and which are opaque: see
+        `transparent`.
+        """
+        return transparent((opaque_intervals(self.transfer) - self.low) / self.span, u)
+
+    @cached_property
+    def range(self) -> tuple[float, float]:
+        """Record values of the table's ends."""
+        low, high = active_range(self.transfer)
+        return (low - self.low) / self.span, (max(high, low + self.span * 1e-6) - self.low) / self.span
+
+    @cached_property
+    def scale(self) -> tuple[float, float]:
+        """(a, b): record value u lies at a u + b in the table, whose cells are 1 wide."""
+        low, high = self.range
+        a = CELLS / (high - low)
+        return a, -low * a
+
+    @cached_property
+    def integral(self) -> ClassIntegral:
+        """Of the transfer function over `range`, in values ρ."""
+        low, high = (float(self.value(np.array(u))) for u in self.range)
+        return ClassIntegral.of(self.transfer, low, high, CELLS)
+
+    @cached_property
+    def table(self) -> tuple[np.ndarray, float]:
+        """uint32 [CELLS + 1, 4], and their unit: see `ClassIntegral.table`."""
+        return self.integral.table(CELLS)
+
+    @cached_property
+    def seen(self) -> tuple[float, float]:
+        """Places in the table, in cells, between which there is any matter; infinite where there is beyond its ends."""
+        some = np.flatnonzero((np.diff(self.table[0].astype(np.int64), axis=0) != 0).any(axis=1))
+        before, behind = (self.integral.outside != 0).any(axis=1)
+        low, high = (some[0], some[-1] + 1) if some.size else (CELLS, 0)
+        return -np.inf if before else float(low), np.inf if behind else float(high)
+
+    @cached_property
+    def weights(self) -> tuple[np.ndarray, float, float]:
+        """float32 [WEIGHTS + 1]: weights at gradients from the second number, values per world length, in steps of the
+        third.
+        """
+        nodes = [size for size, _ in self.transfer.gradient]
+        low, high = nodes[0], max(nodes[-1], nodes[0] * (1 + 1e-6), 1e-30)
+        sizes = np.linspace(low, high, WEIGHTS + 1)
+        # a value at a step is on its upper side; the table begins on the lower one
+        sizes[0] = np.nextafter(low, -np.inf)
+        return self.transfer.weight(sizes).astype(np.float32), low, (high - low) / WEIGHTS
+
+    def extinction(self, u: np.ndarray) -> np.ndarray:
+        """Per reference length, float64, of record values u [N]; means over the table's cells."""
+        table, unit = self.table
+        a, b = self.scale
+        cell = np.floor(a * np.asarray(u, np.float64) + b)
+        inside = np.clip(cell, 0, CELLS - 1).astype(np.int64)
+        mean = (table[inside + 1, 3] - table[inside, 3]) * unit
+        return np.select([cell < 0, cell >= CELLS], list(self.integral.outside[:, 3]), mean)
+
+
+def active_range(transfer: Transfer) -> tuple[float, float]:
+    """The values between which opacity or colour varies."""
+    ends = [transfer.points[0][0], transfer.points[-1][0], *(transfer.window or ())]
+    return float(min(ends)), float(max(ends))
+
+
+def opaque_intervals(transfer: Transfer) -> np.ndarray:
+    """[n, 2]: closed intervals of values, ascending and disjoint, that contain those of non-zero opacity alone."""
+    values = np.array([value for value, _ in transfer.points], np.float64)
+    opacity = np.array([share for _, share in transfer.points], np.float64)
+    starts = np.concatenate([[-np.inf], values])
+    ends = np.concatenate([values, [np.inf]])
+    before, after = np.append(opacity[0], opacity), np.append(opacity, opacity[-1])
+    some = np.maximum(before, after) > 0
+    found: list[list[float]] = []
+    for start, end in zip(starts[some], ends[some], strict=True):
+        if found and found[-1][1] >= start:
+            found[-1][1] = end
+        else:
+            found.append([float(start), float(end)])
+    intervals = np.array(found, np.float64).reshape(-1, 2)
+    # an end of zero opacity, which samples outside of objects often have, is not in it, nor in that of record values
+    opaque = transfer.opacity(np.clip(intervals, values[0], values[-1])) > 0
+    by = np.maximum(np.spacing(np.abs(intervals)), INWARDS * (values[-1] - values[0])) * np.array([1, -1])
+    return np.where(opaque, intervals, intervals + by)
+
+
+def transparent(opaque: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest transparent values [N] to those in `opaque` [n, 2], closed intervals; the others as they are,
+    as all where none is transparent. And which lie there, bool [N].
+    """
+    found, within = values.astype(np.float64), np.zeros(len(values), bool)
+    for low, high in opaque.tolist():
+        inside = (values >= low) & (values <= high)
+        # beside the interval, whose own ends are opaque: among the smallest numbers that is far
+        below, above = np.nextafter([low, high], [-np.inf, np.inf])
+        nearest = np.where(values - np.float64(low) <= np.float64(high) - values, below, above)
+        np.copyto(found, nearest, where=inside & np.isfinite(nearest))
+        within |= inside
+    return found, within
+
+
+def faced(gradient: np.ndarray, gone: np.ndarray, opaque: np.ndarray) -> np.ndarray:
+    """Gradients [N, 3], 0 of opaque voxels that are alone, which have no face.
+
+    gone bool [2, N, 3]: whether the neighbour before and behind is missing. opaque bool [N].
+    """
+    gradient[opaque & gone.all(axis=(0, 2))] = 0.0
+    return gradient

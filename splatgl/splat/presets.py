@@ -1,0 +1,419 @@
+"""Presets by name, default transfer function.
+
+Those of CT are in Hounsfield units. Other values are taken for a CT whose classes lie where tissues do: see `adapted`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+
+import numpy as np
+
+from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.readers.common import FIELD, is_field
+from splatgl.splat.colormaps import labels_of, shown_labels
+from splatgl.splat.label_detection import LABELS, MASK, kind_of
+from splatgl.splat.statistics import Cut, Ground, Statistics, sorted_percentile, statistics
+from splatgl.splat.transfer import Nodes, Transfer
+
+# opacities of a surface just above its cut, of the brightest matter, and of single-valued objects
+SURFACE, CORE, SOLID = 0.8, 0.95, 0.99
+# opacity of the largest values of a field, per mean spacing
+FIELD_OPACITY = 0.5
+# position of a surface's value in its colour map
+SURFACE_TONE = 0.6
+# extent of a surface's ramp, as a share of the way from its cut to the two class means
+RAMP = 0.3
+# percentiles of a sparse volume's non-background values: the dimmest visible, and the brightest
+DIM, BRIGHT = 1.0, 70.0
+
+
+@dataclass(frozen=True)
+class Look:
+    """A preset's result for one volume: opacity nodes and the colour map's window. tone: the place in the colour map at
+    which the window begins.
+    """
+
+    points: Nodes
+    window: tuple[float, float] | None = None
+    tone: float = 0.0
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A named look. hounsfield: the look of a CT in HU. rung: index of the ramp's cut; None: the object's own.
+
+    blend: what it is drawn with where nothing else is asked for; None: as any.
+    """
+
+    name: str
+    about: str
+    colormap: str
+    build: Callable[[Statistics, int | None], Look]
+    rung: int | None = None
+    hounsfield: Look | None = None
+    shading: bool = True
+    blend: str | None = None
+
+
+def surface(stats: Statistics, rung: int | None) -> Look:
+    """A ramp over a cut: transparent below, a surface above, denser towards the brightest."""
+    low, high = cut_of(stats, rung).ramp(RAMP)
+    top = max(high, stats.percentile(99.9))
+    # its colours begin where they are light
+    return Look(((low, 0.0), (high, SURFACE), (top, CORE)), (low, top) if low < top else None, SURFACE_TONE)
+
+
+def soft(stats: Statistics, rung: int | None) -> Look:
+    """A long ramp from the cut to the brightest: semi-transparent."""
+    low = cut_of(stats, rung).ramp(RAMP)[0]
+    top = max(low, stats.percentile(99.9))
+    return Look(((low, 0.0), (top, SURFACE)))
+
+
+def glow(stats: Statistics, rung: int | None) -> Look:
+    """A ramp from half the dimmest value above the background, or above its noise, to the BRIGHT percentile."""
+    lowest = float(stats.values[0])
+    low = lowest if stats.sparse else cut_of(stats, rung).ramp(RAMP)[0]
+    dim, high = np.percentile(stats.values[stats.values > low], [DIM, BRIGHT])
+    low = lowest + (float(dim) - lowest) / 2 if stats.sparse else low
+    low, high = low if stats.ground is None else max(low, stats.ground.cut), max(low, float(high))
+    return Look(((low, 0.0), *_above_noise(stats.ground, low, high), (high, SURFACE)))
+
+
+def _above_noise(ground: Ground | None, low: float, high: float) -> Nodes:
+    """A node a standard deviation above the noise, from where the ramp is what it would be without: it starts at the
+    background's level.
+    """
+    if ground is None or not low < low + ground.noise < high:
+        return ()
+    value = low + ground.noise
+    return ((value, SURFACE * (value - ground.level) / (high - ground.level)),)
+
+
+def solid(stats: Statistics, rung: int | None) -> Look:
+    """Everything above the lowest value, opaque."""
+    lowest, highest = float(stats.values[0]), float(stats.values[-1])
+    step = lowest + (float(stats.values[stats.values > lowest][0]) - lowest) / 2
+    return Look(((step, 0.0), (step, SOLID)), (lowest, highest))
+
+
+def field(stats: Statistics, rung: int | None) -> Look:
+    """A long ramp, clear below the median: semi-transparent. The colours span all values but the largest few."""
+    low, clear, high = (stats.percentile(percent) for percent in (0.0, 50.0, 99.9))
+    return Look(((clear, 0.0), (high, FIELD_OPACITY)), (low, high) if low < high else None)
+
+
+def cut_of(stats: Statistics, rung: int | None) -> Cut:
+    """The threshold of a rung, or of the whole object."""
+    return stats.cuts[min(stats.whole if rung is None else rung, len(stats.cuts) - 1)]
+
+
+# Hounsfield units of air, its border to tissue, soft tissue, its border to bone, bone, and the densest
+LANDMARKS = (-1000.0, -400.0, 40.0, 180.0, 600.0, 1500.0)
+# of an object with two classes of values only
+TWO = (-1000.0, -400.0, 600.0, 1500.0)
+# percentile of the densest
+DENSEST = 99.9
+Build = Callable[[Statistics, int | None], Look]
+
+
+def adapted(look: Look) -> Build:
+    """Builds a CT's look for other values: its Hounsfield units lie where the classes of the values are."""
+
+    def build(stats: Statistics, rung: int | None) -> Look:
+        units, values = _landmarks(stats)
+
+        def place(unit: float) -> float:
+            return float(np.interp(unit, units, values))
+
+        points = tuple((place(unit), opacity) for unit, opacity in look.points)
+        low, high = (place(unit) for unit in look.window or (look.points[0][0], look.points[-1][0]))
+        return Look(points, (low, high) if low < high else None)
+
+    return build
+
+
+def _landmarks(stats: Statistics) -> tuple[tuple[float, ...], np.ndarray]:
+    """Hounsfield units, and the values that stand for them, neither of which fall."""
+    first, top = stats.cuts[0], stats.percentile(DENSEST)
+    if len(stats.cuts) < 2:
+        return TWO, np.maximum.accumulate([first.below, first.value, first.above, top])
+    second = stats.cuts[1]
+    places = [first.below, first.value, second.below, second.value, second.above, top]
+    return LANDMARKS, np.maximum.accumulate(places)
+
+
+def _percentiles(*nodes: tuple[float, float], window: tuple[float, float]) -> Build:
+    """A look with nodes at percentiles."""
+
+    def build(stats: Statistics, rung: int | None) -> Look:
+        points = tuple((stats.percentile(percent), opacity) for percent, opacity in nodes)
+        low, high = (stats.percentile(percent) for percent in window)
+        return Look(points, (low, high) if low < high else None)
+
+    return build
+
+
+def _mr(stats: Statistics, rung: int | None) -> Look:
+    """Faint outer layers, denser with the value: skin and skull do not hide what is within."""
+    low, high = cut_of(stats, rung).ramp(RAMP)
+    top = max(high, stats.percentile(DENSEST))
+    points = ((low, 0.0), (high, 0.12), (high / 2 + top / 2, 0.35), (top, 0.6))
+    return Look(points, (min(low, stats.percentile(1.0)), top))
+
+
+def _fraction(stats: Statistics, rung: int | None) -> Look:
+    """Of anisotropies from 0 to 1; of other values, as shares of the largest."""
+    top = 1.0 if stats.values[0] >= 0 and 0.3 < stats.values[-1] <= 1 else max(stats.percentile(DENSEST), 0.0)
+    low = 0.0 if top > 0 else float(stats.values[0])
+    points = tuple((low + share * (top - low), opacity) for share, opacity in ((0.15, 0), (0.35, 0.15), (0.8, 0.9)))
+    return Look(points, (low, top) if low < top else None)
+
+
+def _ct(name: str, about: str, colormap: str, window: tuple[float, float], *points: tuple[float, float]) -> Preset:
+    nodes: Nodes = points
+    look = Look(nodes, window)
+    return Preset(name, about, colormap, adapted(look), hounsfield=look)
+
+
+MEDICAL = (
+    _ct(
+        *("ct-aaa", "the aorta and its branches with contrast, and bone", "vessels", (100.0, 900.0)),
+        *((140.0, 0.0), (190.0, 0.35), (320.0, 0.8), (900.0, 0.95)),
+    ),
+    _ct(
+        *("ct-air", "where air ends: skin, airways and lungs from within", "airways", (-950.0, -400.0)),
+        *((-900.0, 0.0), (-700.0, 0.25), (-550.0, 0.25), (-450.0, 0.0)),
+    ),
+    _ct(
+        *("ct-bones", "bone alone, its surface hard", "bone", (-700.0, 700.0)),
+        *((230.0, 0.0), (280.0, 0.95), (1500.0, SOLID)),
+    ),
+    _ct(
+        *("ct-cardiac", "heart and great vessels with contrast, through faint muscle", "heart", (-50.0, 500.0)),
+        *((20.0, 0.0), (90.0, 0.04), (150.0, 0.12), (230.0, 0.6), (500.0, 0.9)),
+    ),
+    _ct(
+        *("ct-chest-contrast", "vessels and bone through skin and muscle", "chest", (-200.0, 700.0)),
+        *((-150.0, 0.0), (-60.0, 0.03), (60.0, 0.06), (130.0, 0.15), (220.0, 0.7), (700.0, 0.95)),
+    ),
+    _ct(
+        *("ct-coronary-arteries", "thin vessels with contrast, and calcium white", "coronary", (120.0, 700.0)),
+        *((180.0, 0.0), (260.0, 0.85), (700.0, SOLID)),
+    ),
+    _ct(
+        *("ct-lung", "lungs: their tissue faint, vessels and airways in it", "lungs", (-950.0, 100.0)),
+        *((-950.0, 0.0), (-800.0, 0.02), (-600.0, 0.12), (-300.0, 0.3), (-100.0, 0.1), (0.0, 0.0)),
+    ),
+    _ct(
+        *("ct-muscle", "muscle and organs, without fat and bone", "muscle", (-60.0, 180.0)),
+        *((-10.0, 0.0), (40.0, 0.5), (110.0, 0.6), (180.0, 0.05), (250.0, 0.0)),
+    ),
+    _ct(
+        *("ct-fat", "fat alone, under the skin and around organs", "fat", (-180.0, 0.0)),
+        *((-160.0, 0.0), (-115.0, 0.5), (-75.0, 0.5), (-20.0, 0.0)),
+    ),
+    _ct(
+        *("ct-liver-vasculature", "vessels with contrast in a faint liver", "liver", (60.0, 350.0)),
+        *((70.0, 0.0), (100.0, 0.05), (140.0, 0.08), (190.0, 0.7), (350.0, 0.9)),
+    ),
+    Preset("mr-default", "faint outside, denser with the value", "ivory", _mr, 0),
+    Preset(
+        *("mr-angio", "the brightest two percent: vessels of an angiogram", "fire"),
+        _percentiles((97.5, 0.0), (99.3, 0.7), (100.0, 0.95), window=(85.0, 99.9)),
+    ),
+    Preset(
+        *("mr-t2-brain", "fluid and white matter, the upper half of the values above air", "bone"),
+        _percentiles((75.0, 0.0), (88.0, 0.15), (97.0, 0.5), (99.9, 0.85), window=(0.0, 97.0)),
+    ),
+    Preset("dti-fa", "anisotropy of diffusion, from 0 to 1", "spectrum", _fraction, shading=False),
+    Preset(
+        *("mip", "the largest value along each ray"),
+        *("gray", _percentiles((1.0, 0.0), (99.95, SOLID), window=(1.0, 99.95))),
+        shading=False,
+        blend="mip",
+    ),
+)
+
+
+# Hounsfield units: air is −1000, water 0, bone from about 200; scanners pad down to −4096 at most
+AIR, PADDING = (-1100.0, -800.0), -4096.0
+BONE_FROM = 300.0
+# smallest shares of a CT's values that are air, and bone
+AIR_SHARE, BONE_SHARE = 0.02, 0.003
+# units of length of scanners and microscopes, which see objects
+OF_OBJECTS = ("mm", "um", "µm", "nm", "Å")
+# computed values are nearly all different, of MANY every so many
+MANY, EVERY, DIFFERENT = 4096, 16, 0.5
+# second over first differences of neighbours below which a field is smooth: simulations 0.1 to 1.1, scanners 1.2 to 2
+# and more, noise 3
+SMOOTH = 1.15
+# largest ratio of values on a logarithmic scale: values classified after reconstruction are told apart in 2⁻¹⁴ of it
+MOST_RATIO = 1e4
+
+BONE_HU = Look(((150.0, 0.0), (350.0, SURFACE), (1200.0, CORE)), (-600.0, 1200.0))
+SOFT_HU = Look(((-350.0, 0.0), (-50.0, 0.5), (300.0, SURFACE), (1200.0, CORE)), (-700.0, 400.0))
+PRESETS = {
+    preset.name: preset
+    for preset in (
+        Preset("ct-bone", "bone and metal of a CT", "ivory", surface, 1, BONE_HU),
+        Preset("ct-soft", "skin and soft tissue of a CT", "flesh", surface, 0, SOFT_HU),
+        Preset("mri", "the whole object, its inside showing through", "gray", soft, 0),
+        Preset("microscopy", "bright structures on a dark ground", "glow", glow, shading=False),
+        Preset("terrain", "everything above the lowest value, opaque", "terrain", solid),
+        Preset("surface", "the object's surface", "ivory", surface),
+        Preset(FIELD, "a field of a simulation, its larger values denser", "viridis", field, shading=False),
+        *MEDICAL,
+    )
+}
+# other names, in lower case
+ALIASES = {"ct-soft-tissue": "ct-soft", "mr-mip": "mip", "ct-mip": "mip"}
+# as many near names are told of an unknown one
+NEAR = 4
+
+
+def preset(name: str, volume: Volume) -> Transfer:
+    """The preset's Transfer for this volume's values. Raises InputError for an unknown name."""
+    chosen = preset_named(name)
+    return _built(chosen, statistics(volume))
+
+
+def is_preset(name: str) -> bool:
+    """Whether there is a preset of that name."""
+    return _key(name) in PRESETS
+
+
+def _key(name: str) -> str:
+    lower = name.lower().replace("_", "-").replace(" ", "-")
+    return ALIASES.get(lower, lower)
+
+
+def preset_named(name: str) -> Preset:
+    """The preset of a name, in any case. Raises InputError for an unknown name, which tells near ones."""
+    lower = _key(str(name))
+    found = PRESETS.get(lower)
+    if found is None:
+        known = [*PRESETS, *ALIASES]
+        near = list(dict.fromkeys([each for each in known if lower and lower in each]))
+        near += [each for each in get_close_matches(lower, known, NEAR) if each not in near]
+        raise expected("preset", f"one of {', '.join(near or PRESETS)}", repr(name), "splatgl presets lists all")
+    return found
+
+
+def logarithmic(base: Transfer, volume: Volume) -> Transfer:
+    """The colours of a transfer function over the logarithms of a volume's positive values, the larger ones denser.
+
+    Raises InputError for a volume without positive values.
+    """
+    values = statistics(volume).values
+    values = values[values > 0]
+    if len(values) == 0:
+        raise expected("scale", "positive values, for their logarithms", f"none in {volume.name or 'the volume'}")
+    low, clear, high = (sorted_percentile(values, percent) for percent in (0.0, 50.0, 99.99))
+    low = max(low, high / MOST_RATIO)
+    points = ((max(low, clear), 0.0), (high, SURFACE))
+    return replace(base, points=points, window=(low, high) if low < high else None, scale="log")
+
+
+def default_transfer(volume: Volume) -> Transfer:
+    """The volume's own hints if any; the rest chosen from its values to show the object; labels in their colours."""
+    if volume.labels is not None:
+        return label_transfer(volume)
+    hints = volume.hints
+    if hints.points is not None:
+        chosen = Transfer(hints.points)
+    elif hints.preset is not None:
+        chosen = preset(hints.preset, volume)
+    elif hints.window is not None:
+        chosen = Transfer(((hints.window[0], 0.0), (hints.window[1], SURFACE)))
+    else:
+        chosen = _from_values(volume)
+    if hints.color is not None:
+        # a channel: its colour, as bright as it is opaque
+        return replace(chosen, colormap=hints.color, unit=hints.unit, shading=False)
+    given = {name: getattr(hints, name) for name in ("window", "unit", "colormap", "shading")}
+    return replace(chosen, **{name: value for name, value in given.items() if value is not None})
+
+
+def is_microscopy(volume: Volume) -> bool:
+    """Whether its values are those of bright structures on a dark ground."""
+    chosen = volume.hints.preset or _chosen(volume, statistics(volume))
+    return chosen == "microscopy"
+
+
+def label_transfer(volume: Volume, only: Sequence[tuple[int, float]] | None = None) -> Transfer:
+    """The Transfer of a segmentation. only: numbers of the labels that are shown, and factors of their opacities.
+    Raises InputError for samples that are no labels, and for other numbers.
+    """
+    shown = shown_labels(labels_of(volume), only)
+    numbers = [number for number, _, _ in shown] or [0]
+    return Transfer(((min(numbers), 0.0), (max(numbers), SOLID)), labels=shown)
+
+
+def _from_values(volume: Volume) -> Transfer:
+    kind = volume.hints.values or kind_of(volume)[0]
+    stats = statistics(volume)
+    several = len(np.unique(stats.values)) > 2
+    # a picture's colours are no names, however few they are
+    if (kind == LABELS or (kind == MASK and several)) and volume.color is None:
+        return label_transfer(volume)
+    if kind == MASK and not stats.constant:
+        return replace(_built(PRESETS["terrain"], stats), colormap="ivory")
+    return _built(PRESETS[_chosen(volume, stats)], stats)
+
+
+def _chosen(volume: Volume, stats: Statistics) -> str:
+    """The name of the preset that shows what the values tell of."""
+    computed = _is_computed(volume, stats)
+    if computed and is_field(volume.name):
+        return FIELD
+    if stats.sparse:
+        return "microscopy"
+    if _is_hounsfield(stats):
+        return "ct-bone" if stats.share_above(BONE_FROM) >= BONE_SHARE else "ct-soft"
+    return FIELD if computed and _is_smooth(volume, float(stats.values[0])) else "surface"
+
+
+def _is_computed(volume: Volume, stats: Statistics) -> bool:
+    """Whether the values above the lowest are nearly all different, in a file without anatomy: no scanner's are,
+    which are whole numbers in any type.
+    """
+    if volume.frame is not None or volume.unit in OF_OBJECTS or stats.constant:
+        return False
+    if (stats.values == np.rint(stats.values)).all():
+        return False
+    above = stats.values[np.searchsorted(stats.values, stats.values[0], side="right") :]
+    some = above[:: EVERY if len(above) > MANY else 1]
+    return len(some) > 1 and bool(np.count_nonzero(np.diff(some)) >= DIFFERENT * (len(some) - 1))
+
+
+def _is_smooth(volume: Volume, empty: float) -> bool:
+    """Whether neighbours in the middle plane differ as a simulation's. empty: stands for values that aren't finite."""
+    middle = np.asarray(volume.samples[volume.shape[0] // 2], np.float64)
+    middle = np.where(np.isfinite(middle), middle, empty)
+    with np.errstate(over="ignore", invalid="ignore"):
+        slope, bend = np.abs(middle[:, 2:] - middle[:, :-2]) / 2, np.abs(np.diff(middle, 2, axis=1))
+    some = slope + bend > 0
+    return bool(some.any()) and float(np.median(bend[some])) < SMOOTH * float(np.median(slope[some]))
+
+
+def _built(chosen: Preset, stats: Statistics) -> Transfer:
+    if stats.constant:
+        value = float(stats.values[0]) if len(stats.values) else 0.0
+        look = Look(((value, SOLID if len(stats.values) else 0.0),))
+    elif chosen.hounsfield and _is_hounsfield(stats):
+        look = chosen.hounsfield
+    else:
+        look = chosen.build(stats, chosen.rung)
+    colors = f"{chosen.colormap}[{look.tone:g}:]" if look.tone else chosen.colormap
+    return Transfer(look.points, colors, look.window, shading=chosen.shading)
+
+
+def _is_hounsfield(stats: Statistics) -> bool:
+    """True for CT-like values: air near −1000, matter above 0, nothing below the scanners' padding."""
+    air = stats.share_above(AIR[0]) - stats.share_above(AIR[1])
+    return stats.values[0] >= PADDING and air >= AIR_SHARE and stats.share_above(-200.0) >= AIR_SHARE

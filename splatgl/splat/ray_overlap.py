@@ -1,0 +1,233 @@
+"""Largest number of splats, and of their optical depth, whose footprints one ray of a picture meets.
+
+By planes: a ray that crosses n planes of the lattice at an angle meets at most the cells of an ellipse in each.
+By positions: few splats, or few blocks of them, are counted in screen squares as large as the largest footprint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from splatgl.splat.splats import Splats
+from splatgl.splat.view import View
+
+# largest ratio of lattice points in an ellipse across a plane to its area: measured over positions, angles and lengths
+DISCRETE = 1.35
+# largest distance of a point from its cell's centre
+OFF = np.sqrt(3.0) / 2
+# tiles along each axis of the picture, for bounding directions
+TILES = 8
+# up to FEW splats are counted one by one; more in blocks of BLOCK cells a side, if at most FEW are occupied in a grid
+# of at most MOST_BLOCKS
+FEW, BLOCK, MOST_BLOCKS = 8192, 8, 2**22
+# a splat or block nearer than this share of the median depth counts for the whole picture
+NEAR = 1 / 3
+# most squares along each axis of the picture
+SQUARES = 512
+# splats counted at a time
+PART = 2**20
+# beyond z_k a footprint reaches at most 2 R pixels: block_culling.STRETCHED
+STRETCHED = 2.0
+
+
+@dataclass(frozen=True)
+class RayOverlap:
+    """count: splats whose footprints one ray meets; depth: their Σ τ g, g the effective length (1 for cubes before
+    z_k), in units of the kernel's line integral.
+    """
+
+    count: float
+    depth: float
+
+
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """Single splats or blocks: centres [N, 3] in grid indices, radius [N] of their members' centres, their count [N]
+    and Σ τ [N].
+    """
+
+    place: np.ndarray
+    radius: np.ndarray
+    count: np.ndarray
+    depth: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Lattice occupancy: whether every splat is at its cell's centre, the most in one cell, and the occupied planes.
+
+    groups: None if there are too many blocks.
+    """
+
+    aligned: bool
+    count: int
+    depth: float
+    planes: np.ndarray
+    groups: Groups | None
+
+
+def ray_overlap(splats: Splats, view: View, astray: float = 0.0) -> RayOverlap:
+    """The largest overlap of any ray, for at least one splat. astray: largest displacement of a splat, grid steps."""
+    reach, cells = _Reach.of(splats, view, astray), cells_of(splats)
+    by_planes = _by_planes(splats, view, reach)
+    if cells.groups is None:
+        return by_planes
+    by_places = _by_places(cells.groups, view, reach)
+    return RayOverlap(min(by_planes.count, by_places.count), min(by_planes.depth, by_places.depth))
+
+
+@dataclass(frozen=True, eq=False)
+class _Reach:
+    """far: the furthest splat. longest: the longest reach of a kernel of unit radius. stretch: area of the widest
+    footprint over its unwidened area. radius: reach of a splat from its centre, grid steps.
+    """
+
+    far: float
+    longest: float
+    stretch: float
+    radius: float
+
+    @classmethod
+    def of(cls, splats: Splats, view: View, astray: float) -> _Reach:
+        corners, stretch = view.box(splats), 1.0
+        if view.antialias:
+            widest = view.pitch * (float(corners[2].max()) if view.perspective else 1.0)
+            stretch = float(np.maximum(widest / view.widths, 1.0).prod())
+        far = float(np.linalg.norm(corners, axis=0).max())
+        return cls(far, float(np.linalg.norm(view.eye_from_index, ord=2)), stretch, view.kernel.radius + astray)
+
+
+def _by_planes(splats: Splats, view: View, reach: _Reach) -> RayOverlap:
+    cells = cells_of(splats)
+    radius = reach.radius + (0.0 if cells.aligned else OFF)
+    ellipse = DISCRETE * np.pi * radius**2
+    # directions at the corners of the tiles, in index steps, and their lengths
+    if view.perspective:
+        across, down = (np.linspace(-1, 1, TILES + 1) * edge for edge in view.edge)
+        ray = np.stack([*np.meshgrid(across, down), np.ones((TILES + 1, TILES + 1))])
+    else:
+        ray = np.zeros((3, 2, 2))
+        ray[2] = 1.0
+    steps = np.tensordot(view.index_from_eye, ray, 1)
+    least = np.where(_same_sign(steps), _corners(np.abs(steps)).min(axis=0), 0.0)
+    with np.errstate(divide="ignore", over="ignore"):
+        crossed = cells.planes[:, None, None] / least
+    index = (crossed * _corners(np.sqrt((steps * steps).sum(axis=0))).max(axis=0)).min(axis=0).max()
+    length = (crossed * _corners(np.sqrt((ray * ray).sum(axis=0))).max(axis=0)).min(axis=0).max()
+    if view.perspective:
+        # the ray begins at the eye
+        shortest = float(np.linalg.norm(view.index_from_eye, ord=2))
+        index = min(index, reach.far * shortest + 2 * np.sqrt(3.0))
+        length = min(length, reach.far + 2 * np.sqrt(3.0) * reach.longest)
+    # wide footprints have a smaller discrete excess: a border of half a cell
+    wide = radius * np.sqrt(reach.stretch)
+    area = min(DISCRETE * np.pi * wide**2, np.pi * (wide + OFF) ** 2)
+    count = min(float(len(splats)), area * index * cells.count)
+    return RayOverlap(count, min(splats.total_depth * reach.longest, ellipse * length * cells.depth))
+
+
+def _by_places(groups: Groups, view: View, reach: _Reach) -> RayOverlap:
+    x, y, z = view.voxels(groups.place)
+    radius = (reach.radius + groups.radius) * reach.longest
+    wide = STRETCHED * view.kernel.radius * view.pitch if view.antialias else 0.0
+    if view.perspective:
+        # a sphere's outline from the eye, and a stretched footprint in pixels, widened by its members' extent
+        ahead = z > np.maximum(2 * radius, NEAR * max(float(np.median(z)), 0.0))
+        safe = np.where(ahead, z, 1e30)
+        slope, ratio = np.maximum(np.abs(x), np.abs(y)) / safe, radius / safe
+        half = ratio * (np.sqrt(1 + slope * slope) + slope * ratio) / (1 - ratio**2) + wide * (1 + slope)
+        x, y = x / safe, y / safe
+    else:
+        ahead = z >= -radius
+        half = radius + wide
+    everywhere = ~ahead & (z > -radius)
+    many, deep = float(groups.count[everywhere].sum()), float(groups.depth[everywhere].sum())
+    if ahead.any():
+        # squares at least as large as every footprint, so that each touches at most four
+        place = _squares(x[ahead], y[ahead], half[ahead])
+        many += float(np.bincount(place, np.repeat(groups.count[ahead], 4)).max())
+        deep += float(np.bincount(place, np.repeat(groups.depth[ahead], 4)).max())
+    return RayOverlap(many, deep * reach.longest)
+
+
+def _squares(x: np.ndarray, y: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """[4 N]: the squares of the picture that boxes [N] around x, y may touch."""
+    across = max(float(np.ptp(x)), float(np.ptp(y)))
+    size = max(2 * float(half.max()), across / SQUARES)
+    columns, rows = (np.floor((n - half - (n - half).min()) / size).astype(np.int64) for n in (x, y))
+    width = int(columns.max()) + 2
+    return np.asarray((rows[:, None] + [0, 0, 1, 1]) * width + columns[:, None] + [0, 1, 0, 1]).ravel()
+
+
+_cells: WeakKeyDictionary[Splats, Cells] = WeakKeyDictionary()
+
+
+def cells_of(splats: Splats) -> Cells:
+    """The occupancy of `splats`, cached for their lifetime."""
+    found = _cells.get(splats)
+    if found is None:
+        found = _cells[splats] = _count(splats)
+    return found
+
+
+def _count(splats: Splats) -> Cells:
+    position, depth = splats.records["position"], splats.records["optical_depth"]
+    # splats of a cell are adjacent
+    first = np.ones(len(splats), bool)
+    np.not_equal(splats.cell_x[1:], splats.cell_x[:-1], out=first[1:])
+    first[splats.row_start[:-1]] = True
+    count, deepest = 1, splats.deepest
+    if not first.all():
+        start = np.flatnonzero(first)
+        count = int(np.diff(start, append=len(splats)).max())
+        deepest = float(np.add.reduceat(depth, start, dtype=np.float64).max())
+    planes = [len(_different(cells)) for cells in (splats.cell_x, splats.row_y, splats.row_z)]
+    aligned = all(bool((part == np.rint(part)).all()) for part in _parts(position))
+    return Cells(aligned, count, deepest, np.array(planes, dtype=np.float64), _grouped(position, depth, splats))
+
+
+def _parts(values: np.ndarray) -> Iterator[np.ndarray]:
+    """The values, PART at a time: what is computed of them takes little memory."""
+    return (values[first : first + PART] for first in range(0, len(values), PART))
+
+
+def _different(values: np.ndarray) -> np.ndarray:
+    """The different values."""
+    return np.unique(np.concatenate([np.unique(part) for part in _parts(values)]))
+
+
+def _grouped(position: np.ndarray, depth: np.ndarray, splats: Splats) -> Groups | None:
+    if len(position) <= FEW:
+        return Groups(position.astype(np.float64), np.zeros(len(position)), np.ones(len(position)), depth.astype(float))
+    first, last = splats.index_bounds
+    wide = np.floor((last - first) / BLOCK) + 1
+    if float(wide.prod()) > MOST_BLOCKS:
+        return None
+    x, y, _ = (int(n) for n in wide)
+    count, total = np.zeros(int(wide.prod()), np.int64), np.zeros(int(wide.prod()))
+    for places, depths in zip(_parts(position), _parts(depth), strict=True):
+        block = ((places - first.astype(np.float32)) / np.float32(BLOCK)).astype(np.int32)
+        block = np.minimum(block, wide.astype(np.int32) - 1)
+        name = (block[:, 2] * y + block[:, 1]) * x + block[:, 0]
+        count += np.bincount(name, minlength=len(count))
+        total += np.bincount(name, depths, minlength=len(count))
+    used = np.flatnonzero(count)
+    if len(used) > FEW:
+        return None
+    middle = (np.stack([used % x, used // x % y, used // (x * y)], axis=1) + 0.5) * BLOCK + first
+    return Groups(middle, np.full(len(used), BLOCK * np.sqrt(3.0) / 2), count[used].astype(np.float64), total[used])
+
+
+def _corners(values: np.ndarray) -> np.ndarray:
+    """The four corners of each tile: [4, …, n − 1, m − 1] of [..., n, m]."""
+    rows = values[..., :-1, :], values[..., 1:, :]
+    return np.stack([part for row in rows for part in (row[..., :-1], row[..., 1:])])
+
+
+def _same_sign(values: np.ndarray) -> np.ndarray:
+    corners = _corners(np.sign(values))
+    return np.asarray(np.abs(corners.sum(axis=0)) == 4)

@@ -1,0 +1,409 @@
+"""Resolved: settings without auto.
+
+`plan` adds the choices for OpenGL; the float64 references use this alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatgl.data.volume import Volume
+from splatgl.errors import InputError, expected
+from splatgl.splat.ambient_occlusion import Cues
+from splatgl.splat.camera import Camera, check_reach
+from splatgl.splat.clipping import Clip, clipped
+from splatgl.splat.extract import POST_KERNEL, Progress, Source, extract, only_pre
+from splatgl.splat.kernels import BOX, Kernel, kernel
+from splatgl.splat.lighting import LIGHTS, Light
+from splatgl.splat.mask_field import MaskField
+from splatgl.splat.motion_blur import MOTIONS
+from splatgl.splat.settings import BLENDS, BlendMode, Settings
+from splatgl.splat.sheets import MOST_SHEETS, Sheets
+from splatgl.splat.splats import MOST_KEPT, Splats
+from splatgl.splat.transfer import Transfer
+from splatgl.splat.view import View, widening
+
+# kinds of antialiasing whose pixels are means of samples
+AVERAGED = ("auto", "supersample")
+# samples along each axis from these tolerances on; and at most: beyond, voxels are widened besides
+SAMPLES = ((0.05, 1), (1e-3, 2), (0.0, 3))
+MOST_SAMPLES = 4
+# most samples along a side of the picture, which OpenGL can draw into, and in all of it, 1 GiB
+MOST_SIDE, MOST_AREA = 16384, 2**26
+# kernel of splats that are classified before
+PRE_KERNEL = "crawfis-max"
+# sheets that share a splat, and parts of a sheet, from these tolerances on
+SHEETS = ((0.03, 2, 1), (0.005, 2, 2), (3e-3, 3, 2), (0.0, 3, 3))
+# such parts in blends of one value, at whose ends and middles extremes are looked for
+ONE_VALUE_STEPS = 2
+# weight of the differences across a pixel's edges in its mean (Euler–Maclaurin)
+END_CORRECTION = 1 / 24
+
+
+@dataclass(frozen=True)
+class Look:
+    """Appearance of splats. attenuation: opacity, optical-depth or fill. shading: whether lit from the eye.
+
+    sheets: sheets that share a splat; 0: splats composite one by one. steps: parts of a sheet, each classified
+    once; 0: splats are classified before. weighted: whether gradients weigh opacities classified there. clipped:
+    whether planes cut rays. masked: whether a mask does. light: of what is shaded. sky, shadows: whether matter keeps
+    ambient and direct light off.
+    """
+
+    blend: BlendMode
+    attenuation: str
+    shading: bool
+    sheets: int = 0
+    steps: int = 0
+    weighted: bool = False
+    clipped: bool = False
+    masked: bool = False
+    light: Light = LIGHTS["head"]
+    sky: bool = False
+    shadows: bool = False
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """The settings resolved for one picture, without `auto`. Depths are in world units.
+
+    averaged: whether pixels are means of samples with the end correction of resolve.frag.
+    view: at samples × samples a pixel; whether any splat is widened, and beyond which depths. camera: likewise.
+    z_k: depth at which the smallest voxel is one sample wide [M98 Eq. 3]. depths: of the box of all splats, nearest and
+    farthest. unsure: see widening.py. background: linear RGB, None: transparent. notes: omitted steps with reasons, a
+    line each. sheets: None: splats composite one by one. clip: the planes that cut rays; None: no ray is cut.
+    mask: what cuts them besides; None: nothing. cues: what light reaches matter; None: all of it.
+    """
+
+    look: Look
+    samples: int
+    averaged: bool
+    camera: Camera
+    view: View
+    z_k: float
+    depths: tuple[float, float]
+    unsure: float
+    background: tuple[float, float, float] | None
+    tolerance: float
+    notes: tuple[str, ...] = ()
+    sheets: Sheets | None = None
+    clip: Clip | None = None
+    mask: MaskField | None = None
+    cues: Cues | None = None
+
+    @property
+    def kernel(self) -> Kernel:
+        """The view's kernel."""
+        return self.view.kernel
+
+    @property
+    def boxes(self) -> bool:
+        """Whether splats are boxes of voxels, which rays cross one by one, in the order of cells."""
+        return self.kernel is BOX
+
+    @classmethod
+    def of(cls, splats: Splats, camera: Camera, settings: Settings, moving: bool = False) -> Resolved:
+        """Resolves the settings for splats and camera. moving: whether the picture is motion-blurred.
+
+        In a parallel view, still splats must be the result of `ahead`.
+        """
+        depths = depth_range(splats, camera)
+        pixel = float(camera.pixel_pitch(depths[1])) / splats.grid.smallest_spacing
+        samples, samples_notes = _samples(settings, pixel, camera.size)
+        fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
+        if len(splats):
+            check_reach(splats.corners, camera, splats.grid.mean_spacing)
+        z_k = fine.z_k(splats.grid.smallest_spacing)
+        boxes = as_boxes(splats, settings, moving)
+        antialias, antialias_notes = (False, ()) if boxes else _antialias(settings, z_k, depths[1])
+        shading, shading_notes = _shading(splats, settings)
+        shape = BOX if boxes else kernel(kernel_name(splats, settings))
+        view = View.of(splats.grid, fine, shape, antialias)
+        widened = widening(splats, view)
+        sheets, sheets_notes = _sheets(splats, settings, view, moving)
+        # widened weights of means need no attenuation
+        after = sheets is not None and sheets.steps > 0
+        attenuation = "optical-depth" if after else _attenuation(settings, antialias or moving)
+        clip = Clip.of(settings.clip, splats.grid) if after or boxes else None
+        mask = splats.mask if after else None
+        look = Look(BLENDS[settings.blend], attenuation, shading, clipped=clip is not None, masked=mask is not None)
+        light = Light.of(settings.light, settings.light_from, settings.shadows > 0)
+        cues, cues_notes = _cues(splats, camera, settings, light)
+        if cues is not None:
+            look = replace(look, sky=cues.occlusion > 0, shadows=cues.light is not None)
+        look = replace(look, light=light)
+        if sheets:
+            weighted = splats.post is not None and bool(splats.post.transfer.gradient) and not look.blend.one_value
+            look = replace(look, sheets=sheets.count, steps=sheets.steps, weighted=weighted)
+        return cls(
+            look=look,
+            samples=samples,
+            averaged=settings.antialias in AVERAGED,
+            camera=fine,
+            view=replace(view, beyond=widened.beyond),
+            z_k=z_k,
+            depths=depths,
+            unsure=widened.unsure,
+            background=settings.background,
+            tolerance=settings.tolerance,
+            notes=samples_notes + antialias_notes + shading_notes + cues_notes + sheets_notes,
+            sheets=sheets,
+            clip=clip,
+            mask=mask,
+            cues=cues,
+        )
+
+
+def kernel_name(splats: Splats, settings: Settings) -> str:
+    """The kernel that reconstructs; InputError if values were extracted for another."""
+    if splats.post is None:
+        return settings.kernel if settings.kernel != "auto" else PRE_KERNEL
+    if settings.kernel not in ("auto", splats.post.kernel):
+        raise expected("kernel", f"auto or {splats.post.kernel}", settings.kernel, "extract the volume for that kernel")
+    return splats.post.kernel
+
+
+def _sheets(splats: Splats, settings: Settings, view: View, moving: bool) -> tuple[Sheets | None, tuple[str, ...]]:
+    """The sheets of a picture, None if splats composite one by one; with notes. InputError for what can't be drawn."""
+    _check_classification(splats, settings, moving)
+    post = splats.post is not None
+    if view.kernel is BOX:
+        return None, ()
+    why = None if settings.compositing == "sheets" else one_by_one(settings, moving)
+    if not post and (why or moving or not BLENDS[settings.blend].ordered):
+        left = why and settings.compositing == "auto" and BLENDS[settings.blend].ordered
+        return None, (f"sheets left out: {why} takes splats one by one; the picture would be another",) if left else ()
+    if settings.attenuation == "opacity":
+        raise expected("attenuation", "optical-depth or fill, which add up within sheets", "opacity")
+    count, steps = next((count, steps) for tolerance, count, steps in SHEETS if settings.tolerance >= tolerance)
+    if BLENDS[settings.blend].one_value:
+        steps = ONE_VALUE_STEPS
+    sheets = Sheets.of(view.kernel, settings.sheets or count, (settings.steps or steps) if post else 0)
+    first, last = sheets.range(splats, view)
+    if last - first < MOST_SHEETS and len(splats) <= MOST_KEPT:
+        return sheets, ()
+    many = f"at most {MOST_SHEETS:,} sheets and {MOST_KEPT:,} splats"
+    if post:
+        raise expected("splats", many, f"{last - first + 1:,} and {len(splats):,}", "take a part of the volume")
+    return None, (f"sheets left out: they take {many}; the picture would be another",)
+
+
+def _check_classification(splats: Splats, settings: Settings, moving: bool) -> None:
+    """InputError for what splats that are classified before or after reconstruction can't draw."""
+    post, blend = splats.post, BLENDS[settings.blend]
+    if settings.classification not in ("auto", "post" if post else "pre"):
+        raise InputError(
+            f"classification {settings.classification}: the splats were extracted to be classified "
+            f"{'after' if post else 'before'} reconstruction; extract them with that classification"
+        )
+    if blend.post_only if post is None else blend.one_value and not post.every:
+        raise InputError(
+            f"blend {blend.name} takes all voxels, classified after reconstruction: "
+            'render with --classification post, extract with classification="post-all"'
+        )
+    if post and moving:
+        raise InputError(
+            "streaks take splats that are classified before reconstruction: extract them so, or use motion auto"
+        )
+    if post and blend.one_value and settings.shading == "on":
+        raise expected("shading", f"auto or off, as {blend.name} shows values, not surfaces", "on")
+
+
+def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
+    """Smallest and largest depth, world units, of the box of all splats."""
+    depth = camera.eye_from_points(splats.corners)[:, 2]
+    return float(depth.min()), float(depth.max())
+
+
+def _samples(settings: Settings, pixel: float, size: tuple[int, int]) -> tuple[int, tuple[str, ...]]:
+    """Samples along each axis of a pixel, and notes. pixel: its width in smallest voxels at the farthest splat."""
+    if settings.antialias != "auto":
+        return (settings.samples if settings.antialias == "supersample" else 1), ()
+    least = next(k for tolerance, k in SAMPLES if settings.tolerance >= tolerance)
+    wanted = int(np.clip(np.ceil(pixel), least, MOST_SAMPLES))
+    fits = max(1, min(MOST_SIDE // max(size), int(np.sqrt(MOST_AREA / (size[0] * size[1])))))
+    if wanted <= fits:
+        return wanted, ()
+    return fits, (f"{wanted}×{wanted} samples a pixel left out: the picture is too large; its edges alias more",)
+
+
+def _antialias(settings: Settings, z_k: float, farthest: float) -> tuple[bool, tuple[str, ...]]:
+    """Whether voxels are widened beyond z_k, and one lies there; with notes."""
+    if settings.antialias == "off" or farthest >= z_k:
+        return settings.antialias != "off", ()
+    why = f"every splat is nearer than z_k = {z_k:.6g}; the picture is the same"
+    return False, (f"widening of voxels left out: {why}",)
+
+
+def _shading(splats: Splats, settings: Settings) -> tuple[bool, tuple[str, ...]]:
+    """Whether splats are shaded, by the settings, else by the transfer function; with notes."""
+    if settings.shading != "auto":
+        return settings.shading == "on", ()
+    if not splats.shaded or BLENDS[settings.blend].ordered:
+        return splats.shaded, ()
+    return False, (f"shading left out: {settings.blend} shows values, not surfaces; the picture would be another",)
+
+
+def _cues(splats: Splats, camera: Camera, settings: Settings, light: Light) -> tuple[Cues | None, tuple[str, ...]]:
+    """What light reaches matter, None if all; with notes."""
+    asked = [name for name in ("ambient_occlusion", "shadows") if getattr(settings, name) > 0]
+    if not asked or not len(splats):
+        return None, ()
+    if not BLENDS[settings.blend].ordered:
+        why = f"{settings.blend} shows values, not surfaces; the picture would be another"
+        return None, (f"{' and '.join(asked).replace('_', ' ')} left out: {why}",)
+    shines = light.within(camera) if settings.shadows > 0 else None
+    notes = ("shadows left out: those of a light at the eye are not seen",) * (settings.shadows > 0 and shines is None)
+    if not settings.ambient_occlusion and shines is None:
+        return None, notes
+    casters = ((splats, settings.clip),)
+    toward = None if shines is None else -shines
+    return Cues(casters, splats.grid, settings.ambient_occlusion, settings.shadows, toward), notes
+
+
+def _attenuation(settings: Settings, weakened: bool) -> str:
+    """The attenuation form. Forms differ only in composite, and before z_k only under motion. Measured over walls,
+    edges, threads, dots, fog and real volumes, fill is the nearest to supersampling.
+    """
+    if not BLENDS[settings.blend].ordered or not weakened:
+        return "optical-depth"
+    return "fill" if settings.attenuation == "auto" else settings.attenuation
+
+
+# bits of a radial table's texels
+RADIAL_BITS = 32
+
+
+def by_distance(settings: Settings) -> bool:
+    """Whether footprints depend on the distance alone."""
+    exact = settings.align in ("auto", "exact")
+    return exact and settings.footprint != "table" and settings.table_bits == RADIAL_BITS
+
+
+def nearest_first(settings: Settings) -> str | None:
+    """Why a picture can't be drawn in float32, nearest first, with footprints by the distance; None if it can."""
+    if settings.target not in ("auto", "rgba32f"):
+        return f"target {settings.target}"
+    if BLENDS[settings.blend].ordered and settings.order == "back-to-front":
+        return "order back-to-front"
+    return None if by_distance(settings) else "footprints from a table"
+
+
+def streaked(settings: Settings) -> bool:
+    """Whether the settings ask for streaks, where there are any: extreme values along a ray have none."""
+    return settings.motion in MOTIONS and not BLENDS[settings.blend].one_value
+
+
+def as_boxes(splats: Splats, settings: Settings, moving: bool) -> bool:
+    """Whether splats are voxels of labels that are drawn as boxes: unless the settings ask for footprints of a kernel.
+
+    moving: whether the picture is of streaks.
+    """
+    plain = settings.kernel == "auto" and settings.attenuation != "opacity" and settings.antialias != "paper"
+    return splats.labels is not None and plain and by_distance(settings) and not moving
+
+
+def blur(splats: Splats, settings: Settings) -> str:
+    """How a moving picture of these splats is blurred: moments, off or a form of streaks.
+
+    For sums streaks are exact; where matter hides matter, the mean of moments has less error in the same time, and
+    values classified after reconstruction, and boxes of labels, have no streaks.
+    """
+    if settings.motion == "auto":
+        before = suited(splats, settings, moving=True)
+        sums = BLENDS[settings.blend].unbounded and before.post is None and not as_boxes(before, settings, False)
+        return "exact" if sums else "moments"
+    if settings.motion == "off":
+        return "moments" if (settings.moments or 1) > 1 else "off"
+    return settings.motion if streaked(settings) else "moments"
+
+
+def one_by_one(settings: Settings, moving: bool) -> str | None:
+    """What takes splats that composite one by one, classified before; None if sheets serve.
+
+    moving: whether the picture is motion-blurred.
+    """
+    if moving and streaked(settings):
+        return f"motion {settings.motion}"
+    for name, value in (("compositing", "splats"), ("attenuation", "opacity")):
+        if getattr(settings, name) == value:
+            return f"{name} {value}"
+    return nearest_first(settings)
+
+
+def kind(settings: Settings, moving: bool, why: str | None, voxels: int) -> tuple[str, str]:
+    """Classification and kernel of `extract` for a picture with these settings.
+
+    why: what takes splats classified before, see `only_pre`. voxels: of the volume.
+    """
+    blend, how = BLENDS[settings.blend], settings.classification
+    if how == "auto":
+        hindered = why or one_by_one(settings, moving) or (blend.one_value and voxels > MOST_KEPT)
+        how = "pre" if hindered and not blend.post_only else "post"
+    if how == "pre":
+        return how, ""
+    return "post-all" if blend.one_value else how, settings.kernel if settings.kernel != "auto" else POST_KERNEL
+
+
+def extracted(
+    volume: Volume,
+    transfer: Transfer,
+    settings: Settings,
+    threshold: float = 0.0,
+    progress: Progress | None = None,
+    moving: bool = False,
+) -> Splats:
+    """The splats of a volume for a picture with these settings; for others too, unless they are for motion blur.
+
+    Raises InputError as `extract`.
+    """
+    how, kernel = kind(settings, moving, only_pre(volume, transfer, threshold), volume.count)
+    if settings.classification == "auto" and how == "post":
+        # or voxels, if values are too many
+        return extract(volume, transfer, threshold, progress=progress, kernel=kernel)
+    found = extract(volume, transfer, threshold, progress=progress, classification=how, kernel=kernel)
+    if settings.classification != "auto" or moving:
+        return found
+    return replace(found, source=Source(volume, transfer, threshold))
+
+
+def suited(splats: Splats, settings: Settings, moving: bool) -> Splats:
+    """The splats of the same volume that a picture with these settings takes; these, if they serve or know no volume.
+    Voxels that planes cut off are left out.
+
+    moving: whether the picture is motion-blurred.
+    """
+    found = _classified(splats, settings, moving)
+    return clipped(found, settings.clip, as_boxes(found, settings, moving))
+
+
+def _classified(splats: Splats, settings: Settings, moving: bool) -> Splats:
+    source, post = splats.source, splats.post
+    if source is None:
+        return splats
+    how, kernel = kind(settings, moving, source.only_pre, source.volume.count)
+    if post is None:
+        serves = how == "pre" or (how == "post" and source.many and settings.classification == "auto")
+    else:
+        serves = how != "pre" and post.kernel == kernel and (how == "post" or post.every)
+    return splats if serves else source.splats(how, kernel)
+
+
+def classified_before(splats: Splats, settings: Settings, moving: bool) -> str | None:
+    """What takes voxels that are classified before, for a picture with these settings; None if it takes values."""
+    if suited(splats, settings, moving).post is not None:
+        return None
+    source = splats.source
+    if source is None or settings.classification != "auto":
+        return "classification pre"
+    return source.only_pre or one_by_one(settings, moving) or f"more than {MOST_KEPT:,} values"
+
+
+def values_left_out(splats: Splats, settings: Settings, moving: bool) -> list[str]:
+    """A note on why `auto` classifies voxels instead of reconstructed values, if it does."""
+    if splats.source is None or settings.classification != "auto":
+        return []
+    why = classified_before(splats, settings, moving)
+    return [f"classification after reconstruction left out: {why}; the picture would be another"] if why else []

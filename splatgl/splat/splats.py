@@ -1,0 +1,443 @@
+"""Splats: records, rows, caches.
+
+A run of one is the width of a dot, thread, sheet or surface layer. Runs give the filled share of a pixel
+wider than a voxel and its number of layers in depth.
+
+Positions are grid indices, small and exact in float32; the affine grid maps them to world space in
+float64. Only non-empty rows are stored (compressed sparse rows).  [M98 §5, voxel extractor]
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, TypeVar
+from weakref import WeakKeyDictionary, ref
+
+import numpy as np
+
+from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
+from splatgl.errors import expected
+from splatgl.splat.grid import Grid, Lattice, columns, corners_of, index_rows, lattice_across
+from splatgl.splat.preintegration import PostClassified
+
+if TYPE_CHECKING:
+    from splatgl.splat.extract import Source
+    from splatgl.splat.label_normals import LabelNormals
+    from splatgl.splat.mask_field import MaskField
+
+
+class Same:
+    """Equal to another `Same` of the same object while that lives: its `id` may belong to another one afterwards."""
+
+    def __init__(self, it: object) -> None:
+        self.it, self.number = ref(it), id(it)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Same) and (it := self.it()) is not None and it is other.it()
+
+    def __hash__(self) -> int:
+        return self.number
+
+
+class LatestParts:
+    """The latest part of each set of splats, for as long as the set lives."""
+
+    def __init__(self) -> None:
+        # of all splats None is kept: a set that its own entry holds would never be freed
+        self._kept: WeakKeyDictionary[Splats, tuple[object, Splats | None]] = WeakKeyDictionary()
+
+    def of(self, splats: Splats, key: object, keeps: Callable[[], np.ndarray]) -> Splats:
+        """The splats where `keeps()` [N] is True, which is asked once while `key` stays the same."""
+        latest = self._kept.get(splats)
+        if latest is None or latest[0] != key:
+            kept = keeps()
+            latest = self._kept[splats] = key, None if kept.all() else splats.part(kept)
+        return splats if latest[1] is None else latest[1]
+
+
+Found = TypeVar("Found")
+
+
+def in_parts(count: int, size: int, work: Callable[[slice], Found]) -> list[Found]:
+    """What the work finds of `count` things, `size` at a time, in their order."""
+    parts = [slice(start, min(start + size, count)) for start in range(0, count, size)]
+    if len(parts) < 2:
+        return [work(part) for part in parts]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(work, parts))
+
+
+def checked_points(points: object, colors: object, extinctions: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points and colours [N, 3] and extinctions [N], float64. InputError for other shapes and negative numbers."""
+    p, c, e = (np.asarray(array, dtype=np.float64) for array in (points, colors, extinctions))
+    if p.ndim != 2 or p.shape[1] != 3:
+        raise expected("points", "shape [N, 3]", p.shape)
+    if c.shape != p.shape:
+        raise expected("colors", f"shape {p.shape}", c.shape)
+    if e.shape != (len(p),):
+        raise expected("extinctions", f"shape {(len(p),)}", e.shape)
+    if (c < 0).any() or (e < 0).any():
+        raise expected("colors and extinctions", "numbers of at least 0", min(c.min(), e.min()))
+    return p, c, e
+
+
+def checked_spacing(spacing: float | Sequence[float]) -> np.ndarray:
+    """Spacing [3]: positive, within the lengths and proportions that float32 resolves; else InputError."""
+    scale = np.asarray(spacing, dtype=np.float64)
+    if scale.shape not in ((), (3,)) or not ((scale >= LEAST_LENGTH) & (scale <= MOST_LENGTH)).all():
+        within = f"from {LEAST_LENGTH:g} to {MOST_LENGTH:g}"
+        raise expected("spacing", f"a positive number or three (x, y, z), {within}", spacing)
+    if scale.max() > MOST_OBLONG * scale.min():
+        raise expected("spacing", f"three numbers (x, y, z) within a factor of {MOST_OBLONG:g}", spacing)
+    return np.broadcast_to(scale, (3,))
+
+
+# position: (x, y, z) in grid indices. color: linear RGB, of a voxel as 16-bit fractions. optical_depth: extinction ×
+# mean spacing. normal: unit world gradient as signed 16-bit fractions, zero where there is none. runs: see
+# run_lengths.py; filled in on upload if the plan needs them.
+VOXEL = np.dtype(
+    [("position", "<u2", 3), ("color", "<u2", 3), ("optical_depth", "<f4"), ("normal", "<i2", 3), ("runs", "<i2")]
+)
+POINT = np.dtype(
+    [("position", "<f4", 3), ("optical_depth", "<f4"), ("color", "<f4", 3), ("normal", "<i2", 3), ("runs", "<i2")]
+)
+# classified after reconstruction. value: see PostClassified; gradient: of it per mean spacing, world axes
+VALUE = np.dtype([("position", "<u2", 3), ("unused", "<u2"), ("value", "<f4"), ("gradient", "<f4", 3)])
+POINT_VALUE = np.dtype([("position", "<f4", 3), ("value", "<f4"), ("gradient", "<f4", 3), ("unused", "<i2", 4)])
+NORMAL_SCALE = 32767.0
+COLOR_SCALE = 65535.0
+# most voxels along an axis whose places fit 16 bits
+MOST_ALONG = 2**16
+
+
+def record_type(shape: tuple[int, ...], post: bool) -> np.dtype:
+    """The narrowest record of a volume's voxels, classified after reconstruction if `post`."""
+    if max(shape) <= MOST_ALONG:
+        return VALUE if post else VOXEL
+    return POINT_VALUE if post else POINT
+
+
+def of_points(record: np.dtype) -> bool:
+    """Whether the record's place may be anywhere."""
+    return record in (POINT, POINT_VALUE)
+
+
+def stored_color(color: np.ndarray, record: np.dtype) -> np.ndarray:
+    """Linear RGB [..., 3] as that record holds it; of a voxel at most 1, and right to 7.6e-6."""
+    if record == POINT:
+        return np.asarray(color, np.float32)
+    return np.rint(np.clip(color, 0, 1) * COLOR_SCALE).astype(np.uint16)
+
+
+def color_scale(record: np.dtype) -> float:
+    """What a record holds for a colour of 1."""
+    return 1.0 if record == POINT else COLOR_SCALE
+
+
+def linear_color(records: np.ndarray) -> np.ndarray:
+    """Linear RGB [N, 3] of records, float32."""
+    return np.asarray(records["color"] / np.float32(color_scale(records.dtype)))
+
+
+def as_points(records: np.ndarray) -> np.ndarray:
+    """A copy of records as those of points, whose places and colours may become any."""
+    names = set(records.dtype.names or ())
+    made = np.zeros(len(records), POINT_VALUE if "value" in names else POINT)
+    for name in names - {"color", "unused"}:
+        made[name] = records[name]
+    if "color" in names:
+        made["color"] = linear_color(records)
+    return made
+
+
+class Gathered:
+    """Records of one part after another, in an array that grows where it lies: none is held twice."""
+
+    def __init__(self, record: np.dtype) -> None:
+        self.records = np.zeros(0, record)
+
+    def add(self, part: np.ndarray) -> None:
+        """Appends records; `records` that were taken before are no longer valid."""
+        before = len(self.records)
+        self.records.resize(before + len(part), refcheck=False)
+        self.records[before:] = part
+
+
+# five bits an axis: code k stands for a run of 2^(k·OCTAVES) cells, so that 31 is about 1000
+OCTAVES = 0.32
+CODES = 32
+# neighbours whose optical depths differ by more than this factor break a run
+CONTRAST = 4.0
+
+
+def packed_runs(splats: Splats) -> np.ndarray:
+    """int16 [N]: run lengths along x, y, z, coded, as x + 32 y + 1024 z."""
+    runs = np.empty((3, len(splats)), np.int16)
+    octaves = np.log2(np.maximum(splats.records["optical_depth"], np.finfo(np.float32).tiny))
+    for axis, lattice in enumerate((splats.lattice(2), splats.lattice(0), columns(splats))):
+        runs[axis] = _runs_along(lattice, octaves if lattice.index is None else octaves[lattice.index])
+    return runs[0] + 32 * runs[1] + 1024 * runs[2]
+
+
+def _runs_along(lattice: Lattice, octaves: np.ndarray) -> np.ndarray:
+    """int16 [N], by record: coded length of the run of similar neighbours that contains each member, along its rows.
+
+    octaves [N]: log2 of the members' optical depth.
+    """
+    count = len(lattice.cell)
+    row = np.repeat(np.arange(len(lattice.row)), np.diff(lattice.row_start))
+    # cells that hold several points stay in one run
+    breaks = (np.diff(row) != 0) | (np.diff(lattice.cell) > 1) | (np.abs(np.diff(octaves)) > np.log2(CONTRAST))
+    first = np.concatenate([[0], np.flatnonzero(breaks) + 1]) if count else np.zeros(0, np.int64)
+    last = np.append(first[1:], count) - 1 if count else first
+    length = lattice.cell[last] - lattice.cell[first] + 1
+    code = np.minimum(np.rint(np.log2(length) / OCTAVES), CODES - 1).astype(np.int16)
+    runs = np.repeat(code, np.diff(np.append(first, count)))
+    result = np.empty(count, np.int16)
+    result[slice(None) if lattice.index is None else lattice.index] = runs
+    return result
+
+
+# most splats kept on the GPU, 400 MB of voxels' records: the limit of texture rows
+MOST_KEPT = 2**24
+# optical depths computed at a time
+DEPTHS = 2**18
+# largest colour and optical depth: their sums fit float32
+BRIGHTEST = 1e30
+
+
+@dataclass(frozen=True, eq=False)
+class Splats:
+    """Splats in row order: z, then y, then x ascending.
+
+    records [N]: see records.py; of values if `post` classifies them. cell_x int [N]: each splat's cell along x.
+    row_z, row_y int32 [M]: the non-empty rows; row_start int64 [M+1] into the records.
+    unit: reference length of opacities, world units. shaded: whether the transfer function shades.
+    dropped_depth: largest optical depth that the threshold removed from one axis line. source: of all splats of a
+    volume, from which pictures that take others extract them. mask: what cuts rays through values; None: nothing.
+    frame: as of the volume.
+    labels: normals of voxels of labels, which are drawn as boxes; None: these are none.
+    unmasked: missing samples beside values, which `mask` leaves out: matter is up to a voxel wider there.
+    """
+
+    records: np.ndarray
+    cell_x: np.ndarray
+    row_z: np.ndarray
+    row_y: np.ndarray
+    row_start: np.ndarray
+    grid: Grid
+    unit: float
+    shaded: bool = False
+    dropped_depth: float = 0.0
+    name: str = ""
+    post: PostClassified | None = None
+    source: Source | None = None
+    mask: MaskField | None = None
+    frame: str | None = None
+    labels: LabelNormals | None = None
+    unmasked: int = 0
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    def __repr__(self) -> str:
+        """One line: their number, and what they are."""
+        kind = "values" if self.post is not None else "classified" + ", shaded" * self.shaded
+        return f"<Splats {self.name!r}: {len(self):,} {kind}, spacing {self.grid.mean_spacing:.4g}>"
+
+    @classmethod
+    def from_points(
+        cls,
+        points: np.ndarray,
+        colors: np.ndarray,
+        extinctions: np.ndarray,
+        spacing: float | Sequence[float] = 1.0,
+    ) -> Splats:
+        """Unshaded splats at arbitrary positions.
+
+        points [N, 3] world; colors [N, 3] linear RGB ≥ 0; extinctions [N] ≥ 0 per world length.
+        spacing, a number or (x, y, z), is the kernel's scale and the lattice whose cells
+        round(p / spacing) give the order; ties keep the input's. Non-finite and transparent points
+        are dropped. Raises InputError for other shapes, negative numbers and those beyond float32's range.
+        """
+        points, colors, extinctions = checked_points(points, colors, extinctions)
+        scale = checked_spacing(spacing)
+        with np.errstate(invalid="ignore", over="ignore"):
+            cells = np.rint(points / scale)
+        keep = np.isfinite(cells).all(axis=1) & np.isfinite(colors).all(axis=1)
+        keep &= np.isfinite(extinctions) & (extinctions > 0)
+        points, colors, extinctions, cells = points[keep], colors[keep], extinctions[keep], cells[keep]
+        base = cells.min(axis=0) if len(cells) else np.zeros(3)
+        if len(cells) and np.ptp(cells, axis=0).max() >= 2**31:
+            raise expected("points", "at most 2³¹ cells along each axis", np.ptp(cells, axis=0).max())
+        grid = Grid(np.diag(scale), base * scale)
+        cells = (cells - base).astype(np.int32)
+        order = np.lexsort((cells[:, 0], cells[:, 1], cells[:, 2]))
+        depths = extinctions[order] * grid.mean_spacing
+        if max(depths.max(initial=0.0), colors.max(initial=0.0)) > BRIGHTEST:
+            raise expected("colors and extinctions", f"at most {BRIGHTEST:g}, per spacing", "larger ones")
+        records = np.zeros(len(points), POINT)
+        records["position"] = ((points - grid.origin) / scale)[order]
+        records["optical_depth"] = depths
+        records["color"] = colors[order]
+        return assemble(records, cells[order], grid, unit=grid.mean_spacing, name="points")
+
+    @property
+    def positions(self) -> np.ndarray:
+        """Grid indices (x, y, z) [N, 3], float32."""
+        return np.asarray(self.records["position"], np.float32)
+
+    @property
+    def colors(self) -> np.ndarray:
+        """Linear RGB [N, 3], float32, of splats that are classified before reconstruction."""
+        return linear_color(self.records)
+
+    @cached_property
+    def index_bounds(self) -> np.ndarray:
+        """[2, 3]: smallest and largest position, in grid indices; zeros if there is no splat."""
+        if not len(self):
+            return np.zeros((2, 3))
+        position = self.records["position"]
+        return np.array([[reach(position[:, axis]) for axis in range(3)] for reach in (np.min, np.max)], np.float64)
+
+    @property
+    def corners(self) -> np.ndarray:
+        """The eight corners [8, 3], in world units, of the box of all splats, half a voxel larger."""
+        return np.asarray(self.corners_in_grid(0.5) @ self.grid.world_from_index.T + self.grid.origin)
+
+    def corners_in_grid(self, margin: float = 0.0) -> np.ndarray:
+        """The eight corners [8, 3], in grid indices, of the box of all centres, larger by a margin in voxels."""
+        return corners_of(*(self.index_bounds + np.array([[-margin], [margin]])))
+
+    @cached_property
+    def outline(self) -> np.ndarray:
+        """Points [N, 3], world units, around all splats: the ends of all rows, half a voxel outwards."""
+        if not len(self):
+            return self.corners
+        last = np.concatenate([self.row_start[:-1], self.row_start[1:] - 1])
+        ends = self.records["position"][last].astype(np.float64)
+        middle = self.index_bounds.mean(axis=0)
+        # both signs, since an end at the middle has no outward direction
+        outwards = [ends + np.where(side(ends, middle), 0.5, -0.5) for side in (np.greater, np.greater_equal)]
+        return np.asarray(np.concatenate(outwards) @ self.grid.world_from_index.T + self.grid.origin)
+
+    def classified_after(self, post: PostClassified) -> Splats:
+        """The same samples under `post`, which must have their low and span, and its transfer function's unit."""
+        unit = post.transfer.unit or self.grid.mean_spacing
+        made = replace(self, post=post, unit=unit, shaded=post.transfer.shading, source=None)
+        return self._shared(made, {"index_bounds", "outline"})
+
+    def depths_of(self, which: np.ndarray | slice) -> np.ndarray:
+        """Optical depths, float32, of those splats; of each sample as it is, if classified after reconstruction."""
+        if self.post is None:
+            return np.asarray(self.records["optical_depth"][which])
+        depths = self.post.extinction(self.records["value"][which]) * (self.grid.mean_spacing / self.unit)
+        return depths.astype(np.float32)
+
+    @property
+    def depths(self) -> np.ndarray:
+        """Optical depths [N], float32, of all splats."""
+        return np.concatenate([np.zeros(0, np.float32), *in_parts(len(self), DEPTHS, self.depths_of)])
+
+    @cached_property
+    def _deepest_and_total(self) -> tuple[float, float]:
+        def found(part: slice) -> tuple[float, float]:
+            depths = self.depths_of(part)
+            return float(depths.max()), float(depths.sum(dtype=np.float64))
+
+        parts = in_parts(len(self), DEPTHS, found)
+        return max((deepest for deepest, _ in parts), default=0.0), sum(total for _, total in parts)
+
+    @property
+    def total_depth(self) -> float:
+        """Σ optical depths."""
+        return self._deepest_and_total[1]
+
+    @property
+    def deepest(self) -> float:
+        """The largest optical depth of one splat."""
+        return self._deepest_and_total[0]
+
+    @cached_property
+    def brightest(self) -> float:
+        """The largest colour component, linear light; 1, where colour maps end, if classified after reconstruction."""
+        if self.post is not None:
+            return 1.0
+        return float(self.records["color"].max(initial=0)) / color_scale(self.records.dtype)
+
+    @cached_property
+    def runs(self) -> np.ndarray:
+        """int16 [N]: coded run lengths around each splat; see run_lengths.py."""
+        return packed_runs(self)
+
+    @cached_property
+    def records_with_runs(self) -> np.ndarray:
+        """The records with `runs` filled in."""
+        records = self.records.copy()
+        records["runs"] = self.runs
+        return records
+
+    @property
+    def cells(self) -> np.ndarray:
+        """Cell indices x, y, z of the splats, int32 [N, 3]."""
+        count = np.diff(self.row_start)
+        return np.stack([self.cell_x, np.repeat(self.row_y, count), np.repeat(self.row_z, count)], axis=1)
+
+    def part(self, keep: np.ndarray, among_all: bool = False) -> Splats:
+        """The splats where `keep` [N] is True. among_all: `runs` still counts the others as neighbours."""
+        kept = np.flatnonzero(keep)
+        row = np.searchsorted(self.row_start, kept, side="right") - 1
+        row_z, row_y, row_start = index_rows(self.row_y[row], self.row_z[row])
+        made = replace(
+            self,
+            records=self.records[keep],
+            cell_x=self.cell_x[keep],
+            row_z=row_z,
+            row_y=row_y,
+            row_start=row_start,
+            source=None,
+        )
+        if among_all:
+            vars(made)["runs"] = self.runs[keep]
+        return made
+
+    def in_cells(self, records: np.ndarray | None = None, grid: Grid | None = None) -> Splats:
+        """Other records or another grid in the same cells: what was computed from these is shared."""
+        made = replace(self, records=self.records if records is None else records, grid=grid or self.grid, source=None)
+        return self._shared(made, {"runs", "_lattices"})
+
+    def _shared(self, made: Splats, names: set[str]) -> Splats:
+        """`made` with those of the derived data that are computed already."""
+        for name in names & vars(self).keys():
+            vars(made)[name] = vars(self)[name]
+        return made
+
+    def lattice(self, axis: int) -> Lattice:
+        """The splats in planes across `axis` (0 is x); computed once."""
+        if axis not in self._lattices:
+            self._lattices[axis] = lattice_across(self, axis)
+        return self._lattices[axis]
+
+    @cached_property
+    def _lattices(self) -> dict[int, Lattice]:
+        return {}
+
+
+def assemble(
+    records: np.ndarray,
+    cells: np.ndarray,
+    grid: Grid,
+    unit: float,
+    name: str,
+    shaded: bool = False,
+    dropped: float = 0.0,
+) -> Splats:
+    """Splats from records already in row order; cells [N, 3] (x, y, z): whole numbers."""
+    row_z, row_y, row_start = index_rows(cells[:, 1], cells[:, 2])
+    return Splats(
+        records, np.ascontiguousarray(cells[:, 0]), row_z, row_y, row_start, grid, unit, shaded, dropped, name
+    )

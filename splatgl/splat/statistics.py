@@ -1,0 +1,289 @@
+"""Histogram statistics, Otsu, background noise.
+
+Nothing is assumed of the noise but that its density falls within each standard deviation by more than a half: that of
+cameras (Gaussian, Poisson, or cut off at zero) falls much faster from two on.
+
+Big mapped files are not read whole: at most PLANES planes, each subsampled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatgl.data.volume import Volume
+
+# fewer samples tell nothing of their noise
+LEAST = 4096
+# rounds of leaving out what is not noise, and standard deviations beyond which it isn't
+ROUNDS, BEYOND = 8, 3.0
+# quantiles: the median, and those one standard deviation from it
+MIDDLE, LOWER, UPPER = 0.5, 0.158655, 0.841345
+# largest ratio of the spreads above and below the median: a peak, and no slope
+LOPSIDED = 2.0
+# standard deviations above the level: the range of the cut, and its steps
+NEAREST, FURTHEST, STEPS = 2.0, 16.0, 56
+# standard deviations from a cut to the values whose density is the object's there
+NEXT, LAST = 1.0, 4.0
+# objects are at least this share of the samples, and as many times what lies as far below the level
+FOUND, ONE_SIDED = 1e-5, 2.0
+
+
+@dataclass(frozen=True)
+class Ground:
+    """level, noise: mean and standard deviation of the background. cut: values above are an object's."""
+
+    level: float
+    noise: float
+    cut: float
+
+
+def ground_of(values: np.ndarray, least_share: float) -> Ground | None:
+    """The ground of sorted finite values, if at least that share of them belongs to it, and objects stand out above."""
+    if len(values) < LEAST or not np.isfinite(float(values[-1]) - float(values[0])):
+        return None
+    level, noise = _peak(values)
+    if not noise > 0 or not level + FURTHEST * noise > level:
+        # one value: the noise of a camera that is off, with a few pixels below it
+        found = Ground(level, 0.0, level) if values[0] < level else None
+    else:
+        found = _cut(values, level, noise)
+    if found is None or _upto(values, found.cut) < least_share * len(values):
+        return None
+    above = len(values) - _upto(values, found.cut)
+    below = np.searchsorted(values, 2 * found.level - found.cut, side="left")
+    return found if above >= max(FOUND * len(values), 1) and above >= ONE_SIDED * below else None
+
+
+def _peak(values: np.ndarray) -> tuple[float, float]:
+    """Median and standard deviation of the values without those BEYOND; a deviation of 0 where there is no peak."""
+    kept = values
+    level, noise = 0.0, 0.0
+    for _ in range(ROUNDS):
+        low, level, high = (float(_quantile(kept, share)) for share in (LOWER, MIDDLE, UPPER))
+        # values cut off below, as of integers at 0, tell nothing of the noise below
+        whole = low > values[0]
+        if whole and (high - level > LOPSIDED * (level - low) + _step(kept)):
+            return level, 0.0
+        noise = (high - low) / 2 if whole else high - level
+        inner = values[_upto(values, level - BEYOND * noise) : _upto(values, level + BEYOND * noise)]
+        if len(inner) in (0, len(kept)):
+            break
+        kept = inner
+    return level, noise
+
+
+def _cut(values: np.ndarray, level: float, noise: float) -> Ground | None:
+    """The ground up to where noise and objects are about as dense: most voxels are told right there."""
+    width = max(noise / 2, _step(values[: _upto(values, level + BEYOND * noise)]))
+    for place in level + noise * np.linspace(NEAREST, FURTHEST, STEPS + 1):
+        here = _upto(values, place + width / 2) - _upto(values, place - width / 2)
+        near, far = _upto(values, place + NEXT * noise), _upto(values, place + LAST * noise)
+        if len(values) - near < FOUND * len(values):
+            return None
+        objects = (far - near) / ((LAST - NEXT) * noise)
+        if here / width <= 2 * objects:
+            return Ground(level, noise, float(place))
+    return None
+
+
+def _quantile(values: np.ndarray, share: float) -> float:
+    """Within a step of whole numbers, too: equal values are spread over the step around them."""
+    at = share * (len(values) - 1)
+    value = values[int(at)]
+    first, last = np.searchsorted(values, value, side="left"), _upto(values, value)
+    step = _step(values)
+    return float(value + ((at - first) / max(last - first, 1) - 0.5) * step if last - first > 1 else value)
+
+
+def _step(values: np.ndarray) -> float:
+    """1 for whole numbers, else what lies between one value that repeats and the next; 0 where none does."""
+    middle = values[len(values) // 2]
+    first, last = np.searchsorted(values, middle, side="left"), _upto(values, middle)
+    return float(values[last] - middle) if last - first > 1 and last < len(values) else 0.0
+
+
+def _upto(values: np.ndarray, value: float) -> int:
+    """How many sorted values are at most that one."""
+    return int(np.searchsorted(values, value, side="right"))
+
+
+# most planes and values of a sample: a few tens of MB, half a second
+PLANES, VALUES = 32, 1 << 21
+# share of samples at exactly the lowest value, or in the noise around one, from which a volume counts as sparse
+SPARSE = 0.95
+# sparse volumes with fewer other values than this in the sample are read whole
+FEW = 2000
+# most voxels of those, and of the level of a multiscale image that is sampled, if one has as few
+MOST_WHOLE, MOST_OF_LEVEL = 1 << 31, 1 << 27
+BINS = 256
+# percentile of the values where the histogram ends, so that a few outliers don't stretch its bins
+HISTOGRAM_END = 99.9
+# a face of the box is touched by an object if more than this share of it is covered
+TOUCHED = 0.015
+# a complete object touches at most this many of the box's six faces (a cut neck: 1; a slab: 2)
+WHOLE = 3
+# otherwise, an object that covers at most this share of the faces counts as foreground
+COVERED = 0.25
+RUNGS = 3
+# values beyond are scaled: sums of squares of others fit float64
+LARGE = 1e150
+# halves of differences that float64 holds
+LARGEST_HALF = 8e307
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A threshold between two classes of values, with the classes' mean values."""
+
+    value: float
+    below: float
+    above: float
+
+    def ramp(self, share: float) -> tuple[float, float]:
+        """From `share` of the way to the class below, to `share` of the way to the class above."""
+        return self.value - share * (self.value - self.below), self.value + share * (self.above - self.value)
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """values: finite samples, sorted. background: share of them at exactly the lowest value.
+
+    cuts: thresholds, each splitting the values above the last one (empty for a constant volume).
+    whole: index of the cut between the object and its surroundings. ground: of a sparse volume whose background is
+    noise; values in it are its level.
+    """
+
+    values: np.ndarray
+    background: float
+    cuts: tuple[Cut, ...]
+    whole: int
+    ground: Ground | None = None
+
+    @property
+    def sparse(self) -> bool:
+        """Whether the background is at least SPARSE of all samples."""
+        return self.background >= SPARSE
+
+    @property
+    def constant(self) -> bool:
+        """Whether there is only one value, or none."""
+        return len(self.values) == 0 or bool(self.values[0] == self.values[-1])
+
+    def percentile(self, percent: float) -> float:
+        """The value that `percent` of the samples, 0 to 100, do not exceed; interpolated linearly."""
+        return sorted_percentile(self.values, percent)
+
+    def share_above(self, value: float) -> float:
+        """Share of the sampled values above a value."""
+        return 1.0 - float(np.searchsorted(self.values, value, side="right")) / max(len(self.values), 1)
+
+
+def statistics(volume: Volume) -> Statistics:
+    """The statistics of a volume's finite values; of a sparse one, all non-background values count."""
+    volume = next((level for level in (volume, *volume.coarser) if level.count <= MOST_OF_LEVEL), volume)
+    sample = _sample(volume)
+    finite = _sorted(sample)
+    if len(finite) == 0:
+        return Statistics(finite, 1.0, (), 0)
+    background = _share_of_lowest(finite)
+    ground = ground_of(finite, SPARSE) if background < SPARSE else None
+    if ground is not None:
+        finite[: np.searchsorted(finite, ground.cut, side="right")] = ground.level
+        background = _share_of_lowest(finite)
+    if background >= SPARSE and (1.0 - background) * len(finite) < FEW and volume.count <= MOST_WHOLE:
+        finite = _with_outstanding(volume, float(finite[0]), ground)
+    cuts = _ladder(finite)
+    return Statistics(finite, background, cuts, _whole(sample, cuts), ground)
+
+
+def sorted_percentile(values: np.ndarray, percent: float) -> float:
+    """What np.percentile gives of sorted values, which it would sort again."""
+    place = percent / 100 * (len(values) - 1)
+    below = min(int(place), len(values) - 1)
+    low, high = float(values[below]), float(values[min(below + 1, len(values) - 1)])
+    share = place - below
+    if high / 2 - low / 2 > LARGEST_HALF:
+        return low * (1 - share) + high * share
+    return low + (high - low) * share if share < 0.5 else high - (high - low) * (1 - share)
+
+
+def _share_of_lowest(values: np.ndarray) -> float:
+    return float(np.searchsorted(values, values[0], side="right")) / len(values)
+
+
+def _sample(volume: Volume) -> np.ndarray:
+    """Samples [d, h, w] of at most PLANES planes, float64 or whole; with the first and last planes, rows, columns."""
+    depth, height, width = volume.shape
+    planes = np.unique(np.linspace(0, depth - 1, PLANES).round().astype(int))
+    step = max(1, int(np.ceil(np.sqrt(len(planes) * height * width / VALUES))))
+    y, x = (np.unique(np.append(np.arange(0, n, step), n - 1)) for n in (height, width))
+    own = volume.samples.dtype
+    kind = own.newbyteorder("=") if own.kind in "bui" else np.float64
+    return np.stack([np.asarray(volume.samples[int(z)])[np.ix_(y, x)].astype(kind) for z in planes])
+
+
+def _sorted(sample: np.ndarray) -> np.ndarray:
+    """The finite values, sorted, float64: whole numbers are converted last, as few bits are sorted fastest."""
+    if sample.dtype.kind == "f":
+        return np.sort(sample[np.isfinite(sample)])
+    return np.sort(sample, axis=None, kind="stable" if sample.dtype.itemsize <= 2 else None).astype(np.float64)
+
+
+def _with_outstanding(volume: Volume, lowest: float, ground: Ground | None) -> np.ndarray:
+    """All finite values (at most VALUES of them) above the ground, or other than the lowest sampled one; and that one;
+    sorted.
+    """
+    found = [np.array([lowest])]
+    for slab in volume.slabs(16, halo=0):
+        others = slab.samples[slab.samples != lowest if ground is None else slab.samples > ground.cut]
+        others = others.astype(np.float64)
+        found.append(others[np.isfinite(others)])
+    values = np.concatenate(found)
+    return np.sort(values[:: len(values) // VALUES + 1])
+
+
+def _ladder(values: np.ndarray) -> tuple[Cut, ...]:
+    """Cuts by Otsu's rule: between all values, then between those above the first cut, and so on."""
+    cuts: list[Cut] = []
+    while len(cuts) < RUNGS and len(values) > 1 and values[0] < values[-1]:
+        cut = _otsu(values)
+        cuts.append(cut)
+        values = values[values > cut.value]
+    return tuple(cuts)
+
+
+def _otsu(values: np.ndarray) -> Cut:
+    """The cut that splits sorted values into two classes of the largest between-class variance (Otsu 1979)."""
+    # a span, and sums, that float64 holds
+    if not max(abs(values[0]), abs(values[-1])) < LARGE:
+        cut = _otsu(values / LARGE)
+        return Cut(cut.value * LARGE, cut.below * LARGE, cut.above * LARGE)
+    end = sorted_percentile(values, HISTOGRAM_END)
+    end = end if end > values[0] else float(values[-1])
+    counts, edges = np.histogram(np.minimum(values, end), BINS, (float(values[0]), end))
+    middles = (edges[1:] + edges[:-1]) / 2
+    mass, moment = np.cumsum(counts)[:-1], np.cumsum(counts * middles)
+    rest = len(values) - mass
+    parted = (mass > 0) & (rest > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        below, above = moment[:-1] / mass, (moment[-1] - moment[:-1]) / rest
+        between = np.where(parted, mass * rest * (above - below) ** 2, -1.0)
+    # an empty interval between the classes has many best cuts: take its middle
+    best = np.flatnonzero(between >= between.max() * (1 - 1e-12))
+    at = int(best[len(best) // 2])
+    return Cut(float(edges[at + 1]), float(below[at]), float(above[at]))
+
+
+def _whole(sample: np.ndarray, cuts: tuple[Cut, ...]) -> int:
+    """The first cut whose foreground touches at most WHOLE faces; else the first that covers at most COVERED."""
+    faces = [face for axis in range(3) for face in (np.take(sample, 0, axis), np.take(sample, -1, axis))]
+    shares = [[float(np.mean(face > cut.value)) for face in faces] for cut in cuts]
+    for rung, covered in enumerate(shares):
+        if sum(share > TOUCHED for share in covered) <= WHOLE:
+            return rung
+    for rung, covered in enumerate(shares):
+        if np.mean(covered) <= COVERED:
+            return rung
+    return 0

@@ -1,0 +1,222 @@
+"""Quads/tiles/streaks: who refuses what; alignment.
+
+A tile has one column of pixels per SIMD lane of a software renderer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from splatgl.errors import expected
+from splatgl.splat.culling import ScreenBounds
+from splatgl.splat.footprint import switch_depth
+from splatgl.splat.kernels import Kernel, kernel, polynomials
+from splatgl.splat.resolve import by_distance, nearest_first
+from splatgl.splat.settings import BLENDS, Settings, choices
+from splatgl.splat.splats import Splats
+from splatgl.splat.view import View
+
+# one level of an 8-bit picture
+LEVELS = 255.0
+# the volume's extent is rounded up to powers of this, so that a moving camera seldom changes z_s
+REACH_STEP = 1.1
+
+
+def alignment(splats: Splats, view: View, settings: Settings, notes: list[str]) -> tuple[str, float]:
+    """(align, z_s). `auto` never picks grid: it loses path length, visible in the sum of many splats."""
+    if not view.perspective:
+        if settings.align != "grid":
+            notes.append("rotation left out: in an orthographic view every ray is perpendicular to the image")
+        return "grid", 0.0
+    if settings.align != "hybrid":
+        return ("exact" if settings.align == "auto" else settings.align), 0.0
+    if settings.z_s is not None:
+        return "hybrid", settings.z_s
+    z_k = splats.grid.mean_spacing / view.pitch
+    return "hybrid", z_k * _switch(splats, view, settings)
+
+
+def _switch(splats: Splats, view: View, settings: Settings) -> float:
+    """z_s/z_k from the tolerance, at the volume's extent from the view axis, rounded up."""
+    reach = max(float(np.hypot(*view.box(splats)[:2]).max()), 1.0)
+    rounded = REACH_STEP ** np.ceil(np.log(reach) / np.log(REACH_STEP))
+    half_angle = float(np.arctan(view.edge.max()))
+    return _cached_switch(view.kernel.name, half_angle, max(view.size), float(rounded), settings.tolerance * LEVELS)
+
+
+@lru_cache(maxsize=256)
+def _cached_switch(name: str, half_angle: float, pixels: int, reach: float, levels: float) -> float:
+    return switch_depth(kernel(name), half_angle, pixels, reach, levels)
+
+
+# transmittance at termination, as a share of the tolerance. sRGB is 13 times as steep at black as on average, so at
+# the default tolerance this is one level there too; 3/4 is only 5 % faster
+SHARE = 1 / 13
+# mean optical depth over the window from which a volume is solid
+SOLID = 20.0
+# nearer batches are smaller: batch i of n ends at (i/n)^GROWTH of the splats
+GROWTH = 1.5
+
+
+@dataclass(frozen=True)
+class Hiding:
+    """depth_batches: their number per picture; splats behind terminated tiles are not listed.
+
+    cutoff: transmittance below which a tile terminates; 0: never.
+    """
+
+    depth_batches: int = 1
+    cutoff: float = 0.0
+
+
+def solid(splats: Splats, view: View, bounds: ScreenBounds) -> bool:
+    """Whether the splats' mean optical depth over the window hides most of them."""
+    area = bounds.window.width * bounds.window.height
+    pixel = view.pitch * bounds.mean_depth if view.perspective else view.pitch
+    return area > 0 and splats.total_depth / (area * pixel**2) >= SOLID
+
+
+def cuts(count: int, number: int) -> list[int]:
+    """Starts of `number` batches of `count` splats, and the end."""
+    return [int(count * (n / number) ** GROWTH) for n in range(number)] + [count]
+
+
+# polynomials have an error of 4e−5 of the footprint: accurate enough from this tolerance on
+POLYNOMIAL_TOLERANCE = 1e-3
+# a single one for weights of values has an error of 4e−4, small where mass is small
+SINGLE_TOLERANCE = 3e-3
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Settings and motion of a picture. tiles: whether the renderer prefers them; None: unsupported.
+
+    sheets: whether splats add up within sheets. boxes: whether they are boxes of voxels.
+    """
+
+    settings: Settings
+    moving: bool
+    tiles: bool | None
+    sheets: bool = False
+    boxes: bool = False
+
+
+def _refuses_quads(asked: Asked) -> str | None:
+    if asked.moving:
+        return "motion"
+    return nearest_first(asked.settings) if asked.sheets else None
+
+
+def _refuses_streaks(asked: Asked) -> str | None:
+    if not asked.moving:
+        return "a still"
+    if asked.sheets:
+        return "sheets"
+    if BLENDS[asked.settings.blend].join == "max":
+        return "the mean of maxima is no maximum of streaks"
+    return None
+
+
+def _refuses_tiles(asked: Asked) -> str | None:
+    if asked.moving:
+        return "motion"
+    if asked.tiles is None:
+        return "an OpenGL without compute shaders, older than 4.3"
+    return nearest_first(asked.settings)
+
+
+# why each can't draw a picture, None if it can
+TECHNIQUES: dict[str, Callable[[Asked], str | None]] = {
+    "tiles": _refuses_tiles,
+    "streaks": _refuses_streaks,
+    "quads": _refuses_quads,
+}
+
+
+def technique(asked: Asked, notes: list[str]) -> str:
+    """The requested technique; else tiles, if preferred or for sheets or boxes, and able; or quads. InputError if none
+    can.
+    """
+    wanted = "streaks" if asked.moving else asked.settings.technique
+    if wanted != "auto":
+        why = TECHNIQUES[wanted](asked)
+        if why:
+            raise expected(f"technique {wanted}", f"what {wanted} can draw", why, "use auto")
+        return wanted
+    why = _refuses_tiles(asked)
+    if (asked.tiles or asked.sheets or asked.boxes) and not why:
+        return "tiles"
+    refused = _refuses_quads(asked)
+    if refused:
+        raise expected("sheets", "what quads can draw", refused, "composite splats, classified before reconstruction")
+    if asked.tiles:
+        notes.append(f"tiles left out: {why}; quads are drawn")
+    return "quads"
+
+
+def footprint(drawn: str, shape: Kernel, settings: Settings, means: bool = False) -> str:
+    """The source of footprints. drawn: the technique. means: whether they weigh values.
+
+    `auto`: the paper's table for its quads, the finer radial one where a table's error of 0.04 level matters, and
+    polynomials for tiles, where lookups are slow, if accurate enough.
+    """
+    if not by_distance(settings):
+        return "table"
+    quick = drawn == "tiles" and settings.table_size is None and settings.tolerance >= POLYNOMIAL_TOLERANCE
+    if not quick or polynomials(shape.name) is None:
+        return "radial"
+    return "single" if means and settings.tolerance >= SINGLE_TOLERANCE else "polynomial"
+
+
+def combinations() -> list[tuple[str, ...]]:
+    """Table of refusals by technique, a row for each setting value that any technique refuses."""
+    found = []
+    for name, values in choices().items():
+        for value in values:
+            if name in ("technique", "motion"):
+                continue
+            settings = Settings().but(**{name: value})
+            post = settings.classification == "post" or BLENDS[settings.blend].post_only
+            sheets = post or settings.compositing == "sheets"
+            reasons = [why(Asked(settings, each == "streaks", True, sheets)) for each, why in TECHNIQUES.items()]
+            if any(reasons):
+                found.append((f"{name} {value}", *(f"no: {why}" if why else "yes" for why in reasons)))
+    return found
+
+
+# pixels along a tile's sides: tiles.glsl's COLUMNS and ROWS
+COLUMNS, ROWS = 8, 8
+# most pixels per band: the cursors, one per tile and run of splats, take as much memory as the pixels' colours
+MOST_PIXELS = 2**24
+# solid volumes of more than MANY splats are drawn in BATCHES depth batches
+MANY, BATCHES = 1_000_000, 6
+# within sheets, which take longer, and of which the open ones are kept between batches
+MANY_IN_SHEETS, SHEET_BATCHES = 200_000, 3
+# most splats placed at a time: one texel each in three to seven textures
+MOST = 2**20
+# most halvings of an optical depth before its polynomial: an opacity over 1 − 2⁻³² counts as 1
+MOST_DOUBLINGS = 5
+# gain of a slanted footprint over a frontal one, with a margin
+SLANTED = 1.5
+
+
+def depth_batches(splats: Splats, view: View, bounds: ScreenBounds, sheets: bool) -> int:
+    """Number of depth batches: most splats of solid volumes lie behind terminated tiles. sheets: whether they add up
+    within sheets.
+    """
+    many, batches = (MANY_IN_SHEETS, SHEET_BATCHES) if sheets else (MANY, BATCHES)
+    return batches if len(splats) >= many and solid(splats, view, bounds) else 1
+
+
+def exp_doublings(splats: Splats, shape: Kernel, attenuation: str) -> int:
+    """Number of halvings that bring the largest depth, in powers of two, to at most 1, the polynomial's domain."""
+    if attenuation == "opacity":
+        # the unstretched splat's depth, at any slant
+        return MOST_DOUBLINGS
+    longest = float(np.linalg.norm(splats.grid.world_from_index / splats.grid.mean_spacing, ord=2))
+    deepest = splats.deepest * float(shape.footprint(np.zeros(()))) * longest * SLANTED / np.log(2.0)
+    return int(np.clip(np.ceil(np.log2(max(deepest, 1e-30))), 0, MOST_DOUBLINGS))

@@ -1,0 +1,323 @@
+"""Streamlines, arrows, magnitude and direction volumes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatgl.data.color import srgb_from_linear
+from splatgl.data.mesh import SIDES, Mesh
+from splatgl.data.volume import Hints, Volume
+from splatgl.errors import expected
+from splatgl.splat.colormaps import colormap
+
+# smallest spacings between two points of a line, and every how many of them are drawn
+STEP, DRAWN = 0.25, 2
+# lines that are followed for each that is drawn
+TRIED = 3
+# a tube's radius, in diagonals; and the length of the longest line
+RADIUS, LONGEST = 1 / 500, 2.0
+# share of the greatest speed below which nothing moves
+STILL = 1e-6
+LINE_COUNT, MOST = 200, 10_000
+COLORMAP = "viridis"
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Lines [N, 3], world units, in the direction of flow, and the speeds [N] of their points."""
+
+    points: list[np.ndarray]
+    speeds: list[np.ndarray]
+
+
+def streamlines(
+    volume: Volume,
+    count: int = LINE_COUNT,
+    radius: float | None = None,
+    colormap: str = COLORMAP,
+    least: float | None = None,
+    opacity: float = 1.0,
+) -> Mesh:
+    """Tubes along a volume's vectors, up to `count`, coloured by speed from 0 to the greatest.
+
+    They begin at voxels faster than `least`, each as far from the lines before it as can be, and end where the flow is
+    slower, at the volume's outermost samples, or after twice its diagonal, both ways together. radius: world units,
+    None: a five-hundredth of the diagonal. least: None: a tenth of the greatest speed (of 99.9 % of the voxels).
+    Raises InputError for a volume without vectors.
+    """
+    field = VectorField.of(volume)
+    lines = spread_lines(volume, checked(count), least)
+    size = RADIUS * field.diagonal if radius is None else radius
+    points = [
+        line[::DRAWN] if len(line) % DRAWN else np.append(line[::DRAWN], line[-1:], axis=0) for line in lines.points
+    ]
+    speeds = [each[::DRAWN] if len(each) % DRAWN else np.append(each[::DRAWN], each[-1:]) for each in lines.speeds]
+    speed = np.concatenate([np.zeros(0), *speeds])
+    colors = np.repeat(colors_of(speed, field.greatest, colormap), SIDES, axis=0)
+    return Mesh.of_lines(
+        points, size, colors=colors if len(colors) else None, opacity=opacity, name="streamlines", frame=volume.frame
+    )
+
+
+def spread_lines(volume: Volume, count: int, least: float | None = None) -> Lines:
+    """The lines that `streamlines` draws."""
+    field = VectorField.of(volume)
+    slow = slowest(field, least)
+    seeds = field.spread(TRIED * count, slow)
+    tried = lines_through(field, seeds, slow)
+    place, far = field.world(seeds), np.full(len(seeds), np.inf)
+    long_ = np.array([len(line) > 1 for line in tried.points], bool)
+    chosen: list[int] = []
+    while len(chosen) < min(count, int(long_.sum())):
+        # where no line is near yet; a line that is drawn is not drawn again
+        far[chosen], far[~long_] = -1.0, -1.0
+        best = int(far.argmax())
+        chosen.append(best)
+        near = tried.points[best]
+        step = max(int(1 / STEP), 1)
+        apart = ((place[:, None] - near[None, ::step]) ** 2).sum(axis=2).min(axis=1)
+        far = np.minimum(far, apart)
+    return Lines([tried.points[n] for n in chosen], [tried.speeds[n] for n in chosen])
+
+
+def lines_through(
+    field: VectorField, seeds: np.ndarray, least: float = 0.0, length: float | None = None, step: float = STEP
+) -> Lines:
+    """The lines through seeds [N, 3], grid positions (x, y, z), by Runge and Kutta's method of fourth order, both ways.
+
+    length: of both ways together, world units, None: twice the diagonal. step: in smallest spacings. They end where the
+    speed is below `least` or nothing moves, and at the outermost samples.
+    """
+    slow = max(least, STILL * field.greatest)
+    world = step * field.smallest_spacing
+    count = int(np.ceil((LONGEST * field.diagonal if length is None else length) / 2 / world))
+    ways = [_followed(field, seeds, sign * world, count, slow) for sign in (-1.0, 1.0)]
+    points, speeds = [], []
+    for before, after in zip(*ways, strict=True):
+        index = np.concatenate([before[:0:-1], after])
+        points.append(field.world(index))
+        speeds.append(np.linalg.norm(field.at(index)[0], axis=1))
+    return Lines(points, speeds)
+
+
+def _followed(field: VectorField, seeds: np.ndarray, step: float, count: int, slow: float) -> list[np.ndarray]:
+    """Grid positions [M, 3] on from each seed, at steps of equal world length."""
+    inverse = np.linalg.inv(field.world_from_index)
+
+    def slope(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        vectors, inside = field.at(place)
+        speed = np.linalg.norm(vectors, axis=1)
+        return (vectors / np.where(speed > 0, speed, 1.0)[:, None]) @ inverse.T, inside & (speed >= slow) & (speed > 0)
+
+    place, on = seeds.astype(np.float64), np.arange(len(seeds))
+    paths, owners = [place], [on]
+    for _ in range(count):
+        a, fine = slope(place)
+        b, fine_b = slope(place + step / 2 * a)
+        c, fine_c = slope(place + step / 2 * b)
+        d, fine_d = slope(place + step * c)
+        place = place + step / 6 * (a + 2 * b + 2 * c + d)
+        fine &= fine_b & fine_c & fine_d & slope(place)[1]
+        place, on = place[fine], on[fine]
+        if not len(on):
+            break
+        paths.append(place)
+        owners.append(on)
+    order = np.argsort(np.concatenate(owners), kind="stable")
+    ends = np.cumsum(np.bincount(np.concatenate(owners), minlength=len(seeds)))[:-1]
+    return np.split(np.concatenate(paths)[order], ends)
+
+
+def checked(count: int) -> int:
+    """A number of lines or arrows. Raises InputError for others."""
+    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST:
+        raise expected("count", f"a whole number from 1 to {MOST}", repr(count)[:80])
+    return count
+
+
+# an arrow of length 1: where its head begins, the radii of shaft and head, and sides of both
+HEAD, SHAFT, WIDE, ARROW_SIDES = 0.6, 0.05, 0.14, 10
+# length of the longest, in mean distances between arrows
+LENGTH = 2.0
+ARROW_COUNT = 400
+
+
+def arrows(
+    volume: Volume,
+    count: int = ARROW_COUNT,
+    length: float | None = None,
+    colormap: str = COLORMAP,
+    least: float | None = None,
+    opacity: float = 1.0,
+) -> Mesh:
+    """Arrows at up to `count` voxels faster than `least`, spread evenly, as long as they are fast, in the middle of
+    which these lie, coloured by speed from 0 to the greatest.
+
+    length: of the greatest speed (of 99.9 % of the voxels), world units; None: twice the mean distance between
+    arrows. least: None: a tenth of that speed. Raises InputError for a volume without vectors.
+    """
+    field = VectorField.of(volume)
+    slow = slowest(field, least)
+    index = field.spread(checked(count), slow)
+    vectors = field.at(index)[0]
+    speed = np.linalg.norm(vectors, axis=1)
+    if length is None:
+        room = (field.speed > slow).sum() * abs(float(np.linalg.det(field.world_from_index)))
+        length = LENGTH * float(room / max(len(index), 1)) ** (1 / 3)
+    vertices, faces = _arrow()
+    axes = _axes(vectors / np.where(speed > 0, speed, 1.0)[:, None]) * (speed / field.greatest * length)[:, None, None]
+    placed = field.world(index)[:, None] + vertices @ axes
+    offsets = np.arange(len(index))[:, None, None] * len(vertices)
+    colors = np.repeat(colors_of(speed, field.greatest, colormap), len(vertices), axis=0)
+    shown = colors if len(colors) else None
+    every = (faces + offsets).reshape(-1, 3)
+    return Mesh(placed.reshape(-1, 3), every, opacity=opacity, colors=shown, name="arrows", frame=volume.frame)
+
+
+def _axes(along: np.ndarray) -> np.ndarray:
+    """Unit vectors [N, 3, 3], the first along unit vectors [N, 3], the others at right angles to them."""
+    helper = np.eye(3)[np.abs(along).argmin(axis=1)] if len(along) else along
+    side = np.cross(along, helper)
+    side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-300)
+    return np.stack([along, side, np.cross(along, side)], axis=1)
+
+
+def _arrow() -> tuple[np.ndarray, np.ndarray]:
+    """Vertices [N, 3] and faces [M, 3] of an arrow along x from −½ to ½, closed."""
+    turn = 2 * np.pi * np.arange(ARROW_SIDES) / ARROW_SIDES
+    circle = np.stack([np.zeros(ARROW_SIDES), np.cos(turn), np.sin(turn)], axis=1)
+    place = np.array([1.0, 0.0, 0.0])
+    rings = [circle * SHAFT, circle * SHAFT + HEAD * place, circle * WIDE + HEAD * place]
+    vertices = np.concatenate([*rings, [place * 0.0, place]]) - place / 2
+    here, then = np.arange(ARROW_SIDES), (np.arange(ARROW_SIDES) + 1) % ARROW_SIDES
+    tail, tip = np.full(ARROW_SIDES, 3 * ARROW_SIDES), np.full(ARROW_SIDES, 3 * ARROW_SIDES + 1)
+    faces = [
+        np.stack([tail, then, here], axis=1),
+        np.stack([here + 2 * ARROW_SIDES, then + 2 * ARROW_SIDES, tip], axis=1),
+    ]
+    for first in (0, ARROW_SIDES):
+        a, b = here + first, then + first
+        faces += [np.stack([a, b, b + ARROW_SIDES], axis=1), np.stack([a, b + ARROW_SIDES, a + ARROW_SIDES], axis=1)]
+    return vertices, np.concatenate(faces)
+
+
+# share of the vectors' greatest speed below which nothing is drawn, and the share of samples that may be faster than
+# what counts as the greatest
+SLOW, OUTLIERS = 0.1, 1e-3
+# samples among which points are chosen
+CANDIDATES = 1 << 14
+
+
+@dataclass(frozen=True, eq=False)
+class VectorField:
+    """Vectors float64 [D, H, W, 3] along world axes, per sample; 0 where they are not finite. speed [D, H, W].
+
+    world_from_index [3, 3], origin [3]: as of volumes.
+    """
+
+    vectors: np.ndarray
+    speed: np.ndarray
+    world_from_index: np.ndarray
+    origin: np.ndarray
+
+    @classmethod
+    def of(cls, volume: Volume) -> VectorField:
+        """Raises InputError for a volume without vectors, and for vectors of which none is finite and not zero."""
+        name = volume.name or "volume"
+        if volume.vectors is None:
+            raise expected(name, "vectors, such as a velocity at each voxel", "none")
+        vectors = np.asarray(volume.vectors, np.float64)
+        vectors = np.where(np.isfinite(vectors).all(axis=-1, keepdims=True), vectors, 0.0)
+        speed = np.linalg.norm(vectors, axis=-1)
+        if not 0 < speed.max() < np.inf:
+            raise expected(name, "vectors, some of which are not zero", "none")
+        return cls(vectors, speed, volume.world_from_index, np.asarray(volume.origin, np.float64))
+
+    @property
+    def greatest(self) -> float:
+        """What counts as the greatest speed: few samples are faster."""
+        found = float(np.quantile(self.speed, 1 - OUTLIERS))
+        return found if found > 0 else float(self.speed.max())
+
+    @property
+    def smallest_spacing(self) -> float:
+        """World length of the shortest index step."""
+        return float(np.linalg.norm(self.world_from_index, axis=0).min())
+
+    @property
+    def diagonal(self) -> float:
+        """World length across the box of samples."""
+        size = np.array(self.speed.shape[::-1])
+        return float(np.linalg.norm(self.world_from_index @ size))
+
+    def at(self, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Vectors [N, 3] at grid positions [N, 3] (x, y, z), linear between samples, and whether these are inside."""
+        last = np.array(self.speed.shape[::-1]) - 1
+        inside = np.asarray(((index >= -1e-9) & (index <= last + 1e-9)).all(axis=1))
+        place = np.clip(np.nan_to_num(index), 0, last)
+        first = np.minimum(place.astype(np.int64), np.maximum(last - 1, 0))
+        part, found = place - first, np.zeros(index.shape)
+        for corner in np.ndindex(2, 2, 2):
+            weight = np.where(corner, part, 1 - part).prod(axis=1)
+            x, y, z = np.minimum(first + corner, last).T
+            found += weight[:, None] * self.vectors[z, y, x]
+        return found, inside
+
+    def world(self, index: np.ndarray) -> np.ndarray:
+        """World points [..., 3] of grid positions."""
+        return np.asarray(index @ self.world_from_index.T + self.origin)
+
+    def spread(self, count: int, least: float) -> np.ndarray:
+        """Up to so many samples [N, 3] (x, y, z), spread evenly over those faster than `least`, always the same ones.
+
+        The first is the fastest; each further one is farthest from all before it.
+        """
+        z, y, x = np.nonzero(self.speed > least)
+        index = np.stack([x, y, z], axis=1)[:: max(len(x) // CANDIDATES, 1)]
+        place = self.world(index.astype(np.float64))
+        chosen = [int(self.speed[tuple(index[:, ::-1].T)].argmax())] if len(index) else []
+        far = np.full(len(index), np.inf)
+        while 0 < len(chosen) < min(count, len(index)):
+            far = np.minimum(far, ((place - place[chosen[-1]]) ** 2).sum(axis=1))
+            chosen.append(int(far.argmax()))
+        return index[chosen[:count]].astype(np.float64)
+
+
+def slowest(field: VectorField, least: float | None) -> float:
+    """The speed below which nothing is drawn. Raises InputError for numbers that are none."""
+    if least is None:
+        return SLOW * field.greatest
+    if not 0 <= least < np.inf:
+        raise expected("least", "a speed from 0 on", least)
+    return float(least)
+
+
+def colors_of(speed: np.ndarray, greatest: float, name: str) -> np.ndarray:
+    """sRGB uint8 [N, 3] of speeds from 0 to the greatest, by a colour map."""
+    table = colormap(name)
+    place = np.clip(speed / greatest, 0.0, 1.0) * (len(table) - 1)
+    below = np.minimum(place.astype(np.int64), len(table) - 2)
+    part = (place - below)[:, None]
+    linear = table[below] * (1 - part) + table[below + 1] * part
+    return np.asarray(np.rint(srgb_from_linear(linear) * 255), np.uint8)
+
+
+def magnitudes(volume: Volume) -> Volume:
+    """The lengths of a volume's vectors, as its values. Raises InputError for a volume without vectors."""
+    field = VectorField.of(volume)
+    name = f"{volume.name}: magnitude"
+    return replace(volume, samples=field.speed.astype(np.float32), color=None, labels=None, hints=Hints(), name=name)
+
+
+def directions(volume: Volume) -> Volume:
+    """The lengths of a volume's vectors, as its values, coloured by direction: red, green and blue are the shares along
+    world x, y and z, as in diffusion imaging; opposite directions are alike. Raises InputError as `magnitudes`.
+    """
+    field = VectorField.of(volume)
+    share = np.abs(field.vectors) / np.where(field.speed > 0, field.speed, 1.0)[..., None]
+    found = magnitudes(volume)
+    slow, fast = SLOW * field.greatest, field.greatest
+    hints = Hints(points=((slow, 0.0), (fast, 0.6)), window=(0.0, fast))
+    return replace(found, color=np.rint(share * 255).astype(np.uint8), name=f"{volume.name}: direction", hints=hints)

@@ -1,1 +1,0 @@
-"""Camera views of a grid, and culling of splats."""
