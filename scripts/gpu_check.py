@@ -30,9 +30,8 @@ import splatgl as sg
 from splatgl.app.doctor import check_line
 from splatgl.errors import InputError
 from splatgl.fileio import check_output, write_whole
-from splatgl.gl.buffers import Instances, Textured
+from splatgl.gl.buffers import DrawOrder, Instances, Textured
 from splatgl.gl.context import current
-from splatgl.gl.draw_order import DrawOrder
 from splatgl.gl.selfcheck import run_checks
 
 # seconds: all in all, and of them for the tests

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from splatgl.distributed.parts import over as over
     from splatgl.distributed.slabs import render_slabs as render_slabs
     from splatgl.errors import InputError as InputError
-    from splatgl.gl.portions import Interrupted as Interrupted
     from splatgl.gl.renderer import Renderer as Renderer
+    from splatgl.gl.target import Interrupted as Interrupted
     from splatgl.readers import load as load
     from splatgl.readers.meshes import load_mesh as load_mesh
     from splatgl.splat.camera import Camera as Camera
@@ -63,7 +63,7 @@ _PUBLIC = {
     "Camera": "splatgl.splat.camera",
     "Image": "splatgl.data.image",
     "InputError": "splatgl.errors",
-    "Interrupted": "splatgl.gl.portions",
+    "Interrupted": "splatgl.gl.target",
     "PiecewiseCubic": "splatgl.splat.kernels",
     "Mesh": "splatgl.data.mesh",
     "Layer": "splatgl.splat.scene",

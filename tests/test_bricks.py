@@ -17,7 +17,7 @@ from splatgl import fileio
 from splatgl.app.cli import main
 from splatgl.fileio import bytes_of, size_of
 from splatgl.gl import sheet_tiles, tiles
-from splatgl.gl.slabs import render_slabs
+from splatgl.gl.large_volumes import render_slabs
 from splatgl.readers import chunked, ome_zarr
 from splatgl.readers.chunked import Chunked
 from splatgl.splat import bricks as bricking

@@ -19,16 +19,16 @@ import pytest
 import splatgl as sg
 from splatgl.app import doctor
 from splatgl.errors import InputError
+from splatgl.gl import backends
 from splatgl.gl import context as contexts
-from splatgl.gl import egl, osmesa
+from splatgl.gl.backends import BackendError, current_loader, switch_to
 from splatgl.gl.context import BACKENDS, context_info, current, is_software, open_context
-from splatgl.gl.loader import BackendError, current_loader, switch_to
 from splatgl.gl.selfcheck import Check, run_checks
 from splatgl.gl.shader import ShaderError
 
 Open = Callable[..., moderngl.Context]
 # The library whose absence excuses a backend; asked without the code under test, so that its faults do not skip
-LIBRARIES = {"egl": egl.EGL_LIBRARIES[:1], "osmesa": osmesa.LIBRARIES[:2], "window": osmesa.LIBRARIES[:2]}
+LIBRARIES = {"egl": backends.EGL_LIBRARIES[:1], "osmesa": backends.LIBRARIES[:2], "window": backends.LIBRARIES[:2]}
 
 
 def need(backend: str) -> None:
@@ -424,7 +424,7 @@ class Pbuffer:
 
     def __init__(self) -> None:
         need("egl")
-        self.egl = ctypes.CDLL(egl.EGL_LIBRARIES[0])
+        self.egl = ctypes.CDLL(backends.EGL_LIBRARIES[0])
         pointer, attributes = ctypes.c_void_p, ctypes.c_int * 3
         for name in ("GetPlatformDisplay", "CreateContext", "CreatePbufferSurface", *NAMED):
             getattr(self.egl, f"egl{name}").restype = pointer

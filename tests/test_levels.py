@@ -12,9 +12,8 @@ from test_bricks import noise
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.data.volume import coarser
-from splatgl.gl import levels
-from splatgl.gl.levels import just_finer, level_for
-from splatgl.gl.slabs import render_slabs
+from splatgl.gl import large_volumes
+from splatgl.gl.large_volumes import just_finer, level_for, render_slabs
 from splatgl.readers.chunked import Chunked
 from splatgl.splat.settings import Settings
 
@@ -65,7 +64,7 @@ def test_smooth_volumes_take_a_coarser_level(smooth: sg.Volume, renderer: sg.Ren
     camera = sg.Camera.orbit(smooth, 20, 10, size=(16, 16))
     found = level_for(smooth, SOFT, camera, Settings(), renderer)
     assert found.number >= 1 and found.volume.shape == smooth.coarser[found.number - 1].shape
-    assert 0 < found.off[found.number] <= found.allowed and found.boxes == levels.BOXES
+    assert 0 < found.off[found.number] <= found.allowed and found.boxes == large_volumes.BOXES
     assert str(found).startswith(f"level {found.number}, ") and "level 0 by" in str(found)
     # opacities are those of the finest voxels' length
     assert found.transfer.unit == pytest.approx(1.2 ** (1 / 3))
@@ -101,7 +100,7 @@ def test_boxes_lie_where_opacity_varies(renderer: sg.Renderer) -> None:
     assert just_finer(volume, camera) > 1
     found = level_for(volume, transfer, camera, Settings(), renderer)
     assert max(found.off.values()) > 0.02 and found.number < just_finer(volume, camera)
-    assert found.info["level_boxes"] == found.boxes == levels.BOXES
+    assert found.info["level_boxes"] == found.boxes == large_volumes.BOXES
 
 
 @pytest.mark.long

@@ -14,7 +14,7 @@ from splatting import spread
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.gl import sheet_quads, sheet_tiles, tiles
-from splatgl.gl.portions import Interrupted
+from splatgl.gl.target import Interrupted
 from splatgl.splat.settings import BLENDS, Technique
 from splatgl.truth.blend import joined, joined_value
 from splatgl.truth.field import field_integral

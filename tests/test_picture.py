@@ -152,7 +152,7 @@ import numpy as np
 import splatgl as sg
 from splatgl.app.kept import kept_renderer
 from splatgl.gl.context import current
-from splatgl.gl.loader import BackendError
+from splatgl.gl.backends import BackendError
 ball = sg.scenes.ball(6)
 first = sg.render(ball, size=24).pixels
 with kept_renderer() as renderer, current(renderer.ctx):

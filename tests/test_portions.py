@@ -10,7 +10,7 @@ from noise import noise, views
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.gl import draw_order, portions, streaks, tiles
+from splatgl.gl import buffers, quads, target, tiles
 
 TECHNIQUES = ("quads", "tiles")
 
@@ -24,8 +24,8 @@ def record(asked: list[bool]) -> bool:
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Portions of a few hundred splats, and dispatches of a few tiles."""
-    monkeypatch.setattr(portions, "FIRST", 300)
-    monkeypatch.setattr(portions, "GROWTH", 1.0)
+    monkeypatch.setattr(target, "FIRST", 300)
+    monkeypatch.setattr(target, "GROWTH", 1.0)
     monkeypatch.setattr(tiles, "ENTRIES", 1000)
 
 
@@ -55,7 +55,7 @@ def test_too_many_that_flow_are_refused(renderer: sg.Renderer, monkeypatch: pyte
     flow = sg.Motion(flow=np.full((len(splats), 3), 0.1))
     settings = SPLATS.but(motion="exact")
     renderer.render(splats, views(splats)["fitted"], settings, motion=flow)
-    monkeypatch.setattr(streaks, "MOST_KEPT", len(splats) - 1)
+    monkeypatch.setattr(quads, "MOST_KEPT", len(splats) - 1)
     with pytest.raises(sg.InputError, match=r"^splats: expected at most \d+ that flow, got \d+; raise the"):
         renderer.render(splats, views(splats)["fitted"], settings, motion=flow)
 
@@ -64,8 +64,8 @@ def test_portions_grow_and_shrink_with_the_time_they_take(
     renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [0.0]
-    monkeypatch.setattr("splatgl.gl.portions.time.perf_counter", lambda: now[0])
-    found = portions.Portions(renderer.ctx, None, 2**22)
+    monkeypatch.setattr("splatgl.gl.target.time.perf_counter", lambda: now[0])
+    found = target.Portions(renderer.ctx, None, 2**22)
     ends, each = [], 1e-4
     for begin, end in found.over(0, 400_000):
         now[0] += (end - begin) * each
@@ -77,10 +77,10 @@ def test_portions_grow_and_shrink_with_the_time_they_take(
 
 
 def test_the_end_of_a_range_makes_portions_no_larger(renderer: sg.Renderer) -> None:
-    found = portions.Portions(renderer.ctx, None, 100)
+    found = target.Portions(renderer.ctx, None, 100)
     for _ in range(3):
         assert list(found.over(0, 200)) == [(0, 200)]
-    assert next(end for _, end in found.over(0, 400)) == portions.FIRST
+    assert next(end for _, end in found.over(0, 400)) == target.FIRST
 
 
 @pytest.mark.few(3)
@@ -95,9 +95,9 @@ def test_too_many_splats_to_be_kept_are_drawn_in_chunks(
         settings = SPLATS.but(technique=kind, occlusion="off", order="front-to-back", **change)
         whole = renderer.render(splats, camera, settings).pixels
         with monkeypatch.context() as patched:
-            for module in (draw_order, tiles):
+            for module in (buffers, tiles):
                 patched.setattr(module, "MOST_KEPT", 1000)
-            patched.setattr(draw_order, "CHUNK", 300)
+            patched.setattr(buffers, "CHUNK", 300)
             chunked = [renderer.render(splats, camera, settings).pixels for _ in range(2)]
         renderer.passes.splats.release()
         assert (chunked[0] == chunked[1]).all()

@@ -16,7 +16,7 @@ from noise import GRIDS, LOOKS, inside, views
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.gl import sheet_order, sheet_tiles, tiles
+from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.sheet_quads import by_first_sheet
 from splatgl.splat import extract_values
 from splatgl.splat.culling import beside_box
@@ -164,7 +164,7 @@ def test_packed_splats_are_their_twins(renderer: sg.Renderer, grid: str, view: s
         ([(tiles, "MOST_LISTED", 1500)], 1e-5),
         ([(sheet_tiles, "MOST_ENTRIES", 16)], 1e-5),
         ([(sheet_tiles, "MOST_PIXELS", 600)], 0),
-        ([(sheet_order, "MOST_RUN", 3), (sheet_order, "LEAST_RUNS", 8)], 0),
+        ([(sheet_tiles, "MOST_RUN", 3), (sheet_tiles, "LEAST_RUNS", 8)], 0),
     ],
     ids=str,
 )

@@ -15,7 +15,7 @@ import splatgl as sg
 from splatgl.app import pyramid
 from splatgl.app.cli import main
 from splatgl.app.pyramid import write
-from splatgl.gl.levels import level_for
+from splatgl.gl.large_volumes import level_for
 from splatgl.splat.extraction.classified import classified, halved
 from splatgl.splat.settings import Settings
 

@@ -14,7 +14,7 @@ from splatgl.app.cli import main
 from splatgl.app.layered import layer_option
 from splatgl.app.scene import Scene
 from splatgl.app.viewpoint import View
-from splatgl.gl import layer_tiles
+from splatgl.gl import layers as layer_tiles
 from splatgl.splat.scene import joined
 from splatgl.truth import reference
 

@@ -11,8 +11,8 @@ import pytest
 from noise import GRIDS, LOOKS, inside, views
 
 import splatgl as sg
-from splatgl.gl import portions, sheet_order, sheet_quads, sheet_tiles, tiles
-from splatgl.gl.portions import Interrupted
+from splatgl.gl import sheet_quads, sheet_tiles, target, tiles
+from splatgl.gl.target import Interrupted
 from splatgl.splat import technique as occlusion_policy
 from splatgl.splat import technique as tiling
 from splatgl.splat.kernels import KERNELS, depth_deviation, kernel
@@ -132,7 +132,7 @@ def test_by_default_the_error_is_within_the_tolerance(renderer: sg.Renderer) -> 
         ([(tiles, "MOST_TILES", 5)], 0),
         ([(sheet_tiles, "MOST_ENTRIES", 16)], 3e-6),
         ([(sheet_tiles, "MOST_PIXELS", 600)], 0),
-        ([(sheet_order, "MOST_RUN", 3), (sheet_order, "LEAST_RUNS", 8)], 0),
+        ([(sheet_tiles, "MOST_RUN", 3), (sheet_tiles, "LEAST_RUNS", 8)], 0),
         ([(tiles, "MOST", 77), (sheet_tiles, "MOST_ENTRIES", 8), (sheet_tiles, "MOST_PIXELS", 600)], 3e-6),
     ],
     ids=str,
@@ -216,8 +216,8 @@ def test_without_compute_shaders_quads_draw_sheets(renderer: sg.Renderer, monkey
     assert (image.info["technique"], image.info["order"], image.info["sheets"]) == ("quads", "front-to-back", 3)
     right = sg.reference.render(splats, camera, sg.Settings(compositing="sheets")).pixels
     assert np.abs(image.pixels - right).max() <= image.info["error_bound"]
-    monkeypatch.setattr(portions, "FIRST", 7)
-    monkeypatch.setattr(portions, "GROWTH", 1.0)
+    monkeypatch.setattr(target, "FIRST", 7)
+    monkeypatch.setattr(target, "GROWTH", 1.0)
     again = renderer.render(splats, camera, sg.Settings(compositing="sheets")).pixels
     assert (again == image.pixels).all()
 

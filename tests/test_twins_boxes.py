@@ -10,8 +10,8 @@ from test_boxes import splats_of
 from twins import COUNT, Twin
 
 import splatgl as sg
-from splatgl.gl.boxes import box_uniforms
-from splatgl.gl.mask_texture import MASK_UNIT
+from splatgl.gl.sheet_tiles import box_uniforms
+from splatgl.gl.textures import MASK_UNIT
 from splatgl.gl.uniforms import base_of
 from splatgl.truth.boxes import BoxRays, BoxScene, Passed
 

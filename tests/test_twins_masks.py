@@ -9,8 +9,8 @@ from test_twins_sheets import RAMP, uniforms
 from twins import COUNT, Twin
 
 import splatgl as sg
-from splatgl.gl.mask_texture import MASK_UNIT
-from splatgl.gl.surfaces import MAPS_UNIT
+from splatgl.gl.meshes import MAPS_UNIT
+from splatgl.gl.textures import MASK_UNIT
 from splatgl.splat.colormaps import FURTHEST, UNKNOWN, mapped_color, tables_of
 from splatgl.splat.mask_field import EDGE, ONE, ZERO, MaskField, face_share, kept_part
 from splatgl.truth.rays import Rays

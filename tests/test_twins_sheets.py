@@ -11,8 +11,8 @@ from noise import GRIDS, noise, views
 from twins import COUNT, Twin
 
 import splatgl as sg
-from splatgl.gl.sheet_order import sheet_uniforms
-from splatgl.gl.tables import CLASS_UNIT, class_uniforms
+from splatgl.gl.sheet_tiles import sheet_uniforms
+from splatgl.gl.textures import CLASS_UNIT, class_uniforms
 from splatgl.splat.clipping import FACE
 from splatgl.splat.kernels import Kernel, kernel
 from splatgl.splat.lighting import surface_light

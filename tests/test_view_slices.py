@@ -35,7 +35,7 @@ from splatgl.app.viewer.slices import (
 from splatgl.app.viewer.slicing import Slicing, left_of
 from splatgl.app.viewer.state import State, acted
 from splatgl.data.color import srgb_from_linear
-from splatgl.gl.marks import Stroke
+from splatgl.gl.screen import Stroke
 
 driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 UP = np.array([0.0, 0.0, 1.0])

@@ -15,9 +15,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.gl import shader
-from splatgl.gl.cue_fields import SAMPLERS
 from splatgl.gl.program import build, splat_switches
-from splatgl.gl.tables import BLUR_UNIT, FOOTPRINT_UNIT, HALF_LINE_UNIT
+from splatgl.gl.textures import BLUR_UNIT, FOOTPRINT_UNIT, HALF_LINE_UNIT, SAMPLERS
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.splat.plan import Plan
 from splatgl.splat.view import View

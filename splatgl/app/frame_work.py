@@ -86,7 +86,7 @@ class Work:
         subject, flow = matter
         settings = unbacked(self.settings, self.over.names if self.over else ())
         if isinstance(subject, Bricks):
-            from splatgl.gl.slabs import moving_bricks
+            from splatgl.gl.large_volumes import moving_bricks
 
             image = moving_bricks(renderer, subject, view.camera, settings, view.motion, self.bands)
         else:

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from threading import RLock
 
 from splatgl.errors import InputError
+from splatgl.gl.backends import BackendError, restored
 from splatgl.gl.context import current, inherited
-from splatgl.gl.loader import BackendError, restored
 from splatgl.gl.renderer import Renderer
 
 # one picture at a time, in any thread

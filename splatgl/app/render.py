@@ -35,7 +35,7 @@ from splatgl.splat.transfer import Transfer
 
 # what draws and compares is imported once there is something to draw: bad input is told at once
 if TYPE_CHECKING:
-    from splatgl.gl.levels import Level
+    from splatgl.gl.large_volumes import Level
     from splatgl.gl.renderer import Renderer
     from splatgl.splat.camera import Camera
     from splatgl.splat.splats import Splats
@@ -230,7 +230,7 @@ def _reference(name: str, output: Path) -> Picture:
 
 def _level(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> tuple[Camera, Level]:
     """The camera, and the level of a multiscale image that it takes."""
-    from splatgl.gl.levels import just_finer, level_for
+    from splatgl.gl.large_volumes import just_finer, level_for
     from splatgl.splat.opaque_bounds import Opaque
 
     camera = scene.view.camera(volume, Opaque(volume, transfer))

@@ -116,7 +116,7 @@ def opened(
     """Opens the window for what is being read, and returns once it is closed for any reason."""
     from splatgl.app.viewer.content import Content
     from splatgl.app.viewer.viewer import Viewer
-    from splatgl.gl.loader import BackendError
+    from splatgl.gl.backends import BackendError
     from splatgl.gl.renderer import Renderer
 
     with Renderer(backend, device, gpu) as renderer:

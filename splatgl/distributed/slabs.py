@@ -67,7 +67,7 @@ def render_slabs(
     """
     memory = bytes_of(memory) if isinstance(memory, str) else memory
     if client is None:
-        from splatgl.gl.slabs import render_slabs as alone
+        from splatgl.gl.large_volumes import render_slabs as alone
 
         return alone(source, transfer, camera, settings, memory, progress)
     volume = None
@@ -126,7 +126,7 @@ def draw_parts(
 
 def _level(job: Job, sent: Volume | None) -> tuple[int, Transfer, dict[str, object]]:
     """On a worker: the level that the picture takes, its transfer function, and what is told of it."""
-    from splatgl.gl.levels import level_for
+    from splatgl.gl.large_volumes import level_for
 
     found = level_for(_volume(job, sent), job.transfer, job.camera, job.settings, renderer(job.drawing))
     return found.number, found.transfer, found.info
@@ -164,7 +164,7 @@ def _finished(job: Job, sent: Volume | None, part: Part, check: bool) -> Image:
 
 def _planned(job: Job, sent: Volume | None) -> tuple[Bricks, Plan]:
     """The volume in bricks, and the plan of the picture. InputError for what takes other splats than values."""
-    from splatgl.gl.levels import level_of
+    from splatgl.gl.large_volumes import level_of
 
     def make() -> tuple[Bricks, Plan]:
         volume = level_of(_volume(job, sent), job.level)

@@ -13,10 +13,18 @@ from typing import Any
 import moderngl
 
 from splatgl.errors import InputError, expected
-from splatgl.gl.egl import EglLoader, device_count
-from splatgl.gl.loader import SPAWN, BackendError, Loader, current_loader, forked, switch_to
-from splatgl.gl.osmesa import OsmesaLoader
-from splatgl.gl.window import WindowLoader
+from splatgl.gl.backends import (
+    SPAWN,
+    BackendError,
+    EglLoader,
+    Loader,
+    OsmesaLoader,
+    WindowLoader,
+    current_loader,
+    device_count,
+    forked,
+    switch_to,
+)
 
 BACKENDS = ("egl", "osmesa", "window")  # the order in which "auto" tries them
 # How to install a missing backend; "auto" needs only the first

@@ -9,7 +9,7 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.program import Programs
-from splatgl.gl.tables import Tables
+from splatgl.gl.textures import Tables
 from splatgl.splat.plan import Plan
 from splatgl.splat.sheets import NearField
 

@@ -11,22 +11,16 @@ import moderngl
 import numpy as np
 
 from splatgl.data.mesh import Mesh
-from splatgl.gl.boxes import BoxTiles
-from splatgl.gl.buffers import SplatBuffers
-from splatgl.gl.cue_fields import CueFields
-from splatgl.gl.draw_order import DrawOrder
-from splatgl.gl.layer_tiles import Drawn, LayerTiles, union
-from splatgl.gl.mask_texture import MaskTexture
+from splatgl.gl.buffers import DrawOrder, SplatBuffers
+from splatgl.gl.layers import Drawn, LayerTiles, union
+from splatgl.gl.meshes import Surfaces
 from splatgl.gl.near_sheets import NearSheets
-from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
-from splatgl.gl.quads import Quads
+from splatgl.gl.quads import Quads, Streaks
 from splatgl.gl.sheet_quads import SheetQuads
-from splatgl.gl.sheet_tiles import Batches, SheetTiles
-from splatgl.gl.streaks import Streaks
-from splatgl.gl.surfaces import Surfaces
-from splatgl.gl.tables import Tables
-from splatgl.gl.target import Target, Targets
+from splatgl.gl.sheet_tiles import Batches, BoxTiles, SheetTiles
+from splatgl.gl.target import Portions, Target, Targets
+from splatgl.gl.textures import CueFields, MaskTexture, Tables
 from splatgl.gl.tiles import Tiles
 from splatgl.gl.uniforms import FRAME, FRAME_BINDING, STYLE, STYLE_BINDING, frame_block, style_block
 from splatgl.splat.culling import Window, ahead, exposed

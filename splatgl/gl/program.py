@@ -10,9 +10,8 @@ from typing import cast
 import moderngl
 import numpy as np
 
-from splatgl.gl.cue_fields import CUES_BINDING, SAMPLERS
-from splatgl.gl.mask_texture import MASK_SAMPLER, MASK_UNIT
 from splatgl.gl.shader import ShaderError, compose, declared_switches
+from splatgl.gl.textures import CUES_BINDING, MASK_SAMPLER, MASK_UNIT, SAMPLERS
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING
 from splatgl.splat.kernels import kernel, polynomials, single_polynomial
 from splatgl.splat.plan import Program

@@ -13,15 +13,13 @@ from typing import NamedTuple
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import Instances, uneven
-from splatgl.gl.draw_order import DrawOrder
+from splatgl.gl.buffers import DrawOrder, Instances, uneven
 from splatgl.gl.near_sheets import NearSheets
-from splatgl.gl.portions import Portions
 from splatgl.gl.program import BLEND_STATES, Programs
 from splatgl.gl.quads import CORNERS
-from splatgl.gl.sheet_order import sheet_uniforms
-from splatgl.gl.tables import CLASS_UNIT, HALF_LINE_UNIT, Tables
-from splatgl.gl.target import Target, settle
+from splatgl.gl.sheet_tiles import sheet_uniforms
+from splatgl.gl.target import Portions, Target, settle
+from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, Tables
 from splatgl.gl.tiles import bands_of, set_uniforms
 from splatgl.gl.uniforms import frame_block
 from splatgl.splat.culling import Window, screen_bounds

@@ -15,13 +15,11 @@ from itertools import pairwise
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import SplatBuffers, Texels, uneven
-from splatgl.gl.constants import ABREAST, LANES, LISTED, NOWHERE
-from splatgl.gl.draw_order import DrawOrder, Range, chunks
-from splatgl.gl.portions import Portions
+from splatgl.gl.buffers import DrawOrder, Range, SplatBuffers, Texels, chunks, uneven
 from splatgl.gl.program import Programs
-from splatgl.gl.tables import HALF_LINE_UNIT
-from splatgl.gl.target import Target
+from splatgl.gl.shader import ABREAST, LANES, LISTED, NOWHERE
+from splatgl.gl.target import Portions, Target
+from splatgl.gl.textures import HALF_LINE_UNIT
 from splatgl.splat.culling import BLOCK, Frustum, Window, shown
 from splatgl.splat.kernels import single_reach
 from splatgl.splat.plan import Plan, Program

@@ -12,7 +12,7 @@ from splatgl.app.viewer.marking import of_ruler
 from splatgl.app.viewer.slicing import outlines
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.image import Image
-from splatgl.gl.marks import Sprite, Stroke
+from splatgl.gl.screen import Sprite, Stroke
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.viewer import Viewer

@@ -12,7 +12,7 @@ from splatgl.app.annotations.live import LiveOverlay, usual
 from splatgl.app.annotations.request import LEAST_SIDE
 from splatgl.app.annotations.subject import Subject
 from splatgl.data.volume import Volume
-from splatgl.gl.marks import Sprite
+from splatgl.gl.screen import Sprite
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
 

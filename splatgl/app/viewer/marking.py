@@ -14,7 +14,7 @@ from splatgl.app.viewer.measuring import Ruler, distance, told, under_cursor
 from splatgl.app.viewer.sight import seen, segment
 from splatgl.app.viewer.slicing import left_of, outlines
 from splatgl.data.volume import Volume
-from splatgl.gl.marks import Color, Marks, Sprite, Stroke
+from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.splat.camera import Camera
 
 if TYPE_CHECKING:
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from splatgl.app.viewer.viewer import Viewer
 
 # sRGB, of the box, of planes, and of what does not cut at present
-BOX: Color = (0.36, 0.72, 1.0, 0.9)
-PLANES: tuple[Color, ...] = ((1.0, 0.62, 0.2, 0.95), (0.45, 0.9, 0.45, 0.95), (0.95, 0.5, 0.85, 0.95))
-RULER: Color = (1.0, 0.85, 0.3, 1.0)
-RESTING: Color = (0.7, 0.7, 0.7, 0.7)
+BOX: LineColor = (0.36, 0.72, 1.0, 0.9)
+PLANES: tuple[LineColor, ...] = ((1.0, 0.62, 0.2, 0.95), (0.45, 0.9, 0.45, 0.95), (0.95, 0.5, 0.85, 0.95))
+RULER: LineColor = (1.0, 0.85, 0.3, 1.0)
+RESTING: LineColor = (0.7, 0.7, 0.7, 0.7)
 # pixels at a content scale of 1
 LINE, DOT, TIP = 1.5, 11.0, 8.0
 
@@ -109,11 +109,11 @@ def of_cuts(cuts: Cuts, volume: Volume, camera: Camera, scale: float) -> list[St
     return found
 
 
-def plane_color(cuts: Cuts, number: int) -> Color:
+def plane_color(cuts: Cuts, number: int) -> LineColor:
     """That of a plane and its handles."""
     return PLANES[number % len(PLANES)] if cuts.active else RESTING
 
 
-def _lines(camera: Camera, ends: list[tuple[np.ndarray, np.ndarray]], color: Color, width: float) -> list[Stroke]:
+def _lines(camera: Camera, ends: list[tuple[np.ndarray, np.ndarray]], color: LineColor, width: float) -> list[Stroke]:
     found = [segment(camera, start, stop) for start, stop in ends]
     return [Stroke(*each, color, width) for each in found if each is not None]

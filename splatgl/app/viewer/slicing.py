@@ -15,7 +15,7 @@ from splatgl.app.viewer.sight import Place, segment
 from splatgl.app.viewer.slices import ANATOMY, Pane, Slices, colors, grey, panes, plane, strided, window_of, world_axes
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
-from splatgl.gl.marks import Color, Marks, Sprite, Stroke
+from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.splat.camera import Camera
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from splatgl.app.viewer.viewer import Viewer
 
 # sRGB, of the slices across x, y and z of the grid, and behind them
-LINES: tuple[Color, ...] = ((1.0, 0.42, 0.36, 0.9), (0.45, 0.86, 0.42, 0.9), (0.45, 0.62, 1.0, 0.9))
+LINES: tuple[LineColor, ...] = ((1.0, 0.42, 0.36, 0.9), (0.45, 0.86, 0.42, 0.9), (0.45, 0.62, 1.0, 0.9))
 GROUND = np.array([[[18, 18, 20, 255]]], np.uint8)
 # seconds that a saved picture waits for a slice
 LONGEST = 20.0

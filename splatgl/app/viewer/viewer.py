@@ -35,9 +35,9 @@ from splatgl.app.viewer.slicing import Slicing
 from splatgl.app.viewer.state import State
 from splatgl.app.viewer.window import Window
 from splatgl.errors import TOLD, missing_extra, told
-from splatgl.gl.portions import Interrupted
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen
+from splatgl.gl.target import Interrupted
 
 # maximum seconds to wait for events when idle: bounds the response to Ctrl-C
 IDLE = 0.25

@@ -1,4 +1,4 @@
-"""Which level of a multiscale image a picture takes: one that is no further from the finest than is allowed.
+"""Levels of detail, render_slabs.
 
 Means of values lose what is thinner than their voxels, and are classified as something else. So a coarser level is
 drawn only if it is right in boxes of this volume, under this transfer function and camera.
@@ -6,19 +6,27 @@ drawn only if it is right in boxes of this volume, under this transfer function 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume, places
+from splatgl.errors import expected
+from splatgl.fileio import budget
 from splatgl.gl.renderer import Renderer
-from splatgl.splat.bricks import spread
+from splatgl.readers import load
+from splatgl.splat.bricks import Bricks, bricks_of, fits, spread
 from splatgl.splat.camera import Camera
 from splatgl.splat.grid import Grid
-from splatgl.splat.resolve import extracted
+from splatgl.splat.motion import Moments, Motion
+from splatgl.splat.plan import Blurred
+from splatgl.splat.resolve import extracted, streaked
 from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
 
 # boxes that are compared; places, and bytes of the finest level, that are looked at for them, as many are empty, and
@@ -210,3 +218,54 @@ def _rmse(pairs: list[tuple[Image, Image]]) -> float:
     """Over the pixels that either of a pair shows."""
     off = [(a.pixels - b.pixels)[(a.pixels.any(axis=2)) | (b.pixels.any(axis=2))] for a, b in pairs]
     return float(np.sqrt((np.concatenate(off) ** 2).mean()))
+
+
+# given how many bricks are done, and their number
+Progress = Callable[[int, int], None]
+
+
+def render_slabs(
+    source: Volume | str | Path,
+    transfer: Transfer,
+    camera: Camera,
+    settings: Settings | None = None,
+    memory: int | None = None,
+    progress: Progress | None = None,
+    renderer: Renderer | None = None,
+) -> Image:
+    """`splatgl.distributed.slabs.render_slabs` without workers; renderer: one that is open."""
+    settings = settings or Settings()
+    volume = source if isinstance(source, Volume) else load(source)
+    most = budget() if memory is None else memory
+    with nullcontext(renderer) if renderer else Renderer() as drawing:
+        level = level_for(volume, transfer, camera, settings, drawing)
+        bricks = bricks_of(level.volume, level.transfer, settings)
+        many = fits(bricks, camera.size, most) if bricks else None
+        told = {**level.info, "bricks": 0}
+        if bricks is None or many is None:
+            image = drawing.render(extracted(level.volume, level.transfer, settings), camera, settings)
+            return Image(image.pixels, {**image.info, **told})
+        image = drawing.render_bricks(bricks, camera, settings, progress, bands=many.bands(most))
+        return Image(image.pixels, {**told, **image.info})
+
+
+def moving_bricks(
+    renderer: Renderer, bricks: Bricks, camera: Camera, settings: Settings, motion: Motion, bands: int = 1
+) -> Image:
+    """A volume in bricks while the camera, or all of it, moves: the mean of its moments, as `Renderer.render` of moving
+    splats. Raises InputError for streaks and for a flow.
+    """
+    if streaked(settings):
+        raise expected("motion in bricks", "the mean of moments", f"motion {settings.motion}")
+    if motion.flow is not None:
+        raise expected("motion in bricks", "a camera or a volume that moves", "a flow")
+    still = settings.but(motion="off", moments=None)
+
+    def draw(_: Splats, view: Camera, asked: Settings) -> Image:
+        return renderer.render_bricks(bricks, view, asked, bands=bands)
+
+    blurred = Blurred.of(bricks.probes, camera, settings, motion, [])
+    if not blurred.moments:
+        return draw(bricks.probes, camera, still)
+    mean = Moments(draw, motion, settings.shutter, blurred.moments)(bricks.probes, camera, still)
+    return Image(mean.pixels.astype(np.float32), {**mean.info, "motion": "moments"})

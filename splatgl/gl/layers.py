@@ -9,16 +9,13 @@ import moderngl
 import numpy as np
 
 from splatgl.errors import InputError
-from splatgl.gl.boxes import BoxTiles
-from splatgl.gl.buffers import SplatBuffers
-from splatgl.gl.constants import LANES, PAGE
-from splatgl.gl.draw_order import DrawOrder
+from splatgl.gl.buffers import DrawOrder, SplatBuffers
 from splatgl.gl.near_sheets import NearSheets
-from splatgl.gl.portions import Portions
 from splatgl.gl.program import Programs
-from splatgl.gl.sheet_tiles import SheetTiles
-from splatgl.gl.tables import Tables
-from splatgl.gl.target import Target
+from splatgl.gl.shader import LANES, PAGE
+from splatgl.gl.sheet_tiles import BoxTiles, SheetTiles
+from splatgl.gl.target import Portions, Target
+from splatgl.gl.textures import Tables
 from splatgl.gl.tiles import Band, set_uniforms
 from splatgl.splat.culling import Window
 from splatgl.splat.ordering import order_for

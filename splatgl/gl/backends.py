@@ -1,0 +1,580 @@
+"""EGL, OSMesa, GLFW loaders.
+
+OpenGL keeps one current context per thread, and the window systems are independent: if an EGL context is made current
+while an OSMesa one is, calls go to the wrong one. Each thread therefore stores its current loader and unbinds it before
+it binds another. What other libraries of the process made current (Qt, VTK, another moderngl) is asked of EGL and GLX,
+unbound before a context of ours is bound, and bound again after.
+
+A forked process has its parent's context memory, but not its threads and connections: with llvmpipe, draw calls hang,
+even in a new context of a library that the parent had used. Both are refused.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import threading
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar, TypeVar
+
+from splatgl.errors import expected
+
+Opened = TypeVar("Opened")
+# core profiles in the order in which they are asked for: some drivers give exactly what is asked. 4.3 has compute
+# shaders, 3.3 is the least that has instanced attributes and float targets
+VERSIONS = ((4, 6), (4, 5), (4, 3), (3, 3))
+# from egl.h
+EGL_DRAW, EGL_READ = 0x3059, 0x305A
+# functions that return handles
+EGL_ASKED = ("eglGetCurrentContext", "eglGetCurrentDisplay", "eglGetCurrentSurface")
+GLX_ASKED = ("glXGetCurrentContext", "glXGetCurrentDisplay", "glXGetCurrentDrawable", "glXGetCurrentReadDrawable")
+SPAWN = 'start worker processes with multiprocessing.get_context("spawn"), and open a Renderer in each'
+
+
+class BackendError(Exception):
+    """A backend is unavailable; the message gives the reason in one line."""
+
+
+def newest(create: Callable[[int, int], Opened]) -> Opened:
+    """The result of `create(major, minor)` for the newest version that there is; BackendError if there is none."""
+    refusal = BackendError("no OpenGL")
+    for version in VERSIONS:
+        try:
+            return create(*version)
+        except BackendError as error:
+            refusal = error
+    raise refusal
+
+
+@dataclass(frozen=True)
+class Host:
+    """Another library's context that is current in this thread. unbind: leaves none of its window system current.
+    bind: makes it current again, on the surfaces that it was drawing to.
+    """
+
+    unbind: Callable[[], object]
+    bind: Callable[[], object]
+
+
+def current_host() -> Host | None:
+    """The context that EGL or GLX have current in this thread, which is another library's while no loader is."""
+    return _of_egl() or _of_glx()
+
+
+def _of_egl() -> Host | None:
+    egl = _in_process("libEGL.so.1", EGL_ASKED, "eglMakeCurrent")
+    context = egl.eglGetCurrentContext() if egl else None
+    if egl is None or not context:
+        return None
+    interface, display = egl.eglQueryAPI(), egl.eglGetCurrentDisplay()
+    surfaces = egl.eglGetCurrentSurface(EGL_DRAW), egl.eglGetCurrentSurface(EGL_READ)
+
+    def bind() -> None:
+        egl.eglBindAPI(interface)
+        egl.eglMakeCurrent(display, *surfaces, context)
+
+    return Host(partial(egl.eglMakeCurrent, display, None, None, None), bind)
+
+
+def _of_glx() -> Host | None:
+    glx = _in_process("libGL.so.1", GLX_ASKED, "glXMakeContextCurrent")
+    context = glx.glXGetCurrentContext() if glx else None
+    if glx is None or not context:
+        return None
+    display, drawables = glx.glXGetCurrentDisplay(), (glx.glXGetCurrentDrawable(), glx.glXGetCurrentReadDrawable())
+    make = glx.glXMakeContextCurrent
+    return Host(partial(make, display, None, None, None), partial(make, display, *drawables, context))
+
+
+def _in_process(name: str, asked: tuple[str, ...], bind: str) -> ctypes.CDLL | None:
+    """A library that the process has loaded, with the functions `asked` for handles and the one that binds four."""
+    if name not in _Process.libraries and hasattr(os, "RTLD_NOLOAD"):
+        try:
+            library = ctypes.CDLL(name, mode=os.RTLD_NOLOAD)
+            for function in asked:
+                getattr(library, function).restype = ctypes.c_void_p
+            getattr(library, bind).argtypes = [ctypes.c_void_p] * 4
+        except (OSError, AttributeError):
+            # not loaded, or without OpenGL of that system
+            return None
+        _Process.libraries[name] = library
+    return _Process.libraries.get(name)
+
+
+class _Thread(threading.local):
+    """The loader that is current in this thread, another library's context that was before it, and the loader that was
+    current when a fork began.
+    """
+
+    current: Loader | None = None
+    host: Host | None = None
+    forking: Loader | None = None
+
+
+class _Process:
+    """Libraries opened by this process, those of them that tell what is current, libraries opened by its parent before
+    the fork, and the number of forks.
+    """
+
+    opened: ClassVar[set[str]] = set()
+    libraries: ClassVar[dict[str, ctypes.CDLL]] = {}
+    inherited: ClassVar[set[str]] = set()
+    forks: ClassVar[int] = 0
+
+
+_thread = _Thread()
+
+
+def _before_fork() -> None:
+    """Unbinds the current context: the child could not, and other window systems would refuse theirs there."""
+    loader = _thread.current
+    _thread.forking = loader if loader is not None and loader.holds() else None
+    if _thread.forking is not None:
+        switch_to(None)
+
+
+def _in_parent() -> None:
+    if _thread.forking is not None:
+        switch_to(_thread.forking)
+
+
+def _in_child() -> None:
+    """Marks all opened libraries as inherited."""
+    _thread.current = _thread.forking = _thread.host = None
+    _Process.inherited |= _Process.opened
+    _Process.forks += 1
+
+
+# Windows does not fork
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_before_fork, after_in_parent=_in_parent, after_in_child=_in_child)
+
+
+class Loader(ABC):
+    """A core context of OpenGL 3.3 or newer for moderngl's `create_context(context=loader)`.
+
+    As a context manager it makes its context current and restores the previous one on exit.
+    library: the OpenGL implementation; BackendError if a parent process had opened it before the fork.
+    """
+
+    backend: str
+
+    def __init__(self, library: str) -> None:
+        if library in _Process.inherited:
+            raise BackendError(f"{library} was opened before this process was forked, and its threads were left behind")
+        _Process.opened.add(library)
+        # libraries may make a new context current, or refuse to while another is
+        leave()
+        self._before: list[Loader | None] = []
+        self._released = False
+        self._forks = _Process.forks
+
+    @property
+    def inherited(self) -> bool:
+        """Whether the context was opened before this process was forked."""
+        return self._forks != _Process.forks
+
+    def check_process(self) -> None:
+        """Raises InputError in a forked process for a context of its parent."""
+        if self.inherited:
+            raise expected("context", "one opened in this process", "one from before it was forked", SPAWN)
+
+    @abstractmethod
+    def address(self, name: str) -> int:
+        """Address of an OpenGL function, 0 if there is none; the context is current."""
+
+    @abstractmethod
+    def bind(self) -> None:
+        """Make this context current; raises BackendError if the system refuses."""
+
+    @abstractmethod
+    def unbind(self) -> None:
+        """Leave no context of this window system current."""
+
+    @abstractmethod
+    def destroy(self) -> None:
+        """Free the context, which is not current."""
+
+    @abstractmethod
+    def holds(self) -> bool:
+        """Whether the system reports this context as current; other libraries may have switched it."""
+
+    def load_opengl_function(self, name: str) -> int:
+        """Address of an OpenGL function; the method that moderngl calls."""
+        return self.address(name)
+
+    def make_current(self) -> Loader | None:
+        """Make this context current in this thread, unless inherited; returns the loader that was current before."""
+        self.check_process()
+        before = _thread.current
+        if before is not None and not before.holds():
+            # another library's is current, which is bound again after, or none, and this one comes back
+            _thread.current = None
+            before = None if current_host() else before
+        if before is not self or _thread.current is None:
+            switch_to(self)
+        return before
+
+    def __enter__(self) -> Loader:
+        self._before.append(self.make_current())
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        switch_to(self._before.pop())
+
+    def release(self) -> None:
+        """Free the context; no effect on a second call or in a forked process that inherited it."""
+        if self._released or self.inherited:
+            return
+        if _thread.current is self:
+            switch_to(None)
+        self._released = True
+        self.destroy()
+
+
+def current_loader() -> Loader | None:
+    """The loader whose context is current in this thread."""
+    return _thread.current
+
+
+def forked() -> bool:
+    """Whether this process was forked from one that had opened an OpenGL library."""
+    return bool(_Process.inherited)
+
+
+def switch_to(loader: Loader | None) -> None:
+    """Make `loader` the thread's current one; None, a released or an inherited one leaves none of ours current, and
+    binds again what another library had.
+    """
+    target = None if loader is None or loader._released or loader.inherited else loader
+    if _thread.current is target and (target is not None or _thread.host is None):
+        return
+    leave()
+    try:
+        if target is not None:
+            target.bind()
+            _thread.current = target
+    finally:
+        if _thread.current is None and _thread.host is not None:
+            host, _thread.host = _thread.host, None
+            host.bind()
+
+
+def leave() -> None:
+    """Leave no context current in this thread; one of another library is kept for `switch_to`."""
+    loader, _thread.current = _thread.current, None
+    if loader is not None and (loader.holds() or current_host() is None):
+        loader.unbind()
+    # or what was made current meanwhile, behind our back
+    found = current_host()
+    if found is not None:
+        found.unbind()
+        _thread.host = found
+
+
+def hand_back() -> None:
+    """Binds what another library had current before a context was opened, if anything; it may soon be gone."""
+    if _thread.host is not None:
+        switch_to(None)
+
+
+@contextmanager
+def restored() -> Iterator[None]:
+    """Leaves the thread's current context as it was, whatever was opened meanwhile: another thread may want it."""
+    before = _thread.current
+    try:
+        yield
+    finally:
+        switch_to(before)
+
+
+EGL_OPENGL_API, EGL_BAD_ACCESS = 0x30A2, 0x3002  # egl.h
+EGL_LIBRARIES = ("libEGL.so.1", "libEGL.so")
+# Any of these finds the functions; EGL itself serves if libGL, which X needs, is not installed
+GL_LIBRARIES = ("libGL.so.1", "libOpenGL.so.0", *EGL_LIBRARIES)
+
+
+class EglLoader(Loader):
+    """An EGL context on device number `device`, counted from 0 in the driver's order."""
+
+    backend = "egl"
+
+    def __init__(self, device: int) -> None:
+        super().__init__("EGL")
+        self._context, self._egl = _create_egl(device)
+        self._handle: int | None = None
+        # glcontext makes it current without asking
+        made = current_host()
+        if made is not None:
+            made.unbind()
+        self.make_current()
+
+    def address(self, name: str) -> int:
+        """Address of an OpenGL function as glcontext finds it, 0 if there is none."""
+        return int(self._context.load_opengl_function(name))
+
+    def bind(self) -> None:
+        """Makes the EGL context current and stores its handle; raises BackendError if EGL refuses."""
+        # a host may have chosen OpenGL ES
+        self._egl.eglBindAPI(EGL_OPENGL_API)
+        self._context.__enter__()
+        error = self._egl.eglGetError()
+        found = self._egl.eglGetCurrentContext()
+        if error == EGL_BAD_ACCESS:
+            raise BackendError("EGL's context is current in another thread; give each thread a Renderer")
+        if not found or found != (self._handle or found):
+            raise BackendError("EGL's context is gone, as another library ended its display; open another Renderer")
+        self._handle = found
+
+    def holds(self) -> bool:
+        """Whether EGL's current context is this one."""
+        return bool(self._egl.eglGetCurrentContext() == self._handle)
+
+    def unbind(self) -> None:
+        """Leaves no EGL context current."""
+        self._context.__exit__(None, None, None)
+
+    def destroy(self) -> None:
+        """Frees the EGL context."""
+        self._context.release()
+
+
+def device_count() -> int:
+    """Number of EGL devices; 0 if EGL cannot count them."""
+    egl = ctypes.CDLL(_first_library("GLCONTEXT_LINUX_LIBEGL", EGL_LIBRARIES))
+    egl.eglGetProcAddress.restype = ctypes.c_void_p
+    egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
+    address = egl.eglGetProcAddress(b"eglQueryDevicesEXT")
+    if not address:
+        return 0
+    query = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(ctypes.c_int))(address)
+    count = ctypes.c_int(0)
+    return count.value if query(0, None, ctypes.byref(count)) else 0
+
+
+def _create_egl(device: int) -> tuple[Any, ctypes.CDLL]:
+    """The EGL context by glcontext, and the library that queries the current one. glcontext raises bare Exceptions."""
+    try:
+        from glcontext import egl
+    except ImportError as error:  # not built on this system
+        raise BackendError(f"glcontext has no EGL here ({error})") from error
+    libegl = _first_library("GLCONTEXT_LINUX_LIBEGL", EGL_LIBRARIES)
+    libgl = _first_library("GLCONTEXT_LINUX_LIBGL", GL_LIBRARIES)
+    library = ctypes.CDLL(libegl)
+    library.eglGetCurrentContext.restype = ctypes.c_void_p
+
+    def create(major: int, minor: int) -> Any:
+        version = 100 * major + 10 * minor
+        try:
+            return egl.create_context(
+                mode="standalone", libgl=libgl, libegl=libegl, glversion=version, device_index=device
+            )
+        except Exception as error:
+            raise BackendError(str(error)) from error
+
+    return newest(create), library
+
+
+def _first_library(variable: str, names: tuple[str, ...]) -> str:
+    """The environment variable's library or the first of `names` that loads."""
+    if os.environ.get(variable):
+        names = (os.environ[variable],)
+    for name in names:
+        try:
+            ctypes.CDLL(name)
+        except OSError:
+            continue
+        return name
+    raise BackendError(f"{names[0]} is not installed")
+
+
+LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
+# From osmesa.h and gl.h
+OSMESA_FORMAT, OSMESA_DEPTH_BITS, OSMESA_PROFILE, OSMESA_CORE_PROFILE = 0x22, 0x30, 0x33, 0x34
+OSMESA_MAJOR, OSMESA_MINOR = 0x36, 0x37
+GL_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
+# OSMesa requires its own colour buffer in memory; nothing is drawn to it, so the smallest will do
+BUFFER_SIDE = 1  # pixels
+BUFFER_BYTES = 4 * BUFFER_SIDE * BUFFER_SIDE
+
+
+class OsmesaLoader(Loader):
+    """An OSMesa context of a core profile."""
+
+    backend = "osmesa"
+
+    def __init__(self) -> None:
+        super().__init__("OSMesa")
+        self._library = _library()
+        self._context = newest(self._create)
+        self._buffer = ctypes.create_string_buffer(BUFFER_BYTES)
+        self.make_current()
+
+    def _create(self, major: int, minor: int) -> int:
+        attributes = (OSMESA_FORMAT, GL_RGBA, OSMESA_DEPTH_BITS, 0, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
+        version = (OSMESA_MAJOR, major, OSMESA_MINOR, minor, 0)
+        packed = (ctypes.c_int * (len(attributes) + len(version)))(*attributes, *version)
+        made = self._library.OSMesaCreateContextAttribs(packed, None)
+        if not made:
+            raise BackendError(f"OSMesa made no OpenGL {major}.{minor} core context")
+        return int(made)
+
+    def address(self, name: str) -> int:
+        """Address of an OpenGL function by OSMesaGetProcAddress, 0 if there is none."""
+        return self._library.OSMesaGetProcAddress(name.encode()) or 0
+
+    def bind(self) -> None:
+        """Makes the context current on its own small buffer; raises BackendError if OSMesa refuses."""
+        side = BUFFER_SIDE
+        if not self._library.OSMesaMakeCurrent(self._context, self._buffer, GL_UNSIGNED_BYTE, side, side):
+            raise BackendError("OSMesa refused to make its context current")
+
+    def holds(self) -> bool:
+        """Whether OSMesa's current context is this one, and no other window system has one that calls go to."""
+        return bool(self._library.OSMesaGetCurrentContext() == self._context) and current_host() is None
+
+    def unbind(self) -> None:
+        """Leaves no OSMesa context current."""
+        self._library.OSMesaMakeCurrent(None, None, GL_UNSIGNED_BYTE, 0, 0)
+
+    def destroy(self) -> None:
+        """Frees the OSMesa context."""
+        self._library.OSMesaDestroyContext(self._context)
+
+
+def _library() -> ctypes.CDLL:
+    """Loads libOSMesa with its functions' types; without them pointers are truncated to 32 bits."""
+    for name in LIBRARIES:
+        try:
+            library = ctypes.CDLL(name)
+        except OSError:
+            continue
+        if not hasattr(library, "OSMesaCreateContextAttribs"):
+            raise BackendError(f"{name} is older than Mesa 12 and has no core profile")
+        library.OSMesaCreateContextAttribs.restype = ctypes.c_void_p
+        library.OSMesaCreateContextAttribs.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
+        library.OSMesaMakeCurrent.restype = ctypes.c_ubyte
+        # Context, then the buffer's address, type, width and height
+        pointer, number = ctypes.c_void_p, ctypes.c_int
+        library.OSMesaMakeCurrent.argtypes = [pointer, pointer, ctypes.c_uint, number, number]
+        library.OSMesaGetProcAddress.restype = ctypes.c_void_p
+        library.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
+        library.OSMesaGetCurrentContext.restype = ctypes.c_void_p
+        library.OSMesaDestroyContext.restype = None
+        library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
+        return library
+    raise BackendError(f"{LIBRARIES[0]} is not installed")
+
+
+HIDDEN_SIZE = (16, 16)  # pixels; a hidden window is never drawn to
+
+
+class WindowLoader(Loader):
+    """The OpenGL context of a GLFW window, which is destroyed with it. GLFW requires the main thread."""
+
+    backend = "window"
+
+    def __init__(self, size: tuple[int, int] = HIDDEN_SIZE, title: str = "splatgl", visible: bool = False) -> None:
+        super().__init__("the window system's OpenGL" if _has_display() else "OSMesa")
+        self.window = _create_window(size, title, visible)
+        self.make_current()
+
+    def address(self, name: str) -> int:
+        """Address of an OpenGL function as GLFW finds it, 0 if there is none."""
+        import glfw
+
+        address = glfw.get_proc_address(name)
+        return ctypes.cast(address, ctypes.c_void_p).value or 0 if address else 0
+
+    def bind(self) -> None:
+        """Makes the window's context current; raises BackendError if GLFW refuses."""
+        import glfw
+
+        with _glfw_errors():
+            glfw.make_context_current(self.window)
+
+    def holds(self) -> bool:
+        """Whether GLFW's current context is this window's."""
+        import glfw
+
+        current = glfw.get_current_context()
+        return bool(current) and ctypes.addressof(current.contents) == ctypes.addressof(self.window.contents)
+
+    def unbind(self) -> None:
+        """Leaves no GLFW context current."""
+        import glfw
+
+        with _glfw_errors():
+            glfw.make_context_current(None)  # type: ignore[arg-type]
+
+    def destroy(self) -> None:
+        """Destroys the window and its context."""
+        import glfw
+
+        with _glfw_errors():
+            glfw.destroy_window(self.window)
+
+
+def _create_window(size: tuple[int, int], title: str, visible: bool) -> Any:
+    """A GLFW window with the newest core context that there is."""
+    try:
+        import glfw
+    except ImportError as error:
+        raise BackendError(f"GLFW could not be loaded ({error})") from error
+    with _glfw_errors():
+        # Without a display only the null platform starts, and only with OSMesa
+        headless = not _has_display()
+        glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL if headless else glfw.ANY_PLATFORM)
+        started = glfw.init()
+    if not started:
+        raise BackendError("GLFW did not start")
+
+    def create(major: int, minor: int) -> Any:
+        window = None
+        with _glfw_errors():
+            _hint(glfw, visible, (major, minor))
+            window = glfw.create_window(*size, title, None, None)
+        if not window:
+            raise BackendError("GLFW made no window")
+        return window
+
+    return newest(create)
+
+
+def _hint(glfw: Any, visible: bool, version: tuple[int, int]) -> None:
+    """Sets the hints for windows created from now on."""
+    glfw.default_window_hints()
+    if glfw.get_platform() == glfw.PLATFORM_NULL:
+        glfw.window_hint(glfw.CONTEXT_CREATION_API, glfw.OSMESA_CONTEXT_API)
+    glfw.window_hint(glfw.CONTEXT_VERSION_MAJOR, version[0])
+    glfw.window_hint(glfw.CONTEXT_VERSION_MINOR, version[1])
+    glfw.window_hint(glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE)
+    glfw.window_hint(glfw.OPENGL_FORWARD_COMPAT, sys.platform == "darwin")  # required by macOS, refused by OSMesa
+    glfw.window_hint(glfw.VISIBLE, visible)
+
+
+def _has_display() -> bool:
+    """Whether the environment names a display; always true on macOS and Windows."""
+    if sys.platform in ("darwin", "win32"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+@contextmanager
+def _glfw_errors() -> Iterator[None]:
+    """Turns GLFW's errors, by default warnings, into a BackendError."""
+    import glfw
+
+    glfw.get_error()  # clears earlier errors
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", glfw.GLFWError)
+        yield
+    code, description = glfw.get_error()
+    if code != glfw.NO_ERROR:
+        raise BackendError(description.decode() if isinstance(description, bytes) else str(description))

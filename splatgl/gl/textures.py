@@ -1,0 +1,215 @@
+"""Footprint tables, mask and light textures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+
+import moderngl
+import numpy as np
+
+from splatgl.errors import expected
+from splatgl.gl.shader import TABLE_ROW
+from splatgl.splat.ambient_occlusion import Cues, Fields
+from splatgl.splat.kernels import Kernel, footprint_table, half_line_table, radial_table
+from splatgl.splat.label_normals import LabelNormals
+from splatgl.splat.mask_field import MaskField
+from splatgl.splat.motion_blur import blur_table
+from splatgl.splat.plan import Plan
+from splatgl.splat.preintegration import WEIGHTS, PostClassified
+from splatgl.splat.splats import Splats
+from splatgl.splat.view import View
+
+CUES_BINDING = 2
+# names of samplers, and their texture units
+SAMPLERS = {"sky_field": 18, "shade_field": 19}
+CUES = np.dtype(
+    {
+        "names": ["cell_from_index", "cell_from_normal", "cell_of_eye", "strength"],
+        "formats": [("<f4", (3, 4)), ("<f4", (3, 4)), "<4f4", "<4f4"],
+        "offsets": [0, 48, 96, 112],
+        "itemsize": 128,
+    }
+)
+
+
+class CueFields:
+    """Textures of the latest fields; made on the first use, written anew for others."""
+
+    def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
+        self.ctx = ctx
+        self.block: moderngl.Buffer | None = None
+        self.textures: dict[str, moderngl.Texture3D] = {}
+        self.fields: Fields | None = None
+        owned.callback(self.release)
+
+    def use(self, cues: Cues, view: View) -> None:
+        """Binds what a picture's shaders read."""
+        fields = cues.fields
+        if self.fields is not fields:
+            self._release_textures()
+            for name, field in (("sky_field", fields.sky), ("shade_field", fields.shade)):
+                if field is not None:
+                    depth, height, width, *channels = field.shape
+                    size, count = (width, height, depth), channels[0] if channels else 1
+                    texture = self.ctx.texture3d(size, count, field.tobytes(), alignment=4, dtype="f4")
+                    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+                    self.textures[name] = texture
+            self.fields = fields
+        for name, texture in self.textures.items():
+            texture.use(SAMPLERS[name])
+        if self.block is None:
+            self.block = self.ctx.buffer(reserve=CUES.itemsize)
+        self.block.write(cues_block(cues, view).tobytes())
+        self.block.bind_to_uniform_block(CUES_BINDING)
+
+    def release(self) -> None:
+        """Frees the textures and the block; they are made again on demand."""
+        self._release_textures()
+        if self.block is not None:
+            self.block.release()
+        self.block = None
+
+    def _release_textures(self) -> None:
+        for texture in self.textures.values():
+            texture.release()
+        self.textures, self.fields = {}, None
+
+
+def cues_block(cues: Cues, view: View) -> np.ndarray:
+    """CUES, shape ()."""
+    block = np.zeros((), CUES)
+    turn, moved = cues.cell_from_index
+    block["cell_from_index"][:, :3] = turn.T
+    block["cell_from_normal"][:, :3] = cues.cell_from_normal.T
+    block["cell_of_eye"][:3] = turn @ view.eye_index + moved
+    block["strength"][:2] = cues.occlusion, cues.shadows
+    return block
+
+
+# name of the sampler, and its texture unit
+MASK_SAMPLER, MASK_UNIT = "mask_field", 20
+
+
+class MaskTexture:
+    """Made on the first use, and anew for another mask, or with its faces."""
+
+    def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
+        self.ctx = ctx
+        self.texture: moderngl.Texture3D | None = None
+        self.holds: tuple[MaskField | LabelNormals, bool] | None = None
+        owned.callback(self.release)
+
+    def use(self, mask: MaskField | LabelNormals, faced: bool) -> None:
+        """Binds it. faced: whether shaders read its gradients, too, as of labels. Raises InputError beyond OpenGL's
+        size.
+        """
+        if self.holds is None or self.holds[0] is not mask or (faced and not self.holds[1]):
+            self.release()
+            data = mask.faced if faced or isinstance(mask, LabelNormals) else mask.kept
+            depth, height, width = data.shape[:3]
+            most = self.ctx.info["GL_MAX_3D_TEXTURE_SIZE"]
+            if max(depth, height, width) > most:
+                raise expected("mask", f"a box of at most {most} voxels a side around it", max(depth, height, width))
+            self.texture = self.ctx.texture3d(
+                (width, height, depth), 4 if data.ndim == 4 else 1, data.tobytes(), alignment=1
+            )
+            self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            self.holds = mask, faced
+        assert self.texture is not None
+        self.texture.use(MASK_UNIT)
+
+    def release(self) -> None:
+        """Frees the texture; it is made again on demand."""
+        if self.texture is not None:
+            self.texture.release()
+        self.texture, self.holds = None, None
+
+
+# texture units
+FOOTPRINT_UNIT, HALF_LINE_UNIT, BLUR_UNIT, CLASS_UNIT = 0, 1, 3, 15
+# rows of weights by gradient behind the classification table
+WEIGHT_ROWS = WEIGHTS // TABLE_ROW + 1
+# bits of a texel → moderngl's dtype, numpy's, and the stored value of 1.0
+FORMATS: dict[int, tuple[str, np.dtype, int]] = {
+    32: ("f4", np.dtype("<f4"), 1),
+    16: ("nu2", np.dtype("<u2"), 65535),
+    8: ("f1", np.dtype("u1"), 255),
+}
+# texels along each axis of the half-line table: bilinear error 1e−5
+HALF_LINE_SIZE = 256
+
+
+class Tables:
+    """Cache of table textures."""
+
+    def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
+        self.ctx, self.owned = ctx, owned
+        self.kept: dict[tuple[str, str, int, int], moderngl.Texture] = {}
+        # of the last splats classified after reconstruction
+        self.classes: tuple[PostClassified, moderngl.Texture] | None = None
+
+    def use(self, plan: Plan) -> None:
+        """Binds the tables of a plan's program."""
+        kernel, program = plan.kernel, plan.program
+        size, bits = plan.lookup.size, plan.lookup.bits
+        if size > 1:
+            make = footprint_table if program.footprint == "table" else radial_table
+            self._of(kernel, program.footprint, size, bits, lambda: make(kernel, size)).use(FOOTPRINT_UNIT)
+        if program.seen.half_line:
+            table = self._of(kernel, "half line", HALF_LINE_SIZE, 32, lambda: half_line_table(kernel, HALF_LINE_SIZE))
+            table.use(HALF_LINE_UNIT)
+        if program.motion == "exact":
+            self._of(kernel, "blur", 0, 32, lambda: blur_table(kernel.name).packed).use(BLUR_UNIT)
+
+    def classification(self, splats: Splats) -> moderngl.Texture:
+        """The table of the splats' transfer function, see sheet_draw.comp; kept for the next picture."""
+        assert splats.post is not None
+        kept = self.classes
+        if kept is None or kept[0] is not splats.post:
+            table, _ = splats.post.table
+            rows = -(-len(table) // TABLE_ROW)
+            texels = np.zeros((rows + WEIGHT_ROWS, TABLE_ROW, 4), np.uint32)
+            texels[:rows].reshape(-1, 4)[: len(table)] = table
+            if splats.post.transfer.gradient:
+                weights = splats.post.weights[0].view(np.uint32)
+                texels[rows:].reshape(-1, 4)[: len(weights), 0] = weights
+            if kept is None:
+                texture = self.ctx.texture(texels.shape[1::-1], 4, texels.tobytes(), dtype="u4")
+                texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+                self.owned.callback(texture.release)
+            else:
+                texture = kept[1]
+                texture.write(texels)
+            self.classes = kept = splats.post, texture
+        return kept[1]
+
+    def _of(self, kernel: Kernel, kind: str, size: int, bits: int, make: Callable[[], np.ndarray]) -> moderngl.Texture:
+        key = (kernel.name, kind, size, bits)
+        if key not in self.kept:
+            self.kept[key] = self._texture(make(), bits)
+        return self.kept[key]
+
+    def _texture(self, texels: np.ndarray, bits: int) -> moderngl.Texture:
+        dtype, store, one = FORMATS[bits]
+        data = (np.rint(texels * one) if one > 1 else texels).astype(store)
+        height, width, *components = data.shape
+        channels = components[0] if components else 1
+        texture = self.ctx.texture((width, height), channels, data.tobytes(), alignment=1, dtype=dtype)
+        self.owned.callback(texture.release)
+        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        texture.repeat_x = texture.repeat_y = False
+        return texture
+
+
+def class_uniforms(post: PostClassified) -> dict[str, object]:
+    """Of the classification table, bound to CLASS_UNIT."""
+    before, behind = post.integral.outside
+    return {
+        "class_table": CLASS_UNIT,
+        "class_scale": post.scale,
+        "class_unit": post.table[1],
+        "class_before": tuple(before),
+        "class_behind": tuple(behind),
+        "class_seen": post.seen,
+    }
