@@ -34,9 +34,9 @@ import splatgl as sg
 from splatgl.app.scene import Scene
 from splatgl.app.viewpoint import View
 from splatgl.gl.target import Target
+from splatgl.reference.field import kept_field_integral
+from splatgl.reference.ray_integral import ray_integral_at
 from splatgl.splat.resolve import extracted, suited
-from splatgl.truth.field import kept_field_integral
-from splatgl.truth.integral import ray_integral_at
 from splatgl.truth.report.peers import Peer
 
 FLOOR_VERTEX = """#version 330

@@ -7,7 +7,7 @@
 .venv/bin/python scripts/pictures.py side-by-side "head, MRI"  # one of them, larger
 .venv/bin/python scripts/pictures.py window head.nii  # the viewer's window
 .venv/bin/python scripts/pictures.py report nerve     # error against run time, with VTK if it is there; for minutes
-.venv/bin/python scripts/pictures.py tables           # of methods in splatgl/truth/README.md, of techniques in gl's
+.venv/bin/python scripts/pictures.py tables           # of methods in splatgl/reference/README.md, of techniques in gl's
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from splatgl.truth.report.markdown import as_table
 from splatgl.truth.table_io import as_markdown
 
 FOLDER = Path(__file__).parent / "pictures"
-TRUTH = Path(__file__).parents[1] / "splatgl" / "truth" / "README.md"
+TRUTH = Path(__file__).parents[1] / "splatgl" / "reference" / "README.md"
 GL = Path(__file__).parents[1] / "splatgl" / "gl" / "README.md"
 # patterns of the tables that `tables` writes
 REFUSED = r"(?m)^\| setting \| tiles .*\n(\|.*\n)*"

@@ -22,7 +22,7 @@ from PIL import ImageDraw, ImageFont
 import splatgl as sg
 from splatgl.app.scene import Scene
 from splatgl.app.viewpoint import View
-from splatgl.truth.field import field_integral
+from splatgl.reference.field import field_integral
 from splatgl.truth.report.peers import Peer
 
 # pixels of a picture, and of one volume's; samples along each side of a pixel, samples a voxel of the field, height of

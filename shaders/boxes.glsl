@@ -1,5 +1,5 @@
 // Boxes of voxels, which labels fill evenly: what a pixel's ray passes of them, and their light.
-// Depths are those in eye axes, mean spacings; places are in grid steps from frame.base. Twin of splatgl/truth/boxes.py.
+// Depths are those in eye axes, mean spacings; places are in grid steps from frame.base. Twin of splatgl/reference/label_boxes.py.
 // switch SHADING 0
 // switch CLIPPED 0
 // switch LIMITED 0

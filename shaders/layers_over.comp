@@ -1,5 +1,5 @@
 // Composites the matter of several layers along each ray, nearest first: where layers overlap, extinctions and emissions
-// add up. Each invocation composites one column of its tile. Twin of splatgl/truth/layers.py.
+// add up. Each invocation composites one column of its tile. Twin of splatgl/reference/layers.py.
 // switch LAYERS 2
 // switch PERSPECTIVE 1
 // version 430

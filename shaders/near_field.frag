@@ -1,5 +1,5 @@
 // The sheets around the eye, from the one behind it on, on the rays of a grid of pixels: one block of rows below the
-// other. Twin of near_sums in splatgl/truth/sheets.py.
+// other. Twin of near_sums in splatgl/reference/sheets.py.
 // switch SIDE 4
 #define VARYING
 #define FLAT

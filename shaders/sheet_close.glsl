@@ -1,5 +1,5 @@
 // The open sheets of ROWS pixels below `first`, and what closing the nearest adds to their light.
-// Twin of splatgl/truth/sheets.py.
+// Twin of splatgl/reference/sheets.py.
 // switch SHADING 0
 // switch WEIGHTED 0
 // switch LAYERED 0

@@ -1,7 +1,7 @@
 // Composites sheets tile by tile: each invocation adds its tile's list, which is in the order of first sheets, to the
 // open sheets of one column of pixels, and composites each sheet once the list has passed it.
 // Classified before (STEPS 0), a sheet holds extinction · colour and extinction; after, gradient and value by mass.
-// Twin of splatgl/truth/sheets.py.
+// Twin of splatgl/reference/sheets.py.
 // switch CARRIED 0
 // version 430
 // extension GL_ARB_shader_group_vote

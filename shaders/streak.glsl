@@ -1,4 +1,4 @@
-// A moving splat along one pixel's ray. Twin of splatgl/truth/streak_row.py and splatgl/splat/motion_blur.py.
+// A moving splat along one pixel's ray. Twin of splatgl/reference/streaks.py and splatgl/splat/motion_blur.py.
 #include "motion.glsl"
 #include "motion_opacity.glsl"
 

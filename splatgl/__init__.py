@@ -20,6 +20,7 @@ __version__ = "0.3.0.dev0"
 
 if TYPE_CHECKING:
     from splatgl import distributed as distributed
+    from splatgl import reference as reference
     from splatgl.app.annotations.annotate import annotated as annotated
     from splatgl.app.depths import depth_map as depth_map
     from splatgl.app.picture import render as render
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     from splatgl.gl.target import Interrupted as Interrupted
     from splatgl.readers import load as load
     from splatgl.readers.meshes import load_mesh as load_mesh
+    from splatgl.reference.check import check as check
+    from splatgl.reference.pick import pick as pick
     from splatgl.splat.camera import Camera as Camera
     from splatgl.splat.extract import extract as extract
     from splatgl.splat.kernels import PiecewiseCubic as PiecewiseCubic
@@ -53,10 +56,7 @@ if TYPE_CHECKING:
     from splatgl.splat.vector_field import directions as directions
     from splatgl.splat.vector_field import magnitudes as magnitudes
     from splatgl.splat.vector_field import streamlines as streamlines
-    from splatgl.truth import reference as reference
-    from splatgl.truth.check import check as check
     from splatgl.truth.compare import compare as compare
-    from splatgl.truth.pick import pick as pick
 
 # public name → where it lives; loaded on first use, so that a command imports only what it needs
 _PUBLIC = {
@@ -79,14 +79,14 @@ _PUBLIC = {
     "directions": "splatgl.splat.vector_field",
     "magnitudes": "splatgl.splat.vector_field",
     "streamlines": "splatgl.splat.vector_field",
-    "check": "splatgl.truth.check",
+    "check": "splatgl.reference.check",
     "compare": "splatgl.truth.compare",
     "depth_map": "splatgl.app.depths",
     "default_transfer": "splatgl.splat.presets",
     "extract": "splatgl.splat.extract",
     "load": "splatgl.readers",
     "load_mesh": "splatgl.readers.meshes",
-    "pick": "splatgl.truth.pick",
+    "pick": "splatgl.reference.pick",
     "plan": "splatgl.splat.plan",
     "preset": "splatgl.splat.presets",
     "over": "splatgl.distributed.parts",
@@ -98,7 +98,7 @@ _PUBLIC = {
 }
 _MODULES = {
     "distributed": "splatgl.distributed",
-    "reference": "splatgl.truth.reference",
+    "reference": "splatgl.reference",
     "scenes": "splatgl.data.scenes",
 }
 

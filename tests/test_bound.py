@@ -11,14 +11,14 @@ import pytest
 from splatting import SPLATS
 
 import splatgl as sg
+from splatgl.reference import streaks
+from splatgl.reference.rays import values
+from splatgl.reference.renderer import _Scene
 from splatgl.splat.culling import Window
 from splatgl.splat.error_bound import MOVED, ULP, Bound, bound
 from splatgl.splat.kernels import kernel
 from splatgl.splat.ray_overlap import cells_of, ray_overlap
 from splatgl.splat.resolve import Resolved
-from splatgl.truth import streaks
-from splatgl.truth.pairs import values
-from splatgl.truth.reference import _Scene
 from splatgl.truth.stress import CASES, run_case
 
 SIZE = (64, 48)

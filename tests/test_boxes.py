@@ -11,12 +11,12 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.volume import Label, coarser
+from splatgl.reference.depth_map import depths
+from splatgl.reference.pick import pick
 from splatgl.splat import label_normals
 from splatgl.splat.culling import exposed
 from splatgl.splat.presets import label_transfer
 from splatgl.splat.splats import Splats
-from splatgl.truth.depth import depths
-from splatgl.truth.pick import pick
 
 RED, GREEN, BLUE = "#ff0000", "#00ff00", "#0000ff"
 # faint, half and solid

@@ -20,6 +20,7 @@ from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.large_volumes import render_slabs
 from splatgl.readers import chunked, ome_zarr
 from splatgl.readers.chunked import Chunked
+from splatgl.reference.check import check_bricks
 from splatgl.splat import bricks as bricking
 from splatgl.splat import bricks as estimate
 from splatgl.splat import opaque_bounds
@@ -29,7 +30,6 @@ from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.settings import Settings
 from splatgl.splat.sheets import Sheets
 from splatgl.splat.view import View
-from splatgl.truth.check import check_bricks
 
 RAMP = sg.Transfer([(0.45, 0), (0.6, 0.8)], colormap="hot", shading=True)
 # no ray ends early
@@ -128,7 +128,7 @@ def test_squares_of_bricks_are_compared_as_those_of_the_whole(
     image = renderer.render_bricks(bricks, camera, ALL)
     records = Bricks.records
     monkeypatch.setattr(Bricks, "records", lambda self, n: read.add(n) or records(self, n))
-    monkeypatch.setattr("splatgl.truth.check.SQUARES", 1)
+    monkeypatch.setattr("splatgl.reference.check.SQUARES", 1)
     found: Any = check_bricks(image, bricks, camera, ALL).info["checked"]
     assert len(read) < (0.9 if name == "inside" else 0.4) * len(bricks.low)
     right: Any = sg.check(image, sg.extract(volume, RAMP), camera, ALL).info["checked"]

@@ -313,7 +313,7 @@ def test_rows_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
         and " in 8 of 24 pixels " in capsys.readouterr().out
     )
     # a picture that is wrong is told from one that is right
-    monkeypatch.setattr("splatgl.truth.check.render_windows", lambda *_: [np.full((1, 24, 4), 0.5)] * 2)
+    monkeypatch.setattr("splatgl.reference.check.render_windows", lambda *_: [np.full((1, 24, 4), 0.5)] * 2)
     assert main([*asked, "--check", "2"]) == 0
     checked = sg.Image.load("x.png").info["checked"]
     assert checked["largest"] > 0.3

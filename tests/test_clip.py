@@ -10,15 +10,15 @@ import pytest
 from noise import GRIDS, views
 
 import splatgl as sg
+from splatgl import reference
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
 from splatgl.errors import InputError
+from splatgl.reference.field import kept_field_integral
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.clipping import MOST_CLIPS, Box, Plane, crop_planes, left, planes, planes_of
 from splatgl.splat.grid import corners_of
 from splatgl.splat.lighting import AMBIENT, DIFFUSE, LIGHTS
-from splatgl.truth import reference
-from splatgl.truth.field import kept_field_integral
 
 OPACITY = 0.02
 FOG = sg.Transfer([(0.0, OPACITY)], colormap="gray", unit=1.0)

@@ -12,9 +12,9 @@ from splatting import SPLATS
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.viewpoint import View
+from splatgl.reference.field import field_integral
 from splatgl.splat import extract, resolve
 from splatgl.splat.resolve import extracted, suited
-from splatgl.truth.field import field_integral
 
 TRANSFER = sg.Transfer([(0.3, 0.0), (0.8, 0.6)], colormap="hot", window=(0.0, 1.0))
 DRAWN = ("classification", "kernel", "sheets", "samples")

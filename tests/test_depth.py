@@ -12,7 +12,7 @@ from noise import GRIDS
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.errors import InputError
-from splatgl.truth.depth import depths
+from splatgl.reference.depth_map import depths
 
 # opaque within a ten-thousandth of a spacing behind its edge
 WALL = sg.Transfer([(0.0, 0.0), (0.0, 1.0)], unit=1e-3, shading=False)

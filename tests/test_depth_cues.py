@@ -9,10 +9,10 @@ import pytest
 from noise import GRIDS, views
 
 import splatgl as sg
+from splatgl import reference
 from splatgl.app.cli import main
 from splatgl.splat.ambient_occlusion import BEFORE, Coarse, Cues, Sweep, axes, sky_of
 from splatgl.splat.grid import trilinear
-from splatgl.truth import reference
 
 PLAIN = sg.Settings(antialias="off", occlusion="off")
 CUES: list[dict[str, Any]] = [{"ambient_occlusion": 1.0}, {"shadows": 1}, {"ambient_occlusion": 0.7, "shadows": 0.6}]

@@ -13,11 +13,11 @@ import pytest
 from noise import GRIDS, LOOKS, inside, views
 
 import splatgl as sg
+from splatgl.reference.field import field_integral, kept_field_integral, kernel_field, trilinear_field
 from splatgl.splat.extract_values import PREFILTERED, margin_of, prefiltered
 from splatgl.splat.kernels import FREE, kernel
 from splatgl.splat.preintegration import PostClassified
 from splatgl.splat.resolve import suited
-from splatgl.truth.field import field_integral, kept_field_integral, kernel_field, trilinear_field
 
 STEP = 1e-5
 KINDS = "b-spline", FREE
@@ -397,7 +397,7 @@ def test_a_field_that_is_no_picture_is_refused_before_work(
 ) -> None:
     volume = sg.scenes.ball(6)
     splats, camera = sg.extract(volume, sg.default_transfer(volume)), sg.Camera.orbit(volume, size=(8, 6))
-    monkeypatch.setattr("splatgl.truth.check.render_windows", lambda *_: pytest.fail("pixels are drawn"))
+    monkeypatch.setattr("splatgl.reference.check.render_windows", lambda *_: pytest.fail("pixels are drawn"))
     with pytest.raises(sg.InputError, match=said):
         sg.check(sg.Image(np.ones((6, 8, 4), np.float32)), splats, camera, settings, rows, field=True)
 

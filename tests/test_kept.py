@@ -11,10 +11,10 @@ import pytest
 from noise import noise, views
 
 import splatgl as sg
+from splatgl import reference
 from splatgl.splat.clipping import clipped, planes
 from splatgl.splat.culling import ahead
 from splatgl.splat.splats import Same
-from splatgl.truth import reference
 
 CUED = sg.Settings(classification="pre", shading="on", light="matte", ambient_occlusion=0.8, shadows=0.7)
 

@@ -28,7 +28,7 @@ CASES = {
     "render missing.nrrd": (*DRAWS, *COMPARES),
     "render missing.nrrd --size a": (*DRAWS, *COMPARES),
     "render missing.nrrd -o /dev/null/x.png": (*DRAWS, *COMPARES),
-    "render missing.nrrd --ref missing.png": (*DRAWS, "splatgl.truth.check", "splatgl.truth.compare_report"),
+    "render missing.nrrd --ref missing.png": (*DRAWS, "splatgl.reference.check", "splatgl.truth.compare_report"),
     "render --help": (*DRAWS, *COMPARES),
     "view missing.nrrd": (*DRAWS, *COMPARES),
     "view missing.nrrd --frame-time 0": (*DRAWS, *COMPARES),

@@ -9,10 +9,10 @@ import pytest
 from noise import GRIDS, views
 
 import splatgl as sg
+from splatgl import reference
 from splatgl.app.cli import main
 from splatgl.splat.lighting import LIGHTS, Light
 from splatgl.splat.settings import choices
-from splatgl.truth import reference
 
 PLAIN = sg.Settings(antialias="off", occlusion="off")
 CAMERA = sg.Camera.orthographic((20, 20, -60), (20, 20, 4), (0, -1, 0), 4, (4, 4))

@@ -11,10 +11,12 @@ from noise import GRIDS, views
 from test_clip import FOG, OPACITY, PLAIN, SOLID, block, field, lengths
 
 import splatgl as sg
+from splatgl import reference
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
 from splatgl.data.mask import named
 from splatgl.errors import InputError
+from splatgl.reference.field import field_integral, kept_field_integral
 from splatgl.splat import mask_field
 from splatgl.splat.ambient_occlusion import Coarse
 from splatgl.splat.bricks import Bricks
@@ -22,8 +24,6 @@ from splatgl.splat.clipping import index_plane
 from splatgl.splat.kernels import KERNELS
 from splatgl.splat.lighting import AMBIENT, DIFFUSE
 from splatgl.splat.mask_field import AROUND, EDGE, REACH, MaskField
-from splatgl.truth import reference
-from splatgl.truth.field import field_integral, kept_field_integral
 
 
 def blob(volume: sg.Volume, seed: int = 1) -> np.ndarray:

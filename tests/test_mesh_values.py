@@ -10,6 +10,7 @@ import pytest
 from test_meshes import PLAIN, along_y, block, cloud, knots
 
 import splatgl as sg
+from splatgl import reference
 from splatgl.app.annotations.subject import Scale
 from splatgl.app.cli import main
 from splatgl.app.meshes import MeshFile, mesh_option
@@ -17,7 +18,6 @@ from splatgl.app.scene import Scene
 from splatgl.errors import InputError
 from splatgl.splat.clipping import planes
 from splatgl.splat.colormaps import colormap
-from splatgl.truth import reference
 
 CLEAR = sg.Transfer([(0.0, 0.0), (1.0, 0.0)])
 UNLIT = PLAIN.but(shading="off")

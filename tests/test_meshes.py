@@ -10,15 +10,15 @@ import pytest
 from noise import GRIDS
 
 import splatgl as sg
+from splatgl import reference
 from splatgl.app.cli import main
 from splatgl.app.meshes import MeshFile, mesh_option
 from splatgl.app.scene import Scene
 from splatgl.data.color import linear_from_srgb
 from splatgl.errors import InputError
+from splatgl.reference.layers import crossings
 from splatgl.splat.culling import Window
 from splatgl.splat.lighting import AMBIENT, DIFFUSE, LIGHTS
-from splatgl.truth import reference
-from splatgl.truth.surfaces import crossings
 
 OPACITY = 0.05
 FOG = sg.Transfer([(0.0, OPACITY)], colormap="gray", window=(0, 2), unit=1.0)

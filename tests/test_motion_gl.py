@@ -12,11 +12,11 @@ from splatting import SPLATS
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.gl.program import build, splat_switches
+from splatgl.reference import streaks
+from splatgl.reference.blend import pixel_means
 from splatgl.splat.kernels import kernel
 from splatgl.splat.motion import Moments
 from splatgl.splat.motion_blur import MOTIONS
-from splatgl.truth import streaks
-from splatgl.truth.pixel_means import pixel_means
 
 COUNT = 90
 SPACINGS = {"cubes": 1.0, "1:2:0.4": (1.0, 2.0, 0.4)}

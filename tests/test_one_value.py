@@ -15,9 +15,9 @@ import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.gl import sheet_quads, sheet_tiles, tiles
 from splatgl.gl.target import Interrupted
+from splatgl.reference.blend import joined, joined_value
+from splatgl.reference.field import field_integral
 from splatgl.splat.settings import BLENDS, Technique
-from splatgl.truth.blend import joined, joined_value
-from splatgl.truth.field import field_integral
 
 TECHNIQUES = ("tiles", "quads")
 BLENDED = tuple(name for name, mode in BLENDS.items() if mode.one_value)

@@ -9,7 +9,7 @@ import pytest
 from noise import GRIDS
 
 import splatgl as sg
-from splatgl.truth.depth import depths
+from splatgl.reference.depth_map import depths
 
 FOG = sg.Transfer([(-1e9, 0.05)], unit=1.0)
 

@@ -8,8 +8,8 @@ from noise import noise, views
 from splatting import SPLATS
 
 import splatgl as sg
+from splatgl.reference.blend import pixel_means
 from splatgl.splat.resolve import MOST_SAMPLES
-from splatgl.truth.pixel_means import pixel_means
 
 AUTO = SPLATS.but(antialias="auto")
 

@@ -18,12 +18,12 @@ import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.sheet_quads import by_first_sheet
+from splatgl.reference.rays import Rays
 from splatgl.splat import extract_values
 from splatgl.splat.culling import beside_box
 from splatgl.splat.motion import Motion
 from splatgl.splat.preintegration import CELLS, ClassIntegral, PostClassified, opaque_intervals
 from splatgl.splat.settings import Technique
-from splatgl.truth.rays import Rays
 
 EXACT = sg.Settings(tolerance=1e-6, antialias="off")
 RAMP = sg.Transfer([(0.45, 0), (0.6, 0.8)], colormap="hot", shading=True)

@@ -10,10 +10,10 @@ from noise import GRIDS, noise, views
 from splatting import SPLATS
 
 import splatgl as sg
+from splatgl.reference.rays import pixel_boxes
 from splatgl.splat.culling import Window
 from splatgl.splat.kernels import kernel
 from splatgl.splat.view import View
-from splatgl.truth.extent import pixel_boxes
 
 # a footprint's value from which on a pixel must have been reached, of its peak: at 0.99 of its reach it is 7e-6
 RIM = 1e-6

@@ -31,7 +31,7 @@ ROOT = Path(__file__).parents[1]
 TOP = ROOT / "README.md"
 READMES = [TOP, *sorted((ROOT / "splatgl").rglob("README.md"))]
 IDS = [path.relative_to(ROOT).as_posix() for path in READMES]
-ROOMS = ("data", "splat", "gl", "truth", "distributed", "app", "app/viewer")
+ROOMS = ("data", "splat", "gl", "reference", "distributed", "app", "app/viewer")
 MOST_LINES = 170
 # of code blocks; text is output, and holds no command
 LANGUAGES = ("sh", "python", "toml", "text", "mermaid")
@@ -389,7 +389,7 @@ def test_every_format_is_in_the_table() -> None:
 
 
 def test_every_stress_case_is_in_the_table() -> None:
-    text = (ROOT / "splatgl" / "truth" / "README.md").read_text(encoding="utf-8")
+    text = (ROOT / "splatgl" / "reference" / "README.md").read_text(encoding="utf-8")
     rows = dict(re.findall(r"(?m)^\| `([\w.-]+)` \| (.+?) \| [^|]+ \| [^|]+ \|[^|]*\|$", text))
     assert list(rows) == list(CASES)
     for name, case in CASES.items():

@@ -9,6 +9,10 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.data.scenes import letter_f
+from splatgl.reference import rays
+from splatgl.reference.blend import ADD, Band, Part, Sum, pixel_means
+from splatgl.reference.rays import Boxes, pixel_boxes, reaching
+from splatgl.reference.renderer import render, render_windows
 from splatgl.splat.culling import Window
 from splatgl.splat.footprint import ROWS, Splat
 from splatgl.splat.kernels import kernel
@@ -16,11 +20,6 @@ from splatgl.splat.line_integral import row1
 from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import Resolved
 from splatgl.splat.view import View
-from splatgl.truth import pairs
-from splatgl.truth.blend import ADD, Band, Part, Sum
-from splatgl.truth.extent import Boxes, pixel_boxes, reaching
-from splatgl.truth.pixel_means import pixel_means
-from splatgl.truth.reference import render, render_windows
 
 PEAK = float(kernel("crawfis-max").footprint(np.zeros(())))
 # extinctions of a near and a far splat, and their colours, exact in float32
@@ -199,8 +198,8 @@ def test_one_splat_at_a_time(blend: str, spacing: object, parallel: bool, monkey
     camera = sg.Camera.look_at((1, -2, 0.5), (1.5, 3, 0), (0, 0, 1), 100, (21, 17))
     if parallel:
         camera = camera.parallel(splats, 12.0)
-    monkeypatch.setattr(pairs, "PAIRS", 1000)
-    monkeypatch.setattr("splatgl.truth.reference.BAND", 100)
+    monkeypatch.setattr(rays, "PAIRS", 1000)
+    monkeypatch.setattr("splatgl.reference.renderer.BAND", 100)
     found = render(splats, camera, SPLATS.but(blend=blend, attenuation="optical-depth")).pixels
     right = by_hand(splats, camera, blend)
     assert right[..., 3].max() > 0.8
@@ -217,7 +216,7 @@ def test_boxes_hold_every_ray(row: str, pixels: int, monkeypatch: pytest.MonkeyP
         camera = sg.Camera.look_at((1, -2, 0.5), (1.5, 3, 0), (0, 0, 1), 110, (pixels, pixels // 2))
         found = render(splats, camera, SPLATS.but(blend="xray"), row).pixels
         with monkeypatch.context() as patched:
-            patched.setattr("splatgl.truth.reference.pixel_boxes", everywhere)
+            patched.setattr("splatgl.reference.renderer.pixel_boxes", everywhere)
             right = render(splats, camera, SPLATS.but(blend="xray"), row).pixels
         assert np.abs(found - right).max() < 1e-11
 

@@ -10,7 +10,7 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.data.scenes import letter_f
-from splatgl.truth.reference import render
+from splatgl.reference.renderer import render
 
 # largest difference allowed: footprint tables and float32
 TABLE = 2e-3

@@ -7,12 +7,12 @@ import pytest
 from splatting import SPLATS
 
 import splatgl as sg
+from splatgl.reference import ray_integral as integral
+from splatgl.reference.ray_integral import ray_integral
+from splatgl.reference.renderer import render
 from splatgl.splat.kernels import kernel
 from splatgl.splat.line_integral import row1
 from splatgl.splat.view import View
-from splatgl.truth import integral
-from splatgl.truth.integral import ray_integral
-from splatgl.truth.reference import render
 
 
 def random_volume(opacity: float, spacing: tuple[float, float, float] = (1, 1, 1), shading: bool = False) -> sg.Splats:

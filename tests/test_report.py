@@ -18,8 +18,8 @@ import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.report import listed
 from splatgl.data.scenes import SCENES
-from splatgl.truth.field import field_integral
-from splatgl.truth.integral import ray_integral
+from splatgl.reference.field import field_integral
+from splatgl.reference.ray_integral import ray_integral
 from splatgl.truth.report import content, work
 from splatgl.truth.report import methods as registry
 from splatgl.truth.report.content import verdict
@@ -202,7 +202,7 @@ def test_a_new_method_is_one_entry(
 
 
 def test_the_readme_tells_all_methods() -> None:
-    readme = (Path(__file__).parents[1] / "splatgl" / "truth" / "README.md").read_text(encoding="utf-8")
+    readme = (Path(__file__).parents[1] / "splatgl" / "reference" / "README.md").read_text(encoding="utf-8")
     assert as_table(content.registry()) in readme, "run scripts/pictures.py tables"
 
 

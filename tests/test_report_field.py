@@ -14,7 +14,7 @@ import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.app.report_scene import subject as opened
 from splatgl.data.scenes import FORMULAS
-from splatgl.truth.field import field_integral
+from splatgl.reference.field import field_integral
 from splatgl.truth.report import convergence, work
 from splatgl.truth.report.methods import axis_of, methods
 from splatgl.truth.report.results import Results

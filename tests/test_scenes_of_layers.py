@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl import reference
 from splatgl.app.cli import main
 from splatgl.app.layered import layer_option
 from splatgl.app.scene import Scene
 from splatgl.app.viewpoint import View
 from splatgl.gl import layers as layer_tiles
 from splatgl.splat.scene import joined
-from splatgl.truth import reference
 
 FOG = {"a": (0.05, "gray"), "b": (0.12, "viridis")}
 PLAIN = sg.Settings(antialias="off", occlusion="off")

@@ -13,13 +13,13 @@ from noise import GRIDS, LOOKS, inside, views
 import splatgl as sg
 from splatgl.gl import sheet_quads, sheet_tiles, target, tiles
 from splatgl.gl.target import Interrupted
+from splatgl.reference.ray_integral import ray_integral
 from splatgl.splat import technique as occlusion_policy
 from splatgl.splat import technique as tiling
 from splatgl.splat.kernels import KERNELS, depth_deviation, kernel
 from splatgl.splat.ordering import order_for
 from splatgl.splat.settings import Technique
 from splatgl.splat.sheets import Sheets
-from splatgl.truth.integral import ray_integral
 
 EXACT = sg.Settings(compositing="sheets", antialias="paper", tolerance=1e-6)
 COUNTS = (2, 3, 4)

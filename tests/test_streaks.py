@@ -8,8 +8,8 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.data.image import Image
+from splatgl.reference import streaks
 from splatgl.splat.motion import MOST, Moments, Motion, Shorter, moments
-from splatgl.truth import streaks
 
 XRAY = SPLATS.but(blend="xray")
 SPIN = Motion(spin=(0, 0, 8))

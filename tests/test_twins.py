@@ -20,13 +20,12 @@ from twins import COUNT, Twin, functions
 
 import splatgl as sg
 from splatgl.data.color import srgb_from_linear
+from splatgl.reference.blend import blended, pixel_means
+from splatgl.reference.renderer import attenuated_depth
 from splatgl.splat.footprint import filled_depth, run_along, run_lengths
 from splatgl.splat.lighting import shone
 from splatgl.splat.resolve import END_CORRECTION
 from splatgl.splat.splats import OCTAVES, POINT, POINT_VALUE, VALUE, VOXEL, linear_color, of_points
-from splatgl.truth.blend import blended
-from splatgl.truth.pixel_means import pixel_means
-from splatgl.truth.reference import attenuated_depth
 
 CALL = re.compile(r"\b(\w+)\(")
 # functions that only move data, or only choose which other computes

@@ -13,7 +13,7 @@ import splatgl as sg
 from splatgl.gl.sheet_tiles import box_uniforms
 from splatgl.gl.textures import MASK_UNIT
 from splatgl.gl.uniforms import base_of
-from splatgl.truth.boxes import BoxRays, BoxScene, Passed
+from splatgl.reference.label_boxes import BoxRays, BoxScene, Passed
 
 CUT = ((0.6, 0.0, 0.8, 2.0), (0.0, 1.0, 0.0, -1.0))
 

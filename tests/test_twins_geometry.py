@@ -9,12 +9,12 @@ from splatting import SPLATS
 from twins import COUNT, Twin, pixel_of, some_voxels
 
 import splatgl as sg
+from splatgl.reference.rays import pixel_ends
 from splatgl.splat.culling import PIXEL_MARGIN, Frustum
 from splatgl.splat.footprint import NEAR, Quads, quad_plane, table_quad
 from splatgl.splat.plan import Plan
 from splatgl.splat.technique import COLUMNS, ROWS
 from splatgl.splat.view import View, perpendicular_axes, smallest_axis, tangents, voxel_ellipse
-from splatgl.truth.extent import pixel_ends
 
 CASES = [(grid, view) for grid in GRIDS for view in ("far", "fitted", "parallel", "parallel, far")]
 

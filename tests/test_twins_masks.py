@@ -11,10 +11,10 @@ from twins import COUNT, Twin
 import splatgl as sg
 from splatgl.gl.meshes import MAPS_UNIT
 from splatgl.gl.textures import MASK_UNIT
+from splatgl.reference.rays import Rays
+from splatgl.reference.sheets import ray_offset
 from splatgl.splat.colormaps import FURTHEST, UNKNOWN, mapped_color, tables_of
 from splatgl.splat.mask_field import EDGE, ONE, ZERO, MaskField, face_share, kept_part
-from splatgl.truth.rays import Rays
-from splatgl.truth.sheet_field import ray_offset
 
 MASKED = {"MASKED": True, "SHEETS": 2, "STEPS": 2, "SHADING": True}
 

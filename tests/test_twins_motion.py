@@ -10,12 +10,11 @@ from twins import COUNT, Twin, some_voxels
 
 import splatgl as sg
 from splatgl.gl.uniforms import frame_block
+from splatgl.reference.streaks import inner_of, length_of, passing
 from splatgl.splat.motion import FAR, NEAREST, Streaks, eye_point, streak_of, streaks
 from splatgl.splat.motion_blur import COLUMNS, ROWS, blur_table, dwelt_opacity, hermite, isolation, stretched
 from splatgl.splat.plan import Plan
 from splatgl.splat.view import View, tangents
-from splatgl.truth.streak_row import inner_of, passing
-from splatgl.truth.streaks import length_of
 
 MOVE = sg.Motion(spin=(0, 3, 20), velocity=(0.4, 0, 0))
 BOTH = "bool widened = PERSPECTIVE == 0 || is_widened(v); Inner inner = inner_of(v, widened);"

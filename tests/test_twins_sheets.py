@@ -13,6 +13,19 @@ from twins import COUNT, Twin
 import splatgl as sg
 from splatgl.gl.sheet_tiles import sheet_uniforms
 from splatgl.gl.textures import CLASS_UNIT, class_uniforms
+from splatgl.reference import blend as blends
+from splatgl.reference.rays import Rays
+from splatgl.reference.sheets import (
+    Part,
+    SheetField,
+    behind,
+    between_sheets,
+    bulge,
+    composited,
+    means_of,
+    unbent,
+    weighted,
+)
 from splatgl.splat.clipping import FACE
 from splatgl.splat.kernels import Kernel, kernel
 from splatgl.splat.lighting import surface_light
@@ -21,10 +34,6 @@ from splatgl.splat.preintegration import PostClassified
 from splatgl.splat.settings import BLENDS
 from splatgl.splat.sheets import Sheets, layer_wave
 from splatgl.splat.view import View
-from splatgl.truth import blend as blends
-from splatgl.truth.rays import Rays
-from splatgl.truth.sheet_field import Part, SheetField, behind, between_sheets, bulge, means_of, unbent, weighted
-from splatgl.truth.sheets import composited
 
 # normals of planes, and distances from the middle
 CUTS = (((0.3, 0.5, 0.8), -1.0), ((-0.6, 0.2, 0.1), -1.4), ((0.0, -1.0, 0.0), -2.0))

@@ -8,8 +8,8 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.data.scenes import ball, letter_f
+from splatgl.reference.blend import pixel_means
 from splatgl.splat.kernels import kernel
-from splatgl.truth.pixel_means import pixel_means
 
 SHEAR = np.array([[1.0, 0.35, 0.1], [0.0, 1.0, -0.25], [0.2, 0.0, 1.0]])
 GRIDS = [((1, 1, 1), np.eye(3)), ((1, 1, 5), np.eye(3)), ((0.5, 1, 2), np.eye(3)), ((1, 1.2, 1.5), SHEAR)]

@@ -84,7 +84,7 @@ def depths_of(
     scene: Scene, volume: Volume, transfer: Transfer, at: float | str, quiet: bool = True
 ) -> tuple[np.ndarray, Camera]:
     """Depths float64 [H, W] of a scene whose cuts are in its settings, and the camera of its picture."""
-    from splatgl.truth.depth import depths
+    from splatgl.reference.depth_map import depths
 
     drawn = layered(scene, volume, transfer, quiet)
     camera = camera_of(scene, volume, transfer, drawn)

@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
+from splatgl import reference
 from splatgl.data.scenes import ball
 from splatgl.errors import InputError, expected
 from splatgl.gl.context import BACKENDS, context_info, egl_devices, open_context
@@ -20,7 +21,6 @@ from splatgl.splat.extract import extract
 from splatgl.splat.motion import Motion
 from splatgl.splat.presets import default_transfer
 from splatgl.splat.settings import Settings
-from splatgl.truth import reference
 
 PACKAGES = ("splatgl", "moderngl", "numpy", "glfw", "pyrr", "Pillow")
 # pictures that are compared with float64, and what of it a driver may make of them: by each technique that the context

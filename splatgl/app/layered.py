@@ -154,7 +154,7 @@ def layered(scene: Scene, volume: Volume, transfer: Transfer, quiet: bool = True
 
 def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
     """The image of a scene of several layers or channels; the first is `volume`, whose view it has by default."""
-    from splatgl.truth.check import check_layers
+    from splatgl.reference.check import check_layers
 
     for name in ("field", "savings"):
         if getattr(how, name):

@@ -16,7 +16,7 @@ from splatgl.errors import expected
 
 if TYPE_CHECKING:
     from splatgl.data.volume import Volume
-    from splatgl.truth.pick import Picked
+    from splatgl.reference.pick import Picked
 
 # exit code for a pixel that shows nothing
 NOTHING = 1
@@ -37,7 +37,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Prints what is found; returns 0, or NOTHING."""
-    from splatgl.truth.pick import pick
+    from splatgl.reference.pick import pick
 
     scene = scene_from(args)
     width, height = scene.view.size

@@ -274,7 +274,7 @@ def _in_bricks(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer, c
     if not image.info["splats"]:
         raise nothing(scene, volume)
     if how.check is None:
-        from splatgl.truth.check import check_bricks
+        from splatgl.reference.check import check_bricks
 
         image = check_bricks(image, bricks, camera, scene.settings)
     return image
@@ -283,7 +283,7 @@ def _in_bricks(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer, c
 def drawn(how: Drawing, scene: Scene, splats: Splats, camera: Camera) -> Image:
     """The image, checked; prints what --explain and --savings ask for."""
     from splatgl.app.savings import savings
-    from splatgl.truth.check import check, refuse
+    from splatgl.reference.check import check, refuse
 
     refuse(splats, camera, scene.settings, how.check, how.field)
     with how.renderer() as renderer:

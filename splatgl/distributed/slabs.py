@@ -155,7 +155,7 @@ def _part(job: Job, sent: Volume | None, shell: Shell) -> Part:
 
 def _finished(job: Job, sent: Volume | None, part: Part, check: bool) -> Image:
     """On a worker: the picture of all parts together."""
-    from splatgl.truth.check import check_bricks
+    from splatgl.reference.check import check_bricks
 
     bricks, _ = _planned(job, sent)
     image = renderer(job.drawing).render_joined(bricks, job.camera, job.settings, part.whole, part.splats)

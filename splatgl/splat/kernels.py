@@ -138,7 +138,7 @@ class PiecewiseCubic:
 @dataclass(frozen=True)
 class Box:
     """The box of a voxel, of even density; radius: of the ball around it. It is not radial: along a ray it is as long
-    as the ray within it, see truth/boxes.py; here stands the ball, which bounds it.
+    as the ray within it, see reference/label_boxes.py; here stands the ball, which bounds it.
     """
 
     name: str = "box"

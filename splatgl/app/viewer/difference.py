@@ -12,11 +12,11 @@ from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.jobs import Cancelled, Jobs
 from splatgl.data.image import Image
 from splatgl.errors import TOLD, told
+from splatgl.reference import renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.scene import Scene as Layers
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
-from splatgl.truth import reference as truth
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.viewer import Viewer
@@ -112,7 +112,7 @@ class Reference:
 
         if wanted is not self.wanted:
             raise Cancelled
-        return truth.render(wanted.splats, wanted.camera, wanted.settings, progress=progress)
+        return renderer.render(wanted.splats, wanted.camera, wanted.settings, progress=progress)
 
 
 def follow(viewer: Viewer) -> None:

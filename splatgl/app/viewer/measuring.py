@@ -12,8 +12,8 @@ from splatgl.app.annotations.scale_bar import length_text
 from splatgl.app.viewer.sight import Place
 from splatgl.data.volume import Triple
 from splatgl.errors import InputError
+from splatgl.reference.pick import Picked, pick
 from splatgl.splat.scene import Layer, Scene
-from splatgl.truth.pick import Picked, pick
 
 if TYPE_CHECKING:
     from splatgl.app.viewer.content import Content

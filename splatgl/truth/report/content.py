@@ -303,7 +303,7 @@ def _orders(results: Results) -> Table:
 
 
 def registry() -> Table:
-    """Every method, by what is varied; also in splatgl/truth/README.md."""
+    """Every method, by what is varied; also in splatgl/reference/README.md."""
     rows = tuple((axis.name, axis.about, " · ".join(m.name for m in axis.methods)) for axis in AXES.values())
     return Table(
         f"all {len(methods())} methods, by what is varied", ("axis", "what it is", "methods"), rows, folded=True

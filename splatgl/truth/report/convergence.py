@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from splatgl import reference
 from splatgl.data.scenes import ball
+from splatgl.reference.field import field_integral
+from splatgl.reference.ray_integral import ray_integral
+from splatgl.reference.renderer import Renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.settings import Footprint, Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
-from splatgl.truth import reference
-from splatgl.truth.drawing import Renderer
-from splatgl.truth.field import field_integral
-from splatgl.truth.integral import ray_integral
 from splatgl.truth.report.subject import Level
 
 # radius of a ball in world units, its distance, and the angle of view

@@ -9,8 +9,8 @@ from collections.abc import Callable, Hashable
 
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
+from splatgl.reference.renderer import Planner
 from splatgl.splat.settings import Settings
-from splatgl.truth.drawing import Planner
 from splatgl.truth.report.errors import errors
 from splatgl.truth.report.methods import Method, axis_of, methods
 from splatgl.truth.report.peers import Peer

@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
+from splatgl import reference
 from splatgl.data.image import Image
 from splatgl.data.scenes import Formula
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import write_whole
+from splatgl.reference.blend import pixel_means
+from splatgl.reference.field import Field, field_integral
+from splatgl.reference.ray_integral import ray_integral
+from splatgl.reference.renderer import Renderer
 from splatgl.splat.extract import POST_KERNEL
 from splatgl.splat.settings import Settings
-from splatgl.truth import reference
-from splatgl.truth.drawing import Renderer
-from splatgl.truth.field import Field, field_integral
-from splatgl.truth.integral import ray_integral
-from splatgl.truth.pixel_means import pixel_means
 from splatgl.truth.report.methods import TRUTHS
 from splatgl.truth.report.subject import Level, Subject
 

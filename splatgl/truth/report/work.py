@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from splatgl.errors import InputError, expected
-from splatgl.truth.drawing import Planner
+from splatgl.reference.renderer import Planner
 from splatgl.truth.report.convergence import STUDIES
 from splatgl.truth.report.methods import axis_of
 from splatgl.truth.report.store import Store

@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 
-from splatgl.truth.drawing import Renderer
+from splatgl.reference.renderer import Renderer
 from splatgl.truth.stress import (
     classes,
     edge,

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from splatgl import reference
+from splatgl.reference.renderer import Renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
-from splatgl.truth import reference
-from splatgl.truth.drawing import Renderer
 
 # tolerance for comparison with closed forms: nothing is omitted for speed
 FINEST = 1e-6

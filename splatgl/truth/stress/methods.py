@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.data.scenes import ball
+from splatgl.reference import renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.resolve import depth_range
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
-from splatgl.truth import reference
 from splatgl.truth.report.methods import DEFAULT, methods
 from splatgl.truth.stress.bench import Bench, voxels
 from splatgl.truth.stress.case import Case, Check, check
@@ -35,7 +35,7 @@ def every(bench: Bench) -> list[Check]:
             drawn = bench.renderer.render(splats, camera, settings)
             bench.pictures += 1
             bench.bad_pixels += int((~np.isfinite(drawn.pixels)).sum())
-            error = float(np.abs(drawn.pixels - reference.render(splats, camera, settings).pixels).max())
+            error = float(np.abs(drawn.pixels - renderer.render(splats, camera, settings).pixels).max())
             limit = drawn.info["error_bound"]
             assert isinstance(limit, float)
             worst[name] = max(worst[name], error / limit if limit else error)

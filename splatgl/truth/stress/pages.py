@@ -10,8 +10,8 @@ from textwrap import fill
 
 import numpy as np
 
+from splatgl.reference.ray_integral import ray_integral
 from splatgl.truth.figures.tables import PAGE, Table
-from splatgl.truth.integral import ray_integral
 from splatgl.truth.stress import edge, stiff, walls
 from splatgl.truth.stress.bench import Bench
 from splatgl.truth.stress.scenes import alpha, block, dots, middle, optical_depth, parallel, peak

@@ -1,4 +1,6 @@
-"""Reference renderer: splats in float64, with exact line integrals instead of textured quads.
+"""Float64 renderer; renderer protocols.
+
+`gl.renderer.Renderer` implements both renderer protocols.
 
 It uses blend, kernel, antialias, attenuation, shading, order and background, and ignores the settings of
 approximations: align, footprint, target, tolerance. Slow and exact: the ground truth for other images.
@@ -7,13 +9,19 @@ approximations: align, footprint, target, tolerance. Slow and exact: the ground 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.data.mesh import Mesh
+from splatgl.reference.blend import ADD, Band, Part, over_background, pixel_means, pixels
+from splatgl.reference.label_boxes import BoxScene
+from splatgl.reference.layers import LayerScene, SurfaceScene, layers_of, resolved_layer
+from splatgl.reference.rays import Boxes, Row, Values, pixel_boxes, reaching, values
+from splatgl.reference.sheets import SheetScene
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import Window, ahead
@@ -21,20 +29,59 @@ from splatgl.splat.extract_values import post_splats
 from splatgl.splat.footprint import filled_depth
 from splatgl.splat.kernels import tabulated
 from splatgl.splat.lighting import Light, shone
+from splatgl.splat.motion import Motion
 from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import PRE_KERNEL, Resolved, suited
 from splatgl.splat.scene import Scene, casting, joined
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats, record_type
 from splatgl.splat.view import View
-from splatgl.truth.blend import ADD, Band, Part, over_background, pixels
-from splatgl.truth.boxes import BoxScene
-from splatgl.truth.extent import Boxes, pixel_boxes, reaching
-from splatgl.truth.layers import LayerScene, layers_of, resolved_layer
-from splatgl.truth.pairs import Row, Values, values
-from splatgl.truth.pixel_means import pixel_means
-from splatgl.truth.sheets import SheetScene
-from splatgl.truth.surfaces import SurfaceScene
+
+
+class Renderer(Protocol):
+    """Renders images, [H, W, 4], linear premultiplied, row 0 at the top."""
+
+    def render(
+        self,
+        splats: Splats,
+        camera: Camera,
+        settings: Settings | None = None,
+        motion: Motion | None = None,
+        verify_bound: bool = True,
+    ) -> Image:
+        """Renders an image; `info` describes the rendering, including `error_bound`.
+
+        verify_bound: whether to measure the error against a finer image if the bound exceeds the tolerance.
+        Raises InputError for input that cannot be rendered.
+        """
+
+
+class Program(Protocol):
+    """The shader program of a plan."""
+
+    @property
+    def technique(self) -> str:
+        """Either quads or tiles."""
+
+
+class Plan(Protocol):
+    """A renderer's decisions for an image."""
+
+    @property
+    def program(self) -> Program:
+        """The program it compiles."""
+
+    @property
+    def key(self) -> Hashable:
+        """Plans with equal keys give the same image for the same splats and camera."""
+
+
+class Planner(Renderer, Protocol):
+    """A renderer that exposes its plan."""
+
+    def plan(self, splats: Splats, camera: Camera, settings: Settings | None = None) -> Plan:
+        """The plan of `render` for the same arguments. Raises InputError as `render`."""
+
 
 # samples per band: their indices fit into 16 bits, which sort fast
 BAND = 1 << 16

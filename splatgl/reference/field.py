@@ -16,6 +16,10 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.reference.blend import classified, joined, joined_value, over_background
+from splatgl.reference.ray_integral import OPAQUE, distances, samples_of, spread
+from splatgl.reference.rays import Rays
+from splatgl.reference.sheets import weighted
 from splatgl.splat.ambient_occlusion import Cues
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import FACE, Clip
@@ -32,10 +36,6 @@ from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
 from splatgl.splat.view import View
-from splatgl.truth.blend import classified, joined, joined_value, over_background
-from splatgl.truth.integral import OPAQUE, distances, samples_of, spread
-from splatgl.truth.rays import Rays
-from splatgl.truth.sheet_field import weighted
 
 # rays and points per batch
 RAYS, POINTS = 1 << 14, 1 << 12

@@ -6,6 +6,8 @@ import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.errors import expected
+from splatgl.reference.field import kept_field_integral
+from splatgl.reference.renderer import render_windows, render_windows_of
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import Window
@@ -13,8 +15,6 @@ from splatgl.splat.resolve import classified_before, suited
 from splatgl.splat.scene import Scene
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
-from splatgl.truth.field import kept_field_integral
-from splatgl.truth.reference import render_windows, render_windows_of
 
 # a pixel that differs by less from the background shows nothing else
 UNSEEN = 1e-6

@@ -10,6 +10,8 @@ import numpy as np
 
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import expected
+from splatgl.reference.layers import crossings
+from splatgl.reference.rays import Rays
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Clip, Plane
 from splatgl.splat.culling import Window
@@ -20,8 +22,6 @@ from splatgl.splat.preintegration import ClassIntegral
 from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.transfer import Transfer
 from splatgl.splat.view import View
-from splatgl.truth.rays import Rays
-from splatgl.truth.surfaces import crossings
 
 # parts of a ray, per smallest voxel, and most of them; parts of the one that decides
 STEPS, MOST, PARTS = 4, 1 << 20, 64

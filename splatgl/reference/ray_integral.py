@@ -14,6 +14,7 @@ import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.errors import expected
+from splatgl.reference.blend import over_background
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import ahead
 from splatgl.splat.kernels import Kernel
@@ -23,7 +24,6 @@ from splatgl.splat.resolve import Resolved, kernel_name, suited
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.view import View
-from splatgl.truth.blend import over_background
 
 # maximum number of cells in the lookup table of the splats' box, 4 bytes each
 MAX_CELLS = 1 << 27

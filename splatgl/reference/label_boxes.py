@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from splatgl.reference.blend import ADD, Band, Part, pixels
+from splatgl.reference.rays import pixel_boxes, values
+from splatgl.reference.sheets import Pieces
 from splatgl.splat.clipping import FACE, FLUSH
 from splatgl.splat.culling import Window
 from splatgl.splat.lighting import surface_light
@@ -15,10 +18,6 @@ from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import Resolved
 from splatgl.splat.splats import Splats
 from splatgl.splat.view import View
-from splatgl.truth.blend import ADD, Band, Part, pixels
-from splatgl.truth.extent import pixel_boxes
-from splatgl.truth.pairs import values
-from splatgl.truth.sheets import Pieces
 
 # components of a ray in index space are at least that far from 0: a ray along a face is in one of its two voxels
 LEAST = 1e-18

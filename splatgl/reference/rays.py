@@ -1,0 +1,329 @@
+"""Pixel rays, splat-pixel pairs, extents.
+
+Lengths in mean spacings, eye axes; boxes are of slopes (perspective) or of eye x, y (orthographic).
+
+No loop over splats: boxes are unrolled into rows, rows into pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from splatgl.errors import expected
+from splatgl.splat.camera import Camera
+from splatgl.splat.clipping import FLUSH, GRAZING, Clip
+from splatgl.splat.culling import STRETCHED, Window
+from splatgl.splat.footprint import ROWS, Quads, Splat, on_quads, table_quad
+from splatgl.splat.grid import Grid
+from splatgl.splat.line_integral import Integral, row1
+from splatgl.splat.view import View, smallest_axis
+
+# relative enlargement of a box against rounding
+MARGIN = 1e-9
+# splats looked at together: their temporaries stay in the cache
+SOME = 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Pixels left ≤ column < right, top ≤ row < bottom; int64 [N]; empty ones have right = left."""
+
+    left: np.ndarray
+    right: np.ndarray
+    top: np.ndarray
+    bottom: np.ndarray
+
+
+def pixel_boxes(view: View, row: str, voxel: np.ndarray, camera: Camera) -> Boxes:
+    """The pixels of `camera` that voxels [3, N] can reach in that row of Table 1."""
+    left, right, top, bottom = pixel_ends(view, row, voxel, camera)
+    empty = (right <= left) | (bottom <= top)
+    return Boxes(left, np.where(empty, left, right), top, bottom)
+
+
+def pixel_ends(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np.ndarray, ...]:
+    """left, right, top and bottom separately: equal if no pixel centre lies between, right < left if the voxel is not
+    visible.
+    """
+    low, high = _bounds(view, row, voxel, camera)
+    width, height = camera.size
+    grow = MARGIN * (high - low)
+    ends = []
+    for axis, count in ((0, width), (1, height)):
+        # pixel i's centre is at (i + ½ − count/2) · pitch
+        first = np.ceil((low[axis] - grow[axis]) / view.pitch + count / 2 - 0.5)
+        last = np.floor((high[axis] + grow[axis]) / view.pitch + count / 2 - 0.5) + 1
+        ends += [np.clip(end, 0, count).astype(np.int64) for end in (first, last)]
+    return tuple(ends)
+
+
+def _bounds(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest slope, or x and y, [2, N] each; low > high if not visible."""
+    z = voxel[2]
+    if not view.perspective:
+        half = _half_axes(view, view.widths[:, None] / view.shrink(z))
+        return voxel[:2] - half, voxel[:2] + half
+    corner = np.array([camera.extent * camera.size[0] / camera.size[1], camera.extent]) / 2
+    if row == "row5":
+        ahead = z > 0
+        depth = np.where(ahead, z, 1.0)
+        p = smallest_axis(view, depth)
+        half = _half_axes(view, np.maximum(view.widths[:, None], p))
+        return (voxel[:2] - half) / depth, np.where(ahead, (voxel[:2] + half) / depth, -np.inf)
+    if row == "row4":
+        # the quad's outline from the eye is inside that of a ball
+        p = smallest_axis(view, z)
+        size = view.kernel.radius * np.maximum(np.linalg.norm(view.eye_from_index, 2), p)
+        length = np.sqrt((voxel * voxel).sum(axis=0))
+        square = (size / np.maximum(np.hypot(length, size), 1e-300) * length) ** 2
+        return _outline(voxel, corner, (square, square, square, 0.0, 0.0))
+    low, high = _outline(voxel, corner, _ellipsoid(view))
+    widened = view.is_widened(z)
+    some = _widened(view, row, voxel[:, widened], corner)
+    low[:, widened], high[:, widened] = some
+    return low, high
+
+
+def _half_axes(view: View, size: np.ndarray) -> np.ndarray:
+    """[2, N]: half extents of an ellipse across the view with half axes size · R [2, N] along the view's axes."""
+    return np.asarray(view.kernel.radius * np.sqrt((view.axes**2) @ (size * size)))
+
+
+Quadric = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | float, np.ndarray | float]
+
+
+def _ellipsoid(view: View) -> Quadric:
+    """R² A Aᵀ, an ellipsoid that contains the kernel: its xx, yy, zz, xz and yz."""
+    q = view.kernel.radius**2 * view.eye_from_index @ view.eye_from_index.T
+    return q[0, 0], q[1, 1], q[2, 2], q[0, 2], q[1, 2]
+
+
+def _outline(voxel: np.ndarray, corner: np.ndarray, quadric: Quadric) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest slopes of ellipsoids around voxels seen from the eye, [2, N] each.
+
+    A plane through the eye is tangent where (n·v)² = nᵀQn. An ellipsoid that crosses the eye plane counts as visible
+    everywhere, unless it is entirely outside of the image's sides or behind the eye.
+    """
+    z, zz = voxel[2], quadric[2]
+    reach = np.sqrt(zz)
+    before = z > reach
+    low, high = np.full((2, len(z)), -np.inf), np.full((2, len(z)), np.inf)
+    hidden = z <= -reach
+    for axis, (aa, az) in enumerate(((quadric[0], quadric[3]), (quadric[1], quadric[4]))):
+        a = voxel[axis]
+        scale = np.where(before, (z - reach) * (z + reach), 1.0)
+        root = np.sqrt(np.maximum(z * z * aa - 2 * a * z * az + a * a * zz - (aa * zz - az * az), 0.0))
+        low[axis] = np.where(before, (a * z - az - root) / scale, low[axis])
+        high[axis] = np.where(before, (a * z - az + root) / scale, high[axis])
+        for side in (-1.0, 1.0):
+            slope = side * corner[axis]
+            hidden |= side * (a - slope * z) > np.sqrt(np.maximum(aa - 2 * slope * az + slope * slope * zz, 0.0))
+    return np.where(hidden, np.inf, low), np.where(hidden, -np.inf, high)
+
+
+def _widened(view: View, row: str, voxel: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same for voxels widened by antialiasing: their lateral extent is the kernel's or a pixel's."""
+    z = voxel[2]
+    near = z - view.reach
+    half = _half_axes(view, np.maximum(view.widths[:, None] / near, view.pixel_side(z) / z))
+    if row in ("row2", "row3"):
+        # their slant to the plane at the voxel's depth, or to its own ray, is at most the image corner's
+        length, radius = np.sqrt((voxel * voxel).sum(axis=0)), view.kernel.radius
+        half = half * np.sqrt(1 + corner @ corner) * length / np.sqrt((length - radius) * (length + radius))
+    ends = np.stack([voxel[:2] / near, voxel[:2] / (z + view.reach)])
+    return ends.min(axis=0) - half, ends.max(axis=0) + half
+
+
+def reaching(positions: np.ndarray, view: View, windows: Sequence[Window], around: float = 0.0) -> np.ndarray:
+    """Which splats may reach one of the windows of the picture, bool [N]: those near enough to all of its sides.
+
+    positions [N, 3]: grid indices; around: of any splats that far, in grid steps, from these.
+    """
+    parts = (positions[start : start + SOME] for start in range(0, len(positions), SOME))
+    return np.concatenate([np.zeros(0, bool), *(_reaching(part, view, windows, around) for part in parts)])
+
+
+def _reaching(positions: np.ndarray, view: View, windows: Sequence[Window], around: float) -> np.ndarray:
+    v = view.voxels(positions)
+    # a ball around the kernel; beyond z_k footprints grow with depth
+    reach = (view.kernel.radius + around) * np.linalg.norm(view.eye_from_index, 2)
+    widest = STRETCHED * view.kernel.radius * view.pitch * view.antialias
+    depth = np.ones(len(positions))
+    if view.perspective:
+        depth = np.where(v[2] > 0, v[2], 1.0)
+        steepest = float(np.abs(np.array(view.size) / 2 + 1).max()) * view.pitch
+        # from a plane through the eye to a point: the difference of slopes, times depth, over this
+        reach, widest = reach * np.hypot(1.0, steepest), widest * np.hypot(1.0, steepest)
+    half = np.maximum(reach / depth, widest)
+    found = np.zeros(len(positions), bool)
+    places, half = v[:2] / depth / view.pitch, half / view.pitch
+    for window in windows:
+        x, y = window.x + (window.width - view.size[0]) / 2, window.y + (window.height - view.size[1]) / 2
+        near = np.flatnonzero(np.abs(places[0] - x) <= half + (window.width / 2 + 1))
+        found[near[np.abs(places[1, near] - y) <= half[near] + (window.height / 2 + 1)]] = True
+    if view.perspective:
+        found = np.where(v[2] > 0, found, v[2] > -reach)
+    return found
+
+
+# pairs per chunk: temporaries of 2 MB stay in the cache
+PAIRS = 1 << 18
+# rows with one formula for every grid; the others are for cubic voxels
+QUAD_ROWS = {"row4": "ray", "row5": "grid"}
+
+
+@dataclass(frozen=True, eq=False)
+class Values:
+    """Pairs by splat, in drawing order. splat int [P], pixel int [P] (row-major in the window), integral [P]."""
+
+    splat: np.ndarray
+    pixel: np.ndarray
+    integral: Integral
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One row of Table 1 for voxels [3, N]."""
+
+    view: View
+    name: str
+    voxel: np.ndarray
+    quads: Quads | None
+
+    @classmethod
+    def of(cls, view: View, name: str, voxel: np.ndarray, grid: Grid) -> Row:
+        """InputError for a row that does not exist, or not for this grid."""
+        if name not in ROWS:
+            raise expected("row", " or ".join(ROWS), repr(name))
+        if name in ("row2", "row3") and not grid.cubic:
+            raise expected("row", "row1, row4 or row5 for voxels that are not cubes", repr(name))
+        # in orthographic projection, all rows are equal
+        own = name if view.perspective or name in QUAD_ROWS else "row1"
+        return cls(view, own, voxel, table_quad(view, voxel, QUAD_ROWS[own]) if own in QUAD_ROWS else None)
+
+    def coverage(self) -> np.ndarray:
+        """[N]: the fraction of each footprint that is filled without antialiasing."""
+        return self.quads.coverage if self.quads else self.view.coverage(self.voxel[2])
+
+    def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
+        """The value of splats [P] on rays [2, P]."""
+        if self.quads:
+            return on_quads(self.view, self.quads.take(splat), ray)
+        voxel = self.voxel[:, splat]
+        found = row1(self.view, voxel, ray)
+        if self.name != "row1":
+            # rows 2 and 3 equal row 1 where nothing is widened
+            some = np.flatnonzero(self.view.is_widened(voxel[2]))
+            cubes = Splat(self.view.kernel, voxel[:, some].T, ray[:, some].T, 1 / self.view.pitch)
+            found.value[some] = ROWS[self.name](cubes)
+        return found
+
+
+class Footprints(Protocol):
+    """Splats on rays of a view."""
+
+    @property
+    def view(self) -> View:
+        """The view."""
+
+    def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
+        """The value of splats [P] on rays [2, P]."""
+
+
+def values(row: Footprints, boxes: Boxes, order: np.ndarray, window: Window, camera: Camera) -> Iterator[Values]:
+    """Pairs in a window of the image, splats in the given order, in chunks."""
+    across, down = ((np.arange(count) + 0.5 - count / 2) * row.view.pitch for count in camera.size)
+    top, bottom = np.maximum(boxes.top, window.y), np.minimum(boxes.bottom, window.y + window.height)
+    left, right = np.maximum(boxes.left, window.x), np.minimum(boxes.right, window.x + window.width)
+    seen = order[((right > left) & (bottom > top))[order]]
+    count = (right - left)[seen] * (bottom - top)[seen]
+    for chunk in np.split(seen, _cuts(count)):
+        lines, line = _unroll(top[chunk], bottom[chunk])
+        owner = chunk[lines]
+        spans, column = _unroll(left[owner], right[owner])
+        splat, line = owner[spans], line[spans]
+        found = row.on(splat, np.stack([across[column], down[line]]))
+        hit = np.flatnonzero(found.value > 0)
+        pixel = (line[hit] - window.y) * window.width + column[hit] - window.x
+        yield Values(splat[hit], pixel, Integral(found.value[hit], found.peak[hit]))
+
+
+def _cuts(count: np.ndarray) -> np.ndarray:
+    """Chunk boundaries for splats with `count` pairs each, about PAIRS per chunk."""
+    part = np.cumsum(count) // PAIRS
+    return np.flatnonzero(np.diff(part)) + 1
+
+
+def _unroll(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All members of the ranges start ≤ n < stop in order: the index of the range, and n."""
+    length = stop - start
+    owner = np.repeat(np.arange(len(length)), length)
+    before = np.cumsum(length) - length
+    return owner, np.arange(len(owner)) + np.repeat(start - before, length)
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Of pixels [P]. start, direction [3, P]: grid indices; unit vectors of index space.
+
+    near, far [P]: distances from the start between which a ray is in the box, equal if nowhere. stretch [P]: mean
+    spacings per index unit along the ray. toward [P, 3]: unit vectors along it in world axes. face [P, 3]: normal of
+    the plane that cuts its beginning off, world axes, 0 without one; None: no plane cuts any. entry [P]: distances at
+    which rays enter what planes leave, whatever parts of them are taken.
+    """
+
+    start: np.ndarray
+    direction: np.ndarray
+    near: np.ndarray
+    far: np.ndarray
+    stretch: np.ndarray
+    toward: np.ndarray
+    face: np.ndarray | None = None
+    entry: np.ndarray | None = None
+
+    def between(self, near: np.ndarray, far: np.ndarray) -> Rays:
+        """The parts of the rays between distances [P], mean spacings."""
+        begin, end = np.maximum(self.near, near / self.stretch), np.minimum(self.far, far / self.stretch)
+        return replace(self, near=begin, far=np.maximum(begin, end))
+
+    @classmethod
+    def of(
+        cls, view: View, camera: Camera, shape: tuple[int, int, int], pixel: np.ndarray, clip: Clip | None = None
+    ) -> Rays:
+        """Rays of `camera`'s pixels; the box holds the cells of `shape` voxels along x, y, z. clip: cuts them."""
+        row, column = np.divmod(pixel, camera.size[0])
+        across = (column + 0.5 - camera.size[0] / 2) * view.pitch
+        down = (row + 0.5 - camera.size[1] / 2) * view.pitch
+        zero, one = np.zeros(len(pixel)), np.ones(len(pixel))
+        if view.perspective:
+            start, along = np.zeros((3, len(pixel))), np.stack([across, down, one])
+        else:
+            start, along = np.stack([across, down, zero]), np.stack([zero, zero, one])
+        start, direction = view.index_from_eye @ start + view.eye_index[:, None], view.index_from_eye @ along
+        speed = np.linalg.norm(direction, axis=0)
+        direction = direction / speed
+        flush = np.where(np.abs(direction) < GRAZING, FLUSH, 0.0)
+        low, high = -0.5 - flush, np.array(shape)[:, None] - 0.5 + flush
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.stack([(low - start) / direction, (high - start) / direction])
+        # along an axis without motion, a ray is always or never inside
+        still, inside = direction == 0, (start >= low) & (start <= high)
+        near = np.where(still, np.where(inside, -np.inf, np.inf), ends.min(axis=0)).max(axis=0)
+        far = np.where(still, np.where(inside, np.inf, -np.inf), ends.max(axis=0)).min(axis=0)
+        # a parallel view begins at its eye's plane, too
+        near = np.maximum(near, 0.0)
+        toward = (camera.eye_from_world.T @ along).T
+        toward = toward / np.linalg.norm(toward, axis=1, keepdims=True)
+        face = None
+        if clip is not None:
+            enters, leaves, plane = clip.along(start, direction)
+            face = np.where((enters > near + FLUSH)[:, None], clip.normal[plane], 0.0)
+            near, far = np.maximum(near, enters), np.minimum(far, leaves)
+        hit = far > near
+        stretch = np.linalg.norm(along, axis=0) / speed
+        near, far = np.where(hit, near, 0.0), np.where(hit, far, 0.0)
+        return cls(start, direction, near, far, stretch, toward, face, near)
