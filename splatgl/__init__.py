@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from splatgl.app.depths import depth_map as depth_map
     from splatgl.app.picture import render as render
     from splatgl.app.show import show as show
+    from splatgl.comparison.compare import compare as compare
     from splatgl.data import scenes as scenes
     from splatgl.data.image import Image as Image
     from splatgl.data.mesh import Mesh as Mesh
@@ -56,7 +57,6 @@ if TYPE_CHECKING:
     from splatgl.splat.vector_field import directions as directions
     from splatgl.splat.vector_field import magnitudes as magnitudes
     from splatgl.splat.vector_field import streamlines as streamlines
-    from splatgl.truth.compare import compare as compare
 
 # public name → where it lives; loaded on first use, so that a command imports only what it needs
 _PUBLIC = {
@@ -80,7 +80,7 @@ _PUBLIC = {
     "magnitudes": "splatgl.splat.vector_field",
     "streamlines": "splatgl.splat.vector_field",
     "check": "splatgl.reference.check",
-    "compare": "splatgl.truth.compare",
+    "compare": "splatgl.comparison.compare",
     "depth_map": "splatgl.app.depths",
     "default_transfer": "splatgl.splat.presets",
     "extract": "splatgl.splat.extract",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.baselines import LONGEST, Baselines, renderer_class, stem_of
+from splatgl.comparison.image_regression import LONGEST, Baselines, renderer_class, stem_of
 
 
 @pytest.mark.parametrize(

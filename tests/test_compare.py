@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.truth.verdict import Tolerance, judge
+from splatgl.comparison.verdict import Tolerance, judge
 
 
 def flat(value: float = 0.25, **info: object) -> sg.Image:

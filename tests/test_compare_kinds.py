@@ -19,9 +19,9 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
+from splatgl.comparison.html_report import case, page
+from splatgl.comparison.verdict import Tolerance, Verdict, judge, number
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
-from splatgl.truth.compare_report import case, page
-from splatgl.truth.verdict import Tolerance, Verdict, judge, number
 
 BASELINES = Path(__file__).parent / "baselines" / "test_compare_scenes"
 README = Path(__file__).parents[1] / "splatgl" / "app" / "README.md"

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.comparison import metrics
 from splatgl.data.color import srgb_from_linear
-from splatgl.truth import metrics
 
 BASELINES = Path(__file__).parent / "baselines" / "test_compare_scenes"
 AGREE = 1e-6

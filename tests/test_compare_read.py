@@ -9,8 +9,8 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
+from splatgl.comparison.compare import Picture, alike, read
 from splatgl.data.color import linear_from_srgb
-from splatgl.truth.compare_read import Picture, alike, read
 
 RNG = np.random.default_rng(11)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.truth.compare import compare
-from splatgl.truth.quantization import over_a_step
-from splatgl.truth.verdict import judge
+from splatgl.comparison.compare import compare
+from splatgl.comparison.metrics import over_a_step
+from splatgl.comparison.verdict import judge
 
 LEVELS = np.arange(256)
 

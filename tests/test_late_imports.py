@@ -22,20 +22,20 @@ except SystemExit as stop:
     code = stop.code
 print("\\n", code, *sys.modules)
 """
-DRAWS, COMPARES = ("moderngl", "splatgl.gl"), ("splatgl.truth", "splatgl.readers.tiff")
+DRAWS, COMPARES = ("moderngl", "splatgl.gl"), ("splatgl.comparison", "splatgl.readers.tiff")
 NUMBERS = ("numpy", "splatgl.data.readers")
 CASES = {
     "render missing.nrrd": (*DRAWS, *COMPARES),
     "render missing.nrrd --size a": (*DRAWS, *COMPARES),
     "render missing.nrrd -o /dev/null/x.png": (*DRAWS, *COMPARES),
-    "render missing.nrrd --ref missing.png": (*DRAWS, "splatgl.reference.check", "splatgl.truth.compare_report"),
+    "render missing.nrrd --ref missing.png": (*DRAWS, "splatgl.reference.check", "splatgl.comparison.html_report"),
     "render --help": (*DRAWS, *COMPARES),
     "view missing.nrrd": (*DRAWS, *COMPARES),
     "view missing.nrrd --frame-time 0": (*DRAWS, *COMPARES),
     "animate missing.nrrd -o x.gif": (*DRAWS, *COMPARES),
     "animate missing.nrrd -o x.gif --fps 0": (*DRAWS, *COMPARES),
     "info missing.nrrd": (*DRAWS, *COMPARES),
-    "compare missing.png missing.png": (*DRAWS, "splatgl.splat", "splatgl.truth.compare_report"),
+    "compare missing.png missing.png": (*DRAWS, "splatgl.splat", "splatgl.comparison.html_report"),
     "report missing.nrrd": (*DRAWS, "splatgl.truth.report.publish"),
     "report --rounds 0": (*DRAWS, "splatgl.truth.report.publish"),
     "stress --case missing": DRAWS,

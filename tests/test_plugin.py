@@ -15,13 +15,13 @@ import PIL.PngImagePlugin
 import pytest
 
 import splatgl as sg
-import splatgl.app.regression
+import splatgl.comparison.image_regression
 import splatgl.gl.renderer
 
 pytest_plugins = ["pytester"]
 
 # pytester drops what its runs import first, and numpy's parts can be loaded only once: so they are here before
-PRESENT = (numpy.fft, PIL.PngImagePlugin, splatgl.app.regression, splatgl.gl.renderer)
+PRESENT = (numpy.fft, PIL.PngImagePlugin, splatgl.comparison.image_regression, splatgl.gl.renderer)
 
 TEST = """
 import numpy as np, os, splatgl as sg
@@ -253,7 +253,7 @@ def test_only_another_class_has_one(pytester: pytest.Pytester) -> None:
 
 CALLS = """
 import PIL.Image, pytest
-from splatgl.truth.verdict import Tolerance
+from splatgl.comparison.verdict import Tolerance
 
 def test_two_pictures(splatgl_image):
     splatgl_image(picture(0.2))
@@ -387,9 +387,9 @@ def test_options_that_exclude_each_other(project: pytest.Pytester) -> None:
 def test_the_plugin_loads_without_opengl_and_numpy() -> None:
     """It is imported in every pytest run of whoever has the package: it must be light."""
     code = (
-        "import sys, splatgl.app.pytest_plugin\n"
+        "import sys, splatgl.comparison.pytest_plugin\n"
         "assert not {'moderngl', 'glcontext', 'numpy', 'PIL'} & set(sys.modules), sorted(sys.modules)\n"
-        "import splatgl.app.regression\n"
+        "import splatgl.comparison.image_regression\n"
         "assert not {'moderngl', 'glcontext'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

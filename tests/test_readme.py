@@ -337,7 +337,7 @@ def test_names_exist(path: Path) -> None:
 @cache
 def known_options() -> frozenset[str]:
     """Options of all commands, of the pytest plugin, and of scripts/test and scripts/gpu_check."""
-    known = set(re.findall(r'"(--splatgl[\w-]+)"', (ROOT / "splatgl" / "app" / "pytest_plugin.py").read_text()))
+    known = set(re.findall(r'"(--splatgl[\w-]+)"', (ROOT / "splatgl" / "comparison" / "pytest_plugin.py").read_text()))
     known |= set(re.findall(r"(--all)\b", (ROOT / "scripts" / "test").read_text())) | {"--help"}
     known |= set(re.findall(r'"(--[a-z]+)"', (ROOT / "scripts" / "gpu_check.py").read_text()))
     for name in COMMANDS:

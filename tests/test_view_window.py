@@ -22,9 +22,9 @@ from test_view import blob
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.regression import ImageRegression
 from splatgl.app.viewer import curve
 from splatgl.app.viewer.bindings import BINDINGS
+from splatgl.comparison.image_regression import ImageRegression
 from splatgl.data.color import linear_from_srgb
 from splatgl.splat.settings import choices
 

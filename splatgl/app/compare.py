@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from splatgl.comparison.compare import Picture, alike, pairs, read, read_mask
+from splatgl.comparison.metrics import need_flip
+from splatgl.comparison.verdict import Tolerance, Verdict, judge
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
 from splatgl.fileio import check_output, write_whole
-from splatgl.truth.compare_read import Picture, alike, pairs, read, read_mask
-from splatgl.truth.metrics import need_flip
-from splatgl.truth.verdict import Tolerance, Verdict, judge
 
 if TYPE_CHECKING:
-    from splatgl.truth.compare_report import Case
+    from splatgl.comparison.html_report import Case
 
 SAME, DIFFERENT, UNUSABLE = 0, 1, 2
 METRICS = ("maximum", "rmse", "psnr", "bias", "share", "unmatched", "ssim", "flip")
@@ -177,22 +177,22 @@ def _asked(args: argparse.Namespace) -> Asked:
 
 
 def _diff(actual: Image, right: Image, asked: Asked) -> bytes:
-    from splatgl.truth import compare_pictures
+    from splatgl.comparison import html_report
 
-    difference = compare_pictures.largest(actual, right, asked.mask)
-    return compare_pictures.png(compare_pictures.heat(difference))
+    difference = html_report.largest(actual, right, asked.mask)
+    return html_report.png(html_report.heat(difference))
 
 
 def _page(outcomes: list[Outcome], asked: Asked, title: str) -> str:
     """HTML report: unusable pairs first, then the largest differences; only pairs shown with images are read again."""
-    from splatgl.truth.compare_report import PICTURED, page
+    from splatgl.comparison.html_report import PICTURED, page
 
     ranked = sorted(outcomes, key=lambda o: -o.verdict.comparison.rmse if o.verdict else -math.inf)
     return page([_case(outcome, asked, i < PICTURED) for i, outcome in enumerate(ranked)], title)
 
 
 def _case(outcome: Outcome, asked: Asked, pictured: bool) -> Case:
-    from splatgl.truth.compare_report import case, case_alone, case_of_sizes
+    from splatgl.comparison.html_report import case, case_alone, case_of_sizes
 
     if outcome.of_sizes and pictured:
         images = outcome.images or _images(outcome.actual, outcome.right, asked)

@@ -35,11 +35,11 @@ from splatgl.splat.transfer import Transfer
 
 # what draws and compares is imported once there is something to draw: bad input is told at once
 if TYPE_CHECKING:
+    from splatgl.comparison.compare import Picture
     from splatgl.gl.large_volumes import Level
     from splatgl.gl.renderer import Renderer
     from splatgl.splat.camera import Camera
     from splatgl.splat.splats import Splats
-    from splatgl.truth.compare_read import Picture
 
 # most labels that a picture stores: some 16 kB of text
 LABELS = 512
@@ -221,7 +221,7 @@ def _bytes(text: str) -> int:
 def _reference(name: str, output: Path) -> Picture:
     """The picture to compare with; InputError if it is missing, or would be overwritten."""
     from splatgl.app.compare import check_apart
-    from splatgl.truth.compare_read import read
+    from splatgl.comparison.compare import read
 
     found = read(name)
     check_apart(output, Path(name))

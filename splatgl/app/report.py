@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 from splatgl import __version__
 from splatgl.app.options import add_backend
 from splatgl.app.worker_options import add_workers, asked, drawing_of
+from splatgl.comparison.metrics import need_flip
 from splatgl.errors import InputError, expected
-from splatgl.truth.metrics import need_flip
 from splatgl.truth.report.methods import AXES, methods
 from splatgl.truth.report.subject import LEVELS, Level
 

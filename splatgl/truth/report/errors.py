@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from splatgl.comparison.compare import compare
 from splatgl.data.image import Image
-from splatgl.truth.compare import compare
 
 # fraction of pixels worse than `p999`, per cent
 WORST = 0.1

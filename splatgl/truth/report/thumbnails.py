@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatgl.comparison.html_report import data_uri, heat, largest, shown
 from splatgl.data.image import Image
 from splatgl.errors import InputError
 from splatgl.reference.renderer import Renderer
 from splatgl.splat.settings import Settings
-from splatgl.truth.compare_pictures import data_uri, heat, largest, shown
 from splatgl.truth.report.methods import EXACT, PAPER, methods
 from splatgl.truth.report.results import Scene
 from splatgl.truth.report.subject import Subject

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from splatgl.app.regression import ImageRegression
+    from splatgl.comparison.image_regression import ImageRegression
+
 
 UPDATE, UPDATE_CLASS, ADD, REPORT = (
     "--splatgl-update",
@@ -67,7 +68,7 @@ def _option(config: pytest.Config, name: str) -> Any:
 @pytest.fixture
 def splatgl_image(request: pytest.FixtureRequest) -> ImageRegression:
     """Call it with an image: `splatgl_image(image)`, `splatgl_image(image, name="front", tolerance=0.02)`."""
-    from splatgl.app.regression import ImageRegression, Mode
+    from splatgl.comparison.image_regression import ImageRegression, Mode
 
     modes = {UPDATE: Mode.UPDATE, UPDATE_CLASS: Mode.UPDATE_CLASS, ADD: Mode.ADD}
     mode = next((mode for option, mode in modes.items() if _option(request.config, option)), Mode.COMPARE)
@@ -128,8 +129,8 @@ class Collector:
 
     def _report(self, folder: Path) -> str:
         """Writes the report and returns a message with its path."""
+        from splatgl.comparison.html_report import Case, page
         from splatgl.fileio import write_whole
-        from splatgl.truth.compare_report import Case, page
 
         cases = [Case(*(case[key] for key in ("name", "state", "line", "html"))) for case in self.cases]
         wrong = sum(case.state != "same" for case in cases)

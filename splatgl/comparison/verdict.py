@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatgl.comparison.compare import NAMES, Comparison, compare, masked
+from splatgl.comparison.difference_kinds import Kind, kind_of
 from splatgl.data.image import Image
 from splatgl.errors import expected
-from splatgl.truth.compare import NAMES, Comparison, compare, masked
-from splatgl.truth.metrics_kinds import Kind, kind_of
 
 # Two correct renderers round some pixels differently: one in a thousand gives an RMSE of 0.03/255 and a bias below
 # 0.01/255. One step more everywhere, even in black, gives a bias of 0.05/255 or more.

@@ -1,18 +1,113 @@
-"""HTML report of comparisons: side by side, difference and flicker view; one self-contained file."""
+"""One-file report."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import base64
+import io
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
 from importlib.resources import files
 
 import numpy as np
 
+from splatgl.comparison.compare import BAND_ROWS, Comparison
+from splatgl.comparison.metrics import over_channels
+from splatgl.comparison.verdict import Verdict, number
 from splatgl.data.image import Image
-from splatgl.truth import compare_pictures as pictures
-from splatgl.truth.compare_pictures import Box
-from splatgl.truth.verdict import Verdict, number
+
+# pixels along the longer side of an image in a report, and of the enlarged detail
+LARGEST, DETAIL = 1024, 64
+# margin in pixels around a small difference
+MARGIN = 6
+# heat map, sRGB: no difference is black, the largest pale yellow; lightness increases evenly
+HEAT = np.array([(0, 0, 0), (60, 15, 110), (165, 35, 105), (245, 105, 45), (253, 190, 70), (252, 255, 200)])
+# heat map shades: more than an 8-bit screen can show
+SHADES = 1024
+# zlib level: images of noise compress slowly, without gain at higher levels
+COMPRESSION = 4
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle of an image in pixels; right and bottom are exclusive."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    def of(self, pixels: np.ndarray) -> np.ndarray:
+        """This rectangle of pixels [H, W, ...], as a view."""
+        return pixels[self.top : self.bottom, self.left : self.right]
+
+
+def shown(image: Image, peak: float = 1.0) -> np.ndarray:
+    """The image for display: sRGB, straight alpha, uint8 [H, W, 4]; X-rays relative to their peak."""
+    pixels = shrunk(image.pixels, np.mean)
+    return np.rint(Image(pixels / np.float32(peak)).straight() * 255).astype(np.uint8)
+
+
+def largest(actual: Image, right: Image, mask: np.ndarray | None = None) -> np.ndarray:
+    """Maximum |difference| over the channels, float32 [H, W]; 0 where `mask` is False."""
+    a, b = actual.pixels, right.pixels
+    worst = np.empty(a.shape[:2], np.float32)
+    with np.errstate(over="ignore"):
+        for top in range(0, len(a), BAND_ROWS):
+            band = slice(top, top + BAND_ROWS)
+            over_channels(np.subtract(a[band], b[band], dtype=np.float32), worst[band])
+    # clamp overflow to the largest float32
+    np.minimum(worst, np.finfo(np.float32).max, out=worst)
+    return worst if mask is None else np.where(mask, worst, np.float32(0))
+
+
+def heat(difference: np.ndarray) -> np.ndarray:
+    """Heat map of the difference from 0 to its maximum, sRGB uint8 [H, W, 3]."""
+    at = np.linspace(0, len(HEAT) - 1, SHADES)
+    shades = np.stack([np.interp(at, np.arange(len(HEAT)), channel) for channel in HEAT.T], axis=-1)
+    # any difference is brighter than black
+    place = np.ceil(difference / (difference.max() or np.float32(1)) * np.float32(SHADES - 1)).astype(np.uint16)
+    return np.take(np.rint(shades).astype(np.uint8), place, axis=0, mode="clip")
+
+
+def shrunk(pixels: np.ndarray, choose: Callable[..., np.ndarray]) -> np.ndarray:
+    """Downsamples to at most LARGEST along the longer side: k×k blocks by np.mean, or by np.max to keep every peak."""
+    height, width = pixels.shape[:2]
+    k = -(-max(height, width) // LARGEST)
+    if k == 1:
+        return pixels
+    padded = np.pad(pixels, [(0, -height % k), (0, -width % k), *[(0, 0)] * (pixels.ndim - 2)], mode="edge")
+    # rows first: reducing whole rows is fast and leaves 1/k of the data
+    rows = choose(padded.reshape(-1, k, *padded.shape[1:]), axis=1)
+    return choose(rows.reshape(len(rows), -1, k, *pixels.shape[2:]), axis=2)
+
+
+def detail(found: Comparison, shape: tuple[int, ...]) -> Box:
+    """The region to enlarge: the box of the difference if small, else a region around the worst pixel."""
+    height, width = shape[:2]
+    left, top, right, bottom = found.box or (0, 0, width, height)
+    if max(right - left, bottom - top) + 2 * MARGIN > DETAIL:
+        column, row = found.where
+        left, right, top, bottom = column, column + 1, row, row + 1
+        grow = (DETAIL - 1) // 2
+    else:
+        grow = MARGIN
+    return Box(max(left - grow, 0), max(top - grow, 0), min(right + grow, width), min(bottom + grow, height))
+
+
+def png(samples: np.ndarray) -> bytes:
+    """A PNG file of uint8 [H, W, 3 or 4]."""
+    from PIL import Image as Pillow
+
+    buffer = io.BytesIO()
+    Pillow.fromarray(samples).save(buffer, "PNG", compress_level=COMPRESSION)
+    return buffer.getvalue()
+
+
+def data_uri(samples: np.ndarray) -> str:
+    """A PNG as a data URI."""
+    return "data:image/png;base64," + base64.b64encode(png(samples)).decode("ascii")
+
 
 # maximum number of cases with images: a larger page is too big to open
 PICTURED = 100
@@ -50,7 +145,7 @@ def case(verdict: Verdict, actual: Image, right: Image, mask: np.ndarray | None 
     """A verdict with its images; without them if the images are the same."""
     if verdict.same:
         return Case(verdict.name, "same", verdict.line)
-    difference = pictures.largest(actual, right, mask)
+    difference = largest(actual, right, mask)
     return Case(verdict.name, "different", verdict.line, _panels(verdict, actual, right, difference) + _table(verdict))
 
 
@@ -59,7 +154,7 @@ def case_alone(name: str, state: str, line: str, image: Image | None = None) -> 
     if image is None or not np.isfinite(image.pixels).all():
         return Case(name, state, line)
     peak = float(image.pixels.max()) or 1.0 if image.info.get("blend") == "xray" else 1.0
-    return Case(name, state, line, f'<div class="row">{_panel("actual", _image(pictures.shown(image, peak)))}</div>')
+    return Case(name, state, line, f'<div class="row">{_panel("actual", _image(shown(image, peak)))}</div>')
 
 
 def case_of_sizes(name: str, line: str, first: Image, second: Image) -> Case:
@@ -68,7 +163,7 @@ def case_of_sizes(name: str, line: str, first: Image, second: Image) -> Case:
     for title, image in (("actual", first), ("expected", second)):
         finite = Image(np.nan_to_num(image.pixels, posinf=0.0, neginf=0.0), image.info)
         peak = float(finite.pixels.max()) or 1.0 if image.info.get("blend") == "xray" else 1.0
-        panels.append(_panel(title, _image(pictures.shown(finite, peak))))
+        panels.append(_panel(title, _image(shown(finite, peak))))
     return Case(name, "different", line, f'<div class="row">{"".join(panels)}</div>')
 
 
@@ -76,7 +171,7 @@ def page(cases: Sequence[Case], title: str) -> str:
     """The HTML page: counts, then differing cases with images, then a line for each equal case."""
     ranked = sorted(cases, key=lambda c: STATES.index(c.state))
     counts = {state: sum(c.state == state for c in cases) for state in STATES}
-    css, js = (files("splatgl.truth").joinpath(name).read_text(encoding="utf-8") for name in ASSETS)
+    css, js = (files("splatgl.comparison").joinpath(name).read_text(encoding="utf-8") for name in ASSETS)
     wrong = [c for c in ranked if c.state != "same"]
     parts = [
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title><style>{css}</style>',
@@ -127,22 +222,22 @@ def _panels(verdict: Verdict, actual: Image, right: Image, difference: np.ndarra
     """Two rows: the images with the box of the difference, and the enlarged detail."""
     found = verdict.comparison
     peak = found.peak
-    part = pictures.detail(found, difference.shape)
+    part = detail(found, difference.shape)
     all_of_it = (part.right - part.left, part.bottom - part.top) == verdict.size
     gain = f"difference, from black to {number('maximum', found.maximum)}"
-    rows = [_row(_shown(actual, right, peak), pictures.heat(pictures.shrunk(difference, np.max)), gain, _mark(verdict))]
+    rows = [_row(_shown(actual, right, peak), heat(shrunk(difference, np.max)), gain, _mark(verdict))]
     if not all_of_it:
         cut = [Image(part.of(image.pixels)) for image in (actual, right)]
         where = f"columns {part.left}–{part.right - 1}, rows {part.top}–{part.bottom - 1}, enlarged"
         rows += [
             f'<p class="part">{where}</p>',
-            _row(_shown(cut[0], cut[1], peak), pictures.heat(part.of(difference)), gain, "", "detail"),
+            _row(_shown(cut[0], cut[1], peak), heat(part.of(difference)), gain, "", "detail"),
         ]
     return "".join(rows)
 
 
 def _shown(actual: Image, right: Image, peak: float) -> tuple[np.ndarray, np.ndarray]:
-    return pictures.shown(actual, peak), pictures.shown(right, peak)
+    return shown(actual, peak), shown(right, peak)
 
 
 def _row(both: tuple[np.ndarray, np.ndarray], difference: np.ndarray, gain: str, mark: str, kind: str = "") -> str:
@@ -163,7 +258,7 @@ def _panel(title: str, inside: str, kind: str = "") -> str:
 
 def _image(samples: np.ndarray, kind: str = "picture") -> str:
     height, width = samples.shape[:2]
-    return f'<img class="{kind}" width="{width}" height="{height}" alt="" src="{pictures.data_uri(samples)}">'
+    return f'<img class="{kind}" width="{width}" height="{height}" alt="" src="{data_uri(samples)}">'
 
 
 def _mark(verdict: Verdict) -> str:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatgl.comparison.compare import Comparison
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
-from splatgl.truth.compare import Comparison
 
 # pixels examined along the longer side: more add no information on the kind of change
 LOOKED_AT = 512

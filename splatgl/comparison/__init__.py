@@ -1,0 +1,1 @@
+"""Comparison of pictures: metrics, verdicts, reports and the fixture of pytest."""
