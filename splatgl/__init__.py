@@ -21,7 +21,7 @@ __version__ = "0.3.0.dev0"
 if TYPE_CHECKING:
     from splatgl import distributed as distributed
     from splatgl import reference as reference
-    from splatgl.app.annotations.annotate import annotated as annotated
+    from splatgl.annotations.annotate import annotated as annotated
     from splatgl.app.depths import depth_map as depth_map
     from splatgl.app.picture import render as render
     from splatgl.app.show import show as show
@@ -74,7 +74,7 @@ _PUBLIC = {
     "Splats": "splatgl.splat.splats",
     "Transfer": "splatgl.splat.transfer",
     "Volume": "splatgl.data.volume",
-    "annotated": "splatgl.app.annotations.annotate",
+    "annotated": "splatgl.annotations.annotate",
     "arrows": "splatgl.splat.vector_field",
     "directions": "splatgl.splat.vector_field",
     "magnitudes": "splatgl.splat.vector_field",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.annotations.axes import letters
+from splatgl.annotations.axes import letters
 from splatgl.app.track import Swept, turning
 from splatgl.app.viewpoint import View
 from splatgl.splat.opaque_bounds import Opaque

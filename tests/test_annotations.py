@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.annotations.annotate import annotated
-from splatgl.app.annotations.axes import letters
-from splatgl.app.annotations.color_bar import of_values
-from splatgl.app.annotations.request import parsed
-from splatgl.app.annotations.scale_bar import length_text, scale_of
-from splatgl.app.annotations.subject import Subject
-from splatgl.app.annotations.ticks import log_ticks, ticks
+from splatgl.annotations.annotate import annotated, parsed
+from splatgl.annotations.axes import letters
+from splatgl.annotations.canvas import Subject
+from splatgl.annotations.color_bar import of_values
+from splatgl.annotations.scale_bar import length_text, log_ticks, scale_of, ticks
 from splatgl.app.cli import main
 
 ALL = ("scale", "colorbar", "axes", "directions", "title=Head", "time=3 h")

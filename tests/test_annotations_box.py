@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.annotations import box
-from splatgl.app.annotations.annotate import bar_of, compose
-from splatgl.app.annotations.layer import WHITE, Layer
-from splatgl.app.annotations.live import LiveOverlay, usual
-from splatgl.app.annotations.subject import Subject
+from splatgl.annotations import bounding_box
+from splatgl.annotations.annotate import bar_of, compose
+from splatgl.annotations.canvas import WHITE, Layer, Subject
+from splatgl.annotations.live import LiveOverlay, usual
 
 SHEAR = np.array([[1.0, 0.3, 0.0], [0.0, 0.9, 0.2], [0.0, 0.1, 1.0]])
 OBLONG = sg.Volume(np.zeros((20, 30, 40), np.float32), (1, 2, 3), (5, -10, 100), unit="mm", frame="LPS", name="ct")
@@ -39,9 +38,9 @@ def test_edges_are_drawn_where_corners_are(volume: sg.Volume) -> None:
     """Lines pass the middles of pixels along each edge that is not hidden; a fifth of a pixel beside, they are not."""
     for camera in cameras(volume):
         layer = Layer(np.zeros((500, 600, 4), np.float32), WHITE)
-        box.draw_edges(layer, Subject.of(volume), camera)
+        bounding_box.draw_edges(layer, Subject.of(volume), camera)
         light = layer.pixels[..., 0]
-        every = box.edges(volume.corners, camera)
+        every = bounding_box.edges(volume.corners, camera)
         assert len(every) == 12 and sum(each.hidden for each in every) in (3, 5)
         for edge in every:
             a, b = at(volume.corners[list(edge.corners)], camera)
@@ -58,7 +57,7 @@ def test_hidden_edges_are_behind_and_outer_ones_on_the_outline(volume: sg.Volume
     """A corner is behind the box if the ray to it enters the box before; outer edges have the box on one side."""
     for camera in cameras(volume):
         seen = at(volume.corners, camera)
-        for edge in box.edges(volume.corners, camera):
+        for edge in bounding_box.edges(volume.corners, camera):
             a, b = seen[list(edge.corners)]
             across = np.array([a[1] - b[1], b[0] - a[0]])
             sides = (seen - a) @ across
@@ -78,13 +77,13 @@ def test_hidden_edges_are_behind_and_outer_ones_on_the_outline(volume: sg.Volume
 def test_ticks_are_where_their_numbers_say(volume: sg.Volume) -> None:
     """World coordinates along world axes, lengths from the first corner along others; drawn at the projected point."""
     for camera in cameras(volume):
-        subject, every = Subject.of(volume), box.edges(volume.corners, camera)
+        subject, every = Subject.of(volume), bounding_box.edges(volume.corners, camera)
         layer = Layer(np.zeros((500, 600, 4), np.float32), WHITE)
-        box.draw_edges(layer, subject, camera)
-        chosen = box.numbered(every, subject, camera)
+        bounding_box.draw_edges(layer, subject, camera)
+        chosen = bounding_box.numbered(every, subject, camera)
         assert [each.axis for each in chosen] == [0, 1, 2]
         for edge in chosen:
-            places, texts, name = box.marks(subject, edge, camera, layer.em)
+            places, texts, name = bounding_box.marks(subject, edge, camera, layer.em)
             numbers = [float(text) for text in texts]
             first, second = volume.corners[list(edge.corners)]
             assert len(numbers) >= 2 and name.endswith(", mm")
@@ -96,8 +95,8 @@ def test_ticks_are_where_their_numbers_say(volume: sg.Volume) -> None:
                 assert np.allclose(np.cross(places - first, second - first), 0, atol=1e-8)
             else:
                 assert np.allclose(np.linalg.norm(places - first, axis=1), numbers)
-            out = box.outwards(edge, subject, camera)
-            tips = np.floor(at(places, camera) + out * box.TICK * layer.em * 0.8).astype(int)
+            out = bounding_box.outwards(edge, subject, camera)
+            tips = np.floor(at(places, camera) + out * bounding_box.TICK * layer.em * 0.8).astype(int)
             assert layer.pixels[tips[:, 1], tips[:, 0], 0].min() > 0.25
 
 
@@ -109,7 +108,7 @@ def test_lines_behind_are_weakened_by_the_picture() -> None:
         pixels = np.zeros((400, 400, 4), np.float32)
         pixels[..., 3] = alpha
         lights.append(sg.annotated(sg.Image(pixels, {}), OBLONG, TRANSFER, camera, ["box"], (0, 0, 0)).pixels[..., 0])
-    hidden = next(each for each in box.edges(OBLONG.corners, camera) if each.hidden)
+    hidden = next(each for each in bounding_box.edges(OBLONG.corners, camera) if each.hidden)
     a, b = at(OBLONG.corners[list(hidden.corners)], camera)
     x, y = np.floor(a + (b - a) * np.linspace(0.2, 0.8, 99)[:, None]).astype(int).T
     plain, half, none = (light[y, x] for light in lights)
@@ -172,6 +171,6 @@ def test_an_eye_within_the_box_is_told() -> None:
     camera = sg.Camera.look_at(center, center + np.array([0, 1.0, 0]), (0, 0, 1), 120, (200, 200))
     layer = Layer(np.zeros((200, 200, 4), np.float32), WHITE)
     compose(layer, Subject.of(OBLONG), camera, ["box"], ())
-    box.draw_behind(layer, Subject.of(OBLONG), camera)
+    bounding_box.draw_behind(layer, Subject.of(OBLONG), camera)
     assert layer.notes == ["no numbers of the box: the eye is in it"] and layer.pixels.any()
     assert np.isfinite(layer.pixels).all()

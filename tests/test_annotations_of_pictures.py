@@ -11,9 +11,9 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.app.annotations import scale_bar
-from splatgl.app.annotations.axes import COLORS, LONG
-from splatgl.app.annotations.layer import Layer
+from splatgl.annotations import scale_bar
+from splatgl.annotations.axes import COLORS, LONG
+from splatgl.annotations.canvas import Layer
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
 

@@ -11,7 +11,7 @@ from test_meshes import PLAIN, along_y, block, cloud, knots
 
 import splatgl as sg
 from splatgl import reference
-from splatgl.app.annotations.subject import Scale
+from splatgl.annotations.canvas import Scale
 from splatgl.app.cli import main
 from splatgl.app.meshes import MeshFile, mesh_option
 from splatgl.app.scene import Scene

@@ -12,9 +12,9 @@ from splatting import SPLATS
 from test_figures import refused
 
 import splatgl as sg
+from splatgl.annotations.contact_sheet import GAP, INK, MARGIN, ROOM, WHITE, Panel, sheet
 from splatgl.app.cli import main
 from splatgl.app.figures.render import PICTURES, Shown, by_moments
-from splatgl.app.panels import GAP, INK, MARGIN, ROOM, WHITE, Panel, sheet
 from splatgl.app.scene import Scene
 from splatgl.app.viewpoint import View
 

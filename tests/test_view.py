@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.annotations.text import Overlay, Text, drawn, plain
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
 from splatgl.app.viewer import curve, hud
@@ -25,7 +26,6 @@ from splatgl.app.viewer.history import History
 from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.keys import from_character, from_key
 from splatgl.app.viewer.mouse import Mouse, wheeled
-from splatgl.app.viewer.overlay import Overlay, Text, drawn, plain
 from splatgl.app.viewer.pacing import FULL, LADDER, STRIDES, Level, Pace
 from splatgl.app.viewer.painter import MOMENTS, Painter
 from splatgl.app.viewer.parts import stronger

@@ -16,13 +16,13 @@ from test_view import SIZE, blob
 from test_view_window import MISSING, Window
 
 import splatgl as sg
+from splatgl.annotations.text import legible, plain
 from splatgl.app.scene import Scene
 from splatgl.app.viewer import hud
 from splatgl.app.viewer.blocks import Sweep
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.difference import Reference
 from splatgl.app.viewer.jobs import Done
-from splatgl.app.viewer.overlay import legible, plain
 from splatgl.app.viewer.pacing import FULL, STRIDES
 from splatgl.app.viewer.painter import Painter
 from splatgl.app.viewer.saving import saved, saved_as

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.annotations.text import beside, label
 from splatgl.app.cli import main
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.added import with_marks
 from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.labels import beside, label
 from splatgl.app.viewer.legend import Legend, Scenery, cropped
 from splatgl.app.viewer.marking import RULER, TIP, of_ruler
 from splatgl.app.viewer.measuring import Ruler, clicked, told, under_cursor

@@ -16,7 +16,7 @@ from test_view import blob
 from test_view_window import MISSING, Window
 
 import splatgl as sg
-from splatgl.app.annotations.axes import letters
+from splatgl.annotations.axes import letters
 from splatgl.app.scene import Scene
 from splatgl.app.viewer.added import with_slices
 from splatgl.app.viewer.content import Content

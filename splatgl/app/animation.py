@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from splatgl.annotations.canvas import Scale, Subject
 from splatgl.app.annotations.request import of_movie, room
-from splatgl.app.annotations.subject import Scale, Subject
 from splatgl.app.backgrounds import backed
 from splatgl.app.frame_work import FrameView, Matter, Over, Work
 from splatgl.app.frames import Frames, mark_of

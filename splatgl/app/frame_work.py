@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.app.annotations.annotate import annotated, on_ground
+from splatgl.annotations.annotate import annotated, on_ground
+from splatgl.annotations.canvas import Subject
 from splatgl.app.annotations.request import at_time, unbacked
-from splatgl.app.annotations.subject import Subject
 from splatgl.app.frames import Frames
 from splatgl.app.layered import is_layered, layered
 from splatgl.app.render import origin

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl import __version__
-from splatgl.app.annotations.request import check, check_size, check_time, lay, parsed, unbacked, with_room
+from splatgl.annotations.annotate import check, check_size, check_time, parsed
+from splatgl.app.annotations.request import lay, unbacked, with_room
 from splatgl.app.backgrounds import AUTO, CLEAR, as_drawn, background, grounded
 from splatgl.app.meshes import MeshFile, clipped
 from splatgl.app.options import BACKGROUNDS, size

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from splatgl.app.annotations.request import check
+from splatgl.annotations.annotate import check
 from splatgl.app.masks import mask_anywhere, mask_moved, mask_table
 from splatgl.app.meshes import HeldMesh, MeshFile, is_mesh, stage
 from splatgl.app.stacks import seen_along_z

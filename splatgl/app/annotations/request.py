@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from splatgl.annotations.annotate import ROOM, check, check_size, check_time, parsed
 from splatgl.errors import expected
 from splatgl.splat.settings import BLENDS
 
@@ -18,59 +18,6 @@ if TYPE_CHECKING:
     from splatgl.splat.clipping import Part
     from splatgl.splat.settings import Settings
     from splatgl.splat.transfer import Transfer
-
-NAMES = ("scale", "colorbar", "axes", "directions", "box", "title", "time")
-# those that take a text
-TEXTS = ("title", "time")
-KNOWN = "scale, colorbar, axes, directions, box, title=TEXT, time"
-# sizes of the box that a view is fitted to: its numbers lie around it
-ROOM = 1.25
-# smallest side of a picture, in pixels
-LEAST_SIDE = 64
-
-
-def parsed(text: str) -> tuple[str, ...]:
-    """The annotations in a list; a comma that a space follows belongs to a title. InputError as `check`."""
-    return check(tuple(part.strip() for part in re.split(r",(?! )", text)))
-
-
-def check(asked: Sequence[str]) -> tuple[str, ...]:
-    """The annotations asked for. InputError for an unknown one, a repeated one, and a title without text."""
-    if isinstance(asked, str) or not all(isinstance(one, str) for one in asked):
-        raise expected("annotate", f"a list of names: {KNOWN}", repr(asked)[:80])
-    names = []
-    for one in asked:
-        name, equals, text = one.partition("=")
-        if name not in NAMES or (equals and name not in TEXTS):
-            raise expected("annotate", KNOWN, repr(one)[:80])
-        if not text.strip() and (name == "title" or equals):
-            raise expected("annotate", f"a text after '{name}='", "none", f"such as '{name}={EXAMPLES[name]}'")
-        names.append(name)
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise expected("annotate", "each name once", f"{twice[0]} {names.count(twice[0])} times")
-    return tuple(asked)
-
-
-EXAMPLES = {"title": "Head", "time": "3h"}
-
-
-def check_size(asked: Sequence[str], size: tuple[int, int]) -> None:
-    """InputError for a picture too small for annotations."""
-    if asked and min(size) < LEAST_SIDE:
-        fix = "draw a larger one, or leave --annotate out"
-        raise expected("annotate", f"a picture of at least {LEAST_SIDE}×{LEAST_SIDE}", f"{size[0]}×{size[1]}", fix)
-
-
-def text_of(asked: Sequence[str], name: str) -> str | None:
-    """The text given with an annotation, "" if none; None if it is not asked for."""
-    return next((one.partition("=")[2].strip() for one in asked if one.partition("=")[0] == name), None)
-
-
-def check_time(asked: Sequence[str]) -> None:
-    """InputError for a time without text: a still picture has none of its own."""
-    if text_of(asked, "time") == "":
-        raise expected("annotate", "'time=TEXT'", "'time'")
 
 
 def asked_for(text: str | None, reference: str | None, scene: Scene) -> tuple[str, ...]:
@@ -133,8 +80,8 @@ def lay(
     image: Image, scene: Scene, volume: Volume, transfer: Transfer, asked: Sequence[str], quiet: bool = False
 ) -> Image:
     """The picture of a scene under annotations, by the camera that it was drawn with; prints why some are left out."""
-    from splatgl.app.annotations.annotate import annotated, left_out, on_ground
-    from splatgl.app.annotations.subject import Scale, Subject
+    from splatgl.annotations.annotate import annotated, left_out, on_ground
+    from splatgl.annotations.canvas import Scale, Subject
     from splatgl.app.depths import camera_of
     from splatgl.app.layered import is_layered, layered
     from splatgl.app.meshes import is_mesh

@@ -9,10 +9,10 @@ from textwrap import fill
 from typing import TYPE_CHECKING
 
 from splatgl import __version__
+from splatgl.annotations.contact_sheet import encoded
 from splatgl.app.figures.metrics import SHUTTER, numbers
 from splatgl.app.figures.render import PICTURES, Motioned, PictureFigure, Shown, by_moments, picture
 from splatgl.app.options import size
-from splatgl.app.panels import encoded
 from splatgl.app.render import Drawing
 from splatgl.app.scene import Scene
 from splatgl.app.track import Turning

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from splatgl.app.panels import Panel, sheet
+from splatgl.annotations.contact_sheet import Panel, sheet
 from splatgl.app.scene import Scene
 from splatgl.app.track import Turning, turning
 from splatgl.app.viewpoint import View

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.app.annotations.layer import BLACK, WHITE, Layer
+from splatgl.annotations.canvas import BLACK, WHITE, Layer
 from splatgl.app.viewer.marking import of_ruler
 from splatgl.app.viewer.slicing import outlines
 from splatgl.data.color import linear_from_srgb

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.app.annotations.layer import BLACK, WHITE, Color
-from splatgl.app.annotations.live import LiveOverlay, usual
-from splatgl.app.annotations.request import LEAST_SIDE
-from splatgl.app.annotations.subject import Subject
+from splatgl.annotations.annotate import LEAST_SIDE
+from splatgl.annotations.canvas import BLACK, WHITE, Color, Subject
+from splatgl.annotations.live import LiveOverlay, usual
 from splatgl.data.volume import Volume
 from splatgl.gl.screen import Sprite
 from splatgl.splat.camera import Camera

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from splatgl.annotations.text import beside, label
 from splatgl.app.viewer.cutting import Cuts
 from splatgl.app.viewer.handles import box_edges, handles, outline
-from splatgl.app.viewer.labels import beside, label
 from splatgl.app.viewer.legend import Legend, Scenery, ground_of
 from splatgl.app.viewer.measuring import Ruler, distance, told, under_cursor
 from splatgl.app.viewer.sight import seen, segment

@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from splatgl.app.annotations.scale_bar import length_text
+from splatgl.annotations.scale_bar import length_text
 from splatgl.app.viewer.sight import Place
 from splatgl.data.volume import Triple
 from splatgl.errors import InputError

@@ -10,13 +10,13 @@ from functools import partial
 
 import numpy as np
 
+from splatgl.annotations.text import Overlay, Path, Text, box, drawn
 from splatgl.app.viewer import hud
 from splatgl.app.viewer.beyond import crossing, nearer, share_beyond, tinted, tinted_light
 from splatgl.app.viewer.bindings import MOUSE, Binding
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.difference import Difference, Reference, enlarged
 from splatgl.app.viewer.hud import Frame
-from splatgl.app.viewer.overlay import Overlay, Path, Text, box, drawn
 from splatgl.app.viewer.pacing import FULL, Level
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.state import State

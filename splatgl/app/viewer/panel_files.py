@@ -9,8 +9,8 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
+from splatgl.annotations.text import legible, plain
 from splatgl.app.viewer.dialogs import OPEN, SAVE, opened, suffixes
-from splatgl.app.viewer.overlay import legible, plain
 from splatgl.app.viewer.state import State
 
 # largest size in screen units at a content scale of 1, and what is left of the window around it

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from imgui_bundle import imgui
 
+from splatgl.annotations.text import plain
 from splatgl.app.meshes import MeshFile, is_mesh
 from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.overlay import plain
 from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.state import State
 from splatgl.data.color import srgb_from_linear

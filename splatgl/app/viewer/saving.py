@@ -9,7 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from splatgl.app.annotations.request import LEAST_SIDE, lay
+from splatgl.annotations.annotate import LEAST_SIDE
+from splatgl.app.annotations.request import lay
 from splatgl.app.meshes import MeshFile, surfaces_of
 from splatgl.app.render import origin
 from splatgl.app.scene import Scene

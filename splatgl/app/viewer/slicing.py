@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.app.annotations.axes import letters
+from splatgl.annotations.axes import letters
+from splatgl.annotations.text import label
 from splatgl.app.viewer.jobs import Jobs
-from splatgl.app.viewer.labels import label
 from splatgl.app.viewer.moves import up_of
 from splatgl.app.viewer.sight import Place, segment
 from splatgl.app.viewer.slices import ANATOMY, Pane, Slices, colors, grey, panes, plane, strided, window_of, world_axes

@@ -9,8 +9,8 @@ import sys
 import warnings
 from typing import Any, Protocol
 
+from splatgl.annotations.text import legible
 from splatgl.app.viewer.keys import from_character, from_key, modifiers
-from splatgl.app.viewer.overlay import legible
 from splatgl.app.viewer.sight import Place
 from splatgl.gl.screen import Screen
 

@@ -6,11 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.app.annotations.layer import Layer, Rect
-from splatgl.app.annotations.scale_bar import in_digits
-from splatgl.app.annotations.strokes import clipped, dashes
-from splatgl.app.annotations.subject import Subject
-from splatgl.app.annotations.ticks import ticks
+from splatgl.annotations.canvas import Layer, Rect, Subject, clipped, dashes
+from splatgl.annotations.scale_bar import in_digits, ticks
 from splatgl.splat.camera import Camera
 
 # the ends of the edges along grid x, y and z, as numbers of corners; corner 4z + 2y + x

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.app.annotations.layer import Color, Layer, Rect
-from splatgl.app.annotations.subject import Subject
+from splatgl.annotations.canvas import Color, Layer, Rect, Subject
 from splatgl.splat.camera import Camera
 
 # of x, y, z, linear RGB; they read on black and on white

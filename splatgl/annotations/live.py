@@ -8,12 +8,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from splatgl.app.annotations import box, color_bar
-from splatgl.app.annotations.annotate import bar_of, compose
-from splatgl.app.annotations.color_bar import ColorBar
-from splatgl.app.annotations.layer import BLACK, Color, Layer, Touched, ink_on
-from splatgl.app.annotations.request import check
-from splatgl.app.annotations.subject import Subject
+from splatgl.annotations import bounding_box, color_bar
+from splatgl.annotations.annotate import bar_of, check, compose
+from splatgl.annotations.canvas import BLACK, Color, Layer, Subject, Touched, ink_on
+from splatgl.annotations.color_bar import ColorBar
 from splatgl.data.color import srgb_from_linear
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
@@ -56,7 +54,7 @@ class LiveOverlay:
             bar = None if blend == "xray" else _bar(subject, transfer, blend, round(color_bar.TALL * camera.size[1]))
             layer.notes.extend([] if bar else ["no colour bar of this picture"])
         if "box" in names:
-            box.draw_behind(layer, subject, camera)
+            bounding_box.draw_behind(layer, subject, camera)
         compose(layer, subject, camera, names, [] if bar is None else [bar])
         self.notes = tuple(layer.notes)
         for part in layer.touched:

@@ -8,9 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from splatgl.app.annotations.layer import Color, Layer, Rect
-from splatgl.app.annotations.subject import Scale
-from splatgl.app.annotations.ticks import log_ticks, ticks
+from splatgl.annotations.canvas import Color, Layer, Rect, Scale
+from splatgl.annotations.scale_bar import log_ticks, ticks
 from splatgl.splat.colormaps import colormap
 from splatgl.splat.transfer import Transfer
 

@@ -1,19 +1,19 @@
-"""`annotated`: a picture with annotations laid over it."""
+"""Annotate(): registry of annotations, composition."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from splatgl.app.annotations import axes, box, color_bar, scale_bar
-from splatgl.app.annotations.color_bar import ColorBar
-from splatgl.app.annotations.layer import Color, Layer, Rect
-from splatgl.app.annotations.request import check, check_size, check_time, text_of
-from splatgl.app.annotations.subject import Subject
+from splatgl.annotations import axes, bounding_box, color_bar, scale_bar
+from splatgl.annotations.canvas import Color, Layer, Rect, Subject
+from splatgl.annotations.color_bar import ColorBar
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
 
@@ -49,7 +49,7 @@ def annotated(
     compose(replace(layer, picture=None) if steady else layer, subject, camera, asked, bars)
     if "box" in asked:
         behind = Layer.over(pixels, ground)
-        box.draw_behind(behind, subject, camera)
+        bounding_box.draw_behind(behind, subject, camera)
         pixels = pixels + (1 - pixels[..., 3:]) * behind.pixels
     over = layer.pixels + (1 - layer.pixels[..., 3:]) * pixels
     return Image(over.astype(np.float32), {**info, "annotated": list(asked), "not_annotated": list(layer.notes)})
@@ -71,7 +71,7 @@ def _names(image: Image) -> list[str]:
 def compose(layer: Layer, subject: Subject, camera: Camera, asked: Sequence[str], bars: Sequence[ColorBar]) -> None:
     """Draws what is asked for on an empty layer, but for edges behind the box."""
     if "box" in asked:
-        box.draw_edges(layer, subject, camera)
+        bounding_box.draw_edges(layer, subject, camera)
     _write(layer, text_of(asked, "time"), text_of(asked, "title"))
     for bar in bars:
         color_bar.draw(layer, bar)
@@ -82,7 +82,7 @@ def compose(layer: Layer, subject: Subject, camera: Camera, asked: Sequence[str]
     if "directions" in asked:
         axes.draw_directions(layer, subject, camera)
     if "box" in asked:
-        box.draw_numbers(layer, subject, camera)
+        bounding_box.draw_numbers(layer, subject, camera)
 
 
 def left_out(image: Image) -> list[str]:
@@ -139,3 +139,57 @@ def _bar(
 def bar_of(subject: Subject, transfer: Transfer, blend: str, rows: int) -> ColorBar | None:
     """The colour bar of values; None for volumes with colours, and one value."""
     return None if subject.colored else color_bar.of_values(transfer, subject.value_name, blend, rows)
+
+
+NAMES = ("scale", "colorbar", "axes", "directions", "box", "title", "time")
+# those that take a text
+TEXTS = ("title", "time")
+KNOWN = "scale, colorbar, axes, directions, box, title=TEXT, time"
+# sizes of the box that a view is fitted to: its numbers lie around it
+ROOM = 1.25
+# smallest side of a picture, in pixels
+LEAST_SIDE = 64
+
+
+def parsed(text: str) -> tuple[str, ...]:
+    """The annotations in a list; a comma that a space follows belongs to a title. InputError as `check`."""
+    return check(tuple(part.strip() for part in re.split(r",(?! )", text)))
+
+
+def check(asked: Sequence[str]) -> tuple[str, ...]:
+    """The annotations asked for. InputError for an unknown one, a repeated one, and a title without text."""
+    if isinstance(asked, str) or not all(isinstance(one, str) for one in asked):
+        raise expected("annotate", f"a list of names: {KNOWN}", repr(asked)[:80])
+    names = []
+    for one in asked:
+        name, equals, text = one.partition("=")
+        if name not in NAMES or (equals and name not in TEXTS):
+            raise expected("annotate", KNOWN, repr(one)[:80])
+        if not text.strip() and (name == "title" or equals):
+            raise expected("annotate", f"a text after '{name}='", "none", f"such as '{name}={EXAMPLES[name]}'")
+        names.append(name)
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise expected("annotate", "each name once", f"{twice[0]} {names.count(twice[0])} times")
+    return tuple(asked)
+
+
+EXAMPLES = {"title": "Head", "time": "3h"}
+
+
+def check_size(asked: Sequence[str], size: tuple[int, int]) -> None:
+    """InputError for a picture too small for annotations."""
+    if asked and min(size) < LEAST_SIDE:
+        fix = "draw a larger one, or leave --annotate out"
+        raise expected("annotate", f"a picture of at least {LEAST_SIDE}×{LEAST_SIDE}", f"{size[0]}×{size[1]}", fix)
+
+
+def text_of(asked: Sequence[str], name: str) -> str | None:
+    """The text given with an annotation, "" if none; None if it is not asked for."""
+    return next((one.partition("=")[2].strip() for one in asked if one.partition("=")[0] == name), None)
+
+
+def check_time(asked: Sequence[str]) -> None:
+    """InputError for a time without text: a still picture has none of its own."""
+    if text_of(asked, "time") == "":
+        raise expected("annotate", "'time=TEXT'", "'time'")
