@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 import splatgl as sg
-from splatgl.app.viewpoint import View
 from splatgl.data.scenes import SCENES
+from splatgl.scene.view import View
 
 # voxels classified before, splats one by one
 SPLATS = sg.Settings.like("0.1")

@@ -24,7 +24,7 @@ import numpy as np
 from bench_rows import tell
 
 import splatgl as sg
-from splatgl.app.scene import Scene
+from splatgl.scene.scene_file import Scene
 
 SIZE = (512, 512)
 # edge of the generated memory-mapped volume, voxels

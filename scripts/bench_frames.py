@@ -31,11 +31,11 @@ import numpy as np
 from bench_rows import tell
 
 import splatgl as sg
-from splatgl.app.scene import Scene
-from splatgl.app.viewpoint import View
 from splatgl.gl.target import Target
 from splatgl.reference.field import kept_field_integral
 from splatgl.reference.ray_integral import ray_integral_at
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import View
 from splatgl.splat.resolve import extracted, suited
 from splatgl.truth.report.peers import Peer
 

@@ -21,7 +21,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from splatgl.app.options import size
+from splatgl.scene.parse import size
 
 # seconds after which something will not come; pixels along a side of the square that is watched; of a drag
 PATIENCE, SIDE, DRAGGED = 120.0, 400, 4.0

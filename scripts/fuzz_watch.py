@@ -20,10 +20,10 @@ import numpy as np
 
 import splatgl as sg
 from splatgl.app.info import describe
-from splatgl.app.scene import Scene
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice
 from splatgl.readers import hdf5, listed
+from splatgl.scene.scene_file import Scene
 
 TOUCH = 2**22
 """Samples up to which a loaded volume is summed up and described whole; of a larger one both ends are."""

@@ -24,8 +24,8 @@ from side_by_side import side_by_side
 
 import splatgl as sg
 from splatgl.app.cli import main as command
-from splatgl.app.scene import Scene
-from splatgl.app.viewpoint import View
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import View
 from splatgl.splat.technique import TECHNIQUES, combinations
 from splatgl.truth.report.content import CONVERGENCE, registry
 from splatgl.truth.report.markdown import as_table

@@ -20,9 +20,9 @@ from PIL import Image as Pillow
 from PIL import ImageDraw, ImageFont
 
 import splatgl as sg
-from splatgl.app.scene import Scene
-from splatgl.app.viewpoint import View
 from splatgl.reference.field import field_integral
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import View
 from splatgl.truth.report.peers import Peer
 
 # pixels of a picture, and of one volume's; samples along each side of a pixel, samples a voxel of the field, height of

@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 from bench_rows import tell
 
-from splatgl.app.scene import Scene
 from splatgl.data.color import srgb_from_linear
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.lighting import AMBIENT, DIFFUSE
 from splatgl.splat.opaque_bounds import Opaque
 

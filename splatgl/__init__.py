@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from splatgl import distributed as distributed
     from splatgl import reference as reference
     from splatgl.annotations.annotate import annotated as annotated
-    from splatgl.app.depths import depth_map as depth_map
-    from splatgl.app.picture import render as render
     from splatgl.app.show import show as show
     from splatgl.comparison.compare import compare as compare
     from splatgl.data import scenes as scenes
@@ -39,6 +37,8 @@ if TYPE_CHECKING:
     from splatgl.readers.meshes import load_mesh as load_mesh
     from splatgl.reference.check import check as check
     from splatgl.reference.pick import pick as pick
+    from splatgl.scene.api import depth_map as depth_map
+    from splatgl.scene.api import render as render
     from splatgl.splat.camera import Camera as Camera
     from splatgl.splat.extract import extract as extract
     from splatgl.splat.kernels import PiecewiseCubic as PiecewiseCubic
@@ -81,7 +81,7 @@ _PUBLIC = {
     "streamlines": "splatgl.splat.vector_field",
     "check": "splatgl.reference.check",
     "compare": "splatgl.comparison.compare",
-    "depth_map": "splatgl.app.depths",
+    "depth_map": "splatgl.scene.api",
     "default_transfer": "splatgl.splat.presets",
     "extract": "splatgl.splat.extract",
     "load": "splatgl.readers",
@@ -90,7 +90,7 @@ _PUBLIC = {
     "plan": "splatgl.splat.plan",
     "preset": "splatgl.splat.presets",
     "over": "splatgl.distributed.parts",
-    "render": "splatgl.app.picture",
+    "render": "splatgl.scene.api",
     "render_slabs": "splatgl.distributed.slabs",
     "register_kernel": "splatgl.splat.kernels",
     "show": "splatgl.app.show",

@@ -18,11 +18,11 @@ from splatting import GOLDEN
 from twins import twin as twin
 
 import splatgl as sg
-from splatgl.app.kept import kept_renderer
-from splatgl.app.render import Drawing
 from splatgl.gl import program
 from splatgl.gl import renderer as renderers
 from splatgl.gl.context import REQUIRE_GPU, current
+from splatgl.scene.draw import Drawing
+from splatgl.scene.shared_renderer import kept_renderer
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 from mutants import MUTANTS

@@ -12,7 +12,7 @@ import pytest
 import splatgl as sg
 from splatgl.annotations.axes import letters
 from splatgl.app.track import Swept, turning
-from splatgl.app.viewpoint import View
+from splatgl.scene.view import View
 from splatgl.splat.opaque_bounds import Opaque
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))

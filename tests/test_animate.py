@@ -21,10 +21,10 @@ from splatgl.app import animation
 from splatgl.app.cli import main
 from splatgl.app.frame_work import scaled
 from splatgl.app.frames import Frames
-from splatgl.app.scene import Scene
 from splatgl.app.series import read_ahead, volumes
 from splatgl.app.track import Swept, between, keyframes, turning
-from splatgl.app.viewpoint import View
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import View
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[2] / "shared" / "data"))
 # seconds after which a thread hangs

@@ -15,7 +15,7 @@ from splatgl.annotations import scale_bar
 from splatgl.annotations.axes import COLORS, LONG
 from splatgl.annotations.canvas import Layer
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene
+from splatgl.scene.scene_file import Scene
 
 CLEAR = sg.Transfer([(1, 0.0), (2, 0.5)])
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.backgrounds import AUTO, BLACK, CLEAR, WHITE, background, grounded, suited
 from splatgl.app.cli import main
+from splatgl.scene.parse import AUTO, CLEAR, background
+from splatgl.scene.view import BLACK, WHITE, grounded, suited
 
 SURFACE = sg.Transfer([(0.4, 0.0), (0.6, 0.9)])
 GLOW = sg.Transfer([(0.4, 0.0), (0.6, 0.9)], shading=False)

@@ -9,8 +9,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene
-from splatgl.app.viewpoint import View
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import View
 from splatgl.splat.scene import channel_transfers
 
 tifffile = pytest.importorskip("tifffile")

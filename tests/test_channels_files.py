@@ -10,9 +10,9 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene
 from splatgl.fileio import WHOLE
 from splatgl.readers.chunked import Chunked
+from splatgl.scene.scene_file import Scene
 
 tifffile = pytest.importorskip("tifffile")
 SIZES = {"T": 3, "C": 2, "Z": 4, "Y": 10, "X": 12}

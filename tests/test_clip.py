@@ -12,9 +12,9 @@ from noise import GRIDS, views
 import splatgl as sg
 from splatgl import reference
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene
 from splatgl.errors import InputError
 from splatgl.reference.field import kept_field_integral
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.clipping import MOST_CLIPS, Box, Plane, crop_planes, left, planes, planes_of
 from splatgl.splat.grid import corners_of

@@ -8,9 +8,9 @@ import pytest
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.app.viewpoint import View
 from splatgl.comparison.image_regression import ImageRegression
 from splatgl.comparison.verdict import judge
+from splatgl.scene.view import View
 
 SIZE = (96, 72)
 SCENES = ("tunnel", "terrain", "nerve", "letter-f")

@@ -11,8 +11,8 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.viewpoint import View
 from splatgl.reference.field import field_integral
+from splatgl.scene.view import View
 from splatgl.splat import extract, resolve
 from splatgl.splat.resolve import extracted, suited
 

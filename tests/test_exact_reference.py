@@ -94,7 +94,7 @@ def test_scenes(name: str, planes: slice, blend: str, renderer: sg.Renderer) -> 
     """A built-in scene or some planes of it, a CT and a microscopy volume at 256²: RMSE below 2e−4, maximum below
     3e−3.
     """
-    from splatgl.app.viewpoint import View
+    from splatgl.scene.view import View
 
     if name not in SCENES and not (DATA / name).exists():
         pytest.skip(f"{name} is not there")

@@ -10,10 +10,10 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.readers.common import is_field
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.preintegration import PostClassified
 from splatgl.splat.presets import default_transfer, logarithmic, preset
 from splatgl.splat.transfer import Transfer

@@ -12,8 +12,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene
 from splatgl.data.volume import Label
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.colormaps import label_color, label_opacity
 from splatgl.splat.label_detection import AMOUNTS, LABELS, MASK, decided, kind_of
 

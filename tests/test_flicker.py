@@ -8,7 +8,7 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.app.track import turning
-from splatgl.app.viewpoint import View
+from splatgl.scene.view import View
 from splatgl.truth.flicker import flicker, popping, strip
 
 SETTINGS = SPLATS.but(background=(0, 0, 0))

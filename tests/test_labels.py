@@ -11,9 +11,9 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.viewpoint import View
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Label
+from splatgl.scene.view import View
 from splatgl.splat.colormaps import COLORS, color_of
 from splatgl.splat.presets import label_transfer
 

@@ -13,10 +13,10 @@ from test_clip import FOG, OPACITY, PLAIN, SOLID, block, field, lengths
 import splatgl as sg
 from splatgl import reference
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene
 from splatgl.data.mask import named
 from splatgl.errors import InputError
 from splatgl.reference.field import field_integral, kept_field_integral
+from splatgl.scene.scene_file import Scene
 from splatgl.splat import mask_field
 from splatgl.splat.ambient_occlusion import Coarse
 from splatgl.splat.bricks import Bricks

@@ -13,9 +13,10 @@ import splatgl as sg
 from splatgl import reference
 from splatgl.annotations.canvas import Scale
 from splatgl.app.cli import main
-from splatgl.app.meshes import MeshFile, mesh_option
-from splatgl.app.scene import Scene
+from splatgl.app.meshes import mesh_option
 from splatgl.errors import InputError
+from splatgl.scene.meshes import MeshFile
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.clipping import planes
 from splatgl.splat.colormaps import colormap
 

@@ -12,11 +12,12 @@ from noise import GRIDS
 import splatgl as sg
 from splatgl import reference
 from splatgl.app.cli import main
-from splatgl.app.meshes import MeshFile, mesh_option
-from splatgl.app.scene import Scene
+from splatgl.app.meshes import mesh_option
 from splatgl.data.color import linear_from_srgb
 from splatgl.errors import InputError
 from splatgl.reference.layers import crossings
+from splatgl.scene.meshes import MeshFile
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.culling import Window
 from splatgl.splat.lighting import AMBIENT, DIFFUSE, LIGHTS
 

@@ -14,8 +14,8 @@ from PIL import Image as Pillow
 import splatgl as sg
 from splatgl.app import show as shown
 from splatgl.app.notebook import STILL, Session
-from splatgl.app.picture import scene_of
 from splatgl.app.viewer.pacing import FULL, LADDER
+from splatgl.scene.api import scene_of
 
 
 class Timed(Session):

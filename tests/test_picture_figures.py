@@ -15,8 +15,8 @@ import splatgl as sg
 from splatgl.annotations.contact_sheet import GAP, INK, MARGIN, ROOM, WHITE, Panel, sheet
 from splatgl.app.cli import main
 from splatgl.app.figures.render import PICTURES, Shown, by_moments
-from splatgl.app.scene import Scene
-from splatgl.app.viewpoint import View
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import View
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[2] / "shared" / "data"))
 

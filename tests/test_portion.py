@@ -10,13 +10,13 @@ from test_bricks import noise
 from test_levels import SOFT, with_levels, write
 
 import splatgl as sg
-from splatgl.app.scene import Scene
 from splatgl.app.viewer import portion as portions
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.files import News
 from splatgl.app.viewer.portion import every, portion
 from splatgl.app.viewer.saving import scene_of
 from splatgl.app.viewer.state import State
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.bricks import EACH, FIXED, SAMPLE
 from splatgl.splat.settings import Settings
 

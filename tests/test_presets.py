@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from splatgl.app.scene import Scene
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import InputError
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.colormaps import colormap
 from splatgl.splat.presets import BONE_HU, PRESETS, SOLID, default_transfer, preset
 from splatgl.splat.statistics import PLANES, sorted_percentile, statistics

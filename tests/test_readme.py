@@ -20,9 +20,9 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.app.cli import COMMANDS, _parser, main
-from splatgl.app.scene import Scene
 from splatgl.app.viewer.bindings import load_bindings
 from splatgl.readers import FORMATS
+from splatgl.scene.scene_file import Scene
 from splatgl.splat import kernels
 from splatgl.splat.settings import Settings, choices
 from splatgl.truth.stress import CASES

@@ -18,9 +18,9 @@ from test_levels import SOFT, with_levels, write
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene
 from splatgl.readers import remote
 from splatgl.readers.remote import is_address, name_of
+from splatgl.scene.scene_file import Scene
 
 pytest.importorskip("fsspec", reason="needs the extra remote")
 pytest.importorskip("aiohttp", reason="needs the extra remote")

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from splatgl.app.scene import Scene
 from splatgl.errors import InputError
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 

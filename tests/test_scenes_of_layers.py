@@ -13,9 +13,9 @@ import splatgl as sg
 from splatgl import reference
 from splatgl.app.cli import main
 from splatgl.app.layered import layer_option
-from splatgl.app.scene import Scene
-from splatgl.app.viewpoint import View
 from splatgl.gl import layers as layer_tiles
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import View
 from splatgl.splat.scene import joined
 
 FOG = {"a": (0.05, "gray"), "b": (0.12, "viridis")}

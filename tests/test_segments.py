@@ -11,10 +11,10 @@ import pytest
 import splatgl as sg
 from splatgl import reference
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Label
 from splatgl.fileio import limit
+from splatgl.scene.scene_file import Scene
 
 MIDDLE = np.array([11.7, 11.4, 11.9])
 TABLE = (Label(1, "liver", "#c04020"), Label(2, "tumour", "#20c040", 0.5), Label(9, "vein", hidden=True))

@@ -10,11 +10,10 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene
-from splatgl.app.stacks import is_flat_stack, seen_along_z
 from splatgl.app.track import turning
-from splatgl.app.viewpoint import View
 from splatgl.data.volume import Hints, Volume
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import View, is_flat_stack, seen_along_z
 
 
 def stack(depth: int = 6) -> Volume:

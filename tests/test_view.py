@@ -15,7 +15,6 @@ import pytest
 import splatgl as sg
 from splatgl.annotations.text import Overlay, Text, drawn, plain
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene
 from splatgl.app.viewer import curve, hud
 from splatgl.app.viewer.beyond import SHARE, TINT, crossing, share_beyond, tinted
 from splatgl.app.viewer.bindings import BINDINGS, checked, keymap, listing, load_bindings, remapped
@@ -35,9 +34,10 @@ from splatgl.app.viewer.refiner import Moment, Refiner
 from splatgl.app.viewer.saving import free, picture_of, save_picture, save_scene, scene_of
 from splatgl.app.viewer.state import ACTIONS, State, acted
 from splatgl.app.viewer.watch import Watch
-from splatgl.app.viewpoint import View
 from splatgl.data.volume import coarser
 from splatgl.gl.screen import Screen
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import View
 from splatgl.splat.culling import outside, skinned
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.statistics import statistics

@@ -13,13 +13,13 @@ from test_view import blob
 from test_view_window import MISSING, Window, silent
 
 from splatgl.annotations.text import FONT, Text, _fitted
-from splatgl.app.scene import Scene
 from splatgl.app.viewer import files as reading
 from splatgl.app.viewer.bindings import BINDINGS, MOUSE
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.files import Files, News
 from splatgl.app.viewer.jobs import Jobs
 from splatgl.app.viewer.state import State
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.settings import Settings
 
 driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")

@@ -10,7 +10,6 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.cutting import WHOLE, Cuts, add_plane, cut
 from splatgl.app.viewer.handles import Held, handles, on_sphere, outline, plane_middle, under
@@ -19,6 +18,7 @@ from splatgl.app.viewer.pick import picked
 from splatgl.app.viewer.saving import save_scene
 from splatgl.app.viewer.sight import nearest_on_line, ray, seen, segment
 from splatgl.app.viewer.state import State, acted
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.clipping import crop_planes
 
 SIZE = (120, 80)

@@ -13,8 +13,6 @@ from test_view_window import MISSING, Window
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.meshes import MeshFile
-from splatgl.app.scene import Scene
 from splatgl.app.viewer.choices import opened
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.files import watched
@@ -24,6 +22,8 @@ from splatgl.app.viewer.saving import picture_of, save_scene, scene_of
 from splatgl.app.viewer.state import State, acted, drawable
 from splatgl.app.viewer.together import Together
 from splatgl.errors import Choice, InputError
+from splatgl.scene.meshes import MeshFile
+from splatgl.scene.scene_file import Scene
 
 SIZE = (96, 72)
 # the panel of a window of 640 × 460 pixels
@@ -131,7 +131,7 @@ def test_hidden_parts_are_not_drawn(state: State, content: Content, renderer: sg
 
 
 def test_the_view_is_that_of_render(content: Content, folder: Path) -> None:
-    from splatgl.app.layered import layered
+    from splatgl.scene.draw import layered
 
     scene = Scene.from_toml(folder / "two.toml")
     volume = scene.open()

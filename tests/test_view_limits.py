@@ -17,7 +17,6 @@ from test_view_window import MISSING, Window
 
 import splatgl as sg
 from splatgl.annotations.text import legible, plain
-from splatgl.app.scene import Scene
 from splatgl.app.viewer import hud
 from splatgl.app.viewer.blocks import Sweep
 from splatgl.app.viewer.content import Content
@@ -28,6 +27,7 @@ from splatgl.app.viewer.painter import Painter
 from splatgl.app.viewer.saving import saved, saved_as
 from splatgl.app.viewer.state import State
 from splatgl.app.viewer.viewer import Viewer
+from splatgl.scene.scene_file import Scene
 
 
 @pytest.fixture

@@ -11,7 +11,6 @@ import pytest
 import splatgl as sg
 from splatgl.annotations.text import beside, label
 from splatgl.app.cli import main
-from splatgl.app.scene import Scene
 from splatgl.app.viewer.added import with_marks
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.legend import Legend, Scenery, cropped
@@ -24,6 +23,7 @@ from splatgl.app.viewer.saving import save_picture, save_scene
 from splatgl.app.viewer.sight import seen
 from splatgl.app.viewer.state import State, acted
 from splatgl.data.color import linear_from_srgb
+from splatgl.scene.scene_file import Scene
 
 SIZE = (160, 120)
 BLACK, USUAL = (0.0, 0.0, 0.0), ("scale", "axes")

@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 from test_view import LONGEST, SIZE, blob
 
-from splatgl.app.meshes import MeshFile
-from splatgl.app.scene import Scene
 from splatgl.app.viewer.answers import answered
 from splatgl.app.viewer.arrivals import arrived
 from splatgl.app.viewer.choices import opened
@@ -27,6 +25,8 @@ from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.parts import read
 from splatgl.app.viewer.state import State
 from splatgl.app.viewer.together import Together
+from splatgl.scene.meshes import MeshFile
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.settings import Settings
 
 

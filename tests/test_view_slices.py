@@ -17,7 +17,6 @@ from test_view_window import MISSING, Window
 
 import splatgl as sg
 from splatgl.annotations.axes import letters
-from splatgl.app.scene import Scene
 from splatgl.app.viewer.added import with_slices
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.slices import (
@@ -36,6 +35,7 @@ from splatgl.app.viewer.slicing import Slicing, left_of
 from splatgl.app.viewer.state import State, acted
 from splatgl.data.color import srgb_from_linear
 from splatgl.gl.screen import Stroke
+from splatgl.scene.scene_file import Scene
 
 driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 UP = np.array([0.0, 0.0, 1.0])

@@ -21,7 +21,6 @@ from weakref import WeakSet
 
 import numpy as np
 
-from splatgl.app.scene import Scene
 from splatgl.app.view import reading
 from splatgl.app.viewer import hud, mouse, portion
 from splatgl.app.viewer.content import Content
@@ -32,6 +31,7 @@ from splatgl.errors import InputError
 from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
 from splatgl.readers import ome_zarr
+from splatgl.scene.scene_file import Scene
 
 DOUBLE = mouse.DOUBLE
 PAGE = os.sysconf("SC_PAGE_SIZE")

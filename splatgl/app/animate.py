@@ -9,11 +9,12 @@ from splatgl.app.frames import Frames
 from splatgl.app.layered import add_layers
 from splatgl.app.movie import need, write_movie
 from splatgl.app.on_workers import draw_frames
-from splatgl.app.options import add_drawing, add_source, numbers, scene_from
-from splatgl.app.render import Drawing
+from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.worker_options import add_workers, asked, drawing_of
 from splatgl.errors import expected
 from splatgl.fileio import check_source
+from splatgl.scene.draw import Drawing
+from splatgl.scene.parse import numbers
 
 FPS = 30.0
 # seconds that a series lasts at least

@@ -15,19 +15,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.annotations.canvas import Scale, Subject
-from splatgl.app.annotations.request import of_movie, room
-from splatgl.app.backgrounds import backed
 from splatgl.app.frame_work import FrameView, Matter, Over, Work
 from splatgl.app.frames import Frames, mark_of
-from splatgl.app.layered import check_fits, is_layered, layered
-from splatgl.app.meshes import is_mesh
-from splatgl.app.output import tell
-from splatgl.app.render import PATIENCE, nothing
-from splatgl.app.scene import Scene
 from splatgl.app.series import read_ahead, time_points, volumes
 from splatgl.app.track import Track, Turning, keyframes, turning
 from splatgl.errors import expected
 from splatgl.fileio import budget, size_of
+from splatgl.scene.draw import PATIENCE, check_fits, is_layered, layered, nothing, of_movie, room, tell
+from splatgl.scene.meshes import is_mesh
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import backed
 from splatgl.splat.bricks import bricks_of, fits
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.motion import moments

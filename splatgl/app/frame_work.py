@@ -10,12 +10,10 @@ import numpy as np
 
 from splatgl.annotations.annotate import annotated, on_ground
 from splatgl.annotations.canvas import Subject
-from splatgl.app.annotations.request import at_time, unbacked
 from splatgl.app.frames import Frames
-from splatgl.app.layered import is_layered, layered
-from splatgl.app.render import origin
-from splatgl.app.scene import Scene
 from splatgl.data.image import Image
+from splatgl.scene.draw import at_time, is_layered, layered, origin, unbacked
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.bricks import Bricks, required_bricks
 from splatgl.splat.camera import Camera
 from splatgl.splat.motion import Motion, flow_of

@@ -27,8 +27,8 @@ def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
 
 def _info(options: Mapping[str, str], args: argparse.Namespace) -> int:
     from splatgl.app.options import scene_from_source
-    from splatgl.app.output import tell
     from splatgl.readers import listed
+    from splatgl.scene.draw import tell
 
     scene = scene_from_source(args)
     listed_ = [] if "array" in scene.load else listed(scene.volume)

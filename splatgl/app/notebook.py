@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.app.kept import kept_renderer
-from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.mouse import Mouse, wheeled
 from splatgl.app.viewer.pacing import FULL, LADDER, REST, TARGET, Level
 from splatgl.app.viewer.refiner import Moment, Refiner
 from splatgl.app.viewer.sight import Place
 from splatgl.data.image import Image
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.shared_renderer import kept_renderer
 from splatgl.splat.culling import outside
 from splatgl.splat.settings import BLENDS
 

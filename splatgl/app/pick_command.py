@@ -8,11 +8,10 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from splatgl.app.depths import camera_of
-from splatgl.app.layered import add_layers, layered
+from splatgl.app.layered import add_layers
 from splatgl.app.options import add_drawing, add_source, scene_from
-from splatgl.app.output import tell
 from splatgl.errors import expected
+from splatgl.scene.draw import camera_of, layered, tell
 
 if TYPE_CHECKING:
     from splatgl.data.volume import Volume

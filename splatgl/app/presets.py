@@ -8,12 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from splatgl.app.backgrounds import suited
 from splatgl.app.options import add_backend, add_source, add_view, scene_from_source, view_of
-from splatgl.app.scene import Scene
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import suited
 from splatgl.splat.presets import PRESETS, default_transfer, preset
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
@@ -59,8 +59,8 @@ def run(args: argparse.Namespace) -> int:
     volume = scene.open()
     scene, volume = scene.cut(volume), smaller(volume)
     looks = {DEFAULT: (default_transfer(volume), scene.settings), **dict(looks_of(volume, scene.settings))}
-    from splatgl.app.render import Drawing
     from splatgl.fileio import write_whole
+    from splatgl.scene.draw import Drawing
 
     camera = scene.view.camera(volume, volume)
     with Drawing(args.backend, args.device, args.gpu).renderer() as renderer:

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from splatgl.app.options import add_source, add_transfer, scene_from_transfer
-from splatgl.app.output import tell
 from splatgl.data.volume import Places, Volume
 from splatgl.errors import InputError, expected, missing_extra
 from splatgl.fileio import check_folder, made, shortened
+from splatgl.scene.draw import tell
 from splatgl.splat.extraction.classified import classified, halved, steps_of
 from splatgl.splat.grid import Grid
 from splatgl.splat.transfer import Transfer

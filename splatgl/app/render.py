@@ -3,85 +3,39 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from uuid import uuid4
 
-import numpy as np
-
-from splatgl import __version__
-from splatgl.app.annotations.request import asked_for, lay, unbacked, with_room
-from splatgl.app.backgrounds import as_drawn, backed
 from splatgl.app.depths import add_depth, check_depth, write_depths
-from splatgl.app.layered import add_layers, draw_layers, is_layered
-from splatgl.app.masks import check_masked
-from splatgl.app.meshes import is_mesh
+from splatgl.app.layered import add_layers
 from splatgl.app.options import add_drawing, add_source, scene_from
-from splatgl.app.output import tell
-from splatgl.app.scene import Scene
-from splatgl.app.summary import accuracy, summary
+from splatgl.app.summary import summary
 from splatgl.app.worker_options import add_workers, asked
 from splatgl.data.image import SAVED, Image
 from splatgl.data.image_files import need
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
-from splatgl.fileio import bytes_of, check_output, check_source, size_of
+from splatgl.fileio import bytes_of, check_output, check_source
+from splatgl.scene.draw import Drawing, _work_bar, asked_for, draw, lay, nothing, origin, tell, unbacked, with_room
+from splatgl.scene.meshes import is_mesh
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import as_drawn, backed
 from splatgl.splat.settings import BLENDS
 from splatgl.splat.transfer import Transfer
 
-# what draws and compares is imported once there is something to draw: bad input is told at once
 if TYPE_CHECKING:
     from splatgl.comparison.compare import Picture
-    from splatgl.gl.large_volumes import Level
-    from splatgl.gl.renderer import Renderer
-    from splatgl.splat.camera import Camera
-    from splatgl.splat.splats import Splats
 
-# most labels that a picture stores: some 16 kB of text
-LABELS = 512
-# delay of the progress bar in seconds
-PATIENCE = 1.0
+
+# what draws and compares is imported once there is something to draw: bad input is told at once
 
 
 EXAMPLES = """examples:
   splatgl render head.nii.gz -o head.png
   splatgl render head.nii.gz --preset ct-bone --azimuth 60 --size 800x600 --background black
   splatgl render head_128x256x256_uint8.raw --window -160,240 --blend xray -o sums.npy"""
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """How this process draws, as the options of `splatgl render` say. kept: by the renderer that calls share."""
-
-    backend: str = "auto"
-    device: int | None = None
-    gpu: bool = False
-    kept: bool = False
-    memory: int | None = None
-    check: int | None = None
-    field: bool = False
-    explain: bool = False
-    savings: bool = False
-    quiet: bool = True
-
-    @classmethod
-    def of(cls, args: argparse.Namespace) -> Drawing:
-        """The options of a command."""
-        return cls(**{each.name: getattr(args, each.name) for each in fields(cls) if each.name != "kept"})
-
-    @contextmanager
-    def renderer(self) -> Iterator[Renderer]:
-        """A renderer for one picture."""
-        from splatgl.app.kept import kept_renderer
-        from splatgl.gl.renderer import Renderer
-
-        opened = kept_renderer() if self.kept else Renderer(self.backend, self.device, self.gpu)
-        with opened as renderer:
-            yield renderer
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
@@ -166,24 +120,6 @@ def run(args: argparse.Namespace) -> int:
     return ended
 
 
-def draw(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
-    """The image, drawn by this process."""
-    if is_layered(scene, volume):
-        return draw_layers(how, scene, volume, transfer)
-    check_masked(scene.volume, volume, transfer)
-    camera, told = None, dict[str, object]()
-    if volume.coarser:
-        camera, chosen = _level(how, scene, volume, transfer)
-        volume, transfer, told = chosen.volume, chosen.transfer, chosen.info
-    image = _in_bricks(how, scene, volume, transfer, camera)
-    if image is None:
-        splats = scene.splats(volume, transfer, None if how.quiet else _bar)
-        if not len(splats):
-            raise nothing(scene, volume)
-        image = drawn(how, scene, splats, camera or scene.view.camera(volume, splats))
-    return Image(image.pixels, {**image.info, **told})
-
-
 def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
     """The image, drawn in parts by workers of Dask."""
     from splatgl.app.worker_options import drawing_of
@@ -226,128 +162,3 @@ def _reference(name: str, output: Path) -> Picture:
     found = read(name)
     check_apart(output, Path(name))
     return found
-
-
-def _level(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> tuple[Camera, Level]:
-    """The camera, and the level of a multiscale image that it takes."""
-    from splatgl.gl.large_volumes import just_finer, level_for
-    from splatgl.splat.opaque_bounds import Opaque
-
-    camera = scene.view.camera(volume, Opaque(volume, transfer))
-    if just_finer(volume, camera) == 0:
-        return camera, level_for(volume, transfer, camera, scene.settings)
-    with how.renderer() as renderer:
-        found = level_for(volume, transfer, camera, scene.settings, renderer)
-    if not how.quiet:
-        print(found)
-    return camera, found
-
-
-def _in_bricks(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer, camera: Camera | None) -> Image | None:
-    """The image, drawn brick by brick, if it needs more than --memory; else None."""
-    from splatgl.fileio import budget
-    from splatgl.splat.bricks import bricks_of, fits
-    from splatgl.splat.opaque_bounds import Opaque
-
-    bricks = None if scene.threshold else bricks_of(volume, transfer, scene.settings)
-    if bricks is None:
-        return None
-    most = budget() if how.memory is None else how.memory
-    need = fits(bricks, scene.view.size, most)
-    if need is None:
-        return None
-    for name in ("check", "field", "savings"):
-        if getattr(how, name):
-            fix = "give more --memory, or a part of the volume"
-            raise expected(f"--{name}", f"a picture that fits into {size_of(most)}", size_of(need.bytes), fix)
-    if not how.quiet:
-        told = f"{need}, together more than {size_of(most)}"
-        if need.bytes <= most:
-            told = f"up to about {need.most:,} splats are more than are drawn at once"
-        print(f"{told}: drawn in {len(bricks.low):,} bricks, nearest first")
-
-    camera = camera or scene.view.camera(volume, Opaque(volume, transfer))
-    with how.renderer() as renderer, _work_bar(how.quiet, "brick") as bar:
-        if how.explain:
-            print(renderer.plan(bricks.whole, camera, scene.settings).explain())
-        image = renderer.render_bricks(bricks, camera, scene.settings, bar, bands=need.bands(most))
-    if not image.info["splats"]:
-        raise nothing(scene, volume)
-    if how.check is None:
-        from splatgl.reference.check import check_bricks
-
-        image = check_bricks(image, bricks, camera, scene.settings)
-    return image
-
-
-def drawn(how: Drawing, scene: Scene, splats: Splats, camera: Camera) -> Image:
-    """The image, checked; prints what --explain and --savings ask for."""
-    from splatgl.app.savings import savings
-    from splatgl.reference.check import check, refuse
-
-    refuse(splats, camera, scene.settings, how.check, how.field)
-    with how.renderer() as renderer:
-        if how.explain:
-            print(renderer.plan(splats, camera, scene.settings).explain())
-        image = renderer.render(splats, camera, scene.settings)
-        if how.check is not None or how.field or image.info["error_bound"] is None:
-            image = check(image, splats, camera, scene.settings, how.check, how.field)
-        if how.explain:
-            print(f"{accuracy(image)}, against the float64 reference of the same splats")
-        if how.savings:
-            print("\n".join(savings(renderer, splats, camera, renderer.plan(splats, camera, scene.settings))))
-    return image
-
-
-def origin(scene: Scene, transfer: Transfer) -> dict[str, object]:
-    """Provenance stored in an image; of very many labels only how many, as readers of PNG limit texts."""
-    few = len(transfer.labels) <= LABELS
-    return {
-        "version": __version__,
-        "source": Path(scene.volume).name,
-        "threshold": scene.threshold,
-        "transfer": transfer.to_toml() if few else f"# {len(transfer.labels):,} labels in colours of their numbers",
-    }
-
-
-def nothing(scene: Scene, volume: Volume) -> InputError:
-    """The error for a scene without splats, with the reason."""
-    if not any(np.isfinite(slab.samples).any() for slab in volume.slabs(1, halo=0)):
-        return expected(scene.volume, "finite samples", "none")
-    return expected(
-        scene.volume,
-        f"voxels with an opacity above the threshold {scene.threshold:g}",
-        "none",
-        "lower --threshold, or set --points to the values that matter",
-    )
-
-
-def _bar(parts: Iterator[Any], count: int) -> Iterator[Any]:
-    """Progress bar over parts of a volume, if tqdm is installed and stderr is a terminal."""
-    if not sys.stderr.isatty():
-        return parts
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        return parts
-    return iter(tqdm(parts, "extracting", total=count, unit="part", delay=PATIENCE, leave=False))
-
-
-@contextmanager
-def _work_bar(quiet: bool, unit: str) -> Iterator[Callable[[int, int], None] | None]:
-    """What is told of units that are done: a progress bar, if tqdm is installed and stderr is a terminal."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        yield None
-        return
-    with tqdm(desc="drawing", unit=unit, delay=PATIENCE, leave=False) as bar:
-
-        def done(count: int, total: int) -> None:
-            bar.total = total
-            bar.update(count - bar.n)
-
-        yield done

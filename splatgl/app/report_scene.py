@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.app.scene import Scene
 from splatgl.data.scenes import FORMULAS
 from splatgl.data.volume import Volume, coarser
 from splatgl.errors import expected
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.extract import extract
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer

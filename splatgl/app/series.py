@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
-from splatgl.app.scene import Scene
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.scene.scene_file import Scene
 
 T = TypeVar("T")
 WILDCARDS = re.compile(r"[*?\[]")

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from splatgl.app.picture import is_splats, picture, scene_of
-from splatgl.app.scene import Scene
 from splatgl.data.image import Image
+from splatgl.scene.api import is_splats, picture, scene_of
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 

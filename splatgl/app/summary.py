@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from splatgl.app.scene import Scene
-from splatgl.app.viewpoint import FOV
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.image import Image
 from splatgl.data.image_files import JPEG
 from splatgl.data.volume import Volume
-from splatgl.splat.settings import BLENDS
+from splatgl.scene.draw import compared
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import FOV
 from splatgl.splat.transfer import Transfer
 
 SHOWN = 3
@@ -103,39 +103,8 @@ def _error(image: Image) -> str:
     info = image.info
     error, checked = info["error_bound"], info.get("checked")
     if isinstance(checked, dict):
-        return _compared(image).replace("\n", "; ")
+        return compared(image).replace("\n", "; ")
     if not isinstance(error, float):
         return "its error is not known"
     met = "within" if info["tolerance_met"] else "above"
     return f"error at most {error:.2g}, {met} the tolerance {info['tolerance']:.3g}"
-
-
-def accuracy(image: Image) -> str:
-    """Text of the error bound and whether it meets the tolerance, and of what was compared."""
-    info = image.info
-    error, tolerance = info["error_bound"], info["tolerance"]
-    known = f"error bound {error:.3g}" if isinstance(error, float) else "no error bound"
-    missed = "not " if isinstance(error, float) else "not known to be "
-    told = f"{known}: the tolerance {tolerance:.3g} is {'' if info['tolerance_met'] else missed}met"
-    return f"{told}\n{_compared(image)}" if isinstance(info.get("checked"), dict) else told
-
-
-def _compared(image: Image) -> str:
-    """How far the compared pixels are off, and off the field, in a line each."""
-    info = image.info
-    checked = info["checked"]
-    assert isinstance(checked, dict)
-    # sums have no largest value of their own
-    of = f" of {image.pixels.max():.3g}" if BLENDS[str(info["blend"])].unbounded else ""
-    every = image.pixels.shape[0] * image.pixels.shape[1]
-    told = f"off by up to {checked['largest']:.2g}{of}, RMSE {checked['rmse']:.2g}, in {checked['pixels']} of {every} "
-    told += "pixels drawn in float64"
-    if info.get("level"):
-        told += f", of level {info['level']}'s voxels"
-    if int(checked["pixels"]) < every:
-        told += "; the others were not compared"
-    field = checked.get("field")
-    if field is None:
-        return told
-    far = f"off the field itself by up to {field['largest']:.2g}{of}, RMSE {field['rmse']:.2g}"
-    return f"{told}\n{far}, in {field['pixels']} of these pixels"

@@ -21,10 +21,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from splatgl.app.viewpoint import VIEW_COUNTS, View, typed
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import load_table
+from splatgl.scene.view import VIEW_COUNTS, View, typed
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.motion import Motion
 

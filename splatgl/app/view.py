@@ -20,9 +20,9 @@ from splatgl.errors import InputError, expected
 from splatgl.fileio import check_folder
 
 if TYPE_CHECKING:
-    from splatgl.app.scene import Scene
     from splatgl.app.viewer.files import Files, Reopen
     from splatgl.app.viewer.viewer import Options
+    from splatgl.scene.scene_file import Scene
 
 # seconds in which most mistakes in what is asked for are found, before a window is opened
 AT_ONCE = 0.1

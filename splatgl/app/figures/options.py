@@ -12,14 +12,14 @@ from splatgl import __version__
 from splatgl.annotations.contact_sheet import encoded
 from splatgl.app.figures.metrics import SHUTTER, numbers
 from splatgl.app.figures.render import PICTURES, Motioned, PictureFigure, Shown, by_moments, picture
-from splatgl.app.options import size
-from splatgl.app.render import Drawing
-from splatgl.app.scene import Scene
 from splatgl.app.track import Turning
-from splatgl.app.viewpoint import View
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source, write_whole
+from splatgl.scene.draw import Drawing
+from splatgl.scene.parse import size
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import View
 from splatgl.splat.camera import Camera
 from splatgl.splat.motion import Draw, moments
 from splatgl.splat.motion_blur import MOTIONS

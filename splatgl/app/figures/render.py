@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from splatgl.annotations.contact_sheet import Panel, sheet
-from splatgl.app.scene import Scene
 from splatgl.app.track import Turning, turning
-from splatgl.app.viewpoint import View
 from splatgl.data.volume import Volume
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import View
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.motion import Draw, Moments

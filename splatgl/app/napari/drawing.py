@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.app.kept import kept_renderer
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.scene.shared_renderer import kept_renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
 from splatgl.splat.colormaps import SOLID, labels_of, of_colors

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.data.scenes import SCENES
 from splatgl.errors import Choice, InputError
 from splatgl.readers import listed, load
 from splatgl.readers.remote import is_address
+from splatgl.scene.scene_file import Scene
 
 # options of `load` that pick one of what a file holds
 PICKING = ("array", "channel")

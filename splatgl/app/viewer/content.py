@@ -9,18 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.app.layered import is_layered
-from splatgl.app.meshes import MeshFile
-from splatgl.app.output import tell
-from splatgl.app.scene import Scene
 from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.portion import Portion, portion
 from splatgl.app.viewer.pose import Pose
-from splatgl.app.viewpoint import FOV, View
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume, coarser
 from splatgl.errors import expected
+from splatgl.scene.draw import is_layered, tell
+from splatgl.scene.meshes import MeshFile
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import FOV, View
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.culling import skinned
 from splatgl.splat.extract import Progress, extract, only_pre

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from splatgl.app.meshes import MeshFile, is_mesh
-from splatgl.app.scene import Scene
 from splatgl.app.series import by_numbers, time_points
 from splatgl.app.viewer.choices import Pick, opened
 from splatgl.app.viewer.content import Content
@@ -19,6 +17,8 @@ from splatgl.app.viewer.watch import Watch
 from splatgl.data.mesh import Mesh
 from splatgl.data.scenes import SCENES
 from splatgl.readers.remote import is_address
+from splatgl.scene.meshes import MeshFile, is_mesh
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.settings import Settings
 
 if TYPE_CHECKING:

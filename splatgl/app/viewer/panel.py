@@ -7,12 +7,12 @@ from dataclasses import replace
 from imgui_bundle import imgui
 
 from splatgl.annotations.text import plain
-from splatgl.app.meshes import is_mesh
 from splatgl.app.viewer import curve, hud, panel_cuts, panel_files, panel_parts, panel_slices, panel_view
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.hud import Frame
 from splatgl.app.viewer.panel_curve import Curve
 from splatgl.app.viewer.state import BLURS, HIGHEST, State, refusal, thresholded
+from splatgl.scene.meshes import is_mesh
 from splatgl.splat.colormaps import CORE
 from splatgl.splat.presets import PRESETS, preset
 from splatgl.splat.settings import choices

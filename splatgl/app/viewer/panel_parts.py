@@ -8,11 +8,11 @@ import numpy as np
 from imgui_bundle import imgui
 
 from splatgl.annotations.text import plain
-from splatgl.app.meshes import MeshFile, is_mesh
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.state import State
 from splatgl.data.color import srgb_from_linear
+from splatgl.scene.meshes import MeshFile, is_mesh
 from splatgl.splat.colormaps import colormap
 
 # shares of the panel's width

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.app.meshes import MeshFile
 from splatgl.data.mesh import Mesh
+from splatgl.scene.meshes import MeshFile
 from splatgl.splat.transfer import OPAQUE, Transfer
 
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.app.viewer.sight import Place
-from splatgl.app.viewpoint import View
 from splatgl.data.volume import Triple
+from splatgl.scene.view import View
 from splatgl.splat.camera import Camera
 
 # minimum pivot depth as a fraction of the scene's radius, so that zooming can pass through the pivot

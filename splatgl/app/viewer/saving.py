@@ -10,16 +10,15 @@ from dataclasses import replace
 from pathlib import Path
 
 from splatgl.annotations.annotate import LEAST_SIDE
-from splatgl.app.annotations.request import lay
-from splatgl.app.meshes import MeshFile, surfaces_of
-from splatgl.app.render import origin
-from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.state import State
 from splatgl.data.image import Image
 from splatgl.errors import TOLD, expected, told
 from splatgl.fileio import overwrites, write_whole
+from splatgl.scene.draw import lay, origin
+from splatgl.scene.meshes import MeshFile, surfaces_of
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.camera import Camera
 from splatgl.splat.scene import Scene as Layers
 from splatgl.splat.settings import BLENDS, Settings

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from splatgl.app.meshes import MeshFile
 from splatgl.app.viewer import cutting, legend, measuring, moves, slices
 from splatgl.app.viewer.choices import Pick
 from splatgl.app.viewer.content import Content
@@ -17,6 +16,7 @@ from splatgl.app.viewer.parts import Look
 from splatgl.app.viewer.pose import Pose
 from splatgl.app.viewer.slices import Slices
 from splatgl.errors import InputError
+from splatgl.scene.meshes import MeshFile
 from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.plan import plan
 from splatgl.splat.settings import BLENDS, Settings, choices

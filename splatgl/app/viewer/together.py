@@ -8,16 +8,15 @@ from functools import cached_property
 
 import numpy as np
 
-from splatgl.app.layered import of_channels
-from splatgl.app.meshes import MeshFile, surfaces_of
-from splatgl.app.output import tell
-from splatgl.app.scene import Scene
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.pacing import STRIDES
 from splatgl.app.viewer.parts import Look, bare, dressed, read
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.scene.draw import of_channels, tell
+from splatgl.scene.meshes import MeshFile, surfaces_of
+from splatgl.scene.scene_file import Scene
 from splatgl.splat.camera import Bounded
 from splatgl.splat.clipping import Plane
 from splatgl.splat.extract import Progress

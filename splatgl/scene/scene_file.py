@@ -1,4 +1,4 @@
-"""A scene: source, reader options, camera, transfer function and settings; from options or a scene.toml.
+"""SceneFile: scene.toml.
 
 volume = "head.nii.gz"          # beside the scene file, or the name of a built-in scene
 threshold = 0.0
@@ -16,19 +16,14 @@ surfaces = 0.5                  # segmentations as surfaces, smoothed by that
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl.annotations.annotate import check
-from splatgl.app.masks import mask_anywhere, mask_moved, mask_table
-from splatgl.app.meshes import HeldMesh, MeshFile, is_mesh, stage
-from splatgl.app.stacks import seen_along_z
-from splatgl.app.vectors import FAINT, Vectors
-from splatgl.app.viewpoint import Fitted, View, typed
-from splatgl.data.mask import named
+from splatgl.data.mask import OUTSIDE, named
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
@@ -36,6 +31,8 @@ from splatgl.fileio import load_table, toml_value
 from splatgl.readers import load
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
+from splatgl.scene.meshes import FAINT, HeldMesh, MeshFile, Vectors, is_mesh, stage
+from splatgl.scene.view import Fitted, View, seen_along_z, typed
 from splatgl.splat.colormaps import whole
 from splatgl.splat.label_detection import MASK, decided
 from splatgl.splat.presets import default_transfer, label_transfer, logarithmic, preset, preset_named
@@ -43,11 +40,46 @@ from splatgl.splat.segment_surfaces import strength_of
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
-# extraction and cameras are imported once there is a volume: bad input is told at once
 if TYPE_CHECKING:
     from splatgl.data.mesh import Mesh
     from splatgl.splat.extract import Progress
     from splatgl.splat.splats import Splats
+
+
+def mask_table(folder: Path, what: str, given: Any) -> tuple[str, ...] | None:
+    """The masks of a scene file in a folder. Raises InputError for what is neither text nor a list of it."""
+    if given is None:
+        return None
+    every = given if isinstance(given, list) else [given] if given else []
+    if not all(isinstance(each, str) and each for each in every):
+        raise expected(f"{what}: mask", "FILE[:N,N…][:outside], or several, each in quotes", repr(given)[:80])
+    return tuple(each if is_address(each) else mask_moved(each, lambda file: str(folder / file)) for each in every)
+
+
+def mask_anywhere(mask: Any) -> Any:
+    """A mask by its absolute path; one in memory, or at an address, as it is."""
+    if not isinstance(mask, str) or is_address(mask):
+        return mask
+    return mask_moved(mask, lambda file: str(Path(file).resolve()))
+
+
+def mask_moved(mask: str, moved: Callable[[str], str]) -> str:
+    """A mask whose file's name is replaced by what `moved` makes of it."""
+    file, labels, outside = named(mask)
+    told = [moved(file), ",".join(map(str, labels)), OUTSIDE * outside]
+    return ":".join(part for part in told if part)
+
+
+def check_masked(source: str, volume: Volume, transfer: Transfer) -> None:
+    """InputError for masks that keep nothing that can be seen."""
+    from splatgl.splat.opaque_bounds import Opaque
+
+    if volume.masks and Opaque(volume, transfer).nothing:
+        fix = "set the points to the values that matter, or take another mask"
+        raise expected(source, "voxels with an opacity that its masks keep", "none", fix)
+
+
+# extraction and cameras are imported once there is a volume: bad input is told at once
 
 # the types of a scene file's keys
 KEYS: dict[str, tuple[type, ...]] = {

@@ -1,21 +1,111 @@
-"""A view of a volume by angles, or from an eye; what is not given comes from the data."""
+"""Camera from angles, stacks, background."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+import argparse
+from dataclasses import dataclass, fields, replace
 from math import inf
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.app.stacks import FLAT
+from splatgl.data.image import Image
 from splatgl.data.volume import Hints, Triple, Volume
 from splatgl.errors import expected
+from splatgl.scene.parse import AUTO, CLEAR, Color
+from splatgl.splat.presets import is_microscopy
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.transfer import Transfer
 
-# cameras are imported once there is a volume: bad input is told at once
 if TYPE_CHECKING:
+    from splatgl.scene.scene_file import Scene
     from splatgl.splat.camera import Bounded, Camera
     from splatgl.splat.splats import Splats
+
+
+BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+# files that are computed with: they keep alpha, unless a colour is asked for
+DATA = (".npy", ".exr")
+
+
+def suited(transfer: Transfer, settings: Settings) -> Color:
+    """Black behind what glows and behind values along rays, white behind shaded surfaces."""
+    surfaces = settings.shading == "on" or (settings.shading == "auto" and transfer.shading)
+    return WHITE if surfaces and settings.blend == "composite" else BLACK
+
+
+def as_drawn(volume: Volume, transfer: Transfer) -> Transfer:
+    """The transfer function with the shading that is drawn: several channels glow."""
+    return replace(transfer, shading=False) if len(volume.channels) > 1 else transfer
+
+
+def backed(
+    args: argparse.Namespace, scene: Scene, transfer: Transfer, output: Path, reference: Image | None = None
+) -> Scene:
+    """The scene with the background of its picture: what is asked for, else the reference's, else one that suits."""
+    return replace(scene, settings=grounded(scene.settings, ground_of(args, scene, reference), transfer, output))
+
+
+def ground_of(args: argparse.Namespace, scene: Scene, reference: Image | None = None) -> Color | str | None:
+    """The background that is asked for, else the reference's, else AUTO; None where a scene.toml or a version says all
+    there is to say.
+    """
+    if args.background is not None:
+        found: Color | str = args.background
+        return found
+    if args.source.endswith(".toml") or "background" in scene.settings.given or args.like or args.paper:
+        return None
+    if reference is None:
+        return AUTO
+    match reference.info.get("background"):
+        case [float() | int() as red, float() | int() as green, float() | int() as blue]:
+            return float(red), float(green), float(blue)
+    return CLEAR
+
+
+def grounded(settings: Settings, asked: Color | str | None, transfer: Transfer, output: Path | None = None) -> Settings:
+    """The settings with the background that is asked for. AUTO: one that suits, in a picture of light; none in DATA.
+
+    output: the file that is written, if any.
+    """
+    if asked is None:
+        return settings
+    if asked == AUTO:
+        data = (output is not None and output.suffix.lower() in DATA) or BLENDS[settings.blend].unbounded
+        return settings.but(background=None if data else suited(transfer, settings))
+    return settings.but(background=None if asked == CLEAR else asked)
+
+
+# units of length of microscopes
+UNITS = ("um", "µm", "nm", "Å")
+# a stack is flat whose depth is less than this share of its width and height
+FLAT = 0.5
+TOLD = "a flat stack is seen along z, x to the right and y down: --elevation 45 tilts it"
+
+
+def seen_along_z(volume: Volume, told: bool = True) -> Volume:
+    """The volume, a flat stack of a microscope with the view of it: along z, and turning about y. told: with a note."""
+    if not is_flat_stack(volume):
+        return volume
+    hints = replace(volume.hints, azimuth=0.0, elevation=0.0, up=(0.0, -1.0, 0.0))
+    return replace(volume, hints=hints, notes=(*volume.notes, *[TOLD] * told))
+
+
+def is_flat_stack(volume: Volume) -> bool:
+    """Whether it is a plane, or much thinner along z than along x and y, and a microscope's by its file, its unit or
+    its values.
+    """
+    hints = volume.hints
+    placed = any(x is not None for x in (hints.azimuth, hints.elevation, hints.eye, hints.up, hints.points))
+    depth, height, width = ((n - 1) * step for n, step in zip(volume.shape, reversed(volume.spacing), strict=True))
+    if placed or volume.frame is not None or volume.color is not None or depth >= FLAT * min(height, width):
+        return False
+    known = hints.stack or depth == 0 or volume.unit in UNITS
+    return np.allclose(volume.direction, np.eye(3)) and (known or is_microscopy(volume))
+
+
+# cameras are imported once there is a volume: bad input is told at once
 
 # number of components of camera keys; the others have one, and `orthographic` is true or false
 VIEW_COUNTS = {"size": 2, "eye": 3, "look_at": 3, "up": 3}

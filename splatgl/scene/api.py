@@ -1,4 +1,4 @@
-"""`render`: the picture of an array, file, volume or splats in one call, as `splatgl render` draws it."""
+"""Sg.render, sg.show."""
 
 from __future__ import annotations
 
@@ -13,15 +13,6 @@ import numpy as np
 
 from splatgl import __version__
 from splatgl.annotations.annotate import check, check_size, check_time, parsed
-from splatgl.app.annotations.request import lay, unbacked, with_room
-from splatgl.app.backgrounds import AUTO, CLEAR, as_drawn, background, grounded
-from splatgl.app.meshes import MeshFile, clipped
-from splatgl.app.options import BACKGROUNDS, size
-from splatgl.app.plotted import is_scene, picture_of
-from splatgl.app.render import Drawing, draw, drawn, origin
-from splatgl.app.scene import Scene
-from splatgl.app.vectors import asked_vectors
-from splatgl.app.viewpoint import View, typed
 from splatgl.data.arrays import ArrayOptions
 from splatgl.data.image import Image
 from splatgl.data.mesh import Mesh
@@ -31,6 +22,12 @@ from splatgl.errors import expected
 from splatgl.fileio import bytes_of
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
+from splatgl.scene.draw import Drawing, depth_share, depths_of, draw, drawn, lay, origin, unbacked, with_room
+from splatgl.scene.meshes import MeshFile, asked_vectors, clipped
+from splatgl.scene.parse import AUTO, BACKGROUNDS, CLEAR, background, size
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.shared_renderer import kept_renderer
+from splatgl.scene.view import View, as_drawn, grounded, typed
 from splatgl.splat.segment_surfaces import strength_of
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
@@ -38,6 +35,30 @@ from splatgl.splat.transfer import Transfer
 if TYPE_CHECKING:
     from splatgl.splat.camera import Bounded, Camera
     from splatgl.splat.splats import Splats
+
+
+def depth_map(
+    x: Any,
+    transfer: Transfer | str | Mapping[str, Any] | None = None,
+    camera: Camera | None = None,
+    settings: Settings | None = None,
+    at: float | str | None = None,
+    **options: Any,
+) -> np.ndarray:
+    """Eye-space depths float64 [H, W] of the picture that `render` draws with the same arguments: along the view
+    direction, world units, row 0 on top, of rays through pixel centres; NaN where there is nothing.
+
+    at: where the ray is absorbed by that share, from 0 (where anything is) to below 1; "max" or "min": at the largest
+    or least value; None: ½, or the value that mip and minip show. Needs no OpenGL. Raises InputError as `render`, for
+    splats, and for volumes that are read in parts.
+    """
+    if is_splats(x):
+        raise expected("depths", "a volume, an array or a file", "splats")
+    scene, _ = scene_of(x, transfer, camera, settings, options)
+    volume = scene.open()
+    scene, chosen = scene.cut(volume), scene.transfer_for(volume)
+    return depths_of(scene, volume, chosen, depth_share(at, scene.settings))[0]
+
 
 # the fields of Transfer that are keywords of their own; `unit` is that of an array, and `shading` a setting
 TRANSFER = ("points", "gradient", "colormap", "window", "scale")
@@ -273,3 +294,45 @@ def _transfer(transfer: Any) -> dict[str, Any]:
 def _taken(given: dict[str, Any], *names: str) -> dict[str, Any]:
     """Those options, which are removed."""
     return {name: given.pop(name) for name in names if name in given}
+
+
+# options of the view of layers, and of a plotter's
+ORBIT = ("azimuth", "elevation", "fov", "size", "zoom", "up")
+
+
+def is_scene(x: Any) -> bool:
+    """Whether `x` is a scene of layers, a plotter of PyVista, or a window or renderer of VTK. Imports none of them."""
+    layers = any(base.__module__ == "splatgl.splat.scene" for base in type(x).__mro__)
+    return layers or any(hasattr(getattr(x, "renderer", x), name) for name in ("GetVolumes", "GetRenderers"))
+
+
+def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options: Mapping[str, Any]) -> Image:
+    """The picture of layers, or of what a plotter shows from its camera, on its background.
+
+    Of a plotter info["notes"] lists what it shows beside. camera, settings: instead of the plotter's. options: fields
+    of Settings, and of the view: of a plotter the size.
+    """
+    from splatgl.splat.camera import Camera
+    from splatgl.splat.scene import Scene
+
+    layers = isinstance(x, Scene)
+    drawing = {f.name: options[f.name] for f in fields(Settings) if f.name in options}
+    viewing = {name: value for name, value in options.items() if name not in drawing}
+    known = () if camera is not None else ORBIT if layers else ("size",)
+    for name in viewing:
+        if name not in known:
+            what = f"fields of Settings{', ' if known else ''}{', '.join(known)}"
+            raise expected("options", what, name, "a scene has its transfer functions" if layers else "")
+    if "size" in viewing and isinstance(viewing["size"], str | int):
+        viewing["size"] = size(str(viewing["size"]))
+    scene = x if layers else Scene.of(x)
+    view = camera or (Camera.orbit(scene, **{"azimuth": 30.0, "elevation": 20.0, **viewing}) if layers else None)
+    view = view or Camera.of(x, viewing.get("size"))
+    how = settings or (Settings() if layers else Settings.of(x))
+    with kept_renderer() as renderer:
+        image = renderer.render(scene, view, how.but(**drawing))
+    if layers:
+        return image
+    from splatgl.splat.plotters.scenes import left_out
+
+    return Image(image.pixels, {**image.info, "notes": tuple(left_out(x))})

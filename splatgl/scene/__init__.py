@@ -1,0 +1,1 @@
+"""Scenes from files, arguments and keywords, and the pictures of them."""
