@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.animation.camera_track import Swept, turning
 from splatgl.annotations.axes import letters
-from splatgl.app.track import Swept, turning
 from splatgl.scene.view import View
 from splatgl.splat.opaque_bounds import Opaque
 

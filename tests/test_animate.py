@@ -17,12 +17,11 @@ import pytest
 from test_bricks import noise
 
 import splatgl as sg
-from splatgl.app import animation
+from splatgl.animation import animation
+from splatgl.animation.animation import Frames, scaled
+from splatgl.animation.camera_track import Swept, between, keyframes, turning
+from splatgl.animation.movie import read_ahead, volumes
 from splatgl.app.cli import main
-from splatgl.app.frame_work import scaled
-from splatgl.app.frames import Frames
-from splatgl.app.series import read_ahead, volumes
-from splatgl.app.track import Swept, between, keyframes, turning
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.view import View
 

@@ -7,7 +7,7 @@ import pytest
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.app.track import turning
+from splatgl.animation.camera_track import turning
 from splatgl.scene.view import View
 from splatgl.truth.flicker import flicker, popping, strip
 

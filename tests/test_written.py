@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.frames import Frames
-from splatgl.app.movie import write_movie
+from splatgl.animation.animation import Frames
+from splatgl.animation.movie import write_movie
 from splatgl.errors import InputError
 from splatgl.fileio import replaced, shortened, write_whole
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from splatgl.app.animation import FRAMES, FULL_TURN, Animation
-from splatgl.app.frames import Frames
+from splatgl.animation.animation import FRAMES, FULL_TURN, Animation, Frames, draw_frames
+from splatgl.animation.movie import need, write_movie
 from splatgl.app.layered import add_layers
-from splatgl.app.movie import need, write_movie
-from splatgl.app.on_workers import draw_frames
 from splatgl.app.options import add_drawing, add_source, scene_from
 from splatgl.app.worker_options import add_workers, asked, drawing_of
 from splatgl.errors import expected

@@ -9,10 +9,10 @@ from textwrap import fill
 from typing import TYPE_CHECKING
 
 from splatgl import __version__
+from splatgl.animation.camera_track import Turning
 from splatgl.annotations.contact_sheet import encoded
 from splatgl.app.figures.metrics import SHUTTER, numbers
 from splatgl.app.figures.render import PICTURES, Motioned, PictureFigure, Shown, by_moments, picture
-from splatgl.app.track import Turning
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source, write_whole

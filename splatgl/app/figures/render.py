@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
+from splatgl.animation.camera_track import Turning, turning
 from splatgl.annotations.contact_sheet import Panel, sheet
-from splatgl.app.track import Turning, turning
 from splatgl.data.volume import Volume
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.view import View

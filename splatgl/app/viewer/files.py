@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from splatgl.app.series import by_numbers, time_points
+from splatgl.animation.movie import by_numbers, time_points
 from splatgl.app.viewer.choices import Pick, opened
 from splatgl.app.viewer.content import Content
 from splatgl.app.viewer.jobs import Jobs

@@ -1,44 +1,64 @@
-"""An animation: its volumes, camera track and frames, and rendering them in sequence."""
+"""Animation: frames, resume, Dask."""
 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
 from pathlib import Path
+from string import Formatter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from splatgl.animation.camera_track import Track, Turning, keyframes, turning
+from splatgl.animation.movie import read_ahead, time_points, volumes
+from splatgl.annotations.annotate import annotated, on_ground
 from splatgl.annotations.canvas import Scale, Subject
-from splatgl.app.frame_work import FrameView, Matter, Over, Work
-from splatgl.app.frames import Frames, mark_of
-from splatgl.app.series import read_ahead, time_points, volumes
-from splatgl.app.track import Track, Turning, keyframes, turning
+from splatgl.data.image import Image
+from splatgl.distributed.worker import Drawing, kept, renderer
 from splatgl.errors import expected
-from splatgl.fileio import budget, size_of
-from splatgl.scene.draw import PATIENCE, check_fits, is_layered, layered, nothing, of_movie, room, tell
+from splatgl.fileio import budget, check_output, shortened, size_of, write_whole
+from splatgl.scene.draw import (
+    PATIENCE,
+    at_time,
+    check_fits,
+    is_layered,
+    layered,
+    nothing,
+    of_movie,
+    origin,
+    room,
+    tell,
+    unbacked,
+)
 from splatgl.scene.meshes import is_mesh
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.view import backed
-from splatgl.splat.bricks import bricks_of, fits
+from splatgl.splat.bricks import Bricks, bricks_of, fits, required_bricks
 from splatgl.splat.camera import Bounded, Camera
-from splatgl.splat.motion import moments
+from splatgl.splat.motion import Motion, flow_of, moments
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.ordering import order_for
 from splatgl.splat.resolve import blur, streaked
 from splatgl.splat.scene import Scene as Layers
-from splatgl.splat.settings import BLENDS
+from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
+    from distributed import Client
+
     from splatgl.data.volume import Volume
     from splatgl.gl.renderer import Renderer
+
 
 FULL_TURN = 360.0
 # default number of frames per turn
@@ -283,3 +303,246 @@ def _bands(volume: Volume, transfer: Transfer, scene: Scene, flow: float | None)
         fix = "leave the flow and the motion out, or choose a coarser --level"
         raise expected(scene.volume, f"a volume that fits into {size_of(most)}", size_of(wanted.bytes), fix)
     return wanted.bands(most)
+
+
+# room above the brightest of some X-rays
+HEADROOM = 1.05
+
+# splats, a volume in bricks, or layers, and velocities under flow
+Matter = tuple[Splats | Bricks | Layers, np.ndarray | None]
+
+
+@dataclass(frozen=True, eq=False)
+class FrameView:
+    """A frame's number, that of its volume, its camera, and the motion since the frame before."""
+
+    frame: int
+    volume: int
+    camera: Camera
+    motion: Motion
+
+
+@dataclass(frozen=True, eq=False)
+class Over:
+    """What is laid over each frame: annotations, what they need to know, and seconds between two time points."""
+
+    names: tuple[str, ...]
+    subject: Subject
+    step: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """scenes: one per volume. settings: with the moments of all frames. flow: displacement along the volume's vectors
+    per frame. top: common scale of X-ray frames. bands: of rows, in which a volume is drawn in bricks; 0: whole. It
+    holds no splats: they are extracted where they are drawn. over: annotations.
+    """
+
+    scenes: list[Scene]
+    transfer: Transfer
+    settings: Settings
+    frames: Frames
+    flow: float | None
+    bits: int
+    top: float | None = None
+    bands: int = 0
+    over: Over | None = None
+
+    def matter(self, number: int) -> Matter:
+        """The splats of one volume, and their velocities."""
+        scene = self.scenes[number]
+        volume = scene.open()
+        if self.bands:
+            return required_bricks(volume, self.transfer, self.settings), None
+        if is_layered(scene, volume):
+            return layered(scene, volume, self.transfer), None
+        splats = scene.splats(volume, self.transfer, moving=scene.settings.shutter > 0)
+        return splats, None if self.flow is None else flow_of(splats, volume, self.flow)
+
+    def frame(self, renderer: Renderer, matter: Matter, view: FrameView) -> bytes:
+        """A frame's file, with motion blur as the settings say."""
+        subject, flow = matter
+        settings = unbacked(self.settings, self.over.names if self.over else ())
+        if isinstance(subject, Bricks):
+            from splatgl.gl.large_volumes import moving_bricks
+
+            image = moving_bricks(renderer, subject, view.camera, settings, view.motion, self.bands)
+        else:
+            motion = view.motion if flow is None else replace(view.motion, flow=flow)
+            image = renderer.render(subject, view.camera, _settings(subject, settings), motion)
+        if self.top is not None and self.frames.path(view.frame).suffix.lower() == ".png":
+            image = scaled(image, self.top)
+        scene = self.scenes[view.volume]
+        image = Image(image.pixels, {**image.info, **origin(scene, self.transfer)})
+        if self.over is not None:
+            names = at_time(self.over.names, scene, view.volume, self.over.step)
+            backdrop = self.settings.background
+            image = annotated(image, self.over.subject, self.transfer, view.camera, names, backdrop, steady=True)
+            image = on_ground(image, backdrop)
+        ground = self.settings.background if BLENDS[self.settings.blend].unbounded else None
+        return self.frames.encoded(view.frame, image, self.bits, ground)
+
+    def brightest(
+        self, renderer: Renderer, probes: Sequence[tuple[int, Camera]], read: Callable[[int], Matter]
+    ) -> float:
+        """Common scale of all X-ray frames, from still pictures of those volumes, which `read` gives, and cameras."""
+        top, still, latest = 0.0, self.scenes[0].settings, -1
+        for number, camera in probes:
+            if number != latest:
+                (subject, _), latest = read(number), number
+            if isinstance(subject, Bricks):
+                image = renderer.render_bricks(subject, camera, still, bands=self.bands)
+            else:
+                image = renderer.render(subject, camera, _settings(subject, still))
+            top = max(top, float(image.pixels.max()))
+        return top * HEADROOM or 1.0
+
+
+def _settings(subject: Splats | Layers, settings: Settings) -> Settings:
+    """The settings of a picture: layers have their planes themselves."""
+    return settings.but(clip=()) if isinstance(subject, Layers) else settings
+
+
+def scaled(image: Image, top: float) -> Image:
+    """An X-ray scaled for display, so that saving does not normalize it by its own maximum."""
+    info = {**image.info, "blend": "xray over scale", "scale": 1 / top}
+    if isinstance(error := info.get("error_bound"), float):
+        info["error_bound"] = error / top
+    return Image(image.pixels / np.float32(top), info)
+
+
+MOVIES = (".mp4", ".webm", ".gif")
+PICTURES = (".png", ".npy")
+# hexadecimal digits of the digest that identifies an animation
+DIGITS = 16
+# format of a frame number: a number of digits, or none
+DIGITED = re.compile("(0?[1-9][0-9]?)?d?")
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Output paths. template: a path with {frame}; mark: the animation's digest, stored in each PNG's text.
+
+    movie: the movie file to write, or None.
+    """
+
+    template: str
+    mark: str
+    movie: Path | None = None
+
+    @classmethod
+    def at(cls, output: str, mark: str) -> Frames:
+        """For an --output: a template, or a movie name, whose frames are stored in a folder beside it.
+
+        Raises InputError for any other name, and if the frames cannot be written. Their folder is made with the first.
+        """
+        path = Path(output)
+        if path.suffix.lower() in MOVIES:
+            check_output(path, MOVIES)
+            folder = path.with_name(f"{shortened(path.name)}.frames")
+            frames = cls(str(folder / "{frame:06d}.png"), mark, path)
+        else:
+            _check_template(output)
+            folder = path.parent
+            frames = cls(output, mark)
+        if "{" in str(folder):
+            raise expected(output, "{ } in the file's name alone", "some in a folder's or a movie's name")
+        check_output(frames.path(0), PICTURES)
+        return frames
+
+    def path(self, frame: int) -> Path:
+        """The file of frame number `frame`."""
+        return Path(self.template.format(frame=frame))
+
+    def encoded(self, frame: int, image: Image, bits: int, ground: tuple[float, float, float] | None) -> bytes:
+        """The frame's file, with the animation's mark."""
+        info = {**image.info, "frame": frame, "animation": self.mark}
+        return Image(image.pixels, info).encoded(self.path(frame), bits, ground)
+
+    def write(self, frame: int, data: bytes) -> None:
+        """Writes a frame's file atomically."""
+        write_whole(self.path(frame), data)
+
+    def done(self, frame: int) -> bool:
+        """Whether the frame exists. InputError if the file belongs to another animation."""
+        path = self.path(frame)
+        if not path.exists():
+            return False
+        if path.suffix.lower() == ".npy":
+            return True
+        if _mark(path) != self.mark:
+            raise expected(path, "a frame of this animation", "another picture", "leave out --resume to draw over it")
+        return True
+
+    def sweep(self, numbers: Sequence[int]) -> None:
+        """Removes temporary files of these frames left by a killed run."""
+        names = {f".{shortened(self.path(n).name)}" for n in numbers}
+        # a temporary file is named .<frame file>.<random letters>
+        for path in self.path(0).parent.glob(".*"):
+            if path.name.rpartition(".")[0] in names and path.is_file():
+                path.unlink(missing_ok=True)
+
+    def clear(self, numbers: Sequence[int]) -> None:
+        """Removes these frames after writing the movie, and their folder if it is empty."""
+        for n in numbers:
+            self.path(n).unlink(missing_ok=True)
+        folder = self.path(0).parent
+        if not any(folder.iterdir()):
+            folder.rmdir()
+
+
+def mark_of(*parts: object) -> str:
+    """A short digest of everything that determines an animation."""
+    return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:DIGITS]
+
+
+def _check_template(text: str) -> None:
+    """InputError for a template that does not name each frame uniquely."""
+    try:
+        fields = [tuple(rest) for _, *rest in Formatter().parse(text) if rest[0] is not None]
+    except ValueError:
+        fields = []
+    if not fields or any(name != "frame" or form or not DIGITED.fullmatch(spec or "") for name, spec, form in fields):
+        fix = "such as frames/{frame:04d}.png, or a name that ends in .mp4, .webm or .gif"
+        raise expected(text, "a name with {frame} in it", "another", fix)
+
+
+def _mark(path: Path) -> str | None:
+    """The mark in a PNG's text; None if there is none."""
+    from PIL import Image as Pillow
+
+    try:
+        with Pillow.open(path) as picture:
+            about = json.loads(getattr(picture, "text", {}).get("splatgl", "{}"))
+    except (OSError, ValueError, SyntaxError):
+        return None
+    return about.get("animation") if isinstance(about, dict) else None
+
+
+def draw_frames(
+    client: Client, animation: Animation, frames: Frames, todo: Sequence[int], drawing: Drawing, quiet: bool
+) -> None:
+    """Draws frames on workers, each of which opens the files itself, and writes them here, whole."""
+    from splatgl.distributed.cluster import spread
+
+    work = animation.work(frames)
+    work = replace(work, scenes=[scene.anywhere() for scene in work.scenes])
+    if animation.unbounded:
+        ((_, top),) = spread(client, _brightest, [("the brightest frame", (work, drawing, animation.probes))])
+        work = replace(work, top=top)
+    items = ((f"frame {n}", (work, drawing, animation.view(n))) for n in todo)
+    with bar(len(todo), quiet) as progress:
+        for _, (frame, data) in spread(client, _frame, items):
+            frames.write(frame, data)
+            progress.update()
+
+
+def _frame(work: Work, drawing: Drawing, view: FrameView) -> tuple[int, bytes]:
+    """On a worker: a frame's number and file."""
+    matter = kept((work.frames.mark, view.volume), lambda: work.matter(view.volume))
+    return view.frame, work.frame(renderer(drawing), matter, view)
+
+
+def _brightest(work: Work, drawing: Drawing, probes: list[tuple[int, Camera]]) -> float:
+    """On a worker: the common scale of X-ray frames."""
+    return work.brightest(renderer(drawing), probes, work.matter)

@@ -1,0 +1,1 @@
+"""Frames and movies of turning volumes, keyframes and series in time."""
