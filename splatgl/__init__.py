@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from splatgl.data.image import Image as Image
     from splatgl.data.mesh import Mesh as Mesh
     from splatgl.data.volume import Volume as Volume
-    from splatgl.distributed.parts import over as over
-    from splatgl.distributed.slabs import render_slabs as render_slabs
+    from splatgl.distributed.render import over as over
+    from splatgl.distributed.render import render_slabs as render_slabs
     from splatgl.errors import InputError as InputError
     from splatgl.gl.renderer import Renderer as Renderer
     from splatgl.gl.target import Interrupted as Interrupted
@@ -89,9 +89,9 @@ _PUBLIC = {
     "pick": "splatgl.reference.pick",
     "plan": "splatgl.splat.plan",
     "preset": "splatgl.splat.presets",
-    "over": "splatgl.distributed.parts",
+    "over": "splatgl.distributed.render",
     "render": "splatgl.scene.api",
-    "render_slabs": "splatgl.distributed.slabs",
+    "render_slabs": "splatgl.distributed.render",
     "register_kernel": "splatgl.splat.kernels",
     "show": "splatgl.app.show",
     "surfaces": "splatgl.splat.segment_surfaces",

@@ -19,8 +19,7 @@ from test_bricks import ALL, PICTURES, RAMP, VIEWS, cameras, noise
 import splatgl as sg
 from splatgl.app.cli import main
 from splatgl.distributed import cluster, connected, worker
-from splatgl.distributed.parts import Part, join, joined
-from splatgl.distributed.slabs import render_slabs
+from splatgl.distributed.render import Part, join, joined, render_slabs
 from splatgl.splat.bricks import Bricks, bricks_of
 from splatgl.splat.settings import Settings
 

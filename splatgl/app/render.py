@@ -124,7 +124,7 @@ def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer
     """The image, drawn in parts by workers of Dask."""
     from splatgl.app.worker_options import drawing_of
     from splatgl.distributed.cluster import connected
-    from splatgl.distributed.slabs import Job, draw_parts
+    from splatgl.distributed.render import Job, draw_parts
     from splatgl.splat.opaque_bounds import Opaque
 
     for name in ("check", "field", "savings", "explain"):

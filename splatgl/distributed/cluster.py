@@ -67,7 +67,7 @@ def connected(
                 threads_per_worker=1,
                 dashboard_address=dask.config.get("splatgl.dashboard", DASHBOARD),
                 silence_logs=logging.CRITICAL,
-                preload=["splatgl.distributed.preload"],
+                preload=["splatgl.distributed.worker_preload"],
             )
             client = stack.enter_context(_client(stack.enter_context(cluster)))
         else:

@@ -233,7 +233,7 @@ def render_slabs(
     progress: Progress | None = None,
     renderer: Renderer | None = None,
 ) -> Image:
-    """`splatgl.distributed.slabs.render_slabs` without workers; renderer: one that is open."""
+    """`splatgl.distributed.render.render_slabs` without workers; renderer: one that is open."""
     settings = settings or Settings()
     volume = source if isinstance(source, Volume) else load(source)
     most = budget() if memory is None else memory
