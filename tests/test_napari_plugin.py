@@ -17,7 +17,8 @@ from test_readers_phantom import F
 
 import splatgl as sg
 from splatgl import readers
-from splatgl.app.napari import drawing, reading
+from splatgl.integrations.napari import draw
+from splatgl.integrations.napari import reader as reading
 
 ROOT = Path(__file__).parents[1]
 MANIFEST = Path(reading.__file__).with_name("napari.yaml")
@@ -89,7 +90,7 @@ def test_the_manifest_is_npe2s() -> None:
     assert reader.filename_patterns == reading.patterns() and reader.accepts_directories
     names = {each.id: str(each.python_name) for each in manifest.contributions.commands}
     assert names[reader.command] == f"{reading.__name__}:{reading.reader_of.__name__}"
-    assert names[widget.command] == "splatgl.app.napari.panel:Panel"
+    assert names[widget.command] == "splatgl.integrations.napari.widget:Panel"
 
 
 def test_the_package_names_the_manifest() -> None:
@@ -197,7 +198,7 @@ def test_the_camera_shows_x_to_the_right_and_y_down(perspective: float, ndisplay
         orientation=(depth, "down", "right"),
         view_direction=(1.0 if depth == "away" else -1.0, 0.0, 0.0),
     )
-    camera, mirrored = drawing.camera_of(seen, BOX)
+    camera, mirrored = draw.camera_of(seen, BOX)
     assert camera.perspective == (perspective > 0 and ndisplay == 3) and camera.size == (64, 48)
     z = 1.0 if ndisplay == 3 else 0.0
     np.testing.assert_allclose(pixel_of(camera, (z, 2.0, 3.0), mirrored), (32, 24), atol=1e-9)
@@ -210,11 +211,11 @@ def test_the_camera_shows_x_to_the_right_and_y_down(perspective: float, ndisplay
 def test_the_order_of_the_axes_is_the_viewers() -> None:
     """Axes (z, y, x) shown as (y, z, x): y away, z down, x right."""
     seen = viewer(order=(1, 0, 2), center=(2.0, 1.0, 3.0))
-    camera, mirrored = drawing.camera_of(seen, BOX)
+    camera, mirrored = draw.camera_of(seen, BOX)
     np.testing.assert_allclose(camera.forward, (0, 1, 0), atol=1e-12)
     np.testing.assert_allclose(pixel_of(camera, (6.0, 2.0, 4.0), mirrored), (34, 34), atol=1e-9)
     with pytest.raises(sg.InputError, match="view: expected the last three axes"):
-        drawing.camera_of(viewer(ndim=4, order=(1, 0, 2, 3)), BOX)
+        draw.camera_of(viewer(ndim=4, order=(1, 0, 2, 3)), BOX)
 
 
 def spots(*places: tuple[int, int, int]) -> np.ndarray:
@@ -229,24 +230,24 @@ def spots(*places: tuple[int, int, int]) -> np.ndarray:
 def test_a_picture_shows_a_voxel_where_napari_does(blend: str | None) -> None:
     """A voxel at z 1, y 2, x 9 of a grid scaled by (3, 2, 1.5) is right of the middle, and high."""
     layer = Image(spots((1, 2, 9)), (3, 2, 1.5))
-    image = drawing.picture(viewer(layer, center=(0.0, 9.0, 8.25)), blend, size=None)
+    image = draw.picture(viewer(layer, center=(0.0, 9.0, 8.25)), blend, size=None)
     red = image.pixels[..., 0]
     rows, columns = np.indices(red.shape) + 0.5
     place = [float((axis * red).sum() / red.sum()) for axis in (columns, rows)]
     # 2 pixels per unit from the centre
     np.testing.assert_allclose(place, (32 + 2 * (13.5 - 8.25), 24 + 2 * (4 - 9)), atol=0.05)
     assert image.info["blend"] == (blend or "mip") and image.pixels[..., 1:3].max() == 0
-    assert drawing.told(image).startswith(f"64×48 pixels, {blend or 'mip'} of ")
+    assert draw.told(image).startswith(f"64×48 pixels, {blend or 'mip'} of ")
 
 
 def test_a_maximum_has_the_layers_colours() -> None:
     """Half of the contrast limits is half of the map's sRGB; gamma and opacity change it."""
     data = np.full((8, 10, 12), 128, np.uint8)
     seen = viewer(Image(data, contrast_limits=(0.0, 256.0)), center=(4.0, 5.0, 6.0))
-    middle = drawing.picture(seen).to_pil().getpixel((32, 24))
+    middle = draw.picture(seen).to_pil().getpixel((32, 24))
     assert abs(middle[0] - 128) <= 2 and middle[1] == 0
     seen.layers[0].gamma = 2.0
-    assert abs(drawing.picture(seen).to_pil().getpixel((32, 24))[0] - 64) <= 2
+    assert abs(draw.picture(seen).to_pil().getpixel((32, 24))[0] - 64) <= 2
 
 
 def test_the_slider_picks_the_time() -> None:
@@ -254,7 +255,7 @@ def test_the_slider_picks_the_time() -> None:
     layer = Image(series, (2.0, 1, 1, 1))
     for point, there in ((2.0, True), (4.0, False)):
         seen = viewer(layer, center=(4.0, 5.0, 6.0), ndim=4, order=(0, 1, 2, 3), point=(point, 0.0, 0.0, 0.0))
-        assert (drawing.picture(seen).pixels[..., 0].max() > 0.2) == there
+        assert (draw.picture(seen).pixels[..., 0].max() > 0.2) == there
 
 
 def shade_of(image: sg.Image, at: tuple[int, int] = (32, 24)) -> tuple[int, int, int]:
@@ -273,9 +274,9 @@ MIDDLE = (4.0, 5.0, 6.0)
 def test_opacity_is_a_displays() -> None:
     """0.4 of a layer is 0.4 of its brightness, as of any picture that a display mixes."""
     full = Image(block(200), opacity=1.0)
-    assert abs(shade_of(drawing.picture(viewer(full, center=MIDDLE)))[0] - 200) <= 2
+    assert abs(shade_of(draw.picture(viewer(full, center=MIDDLE)))[0] - 200) <= 2
     full.opacity = 0.4
-    assert abs(shade_of(drawing.picture(viewer(full, center=MIDDLE)))[0] - 80) <= 2
+    assert abs(shade_of(draw.picture(viewer(full, center=MIDDLE)))[0] - 80) <= 2
 
 
 GREEN = SimpleNamespace(name="green", map=lambda at: np.outer(at, [0, 1, 0]))
@@ -294,7 +295,7 @@ BLENDINGS = {
 def test_layers_are_blended_as_napari_does(blending: str, ndisplay: int) -> None:
     """Red at 0.6 of 200, and 0.4 of green at 150 over it."""
     layers = Image(block(200), opacity=0.6), Image(block(150), opacity=0.4, blending=blending, colormap=GREEN)
-    image = drawing.picture(viewer(*layers, center=MIDDLE, ndisplay=ndisplay, point=MIDDLE))
+    image = draw.picture(viewer(*layers, center=MIDDLE, ndisplay=ndisplay, point=MIDDLE))
     assert np.abs(np.subtract(shade_of(image), BLENDINGS[blending])).max() <= 2
 
 
@@ -302,7 +303,7 @@ def test_a_maximum_leaves_out_what_is_below_its_limits() -> None:
     """Where its largest value is at the low contrast limit, the layer below is seen as it is."""
     below = Image(block(200))
     above = Image(spots((4, 5, 11)), blending="translucent", colormap=GREEN)
-    image = drawing.picture(viewer(below, above, center=MIDDLE))
+    image = draw.picture(viewer(below, above, center=MIDDLE))
     assert abs(shade_of(image, (26, 24))[0] - 200) <= 2 and shade_of(image, (26, 24))[1] == 0
     assert shade_of(image, (42, 24))[1] > 100
 
@@ -317,11 +318,11 @@ def test_clipping_planes_cut_a_layer() -> None:
     cut = planes(((0, 0, 12.0), (0, 0, 1), True), ((0, 0, 4.0), (0, 0, -1), False))
     layer = Image(block(), (1, 1, 2), experimental_clipping_planes=cut)
     seen = viewer(layer, center=(4.0, 5.0, 11.0))
-    red = drawing.picture(seen).pixels[24, :, 0]
+    red = draw.picture(seen).pixels[24, :, 0]
     # from 12 − 1 to 23 world units, of two pixels
     assert np.flatnonzero(red > 0.1).tolist() == list(range(32, 56))
     other = Image(block(), (1, 1, 2))
-    assert (drawing.picture(viewer(layer, other, center=MIDDLE)).pixels[24, 20, 0]) > 0.1, "the others stay whole"
+    assert (draw.picture(viewer(layer, other, center=MIDDLE)).pixels[24, 20, 0]) > 0.1, "the others stay whole"
 
 
 @pytest.mark.few(1)
@@ -330,7 +331,7 @@ def test_a_plane_shows_what_is_across_it(thickness: float, right: int) -> None:
     """Values rise along z by 20: napari takes samples from half its thickness before the plane on."""
     ramp = np.broadcast_to((np.arange(12) * 20)[:, None, None], (12, 10, 12)).astype(np.uint8)
     plane = SimpleNamespace(position=(5.0, 5.0, 6.0), normal=(1, 0, 0), thickness=thickness)
-    image = drawing.picture(viewer(Image(ramp, depiction="plane", plane=plane), center=MIDDLE))
+    image = draw.picture(viewer(Image(ramp, depiction="plane", plane=plane), center=MIDDLE))
     # thickness 1: one sample, at 4.5; thickness 4: five, up to 6.5
     assert abs(shade_of(image)[0] - right) <= 4
     assert image.info["notes"] == ()
@@ -343,7 +344,7 @@ def test_iso_surfaces_stand_at_their_threshold() -> None:
     ball = (200 - 20 * np.sqrt(x * x + y * y + z * z)).clip(0).astype(np.float32)
     for threshold in (100.0, 60.0):
         layer = Image(ball, rendering="iso", iso_threshold=threshold)
-        image = drawing.picture(viewer(layer, center=(8.0, 8.0, 8.0)))
+        image = draw.picture(viewer(layer, center=(8.0, 8.0, 8.0)))
         radius = np.sqrt((image.pixels[..., 0] > 0.02).sum() / np.pi) / 2
         assert radius == pytest.approx((200 - threshold) / 20, abs=0.25)
 
@@ -351,7 +352,7 @@ def test_iso_surfaces_stand_at_their_threshold() -> None:
 def test_additive_rendering_multiplies_what_is_left() -> None:
     """8 voxels of colour c: 1 less (1 − c)^(8 / 0.8), in each channel."""
     colors = SimpleNamespace(name="two", map=lambda at: np.outer(at, [0.2, 0.1, 0.0]))
-    image = drawing.picture(viewer(Image(block(255), rendering="additive", colormap=colors), center=MIDDLE))
+    image = draw.picture(viewer(Image(block(255), rendering="additive", colormap=colors), center=MIDDLE))
     right = [255 * (1 - (1 - c) ** 10) for c in (0.2, 0.1, 0.0)]
     assert shade_of(image) == pytest.approx(right, abs=3)
 
@@ -365,7 +366,7 @@ def test_a_flat_view_shows_its_slice(order: tuple[int, int, int], vertical: str)
     point[order[0]] = 3.4 * 2
     flat = {"ndisplay": 2, "order": order, "point": tuple(point), "center": center}
     layer = Image(data, (2, 2, 2))
-    image = drawing.picture(viewer(layer, **flat, orientation=("away", vertical, "right")))
+    image = draw.picture(viewer(layer, **flat, orientation=("away", vertical, "right")))
     shown = np.moveaxis(data, order, (0, 1, 2))[3]
     sign = 1 if vertical == "down" else -1
     rows = (center[1] + sign * (np.arange(48) + 0.5 - 24) / 2) / 2
@@ -376,17 +377,17 @@ def test_a_flat_view_shows_its_slice(order: tuple[int, int, int], vertical: str)
             if 0 <= at < shown.shape[0] and 0 <= place < shown.shape[1]:
                 right[row, column] = shown[at, place]
     assert (np.abs(np.asarray(image.to_pil().convert("RGB"))[..., 0].astype(int) - right) <= 1).all()
-    assert drawing.told(image) == "64×48 pixels, slices"
+    assert draw.told(image) == "64×48 pixels, slices"
 
 
 def test_a_flat_view_is_interpolated_and_ends() -> None:
     steps = np.zeros((4, 4, 4), np.uint8)
     steps[2, :, 2:] = 200
     flat = {"ndisplay": 2, "point": (2.0, 0.0, 0.0), "center": (0.0, 1.5, 1.5), "zoom": 8.0}
-    red = np.asarray(drawing.picture(viewer(Image(steps, interpolation2d="linear"), **flat)).to_pil())[24, :, 0]
+    red = np.asarray(draw.picture(viewer(Image(steps, interpolation2d="linear"), **flat)).to_pil())[24, :, 0]
     assert abs(int(red[32]) - 100 - 200 / 16) <= 1 and red[15] == red[48] == 0 and red[47] == 200
     outside = viewer(Image(steps), **{**flat, "point": (4.0, 0.0, 0.0)})
-    assert not drawing.picture(outside).pixels[..., :3].any()
+    assert not draw.picture(outside).pixels[..., :3].any()
 
 
 def test_what_is_left_out_is_told() -> None:
@@ -397,7 +398,7 @@ def test_what_is_left_out_is_told() -> None:
     second = Image(block(), rendering="translucent", name="nuclei", bounding_box=SimpleNamespace(visible=True))
     seen = viewer(points, hidden, colors, first, second, center=MIDDLE)
     seen.scale_bar, seen.axes = SimpleNamespace(visible=True), SimpleNamespace(visible=False)
-    image = drawing.picture(seen)
+    image = draw.picture(seen)
     notes: Any = image.info["notes"]
     assert notes == (
         "not drawn: spots, a Points layer",
@@ -409,23 +410,23 @@ def test_what_is_left_out_is_told() -> None:
         "nuclei: its colour map is opaque, so that napari shows the faces of its box: drawn denser for larger values",
         "layers that are not opaque surfaces are laid over each other in their order, not by depth",
     )
-    assert drawing.told(image).splitlines()[1:] == list(notes)
-    assert drawing.picture(viewer(Image(block()), center=MIDDLE)).info["notes"] == ()
+    assert draw.told(image).splitlines()[1:] == list(notes)
+    assert draw.picture(viewer(Image(block()), center=MIDDLE)).info["notes"] == ()
 
 
 def test_nothing_to_draw_is_told() -> None:
     hidden = Image(spots(), visible=False)
     with pytest.raises(sg.InputError, match="layers: expected a visible Image or Labels layer"):
-        drawing.picture(viewer(hidden))
+        draw.picture(viewer(hidden))
     with pytest.raises(sg.InputError, match="blend: expected one of composite"):
-        drawing.picture(viewer(Image(spots((1, 1, 1)))), "iso")
+        draw.picture(viewer(Image(spots((1, 1, 1)))), "iso")
 
 
 SCREEN = """
 import os, sys, time
 import numpy as np, napari, splatgl as sg
 from qtpy.QtWidgets import QApplication
-from splatgl.app.napari import drawing, panel
+from splatgl.integrations.napari import draw, panel
 
 z, y, x = np.mgrid[:30, :36, :42].astype(float)
 balls = [((10, 13, 15), 7, 1.0), ((20, 22, 28), 6, 0.7), ((15, 10, 33), 5, 0.5)]

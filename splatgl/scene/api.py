@@ -333,6 +333,6 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
         image = renderer.render(scene, view, how.but(**drawing))
     if layers:
         return image
-    from splatgl.splat.plotters.scenes import left_out
+    from splatgl.integrations.vtk.scene import left_out
 
     return Image(image.pixels, {**image.info, "notes": tuple(left_out(x))})

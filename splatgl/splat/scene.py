@@ -148,7 +148,7 @@ class Scene:
         tubes and points as balls. Camera.of and Settings.of have the view, and blend, light and background. Raises
         InputError where there is no volume, and for what has no like here.
         """
-        from splatgl.splat.plotters.scenes import scene_of
+        from splatgl.integrations.vtk.scene import scene_of
 
         return scene_of(x)
 
@@ -158,7 +158,7 @@ class Scene:
         camera: None: from the front, to the right and above. options: of the plotter, such as off_screen. Raises
         InputError for blends that VTK has not, and without PyVista.
         """
-        from splatgl.splat.plotters.plotter import plotter_of
+        from splatgl.integrations.vtk.pyvista import plotter_of
 
         return plotter_of(self, camera, settings, options)
 

@@ -209,7 +209,7 @@ class Settings:
         """Blend, light and background of a PyVista plotter, or of a window or renderer of VTK. Raises InputError for
         blends that there are not.
         """
-        from splatgl.splat.plotters.scenes import settings_of
+        from splatgl.integrations.vtk.scene import settings_of
 
         return settings_of(x)
 

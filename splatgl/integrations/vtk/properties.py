@@ -1,4 +1,4 @@
-"""Transfer functions and properties of VTK's volumes, both ways."""
+"""Transfer functions both ways."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.splat.clipping import Plane
 from splatgl.splat.colormaps import of_colors
 from splatgl.splat.lighting import Light
 from splatgl.splat.transfer import Nodes, Transfer
@@ -185,3 +186,27 @@ def _tabulated(transfer: Transfer) -> tuple[np.ndarray, np.ndarray]:
 
 def _plateau(opacity: float) -> tuple[tuple[float, float], ...]:
     return (-HALF, 0.0), (-WITHIN, opacity), (WITHIN, opacity), (HALF, 0.0)
+
+
+def matrix_of(prop: Any) -> np.ndarray:
+    """World-from-data [4, 4] of a vtkProp3D. Raises InputError for a perspective."""
+    prop.ComputeMatrix()
+    held = prop.GetMatrix()
+    found = np.array([[held.GetElement(row, column) for column in range(4)] for row in range(4)])
+    if not np.allclose(found[3], (0, 0, 0, 1)):
+        raise expected("matrix", "an affine one", found[3].tolist())
+    return found
+
+
+def clip_planes(mapper: Any) -> list[Plane]:
+    """The clipping planes of a mapper, world units: VTK keeps the side that their normals point to."""
+    held = mapper.GetClippingPlanes()
+    found = [] if held is None else [_plane(held.GetItem(number)) for number in range(held.GetNumberOfItems())]
+    return found
+
+
+def _plane(plane: Any) -> Plane:
+    """n and d of a vtkPlane, which may have a transform of its own."""
+    value = plane.FunctionValue
+    start = value((0.0, 0.0, 0.0))
+    return *(float(value(axis) - start) for axis in np.eye(3).tolist()), float(-start)  # type: ignore[return-value]

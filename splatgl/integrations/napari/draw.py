@@ -28,6 +28,7 @@ from splatgl.splat.transfer import Transfer
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+
 # control colours of a layer's colour map
 COLORS = 64
 # share of the contrast limits below which napari leaves values of a maximum out, as above which those of a minimum

@@ -10,11 +10,11 @@ from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.integrations.vtk.image_data import image_data, library, poly_data
+from splatgl.integrations.vtk.properties import property_of
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
 from splatgl.splat.colormaps import painted
 from splatgl.splat.lighting import Light
-from splatgl.splat.plotters.properties import property_of
 from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer

@@ -10,8 +10,8 @@ import numpy as np
 
 from splatgl.data.mesh import SIDES, Mesh
 from splatgl.errors import expected
+from splatgl.integrations.vtk.properties import clip_planes, matrix_of
 from splatgl.splat.camera import Camera
-from splatgl.splat.plotters.volumes import clip_planes, matrix_of
 
 # the array of colours, which VTK's filters take along with the geometry
 COLORS = "splatgl colors"

@@ -8,9 +8,9 @@ from qtpy.QtCore import Qt
 from qtpy.QtGui import QImage, QPixmap
 from qtpy.QtWidgets import QComboBox, QFileDialog, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from splatgl.app.napari.drawing import picture, told
 from splatgl.data.image import Image
 from splatgl.errors import InputError
+from splatgl.integrations.napari.draw import picture, told
 from splatgl.splat.settings import BLENDS
 
 # least width of the picture in the panel, pixels

@@ -1,1 +1,0 @@
-"""Plotters of PyVista and renderers of VTK: their scenes, and plotters of scenes. VTK is imported where one is used."""
