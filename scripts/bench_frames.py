@@ -37,7 +37,7 @@ from splatgl.reference.ray_integral import ray_integral_at
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.view import View
 from splatgl.splat.resolve import extracted, suited
-from splatgl.truth.report.peers import Peer
+from splatgl.studies.accuracy.vtk_peers import Peer
 
 FLOOR_VERTEX = """#version 330
 in vec3 place; uniform mat4 clip_from_index; uniform float size;

@@ -27,9 +27,9 @@ from splatgl.app.cli import main as command
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.view import View
 from splatgl.splat.technique import TECHNIQUES, combinations
-from splatgl.truth.report.content import CONVERGENCE, registry
-from splatgl.truth.report.markdown import as_table
-from splatgl.truth.table_io import as_markdown
+from splatgl.studies.accuracy.content import CONVERGENCE, registry
+from splatgl.studies.accuracy.export import as_table
+from splatgl.studies.tables import as_markdown
 
 FOLDER = Path(__file__).parent / "pictures"
 TRUTH = Path(__file__).parents[1] / "splatgl" / "reference" / "README.md"

@@ -23,7 +23,7 @@ import splatgl as sg
 from splatgl.reference.field import field_integral
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.view import View
-from splatgl.truth.report.peers import Peer
+from splatgl.studies.accuracy.vtk_peers import Peer
 
 # pixels of a picture, and of one volume's; samples along each side of a pixel, samples a voxel of the field, height of
 # the letters' row

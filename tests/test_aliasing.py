@@ -7,7 +7,7 @@ import pytest
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.truth.aliasing import (
+from splatgl.studies.aliasing import (
     Reach,
     aliasing_energy,
     differing_before,

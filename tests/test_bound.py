@@ -19,7 +19,7 @@ from splatgl.splat.error_bound import MOVED, ULP, Bound, bound
 from splatgl.splat.kernels import kernel
 from splatgl.splat.ray_overlap import cells_of, ray_overlap
 from splatgl.splat.resolve import Resolved
-from splatgl.truth.stress import CASES, run_case
+from splatgl.studies.stress import CASES, run_case
 
 SIZE = (64, 48)
 # the reference is slow: stress pictures of more splats or pixels are left to its own answers

@@ -7,10 +7,9 @@ import pytest
 
 from splatgl.app.cli import main
 from splatgl.splat.kernels import KERNELS
-from splatgl.truth.claims import HALF_ANGLES, TOLERANCES, Claim, claims, page
-from splatgl.truth.figures.setting import PAPER
-from splatgl.truth.figures.sums import layer_sums
-from splatgl.truth.figures.worst import ALL
+from splatgl.studies.claims import HALF_ANGLES, TOLERANCES, Claim, claims, layer_sums, page
+from splatgl.studies.figures.footprint_errors import ALL
+from splatgl.studies.figures.paper_setup import PAPER
 
 SWITCH = (
     (1.000, 1.089, 1.210, 1.322, 1.421),
@@ -84,7 +83,7 @@ def test_cumulative_error_is_like_the_largest(found: dict[str, Claim]) -> None:
 
 def test_verdicts_follow_the_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     """A row 4 without error would bear out what now does not hold."""
-    from splatgl.truth import claims as module
+    from splatgl.studies import claims as module
 
     for name in ("row4", "row5"):
         monkeypatch.setitem(ALL, name, ALL["row1"])

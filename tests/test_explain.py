@@ -7,8 +7,8 @@ import pytest
 
 from splatgl.app.cli import main
 from splatgl.splat.kernels import KERNELS
-from splatgl.truth.figures.setting import PAPER
-from splatgl.truth.figures.worst import ALL
+from splatgl.studies.figures.footprint_errors import ALL
+from splatgl.studies.figures.paper_setup import PAPER
 
 Lines = dict[str, list[str]]
 

@@ -12,18 +12,17 @@ import numpy as np
 import pytest
 
 from splatgl.app.cli import main
-from splatgl.truth.figures import FIGURES, blurring, integrals, orientation, resampling, stretch, surfaces
-from splatgl.truth.figures.setting import PAPER, Setting
-from splatgl.truth.figures.style import RESOLUTION, style
-from splatgl.truth.figures.surfaces import DEPTHS, OFFSETS, SHOWN, Surfaces
-from splatgl.truth.figures.worst import ALL, Plane, Space, maximum
+from splatgl.studies.figures import FIGURES, footprint_errors, geometry, motion_blur
+from splatgl.studies.figures.footprint_errors import ALL, DEPTHS, OFFSETS, SURFACE_ROWS, Plane, Space, Surfaces, maximum
+from splatgl.studies.figures.paper_setup import PAPER, Setting
+from splatgl.studies.plots import RESOLUTION, style
 
 STORED = json.loads((Path(__file__).parent / "fig10.json").read_text())
 
 
 @pytest.fixture(scope="module")
 def fig10() -> Surfaces:
-    return surfaces.surfaces()
+    return footprint_errors.surfaces()
 
 
 @pytest.fixture
@@ -69,7 +68,7 @@ def test_figure_10_row_4_has_the_stored_errors_but_for_spikes(fig10: Surfaces) -
 def test_errors_of_figure_9() -> None:
     """The voxels of Fig. 9, rows 5 and 4."""
     right = [(0.2225, 0.0006), (27.11, 0.149), (7.812, 7.808)]
-    for voxel, pair in zip(integrals.voxels(), right, strict=True):
+    for voxel, pair in zip(footprint_errors.voxels(), right, strict=True):
         for row, level, digit in zip(("row5", "row4"), pair, (5e-3, 5e-4), strict=True):
             swept = voxel.levels(row, np.linspace(-0.96, 0.96, 1001)).max()
             assert float(voxel.plane.levels(ALL[row])[0]) == pytest.approx(level, abs=digit)
@@ -87,18 +86,18 @@ def test_space_and_plane_find_the_same_before_z_k() -> None:
 
 
 def test_rays_are_one_voxel_apart_at_z_k() -> None:
-    scene = resampling.example()
+    scene = geometry.example_resampling()
     before, at, beyond = (scene.pitch(depth) for depth in scene.marked)
     assert before < 1 < beyond and at == pytest.approx(1)
     # the samples at z_k are voxels
     there = scene.samples[np.isclose(scene.samples[:, 0], scene.z_k), 1]
     assert len(there) == 8 and np.abs(there[:, None] - scene.rows).min(axis=1).max() < 1e-12
-    assert all(row[2] == pytest.approx(row[3]) for row in resampling.triangles_table().rows)
+    assert all(row[2] == pytest.approx(row[3]) for row in geometry.triangles_table().rows)
 
 
 def test_footprints_beyond_z_k_are_lost_without_the_stretch() -> None:
-    for depth in stretch.DEPTHS:
-        as_it_is, stretched = (stretch.footprint_pixels(depth, s) for s in (False, True))
+    for depth in geometry.DEPTHS:
+        as_it_is, stretched = (geometry.footprint_pixels(depth, s) for s in (False, True))
         assert stretched.max() > 0
         if depth <= 0.5:
             assert (as_it_is == stretched).all()
@@ -108,7 +107,7 @@ def test_footprints_beyond_z_k_are_lost_without_the_stretch() -> None:
 
 
 def test_trapezoid_has_rays_for_sides_and_is_off_by_r_squared_over_z_k() -> None:
-    voxel = stretch.far_voxel()
+    voxel = geometry.far_voxel()
     (near, low), (_, high), (far, top), (_, bottom), _ = voxel.outline()
     assert high / near == pytest.approx(top / far) == pytest.approx(-low / near) == pytest.approx(-bottom / far)
     assert voxel.box_for_trapezoid()[0] == pytest.approx(voxel.kernel.radius**2 / voxel.z_k)
@@ -116,7 +115,7 @@ def test_trapezoid_has_rays_for_sides_and_is_off_by_r_squared_over_z_k() -> None
 
 
 def test_orientations_sample_where_their_distances_say() -> None:
-    sight = orientation.example()
+    sight = geometry.example_sight()
     voxel = np.array([sight.z, sight.y])
     for name, point in sight.points.items():
         assert point[1] / point[0] == pytest.approx(sight.slope)
@@ -128,9 +127,9 @@ def test_orientations_sample_where_their_distances_say() -> None:
 @pytest.fixture
 def light(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fig. 10 over few voxels and Fig. 11's table of few lengths, as they take seconds whole."""
-    few = surfaces.surfaces((-102.4, -1e-6, 0.0, 105.0, 409.6), (0.0, 128.0, 256.0))
-    monkeypatch.setattr(surfaces, "surfaces", lambda *_: few)
-    monkeypatch.setattr(blurring, "LENGTHS", blurring.LENGTHS[:2])
+    few = footprint_errors.surfaces((-102.4, -1e-6, 0.0, 105.0, 409.6), (0.0, 128.0, 256.0))
+    monkeypatch.setattr(footprint_errors, "surfaces", lambda *_: few)
+    monkeypatch.setattr(motion_blur, "LENGTHS", motion_blur.LENGTHS[:2])
 
 
 @pytest.mark.few(3)
@@ -203,7 +202,7 @@ def test_csv_of_figure_10_is_the_table(here: Path, fig10: Surfaces) -> None:
     assert [path.name for path in here.iterdir()] == ["a.csv"]
     table = np.loadtxt("a.csv", delimiter=",", skiprows=1)
     assert table.shape == (190, 7)
-    assert (table[:, 2:6].T.reshape(4, 19, 10) == [fig10.errors[row] for row in SHOWN]).all()
+    assert (table[:, 2:6].T.reshape(4, 19, 10) == [fig10.errors[row] for row in SURFACE_ROWS]).all()
 
 
 def test_text_needs_no_matplotlib(

@@ -9,7 +9,7 @@ from splatting import SPLATS
 import splatgl as sg
 from splatgl.animation.camera_track import turning
 from splatgl.scene.view import View
-from splatgl.truth.flicker import flicker, popping, strip
+from splatgl.studies.aliasing import flicker, popping, strip
 
 SETTINGS = SPLATS.but(background=(0, 0, 0))
 

@@ -10,7 +10,7 @@ import pytest
 
 from splatgl.splat.footprint import ROWS, Splat
 from splatgl.splat.kernels import KERNELS, Kernel
-from splatgl.truth.figures.setting import PAPER
+from splatgl.studies.figures.paper_setup import PAPER
 
 NYQUIST = 0.5
 # largest amplitude above ½ cycle per pixel, as a share of that at 0, and the share of energy there

@@ -14,9 +14,9 @@ from test_figures import refused
 import splatgl as sg
 from splatgl.annotations.contact_sheet import GAP, INK, MARGIN, ROOM, WHITE, Panel, sheet
 from splatgl.app.cli import main
-from splatgl.app.figures.render import PICTURES, Shown, by_moments
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.view import View
+from splatgl.studies.figures.rendered import PICTURES, Shown, by_moments
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[2] / "shared" / "data"))
 

@@ -18,7 +18,7 @@ from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.plan import Program
 from splatgl.splat.settings import BLENDS, choices
 from splatgl.splat.technique import TECHNIQUES, combinations
-from splatgl.truth.table_io import as_markdown
+from splatgl.studies.tables import as_markdown
 
 # what a program depends on
 COMPILED = ("blend", "align", "attenuation", "footprint", "shading")

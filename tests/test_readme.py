@@ -25,7 +25,7 @@ from splatgl.readers import FORMATS
 from splatgl.scene.scene_file import Scene
 from splatgl.splat import kernels
 from splatgl.splat.settings import Settings, choices
-from splatgl.truth.stress import CASES
+from splatgl.studies.stress import CASES
 
 ROOT = Path(__file__).parents[1]
 TOP = ROOT / "README.md"

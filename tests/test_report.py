@@ -20,20 +20,16 @@ from splatgl.app.report import listed
 from splatgl.data.scenes import SCENES
 from splatgl.reference.field import field_integral
 from splatgl.reference.ray_integral import ray_integral
-from splatgl.truth.report import content, work
-from splatgl.truth.report import methods as registry
-from splatgl.truth.report.content import verdict
-from splatgl.truth.report.errors import errors
-from splatgl.truth.report.front import Point, Timing, cheapest, front, stairs, standing
-from splatgl.truth.report.markdown import as_table
-from splatgl.truth.report.peers import MAPPERS, Peer
-from splatgl.truth.report.publish import publish
-from splatgl.truth.report.results import Results
-from splatgl.truth.report.store import Store
-from splatgl.truth.report.subject import LEVELS, Subject
-from splatgl.truth.report.sweep import Sweep, chosen
-from splatgl.truth.report.truths import Truths
-from splatgl.truth.stress import CASES, run_case
+from splatgl.studies.accuracy import content, methods
+from splatgl.studies.accuracy import sweep as work
+from splatgl.studies.accuracy.content import verdict
+from splatgl.studies.accuracy.export import as_table
+from splatgl.studies.accuracy.ground_truth import LEVELS, Subject, Truths
+from splatgl.studies.accuracy.html import publish
+from splatgl.studies.accuracy.pareto import Point, Timing, cheapest, front, stairs, standing
+from splatgl.studies.accuracy.sweep import Results, Store, Sweep, chosen, errors
+from splatgl.studies.accuracy.vtk_peers import MAPPERS, Peer
+from splatgl.studies.stress import CASES, run_case
 
 LEVEL = replace(LEVELS["quick"], size=16, rounds=2)
 MACHINE = {
@@ -149,27 +145,27 @@ def test_no_error_is_the_best() -> None:
 
 
 def test_the_registry_holds_what_trades_accuracy_for_time() -> None:
-    names = set(registry.methods())
+    names = set(methods.methods())
     assert {"exact", "grid", "ray", "z_s 50%", "table 32", "table 512", "bits 8", "gaussian"} <= names
     assert {"2×2", "8×8", "target rgba8", "tolerance 0.0001", "threshold 0.1", "quads", "preview 1/2"} <= names
-    for axis in registry.AXES.values():
-        assert axis.about and axis.methods and set(axis.truths) <= set(registry.TRUTHS)
+    for axis in methods.AXES.values():
+        assert axis.about and axis.methods and set(axis.truths) <= set(methods.TRUTHS)
     quick = chosen(LEVELS["quick"])
-    assert {*registry.AXES} - {"peers"} == {registry.axis_of(m.name).name for m in quick}
+    assert {*methods.AXES} - {"peers"} == {methods.axis_of(m.name).name for m in quick}
     assert len(chosen(LEVELS["full"], peers=True)) == len(names) > len(chosen(LEVELS["quick"], peers=True)) > len(quick)
 
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """No diagrams, which take most of a small report's time."""
-    monkeypatch.setattr("splatgl.truth.report.publish._diagrams", lambda results: {})
+    monkeypatch.setattr("splatgl.studies.accuracy.html._diagrams", lambda results: {})
 
 
 @pytest.fixture
 def mine() -> Iterator[str]:
     """A method of one's own."""
-    axes = registry.AXES
-    registry.register(registry.Axis("mine", "made up", (registry.Method("mine 1", {"table_size": 77}),)))
+    axes = methods.AXES
+    methods.register(methods.Axis("mine", "made up", (methods.Method("mine 1", {"table_size": 77}),)))
     yield "mine 1"
     # from where it was put: the test may have others in their place
     del axes["mine"]
@@ -182,7 +178,7 @@ def test_a_new_method_is_one_entry(
 ) -> None:
     """It appears in the report, in the stress suite, in the list and in what the README is held to."""
     with pytest.raises(sg.InputError):
-        registry.register(registry.Axis("other", "taken", (registry.Method(mine),)))
+        methods.register(methods.Axis("other", "taken", (methods.Method(mine),)))
     store = Store(tmp_path / "runs.jsonl", HEAD)
     store.add("scene", scene="ball", mark="", splats=1, size=[16, 16], note="")
     made, wanted = sweep(renderer, subject, store), chosen(LEVEL, ("mine",))
@@ -196,7 +192,7 @@ def test_a_new_method_is_one_entry(
 
     assert mine in as_table(content.registry()) and mine in listed()
     # that case draws all there are; two axes are enough here
-    monkeypatch.setattr(registry, "AXES", {name: registry.AXES[name] for name in ("settings", "mine")})
+    monkeypatch.setattr(methods, "AXES", {name: methods.AXES[name] for name in ("settings", "mine")})
     found = run_case(CASES["methods"], renderer)
     assert found.ok and f"{mine}: error/bound" in {each.what for each in found.checks}
 
@@ -207,9 +203,9 @@ def test_the_readme_tells_all_methods() -> None:
 
 
 @pytest.mark.few(6)
-@pytest.mark.parametrize("name", [name for name, method in registry.methods().items() if not method.peer])
+@pytest.mark.parametrize("name", [name for name, method in methods.methods().items() if not method.peer])
 def test_every_method_draws(renderer: sg.Renderer, subject: Subject, name: str) -> None:
-    splats, settings = subject.drawn(registry.methods()[name])
+    splats, settings = subject.drawn(methods.methods()[name])
     image = renderer.render(splats, subject.camera, settings)
     assert np.isfinite(image.pixels).all() and image.pixels.any()
 
@@ -217,7 +213,7 @@ def test_every_method_draws(renderer: sg.Renderer, subject: Subject, name: str) 
 def test_truths_are_four_and_kept(renderer: sg.Renderer, subject: Subject, tmp_path: Path) -> None:
     truths = Truths(renderer, subject, LEVEL, tmp_path)
     settings = SPLATS
-    made = {name: truths.get(name, settings).pixels for name in registry.TRUTHS}
+    made = {name: truths.get(name, settings).pixels for name in methods.TRUTHS}
     reference = sg.reference.render(subject.splats(), subject.camera, settings).pixels
     np.testing.assert_array_equal(made["reference"], reference)
     fine = settings.but(antialias="supersample", samples=8)
@@ -345,7 +341,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
             assert float(row["reference_maximum"]) <= float(row["tolerance"])
     assert "| exact |" in (folder / "report.md").read_text()
     before = (folder / "report.csv").read_text()
-    monkeypatch.setattr("splatgl.truth.report.publish._diagrams", lambda results: {})
+    monkeypatch.setattr("splatgl.studies.accuracy.html._diagrams", lambda results: {})
     assert main([*asked, "--resume", "--quiet"]) == 0
     assert (folder / "report.csv").read_text() == before
     assert main([*asked, "--resume", "--rounds", "3"]) == 2
@@ -426,7 +422,7 @@ def test_no_sampled_truth_costs_no_report(
 def test_the_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["report", "--list"]) == 0
     listed = capsys.readouterr().out
-    assert all(name in listed for name in registry.methods())
+    assert all(name in listed for name in methods.methods())
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -8,11 +8,11 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from splatgl.truth.report.diagram import _figure, looks, picture
-from splatgl.truth.report.front import Timing
-from splatgl.truth.report.labels import Box, places
-from splatgl.truth.report.methods import DEFAULT, EXACT, TRUTHS, methods
-from splatgl.truth.report.results import Row, Scene
+from splatgl.studies.accuracy.diagram import _figure, looks, picture
+from splatgl.studies.accuracy.methods import DEFAULT, EXACT, TRUTHS, methods
+from splatgl.studies.accuracy.pareto import Timing
+from splatgl.studies.accuracy.sweep import Row, Scene
+from splatgl.studies.plots import Box, places
 
 FRAME = Box(0.0, 0.0, 400.0, 300.0)
 HEAD = {"version": "0", "machine": {"renderer": "llvmpipe (LLVM)"}}

@@ -15,14 +15,11 @@ from splatgl.app.cli import main
 from splatgl.app.report_scene import subject as opened
 from splatgl.data.scenes import FORMULAS
 from splatgl.reference.field import field_integral
-from splatgl.truth.report import convergence, work
-from splatgl.truth.report.methods import axis_of, methods
-from splatgl.truth.report.results import Results
-from splatgl.truth.report.store import Store
-from splatgl.truth.report.subject import LEVELS, Subject
-from splatgl.truth.report.sweep import Sweep, chosen
-from splatgl.truth.report.truths import Truths
-from splatgl.truth.report.words import rivals, story
+from splatgl.studies.accuracy import convergence, sweep
+from splatgl.studies.accuracy.content import rivals, story
+from splatgl.studies.accuracy.ground_truth import LEVELS, Subject, Truths
+from splatgl.studies.accuracy.methods import axis_of, methods
+from splatgl.studies.accuracy.sweep import Results, Store, Sweep, chosen
 
 LEVEL = replace(LEVELS["quick"], size=16, rounds=1)
 
@@ -141,8 +138,8 @@ def test_scenes_without_a_field(
 @pytest.mark.long
 def test_a_report_without_a_field(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A line says so, and methods classified after are left out."""
-    monkeypatch.setattr("splatgl.truth.report.publish._diagrams", lambda results: {})
-    monkeypatch.setattr(work, "STUDIES", ())
+    monkeypatch.setattr("splatgl.studies.accuracy.html._diagrams", lambda results: {})
+    monkeypatch.setattr(sweep, "STUDIES", ())
     asked = ["--quick", "--size", "12", "--rounds", "1", "--only", "exact", "post b-spline", "sheets 3", "--quiet"]
     assert main(["report", "letter-f", "balls", *asked, "-o", str(tmp_path)]) == 0
     text = (tmp_path / "report.md").read_text()

@@ -14,12 +14,11 @@ from splatting import SPLATS
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.truth.report import methods as registry
-from splatgl.truth.stress import CASES, bench, fog, run_case
-from splatgl.truth.stress.bench import Bench
-from splatgl.truth.stress.case import Case, Check, Result, check
-from splatgl.truth.stress.pages import PAGES
-from splatgl.truth.stress.report import WIDTHS, as_csv, as_json, as_markdown, heading, line, lines, verdict
+from splatgl.studies.accuracy import methods
+from splatgl.studies.stress import CASES, optics, run_case
+from splatgl.studies.stress import case as bench
+from splatgl.studies.stress.case import Bench, Case, Check, Result, check
+from splatgl.studies.stress.report import PAGES, WIDTHS, as_csv, as_json, as_markdown, heading, line, lines, verdict
 
 # columns of a terminal
 TERMINAL = 100
@@ -66,14 +65,14 @@ def test_cases_at_the_default_tolerance(renderer: sg.Renderer, name: str, monkey
 
 @pytest.mark.long
 def test_fog_seen_from_a_few_places(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fog, "VIEWS", 8)
+    monkeypatch.setattr(optics, "VIEWS", 8)
     kept(run_case(CASES["constant-fog"], renderer))
 
 
 @pytest.mark.long
 def test_a_method_of_every_axis(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
-    few = {name: replace(axis, methods=axis.methods[-1:]) for name, axis in registry.AXES.items()}
-    monkeypatch.setattr(registry, "AXES", {**few, "settings": registry.AXES["settings"]})
+    few = {name: replace(axis, methods=axis.methods[-1:]) for name, axis in methods.AXES.items()}
+    monkeypatch.setattr(methods, "AXES", {**few, "settings": methods.AXES["settings"]})
     kept(run_case(CASES["methods"], renderer))
 
 

@@ -14,8 +14,8 @@ from splatgl.errors import expected
 from splatgl.splat.camera import Camera
 from splatgl.splat.footprint import Splat, half_line, row1
 from splatgl.splat.kernels import Kernel, kernel
-from splatgl.truth.figures.setting import straight_ahead
-from splatgl.truth.figures.worst import ALL, Form, Peak, Space, maximum
+from splatgl.studies.figures.footprint_errors import ALL, Form, Peak, Space, maximum
+from splatgl.studies.figures.paper_setup import straight_ahead
 
 WHAT = {
     "row1": "trapezoid, diverging rays: the right value",

@@ -16,17 +16,15 @@ from splatgl.app.options import add_backend
 from splatgl.app.worker_options import add_workers, asked, drawing_of
 from splatgl.comparison.metrics import need_flip
 from splatgl.errors import InputError, expected
-from splatgl.truth.report.methods import AXES, methods
-from splatgl.truth.report.subject import LEVELS, Level
+from splatgl.studies.accuracy.ground_truth import LEVELS, Level
+from splatgl.studies.accuracy.methods import AXES, methods
 
 # what measures and writes is imported once there is something to measure: bad input is told at once
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer
-    from splatgl.truth.report.results import Results
-    from splatgl.truth.report.subject import Subject
-    from splatgl.truth.report.sweep import Tick
-    from splatgl.truth.report.thumbnails import Strip
-    from splatgl.truth.report.work import Task
+    from splatgl.studies.accuracy.ground_truth import Subject
+    from splatgl.studies.accuracy.html import Strip
+    from splatgl.studies.accuracy.sweep import Results, Task, Tick
 
 # default sources
 DEFAULT_SCENES = ("tunnel", "terrain", "nerve")
@@ -80,10 +78,8 @@ def _measured(args: argparse.Namespace, level: Level, sources: list[str], folder
     from splatgl.app.machine import machine
     from splatgl.gl.renderer import Renderer
     from splatgl.gl.target import check_size
-    from splatgl.truth.report.publish import publish
-    from splatgl.truth.report.results import Results
-    from splatgl.truth.report.store import NAME, Store
-    from splatgl.truth.report.work import Task, work
+    from splatgl.studies.accuracy.html import publish
+    from splatgl.studies.accuracy.sweep import NAME, Results, Store, Task, work
 
     ended = 0
     with Renderer(args.backend, args.device, args.gpu) as renderer:
@@ -134,8 +130,8 @@ def _prepare(
 
 
 def _strip(renderer: Renderer, subject: Subject, results: Results, task: Task) -> Strip:
-    from splatgl.truth.report.thumbnails import strip
-    from splatgl.truth.report.truths import Truths
+    from splatgl.studies.accuracy.ground_truth import Truths
+    from splatgl.studies.accuracy.html import strip
 
     scene = next(scene for scene in results.scenes if scene.name == subject.name)
     return strip(renderer, subject, scene, Truths(renderer, subject, task.level, task.folder))

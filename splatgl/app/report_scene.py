@@ -16,8 +16,8 @@ from splatgl.scene.scene_file import Scene
 from splatgl.splat.extract import extract
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
-from splatgl.truth.report.content import CONVERGENCE
-from splatgl.truth.report.subject import Level, Subject
+from splatgl.studies.accuracy.content import CONVERGENCE
+from splatgl.studies.accuracy.ground_truth import Level, Subject
 
 
 def subjects(sources: Sequence[str], level: Level) -> list[Subject]:

@@ -11,9 +11,8 @@ import numpy as np
 
 from splatgl.app.report_scene import subject
 from splatgl.distributed.worker import Drawing, kept, renderer
-from splatgl.truth.report.subject import Level, Subject
-from splatgl.truth.report.truths import Truths, Wanted
-from splatgl.truth.report.work import Task, truths_of
+from splatgl.studies.accuracy.ground_truth import Level, Subject, Truths, Wanted
+from splatgl.studies.accuracy.sweep import Task, truths_of
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING
 from splatgl.app.worker_options import add_workers, asked, drawing_of
 from splatgl.errors import expected
 from splatgl.fileio import check_folder, check_output, write_whole
-from splatgl.truth.stress import CASES, run_case
-from splatgl.truth.stress.bench import Bench
-from splatgl.truth.stress.case import Case, Check, Result
-from splatgl.truth.stress.pages import PAGES
-from splatgl.truth.stress.report import about, as_csv, as_json, as_markdown, heading, line, lines, verdict
+from splatgl.studies.stress import CASES, run_case
+from splatgl.studies.stress.case import Bench, Case, Check, Result
+from splatgl.studies.stress.report import PAGES, about, as_csv, as_json, as_markdown, heading, line, lines, verdict
 
 if TYPE_CHECKING:
     from splatgl.distributed.worker import Drawing

@@ -7,13 +7,12 @@ from pathlib import Path
 from textwrap import fill
 
 from splatgl import __version__
-from splatgl.app.figures.options import add_pictures, refuse, run_picture
-from splatgl.app.figures.render import PICTURES
 from splatgl.errors import expected
 from splatgl.fileio import check_output, write_whole
-from splatgl.truth.claims import page
-from splatgl.truth.figures import FIGURES, Figure
-from splatgl.truth.figures.tables import PAGE
+from splatgl.studies.claims import page
+from splatgl.studies.figures import FIGURES, Figure
+from splatgl.studies.figures.rendered import PICTURES, add_pictures, refuse, run_picture
+from splatgl.studies.tables import PAGE
 
 # figures whose text output is the claims based on them
 CLAIMED = (9, 10)

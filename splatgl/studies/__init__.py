@@ -1,0 +1,1 @@
+"""Studies that anyone can repeat: accuracy against time, stress, the paper's figures and claims."""

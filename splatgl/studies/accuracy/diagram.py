@@ -1,0 +1,244 @@
+"""The work–precision diagram: error against time, both logarithmic, a line per axis of methods, and the front."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from splatgl.studies.accuracy.content import caption, grouped, rivals
+from splatgl.studies.accuracy.methods import AXES, DEFAULT, EXACT, PAPER, PAPER_FLOAT, Axis, axis_of, methods
+from splatgl.studies.accuracy.pareto import Point, stairs
+from splatgl.studies.accuracy.sweep import Scene
+from splatgl.studies.plots import BLACK, BLUE, GRAY, GREEN, ORANGE, RED, Box, encode, places, sheet, style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes as Plot
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+
+# size of a panel in inches, and of its surroundings; the first panel shows most methods
+PANEL, HEIGHT = 3.1, 3.5
+FIRST = 1.35
+TITLES = {
+    "reference": "how right it is drawn: against the float64 reference",
+    "sampled": "with antialiasing: against supersampling",
+    "integral": "with splatting itself: against the ray integral",
+    "field": "with classification: against the field itself",
+}
+# practical settings are highlighted, each by its own marker
+PRACTICAL = {DEFAULT: ("D", BLACK), EXACT: ("s", BLACK), PAPER: ("o", BLACK), PAPER_FLOAT: ("o", "white")}
+# minimum decades of an error axis
+DECADES = 2.0
+# dots per inch of a PNG: a screen's width for three panels
+RESOLUTION = 200
+# markers and dashes identify each axis; colours are redundant
+MARKS = "4^vD<>pPXhd*H8x+12"
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)), (0, (3, 1, 1, 1, 1, 1)))
+COLORS = (BLUE, RED, GREEN, ORANGE, GRAY)
+# an error of 0 is plotted at this fraction of the smallest nonzero one
+NOTHING = 0.3
+LABEL = 6.5
+
+
+@dataclass(frozen=True)
+class Look:
+    """Style of an axis. fill: of its markers; size: of them, points."""
+
+    marker: str
+    dashes: Any
+    color: str
+    fill: str = "white"
+    size: float = 4.0
+
+
+def looks() -> dict[str, Look]:
+    """A style for every axis, each with a unique combination of marker and dashes."""
+    return {
+        name: Look(MARKS[n % len(MARKS)], DASHES[n % len(DASHES)], COLORS[n % len(COLORS)])
+        for n, name in enumerate(AXES)
+    }
+
+
+def picture(scene: Scene, head: Mapping[str, Any]) -> dict[str, bytes]:
+    """The diagram as .png and .svg. Raises InputError if matplotlib is not installed."""
+    with style():
+        return _encoded(_figure(scene, head), f"Error against run time: {scene.name}", head)
+
+
+def convergence(lines: Sequence[Mapping[str, Any]], head: Mapping[str, Any]) -> dict[str, bytes]:
+    """Errors against the refined unit, a line per study, as .png and .svg. Raises InputError as `picture`."""
+    with style():
+        figure = sheet(HEIGHT, 1.6 * PANEL)
+        plot = figure.subplots()
+        for line, look in zip(lines, looks().values(), strict=False):
+            x = np.array(line["values"]) / line["values"][0]
+            errors = np.array(line["errors"])
+            name = f"{line['study']}, from {line['values'][0]:g} {line['unit']}"
+            plot.plot(x, errors, look.marker, linestyle=look.dashes, color=look.color, markersize=4, label=name,
+                      markerfacecolor="white", linewidth=0.9)  # fmt: skip
+        reach = np.array([1.0, 16.0])
+        plot.plot(reach, 0.1 * reach**-2, color=BLACK, linewidth=2.6, alpha=0.18, label="order 2, as expected")
+        plot.set(xscale="log", yscale="log", xlabel="times as fine", ylabel="relative RMSE")
+        plot.grid(True, which="major", color="#e4e4e4", linewidth=0.5, zorder=0)
+        plot.legend(frameon=False, fontsize=6.5, loc="upper right")
+        _ticks(plot)
+        return _encoded(figure, "Convergence", head)
+
+
+def _encoded(figure: Figure, title: str, head: Mapping[str, Any]) -> dict[str, bytes]:
+    about = {"Title": title, "Description": head["machine"]["renderer"]}
+    maker = f"splatgl {head['version']}"
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=RESOLUTION, metadata={**about, "Software": maker})
+    return {".png": buffer.getvalue(), ".svg": encode(figure, ".svg", about, maker)}
+
+
+def _figure(scene: Scene, head: Mapping[str, Any]) -> Figure:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    truths = [truth for truth in scene.truths if any(truth in axis_of(p.name).truths for p in scene.points(truth))]
+    figure = sheet(HEIGHT + 0.75, PANEL * (FIRST - 1 + max(len(truths), 1)))
+    width, height = scene.about["size"]
+    machine = head["machine"]
+    by = machine["renderer"].split(" (")[0]
+    figure.suptitle(f"{scene.name}: {grouped(scene.about['splats'])} splats, {width}×{height} pixels, {by}", fontsize=9)
+    if not truths:
+        return figure
+    wide = {"width_ratios": [FIRST, *(1 for _ in truths[1:])]}
+    plots = figure.subplots(1, len(truths), squeeze=False, gridspec_kw=wide)[0]
+    shown: dict[str, Any] = {}
+    for plot, truth in zip(plots, truths, strict=True):
+        shown |= _panel(plot, scene, truth)
+    plots[0].set_ylabel("relative RMSE")
+    rows = 2 if len(truths) > 1 else 5
+    columns = -(-len(shown) // rows)
+    where: Any = "outside lower center"
+    figure.legend(list(shown.values()), list(shown), loc=where, ncols=columns, frameon=False, fontsize=6.5)
+    # label placement needs all positions
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    figure.set_layout_engine("none")
+    for plot, truth in zip(plots, truths, strict=True):
+        _label(plot, scene, truth, canvas)
+    return figure
+
+
+def _panel(plot: Plot, scene: Scene, truth: str) -> dict[str, Any]:
+    """Draws one truth's panel; returns the artists by name, for the legend."""
+    points = {point.name: point for point in scene.points(truth)}
+    least = min((p.error for p in points.values() if p.error > 0), default=1.0)
+    shown = {}
+    for name, look in looks().items():
+        axis = AXES[name]
+        if truth in axis.truths:
+            on = _on(axis, points)
+            for practical, (mark, fill) in PRACTICAL.items():
+                for point in [point for point in on if point.name == practical]:
+                    own = Look(mark, "-", BLACK, fill, 6.0)
+                    shown[practical] = _line(plot, [point], own, least, False)
+                    on.remove(point)
+            if on:
+                shown[name] = _line(plot, on, look, least, axis.connected)
+    x, y = _places(stairs(rivals(truth, scene)), least)
+    steps = np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
+    (shown["front"],) = plot.plot(*steps, color=BLACK, linewidth=2.6, alpha=0.18, solid_capstyle="round", zorder=1)
+    plot.set_xscale("log")
+    plot.set_yscale("log")
+    plot.set_xlabel("milliseconds for a frame")
+    plot.set_title(f"{TITLES[truth]}\n{caption(scene, truth)}", fontsize=7.5)
+    plot.grid(True, which="major", color="#e4e4e4", linewidth=0.5, zorder=0)
+    plot.margins(0.12, 0.1)
+    low, high = np.log10(plot.get_ylim())
+    more = max(DECADES - (high - low), 0.0) / 2
+    plot.set_ylim(10 ** (low - more), 10 ** (high + more))
+    _ticks(plot)
+    return shown
+
+
+def _ticks(plot: Plot) -> None:
+    """Ticks in plain milliseconds: powers of ten are too sparse within a decade."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    plot.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    plot.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    plot.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _on(axis: Axis, points: Mapping[str, Point]) -> list[Point]:
+    return [points[method.name] for method in axis.methods if method.name in points]
+
+
+def _places(points: list[Point], least: float) -> tuple[np.ndarray, np.ndarray]:
+    """Milliseconds, and errors clamped for a logarithmic axis."""
+    x = np.array([1e3 * point.time.median for point in points])
+    y = np.array([point.error or NOTHING * least for point in points])
+    return x, y
+
+
+def _line(plot: Plot, points: list[Point], look: Look, least: float, connected: bool) -> Any:
+    x, y = _places(points, least)
+    spread = np.abs(np.array([[1e3 * p.time.low, 1e3 * p.time.high] for p in points]).T - x)
+    plot.errorbar(x, y, xerr=spread, fmt="none", ecolor=look.color, elinewidth=0.5, alpha=0.6, zorder=2)
+    (drawn,) = plot.plot(
+        x,
+        y,
+        linestyle=look.dashes if connected else "none",
+        color=look.color,
+        marker=look.marker,
+        markersize=look.size,
+        markerfacecolor=look.fill,
+        markeredgecolor=look.color,
+        markeredgewidth=0.9,
+        linewidth=0.9,
+        zorder=4 if look.color == BLACK else 3,
+    )
+    return drawn
+
+
+def _text(name: str, drawn: set[str]) -> str:
+    """A method's label: its whole name where its line begins, then only what changes along it."""
+    axis = axis_of(name)
+    first = next(method.name for method in axis.methods if method.name in drawn)
+    return name if axis.connected and name == first else methods()[name].label or name
+
+
+def _label(plot: Plot, scene: Scene, truth: str, canvas: FigureCanvasAgg) -> None:
+    """Labels beside points: practical settings first, then the front, then the others, as space permits.
+
+    On a line, its ends and members of the front are labelled.
+    """
+    points = [p for p in scene.points(truth) if truth in axis_of(p.name).truths]
+    least = min((p.error for p in points if p.error > 0), default=1.0)
+    best = {p.name for p in stairs(rivals(truth, scene))}
+    inner = set()
+    for axis in AXES.values():
+        inner |= {p.name for p in _on(axis, {p.name: p for p in points})[1:-1] if axis.connected}
+    named = [p for p in points if p.name not in inner - best]
+    order = sorted(named, key=lambda p: (p.name not in PRACTICAL, p.name not in best))
+    where = plot.transData.transform(np.column_stack(_places(order, least)))
+    texts = [_text(p.name, {point.name for point in points}) for p in order]
+    renderer = canvas.get_renderer()
+    drawn = [plot.text(0, 0, text, fontsize=LABEL, zorder=6) for text in texts]
+    sizes = [(box.width, box.height) for box in (text.get_window_extent(renderer) for text in drawn)]
+    lines = [plot.transData.transform(line.get_xydata()) for line in plot.lines if line.get_linestyle() != "None"]
+    for point in points:
+        spread = [(1e3 * seconds, point.error or NOTHING * least) for seconds in (point.time.low, point.time.high)]
+        lines.append(plot.transData.transform(spread))
+    found = places(where, sizes, Box(*plot.bbox.extents), lines)
+    back = plot.transData.inverted()
+    for text, place, point, (width, height) in zip(drawn, found, where, sizes, strict=True):
+        if place is None:
+            text.remove()
+            continue
+        left, bottom = back.transform((place.left, place.bottom))
+        text.set_position((float(left), float(bottom)))
+        text.set_verticalalignment("bottom")
+        if place.led:
+            nearest = np.clip(point, (place.left, place.bottom), (place.left + width, place.bottom + height))
+            ends = back.transform([point, nearest])
+            plot.plot(*ends.T, color=GRAY, linewidth=0.4, zorder=2, scalex=False, scaley=False)

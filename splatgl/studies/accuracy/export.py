@@ -1,0 +1,117 @@
+"""A report's numbers as CSV and JSON, and its text as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from splatgl.studies import tables
+from splatgl.studies.accuracy.content import Block, Diagram, Heading, Pictures, Table, Text, blocks, rivals
+from splatgl.studies.accuracy.methods import TRUTHS
+from splatgl.studies.accuracy.pareto import standing
+from splatgl.studies.accuracy.sweep import Results, Row, Scene, Store
+
+
+def as_markdown(results: Results, diagrams: Mapping[str, str]) -> str:
+    """The whole text. diagrams: file names by scene; images of the methods are only in the HTML page."""
+    parts = [_block(block, diagrams) for block in blocks(results)]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _block(block: Block, diagrams: Mapping[str, str]) -> str:
+    match block:
+        case Heading(text, level):
+            return f"{'#' * level} {text}"
+        case Text(lines, bullets):
+            return "\n".join(f"* {line}" for line in lines) if bullets else "\n\n".join(lines)
+        case Table():
+            return as_table(block)
+        case Diagram(scene):
+            return f"![error against run time: {scene}]({diagrams[scene]})" if scene in diagrams else ""
+        case Pictures():
+            return ""
+
+
+def as_table(table: Table) -> str:
+    """One table, collapsed behind its title if folded; empty for one without rows."""
+    if not table.rows:
+        return ""
+    strong = [
+        [f"**{cell}**" if cell and n in table.strong else cell for cell in row] for n, row in enumerate(table.rows)
+    ]
+    text = tables.as_markdown(table.head, strong)
+    if table.folded:
+        return f"<details><summary>{table.title}</summary>\n\n{text}\n\n</details>"
+    return f"{table.title}\n\n{text}" if table.title else text
+
+
+ERRORS = ("rmse", "maximum", "p999", "share_over", "energy", "flip")
+FIELDS = (
+    "scene",
+    "axis",
+    "method",
+    "same_as",
+    "omitted",
+    "splats",
+    "extraction",
+    "seconds",
+    "seconds_low",
+    "seconds_high",
+    "rounds",
+    "times_exact",
+    "times_exact_low",
+    "times_exact_high",
+    "tolerance",
+    "bound",
+    *(f"{truth}_{name}" for truth in TRUTHS for name in ERRORS),
+    *(f"{truth}_standing" for truth in TRUTHS),
+)
+
+
+def as_csv(results: Results) -> str:
+    """A header, and a line per method and scene."""
+    return tables.as_csv(FIELDS, (_cells(scene, row) for scene in results.scenes for row in scene.rows))
+
+
+def as_json(results: Results, store: Store) -> str:
+    """Everything: the head, the methods as in the CSV, the convergence, and every single run."""
+    found = {
+        **{name: value for name, value in results.head.items() if name != "kind"},
+        "truths": TRUTHS,
+        "methods": [_cells(scene, row) for scene in results.scenes for row in scene.rows],
+        "convergence": results.convergence,
+        "runs": store.lines,
+    }
+    return tables.as_json(found)
+
+
+def _cells(scene: Scene, row: Row) -> dict[str, Any]:
+    cells: dict[str, Any] = {
+        "scene": scene.name,
+        "axis": row.axis,
+        "method": row.method,
+        "same_as": row.same_as,
+        "omitted": "; ".join([*filter(None, (row.omitted,)), *(f"{name}: {why}" for name, why in row.missing.items())]),
+        "splats": row.splats,
+        "extraction": row.extraction,
+        "tolerance": row.tolerance,
+        "bound": row.bound,
+    }
+    if row.timing is not None:
+        timing = row.timing
+        cells |= {
+            "seconds": timing.median,
+            "seconds_low": timing.low,
+            "seconds_high": timing.high,
+            "rounds": timing.count,
+        }
+        if scene.usual is not None:
+            ratio = timing.over(scene.usual)
+            cells |= {"times_exact": ratio.median, "times_exact_low": ratio.low, "times_exact_high": ratio.high}
+    for truth, found in row.errors.items():
+        cells |= {f"{truth}_{name}": found.get(name) for name in ERRORS}
+        points = rivals(truth, scene)
+        own = next((point for point in points if point.name == row.method), None)
+        if own is not None:
+            cells[f"{truth}_standing"] = str(standing(own, points))
+    return cells

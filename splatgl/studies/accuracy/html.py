@@ -1,0 +1,218 @@
+"""HTML page, thumbnails, publishing."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from splatgl.comparison.html_report import data_uri, heat, largest, shown
+from splatgl.data.image import Image
+from splatgl.errors import InputError
+from splatgl.fileio import write_whole
+from splatgl.reference.renderer import Renderer
+from splatgl.splat.settings import Settings
+from splatgl.studies.accuracy.content import (
+    CONVERGENCE,
+    NAMES,
+    Block,
+    Diagram,
+    Heading,
+    Pictures,
+    Table,
+    Text,
+    blocks,
+    number,
+)
+from splatgl.studies.accuracy.diagram import convergence, picture
+from splatgl.studies.accuracy.export import as_csv, as_json, as_markdown
+from splatgl.studies.accuracy.ground_truth import Subject, Truths
+from splatgl.studies.accuracy.methods import EXACT, PAPER, methods
+from splatgl.studies.accuracy.sweep import Results, Scene, Store
+
+STYLE = "page.css"
+
+
+def page(results: Results, diagrams: Mapping[str, bytes], strips: Mapping[str, Strip]) -> str:
+    """The whole page. diagrams: PNG files by scene; strips: thumbnails by scene."""
+    css = files("splatgl.studies.accuracy").joinpath(STYLE).read_text(encoding="utf-8")
+    title = "Error against run time: " + ", ".join(scene.name for scene in results.scenes)
+    body = [_block(block, diagrams, strips) for block in blocks(results)]
+    return "\n".join(
+        [
+            f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title><style>{css}</style>',
+            '<meta name="viewport" content="width=device-width, initial-scale=1"><main>',
+            *(part for part in body if part),
+            "</main></html>\n",
+        ]
+    )
+
+
+def _block(block: Block, diagrams: Mapping[str, bytes], strips: Mapping[str, Strip]) -> str:
+    match block:
+        case Heading(text, level):
+            return f"<h{level}>{escape(text)}</h{level}>"
+        case Text(lines, bullets):
+            parts = [_marked(line) for line in lines]
+            if bullets:
+                return "<ul>" + "".join(f"<li>{part}" for part in parts) + "</ul>"
+            return "".join(f"<p>{part}</p>" for part in parts)
+        case Table():
+            return _table(block)
+        case Diagram(scene):
+            if scene not in diagrams:
+                return ""
+            data = base64.b64encode(diagrams[scene]).decode("ascii")
+            return f'<img class="diagram" alt="{escape(scene)}" src="data:image/png;base64,{data}">'
+        case Pictures(scene):
+            return _strip(strips[scene]) if scene in strips else ""
+
+
+def _marked(text: str) -> str:
+    """Escaped, **words** in bold."""
+    return re.sub(r"\*\*(.+?)\*\*", r"<b>\1</b>", escape(text))
+
+
+def _table(table: Table) -> str:
+    if not table.rows:
+        return ""
+    head = "".join(f"<th>{escape(cell)}" for cell in table.head)
+    rows = [
+        f"<tr{' class=strong' if n in table.strong else ''}>" + "".join(f"<td>{escape(cell)}" for cell in cells)
+        for n, cells in enumerate(table.rows)
+    ]
+    body = f'<div class="wide"><table><tr>{head}{"".join(rows)}</table></div>'
+    title = escape(table.title[:1].upper() + table.title[1:])
+    if table.folded:
+        return f"<details><summary>{title}</summary>{body}</details>"
+    return f'<section class="table">{f"<h3>{title}</h3>" if title else ""}{body}</section>'
+
+
+def _strip(strip: Strip) -> str:
+    """Columns of a method each: its picture, and its difference from each truth."""
+    scales = "; ".join(
+        f"{NAMES[truth]}: black is none, pale {number(strip.scales[truth])} and more"
+        for truth in COMPARED
+        if any(truth in each.differences for each in strip.thumbnails)
+    )
+    columns = "".join(_column(each) for each in strip.thumbnails)
+    kind = "strip squares" if strip.small else "strip"
+    return f'<h3>Pictures, and their differences on one scale ({scales})</h3><div class="{kind}">{columns}</div>'
+
+
+def _column(each: Thumbnail) -> str:
+    pictures = [f'<img alt="{escape(each.name)}" src="{each.picture}">']
+    for truth in COMPARED:
+        if truth in each.differences:
+            name = NAMES[truth]
+            pictures.append(f'<img alt="difference, {name}" src="{each.differences[truth]}"><i>{name}</i>')
+    return f"<figure><figcaption>{escape(each.name)}</figcaption>{''.join(pictures)}</figure>"
+
+
+PAGE = "report.html"
+
+
+def publish(results: Results, store: Store, folder: Path, strips: Mapping[str, Strip]) -> list[str]:
+    """Writes all possible files; returns a line about them, and one about files that could not be written."""
+    written = {"report.csv": as_csv(results).encode(), "report.json": as_json(results, store).encode()}
+    left_out = []
+    try:
+        written |= _diagrams(results)
+    except InputError as error:
+        left_out = [f"diagrams left out: {error}"]
+    names = {name.removesuffix(".png"): name for name in written if name.endswith(".png")}
+    written["report.md"] = as_markdown(results, names).encode()
+    diagrams = {scene: written[name] for scene, name in names.items()}
+    written[PAGE] = page(results, diagrams, strips).encode()
+    for name, data in written.items():
+        write_whole(folder / name, data)
+    others = ", ".join(name for name in written if name != PAGE)
+    return [f"{folder / PAGE}: {len(results.scenes)} scenes; beside it {others}", *left_out]
+
+
+def _diagrams(results: Results) -> dict[str, bytes]:
+    """Every diagram, as PNG and SVG, by file name."""
+    drawn = {scene.name: picture(scene, results.head) for scene in results.scenes}
+    if results.convergence:
+        drawn[CONVERGENCE] = convergence(results.convergence, results.head)
+    return {name + suffix: data for name, each in drawn.items() for suffix, data in each.items()}
+
+
+# methods shown, if drawn
+PREVIEW = "preview 1/2"
+SPLATS = (PAPER, "grid", "ray", EXACT, "no antialiasing", "2×2", "4×4", PREVIEW)
+SHOWN = (*SPLATS, "sheets 3", "post b-spline", "post b-spline 2×2")
+# percentile of the worst method's differences shown as the brightest
+BRIGHTEST = 99.5
+COMPARED = ("reference", "sampled", "field")
+# images up to this many pixels a side are enlarged on the page
+SQUARES = 128
+
+
+@dataclass(frozen=True)
+class Thumbnail:
+    """One method's picture and its differences, as data URIs, by truth."""
+
+    name: str
+    picture: str
+    differences: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Strip:
+    """A scene's thumbnails, the truth first. scales: the brightest difference, by truth.
+
+    small: whether pixels are shown as squares.
+    """
+
+    thumbnails: tuple[Thumbnail, ...]
+    scales: dict[str, float]
+    small: bool
+
+
+def strip(renderer: Renderer, subject: Subject, scene: Scene, truths: Truths) -> Strip:
+    """Redraws the methods: the images are bitwise identical."""
+    rows = {name: row for name in SHOWN if (row := scene.row(name)) is not None and not row.omitted}
+    drawn: dict[str, Image] = {}
+    found: dict[tuple[str, str], np.ndarray] = {}
+    for name, row in rows.items():
+        splats, settings = subject.drawn(methods()[name])
+        drawn[name] = renderer.render(splats, subject.camera, settings)
+        for truth in COMPARED:
+            if truth in row.errors:
+                found[name, truth] = largest(drawn[name], truths.get(truth, settings))
+    scales = {t: _scale([d for (name, of), d in found.items() if of == t and name != PREVIEW]) for t in COMPARED}
+    peak = max((float(image.pixels.max()) for image in drawn.values()), default=1.0) or 1.0
+    peak = peak if subject.settings.blend == "xray" else 1.0
+    cells = [Thumbnail(name, data_uri(shown(right, peak)), {}) for name, right in _truth(truths, subject.settings)]
+    for name in rows:
+        heats = {t: _heat(found[name, t], scales[t]) for t in COMPARED if (name, t) in found}
+        cells.append(Thumbnail(name, data_uri(shown(drawn[name], peak)), heats))
+    return Strip(tuple(cells), scales, max(subject.camera.size) <= SQUARES)
+
+
+def _truth(truths: Truths, settings: Settings) -> Iterator[tuple[str, Image]]:
+    """The sampled truth and the field by their names, if any."""
+    for truth, name in (("sampled", "sampled truth"), ("field", "the field")):
+        try:
+            yield name, truths.get(truth, settings)
+        except InputError:
+            continue
+
+
+def _scale(differences: list[np.ndarray]) -> float:
+    return max((float(np.percentile(d, BRIGHTEST)) for d in differences), default=0.0) or 1.0
+
+
+def _heat(difference: np.ndarray, scale: float) -> str:
+    """Heat map from 0 to `scale`, which is set by an extra pixel that is cropped afterwards."""
+    clipped = np.minimum(difference, np.float32(scale))
+    with_scale = np.pad(clipped, ((0, 1), (0, 0)))
+    with_scale[-1, 0] = scale
+    return data_uri(heat(with_scale)[:-1])

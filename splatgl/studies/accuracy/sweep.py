@@ -1,0 +1,451 @@
+"""Runs, times, stores, loads results."""
+
+from __future__ import annotations
+
+import json
+import random
+import statistics
+import time
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.comparison.compare import compare
+from splatgl.data.image import Image
+from splatgl.errors import InputError, expected
+from splatgl.reference.renderer import Planner
+from splatgl.splat.settings import Settings
+from splatgl.studies.accuracy.convergence import STUDIES
+from splatgl.studies.accuracy.ground_truth import Level, Subject, Truths, Wanted
+from splatgl.studies.accuracy.methods import EXACT, TRUTHS, Method, axis_of, methods
+from splatgl.studies.accuracy.pareto import Point, Timing, finite
+from splatgl.studies.accuracy.vtk_peers import Peer
+
+# fraction of pixels worse than `p999`, per cent
+WORST = 0.1
+
+
+@dataclass(frozen=True)
+class Errors:
+    """rmse: root mean square of the differences over that of the truth. maximum: the largest of any channel; p999:
+    exceeded by one pixel in a thousand. share_over: of the pixels off by more than 1/255. energy: (Σ − Σ_truth)/Σ_truth
+    over all channels. flip: mean FLIP, None if not requested. maximum and p999 relative to an X-ray's peak.
+    """
+
+    rmse: float
+    maximum: float
+    p999: float
+    share_over: float
+    energy: float
+    flip: float | None = None
+
+    def as_dict(self) -> dict[str, float | None]:
+        """All errors by name, for JSON."""
+        return asdict(self)
+
+
+def errors(image: Image, truth: Image, flip: bool = False) -> Errors:
+    """The errors of `image` against `truth`, both [H, W, 4] of one size. Raises InputError as `compare`."""
+    found = compare(image, truth, extra=("flip",) if flip else ())
+    drawn, right = (np.asarray(each.pixels, np.float64) for each in (image, truth))
+    worst = np.abs(drawn - right).max(axis=-1)
+    scale = float(np.sqrt((right * right).mean()))
+    return Errors(
+        rmse=found.rmse / scale if scale else found.rmse,
+        maximum=found.maximum / found.peak,
+        p999=float(np.percentile(worst, 100 - WORST)) / found.peak,
+        share_over=found.share_over,
+        energy=found.sum_error,
+        flip=found.flip,
+    )
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method on one scene. timing: None where it was not timed. errors: by truth, then by name."""
+
+    method: str
+    axis: str
+    same_as: str
+    omitted: str
+    timing: Timing | None
+    errors: dict[str, dict[str, float | None]] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
+    bound: float | None = None
+    tolerance: float | None = None
+    splats: int = 0
+    extraction: float | None = None
+    drawn: dict[str, Any] = field(default_factory=dict)
+
+    def error(self, truth: str, name: str = "rmse") -> float | None:
+        """The error of that name against that truth, None where it was not measured."""
+        return self.errors.get(truth, {}).get(name)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One scene's rows, in the registry's order. about: the store's record of it."""
+
+    name: str
+    about: dict[str, Any]
+    rows: tuple[Row, ...]
+
+    def row(self, method: str) -> Row | None:
+        """The row of that method, None where there is none."""
+        return next((row for row in self.rows if row.method == method), None)
+
+    @property
+    def usual(self) -> Timing | None:
+        """The time of the default settings, the baseline for the others."""
+        row = self.row(EXACT)
+        return row.timing if row else None
+
+    def points(self, truth: str, name: str = "rmse", same: bool = False) -> list[Point]:
+        """The methods with time and error; same: including those with the same image as another."""
+        found = []
+        for row in self.rows:
+            error = row.error(truth, name)
+            if row.timing is not None and error is not None and (same or not row.same_as):
+                found.append(Point(row.method, error, row.timing))
+        return finite(found)
+
+    @property
+    def truths(self) -> list[str]:
+        """The truths that any method was measured against."""
+        return [truth for truth in TRUTHS if any(truth in row.errors for row in self.rows)]
+
+
+@dataclass(frozen=True)
+class Results:
+    """Everything: the head's values, the scenes, and the lines about convergence."""
+
+    head: dict[str, Any]
+    scenes: tuple[Scene, ...]
+    convergence: tuple[dict[str, Any], ...]
+
+    @classmethod
+    def of(cls, store: Store) -> Results:
+        """Reads everything from a store that has its head line."""
+        scenes = tuple(_scene(store, line) for line in store.of("scene"))
+        return cls(store.of("head")[0], scenes, tuple(store.of("convergence")))
+
+    @property
+    def flip(self) -> bool:
+        """Whether FLIP was measured."""
+        return any(row.error("sampled", "flip") is not None for scene in self.scenes for row in scene.rows)
+
+
+def _scene(store: Store, about: dict[str, Any]) -> Scene:
+    name = about["scene"]
+    times: dict[str, dict[int, float]] = {}
+    for line in store.of("time", scene=name):
+        times.setdefault(line["method"], {})[line["round"]] = line["seconds"]
+    return Scene(name, about, tuple(_row(line, times) for line in store.of("picture", scene=name)))
+
+
+def _row(line: dict[str, Any], times: dict[str, dict[int, float]]) -> Row:
+    # identical images share their timing
+    seconds = times.get(line["same_as"] or line["method"], {})
+    return Row(
+        method=line["method"],
+        axis=line["axis"],
+        same_as=line["same_as"],
+        omitted=line["omitted"],
+        timing=Timing.of(seconds) if seconds else None,
+        **{
+            name: line[name]
+            for name in ("errors", "missing", "bound", "tolerance", "splats", "extraction", "drawn")
+            if name in line
+        },
+    )
+
+
+NAME = "runs.jsonl"
+# kinds of lines, and their keys
+KINDS: dict[str, set[str]] = {
+    "head": set(),
+    "scene": {"scene", "mark", "splats", "size", "note"},
+    "picture": {"scene", "axis", "method", "same_as", "omitted"},
+    "time": {"scene", "method", "round", "seconds"},
+    "convergence": {"study", "unit", "expected", "floor", "values", "errors", "orders"},
+}
+
+
+class Store:
+    """The lines of a report. lines: all of them, in the order written."""
+
+    def __init__(self, path: Path, head: Mapping[str, Any], resume: bool = False) -> None:
+        """Starts or resumes a store. Raises InputError if the existing one belongs to another report."""
+        self.path = path
+        self.lines: list[dict[str, Any]] = list(_read(path)) if resume and path.exists() else []
+        begun = {"kind": "head", **head}
+        if self.lines:
+            old = self.lines[0]
+            other = [name for name in begun if old.get(name) != begun[name]]
+            if other:
+                what = f"{other[0]} {begun[other[0]]!r}"
+                got = repr(old.get(other[0]))
+                raise expected(f"{path} --resume", what, got, "leave out --resume to begin anew")
+        try:
+            # drop a truncated line
+            path.write_text("".join(f"{_text(line)}\n" for line in self.lines), encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        if not self.lines:
+            self.add("head", **head)
+
+    def add(self, kind: str, **values: Any) -> dict[str, Any]:
+        """Writes a line, and returns it."""
+        line = {"kind": kind, **values}
+        self.lines.append(line)
+        try:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(f"{_text(line)}\n")
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written: {error.strerror or error}") from error
+        return line
+
+    def of(self, kind: str, **values: Any) -> list[dict[str, Any]]:
+        """The lines of that kind with those values."""
+        return [
+            line
+            for line in self.lines
+            if line["kind"] == kind and all(line.get(name) == value for name, value in values.items())
+        ]
+
+
+def _text(line: Mapping[str, Any]) -> str:
+    return json.dumps(line, ensure_ascii=False)
+
+
+def _read(path: Path) -> Iterator[dict[str, Any]]:
+    """The complete lines. InputError for a file that is not a report."""
+    for number, text in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
+        try:
+            line = json.loads(text)
+        except ValueError:
+            # only the last line can be truncated
+            return
+        kind = line.get("kind") if isinstance(line, dict) else None
+        if kind not in KINDS or not line.keys() >= KINDS[kind] or (number == 1) != (kind == "head"):
+            raise expected(f"{path} line {number}", "a line of a report", text[:60], "leave out --resume to begin anew")
+        yield line
+
+
+# seed of the random order, fixed for all runs
+SEED = 1998
+# after this total time in seconds a method is not timed again beyond the minimum number of rounds
+LONGEST, LEAST_ROUNDS = 20.0, 3
+# a turn has as many frames as fit into TURN seconds, at least one and at most FRAMES
+TURN, FRAMES = 0.04, 5
+# FLIP is measured against this truth
+FLIP_TRUTH = "sampled"
+# recorded properties of a rendering
+DRAWN = ("align", "antialias", "footprint", "samples", "attenuation", "target")
+
+# progress callback, called once per step
+Tick = Callable[[str], None]
+
+
+def chosen(level: Level, only: tuple[str, ...] = (), peers: bool = False) -> list[Method]:
+    """The methods of a report at that level; only: names of methods or axes, all if empty; peers: VTK too."""
+    known = [method for method in methods().values() if method.quick or level.all_methods or only]
+    named = [m for m in known if not only or m.name in only or axis_of(m.name).name in only]
+    return [m for m in known if (m.peer and peers) or (m in named and (not m.peer or only))]
+
+
+class Sweep:
+    """Records one scene's images and times in a store. flip: whether FLIP is measured."""
+
+    def __init__(self, renderer: Planner, subject: Subject, truths: Truths, store: Store, flip: bool) -> None:
+        self.renderer, self.subject, self.truths, self.store, self.flip = renderer, subject, truths, store, flip
+        self.plans: dict[tuple[Hashable, int], str] = {}
+        self.peers: dict[str, Peer] = {}
+
+    def pictures(self, wanted: list[Method], tick: Tick) -> None:
+        """Draws each method once, and measures it against every truth."""
+        for method in wanted:
+            tick(f"{self.subject.name}: {method.name}")
+            done = self.store.of("picture", scene=self.subject.name, method=method.name)
+            if done and not (done[0]["same_as"] or done[0]["omitted"] or method.peer):
+                # already drawn: other methods may turn out to be identical
+                splats, settings = self.subject.drawn(method)
+                plan = self.renderer.plan(splats, self.subject.camera, settings)
+                self.plans.setdefault((plan.key, id(splats)), method.name)
+            if not done:
+                line = self._peer_picture(method) if method.peer else self._picture(method)
+                self.store.add("picture", scene=self.subject.name, **line)
+
+    def _picture(self, method: Method) -> dict[str, object]:
+        """The record of a method."""
+        axis = axis_of(method.name).name
+        line: dict[str, object] = {"axis": axis, "method": method.name, "same_as": "", "omitted": ""}
+        try:
+            splats, settings = self.subject.drawn(method)
+            plan = self.renderer.plan(splats, self.subject.camera, settings)
+        except InputError as error:
+            return {**line, "omitted": str(error)}
+        if not len(splats):
+            return {**line, "omitted": "no splat is left"}
+
+        # equal plans give equal images
+        key = (plan.key, id(splats))
+        if key in self.plans:
+            line["same_as"] = self.plans[key]
+        else:
+            self.plans[key] = method.name
+        image = self.renderer.render(splats, self.subject.camera, settings)
+        return {
+            **line,
+            "splats": len(splats),
+            "extraction": round(self.subject.seconds[id(splats)], 6),
+            "tolerance": settings.tolerance,
+            "bound": image.info["error_bound"],
+            "drawn": {name: image.info[name] for name in DRAWN} | {"technique": plan.program.technique},
+            **self._measured(image, settings, method),
+        }
+
+    def _peer_picture(self, method: Method) -> dict[str, object]:
+        """The record of a method of a peer."""
+        line: dict[str, object] = {
+            "axis": axis_of(method.name).name,
+            "method": method.name,
+            "same_as": "",
+            "omitted": "",
+        }
+        try:
+            image = self._peer(method).frame()[0]
+        except InputError as error:
+            return {**line, "omitted": str(error)}
+        return {**line, **self._measured(image, self.subject.settings, method)}
+
+    def _peer(self, method: Method) -> Peer:
+        if method.name not in self.peers:
+            if self.subject.content is None:
+                raise expected("peers", "a volume", "splats alone")
+            settings = self.subject.settings.but(**method.changes)
+            self.peers[method.name] = Peer(method.peer, self.subject.content, self.subject.camera, settings)
+        return self.peers[method.name]
+
+    def close(self) -> None:
+        """Ends the peers' processes."""
+        for peer in self.peers.values():
+            peer.close()
+        self.peers.clear()
+
+    def _measured(self, image: Image, settings: Settings, method: Method) -> dict[str, object]:
+        """The errors against each of the method's truths, or the reason why there are none.
+
+        That the scene has no field is recorded with the scene.
+        """
+        found: dict[str, object] = {}
+        missing: dict[str, str] = {}
+        for truth in axis_of(method.name).measured:
+            if truth == "field" and self.subject.no_field:
+                continue
+            # what is classified after reconstruction is no picture of splats
+            if truth != "field" and image.info.get("classification") == "post":
+                continue
+            try:
+                flip = self.flip and truth == FLIP_TRUTH
+                found[truth] = errors(image, self.truths.get(truth, settings), flip).as_dict()
+            except InputError as error:
+                missing[truth] = str(error)
+        return {"errors": found, "missing": missing}
+
+    def times(self, wanted: list[Method], rounds: int, tick: Tick) -> None:
+        """Times every method with a distinct image once per round, each round in another random order.
+
+        Temporary load on the machine thus affects all methods alike, and they can be compared round by round.
+        """
+        named = {method.name: method for method in wanted}
+        own = [
+            line["method"]
+            for line in self.store.of("picture", scene=self.subject.name, same_as="", omitted="")
+            if line["method"] in named
+        ]
+        done = self.store.of("time", scene=self.subject.name)
+        spent = {name: sum(line["seconds"] for line in done if line["method"] == name) for name in own}
+        finished = {(line["method"], line["round"]) for line in done}
+        shuffled = random.Random(SEED)
+        for turn in range(rounds):
+            for name in shuffled.sample(own, len(own)):
+                tick(f"{self.subject.name}: timing")
+                if (name, turn) in finished or (spent[name] > LONGEST and turn >= LEAST_ROUNDS):
+                    continue
+                seconds = self.turn(named[name])
+                spent[name] += seconds
+                self.store.add("time", scene=self.subject.name, method=name, round=turn, seconds=round(seconds, 6))
+
+    def turn(self, method: Method) -> float:
+        """Seconds per frame after a warm-up frame: the median of up to FRAMES that fit into TURN."""
+        self.frame(method)
+        first = self.frame(method)
+        count = min(FRAMES, int(TURN / first))
+        # an odd number, so that the median is a measured time
+        return statistics.median([first, *(self.frame(method) for _ in range(2 * ((count - 1) // 2)))])
+
+    def frame(self, method: Method) -> float:
+        """Seconds for one finished frame, its pixels read back."""
+        if method.peer:
+            return self._peer(method).frame()[1]
+        splats, settings = self.subject.drawn(method)
+        started = time.perf_counter()
+        self.renderer.render(splats, self.subject.camera, settings, verify_bound=False)
+        return time.perf_counter() - started
+
+
+@dataclass(frozen=True)
+class Task:
+    """A report request. only: names of methods or axes, all if empty. peers: VTK too. flip: FLIP too."""
+
+    level: Level
+    only: tuple[str, ...] = ()
+    peers: bool = False
+    flip: bool = False
+    folder: Path | None = None
+
+    def steps(self, scenes: int) -> int:
+        """Number of progress steps of `work`."""
+        count = len(chosen(self.level, self.only, self.peers))
+        return scenes * count * (1 + self.level.rounds) + len(STUDIES)
+
+
+def truths_of(truths: Truths, task: Task) -> list[Wanted]:
+    """The different truths of one scene that a report measures against."""
+    subject, found = truths.subject, dict[str, Wanted]()
+    for method in chosen(task.level, task.only, task.peers):
+        for kind in axis_of(method.name).measured:
+            # what has no truth is told when it is measured
+            with suppress(InputError):
+                settings = subject.settings if method.peer else subject.drawn(method)[1]
+                wanted = truths.wanted(kind, settings)
+                found.setdefault(wanted[0], wanted)
+    return list(found.values())
+
+
+def work(renderer: Planner, subjects: Sequence[Subject], task: Task, store: Store, tick: Tick) -> None:
+    """Measures everything not in the store yet."""
+    wanted = chosen(task.level, task.only, task.peers)
+    for subject in subjects:
+        known = store.of("scene", scene=subject.name)
+        if known and known[0]["mark"] != subject.mark():
+            raise expected(f"{subject.name} --resume", "the scene as it was", "another", "leave out --resume")
+        if not known:
+            splats = subject.splats()
+            about = {"splats": len(splats), "size": list(subject.camera.size), "note": subject.note}
+            about |= {"no_field": subject.no_field, "formula": subject.formula is not None}
+            store.add("scene", scene=subject.name, mark=subject.mark(), **about)
+        truths = Truths(renderer, subject, task.level, task.folder)
+        sweep = Sweep(renderer, subject, truths, store, task.flip)
+        with closing(sweep):
+            sweep.pictures(wanted, tick)
+            sweep.times(wanted, task.level.rounds, tick)
+    for study in STUDIES:
+        tick(f"convergence: {study.name}")
+        if not store.of("convergence", study=study.name):
+            store.add("convergence", **study.line(renderer, task.level))

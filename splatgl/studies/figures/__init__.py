@@ -1,0 +1,96 @@
+"""The paper's figures, drawn from the code's own geometry and formulas; each with the numbers behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from splatgl.studies.figures import footprint_errors, geometry, motion_blur
+from splatgl.studies.plots import encode, style
+from splatgl.studies.tables import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of the paper: its number, caption, drawing and data."""
+
+    number: int
+    caption: str
+    draw: Callable[[], Drawing]
+    table: Callable[[], Table]
+
+    def picture(self, suffix: str, maker: str = "splatgl") -> bytes:
+        """The bytes of a .png or .svg that names its maker. Raises InputError if matplotlib is not there."""
+        with style():
+            about = {"Title": f"Figure {self.number}", "Description": self.caption}
+            return encode(self.draw(), suffix, about, maker)
+
+
+_ALL = (
+    Figure(
+        1,
+        "Eye space: perspective rays diverge, so that beyond z_k a volume of spacing s is sampled too coarsely.",
+        geometry.eye_space,
+        geometry.sampling_table,
+    ),
+    Figure(
+        2,
+        "Perspective space: the same rays are parallel and one pixel p apart, and beyond z_k the volume's "
+        "samples crowd together more closely than that.",
+        geometry.perspective_space,
+        geometry.sampling_table,
+    ),
+    Figure(
+        3,
+        "By similar triangles a voxel of side s covers just one pixel of side p at the depth z_k = s z_img/p.",
+        geometry.similar_triangles,
+        geometry.triangles_table,
+    ),
+    Figure(
+        4,
+        "A voxel's footprint on the pixels before, at and beyond z_k: stretched by m = z_v/z_k and weakened by "
+        "(z_k/z_v)² it keeps its energy and can't fall between the pixels (grey: the square root of its value).",
+        geometry.growing_footprints,
+        geometry.growing_table,
+    ),
+    Figure(
+        7,
+        "Beyond z_k a kernel widens with the rays (trapezoid, solid); stretching it by the same m at all depths "
+        "(box, dashed) is off by at most R²/z_k.",
+        geometry.trapezoid_and_box,
+        geometry.trapezoid_table,
+    ),
+    Figure(
+        8,
+        "Where a pixel's ray meets a grid-aligned and a ray-perpendicular quad, and what it reads there: the "
+        "latter is almost at the ray's true distance from the voxel.",
+        geometry.orientations,
+        geometry.orientation_table,
+    ),
+    Figure(
+        9,
+        "Three voxels of a 512³ volume: isolines of the stretched kernel and its quads in perspective space "
+        "(left), and the line integrals' errors in 1/255 of their peak (right).",
+        footprint_errors.integral_errors,
+        footprint_errors.integral_table,
+    ),
+    Figure(
+        10,
+        "The largest error of rows 5, 4, 3 and 2 of Table 1 against row 1 for a voxel at depth z_v and distance "
+        "y_v from the axis of a 512³ volume; the dashed line is z_k.",
+        footprint_errors.error_surfaces,
+        footprint_errors.surface_table,
+    ),
+    Figure(
+        11,
+        "A moving splat: its footprint (a) is cut in half and stretched by the path's length l (b), which weakens it; "
+        "the mean of the footprint along the path (c) is what it should be. Below: along the path's middle.",
+        motion_blur.construction,
+        motion_blur.gain_table,
+    ),
+)
+FIGURES = {figure.number: figure for figure in _ALL}

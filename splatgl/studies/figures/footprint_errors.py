@@ -1,0 +1,433 @@
+"""Figures 9, 10.
+
+An error is |form − row 1| of one splat on one ray. `Plane` is the paper's analysis in the (y, z) plane, where
+a stretch by m attenuates by 1/m; `Space` is the splat as drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from splatgl.splat.footprint import FORMS, ROWS, Splat, row1
+from splatgl.splat.kernels import Kernel
+from splatgl.studies.figures.paper_setup import PAPER, Setting, Stretched
+from splatgl.studies.plots import BLACK, COLUMN, GRAY, LINES, sheet
+from splatgl.studies.tables import Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+
+# the forms shown; b′ is derived for the weight 1/m² of space, not for the plane's 1/m
+PLANAR, SPATIAL = ("row5", "row4", "b"), ("bprime",)
+NAMES = {"row5": "row 5, grid-aligned", "row4": "row 4, ray-perpendicular", "b": "form b", "bprime": "form b′"}
+RAYS = 601
+INTEGRAL_ISOLINES = (0.02, 0.2, 0.4, 0.6, 0.8)
+# levels shown, logarithmically
+INTEGRAL_RANGE = (2e-5, 90.0)
+
+
+@dataclass(frozen=True)
+class Voxel:
+    """One of the figure's voxels, at (0, y, z) in `setting`."""
+
+    setting: Setting
+    name: str
+    y: float
+    z: float
+
+    @property
+    def plane(self) -> Plane:
+        """The voxel as a plane's only one, N = 1."""
+        return Plane(self.setting.kernel, self.setting.z_k, np.array([self.y]), np.array([self.z]))
+
+    @property
+    def shape(self) -> Stretched:
+        """The voxel's kernel after antialiasing."""
+        return Stretched(self.setting.kernel, self.y, self.z, self.setting.z_k)
+
+    def angles(self, place: np.ndarray) -> np.ndarray:
+        """Angles of sweep positions from the axis, degrees."""
+        return np.degrees(np.arctan(self.plane.slope(place[None])[0]))
+
+    def levels(self, form: str, place: np.ndarray) -> np.ndarray:
+        """|form − row 1| on each ray, in 1/255 of row 1's largest value."""
+        splat = self.plane.splat(place[None], planar=form in PLANAR)
+        top = float(row1(self.plane.splat(np.linspace(-1, 1, RAYS)[None], splat.planar)).max())
+        return np.asarray(255 * difference(ALL[form], splat)[0] / top)
+
+
+def voxels(setting: Setting = PAPER) -> tuple[Voxel, Voxel, Voxel]:
+    """Near the axis and the front; far off it at z_k; far off it at the back."""
+    z_k = setting.z_k
+    return (
+        Voxel(setting, "front, near the axis", 16.0, setting.front + 2),
+        Voxel(setting, "$z_k$, far off the axis", setting.edge, z_k),
+        Voxel(setting, "back, far off the axis", setting.edge, setting.back),
+    )
+
+
+def integral_errors() -> Figure:
+    """Fig. 9."""
+    from matplotlib.lines import Line2D
+
+    figure = sheet(5.6)
+    axes = figure.subplots(3, 2)
+    for number, (voxel, (left, right)) in enumerate(zip(voxels(), axes, strict=True)):
+        _shape(left, voxel)
+        _errors(right, voxel)
+        left.set_title(f"({'abc'[number]}) {voxel.name}", loc="left")
+        right.set_title(f"$y$ = {voxel.y:.0f}, $z$ = {voxel.z:.1f}", loc="right")
+    axes[2, 0].set_xlabel("ray angle (°)")
+    axes[2, 1].set_xlabel("ray angle (°)")
+    lines = [Line2D([], [], label=NAMES[form], **LINES[form]) for form in (*PLANAR, *SPATIAL)]
+    kernels: list[tuple[str, dict[str, Any]]] = [
+        ("trapezoid (row 1)", LINES["row1"]),
+        ("box (row 2)", LINES["row2"]),
+    ]
+    shapes = [Line2D([], [], label=name, **look) for name, look in kernels]
+    figure.legend(handles=shapes + lines, loc="outside lower center", ncols=2, frameon=False, handlelength=2.6)
+    return figure
+
+
+def _shape(axes: Axes, voxel: Voxel) -> None:
+    """Isolines over angle and depth: in perspective space every ray is vertical."""
+    radius = voxel.setting.kernel.radius
+    place = np.linspace(-1, 1, 241)
+    slope, depth = np.meshgrid(voxel.plane.slope(place[None])[0], np.linspace(-1.15, 1.15, 241) * radius)
+    z = voxel.z + depth
+    for box, look, width in ((False, LINES["row1"], 0.8), (True, LINES["row2"], 1.4)):
+        drawn: dict[str, Any] = {"colors": [look["color"]], "linestyles": [look["linestyle"]], "linewidths": width}
+        axes.contour(
+            np.degrees(np.arctan(slope)), depth, voxel.shape.value(slope * z, z, box), INTEGRAL_ISOLINES, **drawn
+        )
+    for form, ends in (("row5", quad(voxel, grid_aligned=True)), ("row4", quad(voxel, grid_aligned=False))):
+        axes.plot(np.degrees(np.arctan(ends[:, 1] / ends[:, 0])), ends[:, 0] - voxel.z, lw=1.3, **LINES[form])
+    axes.set_ylabel("$z - z_v$ (voxels)", labelpad=1)
+    axes.set_ylim(-1.15 * radius, 1.15 * radius)
+    _angles(axes, voxel)
+
+
+def quad(voxel: Voxel, grid_aligned: bool) -> np.ndarray:
+    """[N, 2]: points (z, y) of the drawn quad, which is m·R to either side of the voxel."""
+    length = np.hypot(voxel.y, voxel.z)
+    direction = np.array([0.0, 1.0]) if grid_aligned else np.array([-voxel.y, voxel.z]) / length
+    half = voxel.shape.m * voxel.setting.kernel.radius
+    return np.array([voxel.z, voxel.y]) + np.outer(np.linspace(-half, half, 41), direction)
+
+
+def _errors(axes: Axes, voxel: Voxel) -> None:
+    place = np.linspace(-1, 1, RAYS)
+    for form in shown(voxel):
+        levels = voxel.levels(form, place)
+        axes.semilogy(voxel.angles(place), np.where(levels > 0, levels, np.nan), **LINES[form])
+    if voxel.z < voxel.setting.z_k:
+        axes.text(0.5, 0.93, "form c: exact", transform=axes.transAxes, ha="center", va="top", color=GRAY)
+    axes.axhline(1.0, color=BLACK, lw=0.4)
+    axes.set_ylim(*INTEGRAL_RANGE)
+    axes.set_yticks([1e-4, 1e-2, 1, 25], ["10$^{-4}$", "10$^{-2}$", "1", "25"])
+    axes.minorticks_off()
+    axes.set_ylabel("error (levels)", labelpad=1)
+    _angles(axes, voxel)
+
+
+def shown(voxel: Voxel) -> tuple[str, ...]:
+    """The forms drawn; before z_k, b has nothing to correct, since c is exact."""
+    return (*PLANAR, *SPATIAL) if voxel.z >= voxel.setting.z_k else ("row5", "row4")
+
+
+def _angles(axes: Axes, voxel: Voxel) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    low, high = voxel.angles(np.array([-1.0, 1.0]))
+    axes.set_xlim(low, high)
+    axes.xaxis.set_major_locator(MaxNLocator(4))
+
+
+def integral_table() -> Table:
+    """Errors by the ray's angle, in levels; before z_k form c stands for b and b′."""
+    place, rows = np.linspace(-1, 1, 201), []
+    for voxel in voxels():
+        forms = (*shown(voxel), "c", "c")[:4]
+        columns = [voxel.angles(place), *[voxel.levels(form, place) for form in forms]]
+        rows += [(voxel.y, voxel.z, *[float(v) for v in row]) for row in zip(*columns, strict=True)]
+    return Table(("y", "z", "angle (deg)", "row 5", "row 4", "form b or c", "form b' or c"), tuple(rows))
+
+
+SURFACE_ROWS = ("row5", "row4", "row3", "row2")
+TITLES = {"row5": "grid-aligned", "row4": "ray-perpendicular", "row3": "ray-perp., ideal", "row2": "box"}
+# grid of the table: voxels off the axis, and beyond z_k
+OFFSETS = (0.0, 16.0, 32.0, 64.0, 96.0, 128.0, 160.0, 192.0, 224.0, 256.0)
+BEFORE = (-102.4, -64.0, -32.0, -1.0)
+BEHIND = (0.0, 1.0, 5.0, 10.0, 20.0, 35.0, 70.0, 105.0, 140.0, 184.0, 210.0, 280.0, 325.0, 350.0, 409.6)
+DEPTHS = BEFORE + BEHIND
+# additional depths for drawing, so that the step at z_k is vertical and the ridge beyond it smooth
+STEP = (-1e-6, 2.5, 15.0, 27.0, 45.0, 57.0, 87.0, 120.0, 160.0, 240.0, 380.0)
+SURFACE_ISOLINES = 6
+# offset of the isolines below zero, as a fraction of the largest error
+FLOOR = 1.1
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """errors[row] [depths, offsets]: largest |row − row 1| over real slopes in the plane; top: largest row 1.
+
+    In values of the unnormalised kernel exp(−2r²), whose F(0) is 1.2532; amplitude 1/m.
+    """
+
+    dz: np.ndarray
+    y: np.ndarray
+    errors: dict[str, np.ndarray]
+    top: np.ndarray
+
+    def levels(self, row: str) -> np.ndarray:
+        """The same in 1/255 of row 1's largest value there."""
+        return np.asarray(255 * self.errors[row] / self.top)
+
+
+@lru_cache(maxsize=4)
+def surfaces(dz: tuple[float, ...] = DEPTHS, y: tuple[float, ...] = OFFSETS, setting: Setting = PAPER) -> Surfaces:
+    """The four surfaces over depths z_k + dz and offsets y."""
+    plane, shape = _plane(dz, y, setting), (len(dz), len(y))
+    errors = {row: (plane.error(ALL[row]).value / setting.kernel.scale).reshape(shape) for row in SURFACE_ROWS}
+    return Surfaces(np.array(dz), np.array(y), errors, (plane.top() / setting.kernel.scale).reshape(shape))
+
+
+@lru_cache(maxsize=4)
+def cumulative(row: str, setting: Setting = PAPER) -> np.ndarray:
+    """[depths, offsets]: Σ |row − row 1| over a footprint's rays, per pixel width, in the table's units."""
+    plane = _plane(DEPTHS, OFFSETS, setting)
+    place = np.linspace(-1, 1, PLANE_RAYS)[None]
+    error = difference(ALL[row], plane.splat(place)) / setting.kernel.scale
+    step = plane.reach * (2 / (PLANE_RAYS - 1)) * setting.z_k
+    return np.asarray((error.sum(axis=1) * step).reshape(len(DEPTHS), len(OFFSETS)))
+
+
+def _plane(dz: tuple[float, ...], y: tuple[float, ...], setting: Setting) -> Plane:
+    across, depth = np.meshgrid(y, setting.z_k + np.array(dz))
+    return Plane(setting.kernel, setting.z_k, across.ravel(), depth.ravel())
+
+
+def error_surfaces() -> Figure:
+    """Fig. 10."""
+    found = surfaces(tuple(sorted({*DEPTHS, *STEP} - {-1.0})), OFFSETS)
+    figure = sheet(4.5, COLUMN)
+    figure.set_layout_engine("none")
+    for number, row in enumerate(SURFACE_ROWS):
+        left, low = 0.5 * (number % 2), 0.5 * (1 - number // 2)
+        axes = figure.add_axes((left + 0.02, low + 0.025, 0.47, 0.405), projection="3d")
+        top = _surface(axes, found, row)
+        figure.text(left + 0.02, low + 0.48, f"({'abcd'[number]}) row {row[3:]}, {TITLES[row]}", va="center")
+        figure.text(left + 0.02, low + 0.447, f"largest: {top}", va="center", fontsize=7)
+    return figure
+
+
+def _surface(axes: Axes3D, found: Surfaces, row: str) -> str:
+    """Draws one surface over its isolines; returns its largest value as text."""
+    top = float(found.errors[row].max())
+    power = int(np.floor(np.log10(top)))
+    height = found.errors[row] / 10.0**power
+    y, dz = np.meshgrid(found.y, found.dz)
+    floor = -FLOOR * height.max()
+    look: dict[str, Any] = {"cmap": "YlGnBu", "edgecolor": BLACK, "linewidth": 0.15, "shade": False}
+    axes.plot_surface(dz, y, height, rstride=1, cstride=1, vmin=-0.1 * height.max(), vmax=1.1 * height.max(), **look)
+    isolines = np.linspace(0, 1, SURFACE_ISOLINES + 2)[1:-1] * height.max()
+    axes.contour(dz, y, height, isolines, zdir="z", offset=floor, colors=BLACK, linewidths=0.5)
+    axes.plot([0, 0], [found.y[0], found.y[-1]], floor, color=BLACK, lw=0.8, dashes=(4, 2))
+    axes.set_zlim(floor, height.max())
+    axes.set_xlim(found.dz[0], found.dz[-1])
+    axes.set_ylim(found.y[0], found.y[-1])
+    _frame(axes, height.max())
+    axes.text2D(0.0, 0.9, f"$\\times 10^{{{power}}}$", transform=axes.transAxes, fontsize=6.5)
+    return f"${top * 10.0**-power:.3f} \\times 10^{{{power}}}$"
+
+
+def _frame(axes: Axes3D, top: float) -> None:
+    """Ticks, labels and viewing direction."""
+    axes.set_xticks([0, 200, 400])
+    axes.set_yticks([0, 128, 256])
+    axes.set_zticks(_ticks(top))
+    axes.tick_params(labelsize=6.5, pad=-3.5, length=1)
+    axes.set_xlabel("$z_v - z_k$", labelpad=-6.5, fontsize=7.5)
+    axes.set_ylabel("$y_v$", labelpad=-7, fontsize=7.5)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_rotate_label(False)
+    axes.view_init(elev=26, azim=-125)
+    axes.set_box_aspect((1.1, 1.0, 1.2), zoom=1.0)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_pane_color((1, 1, 1, 0))
+        axis._axinfo["grid"].update(linewidth=0.3, color="#bbbbbb")
+
+
+def _ticks(top: float) -> list[float]:
+    step = next(s for s in (0.5, 1.0, 2.0, 5.0) if top / s < 4.5)
+    return [float(t) for t in np.arange(0.0, top + 1e-9, step)]
+
+
+def surface_table() -> Table:
+    """The surfaces of Fig. 10 at its grid of voxels."""
+    found = surfaces()
+    rows = []
+    for i, dz in enumerate(found.dz):
+        for j, y in enumerate(found.y):
+            errors = [float(found.errors[row][i, j]) for row in SURFACE_ROWS]
+            rows.append((float(dz), float(y), *errors, float(found.top[i, j])))
+    return Table(("z_v - z_k", "y", *SURFACE_ROWS, "largest row1"), tuple(rows))
+
+
+Form = Callable[[Splat], np.ndarray]
+ALL: dict[str, Form] = {**ROWS, **FORMS}
+
+# rays across a footprint of the first sweep: in the plane, and along each of two axes
+PLANE_RAYS = 401
+SPACE_RAYS = 41
+# the sweep's margin around the footprint
+MARGIN = 1.05
+# points along each axis of a refinement; each is four times finer, down to 1e−6 of a sweep's step
+CLOSER = 9
+ROUNDS = 7
+# bisections of a footprint's rim: 1e−12 of a sweep
+RIM_STEPS = 40
+# fraction of a footprint inside its rim
+INSIDE = 0.999
+
+
+@dataclass(frozen=True)
+class Peak:
+    """value [N]: the largest of each of N functions; place [N, D]: where, in [−1, 1]^D."""
+
+    value: np.ndarray
+    place: np.ndarray
+
+
+def maximum(function: Callable[[np.ndarray], np.ndarray], count: int, axes: int, points: int) -> Peak:
+    """The largest values of `count` functions at once over [−1, 1]^axes.
+
+    function: places [N, K, D] → values [N, K]. points: of the first sweep, along each axis.
+    """
+    middle, reach = np.zeros((count, 1, axes)), 1.0
+    value = np.full(count, -np.inf)
+    for look in range(ROUNDS + 1):
+        steps = np.linspace(-1.0, 1.0, points if look == 0 else CLOSER)
+        mesh = np.stack(np.meshgrid(*[steps] * axes, indexing="ij"), axis=-1).reshape(1, -1, axes)
+        place = np.clip(middle + reach * mesh, -1.0, 1.0)
+        found = function(place)
+        best = found.argmax(axis=1)
+        value = np.maximum(value, found[np.arange(count), best])
+        middle = place[np.arange(count), best][:, None]
+        reach *= steps[1] - steps[0]
+    return Peak(value, middle[:, 0])
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Voxels (0, y, z) [N] and rays in their plane; place ±1 is a little outside of the footprint."""
+
+    kernel: Kernel
+    z_k: float
+    y: np.ndarray
+    z: np.ndarray
+
+    @property
+    def reach(self) -> np.ndarray:
+        """[N]: slopes from the voxel's to the sweep's end."""
+        m = np.maximum(self.z / self.z_k, 1.0)
+        return np.asarray(MARGIN * self.kernel.radius * m / self.z * (1 + (self.y / self.z) ** 2))
+
+    def slope(self, place: np.ndarray) -> np.ndarray:
+        """Slopes dy/dz [N, K] of places [N or 1, K]."""
+        return np.asarray((self.y / self.z)[:, None] + self.reach[:, None] * place)
+
+    def splat(self, place: np.ndarray, planar: bool = True) -> Splat:
+        """Arguments of the forms, for places [N or 1, K]; planar: False for the splat as drawn."""
+        slope = self.slope(place)
+        voxel = np.stack([np.zeros_like(self.y), self.y, self.z], axis=-1)[:, None]
+        return Splat(self.kernel, voxel, np.stack([np.zeros_like(slope), slope], axis=-1), self.z_k, planar)
+
+    def error(self, form: Form) -> Peak:
+        """The largest |form − row 1| of each voxel, excluding its rim (see `spike`)."""
+        return self._peak(lambda splat: difference(form, splat))
+
+    def top(self) -> np.ndarray:
+        """[N]: the largest value of row 1."""
+        return self._peak(row1).value
+
+    def spike(self, form: Form) -> np.ndarray:
+        """[N]: the largest |form − row 1| where either footprint ends.
+
+        The footprint of a truncated kernel falls to 0 like a square root; if the two end a few 1e−5 of
+        their radius apart, the error is a spike of that width, which hardly any pixel samples.
+        """
+        rims = np.concatenate([self._rims(row1), self._rims(form)], axis=1)
+        return np.asarray(difference(form, self.splat(rims)).max(axis=1))
+
+    def _peak(self, value: Callable[[Splat], np.ndarray]) -> Peak:
+        """The largest value within row 1's footprint but for its rim; place in that of the sweep."""
+        low, high = (INSIDE * self._rims(row1)).T[:, :, None]
+        middle, half = (low + high) / 2, (high - low) / 2
+        found = maximum(lambda at: value(self.splat(middle + half * at[..., 0])), len(self.y), 1, PLANE_RAYS)
+        return Peak(found.value, middle + half * found.place)
+
+    def _rims(self, form: Form) -> np.ndarray:
+        """Places [N, 2] just outside of a footprint, on either side."""
+        inside, outside = np.zeros((len(self.y), 2)), np.tile([-1.0, 1.0], (len(self.y), 1))
+        for _ in range(RIM_STEPS):
+            middle = (inside + outside) / 2
+            within = form(self.splat(middle)) > 0
+            inside, outside = np.where(within, middle, inside), np.where(within, outside, middle)
+        return outside
+
+    def levels(self, form: Form) -> np.ndarray:
+        """[N]: the largest error in levels, 1/255 of row 1's largest value."""
+        return np.asarray(255 * self.error(form).value / self.top())
+
+
+@dataclass(frozen=True)
+class Space:
+    """Voxels [N, 3], further from the eye than twice the kernel's radius, and all rays of their footprints.
+
+    A place is (along the voxel's radial direction, across it) on the plane through the voxel perpendicular to
+    its own ray; length 1 is the footprint's rim with a margin.
+    """
+
+    kernel: Kernel
+    z_k: float
+    voxel: np.ndarray
+
+    def splat(self, place: np.ndarray) -> Splat:
+        """Arguments of the forms, for places [N or 1, K, 2]."""
+        v = self.voxel
+        length = np.linalg.norm(v, axis=-1)
+        out = np.hypot(v[:, 0], v[:, 1])
+        unit = np.where(out[:, None] > 0, v[:, :2] / np.where(out > 0, out, 1.0)[:, None], (1.0, 0.0))
+        radial = np.concatenate([unit * v[:, 2:], -out[:, None]], axis=-1) / length[:, None]
+        across = np.stack([-unit[:, 1], unit[:, 0], np.zeros_like(out)], axis=-1)
+        # a ball appears larger than its radius at the voxel's distance
+        rim = MARGIN * self.kernel.radius * np.maximum(v[:, 2] / self.z_k, 1.0) * length / (length - self.kernel.radius)
+        step = place * rim[:, None, None]
+        ray = v[:, None] + step[..., :1] * radial[:, None] + step[..., 1:] * across[:, None]
+        return Splat(self.kernel, v[:, None], ray[..., :2] / ray[..., 2:], self.z_k)
+
+    def error(self, form: Form, rays: int = SPACE_RAYS) -> Peak:
+        """The largest |form − row 1| of each voxel."""
+        return maximum(lambda place: difference(form, self.splat(place)), len(self.voxel), 2, rays)
+
+    def top(self, rays: int = SPACE_RAYS) -> np.ndarray:
+        """[N]: the largest value of row 1."""
+        return maximum(lambda place: row1(self.splat(place)), len(self.voxel), 2, rays).value
+
+    def levels(self, form: Form) -> np.ndarray:
+        """[N]: the largest error in levels, 1/255 of row 1's largest value."""
+        return np.asarray(255 * self.error(form).value / self.top())
+
+
+def difference(form: Form, splat: Splat) -> np.ndarray:
+    """|form − row 1|."""
+    return np.abs(form(splat) - row1(splat))

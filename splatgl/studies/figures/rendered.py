@@ -1,0 +1,454 @@
+"""Figures 5, 6, 12-14."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from textwrap import fill
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from splatgl import __version__
+from splatgl.animation.camera_track import Turning, turning
+from splatgl.annotations.contact_sheet import Panel, encoded, sheet
+from splatgl.data.image import Image
+from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.fileio import check_output, check_source, write_whole
+from splatgl.scene.draw import Drawing
+from splatgl.scene.parse import size
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import View
+from splatgl.splat.camera import Camera
+from splatgl.splat.extract import extract
+from splatgl.splat.motion import Draw, Moments, moments, streaks
+from splatgl.splat.motion_blur import MOTIONS
+from splatgl.splat.resolve import blur
+from splatgl.splat.settings import MAX_MOMENTS, Settings
+from splatgl.splat.splats import Splats
+from splatgl.studies.aliasing import (
+    Reach,
+    aliasing_energy,
+    differing_before,
+    finer,
+    flicker,
+    mean_square,
+    noise_ratio,
+    popping,
+    share_beyond,
+    strip,
+)
+from splatgl.studies.tables import PAGE, Table
+
+if TYPE_CHECKING:
+    from splatgl.gl.renderer import Renderer
+
+
+# configurations for aliasing: blend mode, kernel, and attenuations beyond z_k, of which X-rays have one
+KINDS = (
+    ("xray", "crawfis-max", ("auto",)),
+    ("xray", "gaussian", ("auto",)),
+    ("composite", "crawfis-max", ("opacity", "optical-depth", "fill")),
+)
+# rotations per frame for flicker, degrees; and the number of frames for figures that are not strips
+PACES, FRAMES = (1.0, 5.0), 24
+# shutter angle of the figures in degrees, and moments of the reference
+SHUTTER, TIMES = 180.0, 16
+
+Rows = list[tuple[str, str, str]]
+
+
+def numbers(shown: Shown) -> Table:
+    """The figure's metrics."""
+    rows = [("beyond z_k", f"{100 * share_beyond(shown.splats, shown.camera):.1f} % of {len(shown.splats)} splats", "")]
+    if shown.figure.number != 14:
+        rows += _still(shown)
+    if shown.figure.spin:
+        rows += _moving(shown)
+    return Table(("what", "value", "against standard"), tuple(rows))
+
+
+def _still(shown: Shown) -> Rows:
+    """Aliasing beyond z_k, error against the supersampled image, and pixels that are unchanged."""
+    draw, splats, camera = shown.draw, shown.splats, shown.camera
+    reach = Reach.of(draw, splats, camera)
+    window = reach.window()
+    rows: Rows = []
+    for blend, kernel, ways in KINDS:
+        off = shown.settings(0, blend).but(background=None, kernel=kernel)
+        right = draw(splats, camera, off.but(antialias="supersample"))
+        energy = aliasing_energy(finer(draw, splats, camera, off), window)
+        error = mean_square(draw(splats, camera, off), right, reach.beyond)
+        what = f"{blend}, {kernel}"
+        rows.append((f"{what}: aliasing energy, standard", f"{energy:.3e}", ""))
+        rows.append((f"{what}: mean squared error, standard", f"{error:.3e}", ""))
+        for way in ways:
+            on = off.but(antialias="paper", attenuation=way)
+            name = f"antialiased ({way})" if len(ways) > 1 else "antialiased"
+            left = aliasing_energy(finer(draw, splats, camera, on), window)
+            off_by = mean_square(draw(splats, camera, on), right, reach.beyond)
+            rows.append((f"{what}: aliasing energy, {name}", f"{left:.3e}", _ratio(energy, left)))
+            rows.append((f"{what}: mean squared error, {name}", f"{off_by:.3e}", _ratio(error, off_by)))
+        if blend == "xray":
+            noise = f"÷ {noise_ratio(splats, camera, kernel):.2f}"
+            rows.append((f"{what}: aliasing energy, noise at these depths", "by the kernel's spectrum", noise))
+    # quads: tiles end behind opaque splats, which rounds the same sums otherwise
+    before = shown.settings(1).but(background=None, technique="quads")
+    changed, count = differing_before(draw, splats, camera, before)
+    rows.append(("before z_k: pixels that antialiasing changes", f"{changed} of {count}", ""))
+    return rows
+
+
+def _moving(shown: Shown) -> Rows:
+    """Figs. 12 to 14: energy and errors of motion blur, flicker over the rotation, popping."""
+    rows = _blurred(shown) if shown.blur is not None else []
+    for spin in dict.fromkeys((*PACES, shown.figure.spin)):
+        found = [flicker(s) for s in shown.strips(spin, shown.figure.frames if shown.figure.number == 14 else FRAMES)]
+        for v, value in enumerate(found):
+            rows.append(
+                (f"variance of frame differences at {spin:g}°: ({'abcd'[v]})", f"{value:.3e}", _ratio(found[0], value))
+            )
+    track = shown.turned(1.0)
+    for pop in popping(shown.draw, shown.splats, track.camera, shown.settings(1)):
+        what = f"popping: largest change in 0.01° at {pop.angle:.2f}°, where the order changes"
+        rows.append((what, f"{pop.change:.3f}", f"{pop.usual:.3f} beside it"))
+    return rows
+
+
+def _blurred(shown: Shown) -> Rows:
+    """Against the mean of many moments: energy of X-rays, and errors of the four variants, at 4×4 samples a pixel."""
+    splats, camera, turn = shown.splats, shown.track.camera(1), shown.track.turn
+    paths = streaks(splats, camera, turn, SHUTTER)
+    longest = float(paths.pixels(splats.grid.mean_spacing).max(initial=0.0))
+    rows = [(f"longest path in half a frame of {shown.figure.spin:g}°", f"{longest:.1f} pixels", "")]
+    many = Moments(shown.draw, turn, SHUTTER, TIMES)
+    sums = shown.settings(1, "xray").but(background=None)
+    energy, right = (
+        float(draw(splats, camera, sums).pixels[..., 3].sum(dtype=np.float64))
+        for draw in (shown.drawer(3, shown.track), many)
+    )
+    rows.append((f"energy of blurred splats, X-ray, by that of {TIMES} moments", f"{energy / right:.6f}", ""))
+    truth = many(splats, camera, shown.settings(1).but(antialias="supersample"))
+    everywhere = np.ones(camera.size[::-1], dtype=bool)
+    found = [
+        mean_square(shown.drawer(v, shown.track)(splats, camera, shown.settings(v)), truth, everywhere)
+        for v in shown.variants
+    ]
+    what = f"mean squared error against 4×4 samples, {TIMES} moments"
+    return rows + [(f"{what}: ({'abcd'[v]})", f"{e:.3e}", _ratio(found[0], e)) for v, e in enumerate(found)]
+
+
+def _ratio(standard: float, found: float) -> str:
+    return f"÷ {standard / found:.2f}" if found > 0 else ""
+
+
+MAX_FRAMES = 10_000
+# options of rendered figures only
+ONLY = ("source", "color", "size", "spin", "frames", "motion", "moments")
+
+
+def add_pictures(parser: argparse.ArgumentParser) -> None:
+    """Adds the source and the options of the rendered figures."""
+    names = " ".join(map(str, PICTURES))
+    parser.add_argument("source", nargs="?", metavar="SOURCE", help=f"{names}: a volume or scene.toml for the paper's")
+    group = parser.add_argument_group(f"rendered figures ({names})")
+    group.add_argument("--color", metavar="PICTURE", help="colour picture laid over a height map")
+    group.add_argument("--size", type=size, metavar="W×H", help="pixels of each picture")
+    group.add_argument("--spin", type=float, metavar="DEG", help="12, 13, 14: degrees a frame")
+    group.add_argument("--frames", type=int, metavar="N", help="14: how many frames")
+    group.add_argument("--motion", choices=MOTIONS, metavar="|".join(MOTIONS), help="12, 13, 14: blur by streaks")
+    group.add_argument("--moments", type=int, metavar="N", help="12, 13, 14: blur by N pictures instead; 0: none")
+
+
+def refuse(args: argparse.Namespace) -> None:
+    """InputError for an option that the other figures do not have."""
+    given = [name for name in ONLY if getattr(args, name) is not None]
+    if given:
+        names = ", ".join(map(str, PICTURES))
+        raise expected(f"figure {args.number}", "no picture options", given[0], f"they are for {names}")
+
+
+def run_picture(args: argparse.Namespace) -> int:
+    """Draws, writes or prints one rendered figure; returns 0."""
+    figure = _asked(PICTURES[int(args.number)], args)
+    output = Path(args.output or f"figure{figure.number}.png")
+    drawn = bool(args.output) or not (args.csv or args.text)
+    scene = _scene(figure, args)
+    pictures, tables = [(output, ".png")] if drawn else [], [(Path(args.csv), ".csv")] if args.csv else []
+    for path, suffix in pictures + tables:
+        check_output(path, (suffix,))
+        check_source(path, args.source, *scene.files)
+    with Drawing().renderer() as renderer:
+        shown = Shown(figure, scene, renderer.render, _blur(renderer, args))
+        if drawn:
+            about = figure.caption if args.source is None else f"{figure.caption} Here: {shown.volume.name}."
+            write_whole(output, encoded(picture(shown), about, f"splatgl {__version__}"))
+            print(f"{output}:", fill(f"Figure {figure.number}. {about}", PAGE), sep="\n")
+        if args.csv or args.text:
+            table = numbers(shown)
+            if args.csv:
+                write_whole(Path(args.csv), table.csv().encode())
+                print(f"{args.csv}: the numbers of figure {figure.number}")
+            if args.text:
+                print(fill(f"Figure {figure.number}. {figure.caption}", PAGE), table.text(), sep="\n\n")
+    return 0
+
+
+def _blur(renderer: Renderer, args: argparse.Namespace) -> Motioned | None:
+    """Motion blur: streaks if requested, and by default for sums, for which they are exact; else the mean of as many
+    images as requested or as the path lengths need; none for 0.
+    """
+    if args.moments is not None:
+        return by_moments(args.moments) if args.moments else None
+
+    def blurred(draw: Draw, track: Turning) -> Draw:
+        def one(splats: Splats, camera: Camera, settings: Settings) -> Image:
+            asked = settings.but(motion=args.motion or "auto")
+            if blur(splats, asked) == "moments":
+                # a strip's view is narrow: use the count for the whole image
+                whole = replace(camera, size=(camera.size[1], camera.size[1]))
+                asked = asked.but(moments=moments(splats, whole, track.turn, SHUTTER))
+            return renderer.render(splats, camera, asked, track.turn)
+
+        return one
+
+    return blurred
+
+
+def _asked(figure: PictureFigure, args: argparse.Namespace) -> PictureFigure:
+    """The figure with the options applied; InputError for invalid ones."""
+    turns = figure.spin != 0
+    for name, allowed in (("spin", turns), ("frames", figure.number == 14), ("motion", turns), ("moments", turns)):
+        if getattr(args, name) is not None and not allowed:
+            raise expected(f"figure {figure.number}", f"no --{name}", getattr(args, name))
+    if args.frames is not None and not 2 <= args.frames <= MAX_FRAMES:
+        raise expected("--frames", f"a whole number from 2 to {MAX_FRAMES}", args.frames)
+    if args.moments is not None and args.motion is not None:
+        raise expected(f"figure {figure.number}", "one of --motion and --moments", "both")
+    if args.moments is not None and not 0 <= args.moments <= MAX_MOMENTS:
+        raise expected("--moments", f"a whole number from 0 to {MAX_MOMENTS}", args.moments)
+    if args.spin is not None and not 0 < abs(args.spin) <= 360:
+        raise expected("--spin", "an angle up to 360 degrees, not 0", args.spin)
+    return replace(figure, spin=args.spin or figure.spin, frames=args.frames or figure.frames)
+
+
+def _scene(figure: PictureFigure, args: argparse.Namespace) -> Scene:
+    """The requested scene or the paper's; a scene.toml overrides everything it can specify."""
+    source = args.source or figure.source
+    wanted = args.size or (figure.size, figure.size)
+    scene = Scene(source, view=View(size=wanted))
+    if Path(source).suffix == ".toml":
+        scene = Scene.from_toml(Path(source))
+        scene = replace(scene, view=replace(scene.view, size=args.size)) if args.size else scene
+    return replace(scene, load={**scene.load, "color": args.color}) if args.color else scene
+
+
+VARIANTS = ("standard", "antialiased", "motion-blurred", "motion-blurred and antialiased")
+ANTIALIAS = ("off", "paper")
+# the terrain's default low view, in widths of a flat volume: eye beside and above it, and the target
+LOW_EYE, LOW_HEIGHT, LOW_TARGET = 0.69, 0.49, -0.04
+FLAT = 0.3
+# background rows kept above and below the content
+EMPTY = 8
+# Fig. 14: enlargement of pixels
+BLOCK = 5
+BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+
+Motioned = Callable[[Draw, Turning], Draw]
+
+
+@dataclass(frozen=True)
+class PictureFigure:
+    """A rendered figure. source: its scene; size: of its images; times: enlargement of pixels; spin: degrees per frame;
+    zoom: of its scene's own view; detail: enlargement of an additional detail.
+    """
+
+    number: int
+    caption: str
+    source: str
+    size: int
+    times: int = 1
+    spin: float = 0.0
+    frames: int = 2
+    zoom: float = 1.0
+    detail: int = 0
+    background: tuple[float, float, float] = BLACK
+
+
+_ALL = (
+    PictureFigure(
+        5,
+        "A tunnel of checks, standard and antialiased; beyond the black line, at z_k, voxels are smaller than pixels.",
+        "tunnel",
+        160,
+        times=3,
+    ),
+    PictureFigure(
+        6,
+        "A landscape, standard and antialiased; behind the black line, at z_k, voxels are smaller than pixels. Below: "
+        "a part of each, enlarged.",
+        "terrain",
+        512,
+        detail=4,
+        background=WHITE,
+    ),
+    PictureFigure(
+        12,
+        "A nerve cell that turns, in four ways: standard, antialiased, motion-blurred, and both.",
+        "nerve",
+        320,
+        spin=8.0,
+        zoom=1.35,
+    ),
+    PictureFigure(
+        13,
+        "A landscape that turns, in four ways: standard, antialiased, motion-blurred, and both.",
+        "terrain",
+        320,
+        spin=8.0,
+        background=WHITE,
+    ),
+    PictureFigure(
+        14,
+        "The pixels from the middle of the picture up, of one frame after the other, of a landscape that turns; "
+        "each pixel is 5×5 dots.",
+        "terrain",
+        256,
+        times=BLOCK,
+        spin=1.0,
+        frames=80,
+        background=WHITE,
+    ),
+)
+PICTURES = {figure.number: figure for figure in _ALL}
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A figure of a scene. blur: wraps a `Draw` with motion blur, for a rotating scene."""
+
+    figure: PictureFigure
+    scene: Scene
+    draw: Draw
+    blur: Motioned | None = None
+
+    @cached_property
+    def volume(self) -> Volume:
+        """The scene's volume, read once."""
+        return self.scene.open()
+
+    @cached_property
+    def splats(self) -> Splats:
+        """The volume's splats, extracted once by the scene's transfer function and threshold."""
+        transfer = self.scene.transfer_for(self.volume)
+        return extract(self.volume, transfer, self.scene.threshold, classification="pre")
+
+    @cached_property
+    def track(self) -> Turning:
+        """The scene's rotation for the figure; a figure of one frame has none."""
+        return self.turned(self.figure.spin)
+
+    def turned(self, spin: float) -> Turning:
+        """The scene rotating by `spin` degrees per frame; a flat scene without its own view gets a low one."""
+        view = self.scene.view
+        if view == View(size=view.size) and _flat(self.volume):
+            view = _low_view(self.volume, view.size)
+        elif self.scene.volume == self.figure.source and self.figure.zoom != 1 and view.zoom is None:
+            view = replace(view, zoom=self.figure.zoom)
+        return turning(view, self.volume, self.splats, spin)
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of frame 0."""
+        return self.track.camera(0)
+
+    def settings(self, variant: int, blend: str = "composite") -> Settings:
+        """Settings of one of the four variants of splats, by number; the rest are the scene's own."""
+        ground = self.scene.settings.background or self.figure.background
+        mine = {"classification": "auto", "antialias": ANTIALIAS[variant % 2], "blend": blend, "background": ground}
+        return Settings.like("0.1", **{**self.scene.settings.given, **mine})
+
+    def drawer(self, variant: int, track: Turning) -> Draw:
+        """The draw function of a variant; the last two have motion blur."""
+        return self.draw if variant < 2 or self.blur is None else self.blur(self.draw, track)
+
+    @property
+    def variants(self) -> range:
+        """Numbers of the variants: 0 and 1, and with motion blur of a rotating scene 2 and 3."""
+        return range(4 if self.blur is not None and self.figure.spin else 2)
+
+    def strips(self, spin: float, frames: int) -> list[np.ndarray]:
+        """Fig. 14's strips, one per variant."""
+        track = self.turned(spin)
+        cameras = [track.camera(n) for n in range(frames)]
+        return [strip(self.drawer(v, track), self.splats, cameras, self.settings(v)) for v in self.variants]
+
+
+def picture(shown: Shown) -> np.ndarray:
+    """The figure, uint8 [H, W, 3]."""
+    figure = shown.figure
+    if figure.number == 14:
+        strips = shown.strips(figure.spin, figure.frames)
+        rows = _matter(strips, shown.settings(0).background or BLACK)
+        panels = [Panel.of(s[rows], VARIANTS[v], figure.times) for v, s in enumerate(strips)]
+        return sheet([panels[:2], panels[2:]] if len(panels) > 2 else [panels])
+    still = Reach.of(shown.draw, shown.splats, shown.camera) if not figure.spin else None
+    line = still.line(figure.times) if still else None
+    camera = shown.track.camera(1 if figure.spin else 0)
+    pictures = [shown.drawer(v, shown.track)(shown.splats, camera, shown.settings(v)).pixels for v in shown.variants]
+    rows = _matter(pictures, shown.settings(0).background or BLACK)
+    dots = slice(rows.start * figure.times, rows.stop * figure.times)
+    panels = [
+        Panel.of(p[rows], VARIANTS[v], figure.times, None if line is None else line[dots])
+        for v, p in enumerate(pictures)
+    ]
+    lines = [panels[:2], panels[2:]] if len(panels) > 2 else [panels]
+    if figure.detail:
+        part = _most_changed(pictures[0], pictures[1], figure.detail)
+        lines.append([Panel.of(p[part], "", figure.detail) for p in pictures])
+    return sheet(lines)
+
+
+def _matter(pictures: list[np.ndarray], ground: tuple[float, float, float]) -> slice:
+    """Rows with content other than background, with a few rows of margin."""
+    height = len(pictures[0])
+    used = np.flatnonzero(sum((np.abs(p[..., :3] - ground) > 0.02).any(axis=(1, 2)) for p in pictures))
+    if not len(used):
+        return slice(0, height)
+    return slice(max(int(used[0]) - EMPTY, 0), min(int(used[-1]) + EMPTY + 1, height))
+
+
+def _most_changed(first: np.ndarray, second: np.ndarray, times: int) -> tuple[slice, slice]:
+    """The region, 1/`times` of the image's sides, in which two images differ most."""
+    changed = ((first - second)[..., :3] ** 2).sum(axis=-1).cumsum(axis=0).cumsum(axis=1)
+    sums = np.pad(changed, ((1, 0), (1, 0)))
+    # half as tall, as suits landscapes
+    tall, wide = (max(n // times, 1) for n in (first.shape[0] // 2, first.shape[1]))
+    within = sums[tall:, wide:] - sums[:-tall, wide:] - sums[tall:, :-wide] + sums[:-tall, :-wide]
+    y, x = np.unravel_index(int(within.argmax()), within.shape)
+    return slice(int(y), int(y) + tall), slice(int(x), int(x) + wide)
+
+
+def by_moments(count: int, shutter: float = 180.0) -> Motioned:
+    """Motion blur by the mean of `count` moments."""
+    return lambda draw, track: Moments(draw, track.turn, shutter, count)
+
+
+def _flat(volume: Volume) -> bool:
+    """Whether a volume is a coloured terrain without view hints."""
+    extent = np.ptp(volume.corners, axis=0)
+    silent = volume.color is not None and volume.hints.eye is None
+    return silent and bool(extent[2] < FLAT * min(extent[0], extent[1]))
+
+
+def _low_view(volume: Volume, size: tuple[int, int]) -> View:
+    """The built-in terrain's view, scaled to a volume of any width."""
+    low, high = volume.corners.min(axis=0), volume.corners.max(axis=0)
+    width = float(high[0] - low[0])
+    x, y = (float(m) for m in (low + high)[:2] / 2)
+    eye = (x, float(low[1]) - LOW_EYE * width, float(low[2]) + LOW_HEIGHT * width)
+    return View(size=size, eye=eye, look_at=(x, y, float(low[2]) + LOW_TARGET * width), fov=60.0)

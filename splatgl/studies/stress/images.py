@@ -1,0 +1,350 @@
+"""Image sizes, classification, every method."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from splatgl.data.scenes import ball
+from splatgl.data.volume import Volume
+from splatgl.reference import renderer
+from splatgl.splat.camera import Camera
+from splatgl.splat.extract import POST_KERNEL, extract
+from splatgl.splat.kernels import FREE, kernel
+from splatgl.splat.resolve import depth_range
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import Splats
+from splatgl.splat.transfer import Transfer
+from splatgl.studies.accuracy.methods import DEFAULT, methods
+from splatgl.studies.stress.case import (
+    UP,
+    Bench,
+    Case,
+    Check,
+    ahead,
+    alpha,
+    check,
+    dots,
+    middle,
+    noise,
+    optical_depth,
+    parallel,
+    peak,
+    transfer,
+    voxels,
+)
+
+# voxels of a box along each axis
+SIDE = 12
+# optical depth of a voxel in fog that is neither thin nor opaque
+FOG = 0.05
+# extremes of it
+DEPTHS = (1e-12, 1e-6, 1.0, 1e2, 1e4)
+# float32 sums of a ray through constant values
+CONSTANT = 2e-5
+# the slope of a field of means, and where it passes a value, are off by this share
+SLOPE = 0.03
+# voxels by which limits of coefficients may widen a plate of one voxel at half its value
+THIN = 0.4
+
+
+def fog(depth: float, spacing: Sequence[float] = (1.0, 1.0, 1.0)) -> Splats:
+    """A box of constant value, of optical depth `depth` per mean spacing."""
+    unit = np.log(2) / depth * float(np.prod(spacing)) ** (1 / 3)
+    return after(np.ones((SIDE,) * 3), ((0.0, 0.0), (1.0, 0.5)), unit, spacing)
+
+
+def after(
+    samples: np.ndarray,
+    points: Sequence[Sequence[float]],
+    unit: float | None = None,
+    spacing: Sequence[float] = (1.0, 1.0, 1.0),
+    kernel: str = POST_KERNEL,
+) -> Splats:
+    """Splats of values [z, y, x], unshaded."""
+    transfer, (x, y, z) = Transfer(points, unit=unit, shading=False), spacing
+    return extract(Volume(samples, (x, y, z)), transfer, classification="post", kernel=kernel)
+
+
+def slope(scale: float = 1.0) -> np.ndarray:
+    """Values that rise by `scale` from plane to plane."""
+    return np.broadcast_to(np.arange(2.0 * SIDE)[:, None, None] * scale, (2 * SIDE, SIDE, SIDE)).copy()
+
+
+def down() -> Camera:
+    """One pixel, along +z through the middle of the volumes, off the voxels' centres."""
+    return parallel(0.5, (1, 1), (SIDE / 2 - 0.37, SIDE / 2 - 0.61))
+
+
+def spikes(bench: Bench) -> list[Check]:
+    """Checks spikes of opacity in a slope, at places between the voxels."""
+    checks = []
+    for width in (1.0, 0.1, 1e-3, 1e-6):
+        # an opacity of 0.6 at the top; its area over the spike
+        at = (np.arange(20_000) + 0.5) / 20_000
+        right = float(Transfer.extinction(0.6 * at, width).mean()) * 2 * width
+        found = [
+            optical_depth(middle(bench.draw(after(slope(), spike, width), down()))[3])
+            for spike in (((z - width, 0.0), (z, 0.6), (z + width, 0.0)) for z in (11.0, 11.37, 12.5, 12.81))
+        ]
+        checks.append(check(f"{2 * width:g} values wide", found, right, SLOPE * right))
+    return checks
+
+
+def steps(bench: Bench) -> list[Check]:
+    """Checks a step between two neighbouring values, and values of any size."""
+    checks = []
+    for scale in (1.0, 1e-38, 1e37):
+        found, right = [], []
+        for z in (9.5, 10.2, 13.01):
+            points = ((z * scale, 0.0), (z * scale, 0.05))
+            found.append(optical_depth(middle(bench.draw(after(slope(scale), points), down()))[3]))
+            right.append((2 * SIDE - 0.5 - z) * -np.log1p(-0.05))
+        checks.append(check(f"{scale:g} a voxel", found, right, SLOPE * FOG))
+    return checks
+
+
+def depths(bench: Bench) -> list[Check]:
+    """Checks boxes of nearly transparent to opaque matter, along an axis."""
+    checks = []
+    for depth in DEPTHS:
+        right = -np.expm1(-depth * SIDE)
+        found = middle(bench.draw(fog(depth), down()))[3]
+        checks.append(check(f"τ = {depth:g} a voxel", found, right, CONSTANT, relative=True))
+    return checks
+
+
+def chord(camera: Camera, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """[H, W]: world lengths of a perspective camera's rays in a box, from the eye on."""
+    across, down = camera.slopes()
+    ray = np.stack([*np.broadcast_arrays(across[None, :], down[:, None]), np.ones((len(down), len(across)))], axis=-1)
+    ray = ray / np.linalg.norm(ray, axis=-1, keepdims=True) @ camera.eye_from_world
+    with np.errstate(divide="ignore"):
+        ends = np.stack([(low - camera.eye) / ray, (high - camera.eye) / ray])
+    near, far = ends.min(axis=0).max(axis=-1), ends.max(axis=0).min(axis=-1)
+    return np.asarray(np.maximum(far - np.maximum(near, 0.0), 0.0))
+
+
+def boxes(bench: Bench) -> list[Check]:
+    """Checks fog in boxes of long voxels, from outside and inside."""
+    checks = []
+    for spacing in ((1.0, 1.0, 1.0), (1.0, 1.0, 16.0), (8.0, 0.5, 1.0)):
+        size = np.array(spacing)
+        low, high = -0.5 * size, (SIDE - 0.5) * size
+        splats, center = fog(FOG, spacing), (low + high) / 2
+        for name, eye in (("inside", low + 0.3 * (high - low)), ("outside", center + (high - low) * (1.3, -1.1, 0.9))):
+            camera = Camera.look_at(eye, center + 0.11 * size, UP, 30.0, (15, 15))
+            length = chord(camera, low, high)
+            right = -np.expm1(-FOG / float(np.prod(size)) ** (1 / 3) * length)
+            found = bench.draw(splats, camera)[..., 3]
+            checks.append(check(f"{':'.join(f'{s:g}' for s in spacing)}, {name}", found, right, 5 * CONSTANT))
+    return checks
+
+
+def gaps(bench: Bench) -> list[Check]:
+    """Checks plates with empty space between, which a step at half their value ends midway between two voxels.
+
+    Within limits, a plate of one voxel has no values below 0 beside it, and is THIN voxels wider at most.
+    """
+    checks = []
+    thin = -2 * THIN * np.log1p(-0.2)
+    for thick, between, name, bound in (
+        (1, 3, FREE, 0.1),
+        (1, 3, POST_KERNEL, thin),
+        (2, 9, POST_KERNEL, 0.1),
+        (4, 40, POST_KERNEL, 0.1),
+    ):
+        plate, empty = np.ones(thick), np.zeros(between)
+        line = np.concatenate([empty, plate, empty, plate, empty])
+        samples = np.broadcast_to(line[:, None, None], (len(line), SIDE, SIDE)).copy()
+        splats = after(samples, ((0.5, 0.0), (0.5, 0.2)), kernel=name)
+        found = optical_depth(middle(bench.draw(splats, down(), kernel=name))[3])
+        what = f"{thick} voxels, {between} apart, {name}"
+        checks.append(check(what, found, -2 * thick * np.log1p(-0.2), bound))
+    return checks
+
+
+CLASS_CASES = (
+    Case(
+        "spikes",
+        "opacities narrower than a step of the ray, and than a grey level",
+        "values that rise by 1 a voxel, spikes of 0.6 from 2 to 2e-6 values wide; classified after reconstruction",
+        "closed form: the spike's area over the slope",
+        spikes,
+    ),
+    Case(
+        "steps",
+        "a step of opacity between neighbouring values; values from 1e-38 to 1e38",
+        "values that rise by 1, 1e-38 and 1e37 a voxel; classified after reconstruction",
+        "closed form: the way behind the step",
+        steps,
+    ),
+    Case(
+        "depths",
+        "optical depths from 1e-12 to 1e4 a voxel",
+        "boxes of constant value along an axis; classified after reconstruction",
+        "closed form: 1 − e^−τ",
+        depths,
+    ),
+    Case(
+        "boxes",
+        "voxels of 16:1 and 16:2:1, and sheets around the eye",
+        "fog in a box from outside and inside, its edges and corners; classified after reconstruction",
+        "closed form: 1 − e^−τ of each ray's chord",
+        boxes,
+    ),
+    Case(
+        "gaps",
+        "empty space between thin plates",
+        "plates 1 to 4 voxels thick, a step of opacity at half their value; classified after reconstruction",
+        "by symmetry: the step lies midway between two voxels; limits may widen a plate of one by 0.4 voxels",
+        gaps,
+    ),
+)
+
+
+# voxels a radius, and pixels a side
+RADIUS, PIXELS = 5.0, 12
+# eyes: at the centre, and at a distance where a pixel is six voxels wide; with angles of view, degrees
+VIEWS = ((0.3, 90.0), (100.0, 40.0))
+
+
+def every(bench: Bench) -> list[Check]:
+    """Each method's largest error relative to its error bound."""
+    splats = voxels(ball(RADIUS), Transfer(points=[(0.0, 0.0), (1.0, 0.6)], unit=1.0))
+    # images classified after reconstruction state no bound
+    bounded = [name for name, m in methods().items() if not m.peer and m.changes.get("classification") != "post"]
+    worst = dict.fromkeys(bounded, 0.0)
+    for distance, fov in VIEWS:
+        eye = distance * np.array([0.48, -0.8, 0.36])
+        camera = Camera.look_at(eye, eye * 1.5 if distance < RADIUS else (0, 0, 0), (0, 0, 1), fov, (PIXELS, PIXELS))
+        for name in worst:
+            method = methods()[name]
+            settings = method.settings(Settings.like("0.1"), depth_range(splats, camera))
+            drawn = bench.renderer.render(splats, camera, settings)
+            bench.pictures += 1
+            bench.bad_pixels += int((~np.isfinite(drawn.pixels)).sum())
+            error = float(np.abs(drawn.pixels - renderer.render(splats, camera, settings).pixels).max())
+            limit = drawn.info["error_bound"]
+            assert isinstance(limit, float)
+            worst[name] = max(worst[name], error / limit if limit else error)
+    order = sorted(worst, key=lambda name: (name != DEFAULT, name))
+    return [check(f"{name}: error/bound", worst[name], 0.0, 1.0) for name in order]
+
+
+METHOD_CASES = (
+    Case(
+        "methods",
+        "every method of splatgl report, from inside and from afar",
+        "a ball of 5 voxels; the eye in it, and 100 voxels away with pixels 6 voxels wide",
+        "the float64 reference; the error over the bound that each picture states",
+        every,
+    ),
+)
+
+
+# radial table of 1024: 1e−5 of the peak; with float32's roundings
+SHAPE_BOUND = 2e-5
+# float32 pictures against the float64 reference
+PICTURE_BOUND = 1e-4
+# z_v/z_k
+RATIOS = tuple(10.0**n for n in range(-3, 7))
+# width, height
+SIZES = ((1, 1), (1, 4096), (4096, 1))
+
+
+def zoom_range(bench: Bench) -> list[Check]:
+    """A splat on the axis from z_k/1000, where it is wider than the image, to 10⁶ z_k."""
+    shape = kernel("crawfis-max")
+    found, paper, right = [], [], []
+    for ratio in RATIOS:
+        camera = ahead(fov=0.5, size=(33, 33))
+        depth = ratio * camera.z_k(1.0)
+        dot = dots([(0.0, 0.0, depth)])
+        m2 = max(1.0, ratio) ** 2
+        drawn, old = (middle(draw(dot, camera, blend="xray"))[3] for draw in (bench.draw, bench.paper))
+        # eye inside the kernel: the part in front of it
+        whole = float(shape.partial(np.zeros(()), np.array(min(depth, shape.radius)))) + peak() / 2
+        found.append(drawn)
+        paper.append(old)
+        right.append(whole / m2)
+    return [check("X-ray, F(0)/m²", found, right, SHAPE_BOUND, paper, relative=True)]
+
+
+def wider_than_picture(bench: Bench) -> list[Check]:
+    """One pixel's worth of a splat: 0.001° wide at half a voxel's distance outside of it."""
+    shape = kernel("crawfis-max")
+    camera = ahead(fov=0.002, size=(17, 17))
+    found, paper, right = [], [], []
+    for depth in (2.0, 5.0, 50.0):
+        for off in (0.0, 0.5, 1.5):
+            dot = dots([(off, 0.0, depth)], 0.7)
+            found.append(middle(bench.draw(dot, camera))[3])
+            paper.append(middle(bench.paper(dot, camera))[3])
+            right.append(-np.expm1(-0.7 * float(shape.footprint(np.array(off)))))
+    return [check("0, 0.5, 1.5 voxels off", found, right, SHAPE_BOUND, paper)]
+
+
+def rim(bench: Bench) -> list[Check]:
+    """Rays at and near R: F(R) is 0, and no value is negative or NaN."""
+    checks = []
+    for name in ("crawfis-max", "gaussian"):
+        shape = kernel(name)
+        # pixel centres at multiples of R/16, including the axis
+        camera = parallel(shape.radius / 16, (49, 49))
+        across, down = np.meshgrid(*camera.slopes())
+        distance = np.hypot(across, down)
+        dot = dots([(0.0, 0.0, 0.0)])
+        right = np.where(distance < shape.radius * (1 - 1e-9), shape.footprint(distance), 0.0)
+        drawn, paper = (alpha(draw(dot, camera, blend="xray", kernel=name)) for draw in (bench.draw, bench.paper))
+        checks.append(check(f"{name}, all of it", drawn, right, SHAPE_BOUND, paper))
+        beyond = distance >= shape.radius * (1 - 1e-9)
+        checks.append(check(f"{name}, from R on", drawn[beyond], 0.0, 1e-6, paper[beyond]))
+    return checks
+
+
+def sizes(bench: Bench) -> list[Check]:
+    """Checks pictures of SIZES pixels against the float64 reference."""
+    volume = Volume(noise((10, 10, 10), 0.3))
+    splats = voxels(volume, transfer(shading=True))
+    checks = []
+    for size in SIZES:
+        # the long side spans 40°, a single pixel 1°
+        fov = 40.0 if size[1] > 1 else 40.0 / size[0] if size[0] > 1 else 1.0
+        camera = Camera.look_at((25.0, -20.0, 15.0), volume.center, (0, 0, 1), fov, size)
+        drawn, right = bench.draw(splats, camera), bench.truth(splats, camera)
+        checks.append(check(f"{size[0]}×{size[1]}", drawn, right, PICTURE_BOUND, bench.paper(splats, camera)))
+    return checks
+
+
+PICTURE_CASES = (
+    Case(
+        "zoom-range",
+        "z_v/z_k from 1e−3 to 1e6, antialiased: an 8-bit alpha is 0 for m > 22.6",
+        "one splat on the axis, X-ray",
+        "closed form: F(0)/m², half a line where the eye is in the kernel",
+        zoom_range,
+    ),
+    Case(
+        "wider-than-picture",
+        "a splat wider than the whole picture",
+        "0.002° across, at 2, 5 and 50 voxels, the splat's middle 0, 0.5 and 1.5 voxels off the view",
+        "closed form: 1 − exp(−τ F(d))",
+        wider_than_picture,
+    ),
+    Case(
+        "rim",
+        "rays exactly at the kernel's radius, where square roots of small negative numbers wait",
+        "one splat in parallel rays at multiples of R/16, X-ray, both kernels",
+        "closed form: F(d), 0 from R on",
+        rim,
+    ),
+    Case(
+        "picture-sizes",
+        "pictures of 1×1, 1×4096 and 4096×1 pixels",
+        "10³ random voxels, shaded",
+        "float64 reference",
+        sizes,
+    ),
+)
