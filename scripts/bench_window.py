@@ -17,12 +17,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.viewer import Options, Viewer
 from splatgl.gl.renderer import Renderer
 from splatgl.scene.parse import size
 from splatgl.scene.scene_file import Scene
 from splatgl.splat.transfer import Transfer
+from splatgl.viewer.document import Content
+from splatgl.viewer.viewer import Options, Viewer
 
 # longest wait for a picture at rest
 PATIENCE = 120.0

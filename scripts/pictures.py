@@ -91,8 +91,8 @@ def classification(skull: str) -> None:
 
 def window(source: str) -> None:
     """The viewer with its panel and slices, showing a volume or a scene at full quality."""
-    from splatgl.app.viewer.content import Content
-    from splatgl.app.viewer.viewer import Options, Viewer
+    from splatgl.viewer.document import Content
+    from splatgl.viewer.viewer import Options, Viewer
 
     scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
     with sg.Renderer("window") as renderer:

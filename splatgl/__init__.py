@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from splatgl import distributed as distributed
     from splatgl import reference as reference
     from splatgl.annotations.annotate import annotated as annotated
-    from splatgl.app.show import show as show
     from splatgl.comparison.compare import compare as compare
     from splatgl.data import scenes as scenes
     from splatgl.data.image import Image as Image
@@ -57,6 +56,7 @@ if TYPE_CHECKING:
     from splatgl.splat.vector_field import directions as directions
     from splatgl.splat.vector_field import magnitudes as magnitudes
     from splatgl.splat.vector_field import streamlines as streamlines
+    from splatgl.viewer.show import show as show
 
 # public name → where it lives; loaded on first use, so that a command imports only what it needs
 _PUBLIC = {
@@ -93,7 +93,7 @@ _PUBLIC = {
     "render": "splatgl.scene.api",
     "render_slabs": "splatgl.distributed.render",
     "register_kernel": "splatgl.splat.kernels",
-    "show": "splatgl.app.show",
+    "show": "splatgl.viewer.show",
     "surfaces": "splatgl.splat.segment_surfaces",
 }
 _MODULES = {

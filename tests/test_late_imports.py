@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from splatgl.app.cli import main
-from splatgl.app.viewer.viewer import Options
 from splatgl.gl.screen import GROUNDS
+from splatgl.viewer.viewer import Options
 
 # the exit code, and all that was imported
 TELL = """

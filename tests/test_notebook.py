@@ -12,10 +12,10 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.app import show as shown
-from splatgl.app.notebook import STILL, Session
-from splatgl.app.viewer.pacing import FULL, LADDER
 from splatgl.scene.api import scene_of
+from splatgl.viewer import show
+from splatgl.viewer.adaptive_quality import FULL, LADDER
+from splatgl.viewer.notebook import STILL, Session
 
 
 class Timed(Session):
@@ -116,7 +116,7 @@ def test_places_are_in_css_pixels(session: Timed) -> None:
 
 def test_the_widget(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
-    monkeypatch.setattr(shown, "in_notebook", lambda: True)
+    monkeypatch.setattr(show, "in_notebook", lambda: True)
     view = sg.show(volume, size=(96, 64))
     bundle = view._repr_mimebundle_()
     data = bundle[0] if isinstance(bundle, tuple) else bundle
@@ -142,10 +142,10 @@ def test_the_widget(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_without_the_library_the_cell_shows_the_image(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shown, "in_notebook", lambda: True)
-    monkeypatch.setattr(shown, "find_spec", lambda name: None)
+    monkeypatch.setattr(show, "in_notebook", lambda: True)
+    monkeypatch.setattr(show, "find_spec", lambda name: None)
     assert isinstance(sg.show(volume, size=48), sg.Image)
     # splats have no samples to show in motion
     monkeypatch.undo()
-    monkeypatch.setattr(shown, "in_notebook", lambda: True)
+    monkeypatch.setattr(show, "in_notebook", lambda: True)
     assert isinstance(sg.show(sg.extract(volume, sg.default_transfer(volume)), size=48), sg.Image)

@@ -16,9 +16,9 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.show import has_display, in_notebook
 from splatgl.scene import shared_renderer
 from splatgl.splat.opaque_bounds import Opaque
+from splatgl.viewer.show import has_display, in_notebook
 
 
 @pytest.fixture
@@ -269,7 +269,7 @@ def test_show_with_a_display_opens_the_window(volume: sg.Volume, monkeypatch: py
         (done,) = files.jobs.collect()
         opened.append((done.result.content, options))
 
-    monkeypatch.setattr("splatgl.app.view.opened", open_window)
+    monkeypatch.setattr("splatgl.viewer.show.opened", open_window)
     assert sg.show(volume, "microscopy", azimuth=70, size=(300, 200)) is None
     ((content, options),) = opened
     assert options.size == (300, 200) and content.transfer == sg.preset("microscopy", volume)

@@ -10,15 +10,15 @@ from test_bricks import noise
 from test_levels import SOFT, with_levels, write
 
 import splatgl as sg
-from splatgl.app.viewer import portion as portions
-from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.files import News
-from splatgl.app.viewer.portion import every, portion
-from splatgl.app.viewer.saving import scene_of
-from splatgl.app.viewer.state import State
 from splatgl.scene.scene_file import Scene
 from splatgl.splat.bricks import EACH, FIXED, SAMPLE
 from splatgl.splat.settings import Settings
+from splatgl.viewer import stand_in
+from splatgl.viewer.document import Content
+from splatgl.viewer.loading import News
+from splatgl.viewer.saving import scene_of
+from splatgl.viewer.stand_in import every, portion
+from splatgl.viewer.state import State
 
 ALL = sg.Transfer([(-1.0, 0.5), (2.0, 0.5)])
 
@@ -30,7 +30,7 @@ def volume() -> sg.Volume:
 
 def allow(splats: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Room for so many splats, and little more."""
-    monkeypatch.setattr(portions, "budget", lambda: int(FIXED + SAMPLE * portions.PIXELS + (EACH + 4) * splats))
+    monkeypatch.setattr(stand_in, "budget", lambda: int(FIXED + SAMPLE * stand_in.PIXELS + (EACH + 4) * splats))
 
 
 def test_what_fits_is_shown_whole(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -39,7 +39,7 @@ def test_what_fits_is_shown_whole(volume: sg.Volume, monkeypatch: pytest.MonkeyP
         found = portion(given, ALL, Settings())
         assert found.volume.samples is volume.samples and not found.told and found.finer is None
     # read in a moment or not: what takes longer is preceded by its coarsest level
-    monkeypatch.setattr(portions, "LARGE", 1000)
+    monkeypatch.setattr(stand_in, "LARGE", 1000)
     found = portion(with_levels(volume, 2), ALL, Settings())
     assert found.volume.shape == (12, 10, 11) and found.told == "level 2 of 2, 11 x 10 x 12 voxels" and found.finer
     found = found.finer()
@@ -55,7 +55,7 @@ def test_a_level_that_fits(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -
     assert found.volume.shape == (24, 20, 22) and found.told == said and found.finer is None
     # whatever fits: most is not read for a window
     allow(volume.count, monkeypatch)
-    monkeypatch.setattr(portions, "MOST_OF_LEVEL", volume.count - 1)
+    monkeypatch.setattr(stand_in, "MOST_OF_LEVEL", volume.count - 1)
     assert portion(with_levels(volume, 3), ALL, Settings()).told == said
     # the coarser levels are those of pictures in motion
     assert found.volume.coarser[0].shape == (12, 10, 11)
@@ -63,7 +63,7 @@ def test_a_level_that_fits(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -
 
 def test_means_that_fit(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     allow(volume.count / 60, monkeypatch)
-    monkeypatch.setattr(portions, "STAND_IN", volume.count / 27)
+    monkeypatch.setattr(stand_in, "STAND_IN", volume.count / 27)
     found = portion(volume, ALL, Settings())
     assert found.told == "every 3rd voxel" and np.array_equal(found.volume.samples, volume.samples[::3, ::3, ::3])
     assert found.volume.spacing == (3, 6, 9) and found.volume.origin == volume.origin and found.finer
@@ -95,7 +95,7 @@ def test_contents_keep_opacities_a_length(volume: sg.Volume, tmp_path: Path, mon
 
 @pytest.mark.long
 def test_the_smallest_there_is_where_nothing_fits(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(portions, "budget", lambda: 1)
+    monkeypatch.setattr(stand_in, "budget", lambda: 1)
     found = portion(volume, ALL, Settings())
     assert found.finer and found.finer().volume.shape == (3, 3, 3)
     found = portion(with_levels(volume, 2), ALL, Settings())
@@ -107,7 +107,7 @@ def test_a_level_is_saved_with_its_scene(
     volume: sg.Volume, renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path / "v.zarr", with_levels(volume, 3))
-    monkeypatch.setattr(portions, "MOST_OF_LEVEL", volume.count - 1)
+    monkeypatch.setattr(stand_in, "MOST_OF_LEVEL", volume.count - 1)
     content = Content.open(Scene(str(tmp_path / "v.zarr"), transfer={"points": SOFT.points}))
     found = scene_of(State.of(content, (20, 16)), content)
     assert found.load == {"level": 1} and found.open().shape == content.volume.shape

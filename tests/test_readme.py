@@ -20,18 +20,18 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.app.cli import COMMANDS, _parser, main
-from splatgl.app.viewer.bindings import load_bindings
 from splatgl.readers import FORMATS
 from splatgl.scene.scene_file import Scene
 from splatgl.splat import kernels
 from splatgl.splat.settings import Settings, choices
 from splatgl.studies.stress import CASES
+from splatgl.viewer.key_bindings import load_bindings
 
 ROOT = Path(__file__).parents[1]
 TOP = ROOT / "README.md"
 READMES = [TOP, *sorted((ROOT / "splatgl").rglob("README.md"))]
 IDS = [path.relative_to(ROOT).as_posix() for path in READMES]
-ROOMS = ("data", "splat", "gl", "reference", "distributed", "app", "app/viewer")
+ROOMS = ("data", "splat", "gl", "reference", "distributed", "app", "viewer")
 MOST_LINES = 170
 # of code blocks; text is output, and holds no command
 LANGUAGES = ("sh", "python", "toml", "text", "mermaid")

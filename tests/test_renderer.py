@@ -13,12 +13,12 @@ from splatting import SPLATS
 from test_context import resident_mebibytes
 
 import splatgl as sg
-from splatgl.app.viewer.blocks import give_back_free, give_back_large
 from splatgl.data.scenes import letter_f
 from splatgl.gl.buffers import uneven
 from splatgl.gl.target import settle
 from splatgl.splat.motion import Moments
 from splatgl.splat.plan import plan
+from splatgl.viewer.adaptive_quality import give_back_free, give_back_large
 
 
 @pytest.fixture(scope="module")

@@ -15,25 +15,6 @@ import pytest
 import splatgl as sg
 from splatgl.annotations.text import Overlay, Text, drawn, plain
 from splatgl.app.cli import main
-from splatgl.app.viewer import curve, hud
-from splatgl.app.viewer.beyond import SHARE, TINT, crossing, share_beyond, tinted
-from splatgl.app.viewer.bindings import BINDINGS, checked, keymap, listing, load_bindings, remapped
-from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.difference import enlarged
-from splatgl.app.viewer.files import watched
-from splatgl.app.viewer.history import History
-from splatgl.app.viewer.jobs import Jobs
-from splatgl.app.viewer.keys import from_character, from_key
-from splatgl.app.viewer.mouse import Mouse, wheeled
-from splatgl.app.viewer.pacing import FULL, LADDER, STRIDES, Level, Pace
-from splatgl.app.viewer.painter import MOMENTS, Painter
-from splatgl.app.viewer.parts import stronger
-from splatgl.app.viewer.pick import picked
-from splatgl.app.viewer.pose import Pose
-from splatgl.app.viewer.refiner import Moment, Refiner
-from splatgl.app.viewer.saving import free, picture_of, save_picture, save_scene, scene_of
-from splatgl.app.viewer.state import ACTIONS, State, acted
-from splatgl.app.viewer.watch import Watch
 from splatgl.data.volume import coarser
 from splatgl.gl.screen import Screen
 from splatgl.scene.scene_file import Scene
@@ -41,6 +22,28 @@ from splatgl.scene.view import View
 from splatgl.splat.culling import outside, skinned
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.statistics import statistics
+from splatgl.viewer import hud, transfer_editor
+from splatgl.viewer.adaptive_quality import FULL, LADDER, STRIDES, Level, Moment, Pace, Refiner
+from splatgl.viewer.background import Jobs
+from splatgl.viewer.commands import ACTIONS, acted
+from splatgl.viewer.document import Content
+from splatgl.viewer.frame_renderer import MOMENTS, SHARE, TINT, Painter, crossing, share_beyond, tinted
+from splatgl.viewer.key_bindings import (
+    BINDINGS,
+    checked,
+    from_character,
+    from_key,
+    keymap,
+    listing,
+    load_bindings,
+    remapped,
+)
+from splatgl.viewer.loading import Watch, watched
+from splatgl.viewer.measure_tool import picked
+from splatgl.viewer.reference_view import enlarged
+from splatgl.viewer.saving import free, picture_of, save_picture, save_scene, scene_of
+from splatgl.viewer.state import History, State, stronger
+from splatgl.viewer.trackball import Mouse, Pose, wheeled
 
 SIZE = (120, 80)
 # seconds after which a thread hangs
@@ -568,40 +571,42 @@ def test_overlay_says_what_it_should() -> None:
 
 def test_the_scale_of_opacities_there_and_back() -> None:
     for opacity in (0.0, 0.002, 0.01, 0.5, 1.0):
-        assert curve.fall(float(curve.rise(opacity))) == pytest.approx(opacity, abs=1e-12)
+        assert transfer_editor.fall(float(transfer_editor.rise(opacity))) == pytest.approx(opacity, abs=1e-12)
     # fine near zero: the lowest hundredth has a sixth of the height
-    assert curve.rise(0.01) > 0.16 and curve.fall(0.0) == 0.0 and curve.fall(1.0) == 1.0
+    assert transfer_editor.rise(0.01) > 0.16 and transfer_editor.fall(0.0) == 0.0 and transfer_editor.fall(1.0) == 1.0
 
 
 def test_the_drawn_curve_is_the_transfer_function() -> None:
     """Between its nodes too, where the scale bends it, at a step, and beyond its ends."""
     transfer = sg.Transfer(points=[(10, 0.0), (20, 0.4), (20, 0.1), (30, 0.3)])
-    values, heights = curve.line(transfer, 0.0, 50.0)
+    values, heights = transfer_editor.line(transfer, 0.0, 50.0)
     assert values[0] == 0.0 and values[-1] == 50.0 and (np.diff(values) > -1e-9).all()
-    assert {(20.0, float(curve.rise(0.4))), (20.0, float(curve.rise(0.1)))} <= set(zip(values, heights, strict=True))
+    assert {(20.0, float(transfer_editor.rise(0.4))), (20.0, float(transfer_editor.rise(0.1)))} <= set(
+        zip(values, heights, strict=True)
+    )
     apart = np.abs(values - 20.0) > 1e-9
-    assert np.allclose(heights[apart], curve.rise(transfer.opacity(values[apart])), atol=1e-12)
+    assert np.allclose(heights[apart], transfer_editor.rise(transfer.opacity(values[apart])), atol=1e-12)
     bent = sg.Transfer(points=[(1, 0.0), (100, 0.4)], scale="log")
-    values, heights = curve.line(bent, 1.0, 100.0)
-    assert np.allclose(heights, curve.rise(0.2 * np.log10(values)), atol=1e-12)
+    values, heights = transfer_editor.line(bent, 1.0, 100.0)
+    assert np.allclose(heights, transfer_editor.rise(0.2 * np.log10(values)), atol=1e-12)
 
 
 def test_bars_are_counts() -> None:
     stats = statistics(sg.Volume(np.repeat([1.0, 2.0, 3.0], [6, 1, 1]).reshape(2, 2, 2)))
-    edges, bars = curve.histogram(stats, 1.0, 3.0, logarithmic=False)
+    edges, bars = transfer_editor.histogram(stats, 1.0, 3.0, logarithmic=False)
     assert edges[:4].tolist() == [1.0, 2.0, 3.0, 4.0] or len(edges) == 3
     assert bars[0] == 1.0 and bars[1] == pytest.approx(1 / 6 if len(bars) > 2 else 2 / 6)
-    assert curve.histogram(stats, 1.0, 3.0)[1][1] > bars[1]
+    assert transfer_editor.histogram(stats, 1.0, 3.0)[1][1] > bars[1]
     # nothing within the range
-    assert not curve.histogram(stats, 50.0, 60.0)[1].any()
+    assert not transfer_editor.histogram(stats, 50.0, 60.0)[1].any()
 
 
 def test_nodes() -> None:
     nodes = ((0.0, 0.0), (10.0, 0.5), (20.0, 1.0))
-    assert curve.moved(nodes, 1, (15.0, 0.25)) == ((0.0, 0.0), (15.0, 0.25), (20.0, 1.0))
-    assert curve.moved(nodes, 1, (99.0, 9.0)) == ((0.0, 0.0), (20.0, 1.0), (20.0, 1.0))
-    assert curve.added(nodes, (12.0, 0.1)) == (((0.0, 0.0), (10.0, 0.5), (12.0, 0.1), (20.0, 1.0)), 2)
-    assert curve.removed(nodes, 0) == nodes[1:] and curve.removed(nodes[:1], 0) == nodes[:1]
+    assert transfer_editor.moved_point(nodes, 1, (15.0, 0.25)) == ((0.0, 0.0), (15.0, 0.25), (20.0, 1.0))
+    assert transfer_editor.moved_point(nodes, 1, (99.0, 9.0)) == ((0.0, 0.0), (20.0, 1.0), (20.0, 1.0))
+    assert transfer_editor.added(nodes, (12.0, 0.1)) == (((0.0, 0.0), (10.0, 0.5), (12.0, 0.1), (20.0, 1.0)), 2)
+    assert transfer_editor.removed(nodes, 0) == nodes[1:] and transfer_editor.removed(nodes[:1], 0) == nodes[:1]
 
 
 # --- states -------------------------------------------------------------------------------------------------------
@@ -904,7 +909,7 @@ def test_what_is_watched() -> None:
 
 def test_more_splats_than_can_be_held(monkeypatch: pytest.MonkeyPatch, scene: Scene) -> None:
     """A transfer function that keeps everything of something big stays coarse."""
-    monkeypatch.setattr("splatgl.app.viewer.content.MOST_KEPT", 3000)
+    monkeypatch.setattr("splatgl.viewer.document.MOST_KEPT", 3000)
     content = Content.open(scene)
     volume = blob(48)
     content = replace(content, volumes=(volume, coarser(volume), coarser(volume), coarser(volume)))

@@ -13,14 +13,14 @@ from test_view import blob
 from test_view_window import MISSING, Window, silent
 
 from splatgl.annotations.text import FONT, Text, _fitted
-from splatgl.app.viewer import files as reading
-from splatgl.app.viewer.bindings import BINDINGS, MOUSE
-from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.files import Files, News
-from splatgl.app.viewer.jobs import Jobs
-from splatgl.app.viewer.state import State
 from splatgl.scene.scene_file import Scene
 from splatgl.splat.settings import Settings
+from splatgl.viewer import loading
+from splatgl.viewer.background import Jobs
+from splatgl.viewer.document import Content
+from splatgl.viewer.key_bindings import BINDINGS, MOUSE
+from splatgl.viewer.loading import Files, News
+from splatgl.viewer.state import State
 
 driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 WITH_GUI = "needs the extra gui: pip install splatgl[gui]"
@@ -144,7 +144,7 @@ def test_a_dropped_file_is_not_replaced(folder: Path, monkeypatch: pytest.Monkey
 
     content = Content.open(Scene(str(folder / "blob.npy")))
     np.save(folder / "watched.npy", blob().samples)
-    monkeypatch.setattr(reading, "_opened", opened)
+    monkeypatch.setattr(loading, "_opened_news", opened)
     woken = threading.Semaphore(0)
     found = Files(Jobs(woken.release), (str(folder / "watched.npy"),), lambda: content.scene, 0.0)
     for name in gates:

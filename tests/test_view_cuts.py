@@ -10,16 +10,15 @@ import pytest
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.cutting import WHOLE, Cuts, add_plane, cut
-from splatgl.app.viewer.handles import Held, handles, on_sphere, outline, plane_middle, under
-from splatgl.app.viewer.history import History
-from splatgl.app.viewer.pick import picked
-from splatgl.app.viewer.saving import save_scene
-from splatgl.app.viewer.sight import nearest_on_line, ray, seen, segment
-from splatgl.app.viewer.state import State, acted
 from splatgl.scene.scene_file import Scene
 from splatgl.splat.clipping import crop_planes
+from splatgl.viewer.clip_tool import Held, cut, handles, on_sphere, outline, plane_middle, under
+from splatgl.viewer.commands import acted, add_plane
+from splatgl.viewer.document import Content
+from splatgl.viewer.measure_tool import picked
+from splatgl.viewer.saving import save_scene
+from splatgl.viewer.state import WHOLE, Cuts, History, State
+from splatgl.viewer.trackball import nearest_on_line, ray, seen, segment
 
 SIZE = (120, 80)
 ORTHOGRAPHIC = sg.Camera.orthographic((1.0, -30.0, 4.0), (2.0, 3.0, 1.0), (0, 0, 1), 40.0, SIZE)

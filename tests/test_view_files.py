@@ -14,7 +14,7 @@ from test_view_window import MISSING, Window, pointed
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.viewer.recent import MOST, Recent
+from splatgl.viewer.loading import MOST, Recent
 
 driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 WITH_GUI = "needs the extra gui: pip install splatgl[gui]"

@@ -13,17 +13,14 @@ from test_view_window import MISSING, Window
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.viewer.choices import opened
-from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.files import watched
-from splatgl.app.viewer.history import History
-from splatgl.app.viewer.parts import read
-from splatgl.app.viewer.saving import picture_of, save_scene, scene_of
-from splatgl.app.viewer.state import State, acted, drawable
-from splatgl.app.viewer.together import Together
 from splatgl.errors import Choice, InputError
 from splatgl.scene.meshes import MeshFile
 from splatgl.scene.scene_file import Scene
+from splatgl.viewer.commands import acted, drawable
+from splatgl.viewer.document import Content, Together, read_meshes
+from splatgl.viewer.loading import opened, watched
+from splatgl.viewer.saving import picture_of, save_scene, scene_of
+from splatgl.viewer.state import History, State
 
 SIZE = (96, 72)
 # the panel of a window of 640 × 460 pixels
@@ -217,7 +214,7 @@ def test_edits_are_undone(state: State) -> None:
 def test_meshes_look_as_their_files_say(folder: Path) -> None:
     """Colour and opacity are changed without reading again."""
     file = MeshFile(str(folder / "ball.ply"), "#3366cc", 0.3)
-    found = Together.with_meshes(Content.open(Scene(str(folder / "blob.npy"))), read([file]))
+    found = Together.with_meshes(Content.open(Scene(str(folder / "blob.npy"))), read_meshes([file]))
     made = found.followed(found.looks, (file,), sg.Settings())
     assert isinstance(made, Together)
     (mesh,) = made.meshes

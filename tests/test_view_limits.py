@@ -17,17 +17,16 @@ from test_view_window import MISSING, Window
 
 import splatgl as sg
 from splatgl.annotations.text import legible, plain
-from splatgl.app.viewer import hud
-from splatgl.app.viewer.blocks import Sweep
-from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.difference import Reference
-from splatgl.app.viewer.jobs import Done
-from splatgl.app.viewer.pacing import FULL, STRIDES
-from splatgl.app.viewer.painter import Painter
-from splatgl.app.viewer.saving import saved, saved_as
-from splatgl.app.viewer.state import State
-from splatgl.app.viewer.viewer import Viewer
 from splatgl.scene.scene_file import Scene
+from splatgl.viewer import hud
+from splatgl.viewer.adaptive_quality import FULL, STRIDES, Sweep
+from splatgl.viewer.background import Done
+from splatgl.viewer.document import Content
+from splatgl.viewer.frame_renderer import Painter
+from splatgl.viewer.reference_view import Reference
+from splatgl.viewer.saving import saved, saved_as
+from splatgl.viewer.state import State
+from splatgl.viewer.viewer import Viewer
 
 
 @pytest.fixture
@@ -55,7 +54,7 @@ def test_too_many_splats_are_a_scene_without_a_picture(
 ) -> None:
     content = content.changed(content.transfer, 0.001).classified(sg.Settings())
     content.skin(2)
-    monkeypatch.setattr("splatgl.app.viewer.content.MOST_KEPT", 100)
+    monkeypatch.setattr("splatgl.viewer.document.MOST_KEPT", 100)
     assert content.heavy
     state = State.of(content, SIZE)
     assert "too many" in saved(state, "screenshot", content, renderer.render, tmp_path).message
@@ -121,7 +120,7 @@ def test_too_many_splats_of_one_layer_are_not_asked_for(tmp_path: Path, monkeypa
         content.extract(stride)
     first, second = (len(content.part(number).at(2)) for number in (0, 1))
     assert first != second and not content.complete
-    monkeypatch.setattr("splatgl.app.viewer.content.MOST_KEPT", 4 * (first + second))
+    monkeypatch.setattr("splatgl.viewer.document.MOST_KEPT", 4 * (first + second))
     assert content.heavy and content.complete and sum(part.heavy for part in content.drawing) == 1
 
 

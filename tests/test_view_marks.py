@@ -11,19 +11,15 @@ import pytest
 import splatgl as sg
 from splatgl.annotations.text import beside, label
 from splatgl.app.cli import main
-from splatgl.app.viewer.added import with_marks
-from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.legend import Legend, Scenery, cropped
-from splatgl.app.viewer.marking import RULER, TIP, of_ruler
-from splatgl.app.viewer.measuring import Ruler, clicked, told, under_cursor
-from splatgl.app.viewer.mouse import Mouse
-from splatgl.app.viewer.moves import TURN, angles, name_of, up_of
-from splatgl.app.viewer.pose import Pose
-from splatgl.app.viewer.saving import save_picture, save_scene
-from splatgl.app.viewer.sight import seen
-from splatgl.app.viewer.state import State, acted
 from splatgl.data.color import linear_from_srgb
 from splatgl.scene.scene_file import Scene
+from splatgl.viewer.commands import TURN, acted, angles, name_of
+from splatgl.viewer.document import Content
+from splatgl.viewer.measure_tool import clicked, told, under_cursor
+from splatgl.viewer.overlays import RULER, TIP, Legend, Scenery, cropped, of_ruler
+from splatgl.viewer.saving import save_picture, save_scene, with_marks
+from splatgl.viewer.state import Ruler, State
+from splatgl.viewer.trackball import Mouse, Pose, seen, up_of
 
 SIZE = (160, 120)
 BLACK, USUAL = (0.0, 0.0, 0.0), ("scale", "axes")

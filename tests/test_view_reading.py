@@ -13,21 +13,15 @@ import numpy as np
 import pytest
 from test_view import LONGEST, SIZE, blob
 
-from splatgl.app.viewer.answers import answered
-from splatgl.app.viewer.arrivals import arrived
-from splatgl.app.viewer.choices import opened
-from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.extracting import Extractor, followed
-from splatgl.app.viewer.files import TIME, Brought, Files, News
-from splatgl.app.viewer.history import History
-from splatgl.app.viewer.jobs import Done, Jobs
-from splatgl.app.viewer.pacing import STRIDES
-from splatgl.app.viewer.parts import read
-from splatgl.app.viewer.state import State
-from splatgl.app.viewer.together import Together
 from splatgl.scene.meshes import MeshFile
 from splatgl.scene.scene_file import Scene
 from splatgl.splat.settings import Settings
+from splatgl.viewer.adaptive_quality import STRIDES
+from splatgl.viewer.background import Done, Extractor, Jobs, followed
+from splatgl.viewer.document import Content, Together, read_meshes
+from splatgl.viewer.loading import TIME, Brought, Files, News, arrived, opened
+from splatgl.viewer.state import History, State
+from splatgl.viewer.viewer import answered
 
 
 @pytest.fixture
@@ -90,7 +84,7 @@ def test_meshes_stay_with_what_is_read_meanwhile(folder: Path) -> None:
         News(Content.open(Scene(str(folder / "a.npy")))),
     ):
         viewer = viewer_of(content, files())
-        arrived(viewer, Done("reading m.off", Brought((mesh,), read([mesh]))))
+        arrived(viewer, Done("reading m.off", Brought((mesh,), read_meshes([mesh]))))
         assert len(Together.with_meshes(content, {}).meshes) == 0
         arrived(viewer, Done("reading", news))
         assert viewer.content is not content and viewer.state.meshes == (mesh,)

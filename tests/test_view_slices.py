@@ -17,25 +17,26 @@ from test_view_window import MISSING, Window
 
 import splatgl as sg
 from splatgl.annotations.axes import letters
-from splatgl.app.viewer.added import with_slices
-from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.slices import (
+from splatgl.data.color import srgb_from_linear
+from splatgl.gl.screen import Stroke
+from splatgl.scene.scene_file import Scene
+from splatgl.viewer.commands import acted
+from splatgl.viewer.document import Content
+from splatgl.viewer.saving import with_slices
+from splatgl.viewer.slice_views import (
     Pane,
-    Slices,
+    Slicing,
     colors,
     column,
     grey,
+    left_of,
     panes,
     plane,
     strided,
     window_of,
     world_axes,
 )
-from splatgl.app.viewer.slicing import Slicing, left_of
-from splatgl.app.viewer.state import State, acted
-from splatgl.data.color import srgb_from_linear
-from splatgl.gl.screen import Stroke
-from splatgl.scene.scene_file import Scene
+from splatgl.viewer.state import Slices, State
 
 driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 UP = np.array([0.0, 0.0, 1.0])
@@ -327,7 +328,7 @@ def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypat
         asked.append(given)
         raise KeyError("chunk")
 
-    monkeypatch.setattr("splatgl.app.viewer.slicing.plane", plane)
+    monkeypatch.setattr("splatgl.viewer.slice_views.plane", plane)
     for _ in range(8):
         marks = slicing.marks()
         assert slicing.jobs.settled(300.0)

@@ -22,11 +22,11 @@ from test_view import blob
 
 import splatgl as sg
 from splatgl.app.cli import main
-from splatgl.app.viewer import curve
-from splatgl.app.viewer.bindings import BINDINGS
 from splatgl.comparison.image_regression import ImageRegression
 from splatgl.data.color import linear_from_srgb
 from splatgl.splat.settings import choices
+from splatgl.viewer import transfer_editor
+from splatgl.viewer.key_bindings import BINDINGS
 
 MISSING = [tool for tool in ("Xvfb", "xdotool") if shutil.which(tool) is None]
 pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
@@ -803,7 +803,7 @@ LEFT, AXIS = 276, (-0.05, 1.05)
 def on_plot(told: Told, value: float, opacity: float) -> tuple[int, int]:
     """Pixel of a node of the opacity curve."""
     (left, top, wide, high), (low, stop) = told["plot"]
-    share = (AXIS[1] - float(curve.rise(opacity))) / (AXIS[1] - AXIS[0])
+    share = (AXIS[1] - float(transfer_editor.rise(opacity))) / (AXIS[1] - AXIS[0])
     return round(left + (value - low) / (stop - low) * wide), round(top + share * high)
 
 

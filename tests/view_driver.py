@@ -21,19 +21,19 @@ from weakref import WeakSet
 
 import numpy as np
 
-from splatgl.app.view import reading
-from splatgl.app.viewer import hud, mouse, portion
-from splatgl.app.viewer.content import Content
-from splatgl.app.viewer.files import Files
-from splatgl.app.viewer.jobs import Jobs
-from splatgl.app.viewer.viewer import Options, Viewer
 from splatgl.errors import InputError
 from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
 from splatgl.readers import ome_zarr
 from splatgl.scene.scene_file import Scene
+from splatgl.viewer import hud, stand_in, trackball
+from splatgl.viewer.background import Jobs
+from splatgl.viewer.document import Content
+from splatgl.viewer.loading import Files
+from splatgl.viewer.show import reading
+from splatgl.viewer.viewer import Options, Viewer
 
-DOUBLE = mouse.DOUBLE
+DOUBLE = trackball.DOUBLE
 PAGE = os.sysconf("SC_PAGE_SIZE")
 # seconds after which something hangs: no picture takes as long on a machine that many share
 PATIENCE = 240.0
@@ -166,7 +166,7 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         return answer(viewer, {"do": "settle"})
     elif what == "double":
         # seconds between the presses of a double click: a busy machine may bring the second one late
-        mouse.DOUBLE = ask["within"]
+        trackball.DOUBLE = ask["within"]
         if viewer.panel is not None:
             io = viewer.panel.io
             io.mouse_double_click_time, io.mouse_single_click_delay = ask["within"], 2 * ask["within"]
@@ -206,8 +206,8 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
             viewer.panel.panel.closes = True
         viewer.dialogs.close()
         # the press before is not the first of a double click
-        viewer.hands.mouse = mouse.Mouse()
-        mouse.DOUBLE = DOUBLE
+        viewer.hands.mouse = trackball.Mouse()
+        trackball.DOUBLE = DOUBLE
         until(viewer, lambda: settled(viewer))
     elif what == "turn":
         # many pictures, each from elsewhere
@@ -271,7 +271,7 @@ def main() -> None:
     backend = asked.pop("backend", "window")
     if "free" in asked:
         # bytes of memory that contents may take
-        vars(portion)["budget"] = partial(int, asked.pop("free"))
+        vars(stand_in)["budget"] = partial(int, asked.pop("free"))
     if "whole" in asked:
         # bytes of samples that are read at once
         vars(ome_zarr)["WHOLE"] = asked.pop("whole")

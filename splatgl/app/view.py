@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import signal
-import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from splatgl.app.layered import add_layers
 from splatgl.app.options import add_drawing, add_source, scene_from
-from splatgl.app.viewer.bindings import BINDINGS, listing, load_bindings
-from splatgl.app.viewer.pacing import TARGET
-from splatgl.errors import InputError, expected
+from splatgl.errors import expected
 from splatgl.fileio import check_folder
-
-if TYPE_CHECKING:
-    from splatgl.app.viewer.files import Files, Reopen
-    from splatgl.app.viewer.viewer import Options
-    from splatgl.scene.scene_file import Scene
-
-# seconds in which most mistakes in what is asked for are found, before a window is opened
-AT_ONCE = 0.1
+from splatgl.viewer.adaptive_quality import TARGET
+from splatgl.viewer.key_bindings import BINDINGS, listing, load_bindings
+from splatgl.viewer.show import opened, reading
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
@@ -75,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     scene = scene_from(args)
     files = reading(scene, args.source if args.watch else "", lambda: scene_from(args))
     # after what may be bad input: these take longer than to tell it
-    from splatgl.app.viewer.viewer import Options
+    from splatgl.viewer.viewer import Options
 
     options = Options(
         size=scene.view.size if args.size or args.source.endswith(".toml") else Options().size,
@@ -88,60 +75,3 @@ def run(args: argparse.Namespace) -> int:
     )
     opened(files, scene, options, args.backend, args.device, args.gpu)
     return 0
-
-
-def reading(scene: Scene, source: str = "", reopen: Reopen | None = None) -> Files:
-    """Begins to read a scene. Raises what its reader does, if that is found out within AT_ONCE. source: of what is
-    watched, and read again by `reopen`.
-    """
-    from splatgl.app.viewer.files import Files, watched
-    from splatgl.app.viewer.jobs import Jobs
-
-    jobs = Jobs(lambda: None)
-    files = Files(jobs, watched(source, scene) if source else (), reopen, time.monotonic())
-    files.begin(scene)
-    if jobs.settled(AT_ONCE) and jobs.done and jobs.done[0].error is not None:
-        raise jobs.done[0].error
-    return files
-
-
-def opened(
-    files: Files,
-    scene: Scene,
-    options: Options,
-    backend: str = "window",
-    device: int | None = None,
-    gpu: bool = False,
-) -> None:
-    """Opens the window for what is being read, and returns once it is closed for any reason."""
-    from splatgl.app.viewer.content import Content
-    from splatgl.app.viewer.viewer import Viewer
-    from splatgl.gl.backends import BackendError
-    from splatgl.gl.renderer import Renderer
-
-    with Renderer(backend, device, gpu) as renderer:
-        viewer = Viewer(Content.nothing(scene), renderer, options, files)
-        try:
-            with _ended_by_signals(viewer):
-                viewer.run()
-        except BackendError as error:
-            raise InputError(f"window: {error}") from error
-        finally:
-            viewer.close()
-
-
-@contextmanager
-def _ended_by_signals(viewer: Any) -> Iterator[None]:
-    """Closes the window on SIGINT, SIGHUP and SIGTERM."""
-
-    def close(number: int, frame: FrameType | None) -> None:
-        viewer.closed = True
-
-    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {name: signal.signal(getattr(signal, name), close) for name in names}
-    try:
-        yield
-    finally:
-        for name, handler in before.items():
-            signal.signal(getattr(signal, name), handler)
-        sys.stdout.flush()

@@ -1,0 +1,345 @@
+"""Frame pacing, preview levels.
+
+LADDER lists the quality levels of a preview, with a floor: half of the pixels, and every second voxel of up to MANY
+splats, every fourth of more. A frame's time is that of its picture, which a level changes, and that of all else (text,
+panel, swap), which none does. SLOW_FRAMES slow frames switch to a coarser level, if that is expected to gain something;
+a level that turns out to gain nothing is left again. QUICK_FRAMES quick frames switch to the next finer level, if that
+is expected to stay well within the target; every switch back doubles the wait before the next attempt, which prevents
+flicker. Costs of levels are measured; for levels not drawn yet they are estimated from the work.
+
+All levels but FULL are drawn to LENIENT, an error far below that of coarser voxels.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+from collections.abc import Collection, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+from splatgl.splat.resolve import AVERAGED
+from splatgl.splat.settings import Settings
+
+# glibc's number of the option, and bytes of a block that is given back as soon as it is freed
+M_MMAP_THRESHOLD, LARGE = -3, 1 << 20
+# seconds after which what is given up is freed although the window is busy: it takes some 30 ms
+SWEPT = 5.0
+
+
+def give_back_large() -> None:
+    """Freed pictures go back to the system. glibc would keep them, and fit none of another size in their places: a
+    window that is resized would grow without end. Other systems' allocators stay as they are.
+    """
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE)
+
+
+def give_back_free() -> None:
+    """What is freed of small blocks goes back, too: what lies above keeps it, and a peak would last as long as the
+    window. Only glibc needs that.
+    """
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+class Sweep:
+    """Frees what is given up. Contents and pictures refer to themselves, and hold splats and textures: Python by itself
+    keeps them until it has made many other objects.
+    """
+
+    def __init__(self, now: float) -> None:
+        self.frame: object = None
+        self.at = now
+
+    def look(self, frame: object, resting: bool, now: float) -> None:
+        """Sweeps once a frame that is shown at rest, and seldom where there is no rest."""
+        if frame is not self.frame and (resting or now - self.at > SWEPT):
+            gc.collect()
+            give_back_free()
+            self.frame, self.at = frame, now
+
+
+# target seconds per frame in motion
+TARGET = 0.033
+# minimum seconds between frames during automatic rotation
+STEP = 1 / 60
+# seconds without input before the full-quality frame; longer than the interval between mouse move events
+REST = 0.05
+# while a button is held, no full-quality frame that takes longer than this many seconds and cannot be cancelled
+HELD = 0.2
+# fractions of the target: above SLOW a frame is slow; a finer level must be expected to take less than QUICK
+SLOW, QUICK = 1.15, 0.8
+SLOW_FRAMES, QUICK_FRAMES = 2, 4
+# a coarser level must be this many times faster, and expected to be so many times faster to be tried; frames that take
+# longer than POOR seconds go down to the floor, as single measurements of what gains little are not to be trusted
+GAIN, TRIED, POOR = 1.3, 1.05, 0.1
+# weight of the newest frame in a level's cost, and how many times the cost before it counts at most
+NEWEST, MOST_RISE = 0.5, 2.0
+# before any measurement: seconds per pixel covered by tens of splats, and the cost of a splat in pixels (llvmpipe)
+PIXEL, PIXELS_PER_SPLAT = 1.5e-7, 2.0
+# number of splats above which every fourth voxel may be drawn, and seconds of a frame above which there is no floor
+MANY, STUCK = 2_000_000, 0.2
+# tolerance in motion
+LENIENT = 8 / 255
+
+
+@dataclass(frozen=True)
+class Level:
+    """scale: of the window's pixels, along each axis. stride: downsampling factor of the volume, by averaging."""
+
+    scale: float = 1.0
+    stride: int = 1
+
+    def size(self, full: tuple[int, int]) -> tuple[int, int]:
+        """Render size (width, height) for a window of `full` pixels, at least 1 × 1."""
+        return max(1, round(full[0] * self.scale)), max(1, round(full[1] * self.scale))
+
+    def settings(self, asked: Settings) -> Settings:
+        """The requested settings with the reductions of a preview."""
+        if self == FULL:
+            return asked
+        lenient = asked.but(tolerance=max(asked.tolerance, LENIENT))
+        return lenient.but(antialias="paper") if asked.antialias in AVERAGED else lenient
+
+    def __str__(self) -> str:
+        pixels = [f"{self.scale**2:.0%} of the pixels"] if self.scale < 1 else []
+        voxels = [f"voxels x{self.stride}"] if self.stride > 1 else []
+        return ", ".join(pixels + voxels) or "in full"
+
+
+FULL = Level()
+# finest first. Measured on CT, microscopy and terrain: for the same time saved, fewer pixels cause less error than
+# larger voxels, down to half of them
+LADDER = (
+    FULL,
+    Level(0.84),
+    Level(0.71),
+    Level(1.0, 2),
+    Level(0.84, 2),
+    Level(0.71, 2),
+    Level(0.71, 4),
+    Level(0.71, 8),
+    Level(0.5, 8),
+    Level(0.35, 8),
+)
+STRIDES = tuple(sorted({level.stride for level in LADDER}))
+FLOORS = LADDER.index(Level(0.71, 2)), LADDER.index(Level(0.71, 4))
+
+
+@dataclass(frozen=True)
+class Pace:
+    """level: index into LADDER of the preview. costs: seconds of each level's picture, as far as known.
+
+    work: cost of each level in pixel equivalents. floor: the coarsest level, unless that is STUCK.
+    met: number of frames drawn at each level. fixed: seconds of a frame without its picture.
+    slow, quick: consecutive frames above and below the bounds. wait: quick frames required before a finer level.
+    finer_one: the level that slow frames left, until it is known whether that gained anything.
+    """
+
+    work: tuple[float, ...]
+    floor: int = FLOORS[0]
+    level: int = 0
+    costs: tuple[float | None, ...] = (None,) * len(LADDER)
+    met: tuple[int, ...] = (0,) * len(LADDER)
+    fixed: float = 0.0
+    slow: int = 0
+    quick: int = 0
+    wait: int = QUICK_FRAMES
+    finer_one: int | None = None
+    target: float = TARGET
+
+    @classmethod
+    def of(cls, splats: Sequence[int], pixels: int, target: float = TARGET) -> Pace:
+        """splats: their number at each of STRIDES; pixels: the window's."""
+        counts = dict(zip(STRIDES, splats, strict=True))
+        work = [counts[level.stride] * PIXELS_PER_SPLAT + pixels * level.scale**2 for level in LADDER]
+        return cls(tuple(work), FLOORS[splats[0] > MANY], target=target)
+
+    def again(self, splats: Sequence[int], pixels: int) -> Pace:
+        """For other splats or another window size: measured costs, scaled in proportion to the work."""
+        fresh = Pace.of(splats, pixels, self.target)
+        costs = [
+            None if cost is None else cost * new / old
+            for cost, new, old in zip(self.costs, fresh.work, self.work, strict=True)
+        ]
+        return replace(fresh, level=self.level, costs=tuple(costs), met=self.met, fixed=self.fixed)
+
+    def expected(self, level: int) -> float:
+        """Expected seconds of a whole frame of a level: measured, or from its work and the nearest measured level."""
+        own = self.costs[level]
+        if own is not None and self.met[level] > 1:
+            return self.fixed + own
+        # a level's first frame includes one-time setup: used only if there is no other measurement
+        known = {i: cost for i, cost in enumerate(self.costs) if cost is not None}
+        known = {i: cost for i, cost in known.items() if self.met[i] > 1} or known
+        if not known:
+            return self.fixed + self.work[level] * PIXEL
+        nearest = min(known, key=lambda i: abs(i - level))
+        estimate = known[nearest] * self.work[level] / self.work[nearest]
+        return self.fixed + (estimate if own is None else min(own, estimate))
+
+    def drawn(self, level: int, seconds: float, rest: float = 0.0) -> Pace:
+        """After a frame of a level whose picture took `seconds`, and all else `rest`; only frames at the preview level
+        can change that level.
+        """
+        before = self.costs[level]
+        cost, trend = seconds, 1.0
+        if before is not None and self.met[level] > 1:
+            # one frame that waited for something else is no trend
+            cost = before + NEWEST * (min(seconds, MOST_RISE * before) - before)
+            # the scene's cost changed: scale the other levels alike
+            trend = cost / max(before, 1e-9)
+        costs = tuple(
+            cost if i == level else None if other is None else other * trend for i, other in enumerate(self.costs)
+        )
+        met = tuple(count + (i == level) for i, count in enumerate(self.met))
+        fixed = self.fixed + NEWEST * (rest - self.fixed) if self.fixed else rest
+        known = replace(self, costs=costs, met=met, fixed=fixed)
+        if level != self.level:
+            return known
+        left = known.finer_one
+        if left is not None and met[level] > 1:
+            known = replace(known, finer_one=None)
+            if known.expected(level) < POOR and known.expected(left) < GAIN * known.expected(level):
+                return replace(known, level=left, slow=0, quick=0, wait=2 * self.wait)
+        return known._judged(min(cost, seconds) + fixed)
+
+    def _judged(self, seconds: float) -> Pace:
+        """With another level, if one is due after a frame of so many seconds."""
+        if self.level not in self._allowed:
+            # the floor is no longer stuck
+            return replace(self, level=self.floor, slow=0, quick=0)
+        slow = self.slow + 1 if seconds > SLOW * self.target else 0
+        quick = self.quick + 1 if self.finer() and not slow else 0
+        coarser = self.coarser() if slow >= SLOW_FRAMES else None
+        if coarser is not None:
+            return replace(self, level=coarser, finer_one=self.level, slow=0, quick=0, wait=2 * self.wait)
+        # no level meets the target: a finer one may be as slow as this one
+        if quick >= self.wait or (slow >= SLOW_FRAMES and self.level and self.expected(self.level - 1) < self._enough):
+            return replace(self, level=self.level - 1, slow=0, quick=0)
+        return replace(self, slow=min(slow, SLOW_FRAMES), quick=quick)
+
+    def started(self) -> Pace:
+        """Starts at the finest level expected to meet the target; if none is, at the finest that is nearly as fast as
+        any.
+        """
+        level = next((level for level in self._allowed if self.expected(level) <= self._enough), self._allowed[-1])
+        left = 0 if level and self.met[0] else None
+        return replace(self, level=level, slow=0, quick=0, wait=QUICK_FRAMES, finer_one=left)
+
+    def coarser(self) -> int | None:
+        """A coarser level that gains something, as measured, or that may, if there is one; one that meets the target,
+        if any does.
+        """
+        now = self.expected(self.level)
+        gains = [
+            level
+            for level in self._allowed
+            if level > self.level
+            and (now >= POOR or self.expected(level) * (GAIN if self.met[level] > 1 else TRIED) < now)
+        ]
+        return next((level for level in gains if self.expected(level) <= self.target), next(iter(gains), None))
+
+    def finer(self) -> bool:
+        """Whether the next finer level is expected to stay well within the target."""
+        return self.level > 0 and self.expected(self.level - 1) < QUICK * self.target
+
+    @property
+    def _enough(self) -> float:
+        """Seconds of a frame that are short enough: the target, or nearly those of the fastest level up to POOR."""
+        return max(self.target, min(GAIN * min(map(self.expected, self._allowed)), POOR))
+
+    @property
+    def _allowed(self) -> range:
+        """The levels down to the floor; all of them if that is stuck."""
+        stuck = self.met[self.floor] > 1 and self.expected(self.floor) > STUCK
+        return range(len(LADDER) if stuck else self.floor + 1)
+
+
+def rests(pace: Pace, idle: float, held: bool) -> bool:
+    """Whether to render the full-quality frame, `idle` seconds after the last input; held: a button is down."""
+    return idle >= REST and not (held and pace.expected(0) > HELD)
+
+
+Wanted = tuple[object, ...]
+
+
+@dataclass(frozen=True)
+class Moment:
+    """idle: seconds since the last input. turning: automatic rotation. held: a button is down and a full-quality frame
+    could not be cancelled. strides: those that are extracted.
+    """
+
+    idle: float
+    turning: bool = False
+    held: bool = False
+    strides: Collection[int] = STRIDES
+
+    @property
+    def moving(self) -> bool:
+        """Whether the view rotates automatically or the last input is less than REST seconds old."""
+        return self.turning or self.idle < REST
+
+    @property
+    def whole(self) -> bool:
+        """Whether all splats are extracted."""
+        return 1 in self.strides
+
+    def finest(self, level: int) -> int:
+        """The given level, or the nearest one, coarser if there is any, whose splats are extracted."""
+        tried = (*range(level, len(LADDER)), *reversed(range(level)))
+        return next(number for number in tried if LADDER[number].stride in self.strides)
+
+
+class Refiner:
+    """Tracks the last frame and the cost of each level. Frames are identified by tuples of their inputs."""
+
+    def __init__(self, splats: Sequence[int], pixels: int, target: float) -> None:
+        self.pace = Pace.of(splats, pixels, target)
+        self.drawn: Wanted = ()
+        self.refused: Wanted = ()
+        # the level of the last frame, and whether no refinement of it remains
+        self.last, self.full = 0, True
+        # whether the last frame began a motion: it includes uploads to the GPU, and does not predict the next
+        self.first = False
+
+    def level(self, wanted: Wanted, now: Moment) -> int | None:
+        """Index into LADDER of the frame to draw now; None for no frame."""
+        if wanted == self.refused or not now.strides:
+            return None
+        if wanted != self.drawn:
+            if self.full:
+                self.pace = self.pace.started()
+            return now.finest(self.pace.level if now.moving else 0)
+        if self.full or now.moving or not rests(self.pace, now.idle, now.held and now.whole):
+            return None
+        due = now.finest(0)
+        return due if due < self.last or due == 0 else None
+
+    def done(self, wanted: Wanted, level: int, full: bool) -> None:
+        """Records a drawn frame; full: no refinement remains."""
+        self.first, self.full, self.last = self.full and not full, full, level
+        self.drawn, self.refused = wanted, ()
+
+    def took(self, level: int, seconds: float, rest: float) -> None:
+        """Records the time of that frame once it is shown: its picture's, and all else."""
+        if not (self.first and self.pace.met[level]):
+            self.pace = self.pace.drawn(level, seconds, rest)
+
+    def refuse(self, wanted: Wanted) -> None:
+        """Marks a frame as impossible: it is not retried."""
+        self.refused = wanted
+
+    def renew(self, splats: Sequence[int], pixels: int) -> None:
+        """Adapts to other splats or another window size."""
+        self.pace = self.pace.again(splats, pixels)
+
+    def patience(self, wanted: Wanted, now: Moment) -> float | None:
+        """Seconds until a frame is due; None if none is."""
+        if wanted == self.refused or not now.strides:
+            return None
+        if wanted != self.drawn:
+            return 0.0
+        waits = self.full or (now.finest(0) >= self.last > 0 and not now.whole)
+        return None if waits else max(0.0, REST - now.idle)

@@ -1,0 +1,196 @@
+"""Clip box and plane handles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from splatgl.data.volume import Volume
+from splatgl.splat.camera import Camera
+from splatgl.splat.clipping import Plane, left
+from splatgl.viewer.state import MOST_PLANES, Cuts, box_planes
+from splatgl.viewer.trackball import Place, nearest_on_line, ray, seen
+
+if TYPE_CHECKING:
+    from splatgl.viewer.document import Content
+    from splatgl.viewer.state import State
+
+
+FULL = f"there are {MOST_PLANES} planes already: remove one"
+
+
+def leaves(cuts: Cuts, volume: Volume) -> bool:
+    """Whether anything of the volume's box is left."""
+    found = replace(cuts, active=True).clip(volume)
+    return not found or bool(len(left(found, volume.corners)))
+
+
+def cut(state: State, content: Content, cuts: Cuts) -> State:
+    """The state with other cuts; the same with a message where they would leave nothing."""
+    if cuts == state.cuts:
+        return state
+    if not leaves(cuts, content.volume):
+        return replace(state, message="this would cut everything off")
+    clip = cuts.clip(content.volume)
+    # a scene's own planes stay as they are until they are changed
+    same = (cuts.sides, cuts.planes, cuts.active) == (state.cuts.sides, state.cuts.planes, state.cuts.active)
+    return replace(state, cuts=cuts, settings=state.settings if same else state.settings.but(clip=clip))
+
+
+# pixels from a handle at which it is taken, at a content scale of 1
+NEAR = 12.0
+# pixels by which a foot is nearer than a tip over it
+COVERED = 3.0
+# length of a plane's arrow, in the volume's largest side
+ARROW = 0.2
+# corners that are nearer to each other, in lengths of the arrow, are one
+ALIKE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Handle:
+    """point [3]: world; axis [3]: the unit vector that it moves along. what: "side" of the box, with axis and end;
+    "plane" and its number; "tilt", the tip of the plane's arrow.
+    """
+
+    what: str
+    point: np.ndarray
+    axis: np.ndarray
+    number: int
+    end: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A handle that is dragged. start: where the cursor took it; cuts: as they were then."""
+
+    handle: Handle
+    start: Place
+    cuts: Cuts
+
+    def to(self, volume: Volume, camera: Camera, place: Place) -> Cuts:
+        """The cuts for a cursor position; depends on it and the start alone."""
+        handle = self.handle
+        if handle.what == "tilt":
+            return self._tilted(volume, camera, place)
+        step = _moved(camera, handle, self.start, place)
+        if handle.what == "plane":
+            plane = self.cuts.planes[handle.number]
+            return self.cuts.with_plane(handle.number, (*plane[:3], plane[3] + step))
+        size = volume.shape[2 - handle.number]
+        along = np.linalg.norm(volume.world_from_index[:, handle.number]) * size
+        share = self.cuts.sides[handle.number][handle.end] + step / float(along)
+        # to whole voxels
+        return self.cuts.with_side(handle.number, handle.end, round(share * size) / size)
+
+    def _tilted(self, volume: Volume, camera: Camera, place: Place) -> Cuts:
+        """The tip follows the cursor on the sphere around the arrow's foot, on the side where it was."""
+        plane = self.cuts.planes[self.handle.number]
+        foot = plane_middle(self.cuts, volume, self.handle.number)
+        normal = on_sphere(camera, place, foot, arrow(volume), behind=float(np.array(plane[:3]) @ camera.forward) > 0)
+        return self.cuts.with_plane(self.handle.number, (*normal, float(normal @ foot)))
+
+
+def handles(cuts: Cuts, volume: Volume) -> list[Handle]:
+    """All of them."""
+    found = [Handle("side", *_side_middle(cuts, volume, axis, end), axis, end) for axis in range(3) for end in range(2)]
+    for number, plane in enumerate(cuts.planes):
+        foot, normal = plane_middle(cuts, volume, number), np.array(plane[:3])
+        found.append(Handle("plane", foot, normal, number))
+        found.append(Handle("tilt", foot + arrow(volume) * normal, normal, number))
+    return found
+
+
+def under(found: list[Handle], camera: Camera, place: Place, scale: float = 1.0) -> Handle | None:
+    """The handle under the cursor, the nearest one to it; of an arrow that is seen end on, its foot."""
+    if not found:
+        return None
+    apart = np.linalg.norm(seen(camera, np.array([each.point for each in found])) - np.array(place), axis=1)
+    apart = np.where(np.isfinite(apart), apart, np.inf)
+    apart += np.where([each.what == "tilt" for each in found], COVERED * scale, 0.0)
+    best = int(apart.argmin())
+    return found[best] if apart[best] <= NEAR * scale else None
+
+
+def arrow(volume: Volume) -> float:
+    """World length of a plane's arrow."""
+    corners = volume.corners
+    return ARROW * float((corners.max(axis=0) - corners.min(axis=0)).max())
+
+
+def outline(cuts: Cuts, volume: Volume, plane: Plane) -> np.ndarray:
+    """The polygon [N, 3] in which a plane cuts the box, in order around it; none where it misses."""
+    sides = box_planes(cuts.sides, volume)
+    normal = np.array(plane[:3])
+    both = [plane, (*(-normal).tolist(), -plane[3]), *sides]
+    points = left(both, volume.corners)
+    # each corner once, though several planes meet there
+    digits = (points / (arrow(volume) * ALIKE)).round()
+    points = points[np.unique(digits, axis=0, return_index=True)[1]]
+    if len(points) < 3:
+        return np.zeros((0, 3))
+    from_middle = points - points.mean(axis=0)
+    # two unit vectors in the plane
+    across = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    across /= np.linalg.norm(across)
+    angle = np.arctan2(from_middle @ np.cross(normal, across), from_middle @ across)
+    return np.asarray(points[np.argsort(angle)])
+
+
+def plane_middle(cuts: Cuts, volume: Volume, number: int) -> np.ndarray:
+    """The foot [3] of a plane's arrow: the middle of its polygon, or, where it misses the box, nearest to the box's."""
+    plane = cuts.planes[number]
+    points = outline(cuts, volume, plane)
+    if len(points):
+        return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2)
+    normal, middle = np.array(plane[:3]), volume.corners.mean(axis=0)
+    return np.asarray(middle + (plane[3] - normal @ middle) * normal)
+
+
+def box_edges(cuts: Cuts, volume: Volume) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The twelve edges of the box that is kept, world."""
+    corners = _corners(cuts, volume)
+    return [(corners[i], corners[i | 1 << axis]) for axis in range(3) for i in range(8) if not i >> axis & 1]
+
+
+def on_sphere(camera: Camera, place: Place, middle: np.ndarray, radius: float, behind: bool) -> np.ndarray:
+    """Unit vector [3] from a sphere's middle to its point under a pixel: the far one if `behind`; beside the sphere, to
+    the nearest point of its rim.
+    """
+    start, direction = ray(camera, place)
+    along = float((middle - start) @ direction)
+    nearest = start + along * direction - middle
+    square = radius**2 - float(nearest @ nearest)
+    if square <= 0:
+        return np.asarray(nearest / np.linalg.norm(nearest))
+    point = nearest + (1 if behind else -1) * np.sqrt(square) * direction
+    return np.asarray(point / np.linalg.norm(point))
+
+
+def _moved(camera: Camera, handle: Handle, start: Place, place: Place) -> float:
+    """World length that a handle moves along its axis."""
+    ends = [nearest_on_line(camera, each, handle.point, handle.axis) for each in (start, place)]
+    if ends[0] is not None and ends[1] is not None:
+        return ends[1] - ends[0]
+    # seen end on: upwards is away from the eye
+    depth = float(camera.eye_from_points(handle.point)[2])
+    towards = 1.0 if float(handle.axis @ camera.forward) > 0 else -1.0
+    return towards * (start[1] - place[1]) * float(camera.pixel_pitch(depth))
+
+
+def _side_middle(cuts: Cuts, volume: Volume, axis: int, end: int) -> tuple[np.ndarray, np.ndarray]:
+    """Middle [3] of a face of the kept box, and the unit vector [3] along the axis of the grid."""
+    corners = _corners(cuts, volume)
+    along = volume.world_from_index[:, axis]
+    face = [corners[i] for i in range(8) if i >> axis & 1 == end]
+    return np.mean(face, axis=0), np.asarray(along / np.linalg.norm(along))
+
+
+def _corners(cuts: Cuts, volume: Volume) -> np.ndarray:
+    """Corners [8, 3] of the kept box, world, in the order of `Volume.corners`."""
+    every = volume.corners
+    sides = every[[1, 2, 4]] - every[0]
+    shares = np.array([[cuts.sides[axis][i >> axis & 1] for axis in range(3)] for i in range(8)])
+    return np.asarray(every[0] + shares @ sides)

@@ -1,0 +1,307 @@
+"""Preview and full frames."""
+
+from __future__ import annotations
+
+import textwrap
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from splatgl.annotations.text import Overlay, Path, Text, box, drawn
+from splatgl.gl.renderer import Renderer
+from splatgl.gl.screen import Look, Screen
+from splatgl.splat.camera import Camera
+from splatgl.splat.culling import FAITHFUL, outside
+from splatgl.splat.motion import Motion
+from splatgl.splat.plan import Plan
+from splatgl.splat.resolve import streaked
+from splatgl.splat.settings import BLENDS
+from splatgl.splat.splats import Splats, as_points
+from splatgl.viewer import hud
+from splatgl.viewer.adaptive_quality import FULL, Level
+from splatgl.viewer.document import Content
+from splatgl.viewer.hud import Frame
+from splatgl.viewer.key_bindings import MOUSE, Binding
+from splatgl.viewer.reference_view import Difference, Reference, enlarged
+from splatgl.viewer.state import State
+from splatgl.viewer.trackball import Pose
+
+# linear light: splats beyond z_k are blended towards TINT by SHARE; splats at the plane get the colour PLANE
+TINT, PLANE = np.array([0.9, 0.12, 0.02], np.float32), np.array([1.0, 0.85, 0.1], np.float32)
+SHARE = 0.55
+# thickness of the plane's band in voxels
+BAND = 1.0
+
+
+def depths(splats: Splats, camera: Camera) -> np.ndarray:
+    """Depth [N] of every splat, world units, float32."""
+    along = camera.forward @ splats.grid.world_from_index
+    start = float(camera.forward @ (splats.grid.origin - camera.eye))
+    return np.asarray(splats.positions @ along.astype(np.float32) + np.float32(start))
+
+
+def share_beyond(splats: Splats, camera: Camera, z_k: float) -> float:
+    """Fraction of the splats beyond z_k."""
+    return float((depths(splats, camera) > z_k).mean()) if len(splats) else 0.0
+
+
+def tinted(splats: Splats, camera: Camera, z_k: float) -> Splats:
+    """Copy of the splats with those beyond z_k tinted and those at z_k in the plane's colour."""
+    if not len(splats) or not np.isfinite(z_k):
+        return splats
+    depth = depths(splats, camera)
+    records = as_points(splats.records)
+    beyond = depth > z_k
+    records["color"][beyond] += SHARE * (TINT - records["color"][beyond])
+    records["color"][np.abs(depth - z_k) < BAND / 2 * splats.grid.mean_spacing] = PLANE
+    return splats.in_cells(records=records)
+
+
+def nearer(splats: Splats, camera: Camera, z_k: float) -> Splats:
+    """The splats not beyond z_k."""
+    return splats.part(depths(splats, camera) <= z_k)
+
+
+def tinted_light(whole: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """A picture float32 [H, W, 4], linear premultiplied, whose light from beyond z_k is tinted; near: without it."""
+    beyond = whole - near
+    return np.concatenate(
+        [whole[..., :3] + SHARE * (TINT * beyond[..., 3:] - beyond[..., :3]), whole[..., 3:]], axis=-1
+    )
+
+
+def crossing(corners: np.ndarray, camera: Camera, z_k: float) -> np.ndarray:
+    """Section of a box, corners [8, 3], by the plane at depth z_k: a polygon [N, 2] in pixels; N = 0 if they miss.
+
+    Corners are in the order of `Volume.corners`: bit 0 is x, bit 1 y, bit 2 z.
+    """
+    eye = camera.eye_from_points(corners)
+    edges = [(i, i | 1 << axis) for axis in range(3) for i in range(8) if not i >> axis & 1]
+    points = []
+    for i, j in edges:
+        low, high = eye[i, 2] - z_k, eye[j, 2] - z_k
+        if np.isfinite(z_k) and (low < 0) != (high < 0):
+            points.append(eye[i] + (eye[j] - eye[i]) * low / (low - high))
+    if len(points) < 3:
+        return np.zeros((0, 2))
+    flat = np.array(points)[:, :2] / camera.pixel_pitch(z_k) + np.array(camera.size) / 2
+    # the section is convex: sort its corners by angle about their mean
+    from_middle = flat - flat.mean(axis=0)
+    return np.asarray(flat[np.argsort(np.arctan2(from_middle[:, 1], from_middle[:, 0]))])
+
+
+# minimum seconds between HUD updates in motion
+CALM = 0.25
+# motion blur: seconds of a motion that are blurred together, and moments that a picture is the mean of, at most; a slow
+# picture would otherwise be of a longer path, thus of more moments, and slower still
+BLURRED, MOMENTS = 0.1, 8
+# pixels per character of a message line, at a content scale of 1
+LETTER = 7.5
+# share of the window's width that the text takes at most
+COLUMN = 0.45
+# a pixel of more opacity shows something; a text that covers a smaller share of such pixels covers nothing
+SEEN, COVERED = 0.02, 0.02
+# images with a side of more than n × ENOUGH pixels are compared with their preview at every (n + 1)-th pixel
+ENOUGH = 1000
+
+
+Ask = Callable[[], bool]
+
+
+class Painter:
+    """Holds the screen's contents: the last frame, the overlay, and the display mode."""
+
+    def __init__(self, screen: Screen, renderer: Renderer, bindings: tuple[Binding, ...]) -> None:
+        self.screen, self.renderer, self.bindings = screen, renderer, bindings
+        self.frame: Frame | None = None
+        self.pixels = np.zeros((1, 1, 4), np.float32)
+        # inputs and pose of the last frame, and when it was begun
+        self.subject: tuple[object, ...] = ()
+        self.pose: Pose | None = None
+        self.begun = 0.0
+        # the preview just replaced by a full frame, until their difference is in the HUD
+        self.stand_in: np.ndarray | None = None
+        self.fresh = False
+        self.brightest = 1.0
+        self.overlay: Overlay | None = None
+        # what is said, and where
+        self.words: tuple[str, ...] = ()
+        self.corner = "top left"
+        self.written = -1e9
+        # seconds of a whole frame in motion, as last measured
+        self.whole = 0.0
+        self.beside: object = None
+
+    def draw(self, state: State, content: Content, level: Level, gliding: bool, interrupted: Ask) -> Frame:
+        """Renders the splats at a level and keeps the image. Raises InputError as the renderer does.
+
+        gliding: the view moves continuously from the last frame, so that motion blur may apply. interrupted: polled
+        during a full frame; True raises Interrupted and leaves the painter unchanged.
+        """
+        started = time.perf_counter()
+        camera = state.pose.camera.resized(level.size(state.pose.camera.size))
+        # as the content's splats were extracted
+        asked = state.settings.but(motion=state.blur, classification="auto")
+        chosen = self.renderer.plan(content.finest, state.pose.camera, asked)
+        splats = _enough(state, content, level, chosen)
+        # the reference has no tint, nor have layers
+        tint = state.beyond and state.compare == "off" and not state.parts
+        z_k = chosen.resolved.z_k
+        if tint and not content.after:
+            splats = tinted(splats, camera, z_k)
+        # of a picture of reconstructed values, its light is tinted, before the background
+        settings = level.settings(asked.but(background=None) if tint and content.after else asked)
+        motion = self._motion(state, camera, started - self.begun) if gliding else None
+        if motion is not None and self.renderer.plan(splats, camera, settings, motion).moments > MOMENTS:
+            settings = settings.but(moments=MOMENTS)
+        # previews are short and not cancelled
+        ask = interrupted if level == FULL else None
+        matter, drawn_with = (splats, settings) if not state.parts else content.subject_at(level.stride, settings)
+        render = partial(
+            self.renderer.render, camera=camera, settings=drawn_with, motion=motion, verify_bound=False, interrupted=ask
+        )
+        image = render(matter)
+        pixels = image.pixels
+        if tint and content.after:
+            pixels = tinted_light(pixels, render(nearer(splats, camera, z_k)).pixels)
+        seconds = time.perf_counter() - started
+
+        subject = (state.pose, state.settings, content, state.beyond)
+        replaces = level == FULL and self.frame is not None and not self.frame.full
+        self.fresh, self.stand_in = replaces, self.pixels if replaces and subject == self.subject else None
+        self.subject, self.pose, self.pixels, self.begun = subject, state.pose, pixels, started
+        self.brightest = float(self.pixels.max()) or 1.0
+        self.screen.put("picture", self.pixels)
+        beyond = partial(share_beyond, content.sample, state.pose.camera, z_k)
+        hidden = len(content.at(level.stride)) - len(splats)
+        # that of the picture itself
+        drawn_by = self.renderer.plan(splats, camera, settings, motion)
+        blurred = "motion" in image.info
+        self.frame = Frame(image.info, seconds, level, drawn_by, beyond, hidden, blurred, whole=self.whole)
+        return self.frame
+
+    def write(self, state: State, content: Content, scale: float, busy: str | None, said: str) -> bool:
+        """Redraws the overlay if its contents changed; True if so. said: text about the reference.
+
+        A frame that replaces a preview is displayed first; its text follows in the next call.
+        """
+        now = time.perf_counter()
+        if self.fresh:
+            self.fresh = False
+            return False
+        if self.stand_in is not None and self.frame is not None:
+            self.frame, self.stand_in = replace(self.frame, off=self._off(self.stand_in)), None
+        moving = self.frame is not None and not self.frame.full
+        if state.hud == "off" or state.help:
+            self.words = ()
+        elif not (moving and self.words and now - self.written < CALM):
+            told = (hud.short if state.hud == "short" else hud.lines)(state, content, self.frame, busy)
+            most = max(20, int(state.pose.camera.size[0] / LETTER / scale * COLUMN))
+            self.words = tuple(part for line in told if line for part in _wrapped(line, most))
+            self.written = now
+            if not moving and state.hud == "short":
+                self.corner = self._free(Text(self.words), state.pose.camera.size, scale)
+        wanted = self._overlay(state, content, scale, said)
+        if wanted == self.overlay:
+            return False
+        self.overlay = wanted
+        self.screen.put("overlay", drawn(wanted))
+        return True
+
+    def _free(self, text: Text, size: tuple[int, int], scale: float) -> str:
+        """The corner where a text covers nothing of the picture; "" if there is none."""
+        down, across = self.pixels.shape[0] / size[1], self.pixels.shape[1] / size[0]
+        for corner in ("top left", "bottom left"):
+            left, top, right, bottom = box(replace(text, corner=corner), size, scale)
+            part = self.pixels[
+                int(top * down) : int(bottom * down) + 1, int(left * across) : int(right * across) + 1, 3
+            ]
+            if not part.size or float((part > SEEN).mean()) < COVERED:
+                return corner
+        return ""
+
+    def look(self, state: State, reference: Reference) -> Look:
+        """Current display mode; uploads the reference if there is one."""
+        xray = BLENDS[state.settings.blend].unbounded
+        background = None if xray else state.settings.background
+        scale = 1.0 / self.brightest if xray else 1.0
+        written = self.overlay is not None and bool(self.overlay.texts or self.overlay.paths)
+        plain = Look(state.ground, scale, overlay=written, background=background)
+        right = reference.image
+        if right is None or state.compare == "off" or right.pixels.shape != self.pixels.shape:
+            return plain
+        if self.beside is not right:
+            self.screen.put("other", right.pixels.astype(np.float32))
+            self.beside = right
+        if state.compare == "split":
+            return replace(plain, compare="split")
+        largest = Difference.of(self.pixels, right.pixels).largest
+        return replace(plain, compare="difference", scale=1.0, gain=1.0 / largest if largest > 0 else 1.0)
+
+    def compared(self, state: State, reference: Reference) -> str:
+        """Text about the reference."""
+        right = reference.image
+        if state.compare == "off" or right is None or right.pixels.shape != self.pixels.shape:
+            return "" if state.compare == "off" else reference.said
+        found = Difference.of(self.pixels, right.pixels)
+        numbers = f"largest {found.largest:.2g}, RMSE {found.rmse:.2g} of linear light"
+        if state.compare == "split":
+            return f"left: this picture; right: the float64 reference. Difference: {numbers}"
+        return f"difference from the float64 reference: {numbers}; white is {found.largest:.2g}"
+
+    def _motion(self, state: State, camera: Camera, seconds: float) -> Motion | None:
+        """Camera motion since the last frame, which was begun so many seconds ago; at most its last BLURRED seconds."""
+        before = self.pose
+        if state.blur == "off" or before is None or before is state.pose or (state.parts and streaked(state.moving)):
+            return None
+        if before.camera.perspective != camera.perspective:
+            return None
+        motion = Motion(camera=before.camera.resized(camera.size))
+        return motion if seconds <= BLURRED else Motion(camera=motion.view(camera, -BLURRED / seconds))
+
+    def _off(self, stand_in: np.ndarray) -> Difference:
+        """The preview's error against the current frame; for an X-ray, relative to its brightest pixel."""
+        height, width, _ = self.pixels.shape
+        step = 1 + max(width, height) // ENOUGH
+        xray = self.frame is not None and self.frame.info["blend"] == "xray"
+        one = self.brightest if xray else 1.0
+        return Difference.of(enlarged(stand_in, (width, height), step) / one, self.pixels[::step, ::step] / one)
+
+    def _overlay(self, state: State, content: Content, scale: float, said: str) -> Overlay:
+        texts, size = [], state.pose.camera.size
+        corner = self.corner if state.hud == "short" else "top left"
+        if self.words and corner:
+            texts.append(Text(self.words, corner, fit=state.hud == "full"))
+        if state.help:
+            rows = [(", ".join(binding.keys), binding.about) for binding in self.bindings]
+            texts.append(Text(tuple("\t".join(row) for row in (*rows, *MOUSE)), "middle", fit=True))
+        told = [line for line in (said, state.message) if line]
+        if told:
+            width = max(20, int(size[0] / LETTER / scale))
+            lines = tuple(part for line in told for part in _wrapped(line, width))
+            texts.append(Text(lines, "top left" if corner == "bottom left" else "bottom left", note=True))
+        paths: tuple[Path, ...] = ()
+        if state.beyond and self.frame is not None and self.frame.plan.program.seen.perspective:
+            found = crossing(content.volume.corners, state.pose.camera, self.frame.plan.resolved.z_k)
+            polygon = tuple((round(float(x)), round(float(y))) for x, y in found)
+            paths = ((*polygon, polygon[0]),) if polygon else ()
+        return Overlay(size, scale, tuple(texts), paths)
+
+
+def _enough(state: State, content: Content, level: Level, chosen: Plan) -> Splats:
+    """The splats to draw: all, or only the visible ones where the result is equally good."""
+    if state.parts:
+        return content.at(level.stride)
+    skin = content.skin(level.stride)
+    # planes bare what lies inside
+    fits = chosen.program.look.blend.ordered and not state.settings.clip and outside(skin, state.pose.camera.eye)
+    if level == FULL:
+        fits = fits and not chosen.program.seen.antialias and state.settings.tolerance > FAITHFUL
+    return skin if fits else content.at(level.stride)
+
+
+def _wrapped(text: str, width: int) -> list[str]:
+    return textwrap.wrap(text, width) or [""]

@@ -1,0 +1,143 @@
+"""HUD text: device, splat counts, omitted splats, frame time, z_k, and the plan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from splatgl.splat.plan import Plan
+from splatgl.viewer.adaptive_quality import FULL, Level
+from splatgl.viewer.document import Content
+from splatgl.viewer.reference_view import Difference
+from splatgl.viewer.state import State
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The displayed frame: the renderer's info, seconds, level, plan, and what tells the fraction of splats beyond z_k.
+
+    hidden: number of splats omitted because no view shows them. blurred: whether motion blur was applied.
+    off: for a full frame that replaced a preview, the preview's error against it. whole: seconds of a frame in motion
+    with its text, panel and display, as measured before this one.
+    """
+
+    info: Mapping[str, object]
+    seconds: float
+    level: Level
+    plan: Plan
+    beyond: Callable[[], float]
+    hidden: int
+    blurred: bool = False
+    off: Difference | None = None
+    whole: float = 0.0
+
+    @property
+    def full(self) -> bool:
+        """Whether this is the full-quality frame, not a preview."""
+        return self.level == FULL and not self.blurred
+
+    @property
+    def given_up(self) -> str:
+        """Text listing the quality reductions of a preview."""
+        return f"{self.level}{', blurred' if self.blurred else ''}"
+
+
+def short(state: State, content: Content, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
+    """What users need first: file, view, and quality."""
+    name = content.volume.name or content.scene.volume
+    camera = state.pose.camera
+    view = f"perspective, {state.pose.fov:.3g} degrees" if camera.perspective else "orthographic"
+    told = [content.portion.told] if content.portion and content.portion.told else []
+    if content.waiting:
+        return (name, *([busy] if busy else []))
+    return (name, *told, view, busy or progress(frame))
+
+
+def lines(state: State, content: Content, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
+    """Everything of the picture: device, splats, time, z_k, bounds and the plan it was drawn by."""
+    if frame is None or content.waiting:
+        return short(state, content, frame, busy)
+    info, size = frame.info, state.pose.camera.size
+    return (
+        f"{content.volume.name or content.scene.volume}  {size[0]} x {size[1]}",
+        f"{info['renderer']} ({info['backend']})",
+        *_splats(content, frame),
+        *_instead(state, content),
+        *_pace(state, frame, busy),
+        _depths(content, frame),
+        *_bound(info),
+        "",
+        *frame.plan.explain().splitlines(),
+    )
+
+
+def progress(frame: Frame | None) -> str:
+    """Short text on the quality of the frame relative to the settings, and the rate of frames in motion."""
+    if frame is None:
+        return ""
+    if frame.full:
+        bound = frame.info.get("error_bound")
+        return f"refined: error at most {bound:.2g}" if isinstance(bound, float) else "refined"
+    rate = f"{1 / frame.whole:.0f} frames/s, " if frame.whole else ""
+    return f"moving: {rate}{frame.given_up}"
+
+
+def _splats(content: Content, frame: Frame) -> list[str]:
+    """What of the volume is shown, numbers of drawn and total splats, and why the rest are omitted."""
+    told = content.portion.told if content.portion else ""
+    return ([told] if told else []) + _numbers(content, frame)
+
+
+def _numbers(content: Content, frame: Frame) -> list[str]:
+    kept = sum(len(part.finest) for part in content.drawing)
+    total = sum(part.volume.count for part in content.drawing)
+    if frame.level.stride > 1 or not content.whole:
+        return [f"of {total:,} voxels, blocks of {frame.level.stride}^3 are drawn"]
+    left = (
+        f"the rest: opacity {f'at most {content.threshold:g}' if content.threshold else '0'}{' around' * content.after}"
+    )
+    said = [f"{kept:,} of {total:,} voxels are splats ({left})"]
+    drawn = frame.info.get("drawn", kept - frame.hidden)
+    if isinstance(drawn, int) and drawn < kept:
+        said.append(f"{drawn:,} drawn; the rest can't be seen from here")
+    return said
+
+
+def _instead(state: State, content: Content) -> list[str]:
+    """Why splats are classified before reconstruction although the settings ask for after."""
+    if content.after or state.settings.classification != "post":
+        return []
+    why = content.only_before(state.moving, True)
+    return [f"{why} takes splats classified before reconstruction: so they are"]
+
+
+def _pace(state: State, frame: Frame, busy: str | None) -> list[str]:
+    rate = f"{frame.seconds * 1e3:.0f} ms"
+    work = f", {busy} ..." if busy else ""
+    if not frame.full:
+        return [f"{rate}  moving: {frame.given_up}{work}"]
+    said = [f"{rate}  refined to {_tolerance(state.settings.tolerance)}{work}"]
+    if frame.off is not None:
+        said.append(f"in motion it was off by RMSE {frame.off.rmse:.2g}, largest {frame.off.largest:.2g}")
+    return said
+
+
+def _tolerance(tolerance: float) -> str:
+    return f"1/{1 / tolerance:.0f}" if abs(1 / tolerance - round(1 / tolerance)) < 1e-6 else f"{tolerance:g}"
+
+
+def _depths(content: Content, frame: Frame) -> str:
+    z_k, unit = frame.plan.resolved.z_k, content.volume.unit
+    if frame.plan.program.seen.perspective:
+        return f"z_k = {z_k:.4g}{' ' + unit if unit else ''}, {frame.beyond():.0%} of the splats beyond"
+    return "z_k: voxels are " + ("narrower" if z_k == 0 else "wider") + " than pixels everywhere"
+
+
+def _bound(info: Mapping[str, object]) -> list[str]:
+    bound, dropped = info.get("error_bound"), info.get("dropped_depth")
+    said = [f"error at most {bound:.2g}"] if isinstance(bound, float) else []
+    if isinstance(dropped, float) and dropped > 0:
+        said.append(f"the threshold dropped an optical depth of up to {dropped:.2g}")
+    if info.get("tolerance_met") is False:
+        said.append("the tolerance could not be kept" if isinstance(bound, float) else "its error has no known bound")
+    return said

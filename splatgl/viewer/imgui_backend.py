@@ -1,0 +1,146 @@
+"""Dear ImGui backend: passes GLFW events in and draws into the window. Needs the extra `gui`."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from imgui_bundle import imgui, implot
+
+from splatgl.gl.context import current
+from splatgl.viewer.document import Content
+from splatgl.viewer.hud import Frame
+from splatgl.viewer.panel import Panel
+from splatgl.viewer.state import State
+from splatgl.viewer.window import Window
+
+GLSL = "#version 330"
+# maximum seconds of a double click, which frames in software draw out
+DOUBLE = 0.5
+RELEASE, PRESS = 0, 1
+ESCAPE = 256
+# GLFW codes of the keys used by text fields; letters are for ctrl+A, C, V, X, Z
+KEYS = {
+    256: imgui.Key.escape,
+    257: imgui.Key.enter,
+    335: imgui.Key.enter,
+    259: imgui.Key.backspace,
+    261: imgui.Key.delete,
+    262: imgui.Key.right_arrow,
+    263: imgui.Key.left_arrow,
+    264: imgui.Key.down_arrow,
+    265: imgui.Key.up_arrow,
+    268: imgui.Key.home,
+    269: imgui.Key.end,
+    **{ord(letter): getattr(imgui.Key, letter.lower()) for letter in "ACVXZ"},
+}
+# GLFW's bits of the modifier keys, left and right
+BITS = {340: 1, 344: 1, 341: 2, 345: 2, 342: 4, 346: 4}
+MODIFIERS = ((1, imgui.Key.mod_shift), (2, imgui.Key.mod_ctrl), (4, imgui.Key.mod_alt))
+
+
+class Gui:
+    """A panel in a window."""
+
+    def __init__(self, window: Window) -> None:
+        self.window = window
+        self.panel = Panel()
+        self.cursor: tuple[float, float] = (-1.0, -1.0)
+        self.context, self.plots = imgui.create_context(), implot.create_context()
+        self.io = imgui.get_io()
+        # no ini file
+        self.io.set_ini_filename("")
+        self.last = time.perf_counter()
+        # whether nothing is drawn yet: ImGui measures what it has not seen before, and shows it in the next frame
+        self.fresh = True
+        with current(window.screen.ctx):
+            imgui.backends.opengl3_init(GLSL)
+        self.io.mouse_double_click_time, self.io.mouse_single_click_delay = DOUBLE, 2 * DOUBLE
+        imgui.get_style().window_rounding = 4.0
+        imgui.get_style().scale_all_sizes(window.scale)
+        imgui.get_style().font_scale_main = window.scale
+        _fit_plots(window.scale)
+
+    @property
+    def touched(self) -> bool:
+        """Whether the cursor is over the panel or drags something of it: what the panel shows may change."""
+        return self.panel.covers(*self.cursor) or self.held
+
+    @property
+    def held(self) -> bool:
+        """Whether a widget of the panel is being dragged."""
+        return bool(self.io.want_capture_mouse and imgui.is_any_item_active())
+
+    def event(self, kind: str, *values: Any) -> bool:
+        """Handles a GLFW event; True if it is the panel's: where the cursor is over the panel, keys while it writes."""
+        io = self.io
+        if kind == "cursor":
+            io.add_mouse_pos_event(*values)
+            self.cursor = values[0], values[1]
+            return False
+        if kind == "scroll":
+            io.add_mouse_wheel_event(*values)
+        elif kind == "button":
+            button, action, bits = values
+            self._modify(bits)
+            io.add_mouse_button_event(button, action != RELEASE)
+        if kind in ("button", "scroll"):
+            # ImGui's own flag is one frame old: the cursor may have moved since
+            return self.panel.covers(*self.cursor)
+        if kind == "character":
+            io.add_input_character(values[0])
+        else:
+            code, action, bits = values
+            # GLFW's bits are those before the key
+            own = BITS.get(code, 0)
+            self._modify(bits & ~own | own * (action != RELEASE))
+            if code in KEYS:
+                io.add_key_event(KEYS[code], action != RELEASE)
+            if code == ESCAPE and action == PRESS and self.panel.popup:
+                self.panel.closes = True
+                return True
+        return bool(io.want_text_input or self.panel.popup)
+
+    def _modify(self, bits: int) -> None:
+        for bit, key in MODIFIERS:
+            self.io.add_key_event(key, bool(bits & bit))
+
+    def frame(self, state: State, content: Content, frame: Frame | None) -> State:
+        """Draws the panel over the window's back buffer; returns the edited state."""
+        now = time.perf_counter()
+        width, height = self.window.glfw.get_window_size(self.window.handle)
+        pixels = self.window.size
+        self.io.display_size = imgui.ImVec2(width, height)
+        self.io.display_framebuffer_scale = imgui.ImVec2(pixels[0] / max(width, 1), pixels[1] / max(height, 1))
+        self.io.delta_time = max(now - self.last, 1e-4)
+        self.last = now
+        with current(self.window.screen.ctx):
+            room = round(width * state.pose.camera.size[0] / max(pixels[0], 1)), height
+            for _ in range(1 + self.fresh):
+                imgui.backends.opengl3_new_frame()
+                imgui.new_frame()
+                # beside the slices
+                state = self.panel.draw(state, content, frame, room)
+                imgui.render()
+            self.fresh = False
+            imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
+        return state
+
+    def close(self) -> None:
+        """Frees Dear ImGui's GPU resources and its context."""
+        with current(self.window.screen.ctx):
+            imgui.backends.opengl3_shutdown()
+        implot.destroy_context(self.plots)
+        imgui.destroy_context(self.context)
+
+
+def _fit_plots(scale: float) -> None:
+    """Narrow margins for plots, and none of their mouse buttons beside the drag that moves an axis."""
+    style, keys = implot.get_style(), implot.get_input_map()
+    style.plot_padding = imgui.ImVec2(2.0 * scale, 4.0 * scale)
+    style.label_padding = imgui.ImVec2(3.0 * scale, 3.0 * scale)
+    for name in ("major_tick_len", "minor_tick_len", "major_tick_size", "minor_tick_size"):
+        size = getattr(style, name)
+        setattr(style, name, imgui.ImVec2(size.x * scale, size.y * scale))
+    # a double click makes a point instead
+    keys.fit = imgui.MouseButton_.middle

@@ -1,0 +1,136 @@
+"""Pick, distance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from splatgl.annotations.scale_bar import length_text
+from splatgl.errors import InputError
+from splatgl.reference.pick import Picked, pick
+from splatgl.splat.camera import Camera
+from splatgl.splat.clipping import Clip, Plane
+from splatgl.splat.scene import Layer, Scene
+from splatgl.splat.splats import Splats
+from splatgl.splat.view import eye_from_index
+from splatgl.viewer.adaptive_quality import STRIDES
+from splatgl.viewer.document import Content
+from splatgl.viewer.state import Ruler, State
+from splatgl.viewer.trackball import Place
+
+# blends that show a largest value along the ray
+LARGEST = ("mip",)
+FIRST = "click on the first point; a drag turns the view"
+SECOND = "click on the second point"
+
+
+def under_cursor(state: State, content: Content, place: Place) -> Picked | None:
+    """What is seen under a position in pixels; None where nothing is, or the volume is not in memory."""
+    pixel = tuple(int(np.floor(each)) for each in place)
+    width, height = state.pose.camera.size
+    if content.waiting or not (0 <= pixel[0] < width and 0 <= pixel[1] < height):
+        return None
+    mode = "max" if state.settings.blend in LARGEST else "first"
+    try:
+        return pick(_scene(state, content), state.pose.camera, pixel, mode=mode)
+    except InputError:
+        return None
+
+
+def told(found: Picked | None, content: Content) -> tuple[str, ...]:
+    """Value, place and index in words."""
+    if found is None:
+        return ("nothing here",)
+    unit = content.volume.unit
+    place = ", ".join(f"{each:.4g}" for each in found.place)
+    if found.mesh is not None:
+        return (found.name or "mesh", f"at {place}{' ' + unit if unit else ''}")
+    index = ", ".join(f"{each:.0f}" for each in found.index)
+    return (
+        f"{found.name or 'value'}: {found.value:.6g}",
+        f"at {place}{' ' + unit if unit else ''}",
+        f"voxel {index}",
+    )
+
+
+def clicked(state: State, content: Content, place: Place) -> State:
+    """The state after a click while distances are measured."""
+    found = under_cursor(state, content, place)
+    if found is None:
+        return replace(state, message="nothing here to measure from")
+    ruler = state.ruler.with_point(found.place)
+    length = distance(ruler, content)
+    return replace(state, ruler=ruler, message=f"distance {length}" if length else SECOND)
+
+
+def distance(ruler: Ruler, content: Content) -> str:
+    """The length of the line in words; "" until there are two points."""
+    length = ruler.length
+    return "" if length is None else length_text(float(f"{length:.4g}"), content.volume.unit)
+
+
+# what the latest values of a content were picked from, of these looks and cuts
+_latest: WeakKeyDictionary[Content, tuple[tuple[object, ...], Scene]] = WeakKeyDictionary()
+
+
+def _scene(state: State, content: Content) -> Scene:
+    key, known = (state.looks, state.settings.clip), _latest.get(content)
+    if known is None or known[0] != key:
+        scene, _ = content.subject_at(1, state.settings)
+        if not isinstance(scene, Scene):
+            layer = Layer(content.volume, state.looks[0].transfer, threshold=state.threshold)
+            scene = Scene([layer], state.settings.clip)
+        known = _latest[content] = key, scene
+    return known[1]
+
+
+# splats within this many voxels of the ray count; the ray ends at this optical depth
+WITHIN = 1.0
+ENOUGH = 0.7
+
+
+def pivoted(state: State, content: Content, place: tuple[float, float]) -> State:
+    """The state with the matter under a pixel as its centre of rotation, if there is any."""
+    if state.parts:
+        # of layers and meshes
+        seen = under_cursor(state, content, place)
+        found = None if seen is None else np.array(seen.place)
+    else:
+        found = picked(content.at(STRIDES[1]), state.pose.camera, place, state.settings.clip)
+    if found is None:
+        return replace(state, message="nothing here to turn about")
+    return replace(state, pose=state.pose.about(found), message="turns about this point")
+
+
+def picked(
+    splats: Splats, camera: Camera, place: tuple[float, float], cuts: tuple[Plane, ...] = ()
+) -> np.ndarray | None:
+    """World point [3] of the matter under a pixel that planes keep; None if there is none.
+
+    The point is at optical depth ENOUGH (half of the light is absorbed), or, in fainter matter, at its middle.
+    """
+    # the ray in the splats' grid, and the distances of the splats from it in mean spacings
+    pitch = camera.extent / camera.size[1]
+    across = (np.array(place) - np.array(camera.size) / 2) * pitch
+    direction = np.array([*across, 1.0]) if camera.perspective else np.array([0.0, 0.0, 1.0])
+    start = np.zeros(3) if camera.perspective else np.array([*across, 0.0])
+    scale = splats.grid.mean_spacing
+    axes = eye_from_index(splats.grid, camera).astype(np.float32)
+    origin = (camera.eye_from_points(splats.grid.origin) - start) / scale
+    unit = direction / np.linalg.norm(direction)
+    points = splats.positions @ axes.T + origin.astype(np.float32)
+    along = points @ unit.astype(np.float32)
+    near = np.flatnonzero((along > 0) & ((points * points).sum(axis=1) - along * along < WITHIN**2))
+    clip = Clip.of(cuts, splats.grid)
+    near = near if clip is None else near[clip.keeps(splats.positions[near])]
+    depth = splats.depths_of(near).astype(np.float64)
+    if not depth.any():
+        return None
+
+    # front to back, accumulating optical depth
+    order = np.argsort(along[near])
+    near, total = near[order], np.cumsum(depth[order])
+    met = near[int(np.searchsorted(total, min(ENOUGH, total[-1] / 2)))]
+    return np.asarray((start + unit * float(along[met]) * scale) @ camera.eye_from_world + camera.eye)

@@ -1,0 +1,167 @@
+"""Jupyter widget."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from base64 import b64encode
+from collections.abc import Collection, Mapping
+from contextlib import suppress
+from math import prod
+from typing import Any
+
+import numpy as np
+from jupyter_rfb import RemoteFrameBuffer
+
+from splatgl.data.image import Image
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.shared_renderer import kept_renderer
+from splatgl.splat.culling import outside
+from splatgl.splat.settings import BLENDS
+from splatgl.viewer.adaptive_quality import FULL, LADDER, REST, TARGET, Level, Moment, Refiner
+from splatgl.viewer.document import Content
+from splatgl.viewer.trackball import Mouse, Place, wheeled
+
+# seconds without input before the full picture, longer than in a window: while it is drawn, no event is handled
+STILL = 0.3
+# a wheel's distance per notch, and most notches of one event
+NOTCH, MOST_NOTCHES = 100.0, 5.0
+BUTTONS = {1: "left", 2: "right", 3: "middle"}
+KEYS = {"Shift": "shift", "Control": "ctrl"}
+BLACK = (0.0, 0.0, 0.0)
+
+
+class Session:
+    """A scene seen from a pose. Events are dictionaries as jupyter_rfb has them, places in CSS pixels."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.content = Content.open(scene)
+        self.pose = self.content.home(scene.view.size)
+        self.mouse = Mouse()
+        self.ratio = 1.0
+        self.touched = -np.inf
+        self.refiner = Refiner(self.content.counts, prod(scene.view.size), TARGET)
+        self.image = Image(np.zeros((1, 1, 4), np.float32))
+        self.level = FULL
+
+    def handle(self, event: Mapping[str, Any]) -> bool:
+        """Applies an event; True if there is something to draw."""
+        kind = event.get("event_type") or event.get("type")
+        before = self.pose
+        if kind == "resize":
+            self._resize(event)
+        elif kind == "pointer_down":
+            button = BUTTONS.get(event.get("button", 0), "")
+            held: Collection[str] = [KEYS[key] for key in event.get("modifiers", ()) if key in KEYS]
+            self.mouse = self.mouse.press(button, held, self._place(event), self.pose, self.now())
+        elif kind == "pointer_move" and self.mouse.drag is not None:
+            self.pose = self.mouse.drag.to(self._place(event)).resized(self.pose.camera.size)
+        elif kind == "pointer_up":
+            self.mouse = self.mouse.release()
+        elif kind == "wheel":
+            notches = float(np.clip(-event.get("dy", 0.0) / NOTCH, -MOST_NOTCHES, MOST_NOTCHES))
+            self.pose = wheeled(self.pose, self._place(event), notches)
+        elif kind == "double_click":
+            self.mouse = self.mouse.release()
+            self.pose = self.content.home(self.pose.camera.size)
+        if self.pose is not before:
+            self.touched = self.now()
+        return self.pose is not before
+
+    def frame(self) -> np.ndarray | None:
+        """The picture that is due, uint8 [H, W, 3], sRGB on black or the background; None if the last one will do."""
+        now = Moment(self.now() - self.touched - (STILL - REST))
+        number = self.refiner.level(self._wanted(), now)
+        if number is None:
+            return None
+        if LADDER[number] == FULL:
+            self._take_finer()
+        wanted, started = self._wanted(), time.perf_counter()
+        self.image, self.level = self._drawn(LADDER[number]), LADDER[number]
+        self.refiner.done(wanted, number, self.level == FULL)
+        self.refiner.took(number, time.perf_counter() - started, 0.0)
+        return np.ascontiguousarray(self.image.samples8(BLACK)[..., :3])
+
+    def patience(self) -> float | None:
+        """Seconds until the next frame is due without further events; None if none is."""
+        return self.refiner.patience(self._wanted(), Moment(self.now() - self.touched - (STILL - REST)))
+
+    def now(self) -> float:
+        """Monotonic clock in seconds."""
+        return time.monotonic()
+
+    def _wanted(self) -> tuple[object, ...]:
+        return self.pose, self.content
+
+    def _drawn(self, level: Level) -> Image:
+        camera = self.pose.camera.resized(level.size(self.pose.camera.size))
+        settings = level.settings(self.scene.settings.but(classification="auto"))
+        splats = self.content.at(level.stride)
+        if level != FULL and BLENDS[settings.blend].ordered:
+            # without those that are hidden from every side
+            skin = self.content.skin(level.stride)
+            splats = skin if outside(skin, camera.eye) else splats
+        with kept_renderer() as renderer:
+            return renderer.render(splats, camera, settings, verify_bound=False)
+
+    def _take_finer(self) -> None:
+        """Reads what replaces the stand-in of a large volume."""
+        while self.content.portion is not None and self.content.portion.finer is not None:
+            self.content = self.content.finer()
+            self.refiner.renew(self.content.counts, prod(self.pose.camera.size))
+
+    def _place(self, event: Mapping[str, Any]) -> Place:
+        return float(event.get("x", 0.0)) * self.ratio, float(event.get("y", 0.0)) * self.ratio
+
+    def _resize(self, event: Mapping[str, Any]) -> None:
+        self.ratio = float(event.get("pixel_ratio") or event.get("ratio") or 1.0)
+        size = tuple(max(1, round(float(event[side]) * self.ratio)) for side in ("width", "height"))
+        if size != self.pose.camera.size:
+            self.pose = self.pose.resized((size[0], size[1]))
+            self.refiner.renew(self.content.counts, prod(size))
+
+
+class View(RemoteFrameBuffer):  # type: ignore[misc]
+    """Left drag rotates, shift or middle drag pans, the wheel and right drag zoom, a double click resets.
+
+    While it moves, frames are reduced; once it is still, the full picture is drawn. A saved notebook keeps the first
+    picture. `image` is the last one.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        width, height = session.pose.camera.size
+        super().__init__(css_width=f"{width}px", css_height=f"{height}px")
+
+    @property
+    def image(self) -> Any:
+        """The picture on show, an Image."""
+        return self.session.image
+
+    def handle_event(self, event: dict[str, Any]) -> None:
+        """Turns an event into a view."""
+        if self.session.handle(event):
+            self.request_draw()
+
+    def get_frame(self) -> np.ndarray | None:
+        """The frame that is due, and a later call for the one that follows."""
+        found = self.session.frame()
+        wait = self.session.patience()
+        if wait is not None:
+            # without a loop, as in a script, whoever asks for frames asks again
+            with suppress(RuntimeError):
+                asyncio.get_running_loop().call_later(wait, self.request_draw)
+        return found
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        """The widget, and a picture for where no widget is shown."""
+        if not self.session.image.info:
+            self.session.frame()
+            # the widget asks for its own
+            self.session.refiner.drawn = ()
+        bundle = super()._repr_mimebundle_(**options)
+        data = bundle[0] if isinstance(bundle, tuple) else bundle
+        if isinstance(data, dict):
+            data["image/png"] = b64encode(self.session.image._repr_png_()).decode()
+        return bundle

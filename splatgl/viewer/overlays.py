@@ -1,0 +1,199 @@
+"""Annotations and tool graphics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from splatgl.annotations.annotate import LEAST_SIDE
+from splatgl.annotations.canvas import BLACK, WHITE, Color, Subject
+from splatgl.annotations.live import LiveOverlay
+from splatgl.annotations.text import beside, label
+from splatgl.data.volume import Volume
+from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
+from splatgl.splat.camera import Camera
+from splatgl.splat.transfer import Transfer
+from splatgl.viewer.clip_tool import box_edges, handles, outline
+from splatgl.viewer.measure_tool import distance, told, under_cursor
+from splatgl.viewer.slice_views import left_of, outlines
+from splatgl.viewer.state import Cuts, Ruler
+from splatgl.viewer.trackball import seen, segment
+
+if TYPE_CHECKING:
+    from splatgl.viewer.document import Content
+    from splatgl.viewer.state import State
+    from splatgl.viewer.viewer import Viewer
+
+
+# of a ground of checks, linear light
+GREY = 0.075
+# pixels of empty rows or columns that are drawn with what is beside them
+GAP = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Scenery:
+    """What annotations are drawn for. blend: of the picture; ground: behind it, linear RGB."""
+
+    asked: tuple[str, ...]
+    volume: Volume
+    transfer: Transfer
+    camera: Camera
+    blend: str
+    ground: Color
+
+
+class Legend:
+    """The latest sprites."""
+
+    def __init__(self) -> None:
+        self.overlay = LiveOverlay()
+        self.key: tuple[object, ...] = ()
+        self.latest: tuple[Sprite, ...] = ()
+        self.subject: tuple[Volume | None, Subject | None] = (None, None)
+
+    def sprites(self, scenery: Scenery) -> tuple[Sprite, ...]:
+        """Those of a picture of the camera's size; none for one that is too small."""
+        camera = scenery.camera
+        if not scenery.asked or min(camera.size) < LEAST_SIDE:
+            return ()
+        seen = camera.eye.tobytes(), camera.eye_from_world.tobytes(), camera.extent, camera.perspective
+        key = scenery.asked, scenery.volume, scenery.transfer, scenery.blend, scenery.ground, camera.size, *seen
+        if key != self.key:
+            subject = self._subject(scenery.volume)
+            look = scenery.transfer, camera, scenery.asked, scenery.ground, scenery.blend
+            self.key, self.latest = key, cropped(self.overlay.drawn(subject, *look))
+        return self.latest
+
+    def _subject(self, volume: Volume) -> Subject:
+        if self.subject[1] is None or self.subject[0] is not volume:
+            self.subject = volume, Subject.of(volume)
+        found = self.subject[1]
+        assert found is not None
+        return found
+
+
+def cropped(pixels: np.ndarray) -> tuple[Sprite, ...]:
+    """What is not clear of a picture uint8 [H, W, 4], in bands, each as wide as what it shows."""
+    found = []
+    for top, bottom in _spans(np.asarray(pixels[..., 3].any(axis=1))):
+        for left, right in _spans(np.asarray(pixels[top:bottom, :, 3].any(axis=0))):
+            found.append(Sprite(pixels[top:bottom, left:right].copy(), (left, top, right, bottom)))
+    return tuple(found)
+
+
+def _spans(full: np.ndarray) -> list[tuple[int, int]]:
+    """Beginnings and ends of what is full; gaps of less than GAP are part of it."""
+    places = np.flatnonzero(full)
+    if not len(places):
+        return []
+    ends = np.flatnonzero(np.diff(places) > GAP)
+    starts = [places[0], *places[ends + 1]]
+    return [(int(a), int(b) + 1) for a, b in zip(starts, [*places[ends], places[-1]], strict=True)]
+
+
+def ground_of(state: State) -> Color:
+    """What is behind the picture, linear RGB."""
+    if state.settings.background is not None:
+        return state.settings.background
+    return {"white": WHITE, "checks": (GREY, GREY, GREY)}.get(state.ground, BLACK)
+
+
+# sRGB, of the box, of planes, and of what does not cut at present
+BOX: LineColor = (0.36, 0.72, 1.0, 0.9)
+PLANES: tuple[LineColor, ...] = ((1.0, 0.62, 0.2, 0.95), (0.45, 0.9, 0.45, 0.95), (0.95, 0.5, 0.85, 0.95))
+RULER: LineColor = (1.0, 0.85, 0.3, 1.0)
+RESTING: LineColor = (0.7, 0.7, 0.7, 0.7)
+# pixels at a content scale of 1
+LINE, DOT, TIP = 1.5, 11.0, 8.0
+
+
+class Marking:
+    """What is marked over the picture, remembered from one frame to the next."""
+
+    def __init__(self) -> None:
+        self.legend = Legend()
+
+    def marked(self, viewer: Viewer) -> Marks:
+        """All that is marked now."""
+        state, content, scale = viewer.state, viewer.content, viewer.window.scale
+        frame = viewer.painter.frame
+        if content.waiting or frame is None or state.help:
+            # nothing lies over the help
+            return viewer.slicing.marks()
+        camera = state.pose.camera
+        look = state.looks[0].transfer, camera, state.settings.blend, ground_of(state)
+        legend = self.legend.sprites(Scenery(state.annotate, content.volume, *look))
+        strokes = of_cuts(state.cuts, content.volume, camera, scale)
+        lines, labels = of_ruler(state.ruler, content, camera, scale)
+        if state.probe and viewer.hands.mouse.drag is None:
+            labels += _probed(viewer, scale)
+        beside = viewer.slicing.marks()
+        if not beside:
+            return Marks((*legend, *labels), (*strokes, *lines))
+        lines += outlines(state.slices, content.volume, camera, scale)
+        seen_of = left_of((*strokes, *lines), camera.size[0])
+        return Marks((*legend, *labels, *beside.sprites), (*seen_of, *beside.strokes))
+
+
+def of_ruler(ruler: Ruler, content: Content, camera: Camera, scale: float) -> tuple[list[Stroke], list[Sprite]]:
+    """The line between two points with dots at its ends, and its length beside it."""
+    places = seen(camera, np.array(ruler.points).reshape(-1, 3))
+    dots = [(float(x), float(y)) for x, y in places if np.isfinite(x)]
+    strokes = [Stroke(each, each, RULER, TIP * scale, scale) for each in dots]
+    if len(ruler.points) < 2:
+        return strokes, []
+    line = segment(camera, *map(np.array, ruler.points))
+    if line is None:
+        return strokes, []
+    text = label((distance(ruler, content),), scale)
+    # beside the end to the right, where the line is not
+    end = max(line)
+    place = beside(end, (text.shape[1], text.shape[0]), camera.size, TIP * scale)
+    return [Stroke(*line, RULER, LINE * scale, scale), *strokes], [Sprite(text, place)]
+
+
+def _probed(viewer: Viewer, scale: float) -> list[Sprite]:
+    at, state = viewer.hands.tools.at, viewer.state
+    width, height = state.pose.camera.size
+    covered = viewer.panel is not None and state.panel and viewer.panel.touched
+    if covered or not (0 <= at[0] < width and 0 <= at[1] < height):
+        return []
+    text = label(told(under_cursor(state, viewer.content, at), viewer.content), scale)
+    return [Sprite(text, beside(at, (text.shape[1], text.shape[0]), (width, height), 1.5 * DOT * scale))]
+
+
+def of_cuts(cuts: Cuts, volume: Volume, camera: Camera, scale: float) -> list[Stroke]:
+    """The lines and dots of the box and the planes, in pixels; none while they are hidden."""
+    if not cuts.shown:
+        return []
+    box = BOX if cuts.active else RESTING
+    found = _lines(camera, box_edges(cuts, volume), box, LINE * scale)
+    for number, plane in enumerate(cuts.planes):
+        points = outline(cuts, volume, plane)
+        rim = list(zip(points, np.roll(points, -1, axis=0), strict=True)) if len(points) else []
+        found += _lines(camera, rim, plane_color(cuts, number), LINE * scale)
+    feet = {}
+    for handle in handles(cuts, volume):
+        color = box if handle.what == "side" else plane_color(cuts, handle.number)
+        if handle.what == "plane":
+            feet[handle.number] = handle.point
+        elif handle.what == "tilt":
+            found += _lines(camera, [(feet[handle.number], handle.point)], color, LINE * scale)
+        (place,) = seen(camera, handle.point[None])
+        if np.isfinite(place).all():
+            at = float(place[0]), float(place[1])
+            found.append(Stroke(at, at, color, (TIP if handle.what == "tilt" else DOT) * scale, scale))
+    return found
+
+
+def plane_color(cuts: Cuts, number: int) -> LineColor:
+    """That of a plane and its handles."""
+    return PLANES[number % len(PLANES)] if cuts.active else RESTING
+
+
+def _lines(camera: Camera, ends: list[tuple[np.ndarray, np.ndarray]], color: LineColor, width: float) -> list[Stroke]:
+    found = [segment(camera, start, stop) for start, stop in ends]
+    return [Stroke(*each, color, width) for each in found if each is not None]

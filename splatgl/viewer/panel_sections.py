@@ -1,0 +1,295 @@
+"""View, slices, clipping, layers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from imgui_bundle import imgui
+
+from splatgl.annotations.text import plain
+from splatgl.data.color import linear_from_srgb, srgb_from_linear
+from splatgl.data.volume import Volume
+from splatgl.gl.screen import GROUNDS
+from splatgl.scene.meshes import MeshFile, is_mesh
+from splatgl.splat.clipping import Plane
+from splatgl.splat.colormaps import colormap
+from splatgl.viewer.clip_tool import cut
+from splatgl.viewer.commands import ALONG, ANATOMY, acted, add_plane, name_of, toggled
+from splatgl.viewer.document import Content
+from splatgl.viewer.overlays import ground_of, plane_color
+from splatgl.viewer.state import MOST_PLANES, Cuts, Look, Ruler, State
+
+
+def draw_clipping(state: State, content: Content) -> State:
+    """The section's controls; returns the edited state."""
+    cuts, volume = state.cuts, content.volume
+    _, shown = imgui.checkbox("handles", cuts.shown)
+    imgui.set_item_tooltip("Dots in the view that move the box's sides and the planes (x).")
+    imgui.same_line()
+    _, active = imgui.checkbox("cut", cuts.active)
+    imgui.set_item_tooltip("With and without the cuts (shift+x).")
+    cuts = _box(replace(cuts, shown=shown, active=active), volume)
+    cuts = _planes(cuts, volume)
+    state = cut(state, content, cuts)
+    if len(state.cuts.planes) < MOST_PLANES:
+        state = _more(state, content)
+    if state.cuts.any:
+        imgui.same_line()
+        if imgui.button("no cuts"):
+            state = cut(state, content, Cuts(shown=state.cuts.shown))
+    return state
+
+
+def _box(cuts: Cuts, volume: Volume) -> Cuts:
+    """Two ends of each side, in voxels as --crop counts them."""
+    for axis, size in enumerate(volume.shape[::-1]):
+        low, high = (round(share * size) for share in cuts.sides[axis])
+        changed, begin, end = imgui.drag_int_range2(f"{'xyz'[axis]}##side", low, high, max(size / 400, 0.2), 0, size)
+        imgui.set_item_tooltip(f"Voxels along {'xyz'[axis]} that the box keeps, as in --crop: drag, or ctrl+click.")
+        if changed and begin < end:
+            sides = list(cuts.sides)
+            sides[axis] = max(begin, 0) / size, min(end, size) / size
+            cuts = replace(cuts, sides=tuple(sides), active=True)
+    return cuts
+
+
+def _planes(cuts: Cuts, volume: Volume) -> Cuts:
+    """Each plane's place along its normal, turning it round, and removing it."""
+    corners, unit = volume.corners, volume.unit or "units"
+    for number, plane in enumerate(cuts.planes):
+        imgui.push_id(number)
+        along = corners @ np.array(plane[:3])
+        imgui.push_style_color(imgui.Col_.slider_grab, imgui.ImVec4(*plane_color(cuts, number)))
+        imgui.set_next_item_width(imgui.get_content_region_avail().x * 0.55)
+        ends = float(along.min()), float(along.max())
+        changed, place = imgui.slider_float("##place", plane[3], *ends, f"%.4g {unit}")
+        imgui.pop_style_color()
+        imgui.set_item_tooltip("Normal {:.3g}, {:.3g}, {:.3g}: what lies beyond this place is kept.".format(*plane[:3]))
+        if changed:
+            cuts = replace(cuts.with_plane(number, (*plane[:3], place)), active=True)
+        imgui.same_line()
+        if imgui.button("turn round"):
+            cuts = cuts.with_plane(number, [-each for each in plane])
+        imgui.same_line()
+        removed = imgui.button("remove")
+        imgui.pop_id()
+        if removed:
+            return cuts.without(number)
+    return cuts
+
+
+def _more(state: State, content: Content) -> State:
+    """Buttons that add a plane."""
+    imgui.align_text_to_frame_padding()
+    imgui.text("plane")
+    normals: dict[str, Plane | None] = {"view": None, "x": (1, 0, 0, 0), "y": (0, 1, 0, 0), "z": (0, 0, 1, 0)}
+    for name, normal in normals.items():
+        imgui.same_line()
+        if imgui.button(f"+ {name}"):
+            state = add_plane(state, content, normal and normal[:3])
+        towards = "that faces you (ctrl+x)" if normal is None else f"across world {name}"
+        imgui.set_item_tooltip(f"One more plane {towards}.")
+    return state
+
+
+# shares of the panel's width
+NAME, OPACITY = 0.42, 0.26
+# digits of a step of opacity
+DIGITS = 3
+
+
+def draw_layers(state: State, content: Content) -> State:
+    """The section's controls; returns the edited state."""
+    for number, look in enumerate(state.looks[: len(content.names)]):
+        # a mesh alone stands on a volume of nothing
+        if not is_mesh(content.part(number).scene.volume):
+            imgui.push_id(number)
+            state = _layer(state, content, number, look)
+            imgui.pop_id()
+    for number, mesh in enumerate(state.meshes):
+        imgui.push_id(f"mesh {number}")
+        changed = _mesh(content, mesh)
+        if changed != mesh:
+            meshes = (*state.meshes[:number], changed, *state.meshes[number + 1 :])
+            state = replace(state, meshes=meshes)
+        imgui.pop_id()
+    return state
+
+
+def pick(state: State, content: Content) -> State:
+    """Lists of a file's arrays and channels, which open what is picked."""
+    for each in state.picks:
+        now = each.number(content.scene.load)
+        changed, chosen = imgui.combo(each.option, now, [plain(text) for text in each.texts])
+        imgui.set_item_tooltip("What the file holds beside it: opens that, with the view and settings of this.")
+        if changed and chosen != now:
+            state = replace(state, picked=(each.option, each.found[chosen][0]))
+    return state
+
+
+def _layer(state: State, content: Content, number: int, look: Look) -> State:
+    """Whether it is seen, its name, opacity, and colour where it is one."""
+    _, visible = imgui.checkbox("##seen", look.visible)
+    imgui.set_item_tooltip("Whether it is drawn.")
+    imgui.same_line()
+    room = imgui.get_content_region_avail().x
+    if imgui.selectable(plain(content.names[number]), state.selected == number, size=(room * NAME, 0.0))[0]:
+        state = state.selecting(number)
+    imgui.set_item_tooltip("Select it: the transfer function below, and the keys, are those of what is selected.")
+    opacity = _opacity(look.opacity, room)
+    made = replace(look, visible=visible, opacity=opacity)
+    # of others the colour map is chosen below
+    if look.base.colormap.startswith("#"):
+        color = _color(tuple(map(float, colormap(look.base.colormap)[-1])))
+        made = made if color is None else replace(made, base=replace(look.base, colormap=color))
+    return state if made == look else state.looking(number, made)
+
+
+def _mesh(content: Content, mesh: MeshFile) -> MeshFile:
+    _, visible = imgui.checkbox("##seen", mesh.visible)
+    imgui.set_item_tooltip("Whether it is drawn.")
+    imgui.same_line()
+    room, left = imgui.get_content_region_avail().x, imgui.get_cursor_pos_x()
+    imgui.text(plain(mesh.name))
+    opacity = _opacity(mesh.opacity, room, left + room * NAME + imgui.get_style().item_spacing.x)
+    found = content.mesh(mesh)
+    own = found is not None and found.colors is None and found.values is None
+    given = mesh.linear or (found.color if found is not None and own else None)
+    # those of its vertices and values are many, until one is picked
+    color = _color((0.5, 0.5, 0.5) if given is None else tuple(map(float, given)))
+    return replace(mesh, visible=visible, opacity=opacity, color=mesh.color if color is None else color)
+
+
+def _opacity(opacity: float, room: float, left: float = 0.0) -> float:
+    imgui.same_line(left)
+    imgui.set_next_item_width(room * OPACITY)
+    changed, found = imgui.slider_float("##opacity", opacity, 0.0, 1.0, "%.2f")
+    imgui.set_item_tooltip("A factor on its opacities.")
+    return round(float(np.clip(found, 0.0, 1.0)), DIGITS) if changed else opacity
+
+
+def _color(linear: tuple[float, ...]) -> str | None:
+    """A colour's field; "#rrggbb" where another one is picked."""
+    imgui.same_line()
+    coded = list(map(float, srgb_from_linear(np.clip(np.array(linear), 0.0, 1.0))))
+    flags = imgui.ColorEditFlags_.no_inputs | imgui.ColorEditFlags_.no_label
+    changed, picked = imgui.color_edit3("colour", coded, flags)
+    if not changed:
+        return None
+    return "#{:02x}{:02x}{:02x}".format(*(round(255 * min(max(part, 0.0), 1.0)) for part in picked))
+
+
+def draw_slices(state: State, content: Content) -> State:
+    """The section's controls; returns the edited state."""
+    slices, volume = state.slices, content.volume
+    _, shown = imgui.checkbox("slices", slices.shown)
+    imgui.set_item_tooltip("Three slices beside the picture (z): the wheel moves one, a click moves the others there.")
+    imgui.same_line()
+    _, colored = imgui.checkbox("colours of values", slices.colored)
+    imgui.set_item_tooltip("As the transfer function colours values, else grey by its window (shift+z).")
+    slices = replace(slices, shown=shown, colored=colored)
+    if shown:
+        index = list(slices.index(volume))
+        for axis, size in enumerate(volume.shape[::-1]):
+            changed, place = imgui.slider_int(f"{'xyz'[axis]}##slice", index[axis], 0, size - 1)
+            if changed:
+                index[axis] = place
+                slices = slices.at(index, volume)
+    return state if slices == state.slices else replace(state, slices=slices)
+
+
+# what is laid over the picture, and where it is
+OVER = {
+    "axes": "The directions of x, y and z, at the lower left (j).",
+    "scale": "A length at the depth of the volume's middle, at the lower right (j).",
+    "colorbar": "The colours and opacities of values (shift+j).",
+    "box": "The volume's box with numbers along its edges (ctrl+j).",
+    "directions": "Letters of the patient's directions at the edges.",
+}
+
+
+CUES = {
+    "ambient_occlusion": (
+        "ambient occl.",
+        "Ambient occlusion: how much matter keeps ambient light off what is in or behind it; 0 is off.",
+    ),
+    "shadows": ("shadows", "How dark shadows are; a light at the eye is then above left; 0 is off."),
+}
+
+
+def draw_view(state: State, content: Content) -> State:
+    """The section's controls; returns the edited state."""
+    frame = content.volume.frame
+    order = ("front", "back", "left", "right", "top", "bottom")
+    names = {view: (ANATOMY if frame else ALONG)[view] for view in order}
+    for view in _flow(list(names), 3 if frame else 6):
+        if imgui.button(f"{names[view]}##view"):
+            state = acted(state, view, content)
+        imgui.set_item_tooltip(f"{name_of(view, frame)}, as {'3D Slicer' if frame else 'ParaView'} names it.")
+    for number, (action, name, on) in enumerate(
+        (
+            ("projection", "orthographic", not state.pose.camera.perspective),
+            ("turntable", "turntable", state.turntable),
+            ("fullscreen", "fullscreen", state.fullscreen),
+        )
+    ):
+        if number:
+            imgui.same_line()
+        if imgui.checkbox(name, on)[0]:
+            state = acted(state, action, content)
+    state = _over(state, content)
+    return _ground(state)
+
+
+def _over(state: State, content: Content) -> State:
+    """What is laid over the picture."""
+    shown = [name for name in OVER if name != "directions" or content.volume.frame]
+    for name in _flow(shown, 4):
+        if imgui.checkbox(name, name in state.annotate)[0]:
+            state = replace(state, annotate=toggled(state.annotate, name))
+        imgui.set_item_tooltip(OVER[name])
+    if imgui.checkbox("value under the cursor", state.probe)[0]:
+        state = replace(state, probe=not state.probe)
+    imgui.same_line()
+    changed, measuring = imgui.checkbox("distance", state.ruler.active or bool(state.ruler.points))
+    imgui.set_item_tooltip("Click on two points of what is seen (e).")
+    return replace(state, ruler=Ruler(active=measuring)) if changed else state
+
+
+def cues(state: State) -> State:
+    """What shows shape by the light that matter takes away; it takes a moment after every edit of a curve."""
+    for name, (label, about) in CUES.items():
+        changed, strength = imgui.slider_float(label, getattr(state.settings, name), 0.0, 1.0, "%.2f")
+        imgui.set_item_tooltip(about)
+        if changed:
+            settings = state.settings.but(**{name: round(min(max(strength, 0.0), 1.0), 2)})
+            state = replace(state, settings=settings)
+    return state
+
+
+def _ground(state: State) -> State:
+    """What is behind the picture."""
+    names = [*GROUNDS, "a colour"]
+    own = state.settings.background is not None
+    changed, chosen = imgui.combo("ground", len(GROUNDS) if own else GROUNDS.index(state.ground), names)
+    if changed and chosen < len(GROUNDS):
+        return replace(state, ground=GROUNDS[chosen], settings=state.settings.but(background=None))
+    if changed:
+        return replace(state, settings=state.settings.but(background=ground_of(state)))
+    if own:
+        coded = srgb_from_linear(np.array(state.settings.background))
+        changed, color = imgui.color_edit3("colour", list(map(float, coded)))
+        if changed:
+            linear = linear_from_srgb(np.clip(np.array(color), 0.0, 1.0))
+            return replace(state, settings=state.settings.but(background=tuple(map(float, linear))))
+    return state
+
+
+def _flow(names: Sequence[str], per_row: int) -> Iterator[str]:
+    """The names, each with its widget on the line of the one before, but for every so many."""
+    for number, name in enumerate(names):
+        if number % per_row:
+            imgui.same_line()
+        yield name

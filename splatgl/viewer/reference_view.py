@@ -1,0 +1,127 @@
+"""The float64 reference of the displayed frame, rendered in a worker thread, and the frame's error against it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from splatgl.data.image import Image
+from splatgl.errors import TOLD, told
+from splatgl.reference import renderer
+from splatgl.splat.camera import Camera
+from splatgl.splat.scene import Scene as Layers
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import Splats
+from splatgl.viewer.background import Cancelled, Jobs
+from splatgl.viewer.document import Content
+
+if TYPE_CHECKING:
+    from splatgl.viewer.viewer import Viewer
+
+
+# above this many splats a reference takes minutes and gigabytes
+MOST = 2_000_000
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Maximum and RMS of |difference| over all channels, linear premultiplied light."""
+
+    largest: float
+    rmse: float
+
+    @classmethod
+    def of(cls, picture: np.ndarray, right: np.ndarray) -> Difference:
+        """Measures `picture` against `right`, arrays of one shape."""
+        apart = picture.astype(np.float64) - right
+        return cls(float(np.abs(apart).max()), float(np.sqrt((apart * apart).mean())))
+
+
+def enlarged(picture: np.ndarray, size: tuple[int, int], step: int) -> np.ndarray:
+    """An image [h, w, C] resized bilinearly to `size` pixels, every `step`-th row and column."""
+    for axis, (count, wanted) in enumerate(zip(picture.shape, reversed(size), strict=False)):
+        place = np.clip((np.arange(0, wanted, step) + 0.5) * count / wanted - 0.5, 0, count - 1)
+        low = place.astype(np.intp)
+        high, share = np.minimum(low + 1, count - 1), (place - low).astype(np.float32)
+        share = share.reshape(-1, *[1] * (picture.ndim - 1 - axis))
+        picture = np.take(picture, low, axis) * (1 - share) + np.take(picture, high, axis) * share
+    return picture
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """Inputs of a reference; compared by identity. count: of splats that are seen from some side."""
+
+    splats: Splats | Layers
+    camera: Camera
+    settings: Settings
+    count: int
+
+    @classmethod
+    def of(cls, content: Content, camera: Camera, settings: Settings) -> Wanted:
+        """Of all splats of a content."""
+        subject, settings = content.subject_at(1, settings)
+        return cls(subject, camera, settings, content.counts[0])
+
+
+class Reference:
+    """The reference of the latest request. image: the result, if finished; said: the status message until then."""
+
+    def __init__(self, jobs: Jobs) -> None:
+        self.jobs = jobs
+        self.wanted: Wanted | None = None
+        self.image: Image | None = None
+        self.said = ""
+
+    def ask(self, wanted: Wanted) -> None:
+        """Starts rendering a reference; the same request starts only once."""
+        self.forget()
+        self.wanted = wanted
+        if wanted.count > MOST:
+            self.said = f"no reference: {wanted.count:,} splats would take minutes; raise the threshold"
+            return
+        self.said = "the float64 reference is being drawn ..."
+        self.jobs.submit("reference", lambda: (wanted, self._draw(wanted)))
+
+    def forget(self) -> None:
+        """Drops the reference; a render in progress stops at its next band."""
+        self.wanted, self.image, self.said = None, None, ""
+
+    def collect(self) -> bool:
+        """Collects a finished reference; True if anything changed."""
+        news = self.jobs.collect()
+        for done in news:
+            if isinstance(done.error, TOLD):
+                self.said = f"no reference: {told(done.error)}"
+            elif done.error is not None and not isinstance(done.error, Cancelled):
+                raise done.error
+            if done.error is None and done.result[0] is self.wanted:
+                self.image, self.said = done.result[1], ""
+        return bool(news)
+
+    def _draw(self, wanted: Wanted) -> Image:
+        def progress(bands: Iterator[tuple[int, int]], count: int) -> Iterator[tuple[int, int]]:
+            for number, band in enumerate(bands):
+                if wanted is not self.wanted:
+                    raise Cancelled
+                self.said = f"the float64 reference is being drawn: {number / count:.0%}"
+                self.jobs.wake()
+                yield band
+
+        if wanted is not self.wanted:
+            raise Cancelled
+        return renderer.render(wanted.splats, wanted.camera, wanted.settings, progress=progress)
+
+
+def follow(viewer: Viewer) -> None:
+    """Requests the reference of a viewer's full-quality frame once its view is at rest."""
+    state, frame, reference = viewer.state, viewer.painter.frame, viewer.reference
+    if state.compare == "off" or frame is None or not frame.full or viewer.refiner.drawn != viewer.wanted():
+        if reference.wanted is not None:
+            reference.forget()
+    elif reference.wanted is None:
+        settings = state.settings.but(classification="auto")
+        reference.ask(Wanted.of(viewer.content, state.pose.camera, settings))

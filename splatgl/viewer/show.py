@@ -1,0 +1,140 @@
+"""Sg.show: a window, the view of a notebook, or the picture."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from importlib.util import find_spec
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+from splatgl.data.image import Image
+from splatgl.errors import InputError
+from splatgl.scene.scene_file import Scene
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
+
+if TYPE_CHECKING:
+    from splatgl.splat.camera import Camera
+    from splatgl.viewer.loading import Files, Reopen
+    from splatgl.viewer.viewer import Options
+
+
+def show(
+    x: Any,
+    transfer: Transfer | str | Mapping[str, Any] | None = None,
+    camera: Camera | None = None,
+    settings: Settings | None = None,
+    **options: Any,
+) -> Any:
+    """Shows `x`; the arguments are those of `render`.
+
+    In a notebook it returns what the cell displays: a view that the mouse turns (extra `notebook`), or the Image.
+    Elsewhere, where there is a display, it opens the window of `splatgl view`, and returns None once that is closed.
+    Without a display it returns the Image, and says how to save it. An Image is returned as it is, and Splats, which
+    have no samples to show in motion, as an Image. Raises InputError as `render`.
+    """
+    from splatgl.scene.api import is_splats, picture, scene_of
+
+    if isinstance(x, Image):
+        return x
+    scene, memory = scene_of(x, transfer, camera, settings, options)
+    if in_notebook():
+        if not is_splats(x) and find_spec("jupyter_rfb"):
+            from splatgl.viewer.notebook import Session, View
+
+            return View(Session(scene))
+        return picture(x, scene, memory, seen=True)
+    if not is_splats(x) and has_display():
+        _window(scene, "size" in options or camera is not None)
+        return None
+    image = picture(x, scene, memory, seen=True)
+    print('no display: save the picture by image.save("picture.png")')
+    return image
+
+
+def in_notebook() -> bool:
+    """Whether cells are run by a Jupyter kernel; IPython in a terminal is none."""
+    python = sys.modules.get("IPython")
+    shell = python.get_ipython() if python is not None else None
+    return shell is not None and hasattr(shell, "kernel")
+
+
+def has_display() -> bool:
+    """Whether a window can be seen: always but on Unix without a display."""
+    if sys.platform in ("win32", "darwin"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _window(scene: Scene, sized: bool) -> None:
+    """Opens the window until it is closed."""
+    files = reading(scene)
+    from splatgl.viewer.viewer import Options
+
+    opened(files, scene, Options(size=scene.view.size) if sized else Options())
+
+
+# seconds in which most mistakes in what is asked for are found, before a window is opened
+AT_ONCE = 0.1
+
+
+def reading(scene: Scene, source: str = "", reopen: Reopen | None = None) -> Files:
+    """Begins to read a scene. Raises what its reader does, if that is found out within AT_ONCE. source: of what is
+    watched, and read again by `reopen`.
+    """
+    from splatgl.viewer.background import Jobs
+    from splatgl.viewer.loading import Files, watched
+
+    jobs = Jobs(lambda: None)
+    files = Files(jobs, watched(source, scene) if source else (), reopen, time.monotonic())
+    files.begin(scene)
+    if jobs.settled(AT_ONCE) and jobs.done and jobs.done[0].error is not None:
+        raise jobs.done[0].error
+    return files
+
+
+def opened(
+    files: Files,
+    scene: Scene,
+    options: Options,
+    backend: str = "window",
+    device: int | None = None,
+    gpu: bool = False,
+) -> None:
+    """Opens the window for what is being read, and returns once it is closed for any reason."""
+    from splatgl.gl.backends import BackendError
+    from splatgl.gl.renderer import Renderer
+    from splatgl.viewer.document import Content
+    from splatgl.viewer.viewer import Viewer
+
+    with Renderer(backend, device, gpu) as renderer:
+        viewer = Viewer(Content.nothing(scene), renderer, options, files)
+        try:
+            with _ended_by_signals(viewer):
+                viewer.run()
+        except BackendError as error:
+            raise InputError(f"window: {error}") from error
+        finally:
+            viewer.close()
+
+
+@contextmanager
+def _ended_by_signals(viewer: Any) -> Iterator[None]:
+    """Closes the window on SIGINT, SIGHUP and SIGTERM."""
+
+    def close(number: int, frame: FrameType | None) -> None:
+        viewer.closed = True
+
+    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {name: signal.signal(getattr(signal, name), close) for name in names}
+    try:
+        yield
+    finally:
+        for name, handler in before.items():
+            signal.signal(getattr(signal, name), handler)
+        sys.stdout.flush()

@@ -1,0 +1,436 @@
+"""Three linked slices."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from splatgl.annotations.axes import letters
+from splatgl.annotations.text import label
+from splatgl.data.color import srgb_from_linear
+from splatgl.data.volume import Volume
+from splatgl.errors import InputError
+from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
+from splatgl.splat.camera import Camera
+from splatgl.splat.transfer import Transfer
+from splatgl.viewer.background import Jobs
+from splatgl.viewer.state import Slices
+from splatgl.viewer.trackball import Place, segment, up_of
+
+if TYPE_CHECKING:
+    from splatgl.viewer.document import Content
+    from splatgl.viewer.state import State
+    from splatgl.viewer.viewer import Viewer
+
+
+Box = tuple[float, float, float, float]
+
+# share of a window's width that the slices take at most
+WIDEST = 0.5
+# pixels around a slice in its pane, at a content scale of 1
+MARGIN = 6.0
+# entries of the table of colours
+COLORS = 4096
+# across and down of a slice by the world axis that it lies across, as (axis, sign); down of a patient is posterior or
+# inferior, and across left or posterior, as 3D Slicer shows them. Of others z and y point up.
+PATIENT = {2: ((0, 1), (1, 1)), 1: ((0, 1), (2, -1)), 0: ((1, 1), (2, -1))}
+OTHERS = {2: ((0, 1), (1, -1)), 1: ((0, 1), (2, -1)), 0: ((1, 1), (2, -1))}
+ANATOMY = ("sagittal", "coronal", "axial")
+# a scene's up points along an axis from this component on
+UPRIGHT = 0.7
+
+
+@dataclass(frozen=True)
+class Pane:
+    """A slice in the window. axis: of the grid, across which it lies; across, down: those along its columns and rows,
+    negative where the index grows to the left or upwards is told by back. room: what is the pane's; box: the slice's;
+    left, top, right, bottom, pixels.
+    """
+
+    axis: int
+    across: int
+    down: int
+    back: tuple[bool, bool]
+    room: Box
+    box: Box
+
+    def holds(self, place: tuple[float, float]) -> bool:
+        """Whether a position in pixels is the pane's."""
+        return self.room[0] <= place[0] < self.room[2] and self.room[1] <= place[1] < self.room[3]
+
+    def index(self, place: tuple[float, float], index: Sequence[float], volume: Volume) -> list[float]:
+        """The index (x, y, z) under a position in pixels; of the slice at `index`."""
+        found, sizes = list(index), volume.shape[::-1]
+        for side, axis in enumerate((self.across, self.down)):
+            share = (place[side] - self.box[side]) / (self.box[side + 2] - self.box[side])
+            found[axis] = (1.0 - share if self.back[side] else share) * sizes[axis] - 0.5
+        return found
+
+    def place(self, index: Sequence[float], volume: Volume) -> tuple[float, float]:
+        """Where the middle of a voxel (x, y, z) is in the slice, pixels."""
+        found, sizes = [], volume.shape[::-1]
+        for side, axis in enumerate((self.across, self.down)):
+            share = (index[axis] + 0.5) / sizes[axis]
+            share = 1.0 - share if self.back[side] else share
+            found.append(self.box[side] + share * (self.box[side + 2] - self.box[side]))
+        return found[0], found[1]
+
+
+def column(window: tuple[int, int], shown: bool) -> int:
+    """Pixels of the window's width that are the slices'."""
+    return int(min(window[1] / 3, window[0] * WIDEST)) if shown else 0
+
+
+def panes(volume: Volume, up: np.ndarray, window: tuple[int, int], scale: float = 1.0) -> tuple[Pane, ...]:
+    """The three slices, z above y above x of the world, at the window's right. up: the scene's, world."""
+    wide, world = column(window, True), world_axes(volume)
+    found = []
+    for number, normal in enumerate((2, 1, 0)):
+        (right, right_sign), (down, down_sign) = _laid(volume.frame, normal, up)
+        axis, across, along = world.index(normal), world.index(right), world.index(down)
+        columns = volume.world_from_index
+        back = bool(columns[right, across] * right_sign < 0), bool(columns[down, along] * down_sign < 0)
+        top, bottom = number * window[1] / 3, (number + 1) * window[1] / 3
+        room = float(window[0] - wide), top, float(window[0]), bottom
+        sides = [float(np.linalg.norm(columns[:, each]) * volume.shape[2 - each]) for each in (across, along)]
+        found.append(Pane(axis, across, along, back, room, _fitted(room, sides, MARGIN * scale)))
+    return tuple(found)
+
+
+def world_axes(volume: Volume) -> tuple[int, int, int]:
+    """The world axis that each axis of the grid is nearest to, each once."""
+    columns = np.abs(volume.world_from_index) / np.linalg.norm(volume.world_from_index, axis=0)
+    x, y, z = max(permutations(range(3)), key=lambda order: sum(columns[order[each], each] for each in range(3)))
+    return x, y, z
+
+
+def _laid(frame: str | None, normal: int, up: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
+    """World axes with their signs to the right and down, of the slice across a world axis."""
+    if frame:
+        turned = -1 if frame == "RAS" else 1
+        right, down = PATIENT[normal]
+        signs = {0: turned, 1: turned, 2: 1}
+        return (right[0], right[1] * signs[right[0]]), (down[0], down[1] * signs[down[0]])
+    right, down = OTHERS[normal]
+    upright = int(np.argmax(np.abs(up)))
+    if abs(up[upright]) >= UPRIGHT and upright in (right[0], down[0]):
+        other = right[0] if upright == down[0] else down[0]
+        return (other, 1), (upright, -1 if up[upright] > 0 else 1)
+    return right, down
+
+
+def _fitted(room: Box, sides: Sequence[float], margin: float) -> Box:
+    """The largest box of these proportions in the middle of a room."""
+    wide, high = room[2] - room[0] - 2 * margin, room[3] - room[1] - 2 * margin
+    factor = min(max(wide, 1.0) / sides[0], max(high, 1.0) / sides[1])
+    width, height = max(sides[0] * factor, 1.0), max(sides[1] * factor, 1.0)
+    left, top = (room[0] + room[2] - width) / 2, (room[1] + room[3] - height) / 2
+    return left, top, left + width, top + height
+
+
+def plane(array: Any, pane: Pane, index: int) -> np.ndarray:
+    """The samples or colours of a slice, [rows, columns, …] as the pane shows them; nothing else is read."""
+    cut: list[Any] = [slice(None)] * 3
+    cut[2 - pane.axis] = index
+    found = np.asarray(array[tuple(cut)])
+    # rows are along the later axis of the grid
+    if pane.down < pane.across:
+        found = found.swapaxes(0, 1)
+    found = found[:, ::-1] if pane.back[0] else found
+    return found[::-1] if pane.back[1] else found
+
+
+def strided(found: np.ndarray, pane: Pane) -> np.ndarray:
+    """A slice with no more than about two samples a pixel along each side."""
+    sides = pane.box[3] - pane.box[1], pane.box[2] - pane.box[0]
+    steps = [max(1, int(size / (2 * side))) for size, side in zip(found.shape, sides, strict=False)]
+    return found[:: steps[0], :: steps[1]]
+
+
+def window_of(transfer: Transfer) -> tuple[float, float]:
+    """The values from black to white."""
+    low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+    return (low, high) if low < high else (low - 0.5, low + 0.5)
+
+
+def grey(values: np.ndarray, window: tuple[float, float], logarithmic: bool = False) -> np.ndarray:
+    """uint8 [H, W, 4]: grey by a window, or by logarithms of both; what is not a number is as its low end."""
+    low, high = window
+    with np.errstate(all="ignore"):
+        if logarithmic:
+            values, low, high = np.log(np.maximum(values, low)), float(np.log(low)), float(np.log(high))
+        shade = (values.astype(np.float32) - np.float32(low)) * np.float32(255.0 / (high - low))
+    found = np.full((*values.shape, 4), 255, np.uint8)
+    found[..., :3] = np.clip(np.nan_to_num(shade, nan=0.0), 0.0, 255.0).astype(np.uint8)[..., None]
+    return found
+
+
+def colors(values: np.ndarray, transfer: Transfer) -> np.ndarray:
+    """uint8 [H, W, 4]: the transfer function's colours."""
+    if transfer.labels or transfer.logarithmic:
+        linear = transfer.color(values)
+    else:
+        low, high = window_of(transfer)
+        with np.errstate(all="ignore"):
+            place = (values.astype(np.float64) - low) * ((COLORS - 1) / (high - low))
+        entries = np.clip(np.nan_to_num(place, nan=0.0), 0, COLORS - 1).astype(np.intp)
+        table = srgb_from_linear(np.clip(transfer.color(np.linspace(low, high, COLORS)), 0.0, 1.0))
+        return _opaque(np.rint(table * 255).astype(np.uint8)[entries])
+    return _opaque(np.rint(srgb_from_linear(np.clip(linear, 0.0, 1.0)) * 255).astype(np.uint8))
+
+
+def _opaque(rgb: np.ndarray) -> np.ndarray:
+    found = np.full((*rgb.shape[:2], 4), 255, np.uint8)
+    found[..., :3] = rgb
+    return found
+
+
+# sRGB, of the slices across x, y and z of the grid, and behind them
+LINES: tuple[LineColor, ...] = ((1.0, 0.42, 0.36, 0.9), (0.45, 0.86, 0.42, 0.9), (0.45, 0.62, 1.0, 0.9))
+GROUND = np.array([[[18, 18, 20, 255]]], np.uint8)
+# seconds that a saved picture waits for a slice
+LONGEST = 20.0
+# pixels at a content scale of 1: of lines, and between labels and edges
+LINE, GAP = 1.0, 2.0
+
+Key = tuple[object, ...]
+
+
+class Slicing:
+    """The slices of a viewer: the latest pixels of each, and the pane that is dragged in."""
+
+    def __init__(self, viewer: Viewer) -> None:
+        self.viewer = viewer
+        self.jobs = Jobs(viewer.window.wake)
+        # of each axis: what its pixels are of, and they; the value that all go through
+        self.drawn: dict[int, tuple[Key, np.ndarray]] = {}
+        self.asked: dict[int, Key] = {}
+        # what could not be read, and why: it is not asked for again until slices are hidden
+        self.failed: dict[int, tuple[Key, str]] = {}
+        self.dragged: int | None = None
+
+    def panes(self) -> tuple[Pane, ...]:
+        """Those that are shown now."""
+        viewer = self.viewer
+        if not viewer.state.slices.shown or viewer.content.waiting:
+            return ()
+        return panes(viewer.content.volume, up_of(viewer.content), viewer.whole, viewer.window.scale)
+
+    def press(self, button: str, place: Place) -> bool:
+        """A button is pressed; whether that was on the slices."""
+        found = next((pane for pane in self.panes() if pane.holds(place)), None)
+        if found is not None and button == "left":
+            self.dragged = found.axis
+            self._link(found, place)
+        return found is not None
+
+    def move(self, place: Place) -> bool:
+        """The cursor moves; whether it drags the linked point."""
+        if self.dragged is None:
+            return False
+        for pane in self.panes():
+            if pane.axis == self.dragged:
+                self._link(pane, place)
+        return True
+
+    def release(self) -> None:
+        """A button is released."""
+        self.dragged = None
+
+    def wheel(self, notches: float, place: Place) -> bool:
+        """The wheel moves a slice by voxels; whether the cursor was over one."""
+        found = next((pane for pane in self.panes() if pane.holds(place)), None)
+        if found is not None and notches:
+            slices, volume = self.viewer.state.slices, self.viewer.content.volume
+            self._show(slices.moved(found.axis, round(notches) or int(np.sign(notches)), volume))
+        return found is not None
+
+    def collect(self) -> bool:
+        """Takes slices that were read in a thread; whether there were any."""
+        done = self.jobs.collect()
+        for each in done:
+            if each.error is not None:
+                why = f"a slice cannot be read: {each.error}"
+                self.viewer.say(why)
+                self.failed.update({axis: (key, why) for axis, key in self.asked.items()})
+            else:
+                axis, key, pixels = each.result
+                self.drawn[axis] = key, pixels
+                self.failed.pop(axis, None)
+        if done:
+            self.asked.clear()
+        return bool(done)
+
+    def marks(self) -> Marks:
+        """The slices with their lines and letters; nothing while they are hidden."""
+        viewer, found = self.viewer, self.panes()
+        if not found:
+            self.drawn.clear()
+            self.failed.clear()
+            return Marks()
+        state, content, scale = viewer.state, viewer.content, viewer.window.scale
+        volume, index = content.volume, state.slices.index(content.volume)
+        left = found[0].room[0]
+        sprites = [Sprite(GROUND, (left, 0.0, float(viewer.whole[0]), float(viewer.whole[1])))]
+        strokes: list[Stroke] = []
+        for pane in found:
+            pixels = self._pixels(pane, state, content)
+            if pixels is not None:
+                sprites.append(Sprite(pixels, pane.box, smooth=True))
+            sprites += _labels(pane, index, volume, scale)
+            strokes += _cross(pane, index, volume, scale)
+        if isinstance(volume.samples, np.ndarray):
+            value = f"{volume.samples[index[::-1]]:.6g} {volume.value_unit}".rstrip()
+            corner = left + GAP * scale, viewer.whole[1] - GAP * scale
+            sprites.append(_at(value, corner, (0.0, 1.0), scale))
+        return Marks(tuple(sprites), tuple(strokes))
+
+    def picture(self) -> np.ndarray | None:
+        """What the window shows at the right of its picture, uint8 [H, w, 3], sRGB; None while slices are hidden.
+
+        Raises InputError for slices that cannot be read.
+        """
+        viewer = self.viewer
+        if not self.panes():
+            return None
+        self.marks()
+        end = viewer.now() + LONGEST
+        while self.asked and self.jobs.settled(max(end - viewer.now(), 0.0)):
+            # one after the other
+            self.collect()
+            self.marks()
+        if self.asked or self.failed:
+            why = next((why for _, why in self.failed.values()), f"slices: not read within {LONGEST:.0f} s")
+            raise InputError(f"{why}; hide the slices to save the picture alone")
+        viewer.screen.draw(viewer.size, viewer.painter.look(viewer.state, viewer.reference))
+        viewer.screen.mark(viewer.window.size, self.marks())
+        # what is shown next has the panel again
+        viewer.refresh()
+        return np.asarray(viewer.screen.read(viewer.window.size)[:, viewer.size[0] :])
+
+    def _link(self, pane: Pane, place: Place) -> None:
+        slices, volume = self.viewer.state.slices, self.viewer.content.volume
+        self._show(slices.at(pane.index(place, slices.index(volume), volume), volume))
+
+    def _show(self, slices: Slices) -> None:
+        # the picture stays as it is, and goes on being refined
+        self.viewer.state = replace(self.viewer.state, slices=slices)
+        self.viewer.refresh()
+
+    def _pixels(self, pane: Pane, state: State, content: Content) -> np.ndarray | None:
+        """Those of a slice; of samples that are read in parts the ones before until a thread has read them."""
+        volume, transfer, colored = content.volume, state.looks[0].given, state.slices.colored
+        index = state.slices.index(volume)[pane.axis]
+        look = transfer if colored or transfer.labels else window_of(transfer)
+        logarithmic = transfer.logarithmic
+        key: Key = (volume, index, look, logarithmic, pane.box)
+        known = self.drawn.get(pane.axis)
+        if known is not None and known[0] == key:
+            self.failed.pop(pane.axis, None)
+            return known[1]
+
+        def work() -> tuple[int, Key, np.ndarray]:
+            if volume.color is not None:
+                rgb = strided(plane(volume.color, pane, index), pane)
+                return pane.axis, key, np.dstack([rgb, np.full(rgb.shape[:2], 255, np.uint8)])
+            values = strided(plane(volume.samples, pane, index), pane)
+            shade = grey(values, look, logarithmic) if isinstance(look, tuple) else colors(values, look)
+            return pane.axis, key, shade
+
+        if isinstance(volume.samples, np.ndarray):
+            self.drawn[pane.axis] = key, work()[2]
+        elif pane.axis in self.failed and self.failed[pane.axis][0] == key:
+            return None
+        elif not self.asked:
+            self.asked[pane.axis] = key
+            self.jobs.submit("reading a slice", work)
+        found = self.drawn.get(pane.axis)
+        return None if found is None else found[1]
+
+
+def _cross(pane: Pane, index: tuple[int, ...], volume: Volume, scale: float) -> list[Stroke]:
+    """Where the two other slices cut one, and its frame."""
+    x, y = pane.place(index, volume)
+    left, top, right, bottom = pane.box
+    thin = LINE * scale
+    rim = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]
+    frame = [Stroke(rim[n], rim[n + 1], LINES[pane.axis], thin, 0.0) for n in range(4)]
+    upright = Stroke((x, top), (x, bottom), LINES[pane.across], thin, 0.0)
+    return [*frame, upright, Stroke((left, y), (right, y), LINES[pane.down], thin, 0.0)]
+
+
+def _labels(pane: Pane, index: tuple[int, ...], volume: Volume, scale: float) -> list[Sprite]:
+    """The slice's name and number, and letters of directions at its edges."""
+    name = ANATOMY[world_axes(volume)[pane.axis]] if volume.frame else "xyz"[pane.axis]
+    left, top, right, bottom = pane.room
+    gap, middle = GAP * scale, ((left + right) / 2, (top + bottom) / 2)
+    title = _at(f"{name} {index[pane.axis]}", (left + gap, top + gap), (0.0, 0.0), scale)
+    found = [title]
+    for side, axis in enumerate((pane.across, pane.down)):
+        towards = volume.world_from_index[:, axis] * (-1 if pane.back[side] else 1)
+        towards = towards / np.linalg.norm(towards)
+        for sign in (-1, 1):
+            text = _direction(volume.frame, sign * towards)
+            if text:
+                edge = ((left + gap, right - gap), (top + gap, bottom - gap))[side][sign > 0]
+                share = (sign + 1) / 2
+                if side == 0:
+                    found.append(_at(text, (edge, middle[1]), (share, 0.5), scale))
+                else:
+                    # beside the title in a narrow pane
+                    wide = label((text,), scale).shape[1]
+                    x = max(middle[0], title.place[2] + gap + wide / 2) if sign < 0 else middle[0]
+                    found.append(_at(text, (x, edge), (0.5, share), scale))
+    return found
+
+
+def _direction(frame: str | None, towards: np.ndarray) -> str:
+    """Letters of a patient's direction, or the axis of the world that points there."""
+    if frame:
+        return letters(frame, towards)
+    axis = int(np.argmax(np.abs(towards)))
+    return "xyz"[axis] if towards[axis] > 0 else ""
+
+
+def _at(text: str, place: Place, anchor: Place, scale: float) -> Sprite:
+    """A label with its point at these shares of its size at a place."""
+    pixels = label((text,), scale)
+    high, wide = pixels.shape[:2]
+    left, top = round(place[0] - anchor[0] * wide), round(place[1] - anchor[1] * high)
+    return Sprite(pixels, (left, top, left + wide, top + high))
+
+
+def outlines(slices: Slices, volume: Volume, camera: Camera, scale: float) -> list[Stroke]:
+    """The slices' edges in the 3-D picture."""
+    if not slices.shown:
+        return []
+    strokes, index, sizes = [], slices.index(volume), volume.shape[::-1]
+    for axis in range(3):
+        a, b = (each for each in range(3) if each != axis)
+        corners = np.zeros((4, 3))
+        corners[:, axis] = index[axis]
+        corners[:, a] = np.array([0, 1, 1, 0]) * sizes[a] - 0.5
+        corners[:, b] = np.array([0, 0, 1, 1]) * sizes[b] - 0.5
+        points = corners @ volume.world_from_index.T + np.asarray(volume.origin)
+        for start, stop in zip(points, np.roll(points, -1, axis=0), strict=True):
+            seen = segment(camera, start, stop)
+            if seen is not None:
+                strokes.append(Stroke(*seen, LINES[axis], LINE * scale, scale))
+    return strokes
+
+
+def left_of(strokes: tuple[Stroke, ...], edge: float) -> tuple[Stroke, ...]:
+    """What of strokes is left of an edge, pixels."""
+    found = []
+    for each in strokes:
+        (x, y), (u, v) = sorted((each.start, each.stop))
+        if u <= edge:
+            found.append(each)
+        elif x < edge:
+            share = (edge - x) / (u - x)
+            found.append(replace(each, start=(x, y), stop=(edge, y + share * (v - y))))
+    return tuple(found)

@@ -1,0 +1,235 @@
+"""Opacity curve over histogram."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from imgui_bundle import imgui, implot
+from numpy.typing import ArrayLike
+
+from splatgl.data.color import srgb_from_linear
+from splatgl.data.volume import Volume
+from splatgl.splat.statistics import Statistics, statistics
+from splatgl.splat.transfer import Nodes, Transfer
+
+# opacities below this share about as much of the axis as each decade above it
+FINE = 0.01
+# opacities with numbers along the axis
+TICKS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
+# points of the drawn line between two nodes
+SAMPLES = 16
+BINS = 128
+# percentiles of the values for the initial range
+ENDS = (0.0, 99.95)
+
+
+def rise(opacity: ArrayLike) -> np.ndarray:
+    """Opacity to height as a fraction of the axis: linear near zero, logarithmic above FINE."""
+    return np.asarray(np.arcsinh(np.asarray(opacity, np.float64) / FINE) / np.arcsinh(1.0 / FINE))
+
+
+def fall(height: float) -> float:
+    """Inverse of `rise`: height fraction to opacity; 0 and 1 are exact."""
+    return float(np.clip(np.sinh(height * np.arcsinh(1.0 / FINE)) * FINE, 0.0, 1.0)) if height < 1.0 else 1.0
+
+
+def line(transfer: Transfer, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+    """Values [n] and heights [n] of the curve from low to high: straight in opacity, constant beyond its ends."""
+    nodes = transfer.points
+    ends = ((min(low, nodes[0][0]), nodes[0][1]), *nodes, (max(high, nodes[-1][0]), nodes[-1][1]))
+    share = np.linspace(0.0, 1.0, SAMPLES)[:, None]
+    found = [np.array(start) * (1.0 - share) + np.array(stop) * share for start, stop in pairwise(ends)]
+    values, opacities = np.concatenate(found).T
+    if transfer.logarithmic:
+        opacities = transfer.opacity(values)
+    return np.ascontiguousarray(values), rise(opacities)
+
+
+def values_of(stats: Statistics) -> tuple[float, float]:
+    """Initial range of the axis of values."""
+    if stats.constant:
+        value = float(stats.values[0]) if len(stats.values) else 0.0
+        return value - 0.5, value + 0.5
+    low, high = (stats.percentile(end) for end in ENDS)
+    return (low, high) if low < high else (float(stats.values[0]), float(stats.values[-1]))
+
+
+def histogram(stats: Statistics, low: float, high: float, logarithmic: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """Edges [n + 1] and heights [n] in [0, 1] of the values' counts between low and high.
+
+    For integer values, every bin covers the same number of them. logarithmic: heights by the counts' logarithms.
+    """
+    edges = np.linspace(low, high, BINS + 1)
+    if len(stats.values) and (stats.values[:: 1 + len(stats.values) // 1000] % 1 == 0).all():
+        step = max(1.0, np.ceil((high - low) / BINS))
+        edges = np.arange(np.floor(low), high + step, step)
+    counts, _ = np.histogram(stats.values, edges)
+    heights = np.log1p(counts) if logarithmic else counts
+    return edges, np.asarray(heights / max(float(heights.max()), 1e-9))
+
+
+def moved_point(nodes: Nodes, index: int, node: tuple[float, float]) -> Nodes:
+    """The nodes with one moved; it stays between its neighbours."""
+    low = nodes[index - 1][0] if index else -np.inf
+    high = nodes[index + 1][0] if index + 1 < len(nodes) else np.inf
+    there = (float(np.clip(node[0], low, high)), float(np.clip(node[1], 0.0, 1.0)))
+    return (*nodes[:index], there, *nodes[index + 1 :])
+
+
+def added(nodes: Nodes, node: tuple[float, float]) -> tuple[Nodes, int]:
+    """The nodes with one added, and its index."""
+    index = int(np.searchsorted([value for value, _ in nodes], node[0]))
+    return (*nodes[:index], node, *nodes[index:]), index
+
+
+def removed(nodes: Nodes, index: int) -> Nodes:
+    """The nodes with one removed; the last one is never removed."""
+    return nodes if len(nodes) == 1 else (*nodes[:index], *nodes[index + 1 :])
+
+
+# screen units at a content scale of 1: height of the plot, of the strip of colours below it, radius of a point
+HEIGHT, STRIP, POINT = 190.0, 10.0, 5.0
+# heights that the axis of opacities shows: with room for points at its ends
+ROOM = (-0.05, 1.05)
+# colours of the strip
+COLORS = 64
+HISTOGRAM, LINE, NODE = (0.36, 0.36, 0.42, 1.0), (1.0, 0.8, 0.3, 1.0), (1.0, 0.9, 0.6, 1.0)
+HINT = "drag a point; double click for a new one; right click or ctrl+click removes; the wheel zooms, a drag moves"
+
+
+class Curve:
+    """Draws the plot and holds its range of values and its histogram."""
+
+    def __init__(self) -> None:
+        self.volume: object = None
+        self.stats: Statistics | None = None
+        self.logarithmic = True
+        self.range = (0.0, 1.0)
+        self.bars = (np.zeros(2), np.zeros(1))
+        # whether the axis is to show the whole range
+        self.fits = True
+        self.held: int | None = None
+        # the strip's colours, and what they are of
+        self.colored: object = None
+        self.colors: list[imgui.ImVec4] = []
+        # of the drawn plot: left, top, width, height, screen units
+        self.box = (0.0, 0.0, 1.0, 1.0)
+
+    def known(self, volume: Volume) -> Statistics:
+        """Statistics of the displayed volume's values, computed once."""
+        if self.stats is None or self.volume is not volume:
+            self.volume, self.stats = volume, statistics(volume)
+            self._whole()
+        return self.stats
+
+    def draw(self, transfer: Transfer, volume: Volume) -> Transfer:
+        """The plot, its strip of colours and its switches; returns the edited transfer function."""
+        stats, scale = self.known(volume), imgui.get_style().font_scale_main
+        points = transfer.points
+        quiet = implot.Flags_.canvas_only | implot.Flags_.no_frame
+        if implot.begin_plot("##curve", imgui.ImVec2(-1.0, HEIGHT * scale), quiet):
+            self._axes(volume)
+            self._histogram(stats)
+            values, heights = line(transfer, *self.range)
+            implot.plot_line("##line", values, heights, implot.Spec(line_color=LINE, line_weight=2.0 * scale))
+            points = self._points(points, scale)
+            place, size = implot.get_plot_pos(), implot.get_plot_size()
+            self.box = place.x, place.y, size.x, size.y
+            implot.end_plot()
+        self._strip(transfer, STRIP * scale)
+        changed, self.logarithmic = imgui.checkbox("log counts", self.logarithmic)
+        imgui.set_item_tooltip("Bars by the logarithm of how many voxels have a value, or by the number.")
+        if changed:
+            self._count(*self.range)
+        imgui.same_line()
+        if imgui.button("all values"):
+            self._whole()
+        return transfer if points == transfer.points else _with_points(transfer, points)
+
+    def _axes(self, volume: Volume) -> None:
+        fixed = implot.AxisFlags_.no_highlight | implot.AxisFlags_.no_side_switch
+        implot.setup_axis(implot.ImAxis_.x1, volume.value_unit or None, fixed)
+        implot.setup_axis(implot.ImAxis_.y1, "opacity", fixed | implot.AxisFlags_.lock)
+        kind = implot.Cond_.always if self.fits else implot.Cond_.once
+        self.fits = False
+        implot.setup_axis_limits(implot.ImAxis_.x1, *self.range, kind)
+        implot.setup_axis_limits(implot.ImAxis_.y1, *ROOM, implot.Cond_.always)
+        ticks = [float(each) for each in rise(TICKS)]
+        implot.setup_axis_ticks(implot.ImAxis_.y1, ticks, [f"{each:g}" for each in TICKS])
+        implot.setup_finish()
+
+    def _histogram(self, stats: Statistics) -> None:
+        limits = implot.get_plot_limits().x
+        if (limits.min, limits.max) != self.range and limits.min < limits.max:
+            self._count(limits.min, limits.max)
+        edges, bars = self.bars
+        grey = implot.Spec(line_color=HISTOGRAM, fill_color=HISTOGRAM, flags=implot.StairsFlags_.shaded)
+        implot.plot_stairs("##values", edges, np.append(bars, bars[-1:]), grey)
+
+    def _points(self, points: Nodes, scale: float) -> Nodes:
+        """The nodes after mouse input."""
+        at, ctrl = implot.get_plot_mouse_pos(), imgui.get_io().key_ctrl
+        pointed, held = None, None
+        low, high = self.range
+        for number, (value, opacity) in enumerate(points):
+            # what is out of the axis is no target of the mouse
+            if not low <= value <= high and number != self.held:
+                continue
+            asked = number, value, float(rise(opacity)), NODE, POINT * scale, 0, False, False, False
+            moved, x, y, _, over, down = implot.drag_point(*asked)
+            pointed, held = (number if over else pointed), (number if down and not ctrl else held)
+            if number == self.held and imgui.is_mouse_released(imgui.MouseButton_.left):
+                # the last frame of a drag has a place, too
+                moved, x, y = True, at.x, at.y
+            if moved and not ctrl:
+                points = moved_point(points, number, (x, fall(y)))
+        self.held = held
+        hovered = implot.is_plot_hovered() or pointed is not None
+        removes = imgui.is_mouse_clicked(imgui.MouseButton_.right) or (
+            ctrl and imgui.is_mouse_clicked(imgui.MouseButton_.left)
+        )
+        if removes and pointed is not None:
+            return removed(points, pointed)
+        if hovered and pointed is None and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
+            return added(points, (at.x, fall(at.y)))[0]
+        told = held if held is not None else pointed
+        if told is not None:
+            imgui.set_tooltip(f"{points[told][0]:.5g}: {points[told][1]:.4g}")
+        elif hovered:
+            imgui.set_tooltip(f"{at.x:.4g}: {fall(at.y):.3g}\n{HINT}")
+        return points
+
+    def _strip(self, transfer: Transfer, high: float) -> None:
+        """The colour of every value, below the plot; worked out where it changes."""
+        key = transfer, self.range
+        if key != self.colored:
+            low, stop = self.range
+            values = low + (np.arange(COLORS) + 0.5) / COLORS * (stop - low)
+            found = srgb_from_linear(np.clip(transfer.color(values), 0.0, 1.0))
+            self.colored, self.colors = key, [imgui.ImVec4(*(float(each) for each in (*rgb, 1.0))) for rgb in found]
+        pen, top = imgui.get_window_draw_list(), imgui.get_cursor_screen_pos().y
+        step = self.box[2] / COLORS
+        for number, color in enumerate(self.colors):
+            left = self.box[0] + number * step
+            corners = imgui.ImVec2(left, top), imgui.ImVec2(left + step + 1, top + high)
+            pen.add_rect_filled(*corners, int(imgui.get_color_u32(color)))
+        imgui.dummy((1.0, high))
+
+    def _whole(self) -> None:
+        """Shows all values."""
+        if self.stats is not None:
+            self._count(*values_of(self.stats))
+            self.fits = True
+
+    def _count(self, low: float, high: float) -> None:
+        if self.stats is not None and low < high:
+            self.range = low, high
+            self.bars = histogram(self.stats, low, high, self.logarithmic)
+
+
+def _with_points(transfer: Transfer, points: Nodes) -> Transfer:
+    """Replaces the nodes; the colour window is kept, even if it followed the first and last node."""
+    window = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+    return replace(transfer, points=points, window=window if window[0] < window[1] else None)

@@ -1,0 +1,221 @@
+"""GLFW window: passes events to a `Listener`, with positions in image pixels."""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+import sys
+import warnings
+from typing import Any, Protocol
+
+from splatgl.annotations.text import legible
+from splatgl.gl.screen import Screen
+from splatgl.viewer.key_bindings import from_character, from_key, modifiers
+from splatgl.viewer.trackball import Place
+
+BUTTONS = ("left", "right", "middle")
+# exit code after losing the display
+GONE = 2
+# offsets of resourceid and error_code in Xlib's XErrorEvent
+RESOURCE, CODE = 16, 32
+# smallest window, in screen coordinates
+SMALLEST = 64
+
+
+class Listener(Protocol):
+    """Interface for window events. Positions are in pixels, (0, 0) at the upper left corner."""
+
+    def key(self, chord: str) -> None:
+        """Key press or repeat; chord: its name with its modifiers."""
+        ...
+
+    def press(self, button: str, held: tuple[str, ...], place: Place) -> None:
+        """Mouse button press at `place`; held: the modifiers that are down."""
+        ...
+
+    def release(self, button: str) -> None:
+        """Mouse button release."""
+        ...
+
+    def move(self, place: Place) -> None:
+        """Cursor move to `place`."""
+        ...
+
+    def wheel(self, notches: float, place: Place) -> None:
+        """Wheel rotation by `notches`, upwards positive, with the cursor at `place`."""
+        ...
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """New window size in pixels, (0, 0) while minimised."""
+        ...
+
+    def drop(self, paths: list[str]) -> None:
+        """Files dropped on the window."""
+        ...
+
+    def refresh(self) -> None:
+        """The window's content was lost and must be redrawn."""
+        ...
+
+    def raw(self, kind: str, *values: Any) -> bool:
+        """Called first with every event in GLFW's form; True stops further handling (the panel consumed it)."""
+        ...
+
+
+class Window:
+    """A screen's window: events, size and title."""
+
+    def __init__(self, screen: Screen, listener: Listener) -> None:
+        import glfw
+
+        self.glfw, self.screen, self.listener, self.handle = glfw, screen, listener, screen.window
+        # cursor position at the time of an event: a later query may return a newer one
+        self.at: Place = self._pixels(*glfw.get_cursor_pos(self.handle))
+        # place and size before it covered the screen
+        self.before: tuple[int, int, int, int] | None = None
+        # GLFW reports errors as warnings: failures that matter are checked where they occur
+        warnings.simplefilter("ignore", glfw.GLFWError)
+        _outlive_display(self.handle)
+        glfw.swap_interval(1)
+        glfw.set_window_size_limits(self.handle, SMALLEST, SMALLEST, glfw.DONT_CARE, glfw.DONT_CARE)
+        glfw.set_key_callback(self.handle, self._key)
+        glfw.set_char_callback(self.handle, self._character)
+        glfw.set_mouse_button_callback(self.handle, self._button)
+        glfw.set_cursor_pos_callback(self.handle, self._cursor)
+        glfw.set_scroll_callback(self.handle, self._scroll)
+        glfw.set_drop_callback(self.handle, self._drop)  # type: ignore[arg-type]
+        glfw.set_framebuffer_size_callback(self.handle, lambda _, width, height: listener.resize((width, height)))
+        glfw.set_window_refresh_callback(self.handle, lambda _: listener.refresh())
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Pixels; (0, 0) while minimised."""
+        width, height = self.glfw.get_framebuffer_size(self.handle)
+        return int(width), int(height)
+
+    @property
+    def scale(self) -> float:
+        """Content scale of the display for text, at least 1."""
+        return max(1.0, float(self.glfw.get_window_content_scale(self.handle)[1]))
+
+    @property
+    def held(self) -> bool:
+        """Whether a button is down."""
+        buttons = range(len(BUTTONS))
+        return any(self.glfw.get_mouse_button(self.handle, button) == self.glfw.PRESS for button in buttons)
+
+    @property
+    def closing(self) -> bool:
+        """Whether the user asked to close the window."""
+        return bool(self.glfw.window_should_close(self.handle))
+
+    def stay(self) -> None:
+        """Takes back the user's request to close the window."""
+        self.glfw.set_window_should_close(self.handle, False)
+
+    def wait(self, seconds: float) -> None:
+        """Handles events; waits for the first at most `seconds`."""
+        if seconds > 0:
+            self.glfw.wait_events_timeout(seconds)
+        else:
+            self.glfw.poll_events()
+
+    def wake(self) -> None:
+        """Ends a wait; callable from any thread."""
+        self.glfw.post_empty_event()
+
+    def fill(self, whole: bool) -> None:
+        """Covers the screen, or goes back to where the window was."""
+        if whole == (self.before is not None):
+            return
+        monitor = self.glfw.get_primary_monitor() if whole else None
+        if monitor:
+            self.before = (*self.glfw.get_window_pos(self.handle), *self.glfw.get_window_size(self.handle))
+            mode = self.glfw.get_video_mode(monitor)
+            size = mode.size
+            self.glfw.set_window_monitor(self.handle, monitor, 0, 0, size.width, size.height, mode.refresh_rate)
+        elif self.before is not None:
+            self.glfw.set_window_monitor(self.handle, None, *self.before, self.glfw.DONT_CARE)  # type: ignore[arg-type]
+            self.before = None
+
+    def title(self, text: str) -> None:
+        """Sets the text of the title bar."""
+        self.glfw.set_window_title(self.handle, legible(text))
+
+    def show(self) -> None:
+        """Swaps the buffers."""
+        self.glfw.swap_buffers(self.handle)
+
+    def _pixels(self, x: float, y: float) -> Place:
+        size, window = self.size, self.glfw.get_window_size(self.handle)
+        return x * size[0] / max(window[0], 1), y * size[1] / max(window[1], 1)
+
+    def _key(self, _: Any, code: int, scan: int, action: int, bits: int) -> None:
+        if self.listener.raw("key", code, action, bits) or action == self.glfw.RELEASE:
+            return
+        chord = from_key(code, self.glfw.get_key_name(code, scan), bits)
+        if chord:
+            self.listener.key(chord)
+
+    def _character(self, _: Any, code: int) -> None:
+        if not self.listener.raw("character", code) and (chord := from_character(chr(code))):
+            self.listener.key(chord)
+
+    def _button(self, _: Any, button: int, action: int, bits: int) -> None:
+        taken = self.listener.raw("button", button, action, bits)
+        if button >= len(BUTTONS):
+            return
+        # releases are always passed on: the press may predate the cursor's entry into the panel
+        if action == self.glfw.RELEASE:
+            self.listener.release(BUTTONS[button])
+        elif not taken:
+            self.listener.press(BUTTONS[button], modifiers(bits), self.at)
+
+    def _cursor(self, _: Any, x: float, y: float) -> None:
+        self.listener.raw("cursor", x, y)
+        self.at = self._pixels(x, y)
+        self.listener.move(self.at)
+
+    def _scroll(self, _: Any, x: float, y: float) -> None:
+        if not self.listener.raw("scroll", x, y):
+            self.listener.wheel(y, self.at)
+
+    def _drop(self, _: Any, paths: Any) -> None:
+        self.listener.drop([os.fsdecode(path) for path in paths])
+
+
+def _outlive_display(handle: Any) -> None:
+    """Prints one line and exits with GONE if the X server or the window disappears, instead of Xlib's own exit. Errors
+    of other programs' windows, such as that of a drag's source that ends, are none.
+    """
+    name = ctypes.util.find_library("X11") if sys.platform.startswith("linux") else None
+    if name is None:
+        return
+    import glfw
+
+    # a GLFW for Wayland has neither, and a window without the other has number 0
+    ways = (getattr(glfw, name, None) for name in ("get_x11_window", "get_glx_window"))
+    own = {way(handle) for way in ways if way is not None} - {0, None}
+
+    def failed(_: Any, event: int) -> int:
+        number = ctypes.string_at(event, CODE + 1)[CODE]
+        # nearly always BadWindow (3) or BadDrawable (9)
+        lost = ctypes.c_ulong.from_address(event + RESOURCE).value in own
+        return _gone(f"the window went away (X error {number})") if lost else 0
+
+    library = ctypes.CDLL(name)
+    lost = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(lambda _: _gone("the display went away"))
+    told = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(failed)
+    library.XSetIOErrorHandler(lost)
+    library.XSetErrorHandler(told)
+    _kept.extend([lost, told])
+
+
+# keeps callbacks used by C from being garbage-collected
+_kept: list[Any] = []
+
+
+def _gone(said: str) -> int:
+    os.write(2, f"splatgl: {said}\n".encode())
+    os._exit(GONE)
