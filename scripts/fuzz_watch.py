@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import splatgl as sg
-from splatgl.app.info import describe
+from splatgl.cli.volume_info import describe
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice
 from splatgl.readers import hdf5, listed

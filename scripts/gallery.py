@@ -1,4 +1,4 @@
-"""The gallery: each picture by the one command that is printed under it, and its table in splatgl/app/README.md."""
+"""The gallery: each picture by the one command that is printed under it, and its table in splatgl/cli/README.md."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent
-PICTURES, README = ROOT / "scripts/pictures/gallery", ROOT / "splatgl/app/README.md"
+PICTURES, README = ROOT / "scripts/pictures/gallery", ROOT / "splatgl/cli/README.md"
 DATA = "../shared/data"
 HEADING = "## Gallery"
 COLUMNS, SIDE = 3, 400

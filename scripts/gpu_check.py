@@ -27,7 +27,7 @@ import numpy as np
 from gpu_check_tests import tests
 
 import splatgl as sg
-from splatgl.app.doctor import check_line
+from splatgl.cli.doctor import check_line
 from splatgl.errors import InputError
 from splatgl.fileio import check_output, write_whole
 from splatgl.gl.buffers import DrawOrder, Instances, Textured

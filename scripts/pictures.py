@@ -23,7 +23,7 @@ from PIL import Image as Pillow
 from side_by_side import side_by_side
 
 import splatgl as sg
-from splatgl.app.cli import main as command
+from splatgl.cli.main import main as command
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.view import View
 from splatgl.splat.technique import TECHNIQUES, combinations
@@ -114,7 +114,7 @@ def window(source: str) -> None:
 
 def report(source: str) -> None:
     """The diagram of error against run time of `splatgl report --full`, with fewer colours."""
-    from splatgl.app.cli import main as splatgl
+    from splatgl.cli.main import main as splatgl
 
     peers = ["--peers"] if find_spec("vtk") else []
     with TemporaryDirectory() as folder:

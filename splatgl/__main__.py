@@ -1,6 +1,6 @@
 """`python -m splatgl`."""
 
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 
 if __name__ == "__main__":
     raise SystemExit(main())

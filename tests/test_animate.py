@@ -21,7 +21,7 @@ from splatgl.animation import animation
 from splatgl.animation.animation import Frames, scaled
 from splatgl.animation.camera_track import Swept, between, keyframes, turning
 from splatgl.animation.movie import read_ahead, volumes
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.view import View
 
@@ -339,7 +339,7 @@ def test_movies(suffix: str, here: Path) -> None:
 
 
 def test_a_movie_goes_on_from_its_frames(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import splatgl.app.animate as command
+    from splatgl.cli import animate as command
 
     def killed(*_: object) -> None:
         raise KeyboardInterrupt

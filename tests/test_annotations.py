@@ -13,7 +13,7 @@ from splatgl.annotations.axes import letters
 from splatgl.annotations.canvas import Subject
 from splatgl.annotations.color_bar import of_values
 from splatgl.annotations.scale_bar import length_text, log_ticks, scale_of, ticks
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 
 ALL = ("scale", "colorbar", "axes", "directions", "title=Head", "time=3 h")
 VOLUME = sg.Volume(np.zeros((9, 9, 9), np.float32), unit="mm", frame="LPS", name="ct")

@@ -14,7 +14,7 @@ import splatgl as sg
 from splatgl.annotations import scale_bar
 from splatgl.annotations.axes import COLORS, LONG
 from splatgl.annotations.canvas import Layer
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.scene.scene_file import Scene
 
 CLEAR = sg.Transfer([(1, 0.0), (2, 0.5)])

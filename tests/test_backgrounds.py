@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.scene.parse import AUTO, CLEAR, background
 from splatgl.scene.view import BLACK, WHITE, grounded, suited
 

@@ -14,7 +14,7 @@ from splatting import spread
 
 import splatgl as sg
 from splatgl import fileio
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.fileio import bytes_of, size_of
 from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.large_volumes import render_slabs

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.view import View
 from splatgl.splat.scene import channel_transfers

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.fileio import WHOLE
 from splatgl.readers.chunked import Chunked
 from splatgl.scene.scene_file import Scene

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.splat.kernels import KERNELS
 from splatgl.studies.claims import HALF_ANGLES, TOLERANCES, Claim, claims, layer_sums, page
 from splatgl.studies.figures.footprint_errors import ALL

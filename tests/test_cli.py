@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 
 NOISE = np.random.default_rng(6).random((6, 7, 8)).astype(np.float32)
 

@@ -11,7 +11,7 @@ from noise import GRIDS, views
 
 import splatgl as sg
 from splatgl import reference
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.reference.field import kept_field_integral
 from splatgl.scene.scene_file import Scene

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.cli import COMMANDS, _command_of, _parser, main
-from splatgl.app.words import options_of, worded
+from splatgl.cli.main import COMMANDS, _command_of, _parser, main
+from splatgl.cli.messages import options_of, worded
 
 Said = pytest.CaptureFixture[str]
 
@@ -48,7 +48,7 @@ def test_a_source_alone_opens_the_window(source: str, here: Path, monkeypatch: p
     opened = []
     (here / "render").write_text("a file named as a command")
     monkeypatch.setenv("DISPLAY", ":1")
-    monkeypatch.setattr("splatgl.app.view.run", lambda args: opened.append((args.source, args.azimuth)) or 0)
+    monkeypatch.setattr("splatgl.cli.view.run", lambda args: opened.append((args.source, args.azimuth)) or 0)
     assert main([source, "--azimuth", "-30"]) == 0
     assert opened == [(source, -30.0)]
 
@@ -182,7 +182,7 @@ def test_names_in_paths_and_quotes_stay() -> None:
 def test_names_of_the_reader_are_those_of_its_options() -> None:
     from dataclasses import fields
 
-    from splatgl.app.words import READING
+    from splatgl.cli.messages import READING
     from splatgl.readers.options import LoadOptions
 
     known = {field.name for field in fields(LoadOptions)}

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 
 RIGHT = sg.Image.load(Path(__file__).parent / "baselines" / "test_compare_scenes" / "letter-f-composite.png")
 
@@ -135,7 +135,7 @@ def test_the_verdict_stands_even_if_the_report_cannot_be_written(
     def full(target: Path, data: bytes) -> None:
         raise sg.InputError(f"{target}: cannot be written: No space left on device")
 
-    monkeypatch.setattr("splatgl.app.compare.write_whole", full)
+    monkeypatch.setattr("splatgl.cli.compare.write_whole", full)
     assert main(["compare", "wrong.png", "right.png", "--report", "r.html"]) == 2
     said = capsys.readouterr()
     assert "wrong.png: different: one wrong pixel" in said.out
@@ -257,7 +257,7 @@ def test_missing_flip_is_said_once(here: Path, capsys: Said, monkeypatch: pytest
 def test_the_readmes_commands(here: Path) -> None:
     """Each `splatgl compare` of the README, on the pictures that it names."""
     pytest.importorskip("flip_evaluator", reason="flip-evaluator is in the extra compare")
-    text = (Path(__file__).parents[1] / "splatgl" / "app" / "README.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[1] / "splatgl" / "cli" / "README.md").read_text(encoding="utf-8")
     commands = [shlex.split(line, comments=True)[1:] for line in re.findall(r"^splatgl compare .*", text, re.MULTILINE)]
     assert len(commands) >= 3
     Path("new.png").write_bytes(Path("wrong.png").read_bytes())

@@ -1,4 +1,4 @@
-"""Eight ways in which a picture goes wrong: each is caught, named, and to be seen in the report; app/README.md's table.
+"""Eight ways in which a picture goes wrong: each is caught, named, and to be seen in the report; cli/README.md's table.
 
 SPLATGL_WRITE_README=1 pytest tests/test_compare_kinds.py     renews the table
 """
@@ -24,7 +24,7 @@ from splatgl.comparison.verdict import Tolerance, Verdict, judge, number
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 
 BASELINES = Path(__file__).parent / "baselines" / "test_compare_scenes"
-README = Path(__file__).parents[1] / "splatgl" / "app" / "README.md"
+README = Path(__file__).parents[1] / "splatgl" / "cli" / "README.md"
 RIGHT = sg.Image.load(BASELINES / "terrain-composite.png")
 # where the picture has a mountain
 ROW, COLUMN = 44, 45

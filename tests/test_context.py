@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app import doctor
+from splatgl.cli import doctor
 from splatgl.errors import InputError
 from splatgl.gl import backends
 from splatgl.gl import context as contexts

@@ -10,7 +10,7 @@ import pytest
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.reference.field import field_integral
 from splatgl.scene.view import View
 from splatgl.splat import extract, resolve

@@ -10,7 +10,7 @@ import pytest
 from noise import GRIDS
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.reference.depth_map import depths
 

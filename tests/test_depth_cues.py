@@ -10,7 +10,7 @@ from noise import GRIDS, views
 
 import splatgl as sg
 from splatgl import reference
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.splat.ambient_occlusion import BEFORE, Coarse, Cues, Sweep, axes, sky_of
 from splatgl.splat.grid import trilinear
 

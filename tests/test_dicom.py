@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.readers import listed
 

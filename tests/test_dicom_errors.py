@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.errors import InputError
 
 pytest.importorskip("pydicom", reason="writes the files; it is in the extra dicom")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.data.volume import Label
 from splatgl.errors import InputError
 

@@ -17,7 +17,7 @@ import pytest
 from test_bricks import ALL, PICTURES, RAMP, VIEWS, cameras, noise
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.distributed import cluster, connected, worker
 from splatgl.distributed.render import Part, join, joined, render_slabs
 from splatgl.splat.bricks import Bricks, bricks_of
@@ -323,7 +323,7 @@ def test_interrupted_frames_are_whole(saved: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     # a shell's background jobs, and what they start, ignore Ctrl-C
     code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-    code += "from splatgl.app.cli import main; sys.exit(main())"
+    code += "from splatgl.cli.main import main; sys.exit(main())"
     asked = [sys.executable, "-c", code, "animate", str(saved), "--size", "300", "--frames", "400"]
     asked += ["-o", str(tmp_path / "f" / "{frame}.npy"), "--workers", "2"]
     process = subprocess.Popen(asked, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)

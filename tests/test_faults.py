@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 
 SPLATS = sg.Splats.from_points(np.random.default_rng(1).random((50, 3)) * 9, np.ones((50, 3)), np.ones(50))
 
@@ -66,7 +66,7 @@ def test_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pyte
 # in the background, Python would not hear it.
 TELLING = """
 import signal, sys
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.gl.passes import Passes
 
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.readers.common import is_field

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.studies.figures import FIGURES, footprint_errors, geometry, motion_blur
 from splatgl.studies.figures.footprint_errors import ALL, DEPTHS, OFFSETS, SURFACE_ROWS, Plane, Space, Surfaces, maximum
 from splatgl.studies.figures.paper_setup import PAPER, Setting

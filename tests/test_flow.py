@@ -11,7 +11,7 @@ import pytest
 from noise import GRIDS
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.splat.vector_field import VectorField, lines_through, spread_lines
 

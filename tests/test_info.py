@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app import info
-from splatgl.app.info import WIDTH, describe, histogram, measure
+from splatgl.cli import volume_info
+from splatgl.cli.volume_info import WIDTH, describe, histogram, measure
 from splatgl.data.volume import Volume
 from splatgl.readers import load
 
@@ -60,12 +60,12 @@ def test_page() -> None:
     ids=["normal", "int16", "bool", "constant", "widest float", "uint64", "int64"],
 )
 def test_every_sample_is_in_one_bar(samples: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(info, "SLAB_SAMPLES", 100)
+    monkeypatch.setattr(volume_info, "SLAB_SAMPLES", 100)
     volume = Volume(samples)
     statistics = measure(volume)
     assert (statistics.low, statistics.high) == (float(samples.min()), float(samples.max()))
     bars = histogram(volume, statistics)
-    assert bars.counts.sum() == samples.size and len(bars.counts) <= info.BINS
+    assert bars.counts.sum() == samples.size and len(bars.counts) <= volume_info.BINS
     assert bars.counts[0] > 0 and bars.counts[-1] > 0 and np.isfinite(bars.edges).all()
     page(volume)
 
@@ -73,7 +73,7 @@ def test_every_sample_is_in_one_bar(samples: np.ndarray, monkeypatch: pytest.Mon
 def test_bars_agree_with_numpy() -> None:
     samples = np.random.default_rng(4).normal(size=(9, 8, 7))
     bars = histogram(Volume(samples), measure(Volume(samples)))
-    np.testing.assert_array_equal(bars.counts, np.histogram(samples, bins=info.BINS)[0])
+    np.testing.assert_array_equal(bars.counts, np.histogram(samples, bins=volume_info.BINS)[0])
     np.testing.assert_array_equal(
         histogram(Volume(np.arange(32).reshape(2, 4, 4)), measure(Volume(np.arange(32).reshape(2, 4, 4)))).counts,
         [2] * 16,
@@ -112,7 +112,7 @@ def test_what_render_would_do(monkeypatch: pytest.MonkeyPatch) -> None:
     volume = sg.scenes.ball(20)
     found = r"to render up to about [\d,]+ splats take [\d.]+ [kM]iB, .* [\d.]+ MiB, of [\d.]+ GiB: whole"
     assert re.search(found, " ".join(describe(volume).split()))
-    monkeypatch.setattr("splatgl.app.info.budget", lambda: 1000)
+    monkeypatch.setattr("splatgl.cli.volume_info.budget", lambda: 1000)
     assert re.search(r"of 1000 bytes: \d+ bricks", " ".join(describe(volume).split()))
     assert "to render" not in describe(sg.Volume(volume.samples, color=np.zeros((*volume.shape, 3), np.uint8)))
 
@@ -127,7 +127,7 @@ def test_levels_are_told_and_a_coarse_one_is_measured(tmp_path: Path, monkeypatc
     told = describe(sg.load(tmp_path / "v.zarr"))
     assert "  levels     0: 16 × 20 × 24\n             1: 8 × 10 × 12\n             2: 4 × 5 × 6\n" in told
     assert "measured" not in told and "0 … 8" in told
-    monkeypatch.setattr(info, "MOST", 1000)
+    monkeypatch.setattr(volume_info, "MOST", 1000)
     told = describe(sg.load(tmp_path / "v.zarr"))
     assert "measured   level 1: range, mean and values below" in told and "1 … 1   mean 1" in told
     assert "chunks 16 × 16 × 16" in describe(sg.load(tmp_path / "v.zarr").coarser[0])

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.gl.screen import GROUNDS
 from splatgl.viewer.viewer import Options
 
 # the exit code, and all that was imported
 TELL = """
 import sys
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 try:
     code = main(sys.argv[1:])
 except SystemExit as stop:

@@ -10,7 +10,7 @@ import pytest
 from test_bricks import noise
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.data.volume import coarser
 from splatgl.gl import large_volumes
 from splatgl.gl.large_volumes import just_finer, level_for, render_slabs

@@ -12,7 +12,7 @@ from test_clip import FOG, OPACITY, PLAIN, SOLID, block, field, lengths
 
 import splatgl as sg
 from splatgl import reference
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.data.mask import named
 from splatgl.errors import InputError
 from splatgl.reference.field import field_integral, kept_field_integral

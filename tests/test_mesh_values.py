@@ -12,8 +12,8 @@ from test_meshes import PLAIN, along_y, block, cloud, knots
 import splatgl as sg
 from splatgl import reference
 from splatgl.annotations.canvas import Scale
-from splatgl.app.cli import main
-from splatgl.app.meshes import mesh_option
+from splatgl.cli.main import main
+from splatgl.cli.options import mesh_option
 from splatgl.errors import InputError
 from splatgl.scene.meshes import MeshFile
 from splatgl.scene.scene_file import Scene

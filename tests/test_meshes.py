@@ -11,8 +11,8 @@ from noise import GRIDS
 
 import splatgl as sg
 from splatgl import reference
-from splatgl.app.cli import main
-from splatgl.app.meshes import mesh_option
+from splatgl.cli.main import main
+from splatgl.cli.options import mesh_option
 from splatgl.data.color import linear_from_srgb
 from splatgl.errors import InputError
 from splatgl.reference.layers import crossings

@@ -10,7 +10,7 @@ import pytest
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.gl.program import build, splat_switches
 from splatgl.reference import streaks
 from splatgl.reference.blend import pixel_means

@@ -9,8 +9,8 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.app import presets as sheets
-from splatgl.app.cli import main
+from splatgl.cli import presets
+from splatgl.cli.main import main
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.splat.presets import MEDICAL, PRESETS, preset, preset_named
@@ -110,11 +110,11 @@ def test_a_sheet_of_presets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     """Its pictures are those of `render` by the same preset, each under a label."""
     monkeypatch.chdir(tmp_path)
     some = {name: PRESETS[name] for name in ("ct-bones", "ct-air", "mip")}
-    monkeypatch.setattr(sheets, "PRESETS", some)
+    monkeypatch.setattr(presets, "PRESETS", some)
     np.save("v.npy", body().astype(np.float32)[::2, ::2, ::2])
     assert main(["presets", "v.npy", "-o", "sheet.png"]) == 0
     page = np.asarray(Pillow.open("sheet.png"))
-    side, label = sheets.SIDE, sheets.LABEL
+    side, label = presets.SIDE, presets.LABEL
     assert page.shape == (side + label, 4 * side, 3)
     pictures = [page[label:, n * side : (n + 1) * side].astype(int) for n in range(4)]
     for n, picture in enumerate(pictures):
@@ -127,20 +127,20 @@ def test_a_sheet_of_presets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 def test_a_sheet_says_where_nothing_is_visible(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     clear = PRESETS["ct-fat"]
-    monkeypatch.setattr(sheets, "PRESETS", {"ct-fat": clear})
+    monkeypatch.setattr(presets, "PRESETS", {"ct-fat": clear})
     samples = np.full((8, 8, 8), -1000.0)
     samples[2:4] = 500.0
-    monkeypatch.setattr(sheets, "preset", lambda name, volume: sg.Transfer([(0.0, 0.0), (1.0, 0.0)]))
+    monkeypatch.setattr(presets, "preset", lambda name, volume: sg.Transfer([(0.0, 0.0), (1.0, 0.0)]))
     np.save("v.npy", samples)
     assert main(["presets", "v.npy"]) == 0
     page = np.asarray(Pillow.open("presets.png").convert("L"))
-    middle = page[sheets.LABEL :, sheets.SIDE :]
+    middle = page[presets.LABEL :, presets.SIDE :]
     assert 0 < (middle < 100).sum() < 2000
 
 
 def test_large_volumes_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sheets, "MOST", 1000)
-    found = sheets.smaller(Volume(body(), (1.0, 2.0, 3.0)))
+    monkeypatch.setattr(presets, "MOST", 1000)
+    found = presets.smaller(Volume(body(), (1.0, 2.0, 3.0)))
     assert found.shape == (8, 8, 8) and found.spacing == (4.0, 8.0, 12.0)
 
 

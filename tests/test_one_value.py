@@ -12,7 +12,7 @@ from noise import GRIDS, LOOKS, inside, views
 from splatting import spread
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.gl import sheet_quads, sheet_tiles, tiles
 from splatgl.gl.target import Interrupted
 from splatgl.reference.blend import joined, joined_value

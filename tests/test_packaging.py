@@ -55,4 +55,4 @@ def test_wheel_from_sdist_is_the_same(tmp_path: Path) -> None:
 def test_core_is_six_packages() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert {line.split(">=")[0] for line in project["dependencies"]} == CORE
-    assert project["scripts"] == {"splatgl": "splatgl.app.cli:main"}
+    assert project["scripts"] == {"splatgl": "splatgl.cli.main:main"}

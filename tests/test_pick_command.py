@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 
 # 0.1 of the light is absorbed by each unit of length
 FOG = sg.Transfer([(0, 0.1)], unit=1.0)

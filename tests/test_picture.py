@@ -15,7 +15,7 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.scene import shared_renderer
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.viewer.show import has_display, in_notebook

@@ -13,7 +13,7 @@ from test_figures import refused
 
 import splatgl as sg
 from splatgl.annotations.contact_sheet import GAP, INK, MARGIN, ROOM, WHITE, Panel, sheet
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.view import View
 from splatgl.studies.figures.rendered import PICTURES, Shown, by_moments

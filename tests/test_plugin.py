@@ -231,7 +231,7 @@ def test_beside_pytest_regressions(pytester: pytest.Pytester) -> None:
 
 def test_the_readmes_five_lines(pytester: pytest.Pytester) -> None:
     """What the README shows, as a user would try it."""
-    text = (Path(__file__).parents[1] / "splatgl" / "app" / "README.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[1] / "splatgl" / "cli" / "README.md").read_text(encoding="utf-8")
     (snippet,) = (block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "splatgl_image" in block)
     assert len([line for line in snippet.splitlines() if line]) <= 6
     pytester.makepyfile(test_snippet=snippet)

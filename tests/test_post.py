@@ -15,7 +15,7 @@ import pytest
 from noise import GRIDS, LOOKS, inside, views
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.sheet_quads import by_first_sheet
 from splatgl.reference.rays import Rays

@@ -12,11 +12,10 @@ from test_levels import threads as threads
 from test_levels import with_levels
 
 import splatgl as sg
-from splatgl.app import pyramid
-from splatgl.app.cli import main
-from splatgl.app.pyramid import write
+from splatgl.cli import pyramid
+from splatgl.cli.main import main
+from splatgl.cli.pyramid import classified, halved, write
 from splatgl.gl.large_volumes import level_for
-from splatgl.splat.extraction.classified import classified, halved
 from splatgl.splat.settings import Settings
 
 pytest.importorskip("zarr", reason="needs the extra readers")

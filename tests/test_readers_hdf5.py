@@ -12,7 +12,7 @@ import pytest
 from PIL import Image as Pillow
 from test_readers_phantom import SPACING, F
 
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.readers import hdf5, load
 from splatgl.readers.chunked import Chunked

@@ -15,7 +15,7 @@ import pytest
 
 import splatgl as sg
 from splatgl import fileio
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.errors import InputError
 
 MIB = 2**20

@@ -19,7 +19,7 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.app.cli import COMMANDS, _parser, main
+from splatgl.cli.main import COMMANDS, _parser, main
 from splatgl.readers import FORMATS
 from splatgl.scene.scene_file import Scene
 from splatgl.splat import kernels
@@ -31,7 +31,7 @@ ROOT = Path(__file__).parents[1]
 TOP = ROOT / "README.md"
 READMES = [TOP, *sorted((ROOT / "splatgl").rglob("README.md"))]
 IDS = [path.relative_to(ROOT).as_posix() for path in READMES]
-ROOMS = ("data", "splat", "gl", "reference", "distributed", "app", "viewer")
+ROOMS = ("data", "splat", "gl", "reference", "distributed", "cli", "viewer")
 MOST_LINES = 170
 # of code blocks; text is output, and holds no command
 LANGUAGES = ("sh", "python", "toml", "text", "mermaid")

@@ -17,7 +17,7 @@ from test_bricks import noise
 from test_levels import SOFT, with_levels, write
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.readers import remote
 from splatgl.readers.remote import is_address, name_of
 from splatgl.scene.scene_file import Scene

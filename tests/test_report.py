@@ -15,8 +15,8 @@ import pytest
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.app.cli import main
-from splatgl.app.report import listed
+from splatgl.cli.main import main
+from splatgl.cli.report import listed
 from splatgl.data.scenes import SCENES
 from splatgl.reference.field import field_integral
 from splatgl.reference.ray_integral import ray_integral

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.cli import main
-from splatgl.app.report_scene import subject as opened
+from splatgl.cli.main import main
+from splatgl.cli.report import subject as opened
 from splatgl.data.scenes import FORMULAS
 from splatgl.reference.field import field_integral
 from splatgl.studies.accuracy import convergence, sweep

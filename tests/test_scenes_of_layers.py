@@ -11,8 +11,8 @@ import pytest
 
 import splatgl as sg
 from splatgl import reference
-from splatgl.app.cli import main
-from splatgl.app.layered import layer_option
+from splatgl.cli.main import main
+from splatgl.cli.options import layer_option
 from splatgl.gl import layers as layer_tiles
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.view import View

@@ -10,7 +10,7 @@ import pytest
 
 import splatgl as sg
 from splatgl import reference
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Label
 from splatgl.fileio import limit

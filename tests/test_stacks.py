@@ -10,7 +10,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.animation.camera_track import turning
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.data.volume import Hints, Volume
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.view import View, is_flat_stack, seen_along_z

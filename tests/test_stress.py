@@ -13,7 +13,7 @@ import pytest
 from splatting import SPLATS
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.studies.accuracy import methods
 from splatgl.studies.stress import CASES, optics, run_case
 from splatgl.studies.stress import case as bench

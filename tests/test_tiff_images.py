@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.readers import load
 

@@ -14,7 +14,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.annotations.text import Overlay, Text, drawn, plain
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.data.volume import coarser
 from splatgl.gl.screen import Screen
 from splatgl.scene.scene_file import Scene

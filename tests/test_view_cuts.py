@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.scene.scene_file import Scene
 from splatgl.splat.clipping import crop_planes
 from splatgl.viewer.clip_tool import Held, cut, handles, on_sphere, outline, plane_middle, under

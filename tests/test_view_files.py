@@ -13,7 +13,7 @@ from test_view import blob
 from test_view_window import MISSING, Window, pointed
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.viewer.loading import MOST, Recent
 
 driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")

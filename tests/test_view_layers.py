@@ -12,7 +12,7 @@ from test_view import blob
 from test_view_window import MISSING, Window
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.errors import Choice, InputError
 from splatgl.scene.meshes import MeshFile
 from splatgl.scene.scene_file import Scene

@@ -10,7 +10,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.annotations.text import beside, label
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
 from splatgl.scene.scene_file import Scene
 from splatgl.viewer.commands import TURN, acted, angles, name_of

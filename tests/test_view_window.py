@@ -21,7 +21,7 @@ import pytest
 from test_view import blob
 
 import splatgl as sg
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.comparison.image_regression import ImageRegression
 from splatgl.data.color import linear_from_srgb
 from splatgl.splat.settings import choices

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from splatgl.app.cli import main
+from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.readers import load, ome_zarr
 from splatgl.readers.chunked import Chunked

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from splatgl.app.options import add_backend, add_source, add_view, scene_from_source, view_of
+from splatgl.cli.options import add_backend, add_source, add_view, scene_from_source, view_of
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from splatgl.gl.renderer import Renderer
     from splatgl.splat.camera import Camera
+
 
 # pixels of a picture's side and of its label's height and letters; pictures in a row
 SIDE, LABEL, LETTERS, ROW = 256, 22, 14, 6

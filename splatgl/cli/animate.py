@@ -6,9 +6,7 @@ import argparse
 
 from splatgl.animation.animation import FRAMES, FULL_TURN, Animation, Frames, draw_frames
 from splatgl.animation.movie import need, write_movie
-from splatgl.app.layered import add_layers
-from splatgl.app.options import add_drawing, add_source, scene_from
-from splatgl.app.worker_options import add_workers, asked, drawing_of
+from splatgl.cli.options import add_drawing, add_layers, add_source, add_workers, asked, drawing_of, scene_from
 from splatgl.errors import expected
 from splatgl.fileio import check_source
 from splatgl.scene.draw import Drawing

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from splatgl.app.worker_options import add_workers, asked, drawing_of
+from splatgl.cli.options import add_workers, asked, drawing_of
 from splatgl.errors import expected
 from splatgl.fileio import check_folder, check_output, write_whole
 from splatgl.studies.stress import CASES, run_case
@@ -17,6 +17,7 @@ from splatgl.studies.stress.report import PAGES, about, as_csv, as_json, as_mark
 if TYPE_CHECKING:
     from splatgl.distributed.worker import Drawing
     from splatgl.gl.renderer import Renderer
+
 
 # exit code if a bound is violated
 BROKEN = 1

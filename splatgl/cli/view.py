@@ -6,8 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from splatgl.app.layered import add_layers
-from splatgl.app.options import add_drawing, add_source, scene_from
+from splatgl.cli.options import add_drawing, add_layers, add_source, scene_from
 from splatgl.errors import expected
 from splatgl.fileio import check_folder
 from splatgl.viewer.adaptive_quality import TARGET

@@ -1,24 +1,39 @@
-"""`splatgl render`: renders one image of a file or a scene."""
+"""Splatgl render, --depth."""
 
 from __future__ import annotations
 
 import argparse
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 from uuid import uuid4
 
-from splatgl.app.depths import add_depth, check_depth, write_depths
-from splatgl.app.layered import add_layers
-from splatgl.app.options import add_drawing, add_source, scene_from
-from splatgl.app.summary import summary
-from splatgl.app.worker_options import add_workers, asked
-from splatgl.data.image import SAVED, Image
+import numpy as np
+
+from splatgl import __version__
+from splatgl.cli.options import add_drawing, add_layers, add_source, add_workers, asked, scene_from
+from splatgl.cli.output import summary
+from splatgl.data.image import MAPS, SAVED, Image, save_map
 from splatgl.data.image_files import need
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import bytes_of, check_output, check_source
-from splatgl.scene.draw import Drawing, _work_bar, asked_for, draw, lay, nothing, origin, tell, unbacked, with_room
+from splatgl.scene.draw import (
+    OF_BLENDS,
+    Drawing,
+    _work_bar,
+    asked_for,
+    depth_share,
+    depths_of,
+    draw,
+    lay,
+    nothing,
+    origin,
+    tell,
+    unbacked,
+    with_room,
+)
 from splatgl.scene.meshes import is_mesh
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.view import as_drawn, backed
@@ -27,6 +42,56 @@ from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.comparison.compare import Picture
+
+
+def add_depth(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of depth maps."""
+    about = "write the depth at which each pixel's ray is absorbed: .npy, .tif, .exr or .png (without -o: only that)"
+    parser.add_argument("--depth", metavar="FILE", help=about)
+    about = "absorbed by a share from 0 to 1, or the largest or least value (0.5; of mip and minip these)"
+    parser.add_argument("--depth-at", type=depth_at, metavar="SHARE|max|min", help=about)
+
+
+def depth_at(text: str) -> float | str:
+    """An argparse type."""
+    try:
+        return text if text in OF_BLENDS.values() else float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected a share from 0 to below 1, max or min, got {text!r}") from None
+
+
+def check_depth(args: argparse.Namespace, scene: Scene) -> None:
+    """InputError, before any work, for a map that can't be written."""
+    if args.depth is None:
+        if args.depth_at is not None:
+            raise expected("--depth-at", "a file for the depths", "none", "add --depth depth.npy")
+        return
+    path = Path(args.depth)
+    check_output(path, MAPS)
+    need(path.suffix.lower())
+    check_source(path, args.source, *scene.files, args.output, args.ref)
+    if args.output is not None and path.absolute() == Path(args.output).absolute():
+        raise expected("--depth", "another file than -o", str(path))
+
+
+def write_depths(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer) -> bool:
+    """Writes the map that is asked for, and tells its range; whether nothing else is to be drawn."""
+    if args.depth is None:
+        return False
+    started = time.perf_counter()
+    at = depth_share(args.depth_at, scene.settings)
+    alone = args.output is None and args.ref is None
+    found, camera = depths_of(scene, volume, transfer, at, args.quiet or not alone)
+    unit = volume.unit or "units"
+    told = {"version": __version__, "source": Path(scene.volume).name, "depth_at": at, "unit": unit}
+    view = {"eye": camera.eye.tolist(), "forward": camera.forward.tolist(), "perspective": camera.perspective}
+    save_map(found, args.depth, {**told, **view})
+    if not args.quiet:
+        known = found[np.isfinite(found)]
+        span = f"{known.min():g} to {known.max():g} {unit}" if len(known) else "none"
+        seconds = time.perf_counter() - started
+        print(f"{args.depth}: depths {span} in {known.size / found.size:.1%} of the pixels ({seconds:.2g} s)")
+    return alone
 
 
 # what draws and compares is imported once there is something to draw: bad input is told at once
@@ -104,7 +169,7 @@ def run(args: argparse.Namespace) -> int:
     behind = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     ended = 0
     if reference is not None:
-        from splatgl.app.compare import DIFFERENT, SAME, check_against
+        from splatgl.cli.compare import DIFFERENT, SAME, check_against
 
         verdict = check_against(image, reference, output, behind)
         if not (verdict.same and args.quiet):
@@ -122,7 +187,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
     """The image, drawn in parts by workers of Dask."""
-    from splatgl.app.worker_options import drawing_of
+    from splatgl.cli.options import drawing_of
     from splatgl.distributed.cluster import connected
     from splatgl.distributed.render import Job, draw_parts
     from splatgl.splat.opaque_bounds import Opaque
@@ -156,7 +221,7 @@ def _bytes(text: str) -> int:
 
 def _reference(name: str, output: Path) -> Picture:
     """The picture to compare with; InputError if it is missing, or would be overwritten."""
-    from splatgl.app.compare import check_apart
+    from splatgl.cli.compare import check_apart
     from splatgl.comparison.compare import read
 
     found = read(name)

@@ -8,14 +8,14 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from splatgl.app.layered import add_layers
-from splatgl.app.options import add_drawing, add_source, scene_from
+from splatgl.cli.options import add_drawing, add_layers, add_source, scene_from
 from splatgl.errors import expected
 from splatgl.scene.draw import camera_of, layered, tell
 
 if TYPE_CHECKING:
     from splatgl.data.volume import Volume
     from splatgl.reference.pick import Picked
+
 
 # exit code for a pixel that shows nothing
 NOTHING = 1

@@ -6,13 +6,13 @@ import argparse
 from collections.abc import Mapping
 from functools import partial
 
-from splatgl.app.words import options_of, worded
+from splatgl.cli.messages import options_of, worded
 from splatgl.errors import Choice
 
 
 def add_info_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl info`."""
-    from splatgl.app.options import add_source
+    from splatgl.cli.options import add_source
 
     add_source(parser)
     parser.set_defaults(run=partial(_info, options_of(parser)))
@@ -26,7 +26,7 @@ def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
 
 
 def _info(options: Mapping[str, str], args: argparse.Namespace) -> int:
-    from splatgl.app.options import scene_from_source
+    from splatgl.cli.options import scene_from_source
     from splatgl.readers import listed
     from splatgl.scene.draw import tell
 
@@ -37,11 +37,11 @@ def _info(options: Mapping[str, str], args: argparse.Namespace) -> int:
     try:
         volume = scene.open()
     except Choice as error:
-        from splatgl.app.info import describe_choice
+        from splatgl.cli.volume_info import describe_choice
 
         print(describe_choice(scene.volume, error, worded(str(error), options, args)))
         return 0
-    from splatgl.app.info import describe
+    from splatgl.cli.volume_info import describe
 
     tell(volume, channels=True)
     print(describe(volume))
@@ -49,7 +49,7 @@ def _info(options: Mapping[str, str], args: argparse.Namespace) -> int:
 
 
 def _doctor(args: argparse.Namespace) -> int:
-    from splatgl.app.doctor import report
+    from splatgl.cli.doctor import report
 
     text, right = report(args.backend, args.device)
     print(text)

@@ -1,30 +1,44 @@
-"""`splatgl report`: error against run time of the methods, for scenes and volumes, on this machine."""
+"""Splatgl report."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from splatgl import __version__
-from splatgl.app.options import add_backend
-from splatgl.app.worker_options import add_workers, asked, drawing_of
+from splatgl.cli.options import add_backend, add_workers, asked, drawing_of
 from splatgl.comparison.metrics import need_flip
+from splatgl.data.scenes import FORMULAS
+from splatgl.data.volume import Volume, coarser
+from splatgl.distributed.worker import Drawing, kept, renderer
 from splatgl.errors import InputError, expected
-from splatgl.studies.accuracy.ground_truth import LEVELS, Level
+from splatgl.scene.scene_file import Scene
+from splatgl.splat.extract import extract
+from splatgl.splat.splats import Splats
+from splatgl.splat.transfer import Transfer
+from splatgl.studies.accuracy.content import CONVERGENCE
+from splatgl.studies.accuracy.ground_truth import LEVELS, Level, Subject, Truths, Wanted
 from splatgl.studies.accuracy.methods import AXES, methods
+from splatgl.studies.accuracy.sweep import Task, truths_of
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from splatgl.gl.renderer import Renderer
+    from splatgl.studies.accuracy.html import Strip
+    from splatgl.studies.accuracy.sweep import Results, Tick
+
 
 # what measures and writes is imported once there is something to measure: bad input is told at once
-if TYPE_CHECKING:
-    from splatgl.gl.renderer import Renderer
-    from splatgl.studies.accuracy.ground_truth import Subject
-    from splatgl.studies.accuracy.html import Strip
-    from splatgl.studies.accuracy.sweep import Results, Task, Tick
 
 # default sources
 DEFAULT_SCENES = ("tunnel", "terrain", "nerve")
@@ -70,12 +84,10 @@ def run(args: argparse.Namespace) -> int:
 
 def _measured(args: argparse.Namespace, level: Level, sources: list[str], folder: Path) -> int:
     """Measures, writes the report and returns the exit code."""
-    from splatgl.app.report_scene import subjects
-
     # an unreadable source must neither delete existing results nor leave a folder behind
     scenes = subjects(sources, level)
 
-    from splatgl.app.machine import machine
+    from splatgl.cli.doctor import machine
     from splatgl.gl.renderer import Renderer
     from splatgl.gl.target import check_size
     from splatgl.studies.accuracy.html import publish
@@ -120,7 +132,6 @@ def _prepare(
     args: argparse.Namespace, renderer: Renderer, sources: list[str], scenes: list[Subject], task: Task
 ) -> None:
     """Has workers compute truths. They end before anything is timed, which takes the machine for itself."""
-    from splatgl.app.report_workers import prepare
     from splatgl.distributed.cluster import connected
 
     with connected(args.workers, args.scheduler, None if args.quiet else print) as client:
@@ -206,3 +217,93 @@ def _progress(steps: int, quiet: bool) -> Iterator[Tick]:
                 yield tell
                 return
     yield lambda text: None
+
+
+def subjects(sources: Sequence[str], level: Level) -> list[Subject]:
+    """The scenes of all sources, each with a unique name valid for files. InputError as `subject`."""
+    found: list[Subject] = []
+    for source in sources:
+        made = subject(source, level)
+        taken = {CONVERGENCE, *(each.name for each in found)}
+        free = (f"{made.name}-{n}" for n in count(2))
+        name = made.name if made.name not in taken else next(each for each in free if each not in taken)
+        found.append(replace(made, name=name))
+    return found
+
+
+def subject(source: str, level: Level) -> Subject:
+    """The scene of a source, downsampled until it has at most as many splats as the level allows."""
+    scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
+    scene.refuse_more()
+    volume = scene.open()
+    transfer, scene = scene.transfer_for(volume), scene.cut(volume)
+    # keep the unit length of opacities when voxels are merged
+    transfer = replace(transfer, unit=transfer.unit or float(abs(_volume_of_voxel(volume)) ** (1 / 3)))
+    splats = extract(volume, transfer, scene.threshold, classification="pre")
+    if not len(splats):
+        raise expected(source, "voxels that are not transparent", "none", "give a scene.toml with a transfer function")
+    camera = replace(scene.view, size=_fitted(scene.view.size, level.size)).camera(volume, splats)
+    formula = FORMULAS.get(scene.volume) if not scene.load else None
+    joined = 0
+    # joined voxels would not be samples of the formula
+    while formula is None and level.splats is not None and len(splats) > level.splats and min(volume.shape) > 1:
+        joint = coarser(volume, bool(transfer.labels))
+        fewer = extract(joint, transfer, scene.threshold, classification="pre")
+        # thin structures may vanish when averaged with empty voxels
+        if not len(fewer):
+            break
+        volume, splats, joined = joint, fewer, joined + 1
+    note = f"voxels joined {2**joined}×{2**joined}×{2**joined}" if joined else ""
+    build = _Build(volume, transfer, scene.threshold)
+    name = Path(source).name.split(".")[0]
+    return Subject(name, camera, scene.settings, build, note, (volume, transfer), formula)
+
+
+class _Build:
+    """Splats of a volume above a threshold, or of a downsampled one."""
+
+    def __init__(self, volume: Volume, transfer: Transfer, threshold: float) -> None:
+        self.volume, self.transfer, self.threshold = volume, transfer, threshold
+
+    def __call__(self, threshold: float, coarse: int, post: str) -> Splats:
+        volume = self.volume
+        for _ in range(coarse):
+            volume = coarser(volume, bool(self.transfer.labels))
+        least = max(threshold, self.threshold)
+        how = "post" if post else "pre"
+        return extract(volume, self.transfer, least, classification=how, kernel=post)
+
+
+def _volume_of_voxel(volume: Volume) -> float:
+    return float(np.linalg.det(volume.world_from_index))
+
+
+def _fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:
+    """The size scaled to `longest` pixels on its longer side."""
+    scale = longest / max(size)
+    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
+
+
+def prepare(
+    client: Client, here: Renderer, sources: Sequence[str], scenes: Sequence[Subject], task: Task, drawing: Drawing
+) -> int:
+    """Has workers compute the truths that are not in the folder, writes them there, and returns how many."""
+    from splatgl.distributed.cluster import spread
+
+    truths = {scene.name: Truths(here, scene, task.level, task.folder) for scene in scenes}
+    items = []
+    for source, scene in zip(sources, scenes, strict=True):
+        there = str(Path(source).resolve()) if Path(source).exists() else source
+        for wanted in truths_of(truths[scene.name], task):
+            path = truths[scene.name].path(wanted[0])
+            if path is not None and not path.exists():
+                items.append((f"{scene.name}: {wanted[1]}", (there, scene.name, task.level, drawing, wanted)))
+    for _, (name, key, pixels) in spread(client, _truth, items):
+        truths[name].keep(key, pixels)
+    return len(items)
+
+
+def _truth(source: str, name: str, level: Level, drawing: Drawing, wanted: Wanted) -> tuple[str, str, np.ndarray]:
+    """On a worker: one truth."""
+    scene = kept((source, name, level), lambda: replace(subject(source, level), name=name))
+    return name, wanted[0], Truths(renderer(drawing), scene, level).made(*wanted)

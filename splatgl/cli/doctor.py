@@ -1,18 +1,18 @@
-"""`splatgl doctor`: installed packages, available OpenGL contexts, checks of the OpenGL features required, and pictures
-by every technique, compared with float64.
-"""
+"""Splatgl doctor."""
 
 from __future__ import annotations
 
+import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 import numpy as np
 
 from splatgl import reference
 from splatgl.data.scenes import ball
 from splatgl.errors import InputError, expected
-from splatgl.gl.context import BACKENDS, context_info, egl_devices, open_context
+from splatgl.gl.context import BACKENDS, ContextInfo, context_info, egl_devices, open_context
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.selfcheck import Check, run_checks
 from splatgl.gl.shader import ShaderError
@@ -141,3 +141,38 @@ def check_line(check: Check) -> str:
     """Text of a check; a failed optional check is reported as a property of the target."""
     word = "ok" if check.passed else ("WRONG" if check.required else "coarse")
     return f"  {check.name:18} {word:6} {check.got:.6f}, exact {check.answer:.6f}"
+
+
+MEASURED_PACKAGES = ("splatgl", "moderngl", "numpy", "Pillow", "matplotlib", "flip-evaluator", "vtk")
+
+
+def machine(info: ContextInfo) -> dict[str, object]:
+    """Processor, system, GL_RENDERER and library versions, as plain values."""
+    return {
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 0,
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "renderer": info.renderer,
+        "opengl": info.version,
+        "backend": info.backend,
+        "software": info.software,
+        "versions": {name: found for name in MEASURED_PACKAGES if (found := _version(name))},
+    }
+
+
+def _processor() -> str:
+    """The processor's name from Linux, else from Python."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return named[0] if named else platform.processor() or platform.machine()
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 from splatgl import __version__
-from splatgl.app.words import nearest, one_line, options_of, worded
+from splatgl.cli.messages import nearest, one_line, options_of, worded
 from splatgl.errors import InputError, expected
 from splatgl.fileio import limit
 
@@ -157,79 +157,79 @@ class Parser(argparse.ArgumentParser):
 
 
 def _render() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.app.render import add_parser
+    from splatgl.cli.render import add_parser
 
     return add_parser
 
 
 def _view() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.app.view import add_parser
+    from splatgl.cli.view import add_parser
 
     return add_parser
 
 
 def _animate() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.app.animate import add_parser
+    from splatgl.cli.animate import add_parser
 
     return add_parser
 
 
 def _pyramid() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.app.pyramid import add_parser
+    from splatgl.cli.pyramid import add_parser
 
     return add_parser
 
 
 def _compare() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.app.compare import add_parser
+    from splatgl.cli.compare import add_parser
 
     return add_parser
 
 
 def _info() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.app.inspect import add_info_parser
+    from splatgl.cli.info import add_info_parser
 
     return add_info_parser
 
 
 def _pick() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.app.pick_command import add_parser
+    from splatgl.cli.pick import add_parser
 
     return add_parser
 
 
 def _doctor() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.app.inspect import add_doctor_parser
+    from splatgl.cli.info import add_doctor_parser
 
     return add_doctor_parser
 
 
 def _figure() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.app.figures.cli import add_parser
+    from splatgl.cli.figure import add_parser
 
     return add_parser
 
 
 def _explain_splat() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.app.explain import add_parser
+    from splatgl.cli.explain import add_parser
 
     return add_parser
 
 
 def _stress() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.app.stress import add_parser
+    from splatgl.cli.stress import add_parser
 
     return add_parser
 
 
 def _report() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.app.report import add_parser
+    from splatgl.cli.report import add_parser
 
     return add_parser
 
 
 def _presets() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.app.presets import add_parser
+    from splatgl.cli.presets import add_parser
 
     return add_parser
 

@@ -1,16 +1,18 @@
-"""Command-line options as records: source, camera, transfer function and rendering settings."""
+"""Argparse from field metadata."""
 
 from __future__ import annotations
 
 import argparse
+import re
+from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from splatgl.errors import expected
 from splatgl.readers.options import VALUES, LoadOptions, inside
 from splatgl.readers.remote import is_address
-from splatgl.scene.meshes import MeshFile, asked_vectors, clipped, is_mesh
+from splatgl.scene.meshes import ARROWS, LINES, SHOWN, MeshFile, asked_vectors, clipped, is_mesh
 from splatgl.scene.parse import (
     AUTO,
     BACKGROUNDS,
@@ -18,15 +20,93 @@ from splatgl.scene.parse import (
     _integers,
     _pairs,
     background,
+    color_of,
     numbers,
     only_labels,
     size,
     times,
+    window_of,
 )
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.view import View
-from splatgl.splat.segment_surfaces import strength_of
+from splatgl.splat.presets import is_preset
+from splatgl.splat.segment_surfaces import SMOOTHING, strength_of
 from splatgl.splat.settings import LIKE, Settings, choices
+
+if TYPE_CHECKING:
+    from splatgl.distributed.worker import Drawing
+
+
+# a preset or a colour map behind a file's name
+LOOK = re.compile(r"#?[\w-]+")
+
+
+def add_layers(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of what is drawn beside the volume, and of its channels."""
+    parser.add_argument(
+        "--layer",
+        type=layer_option,
+        action="append",
+        metavar="FILE[:LOOK[:OPACITY]]",
+        help="another volume in the picture, with a preset or a colour map, and a factor of its opacities",
+    )
+    parser.add_argument(
+        "--color-of",
+        type=color_of,
+        action="append",
+        metavar="CHANNEL=COLOR",
+        help="the colour of a channel, #rrggbb or a name",
+    )
+    parser.add_argument(
+        "--window-of", type=window_of, action="append", metavar="CHANNEL=LOW,HIGH", help="from clear to full"
+    )
+    about = "a surface (.ply, .stl, .obj, .vtp, …) or lines (.trk, .tck), a colour, or MAP=ARRAY for values, an opacity"
+    parser.add_argument("--mesh", type=mesh_option, action="append", metavar="FILE[:COLOUR[:OPACITY]]", help=about)
+    about = "--clip and --crop cut meshes, too"
+    parser.add_argument("--clip-meshes", action="store_true", help=about)
+    add_vectors(parser)
+    parser.add_argument("--labels", metavar="FILE", help="a segmentation that is laid over the volume")
+    about = f"segmentations as smooth closed surfaces, smoothed from 0 to 1 ({SMOOTHING}), instead of voxels"
+    parser.add_argument("--surfaces", nargs="?", const=SMOOTHING, type=float, metavar="S", help=about)
+
+
+def layer_option(text: str) -> Scene:
+    """An argparse type: the layer of FILE[:LOOK[:OPACITY]]; LOOK: a preset or a colour map."""
+    source, look, opacity = with_look(text, lambda last: not last or bool(LOOK.fullmatch(last)), "LOOK")
+    return Scene(source, transfer={"preset" if is_preset(look) else "colormap": look} if look else {}, opacity=opacity)
+
+
+def mesh_option(text: str) -> MeshFile:
+    """An argparse type: the mesh of FILE[:COLOUR[:OPACITY]]; COLOUR: or MAP, MAP=ARRAY or =ARRAY."""
+    file, look, opacity = with_look(text, _is_color, "COLOUR")
+    color, _, array = look.partition("=")
+    return MeshFile(file, color, opacity, array=array)
+
+
+def _is_color(text: str) -> bool:
+    return not any(sign in text.partition("=")[0] for sign in "./")
+
+
+def with_look(text: str, is_look: Callable[[str], bool], word: str) -> tuple[str, str, float]:
+    """File, look and opacity of FILE[:LOOK[:OPACITY]]; word: what argparse's error calls the look."""
+    source, look, opacity = text, "", 1.0
+    head, colon, last = source.rpartition(":")
+    if colon and (number := _number(last)) is not None:
+        source, opacity = head, number
+        head, colon, last = source.rpartition(":")
+    if colon and is_look(last):
+        source, look = head, last
+    if not source or not 0 <= opacity <= 1:
+        told = f"expected FILE[:{word}[:OPACITY]] with an opacity from 0 to 1, got {text!r}"
+        raise argparse.ArgumentTypeError(told)
+    return source, look, opacity
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
 
 
 def add_source(parser: argparse.ArgumentParser, optional: bool = False) -> None:
@@ -252,3 +332,48 @@ def _transfer_file(path: str | None) -> dict[str, Any]:
 
 def _given(args: argparse.Namespace, *names: str) -> dict[str, Any]:
     return {name: value for name in names if (value := getattr(args, name, None)) is not None}
+
+
+def add_vectors(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of vectors."""
+    group = parser.add_argument_group("vectors, such as velocities, of the volume")
+    about = "draw their lengths, coloured by direction or not, instead of the volume's values"
+    group.add_argument("--vectors", choices=SHOWN, metavar="|".join(SHOWN), help=about)
+    for name, count, what in (("streamlines", LINES, "lines along them"), ("arrows", ARROWS, "arrows")):
+        about = f"{what}, spread evenly, coloured by speed ({count})"
+        group.add_argument(f"--{name}", nargs="?", const=count, type=int, metavar="N", help=about)
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of who draws."""
+    group = parser.add_argument_group("several processes or machines (extra scale)")
+    group.add_argument("--workers", type=int, metavar="N", help="draw in N processes of this machine")
+    group.add_argument("--scheduler", metavar="ADDRESS", help="draw with the workers of a Dask scheduler, tcp://…:8786")
+    group.add_argument("--devices", type=_devices, metavar="N,…", help="their EGL devices in turn (one card each)")
+
+
+def asked(args: argparse.Namespace) -> bool:
+    """Whether workers are to draw. InputError for options that exclude each other."""
+    if args.workers is not None and args.scheduler is not None:
+        raise expected("--workers", "either it or --scheduler", "both")
+    if args.devices and args.device is not None:
+        raise expected("--devices", "either it or --device", "both")
+    found = args.workers is not None or args.scheduler is not None
+    if args.devices and not found:
+        raise expected("--devices", "--workers or --scheduler beside it", "neither")
+    return found
+
+
+def drawing_of(args: argparse.Namespace) -> Drawing:
+    """How workers open OpenGL."""
+    from splatgl.distributed.worker import Drawing
+
+    devices = args.devices or (() if args.device is None else (args.device,))
+    return Drawing(args.backend, tuple(devices), args.gpu)
+
+
+def _devices(text: str) -> tuple[int, ...]:
+    found = text.split(",")
+    if not all(each.isdecimal() for each in found):
+        raise argparse.ArgumentTypeError(f"expected numbers separated by commas, got {text!r}")
+    return tuple(map(int, found))

@@ -24,6 +24,7 @@ from splatgl.fileio import check_output, write_whole
 if TYPE_CHECKING:
     from splatgl.comparison.html_report import Case
 
+
 SAME, DIFFERENT, UNUSABLE = 0, 1, 2
 METRICS = ("maximum", "rmse", "psnr", "bias", "share", "unmatched", "ssim", "flip")
 # options for limits, with their field of Tolerance and their help

@@ -1,1 +1,0 @@
-"""`splatgl figure`: the paper's figures and claims."""

@@ -1,1 +1,0 @@
-"""From a volume to splats, their rows and their order."""
