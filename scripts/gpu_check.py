@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gpu_check_tests import tests
 
 import splatgl as sg
 from splatgl.cli.doctor import check_line
@@ -33,6 +32,7 @@ from splatgl.fileio import check_output, write_whole
 from splatgl.gl.buffers import DrawOrder, Instances, Textured
 from splatgl.gl.context import current
 from splatgl.gl.selfcheck import run_checks
+from tests.gpu.gpu_check_tests import tests
 
 # seconds: all in all, and of them for the tests
 MOST, TESTS = 480.0, 270.0

@@ -19,8 +19,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from benchmarks.side_by_side import side_by_side
 from PIL import Image as Pillow
-from side_by_side import side_by_side
 
 import splatgl as sg
 from splatgl.cli.main import main as command

@@ -14,8 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from splatting import GOLDEN
-from twins import twin as twin
 
 import splatgl as sg
 from splatgl.gl import program
@@ -23,6 +21,9 @@ from splatgl.gl import renderer as renderers
 from splatgl.gl.context import REQUIRE_GPU, current
 from splatgl.scene.draw import Drawing
 from splatgl.scene.shared_renderer import kept_renderer
+from tests.helpers.levels import with_levels
+from tests.helpers.splatting import GOLDEN
+from tests.helpers.twins import twin as twin
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 from mutants import MUTANTS
@@ -157,3 +158,14 @@ def pinned_camera() -> sg.Camera:
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(1998)
+
+
+@pytest.fixture(scope="module")
+def threads() -> sg.Volume:
+    """Threads one voxel wide, which means of values lose."""
+    rng = np.random.default_rng(3)
+    samples = np.zeros((64, 64, 64), np.float32)
+    for _ in range(60):
+        x, y = rng.integers(0, 64, 2)
+        samples[:, y, x] = 1.0
+    return with_levels(sg.Volume(samples), 3)

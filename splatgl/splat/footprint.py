@@ -19,7 +19,7 @@ opaque matter widens it. The runs of occupied cells around a splat give the requ
   and T again for m → 1. It is at most 5.5, an opacity of 1 − 1/245: more would only darken the
   neighbouring pixels that its stretched footprint touches.
 
-The constants are fits to supersampled pictures; scripts/attenuation.py prints their errors.
+The constants are fits to supersampled pictures; scripts/benchmarks/attenuation.py prints their errors.
 
 The float64 twin of `shaders/quads.glsl`, in the same steps. Lengths in mean spacings, eye axes.
 [M98 Table 1 row 4] [M98 Table 1 row 5]

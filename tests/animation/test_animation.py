@@ -1,0 +1,463 @@
+"""Animations: tracks, series, frames that are whole or not there, going on after a kill, movies."""
+
+from __future__ import annotations
+
+import gc
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import weakref
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.animation import animation
+from splatgl.animation.animation import Frames, scaled
+from splatgl.animation.camera_track import Swept, between, keyframes, turning
+from splatgl.animation.movie import read_ahead, volumes
+from splatgl.cli.main import main
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import View
+from tests.helpers.bricks import noise
+
+DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))
+# seconds after which a thread hangs
+LONGEST = 300.0
+SMALL = ["--size", "24", "--quiet"]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a small volume, and three more of a series."""
+    monkeypatch.chdir(tmp_path)
+    z, y, x = np.mgrid[:12, :10, :16]
+    for n in (2, 10, 9, 1):
+        ball = np.hypot(np.hypot(x - 3 - n / 2, y - 5), z - 6) < 3.5
+        np.save(f"t{n}.npy", (ball * 200).astype(np.uint8))
+    shutil.copy("t2.npy", "ball.npy")
+    return tmp_path
+
+
+def animate(*arguments: str) -> int:
+    return main(["animate", *arguments, *SMALL])
+
+
+def pixels(path: str | Path) -> np.ndarray:
+    return sg.Image.load(path).pixels
+
+
+def test_a_turn_is_the_cameras_orbit(here: Path) -> None:
+    """Frame after frame the picture of an eye that goes around, counter-clockwise from above; one turn closes."""
+    assert animate("letter-f", "-o", "f/{frame:02d}.npy", "--frames", "4", "--motion", "off") == 0
+    assert sorted(p.name for p in Path("f").iterdir()) == ["00.npy", "01.npy", "02.npy", "03.npy"]
+    scene = Scene("letter-f", view=View(size=(24, 24)))
+    volume = scene.open()
+    splats = sg.extract(volume, scene.transfer_for(volume), classification="pre")
+    first = turning(scene.view, volume, splats, -90).camera(0)
+    center = (splats.corners.min(axis=0) + splats.corners.max(axis=0)) / 2
+    with sg.Renderer() as renderer:
+        for n in range(4):
+            angle = np.radians(90 * n)
+            turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+            eye = turn @ (first.eye - center) + center
+            camera = sg.Camera.look_at(eye, center, (0, 0, 1), 40, (24, 24))
+            expected = renderer.render(splats, camera, scene.settings).pixels
+            assert np.abs(pixels(f"f/{n:02d}.npy") - expected).max() < 2e-5, n
+
+
+def test_a_spin_turns_the_volume_the_other_way(here: Path) -> None:
+    assert animate("ball.npy", "-o", "a{frame}.npy", "--frames", "3", "--spin", "30") == 0
+    assert animate("ball.npy", "-o", "b{frame}.npy", "--frames", "3", "--turntable", "-90") == 0
+    assert animate("ball.npy", "-o", "c{frame}.npy", "--frames", "3", "--turntable", "90") == 0
+    assert np.abs(pixels("a2.npy") - pixels("b2.npy")).max() == 0 < np.abs(pixels("a2.npy") - pixels("c2.npy")).max()
+
+
+def test_a_turning_camera_keeps_its_distance_and_sees_all() -> None:
+    rng = np.random.default_rng(2)
+    splats = sg.Splats.from_points(rng.uniform((-30, -3, -5), (30, 3, 9), (200, 3)), np.ones((200, 3)), np.ones(200))
+    volume = sg.Volume(np.zeros((2, 2, 2)))
+    track = turning(View(azimuth=10, elevation=25), volume, splats, 7.0)
+    center = (splats.corners.min(axis=0) + splats.corners.max(axis=0)) / 2
+    distances = []
+    for n in range(52):
+        camera = track.camera(n)
+        distances.append(np.linalg.norm(camera.eye - center))
+        eye = camera.eye_from_points(splats.outline)
+        assert np.abs(eye[:, :2] / eye[:, 2:]).max() <= camera.extent / 2
+    assert np.ptp(distances) < 1e-9
+    # and is no further than twice what the widest view wants
+    widest = sg.Camera.orbit(splats, 0, 25)
+    assert distances[0] < 1.2 * np.linalg.norm(widest.eye - center)
+    assert len(Swept.of(splats, np.array([0.0, 0, 1])).outline) < 5000
+
+
+def test_between_keyframes() -> None:
+    frames, points = np.array([0.0, 10, 30]), np.array([[0.0], [1.0], [5.0]])
+    for smooth in (True, False):
+        at = [float(between(frames, points, t, smooth)[0]) for t in (-5, 0, 10, 30, 99)]
+        assert at == [0, 0, 1, 5, 5]
+    assert between(frames, points, 5, False) == pytest.approx([0.5])
+    # smooth: no corner at a keyframe
+    slopes = [(between(frames, points, t + 1e-5, True) - between(frames, points, t, True)) / 1e-5 for t in (10, 9.9999)]
+    assert slopes[0] == pytest.approx(slopes[1], rel=1e-3)
+    assert between(frames[:1], points[:1], 3, True) == pytest.approx([0])
+
+
+@pytest.mark.long
+def test_keyframes_move_the_camera(here: Path) -> None:
+    Path("k.toml").write_text(
+        'ease = "linear"\n[[keyframe]]\nframe = 0\nazimuth = 0\nzoom = 1\n'
+        "[[keyframe]]\nframe = 4\nazimuth = 90\nzoom = 4"
+    )
+    volume = sg.load("ball.npy")
+    splats = sg.extract(volume, sg.default_transfer(volume), classification="pre")
+    track = keyframes(Path("k.toml"), View(elevation=0), volume, splats)
+    assert track.last == 4
+    center = (splats.corners.min(axis=0) + splats.corners.max(axis=0)) / 2
+    away = [track.camera(n).eye - center for n in range(5)]
+    assert np.linalg.norm(away[0]) / np.linalg.norm(away[2]) == pytest.approx(2, rel=1e-6)
+    assert away[4] / np.linalg.norm(away[4]) == pytest.approx((1, 0, 0), abs=1e-9)
+    assert track.motion(2).camera.eye == pytest.approx(track.camera(1).eye)
+    assert track.motion(0).still
+    assert animate("ball.npy", "-o", "k{frame}.png", "--keyframes", "k.toml") == 0
+    assert len(list(here.glob("k*.png"))) == 5
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "at least one"),
+        ("[[keyframe]]\nazimuth = 3", "frame, a whole number"),
+        ("[[keyframe]]\nframe = 3", "say where the camera is"),
+        ("[[keyframe]]\nframe = 0\nsize = [3, 4]", "keys frame"),
+        ("[[keyframe]]\nframe = 0\nazimuth = 'a'", "one finite number"),
+        ("[[keyframe]]\nframe = 0\nzoom = 0", "a positive number"),
+        ("[[keyframe]]\nframe = 5\nfov = 9\n[[keyframe]]\nframe = 5\nfov = 8", "after 5"),
+        ("[[keyframe]]\nframe = 0\nfov = 0", "frame 0: fov"),
+        ("ease = 'hop'\n[[keyframe]]\nframe = 0\nfov = 9", "smooth or linear"),
+        ("east = 1", "keys ease"),
+    ],
+)
+def test_bad_keyframes_are_one_line(text: str, message: str, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("k.toml").write_text(text)
+    assert animate("ball.npy", "-o", "x{frame}.png", "--keyframes", "k.toml") == 2
+    said = capsys.readouterr().err
+    assert "k.toml" in said and message in said and said.count("\n") == 1
+    assert not list(here.glob("x*"))
+
+
+def test_series_go_by_the_numbers_in_names(here: Path) -> None:
+    found = [s.volume for s in volumes(Scene("t*.npy"), ["ball.npy"])]
+    assert found == ["t1.npy", "t2.npy", "t9.npy", "t10.npy", "ball.npy"]
+    assert animate("t*.npy", "-o", "{frame}.npy", "--hold", "2") == 0
+    frames = [pixels(f"{n}.npy") for n in range(8)]
+    assert (frames[0] == frames[1]).all() and (frames[6] == frames[7]).all()
+    # the ball goes to the right: one camera for all
+    middles = [float((f[..., 3].sum(axis=0) @ np.arange(24)) / f[..., 3].sum()) for f in frames[::2]]
+    assert middles == sorted(middles) and middles[-1] > middles[0] + 2
+
+
+def test_the_next_volume_is_read_meanwhile_and_no_more() -> None:
+    class Held:
+        pass
+
+    alive: list[weakref.ref] = []
+    read: list[int] = []
+
+    def reader(n: int) -> Held:
+        held = Held()
+        read.append(n)
+        alive.append(weakref.ref(held))
+        return held
+
+    for n, held in read_ahead(reader, [3, 4, 5, 6, 7]):
+        deadline = time.monotonic() + LONGEST
+        while n < 7 and n + 1 not in read and time.monotonic() < deadline:
+            time.sleep(0)
+        gc.collect()
+        assert n in read and (n == 7 or n + 1 in read) and n + 2 not in read
+        assert sum(ref() is not None for ref in alive) <= 2 and isinstance(held, Held)
+    assert read == [3, 4, 5, 6, 7] and not list(read_ahead(reader, []))
+
+
+@pytest.mark.long
+def test_layers_and_meshes_are_in_movies(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Sharp frames are the stills of the same scene, of which layers and meshes are a part, also in a series."""
+    np.save("slab.npy", np.full((4, 20, 20), 90, np.uint8))
+    Path("flat.off").write_text("OFF\n3 1 0\n0 0 6\n16 0 6\n0 10 6\n3 0 1 2\n")
+    Path("s.toml").write_text('volume = "ball.npy"\n[[layer]]\nvolume = "slab.npy"\nopacity = 0.5\n')
+    beside = ["--layer", "slab.npy::0.5"]
+    for asked in (["s.toml"], ["ball.npy", *beside], ["ball.npy", "--mesh", "flat.off:red:0.5"]):
+        asked += ["--eye", "30,-20,12"]
+        assert animate(*asked, "-o", "{frame}.npy", "--frames", "4", "--only", "0-1", "--motion", "off") == 0
+        assert main(["render", *asked, "-o", "still.npy", *SMALL]) == 0
+        assert np.abs(pixels("0.npy") - pixels("still.npy")).max() < 1e-6
+        assert np.abs(pixels("1.npy") - pixels("0.npy")).max() > 0.1
+    assert animate("t*.npy", *beside, "-o", "m{frame}.npy") == 0
+    alone = Path("plain")
+    assert animate("t*.npy", "-o", f"{alone}/{{frame}}.npy") == 0
+    assert all(np.abs(pixels(f"m{n}.npy") - pixels(alone / f"{n}.npy")).max() > 0.1 for n in range(4))
+    capsys.readouterr()
+    assert animate("ball.npy", *beside, "-o", "x{frame}.npy", "--flow", "1") == 2
+    assert "--flow: expected a scene of one volume" in capsys.readouterr().err
+    assert animate("ball.npy", *beside, "-o", "x{frame}.npy", "--motion", "exact", "--frames", "2") == 2
+    assert capsys.readouterr().err.startswith("splatgl: motion of layers")
+
+
+def test_isabel_is_a_series(here: Path) -> None:
+    folder = DATA / "isabel"
+    if not folder.is_dir():
+        pytest.skip("no isabel: set SPLATGL_DATA")
+    assert animate(f"{folder}/*.nrrd", "-o", "{frame}.npy", "--only", "0-1") == 0
+    assert np.abs(pixels("0.npy") - pixels("1.npy")).max() > 0.05
+
+
+def test_resume_keeps_what_is_there(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["ball.npy", "-o", "r/{frame:02d}.png", "--frames", "4"]
+    assert animate(*command, "--only", "1-2") == 0
+    kept = {path: path.stat().st_mtime_ns for path in Path("r").iterdir()}
+    Path("r/.01.png.abcdefgh").write_bytes(b"half")
+    Path("r/.other").write_bytes(b"mine")
+    assert main(["animate", *command, "--resume", "--size", "24"]) == 0
+    assert "r/00.png to r/03.png: 4 frames, 2 of them there before" in capsys.readouterr().out
+    assert sorted(p.name for p in Path("r").iterdir()) == [".other", "00.png", "01.png", "02.png", "03.png"]
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    # another animation's frames are not taken for these
+    assert animate(*command, "--resume", "--spin", "3") == 2
+    assert "r/00.png: expected a frame of this animation" in capsys.readouterr().err
+    assert animate(*command, "--spin", "3") == 0
+
+
+@pytest.mark.long
+def test_killed_and_resumed_without_a_gap(here: Path) -> None:
+    """SIGKILL in the middle: all frames that are there are whole; going on gives those of a run that went through."""
+    command = ["ball.npy", "-o", "k/{frame:03d}.png", "--frames", "400", "--size", "24", "--quiet"]
+    process = subprocess.Popen([sys.executable, "-m", "splatgl", "animate", *command])
+    try:
+        while len(list(here.glob("k/[0-9]*.png"))) < 5 and process.poll() is None:
+            time.sleep(0.005)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    before = sorted(here.glob("k/[0-9]*.png"))
+    assert 5 <= len(before) < 400, "killed in the middle"
+    for path in before:
+        assert pixels(path).shape == (24, 24, 4)
+    assert main(["animate", *command, "--resume"]) == 0
+    after = sorted(here.glob("k/*"))
+    assert [p.name for p in after] == [f"{n:03d}.png" for n in range(400)]
+    whole = [*command]
+    whole[2] = "w/{frame:03d}.png"
+    assert main(["animate", *whole, "--only", f"{len(before) - 2}-{len(before) + 2}"]) == 0
+    for path in here.glob("w/*.png"):
+        assert (pixels(path) == pixels(here / "k" / path.name)).all()
+
+
+@pytest.mark.long
+def test_moments_blur(here: Path) -> None:
+    """The mean of pictures within half a frame; with streaks that is nearer to the mean of many. A shutter that does
+    not open draws the frame itself.
+    """
+    # streaks are of splats, so that all are
+    before = ["--like", "0.1"]
+    one = ["--frames", "9", "--only", "1", *before]
+    assert animate("ball.npy", "-o", "a{frame}.npy", *one, "--motion", "off") == 0
+    assert animate("ball.npy", "-o", "b{frame}.npy", *one, "--motion", "off", "--moments", "3") == 0
+    shut = ["--moments", "2", "--shutter", "0"]
+    for motion in ("off", "exact"):
+        assert animate("ball.npy", "-o", "c{frame}.npy", *one, *shut, "--motion", motion) == 0
+        assert (pixels("a1.npy") == pixels("c1.npy")).all()
+    assert animate("ball.npy", "-o", "d{frame}.npy", "--frames", "108", "--motion", "off", *before) == 0
+    # of 108 frames a turn, 12 are one of 9; the shutter is open for 6, and its thirds' middles are 11, 9 and 7
+    mean = (pixels("d11.npy") + pixels("d9.npy") + pixels("d7.npy")) / 3
+    assert np.abs(pixels("b1.npy") - mean).max() < 2e-4 < np.abs(pixels("a1.npy") - mean).max()
+    assert animate("ball.npy", "-o", "e{frame}.npy", *one, "--motion", "off", "--moments", "48") == 0
+    # of itself it takes as many as the paths are long; streaks alone are further, and nearer the more of them
+    for name, more in (("f", []), ("g", ["--motion", "exact"]), ("h", ["--motion", "exact", "--moments", "4"])):
+        assert animate("ball.npy", "-o", f"{name}{{frame}}.npy", *one, *more) == 0
+    own, streak, streaks = (np.abs(pixels(f"{name}1.npy") - pixels("e1.npy")).max() for name in "fgh")
+    assert 4 * own < streak and 2 * streaks < streak
+    # maxima have no streaks, and a mean all the same
+    for name, more in (("i", []), ("j", ["--motion", "off"]), ("k", ["--motion", "off", "--moments", "48"])):
+        assert animate("ball.npy", "-o", f"{name}{{frame}}.npy", *one, "--blend", "mip", *more) == 0
+    own, still = (np.abs(pixels(f"{name}1.npy") - pixels("k1.npy")).max() for name in "ij")
+    assert 10 * own < still
+
+
+def test_moments_blur_pictures_of_values(here: Path) -> None:
+    """By default: the mean of pictures that are classified after reconstruction."""
+    one = ["ball.npy", "--frames", "9", "--only", "1"]
+    assert animate(*one, "-o", "a{frame}.npy", "--moments", "2") == 0
+    assert animate("ball.npy", "-o", "d{frame}.npy", "--frames", "72", "--motion", "off", "--only", "5-7") == 0
+    # of 72 frames a turn, 8 are one of 9; the shutter is open for 4, and its halves' middles are 7 and 5
+    mean = (pixels("d7.npy") + pixels("d5.npy")) / 2
+    assert np.abs(pixels("a1.npy") - mean).max() < 2e-4
+    assert animate(*one, "-o", "s{frame}.npy", "--shutter", "0", "--motion", "exact") == 0
+    assert animate(*one, "-o", "o{frame}.npy", "--motion", "off") == 0
+    assert (pixels("s1.npy") == pixels("o1.npy")).all()
+
+
+@pytest.mark.long
+def test_xray_has_one_scale_for_all_frames(here: Path) -> None:
+    command = ["ball.npy", "--blend", "xray", "--frames", "6", "--background", "black"]
+    assert animate(*command, "-o", "{frame}.png") == 0
+    assert animate(*command, "-o", "{frame}.npy") == 0
+    ratios = []
+    for n in range(6):
+        shown, right = pixels(f"{n}.png")[..., 0], pixels(f"{n}.npy")[..., 0]
+        some = right > right.max() / 3
+        ratios.append(float(np.median(shown[some] / right[some])))
+    assert np.ptp(ratios) < 0.02 * ratios[0]
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("suffix", [".mp4", ".webm", ".gif"])
+def test_movies(suffix: str, here: Path) -> None:
+    """As many frames as asked for, of the right size and colours; nothing left beside it."""
+    if suffix != ".gif":
+        av = pytest.importorskip("av", reason="writes movies; it is in the extra video")
+    assert main(["animate", "letter-f", "-o", f"m{suffix}", "--frames", "5", "--size", "33x24", "--quiet"]) == 0
+    assert sorted(p.name for p in here.iterdir() if p.name.startswith(("m", ".m"))) == [f"m{suffix}"]
+    if suffix == ".gif":
+        from PIL import Image, ImageSequence
+
+        with Image.open("m.gif") as movie:
+            shown = [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(movie)]
+    else:
+        with av.open(f"m{suffix}") as movie:
+            shown = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
+    assert len(shown) == 5 and shown[0].shape[:2] in ((24, 33), (24, 34))
+    assert main(["animate", "letter-f", "-o", "p{frame}.png", "--frames", "5", "--size", "33x24", "--quiet"]) == 0
+    for n in (0, 3):
+        right = sg.Image.load(f"p{n}.png").over((0, 0, 0)).straight()[..., :3] * 255
+        assert np.abs(shown[n][:24, :33] - right).mean() < 12
+
+
+def test_a_movie_goes_on_from_its_frames(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from splatgl.cli import animate as command
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "write_movie", killed)
+    arguments = ["ball.npy", "-o", "m.gif", "--frames", "3"]
+    assert animate(*arguments) == 130
+    assert len(list(Path("m.gif.frames").iterdir())) == 3
+    monkeypatch.undo()
+    monkeypatch.chdir(here)
+    assert animate(*arguments, "--resume") == 0
+    assert Path("m.gif").is_file() and not Path("m.gif.frames").exists()
+
+
+def test_movies_need_their_extra(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "av", None)
+    assert animate("ball.npy", "-o", "m.mp4", "--frames", "2") == 2
+    assert "pip install 'splatgl[video]'" in capsys.readouterr().err
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["-o", "a.png"], "a name with {frame} in it"),
+        (["-o", "a{frame}{x}.png"], "a name with {frame} in it"),
+        (["-o", "a{frame:.0s}.png"], "a name with {frame} in it"),
+        (["-o", "a{frame!r}.png"], "a name with {frame} in it"),
+        (["-o", "a{frame:c}.png"], "a name with {frame} in it"),
+        (["-o", "a{frame:1000000}.png"], "a name with {frame} in it"),
+        (["-o", "a{frame:{frame}}.png"], "a name with {frame} in it"),
+        (["-o", ""], "output: expected a name, got nothing"),
+        (["-o", "a{frame}.png", "--keyframes", ""], "keyframes: expected a name, got nothing"),
+        (["-o", "a{frame}.gif", "--fps", "1e-308"], "--fps: expected a number from 0.01"),
+        (["-o", "a{frame}.png", "--axis", "inf,0,1"], "axis: expected a direction"),
+        (["-o", "a{frame.png"], "a name with {frame} in it"),
+        (["-o", "a{frame}.jpg"], "ends in .png or .npy"),
+        (["-o", "{frame}/a.png"], "in the file's name alone"),
+        (["-o", "ball.npy/where/{frame}.png"], "expected a folder, got the file"),
+        (["-o", "a{frame}.png", "--only", "5-2"], "expected A-B"),
+        (["-o", "a{frame}.png", "--only", "8-12", "--frames", "10"], "frames from 0 to 9"),
+        (["-o", "a{frame}.png", "--frames", "0"], "--frames: expected a whole number"),
+        (["-o", "a{frame}.png", "--spin", "3", "--turntable", "3"], "one of --turntable, --spin and --keyframes"),
+        (["-o", "a{frame}.png", "--fps", "0"], "--fps"),
+        (["-o", "a{frame}.png", "--spin", "1e308"], "--spin: expected a number from"),
+        (["-o", "a{frame}.png", "--flow", "inf"], "--flow: expected a number from"),
+        (["-o", "a{frame}.png", "--axis", "0,0,0"], "axis: expected a direction"),
+        (["-o", "a{frame}.png", "--shutter", "400", "--moments", "2"], "shutter: expected an angle"),
+        (["-o", "a{frame}.png", "--flow", "1", "--motion", "off"], "--moments"),
+        (["-o", "a{frame}.png", "--flow", "1"], "vectors"),
+        (["-o", "a{frame}.png", "--flow", "1", "--moments", "2"], "vectors"),
+        (["z*.npy", "-o", "a{frame}.png"], "a pattern that files fit"),
+        (["-o", "a{frame}.png", "--keyframes", "none.toml"], "none.toml"),
+    ],
+)
+def test_bad_input_is_one_line(
+    arguments: list[str], message: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        code = animate("ball.npy", *arguments)
+    except SystemExit as error:
+        code = int(error.code or 0)
+    said = capsys.readouterr().err.strip()
+    assert code == 2 and message in said and said.count("\n") == 0
+    assert not list(here.glob("a*"))
+
+
+def test_templates(here: Path) -> None:
+    frames = Frames.at("x/{frame:05d}_a.png", "m")
+    assert frames.path(37) == Path("x/00037_a.png") and not Path("x").exists()
+    assert Frames.at("x/{frame:3}{frame}.npy", "m").path(37) == Path("x/ 3737.npy")
+    assert Frames.at("m.mp4", "m").path(3) == Path("m.mp4.frames/000003.png")
+
+
+def test_a_scaled_x_ray_scales_its_bound() -> None:
+    image = scaled(sg.Image(np.full((2, 2, 4), 3.0, np.float32), {"error_bound": 0.5}), 4.0)
+    assert image.info["error_bound"] == 0.125 and (image.pixels == 0.75).all()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("options", [["--moments", "1"], ["--moments", "3"], [], ["--blend", "xray"]], ids=str)
+def test_a_volume_beyond_memory_is_drawn_in_bricks(
+    options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Still and moving frames are those of the whole; moments are counted by the bricks' places."""
+    monkeypatch.chdir(tmp_path)
+    np.save("v.npy", noise(np.random.default_rng(1), (20, 20, 20)))
+    asked = ["animate", "v.npy", "--frames", "30", "--only", "3-4", "--size", "24", "--points", "0.45:0,0.6:0.8"]
+    keyed = [*asked, "--keyframes", "k.toml", *options]
+    Path("k.toml").write_text(
+        "[[keyframe]]\nframe = 0\neye = [60, 9, 20]\nlook_at = [10, 10, 10]\n"
+        "[[keyframe]]\nframe = 29\neye = [9, 60, 20]\nlook_at = [10, 10, 10]\n"
+    )
+    assert main([*keyed, "-o", "a/{frame}.npy"]) == 0
+    bricks = []
+    render = sg.Renderer.render_bricks
+    monkeypatch.setattr(sg.Renderer, "render_bricks", lambda *a, **k: bricks.append(1) or render(*a, **k))
+    monkeypatch.setattr(animation, "budget", lambda: 1 << 20)
+    assert main([*keyed, "-o", "b/{frame}.npy"]) == 0
+    count = {"1": 1, "3": 3}.get(options[-1] if options else "", 2)
+    assert len(bricks) >= 2 * count
+    for n in (3, 4):
+        first, second = (np.load(f"{folder}/{n}.npy") for folder in "ab")
+        # sums are exact streaks, if whole
+        allowed = 0.03 * first.max() if "xray" in options else 2e-3
+        assert first.max() > 0.3 and np.abs(first - second).max() < allowed
+
+
+@pytest.mark.parametrize("options", [["--motion", "exact"], ["--flow", "1"]], ids=str)
+def test_what_takes_all_splats_of_a_volume_beyond_memory_is_refused(
+    options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.save("v.npy", np.random.default_rng(1).random((20, 20, 20)))
+    monkeypatch.setattr(animation, "budget", lambda: 1 << 20)
+    assert main(["animate", "v.npy", "-o", "{frame}.npy", "--frames", "2", "--size", "8", *options]) == 2
+    error = capsys.readouterr().err
+    assert "v.npy: expected a volume that fits into 1.0 MiB" in error and error.count("\n") == 1
+    assert not list(Path().glob("[0-9]*"))

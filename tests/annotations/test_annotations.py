@@ -1,0 +1,489 @@
+"""Annotations: lengths, colours and letters by closed forms and as they are drawn; the box; bad input in one line."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+import splatgl as sg
+from splatgl.annotations import bounding_box, scale_bar
+from splatgl.annotations.annotate import annotated, bar_of, compose, parsed
+from splatgl.annotations.axes import COLORS, LONG, letters
+from splatgl.annotations.canvas import WHITE, Layer, Subject
+from splatgl.annotations.color_bar import of_values
+from splatgl.annotations.live import LiveOverlay, usual
+from splatgl.annotations.scale_bar import length_text, log_ticks, scale_of, ticks
+from splatgl.cli.main import main
+from splatgl.scene.scene_file import Scene
+
+ALL = ("scale", "colorbar", "axes", "directions", "title=Head", "time=3 h")
+VOLUME = sg.Volume(np.zeros((9, 9, 9), np.float32), unit="mm", frame="LPS", name="ct")
+TRANSFER = sg.Transfer([(0, 0), (100, 0.5)], colormap="viridis")
+
+
+@pytest.mark.parametrize("perspective", [True, False])
+def test_scale_bar_length(perspective: bool) -> None:
+    """Orthographic: 100 mm fill 400 rows. Perspective: 2·50·tan(45°) = 100 mm at the centre's depth, 50."""
+    eye, target = (4, -46, 4), (4, 4, 4)
+    if perspective:
+        camera = sg.Camera.look_at(eye, target, (0, 0, 1), 90.0, (400, 400))
+    else:
+        camera = sg.Camera.orthographic(eye, target, (0, 0, 1), 100.0, (400, 400))
+    scale = scale_of(Subject.of(VOLUME), camera)
+    assert scale is not None and scale.pixels == pytest.approx(80) and scale.label == "20 mm"
+
+
+def test_units_and_ticks() -> None:
+    """Units change so that few digits are left; ticks are nice."""
+    told = [length_text(0.5, "mm"), length_text(2000, "m"), length_text(5, ""), length_text(20, "Å")]
+    assert told == ["500 um", "2 km", "5", "20 Å"]
+    assert ticks(-3, 101, 6) == [0, 20, 40, 60, 80, 100]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "right"),
+    [
+        (0.9, 60, [1, 2, 5, 10, 20, 50]),
+        (0.01, 1000, [0.01, 0.1, 1, 10, 100, 1000]),
+        (1e-9, 1e3, [1e-8, 1e-6, 1e-4, 0.01, 1, 100]),
+        (3, 4, []),
+    ],
+)
+def test_logarithmic_ticks(low: float, high: float, right: list[float]) -> None:
+    """Decades, with 2 and 5 where there is room; of many, every few."""
+    assert log_ticks(low, high, 6) == right
+
+
+def test_a_logarithmic_bar_is_even_in_decades() -> None:
+    """Its rows have the transfer function's colours, and a decade is as long as another."""
+    transfer = sg.Transfer([(1, 0.0), (1000, 0.8)], colormap="viridis", scale="log")
+    bar = of_values(transfer, "density", "composite", 300)
+    assert bar is not None
+    assert [bar.down(value) for value in (1000, 100, 10, 1)] == pytest.approx([0, 1 / 3, 2 / 3, 1])
+    assert np.allclose(bar.colors[99:101, :3].mean(axis=0), transfer.color(100.0), atol=5e-3)
+    assert bar.opacity is not None and bar.opacity[149:151].mean() == pytest.approx(0.4, abs=1e-3)
+    assert bar.marks() == [1, 10, 100, 1000]
+
+
+def test_letters() -> None:
+    """A patient seen from the front has L at the right; in RAS the same side is −x."""
+    front = {"LPS": (4, -90, 4), "RAS": (4, 90, 4)}
+    for frame, eye in front.items():
+        camera = sg.Camera.look_at(eye, (4, 4, 4), (0, 0, 1))
+        assert [letters(frame, camera.eye_from_world[n]) for n in (0, 1, 2)] == ["L", "I", "P"]
+    assert letters("LPS", np.array([0.8, 0.6, 0.0])) == "LP"
+
+
+@pytest.mark.parametrize("size", [(256, 256), (512, 512), (1024, 600), (300, 700)])
+@pytest.mark.parametrize("light", [0.0, 1.0])
+def test_bar_colors_and_untouched_pixels(size: tuple[int, int], light: float) -> None:
+    """The bar has the transfer function's colours; far from annotations nothing changes."""
+    camera = sg.Camera.orbit(VOLUME, size=size)
+    pixels = np.full((size[1], size[0], 4), light, np.float32)
+    image = annotated(sg.Image(pixels, {"blend": "composite"}), VOLUME, TRANSFER, camera, ALL)
+    assert image.info["not_annotated"] == []
+    bar = of_values(TRANSFER, "ct", "composite", round(0.45 * size[1]))
+    assert bar is not None
+    middle = image.pixels[size[1] // 2 - 20 : size[1] // 2 + 20]
+    row = TRANSFER.color(
+        bar.high
+        - (np.argmin(np.abs(bar.colors[:, 0] - bar.colors[len(bar.colors) // 2, 0])) + 0.5) / len(bar.colors) * 100
+    )
+    assert np.abs(middle[..., :3] - row.astype(np.float32)).max(axis=-1).min() < 1e-6
+    center = (slice(size[1] // 3, size[1] // 3 + 20), slice(size[0] // 3, size[0] // 2))
+    np.testing.assert_array_equal(image.pixels[center], pixels[center])
+
+
+@pytest.mark.parametrize("text", ["sharp", "title", "title=", "scale,scale", "scale=3"])
+def test_bad_names(text: str) -> None:
+    """One line that lists what is known."""
+    with pytest.raises(sg.InputError, match="annotate: expected"):
+        parsed(text)
+
+
+@pytest.mark.long
+def test_render(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The command draws them; a small picture is told before."""
+    out = tmp_path / "a.png"
+    base = ["render", "nerve", "-o", str(out), "--annotate", "scale,axes,title=A, b"]
+    assert main([*base, "--size", "128", "--quiet"]) == 0
+    assert sg.Image.load(out).info["annotated"] == ["scale", "axes", "title=A, b"]
+    assert main([*base, "--size", "32"]) == 2 and "at least 64×64" in capsys.readouterr().err
+
+
+# --- the box, and annotations of live views ---------------------------------------------------------------------------
+
+
+SHEAR = np.array([[1.0, 0.3, 0.0], [0.0, 0.9, 0.2], [0.0, 0.1, 1.0]])
+OBLONG = sg.Volume(np.zeros((20, 30, 40), np.float32), (1, 2, 3), (5, -10, 100), unit="mm", frame="LPS", name="ct")
+SHEARED = sg.Volume(np.zeros((20, 30, 40), np.float32), (1, 2, 3), direction=SHEAR, unit="mm")
+MIRRORED = sg.Volume(np.zeros((20, 30, 40), np.float32), (1, 2, 3), direction=np.diag([1.0, -1, 1]), unit="mm")
+VOLUMES = [OBLONG, SHEARED, MIRRORED]
+
+
+def cameras(volume: sg.Volume, size: tuple[int, int] = (600, 500)) -> list[sg.Camera]:
+    found = [sg.Camera.orbit(volume, *angles, size=size, zoom=0.7) for angles in ((30, 20), (200, -50), (118, 5))]
+    return [*found, *(each.parallel(volume) for each in found)]
+
+
+def at(points: np.ndarray, camera: sg.Camera) -> np.ndarray:
+    """Places in pixels, by the definition of a camera."""
+    seen = (np.asarray(points) - camera.eye) @ camera.eye_from_world.T
+    depth = seen[:, 2] if camera.perspective else np.ones(len(seen))
+    return seen[:, :2] / depth[:, None] / camera.extent * camera.size[1] + np.array(camera.size) / 2
+
+
+@pytest.mark.parametrize("volume", VOLUMES)
+def test_edges_are_drawn_where_corners_are(volume: sg.Volume) -> None:
+    """Lines pass the middles of pixels along each edge that is not hidden; a fifth of a pixel beside, they are not."""
+    for camera in cameras(volume):
+        layer = Layer(np.zeros((500, 600, 4), np.float32), WHITE)
+        bounding_box.draw_edges(layer, Subject.of(volume), camera)
+        light = layer.pixels[..., 0]
+        every = bounding_box.edges(volume.corners, camera)
+        assert len(every) == 12 and sum(each.hidden for each in every) in (3, 5)
+        for edge in every:
+            a, b = at(volume.corners[list(edge.corners)], camera)
+            share = np.linspace(0.1, 0.9, 41)[:, None]
+            x, y = np.floor(a + (b - a) * share).astype(int).T
+            if edge.hidden:
+                assert (light[y, x] < 0.5).mean() > 0.8
+            else:
+                assert light[y, x].min() > 0.25
+
+
+@pytest.mark.parametrize("volume", VOLUMES)
+def test_hidden_edges_are_behind_and_outer_ones_on_the_outline(volume: sg.Volume) -> None:
+    """A corner is behind the box if the ray to it enters the box before; outer edges have the box on one side."""
+    for camera in cameras(volume):
+        seen = at(volume.corners, camera)
+        for edge in bounding_box.edges(volume.corners, camera):
+            a, b = seen[list(edge.corners)]
+            across = np.array([a[1] - b[1], b[0] - a[0]])
+            sides = (seen - a) @ across
+            one_side = sides.min() > -1e-6 * np.abs(sides).max() or sides.max() < 1e-6 * np.abs(sides).max()
+            assert edge.outer == one_side
+            if edge.outer:
+                continue
+            # a step from the edge towards the eye is in the box, if the edge is hidden
+            middle = volume.corners[list(edge.corners)].mean(axis=0)
+            step = (camera.eye - middle) if camera.perspective else -camera.forward
+            index = np.linalg.solve(volume.world_from_index, middle + step * 1e-4 - volume.origin)
+            inside = (index > -0.5).all() and (index < np.array(volume.shape[::-1]) - 0.5).all()
+            assert edge.hidden == inside
+
+
+@pytest.mark.parametrize("volume", VOLUMES)
+def test_ticks_are_where_their_numbers_say(volume: sg.Volume) -> None:
+    """World coordinates along world axes, lengths from the first corner along others; drawn at the projected point."""
+    for camera in cameras(volume):
+        subject, every = Subject.of(volume), bounding_box.edges(volume.corners, camera)
+        layer = Layer(np.zeros((500, 600, 4), np.float32), WHITE)
+        bounding_box.draw_edges(layer, subject, camera)
+        chosen = bounding_box.numbered(every, subject, camera)
+        assert [each.axis for each in chosen] == [0, 1, 2]
+        for edge in chosen:
+            places, texts, name = bounding_box.marks(subject, edge, camera, layer.em)
+            numbers = [float(text) for text in texts]
+            first, second = volume.corners[list(edge.corners)]
+            assert len(numbers) >= 2 and name.endswith(", mm")
+            step = numbers[1] - numbers[0]
+            assert any(step == pytest.approx(n * 10.0**p) for n in (1, 2, 5) for p in range(-2, 4))
+            if name[0] in "xyz":
+                assert np.allclose(places[:, "xyz".index(name[0])], numbers)
+                # the rest of the way along the edge is nothing
+                assert np.allclose(np.cross(places - first, second - first), 0, atol=1e-8)
+            else:
+                assert np.allclose(np.linalg.norm(places - first, axis=1), numbers)
+            out = bounding_box.outwards(edge, subject, camera)
+            tips = np.floor(at(places, camera) + out * bounding_box.TICK * layer.em * 0.8).astype(int)
+            assert layer.pixels[tips[:, 1], tips[:, 0], 0].min() > 0.25
+
+
+def test_lines_behind_are_weakened_by_the_picture() -> None:
+    """A dash shines through half of opacity with half of its light, and not at all through an opaque picture."""
+    camera = sg.Camera.orbit(OBLONG, 30, 20, size=(400, 400), zoom=0.7)
+    lights = []
+    for alpha in (0.0, 0.5, 1.0):
+        pixels = np.zeros((400, 400, 4), np.float32)
+        pixels[..., 3] = alpha
+        lights.append(sg.annotated(sg.Image(pixels, {}), OBLONG, TRANSFER, camera, ["box"], (0, 0, 0)).pixels[..., 0])
+    hidden = next(each for each in bounding_box.edges(OBLONG.corners, camera) if each.hidden)
+    a, b = at(OBLONG.corners[list(hidden.corners)], camera)
+    x, y = np.floor(a + (b - a) * np.linspace(0.2, 0.8, 99)[:, None]).astype(int).T
+    plain, half, none = (light[y, x] for light in lights)
+    lone = (none == 0) & (plain > 0.3)
+    assert lone.sum() > 20 and half[lone] == pytest.approx(plain[lone] / 2, abs=1e-6)
+
+
+@pytest.mark.parametrize("size", [(64, 64), (96, 64), (64, 200), (256, 256), (1200, 90), (90, 900), (2048, 2048)])
+@pytest.mark.parametrize("shown", [0.0, 1.0])
+def test_nothing_overlaps_or_is_cut_off(size: tuple[int, int], shown: float) -> None:
+    """Places of text lie within the picture and apart, and all ink but the box in them; what is left out is told."""
+    asked = ("scale", "colorbar", "axes", "directions", "box", "title=Head", "time=3 h")
+    for volume in VOLUMES[:2]:
+        camera = sg.Camera.orbit(volume, 30, 20, size=size, zoom=0.7)
+        layer = Layer.over(np.full((size[1], size[0], 4), shown, np.float32), (0, 0, 0))
+        subject = Subject.of(volume)
+        bar = bar_of(subject, TRANSFER, "composite", round(0.45 * size[1]))
+        compose(layer, subject, camera, asked, [] if bar is None else [bar])
+        assert not any(a.meets(b) for a, b in itertools.combinations(layer.taken, 2))
+        for rect in layer.taken:
+            assert rect.left >= 0 and rect.top >= 0 and rect.right <= size[0] and rect.bottom <= size[1]
+        assert size[0] > 256 or layer.notes
+        # without the box nothing is drawn outside of the places
+        layer = Layer(np.zeros((size[1], size[0], 4), np.float32), WHITE)
+        compose(layer, subject, camera, [each for each in asked if each != "box"], ())
+        for rect in layer.taken:
+            layer.clear(rect)
+        assert not layer.pixels.any()
+
+
+def test_text_goes_where_the_picture_is_empty() -> None:
+    """An object in the lower right: the scale bar goes elsewhere; steady pictures keep it there."""
+    camera = sg.Camera.orbit(OBLONG, 30, 20, size=(400, 400))
+    pixels = np.zeros((400, 400, 4), np.float32)
+    pixels[300:, 250:] = 0.7
+    found = sg.annotated(sg.Image(pixels, {}), OBLONG, TRANSFER, camera, ["scale"], (0, 0, 0)).pixels
+    assert (found[300:, 250:] == pixels[300:, 250:]).all() and (found != pixels).any()
+    steady = sg.annotated(sg.Image(pixels, {}), OBLONG, TRANSFER, camera, ["scale"], (0, 0, 0), steady=True).pixels
+    assert (steady[300:, 250:] != pixels[300:, 250:]).any()
+
+
+def test_live_overlays_are_what_pictures_have() -> None:
+    """To a step of 8 bits; the second use of the buffers leaves nothing of the first."""
+    overlay, subject = LiveOverlay(), Subject.of(OBLONG)
+    names = ["box", "colorbar", "title=Head", *usual(subject)]
+    for angle in (10.0, 50.0, 51.0):
+        camera = sg.Camera.orbit(OBLONG, angle, 20, size=(300, 260), zoom=0.6)
+        live = overlay.drawn(subject, TRANSFER, camera, names)
+        empty = sg.Image(np.zeros((260, 300, 4), np.float32), {"blend": "composite"})
+        right = sg.annotated(empty, OBLONG, TRANSFER, camera, names, (0, 0, 0)).pixels
+        assert list(overlay.notes) == sg.annotated(empty, OBLONG, TRANSFER, camera, names).info["not_annotated"]
+        assert np.abs(live[..., 3] / 255 - right[..., 3]).max() <= 0.5 / 255 + 1e-6
+        linear = np.where(live <= 10, live / 3294.6, ((live / 255 + 0.055) / 1.055) ** 2.4)[..., :3]
+        assert np.abs(linear * right[..., 3:] - right[..., :3]).max() < 0.006
+
+
+def test_an_eye_within_the_box_is_told() -> None:
+    """No numbers, a note, and edges ahead of the eye alone."""
+    center = OBLONG.center
+    camera = sg.Camera.look_at(center, center + np.array([0, 1.0, 0]), (0, 0, 1), 120, (200, 200))
+    layer = Layer(np.zeros((200, 200, 4), np.float32), WHITE)
+    compose(layer, Subject.of(OBLONG), camera, ["box"], ())
+    bounding_box.draw_behind(layer, Subject.of(OBLONG), camera)
+    assert layer.notes == ["no numbers of the box: the eye is in it"] and layer.pixels.any()
+    assert np.isfinite(layer.pixels).all()
+
+
+# --- real pictures, scene files, Python, and movies -------------------------------------------------------------------
+
+
+CLEAR = sg.Transfer([(1, 0.0), (2, 0.5)])
+
+
+def bare(camera: sg.Camera) -> sg.Image:
+    """A picture of nothing, on black."""
+    pixels = np.zeros((camera.size[1], camera.size[0], 4), np.float32)
+    return sg.Image(pixels, {"blend": "composite"})
+
+
+@pytest.mark.parametrize("size", [(300, 240), (900, 500)])
+@pytest.mark.parametrize("parallel", [False, True])
+@pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), (0.25, 0.5, 4.0)])
+def test_the_bar_is_as_long_as_it_says(
+    spacing: tuple[float, float, float], parallel: bool, size: tuple[int, int]
+) -> None:
+    """Its pixels, counted, against the distance between the projections of two points that far apart."""
+    volume = sg.Volume(np.zeros((20, 30, 40), np.float32), spacing, unit="mm")
+    camera = sg.Camera.orbit(volume, 25, 10, size=size)
+    camera = camera.parallel(volume) if parallel else camera
+    found = sg.annotated(bare(camera), volume, CLEAR, camera, ["scale"], ground=(0, 0, 0))
+    # the bar is the widest run of lit pixels
+    lit = found.pixels[..., :3].max(axis=2) > 0.5
+    longest = max(len(run) for row in lit for run in "".join("x" if p else " " for p in row).split())
+    lengths = [step * 10.0**power for power in range(-3, 4) for step in (1, 2, 5)]
+    # two points at the middle's depth, that length apart across the view
+    ends = volume.center + np.array([[0.0], [1.0]]) * camera.right
+    seen = camera.eye_from_points(ends)
+    pixel = (seen[1, 0] - seen[0, 0]) / (seen[0, 2] if parallel is False else 1.0) / (camera.extent / size[1])
+    assert min(abs(length * pixel - longest) for length in lengths) <= 1.5
+    assert longest <= 0.26 * size[0]
+
+
+@pytest.mark.parametrize("angles", [(0.0, 0.0), (30.0, 20.0), (200.0, -50.0), (90.0, 0.0)])
+def test_axes_point_where_the_camera_has_them(angles: tuple[float, float]) -> None:
+    """The middle of each axis' colour lies from the triad's middle as its projection does."""
+    volume = sg.Volume(np.zeros((9, 9, 9), np.float32))
+    camera = sg.Camera.orbit(volume, *angles, size=(600, 600))
+    image = sg.annotated(bare(camera), volume, CLEAR, camera, ["axes"], ground=(1, 1, 1))
+    layer = Layer.over(bare(camera).pixels, (1, 1, 1))
+    half = int(np.ceil(LONG * layer.em + 1.3 * layer.em))
+    middle = np.array([layer.pad + half, 600 - layer.pad - half])
+    for axis, color in enumerate(COLORS):
+        along = camera.eye_from_world[:2, axis]
+        close = np.abs(image.pixels[..., :3] - np.array(color)).max(axis=2) < 0.02
+        y, x = np.nonzero(close & (image.pixels[..., 3] > 0.95))
+        if np.linalg.norm(along) < 0.3:
+            continue
+        mean = np.array([x.mean(), y.mean()]) - middle
+        assert mean @ along / np.linalg.norm(mean) / np.linalg.norm(along) > 0.97
+
+
+def test_letters_of_files(tmp_path: Path) -> None:
+    """A NIfTI file in RAS and a NRRD in LPS of one patient, with flipped axes: the same letters at the same edges."""
+    nibabel, nrrd = pytest.importorskip("nibabel"), pytest.importorskip("nrrd")
+    data = np.zeros((6, 7, 8), np.int16)
+    data[2:4, 2:5, 2:6] = 100
+    nibabel.save(nibabel.Nifti1Image(data, np.diag([-2.0, 2, 2, 1])), tmp_path / "a.nii")
+    header = {"space": "left-posterior-superior", "space directions": np.diag([2.0, -2, 2])}
+    nrrd.write(str(tmp_path / "a.nrrd"), data, header)
+    pictures = []
+    for name in ("a.nii", "a.nrrd"):
+        volume = sg.load(tmp_path / name)
+        frame = {"RAS": 1.0, "LPS": -1.0}[str(volume.frame)]
+        # the same patient from the front and the left
+        eye = volume.center + np.array([-40.0 * frame, 60.0 * frame, 10.0])
+        camera = sg.Camera.look_at(eye, volume.center, (0, 0, 1), 30, (200, 200))
+        pictures.append(sg.annotated(bare(camera), volume, CLEAR, camera, ["directions"], ground=(0, 0, 0)).pixels)
+    assert pictures[0].any() and (pictures[0] == pictures[1]).all()
+
+
+def test_scene_files_and_python_draw_what_the_command_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    np.save(tmp_path / "a.npy", np.random.default_rng(1).random((12, 12, 12)).astype(np.float32))
+    source, out = str(tmp_path / "a.npy"), tmp_path / "o.npy"
+    options = ["--size", "96", "--quiet", "--check", "0", "--points", "0.3:0,0.9:0.5", "-o", str(out)]
+    names = ["scale", "axes", "title=One, two"]
+    assert main(["render", source, "--annotate", ",".join(names), *options]) == 0
+    right = np.load(out)
+    same = sg.render(source, size=96, points=((0.3, 0), (0.9, 0.5)), annotate=names)
+    assert (same.pixels == right).all() and same.info["annotated"] == names
+    path = tmp_path / "s.toml"
+    path.write_text(Scene(source, annotate=tuple(names)).to_toml(tmp_path))
+    assert Scene.from_toml(path).annotate == tuple(names)
+    assert main(["render", str(path), *options]) == 0
+    assert (np.load(out) == right).all()
+    # left out of comparisons
+    assert main(["render", source, *options]) == 0
+    plain = np.load(out)
+    np.save(tmp_path / "ref.npy", plain)
+    assert main(["render", str(path), "--ref", str(tmp_path / "ref.npy"), *options]) == 0
+    for bad in ('annotate = ["sharp"]', "annotate = [3]", 'annotate = ["time"]'):
+        path.write_text(f'volume = "a.npy"\n{bad}\n')
+        assert main(["render", str(path), *options]) == 2
+        assert "annotate: expected" in capsys.readouterr().err
+
+
+def test_the_view_of_meshes_is_annotated() -> None:
+    """A mesh beyond the volume moves the eye away: the bar is of the picture that is drawn."""
+    volume = sg.Volume(np.random.default_rng(2).random((8, 8, 8)), unit="mm")
+    ball = sg.Mesh.of_points([[40, 4, 4]], 3.0)
+    look = {"size": 128, "points": ((0.4, 0), (0.9, 0.5)), "meshes": [ball], "background": "black"}
+    image, plain = sg.render(volume, annotate="scale", **look), sg.render(volume, **look)
+    camera = sg.Camera.orbit(sg.Scene([sg.Layer(volume, CLEAR)], meshes=[ball]), 30, 20, size=(128, 128))
+    assert abs(float(np.array(image.info["eye"])[0]) - camera.eye[0]) < 5.0
+    lit = np.abs(image.pixels - plain.pixels)[100:, 64:].max(axis=2) > 0.5
+    longest = max(len(run) for row in lit for run in "".join("x" if p else " " for p in row).split())
+    eye = np.array(image.info["eye"])
+    depth = (volume.center - eye) @ np.array(image.info["forward"])
+    pixel = 1 / (2 * np.tan(np.radians(20)) * depth / 128)
+    assert min(abs(length * pixel - longest) for length in (1, 2, 5, 10, 20, 50)) <= 1.5
+
+
+def test_movies_have_running_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of time points that are 90 s apart; frames differ in the corner of the time alone; others are another movie."""
+    h5py = pytest.importorskip("h5py")
+    cells = np.random.default_rng(3).random((1, 8, 8, 8)).astype(np.float32)
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file["a"], file["time"] = np.repeat(cells, 3, axis=0), np.arange(3) * 1.5
+        file["time"].attrs["units"] = "minutes"
+        file["time"].make_scale()
+        for n, name in enumerate("tzyx"):
+            file["a"].dims[n].label = name
+        file["a"].dims[0].attach_scale(file["time"])
+    options = ["--size", "96", "--quiet", "--points", "0.3:0,0.9:0.5", "-o", str(tmp_path / "{frame:02d}.png")]
+    assert main(["animate", f"{path}:/a", "--annotate", "time,title=A", *options]) == 0, capsys.readouterr().err
+    frames = [np.asarray(Pillow.open(tmp_path / f"{n:02d}.png")).astype(int) for n in range(3)]
+    told = [str(sg.Image.load(tmp_path / f"{n:02d}.png").info["annotated"]) for n in range(3)]
+    assert [text[:15].split("'")[1] for text in told] == ["time=0 s", "time=90 s", "time=180 s"]
+    apart = np.abs(frames[0] - frames[1]).max(axis=2)
+    y, x = np.nonzero(apart)
+    assert len(y) and y.max() < 30 and x.max() < 48
+    assert main(["animate", f"{path}:/a", "--annotate", "title=B", "--resume", *options]) == 2
+    assert "expected a frame of this animation" in capsys.readouterr().err
+    np.save(tmp_path / "b.npy", cells[0])
+    assert main(["animate", str(tmp_path / "b.npy"), "--annotate", "time", *options]) == 2
+    assert "expected 'time=TEXT'" in capsys.readouterr().err
+
+
+def spied(draw: Any, cameras: list[sg.Camera]) -> Any:
+    """A method of renderers that keeps its cameras."""
+
+    def wrapped(renderer: sg.Renderer, x: Any, camera: sg.Camera, *more: Any, **named: Any) -> Any:
+        cameras.append(camera)
+        return draw(renderer, x, camera, *more, **named)
+
+    return wrapped
+
+
+@pytest.mark.few(4)
+@pytest.mark.parametrize("case", ["gradient", "threshold", "values", "colours", "levels", "parallel", "layers"])
+def test_annotations_are_laid_with_the_camera_of_the_picture(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of every kind of picture, whose views are fitted to what is drawn."""
+    _, y, x = np.indices((16, 16, 16))
+    samples = np.minimum(x + y / 3, 12.0).astype(np.float32)
+    volume = sg.Volume(samples, unit="mm")
+    options: dict[str, Any] = {"points": [(3.0, 0.0), (4.0, 0.5)], "size": (96, 80), "annotate": "scale"}
+    if case in ("gradient", "parallel"):
+        options |= {"gradient": [(0.2, 0.0), (0.5, 1.0)], "classification": "pre", "orthographic": case == "parallel"}
+    elif case == "threshold":
+        options |= {"points": [(3.0, 0.0), (12.0, 0.5)], "threshold": 0.2, "classification": "pre"}
+    elif case == "colours":
+        volume = sg.Volume(samples, color=np.full((16, 16, 16, 3), 200, np.uint8))
+    elif case == "levels":
+        coarse = samples.reshape(8, 2, 8, 2, 8, 2).mean(axis=(1, 3, 5))
+        volume = replace(volume, coarser=(sg.Volume(coarse, spacing=(2, 2, 2), origin=(0.5, 0.5, 0.5)),))
+        options |= {"gradient": [(0.2, 0.0), (0.5, 1.0)], "classification": "pre"}
+    elif case == "layers":
+        options |= {"streamlines": 4}
+        volume = sg.Volume(samples, vectors=np.tile(np.float32([1, 0, 0]), (16, 16, 16, 1)))
+    laid: list[sg.Camera] = []
+    drawn: list[sg.Camera] = []
+    for name in ("render", "render_scene"):
+        whole = getattr(sg.Renderer, name, None)
+        if whole is not None:
+            monkeypatch.setattr(sg.Renderer, name, spied(whole, drawn))
+    plain = scale_bar.draw
+    monkeypatch.setattr(
+        scale_bar, "draw", lambda layer, told, camera: (laid.append(camera), plain(layer, told, camera))
+    )
+    sg.render(volume, **options)
+    a, b = laid[-1], drawn[-1]
+    assert np.array_equal(a.eye, b.eye) and np.array_equal(a.eye_from_world, b.eye_from_world)
+    assert (a.extent, a.size, a.perspective) == (b.extent, b.size, b.perspective)
+
+
+def test_frames_that_are_smaller_than_a_still_say_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A turn needs room; of one that is none, frame 0 has the camera of the still, for values and for voxels."""
+    samples = np.zeros((6, 8, 24), np.float32)
+    samples[2:4, 2:6, 3:20] = 1.0
+    np.save(tmp_path / "long.npy", samples)
+    drawn = [str(tmp_path / "long.npy"), "--size", "48x40", "--azimuth", "90", "--points", "0.4:0,0.6:0.5"]
+    for more in ([], ["--classification", "pre", "--gradient", "0.1:0,0.3:1"]):
+        frames = [*drawn, *more, "-o", str(tmp_path / "{frame}.npy"), "--frames", "2", "--only", "0-0"]
+        assert main(["render", *drawn, *more, "-o", str(tmp_path / "still.npy")]) == 0
+        still = np.load(tmp_path / "still.npy")
+        capsys.readouterr()
+        assert main(["animate", *frames]) == 0
+        assert "times as large as render does; --zoom" in capsys.readouterr().err
+        assert np.abs(np.load(tmp_path / "0.npy") - still).max() > 0.05
+        assert main(["animate", *frames, "--turntable", "0"]) == 0
+        assert "as large" not in capsys.readouterr().err
+        assert np.array_equal(np.load(tmp_path / "0.npy"), still)

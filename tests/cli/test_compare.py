@@ -1,0 +1,346 @@
+"""`splatgl compare` and `render --ref` as users run them: exit codes, folders, JSON, the report, and bad input."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+import splatgl as sg
+from splatgl.cli.main import main
+
+RIGHT = sg.Image.load(Path(__file__).parents[1] / "comparison" / "baselines" / "test_scenes" / "letter-f-composite.png")
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """right.png, wrong.png (a red pixel at column 20, row 30), and the same as 16 bits and as floats."""
+    monkeypatch.chdir(tmp_path)
+    pixels = RIGHT.pixels.copy()
+    pixels[30, 20] = (1, 0, 0, 1)
+    RIGHT.save("right.png")
+    RIGHT.save("right16.png", bits=16)
+    RIGHT.save("right.npy")
+    sg.Image(pixels).save("wrong.png")
+    return tmp_path
+
+
+Said = pytest.CaptureFixture[str]
+
+
+@pytest.mark.parametrize("other", ["right.png", "right16.png", "right.npy"])
+def test_the_same_in_any_precision(other: str, here: Path, capsys: Said) -> None:
+    assert main(["compare", "right.png", other]) == 0
+    assert main(["compare", other, "right.png"]) == 0
+    out = capsys.readouterr().out
+    assert "right.png: same: maximum 0," in out
+
+
+def test_different_says_where_and_how_much(here: Path, capsys: Said) -> None:
+    assert main(["compare", "wrong.png", "right.png"]) == 1
+    out = capsys.readouterr().out
+    assert "wrong.png: different: one wrong pixel; columns 20–20, rows 30–30 (1×1 of 96×72), worst 1 at" in out
+    assert "rmse 0." in out and "> 0.0003922" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        (["--max-rmse", "0.1"], 0),
+        (["--max-rmse", "0.001"], 1),
+        (["--max-share", "0.001"], 0),
+        (["--max-share", "0.001", "--max-difference", "1/2"], 1),
+        (["--tolerance", "1"], 0),
+        (["--tolerance", "0.5"], 1),
+        (["--tolerance", "0.5", "--max-difference", "1"], 1),
+        (["--tolerance", "1", "--max-difference", "0.5"], 1),
+        (["--max-bias", "0.1"], 0),
+        (["--max-bias", "0.0001"], 1),
+        (["--max-unmatched", "0"], 1),
+        (["--threshold", "1"], 1),
+        (["--threshold", "1", "--max-share", "0"], 0),
+        (["--min-psnr", "30"], 0),
+        (["--min-psnr", "60"], 1),
+        (["--min-ssim", "0.9"], 0),
+        (["--min-ssim", "0.99999"], 1),
+    ],
+)
+def test_limits(options: list[str], code: int, here: Path) -> None:
+    assert main(["compare", "wrong.png", "right.png", *options]) == code
+
+
+def test_flip_limit(here: Path) -> None:
+    pytest.importorskip("flip_evaluator", reason="flip-evaluator is in the extra compare")
+    assert main(["compare", "wrong.png", "right.png", "--max-flip", "0.1"]) == 0
+    assert main(["compare", "wrong.png", "right.png", "--max-flip", "1e-5"]) == 1
+
+
+def test_metric_chooses_what_is_shown(here: Path, capsys: Said) -> None:
+    main(["compare", "wrong.png", "right.png", "--metric", "ssim,psnr"])
+    shown = [line.split()[0] for line in capsys.readouterr().out.splitlines()[1:]]
+    assert sorted(shown) == ["psnr", "ssim"]
+
+
+def test_mask(here: Path, capsys: Said) -> None:
+    mask = np.full((72, 96), 255, np.uint8)
+    mask[30, 20] = 0
+    Pillow.fromarray(mask).save("mask.png")
+    assert main(["compare", "wrong.png", "right.png", "--mask", "mask.png", "--diff", "d.png"]) == 0
+    assert not np.asarray(Pillow.open("d.png")).any()
+    Pillow.fromarray(255 - mask).save("only.png")
+    assert main(["compare", "wrong.png", "right.png", "--mask", "only.png"]) == 1
+    assert "share 100 %" in capsys.readouterr().out
+    Pillow.fromarray(0 * mask).save("none.png")
+    assert main(["compare", "wrong.png", "right.png", "--mask", "none.png"]) == 2
+    Pillow.fromarray(mask[:9]).save("small.png")
+    assert main(["compare", "wrong.png", "right.png", "--mask", "small.png"]) == 2
+    err = capsys.readouterr().err
+    assert "mask: expected pixels that count" in err and "mask: expected the pictures' size, 96×72, got 96×9" in err
+
+
+def test_json(here: Path, capsys: Said) -> None:
+    assert main(["compare", "wrong.png", "right.png", "--json"]) == 1
+    (record,) = json.loads(capsys.readouterr().out)["pairs"]
+    assert (record["verdict"], record["kind"], record["broken"]) == ("different", "pixels", ["rmse", "bias", "share"])
+    assert record["metrics"]["box"] == [20, 30, 21, 31]
+    assert main(["compare", "right.png", "right.png", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["exit"] == 0 and found["pairs"][0]["metrics"]["psnr"] is None
+
+
+def test_diff_shows_the_pixel(here: Path) -> None:
+    assert main(["compare", "wrong.png", "right.png", "--diff", "d.png"]) == 1
+    heat = np.asarray(Pillow.open("d.png"))
+    assert np.argwhere(heat.any(axis=-1)).tolist() == [[30, 20]]
+
+
+def test_the_report_needs_nothing_from_elsewhere(here: Path) -> None:
+    assert main(["compare", "wrong.png", "right.png", "--report", "r.html"]) == 1
+    html = Path("r.html").read_text(encoding="utf-8")
+    sources = re.findall(r'(?:src|href)="([^"]{0,30})', html)
+    assert len(sources) == 6 and all(source.startswith("data:image/png;base64,") for source in sources)
+    assert not re.search(r"https?:|@import|url\(", html)
+    assert "one wrong pixel" in html and "columns 14–26, rows 24–36, enlarged" in html
+
+
+def test_the_verdict_stands_even_if_the_report_cannot_be_written(
+    here: Path, capsys: Said, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(target: Path, data: bytes) -> None:
+        raise sg.InputError(f"{target}: cannot be written: No space left on device")
+
+    monkeypatch.setattr("splatgl.cli.compare.write_whole", full)
+    assert main(["compare", "wrong.png", "right.png", "--report", "r.html"]) == 2
+    said = capsys.readouterr()
+    assert "wrong.png: different: one wrong pixel" in said.out
+    assert said.err == "splatgl: r.html: cannot be written: No space left on device\n"
+
+
+def test_names_are_escaped(here: Path) -> None:
+    Path("a").mkdir()
+    Path("b").mkdir()
+    for folder, image in (("a", "wrong.png"), ("b", "right.png")):
+        (here / folder / "<b>&.png").write_bytes((here / image).read_bytes())
+    assert main(["compare", "a", "b", "--report", "r.html"]) == 1
+    assert "&lt;b&gt;&amp;.png" in Path("r.html").read_text() and "<b>&.png" not in Path("r.html").read_text()
+
+
+def folders(here: Path) -> None:
+    for folder, names in (("new", ("a-same", "other", "cut", "extra")), ("old", ("a-same", "other", "cut", "gone"))):
+        (here / folder / "deep").mkdir(parents=True)
+        for name in names:
+            source = "wrong.png" if (folder, name) == ("new", "other") else "right.png"
+            length = 500 if (folder, name) == ("new", "cut") else None
+            (here / folder / "deep" / f"{name}.png").write_bytes((here / source).read_bytes()[:length])
+
+
+def drop_unusable(here: Path) -> None:
+    for folder in ("new", "old"):
+        for name in ("cut", "extra", "gone"):
+            (here / folder / "deep" / f"{name}.png").unlink(missing_ok=True)
+
+
+def test_folders_pairwise(here: Path, capsys: Said) -> None:
+    folders(here)
+    assert main(["compare", "new", "old", "--report", "r.html"]) == 2
+    said = capsys.readouterr()
+    assert said.out.splitlines()[-1] == "5 pairs: 1 same, 1 different, 3 unusable"
+    assert "new/deep/other.png: different: one wrong pixel" in said.out
+    for line in ("new/deep/cut.png: cannot be read as a picture", "new/deep/gone.png: cannot be read: no such file"):
+        assert line in said.err
+    assert "old/deep/extra.png: cannot be read: no such file" in said.err
+    html = Path("r.html").read_text()
+    assert "3 unusable" in html and "1 different" in html and "1 same" in html
+    drop_unusable(here)
+    assert main(["compare", "new", "old"]) == 1
+    assert main(["compare", "old", "old", "--quiet"]) == 0
+
+
+def save_rgb(path: str, mode: str) -> None:
+    Pillow.open("right.png").convert(mode).save(path)
+
+
+def test_bad_input_each_in_its_own_words(here: Path, capsys: Said) -> None:
+    nan = RIGHT.pixels.copy()
+    nan[3, 7, 1] = np.nan
+    sg.Image(nan).save("nan.npy")
+    np.save("flat.npy", nan[..., 0])
+    save_rgb("rgb.png", "RGB")
+    save_rgb("gray.png", "L")
+    Path("cut.png").write_bytes(Path("right.png").read_bytes()[:800])
+    Path("cut16.png").write_bytes(Path("right16.png").read_bytes()[:800])
+    Path("text.png").write_text("hello")
+    Path("dir").mkdir()
+    Path("full").mkdir()
+    Path("full/right.png").write_bytes(Path("right.png").read_bytes())
+    Path("cut.npy").write_bytes(Path("right.npy").read_bytes()[:300])
+    # a comma turned into a bracket: NumPy fails by an exception of its own
+    Path("header.npy").write_bytes(Path("right.npy").read_bytes().replace(b"4), }", b"4((( }"))
+    Pillow.new("1", (20000, 10000)).save("huge.png")
+    Path("full.html").mkdir()
+    before = {path: path.read_bytes() for path in here.rglob("*.png")}
+    cases = {
+        "rgb.png right.png": "rgb.png: expected the mode of right.png, RGBA, got RGB; save both alike, or",
+        "right.png gray.png": "right.png: expected the mode of gray.png, gray, got RGBA",
+        "nan.npy right.npy": "nan.npy: expected finite numbers, got [",
+        "nan.npy right.png": "nan.npy: expected finite numbers, got [",
+        "right.npy nan.npy": "nan.npy: expected finite numbers, got [",
+        "flat.npy right.npy": "flat.npy: expected float pixels [H, W, 4], got float32 (72, 96)",
+        "cut.png right.png": "cut.png: cannot be read as a picture: ",
+        "cut16.png right.png": "cut16.png: cannot be read as a picture",
+        "text.png right.png": "text.png: cannot be read as a picture: cannot identify",
+        "none.png right.png": "none.png: expected a picture or a folder of pictures, got no such file",
+        "dir right.png": "right.png: expected a folder like dir, got a file; give two files or two folders",
+        "header.npy right.npy": "header.npy: cannot be read",
+        "cut.npy right.npy": "cut.npy: cannot be read",
+        "huge.png right.png": "huge.png: cannot be read as a picture: Image size (200000000 pixels) exceeds limit",
+        "dir dir": "dir: expected pictures (.png, .npy), got none",
+        "dir full": "dir: expected pictures (.png, .npy), got none",
+        "full dir": "dir: expected pictures (.png, .npy), got none",
+        "full full --diff d.png": "--diff: expected two files, got two folders; use --report for folders",
+        "right.png right16.png --diff right16.png": "right16.png: expected another file than those compared",
+        "right.png right16.png --mask rgb.png --diff ./rgb.png": "rgb.png: expected another file than those compared",
+        "right.png right.png --report right.png/r.html": "right.png/r.html: expected a folder, got the file",
+        "right.png right.png --report full.html": "full.html: expected a file to write, got a directory",
+        "right.png right.png --mask none.png": "none.png: cannot be read: no such file",
+        "right.png right.png --max-rmse none": "expected a number from 0, or a fraction such as 2/255, got 'none'",
+        "right.png right.png --max-rmse=-1": "expected a number from 0",
+        "right.png right.png --metric mse": "expected all, or some of maximum, rmse",
+        "right.png right.png --report r.txt": "r.txt: expected a name that ends in .html",
+    }
+    for arguments, message in cases.items():
+        try:
+            code = main(["compare", *arguments.split()])
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        err = capsys.readouterr().err
+        assert code == 2, arguments
+        assert message in err, (arguments, err)
+        assert len(err.splitlines()) == 1, err
+    assert {path: path.read_bytes() for path in here.rglob("*.png")} == before, "nothing is written"
+
+
+def test_missing_flip_is_said_once(here: Path, capsys: Said, monkeypatch: pytest.MonkeyPatch) -> None:
+    folders(here)
+    monkeypatch.setitem(sys.modules, "flip_evaluator", None)
+    for option in (["--metric", "all"], ["--max-flip", "0.1"]):
+        assert main(["compare", "new", "old", *option]) == 2
+        assert re.fullmatch(r"splatgl: flip: needs the library .*splatgl\[compare\]'\n", capsys.readouterr().err)
+
+
+def test_the_readmes_commands(here: Path) -> None:
+    """Each `splatgl compare` of the README, on the pictures that it names."""
+    pytest.importorskip("flip_evaluator", reason="flip-evaluator is in the extra compare")
+    text = (Path(__file__).parents[2] / "splatgl" / "cli" / "README.md").read_text(encoding="utf-8")
+    commands = [shlex.split(line, comments=True)[1:] for line in re.findall(r"^splatgl compare .*", text, re.MULTILINE)]
+    assert len(commands) >= 3
+    Path("new.png").write_bytes(Path("wrong.png").read_bytes())
+    Path("old.png").write_bytes(Path("right.png").read_bytes())
+    Pillow.new("L", (96, 72), 255).save("part.png")
+    folders(here)
+    drop_unusable(here)
+    for arguments in commands:
+        assert main(arguments) in (0, 1), arguments
+    assert Path("report.html").is_file() and Path("diff.png").is_file()
+
+
+def test_any_mode_compares_what_pictures_look_like(here: Path) -> None:
+    Pillow.open("right.png").convert("RGB").save("rgb.png")
+    Pillow.open("rgb.png").convert("RGBA").save("opaque.png")
+    assert main(["compare", "rgb.png", "opaque.png"]) == 2
+    assert main(["compare", "rgb.png", "opaque.png", "--any-mode"]) == 0
+    Pillow.open("rgb.png").quantize(256).save("palette.png")
+    Pillow.open("palette.png").convert("RGB").save("colors.png")
+    assert main(["compare", "palette.png", "colors.png"]) == 0
+
+
+def test_xrays_keep_their_scale(here: Path) -> None:
+    """A PNG of an X-ray is scaled to its maximum: a tenth more of everything is found all the same."""
+    sums = RIGHT.pixels * np.float32(7)
+    sg.Image(sums, {"blend": "xray"}).save("a.png")
+    sg.Image(sums * np.float32(1.1), {"blend": "xray"}).save("b.png")
+    assert main(["compare", "b.png", "a.png"]) == 1
+    assert main(["compare", "a.png", "a.png"]) == 0
+    sg.Image(sums).save("a.npy")
+    assert main(["compare", "a.npy", "a.png"]) == 0
+    assert main(["compare", "a.npy", "b.png"]) == 1
+
+
+def test_render_ref(here: Path, capsys: Said) -> None:
+    """Writes only what differs."""
+    np.save("noise.npy", np.random.default_rng(6).random((6, 7, 8)).astype(np.float32))
+    draw = ["render", "noise.npy", "--size", "40", "--quiet"]
+    assert main([*draw, "-o", "ref.png"]) == 0
+    assert main([*draw, "-o", "new.png", "--ref", "ref.png"]) == 0
+    assert not Path("new.png").exists() and capsys.readouterr().out == ""
+    assert main([*draw[:-1], "-o", "new.png", "--ref", "ref.png"]) == 0
+    assert not Path("new.png").exists() and "new.png: same" in capsys.readouterr().out
+    assert main([*draw, "-o", "new.png", "--ref", "ref.png", "--azimuth", "50"]) == 1
+    assert "new.png: different" in capsys.readouterr().out
+    assert main(["compare", "new.png", "ref.png", "--quiet"]) == 1
+    # as floats, against floats and against eight bits
+    assert main([*draw, "-o", "ref.npy"]) == 0
+    for ref in ("ref.npy", "ref.png"):
+        assert main([*draw, "-o", "new.npy", "--ref", ref]) == 0
+    assert not Path("new.npy").exists()
+
+
+def test_render_ref_leaves_the_right_picture_alone(here: Path, capsys: Said) -> None:
+    np.save("noise.npy", np.random.default_rng(6).random((6, 7, 8)).astype(np.float32))
+    draw = ["render", "noise.npy", "--size", "40", "--quiet"]
+    assert main([*draw, "-o", "noise.png"]) == 0
+    right = Path("noise.png").read_bytes()
+    for output in ([], ["-o", "noise.png"], ["-o", "../" + here.name + "/noise.png"]):
+        assert main([*draw, *output, "--ref", "noise.png", "--azimuth", "50"]) == 2
+        assert "noise.png: expected another file than those compared" in capsys.readouterr().err
+    assert Path("noise.png").read_bytes() == right
+    assert main([*draw, "-o", "x.png", "--ref", "none.png"]) == 2
+    assert main([*draw, "-o", "x.png", "--ref", "right.png"]) == 2
+    assert not Path("x.png").exists()
+    xray = [*draw, "--blend", "xray", "--background", "white"]
+    assert main([*xray, "-o", "xray.png"]) == 0
+    assert main([*xray, "-o", "y.png", "--ref", "xray.png"]) == 0
+
+
+def test_other_sizes_are_a_difference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Both sizes in a line, exit code 1, both pictures in the report; of folders too."""
+    for folder, (height, width) in (("a", (30, 41)), ("b", (33, 40))):
+        (tmp_path / folder).mkdir()
+        Pillow.new("RGB", (width, height), (9, 99, 199)).save(tmp_path / folder / "p.png")
+    one, two = tmp_path / "a", tmp_path / "b"
+    said = "p.png: expected one size, 40×33, got 41×30; draw both at the same size"
+    for first, second in ((one / "p.png", two / "p.png"), (one, two)):
+        report = tmp_path / "r.html"
+        assert main(["compare", str(first), str(second), "--report", str(report)]) == 1
+        told = capsys.readouterr()
+        assert said in told.out and not told.err
+        page = report.read_text(encoding="utf-8")
+        assert page.count("<figure") == 2 and "1 different" in page
+        assert main(["compare", str(first), str(second), "--json"]) == 1
+        assert '"verdict": "different"' in capsys.readouterr().out

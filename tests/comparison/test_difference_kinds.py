@@ -1,0 +1,286 @@
+"""Eight ways in which a picture goes wrong: each is caught, named, and to be seen in the report; cli/README.md's table.
+
+SPLATGL_WRITE_README=1 pytest tests/comparison/test_difference_kinds.py     renews the table
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+import splatgl as sg
+from splatgl.comparison.html_report import case, page
+from splatgl.comparison.verdict import Tolerance, Verdict, judge, number
+from splatgl.data.color import linear_from_srgb, srgb_from_linear
+
+BASELINES = Path(__file__).parent / "baselines" / "test_scenes"
+README = Path(__file__).parents[2] / "splatgl" / "cli" / "README.md"
+RIGHT = sg.Image.load(BASELINES / "terrain-composite.png")
+# where the picture has a mountain
+ROW, COLUMN = 44, 45
+METRICS = ("maximum", "rmse", "psnr", "bias", "share", "unmatched", "ssim", "flip")
+
+
+def of_samples(change: Callable[[np.ndarray], np.ndarray]) -> sg.Image:
+    """The picture with its 8-bit sRGB colour, [H, W, 3] in 0…255, changed; alpha stays."""
+    samples = np.rint(RIGHT.straight() * 255)
+    color = np.clip(np.rint(change(samples)), 0, 255)
+    return sg.Image.from_samples(np.concatenate([color, samples[..., 3:]], axis=-1).astype(np.uint8))
+
+
+def one_pixel() -> sg.Image:
+    pixels = RIGHT.pixels.copy()
+    pixels[ROW, COLUMN] = (1, 0, 0, 1)
+    return sg.Image(pixels)
+
+
+def without_object() -> sg.Image:
+    pixels = RIGHT.pixels.copy()
+    pixels[ROW - 6 : ROW + 6, COLUMN - 8 : COLUMN + 8] = 0
+    return sg.Image(pixels)
+
+
+def noise() -> np.ndarray:
+    return np.random.default_rng(8).normal(0, 3, (*RIGHT.pixels.shape[:2], 3))
+
+
+# what went wrong, in the README's words: the picture, the name of the kind, and what the message says
+WRONG: dict[str, tuple[Callable[[], sg.Image], str, str]] = {
+    "shifted by one pixel": (lambda: sg.Image(np.roll(RIGHT.pixels, 1, 1)), "shifted", "shifted by 1 pixel right"),
+    "one wrong pixel": (one_pixel, "pixels", "one wrong pixel"),
+    "1/255 everywhere": (lambda: of_samples(lambda s: s[..., :3] + 1), "offset", r"offset by \+1/255 everywhere"),
+    "a missing object": (without_object, "missing", r"an object is missing \(16×12 pixels\)"),
+    "gamma applied twice": (
+        lambda: of_samples(lambda s: 255 * srgb_from_linear(s[..., :3] / 255)),
+        "gamma",
+        "gamma: sRGB applied twice",
+    ),
+    "premultiplied twice": (
+        lambda: sg.Image(np.concatenate([RIGHT.pixels[..., :3] * RIGHT.pixels[..., 3:], RIGHT.pixels[..., 3:]], -1)),
+        "premultiplication",
+        "premultiplication: colour multiplied by alpha twice",
+    ),
+    "flipped": (lambda: sg.Image(RIGHT.pixels[::-1]), "flipped", "flipped upside down"),
+    "noise of 3/255": (lambda: of_samples(lambda s: s[..., :3] + noise()), "noise", "noise of RMS"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_each_is_caught_and_named(what: str) -> None:
+    make, kind, message = WRONG[what]
+    verdict = judge(make(), RIGHT, names=("new.png", "old.png"))
+    assert not verdict.same
+    assert verdict.kind is not None and verdict.kind.name == kind
+    assert re.match(rf"new\.png: different: {message}", str(verdict))
+    assert "worst" in str(verdict) and " > " in str(verdict)
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_each_is_to_be_seen_in_the_report(what: str) -> None:
+    """Both pictures as they are, a difference that reaches the end of its scale, and a place for both in turn."""
+    make, _, message = WRONG[what]
+    image = make()
+    html = page([case(judge(image, RIGHT, names=(what, "right")), image, RIGHT)], "Report")
+    assert re.search(message, html)
+    pictures = [decoded(text) for text in re.findall(r'<img[^>]*src="data:image/png;base64,([^"]+)"', html)]
+    assert len(pictures) in (3, 6) and html.count('class="view flicker"') == len(pictures) / 3
+    actual, right, heat = pictures[:3]
+    assert (actual == np.rint(image.straight() * 255)).all() and (right == np.rint(RIGHT.straight() * 255)).all()
+    assert (heat.any(axis=-1) == (image.pixels != RIGHT.pixels).any(axis=-1)).all(), "black only where both are equal"
+    assert (heat.reshape(-1, 3) == (252, 255, 200)).all(axis=1).any(), "the largest difference is the lightest colour"
+
+
+def decoded(text: str) -> np.ndarray:
+    return np.asarray(Pillow.open(io.BytesIO(base64.b64decode(text))))
+
+
+def test_the_report_in_a_browser(tmp_path: Path) -> None:
+    """Its script puts both pictures in one place, and shows them in turn."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("Chromium is not here")
+    image = one_pixel()
+    (tmp_path / "r.html").write_text(page([case(judge(image, RIGHT), image, RIGHT)], "Report"), encoding="utf-8")
+    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}", "--dump-dom"]
+    # milliseconds on the page's clock: the first turn is after 600
+    for elapsed, shown in ((200, "actual"), (900, "expected")):
+        look = [*command, f"--virtual-time-budget={elapsed}", (tmp_path / "r.html").as_uri()]
+        page_then = subprocess.run(look, capture_output=True, text=True, check=True, timeout=600).stdout
+        assert page_then.count(f"in turn: {shown}</span>") == 2
+        views = re.findall(r'<div class="view flicker">(.*?)</div>', page_then)
+        sources = [re.findall(r'src="([^"]+)"', view) for view in views]
+        assert [len(pair) for pair in sources] == [2, 2] and all(first != second for first, second in sources)
+
+
+def test_the_same_picture_is_the_same() -> None:
+    verdict = judge(RIGHT, sg.Image(RIGHT.pixels.copy()))
+    assert verdict.same and verdict.kind is None
+    assert verdict.comparison.maximum == 0
+
+
+@pytest.mark.parametrize("scene", ["tunnel", "nerve", "letter-f"])
+def test_names_hold_for_other_pictures(scene: str) -> None:
+    """A picture may be its own mirror image (tunnel), or alike everywhere (letter-f): the names still hold."""
+    right = sg.Image.load(BASELINES / f"{scene}-composite.png")
+    pixels, samples = right.pixels, np.rint(right.straight() * 255)
+    encoded = sg.Image.from_samples(
+        np.concatenate([np.rint(255 * srgb_from_linear(samples[..., :3] / 255)), samples[..., 3:]], -1).astype(np.uint8)
+    )
+    brighter = np.concatenate([pixels[..., :3] * np.float32(0.8), pixels[..., 3:]], -1)
+    for image, kind in (
+        (sg.Image(np.roll(pixels, (-2, 3), (0, 1))), "shifted"),
+        (encoded, "gamma"),
+        (sg.Image(brighter), "brightness"),
+        (sg.Image(np.zeros_like(pixels)), "empty"),
+        (sg.Image(pixels[::-1, ::-1]), "flipped"),
+    ):
+        found = judge(image, right).kind
+        assert found is not None and found.name == kind, (scene, kind, found)
+
+
+def with_alpha(color: np.ndarray, alpha: np.ndarray) -> sg.Image:
+    return sg.Image(np.concatenate([color, np.broadcast_to(alpha, (*color.shape[:2], 1))], -1).astype(np.float32))
+
+
+def extra_object() -> sg.Image:
+    pixels = RIGHT.pixels.copy()
+    pixels[2:12, 3:20] = (0.2, 0.3, 0.1, 1)
+    return sg.Image(pixels)
+
+
+def other_part() -> sg.Image:
+    pixels = RIGHT.pixels.copy()
+    pixels[ROW - 6 : ROW + 6, COLUMN - 8 : COLUMN + 8] *= np.array((0.5, 0.9, 0.2, 1), np.float32)
+    return sg.Image(pixels)
+
+
+COLOR, ALPHA = RIGHT.pixels[..., :3], RIGHT.pixels[..., 3:]
+STRAIGHT = np.divide(COLOR, ALPHA, out=np.zeros_like(COLOR), where=ALPHA > 0)
+# more ways to go wrong, by the first words of what is said
+ALSO: dict[str, Callable[[], sg.Image]] = {
+    "gamma: sRGB never applied": lambda: of_samples(lambda s: 255 * linear_from_srgb(s[..., :3] / 255)),
+    "premultiplication: colour not multiplied by alpha": lambda: with_alpha(STRAIGHT, ALPHA),
+    "alpha is lost: over black": lambda: with_alpha(COLOR, np.ones(1)),
+    "alpha is lost: its colour stayed": lambda: with_alpha(STRAIGHT, np.ones(1)),
+    "red and blue swapped": lambda: with_alpha(COLOR[..., ::-1], ALPHA),
+    "turned by 180°": lambda: sg.Image(RIGHT.pixels[::-1, ::-1]),
+    "flipped left to right": lambda: sg.Image(RIGHT.pixels[:, ::-1]),
+    "shifted by 2 pixels left and 3 pixels down": lambda: sg.Image(np.roll(RIGHT.pixels, (3, -2), (0, 1))),
+    "offset by -1/255 everywhere (sRGB)": lambda: of_samples(lambda s: s[..., :3] - 1),
+    "offset by -2/255 everywhere (linear light)": lambda: with_alpha(COLOR - ALPHA * 2 / 255, ALPHA),
+    "an extra object (17×10 pixels)": extra_object,
+    "a part is changed (16×": other_part,
+}
+
+
+@pytest.mark.parametrize("text", ALSO)
+def test_what_else_has_a_name(text: str) -> None:
+    assert judge(ALSO[text](), RIGHT, names=("new.png", "old.png")).line.startswith(text)
+
+
+def test_what_no_change_explains_has_no_name() -> None:
+    other = sg.Image.load(BASELINES / "nerve-composite.png")
+    assert "changed in no way that has a name" in str(judge(other, RIGHT))
+    # a name explains three quarters of the difference at least
+    for share, text in ((0.65, "a part is changed"), (0.9, "flipped upside down")):
+        mixed = sg.Image((1 - share) * RIGHT.pixels + share * RIGHT.pixels[::-1])
+        assert text in str(judge(mixed, RIGHT))
+
+
+def test_objects_in_pictures_without_alpha() -> None:
+    """Opaque pictures tell by their detail: what is gone leaves the plain ground, a patch of paint does not."""
+    rng = np.random.default_rng(3)
+    ground, thing = np.full((72, 96, 4), 0.3, np.float32), rng.random((10, 12, 3)).astype(np.float32)
+    ground[..., 3] = 1
+    present, painted = ground.copy(), ground.copy()
+    present[30:40, 50:62, :3] = thing
+    painted[30:40, 50:62, :3] = (1, 0, 0)
+    for actual, right, text in (
+        (ground, present, "an object is missing (12×10 pixels)"),
+        (present, ground, "an extra object (12×10 pixels)"),
+        (painted, present, "a part is changed (12×10 pixels)"),
+    ):
+        assert text in str(judge(sg.Image(actual), sg.Image(right)))
+
+
+def test_rows_and_columns_swapped() -> None:
+    square = RIGHT.pixels[:72, 12:84]
+    assert "rows and columns swapped" in str(judge(sg.Image(square.transpose(1, 0, 2)), sg.Image(square)))
+
+
+def test_rounding_of_eight_bits_passes_and_more_does_not() -> None:
+    """One pixel in a thousand at the next sRGB step, as from another driver; at two steps it is a difference."""
+    rng = np.random.default_rng(4)
+    samples = np.rint(RIGHT.straight() * 255).astype(int)
+    inside = samples[..., :3] < 250
+    for steps, same in ((1, True), (2, False)):
+        moved = samples.copy()
+        chosen = (rng.random(inside.shape) < 1e-3) & inside & (samples[..., 3:] == 255)
+        moved[..., :3] += steps * rng.choice((-1, 1), chosen.shape) * chosen
+        moved[ROW, COLUMN, :3] = samples[ROW, COLUMN, :3]
+        # a step matters most next to white
+        light = np.full_like(moved, 255)
+        light[0, 0, :3] -= steps
+        verdicts = [
+            judge(sg.Image.from_samples(np.clip(x, 0, 255).astype(np.uint8)), y)
+            for x, y in ((moved, RIGHT), (light, sg.Image.from_samples(np.full(moved.shape, 255, np.uint8))))
+        ]
+        assert verdicts[1].same is same
+        if same:
+            assert verdicts[0].same, str(verdicts[0])
+
+
+def test_moved_edges_pass_where_asked() -> None:
+    moved = np.roll(RIGHT.pixels, 1, 0)
+    only = Tolerance.only(unmatched=0.0)
+    assert judge(sg.Image(moved), RIGHT, only).same
+    assert not judge(one_pixel(), RIGHT, only).same
+    assert not judge(without_object(), RIGHT, only).same
+    assert not judge(sg.Image(np.roll(RIGHT.pixels, 2, 0)), RIGHT, only).same
+
+
+def cell(name: str, verdict: Verdict) -> str:
+    check = next(check for check in verdict.checks if check.name == name)
+    if name in ("share", "unmatched"):
+        return f"{100 * check.value:.2g} %"
+    if name == "psnr":
+        return f"{check.value:.0f}"
+    if name == "ssim":
+        return f"{check.value:.4f}"
+    # what sums leave of zero is zero
+    return number(name, float(f"{check.value:.2g}") if abs(check.value) > 1e-7 else 0.0)
+
+
+def table() -> str:
+    """The README's table: what each metric says of each kind."""
+    lines = [
+        "| what went wrong | maximum | RMSE | PSNR, dB | bias | over | unmatched | SSIM | FLIP | named |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for what, (make, kind, _) in WRONG.items():
+        verdict = judge(make(), RIGHT, extra=("ssim", "flip"))
+        assert verdict.kind is not None and verdict.kind.name == kind
+        lines.append(f"| {what} | {' | '.join(cell(name, verdict) for name in METRICS)} | {verdict.kind.name} |")
+    return "\n".join(lines)
+
+
+def test_the_readmes_table() -> None:
+    """SPLATGL_WRITE_README=1 renews it."""
+    pytest.importorskip("flip_evaluator", reason="flip-evaluator is in the extra compare")
+    text = README.read_text(encoding="utf-8")
+    (old,) = re.findall(r"(?:^\| what went wrong \|.*\n)(?:^\|.*\n)+", text, re.MULTILINE)
+    new = table() + "\n"
+    if os.environ.get("SPLATGL_WRITE_README"):
+        README.write_text(text.replace(old, new), encoding="utf-8")
+    else:
+        assert old == new

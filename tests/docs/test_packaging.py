@@ -1,0 +1,58 @@
+"""The wheel carries the shaders, from the repository and from an sdist; the core depends on six packages."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import splatgl as sg
+
+ROOT = Path(__file__).parents[2]
+CORE = {"moderngl", "numpy", "glfw", "pyrr", "Pillow", "pytest"}
+
+
+def build(source: Path, kind: str, into: Path) -> Path:
+    """One build by hatchling, without network."""
+    pytest.importorskip("hatchling", reason="hatchling builds the wheel; it is in the extra dev")
+    command = [sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", str(into)]
+    subprocess.run(command, cwd=source, check=True, capture_output=True)
+    (built,) = into.iterdir()
+    return built
+
+
+def shaders(source: Path) -> set[str]:
+    return {path.name for path in (source / "shaders").iterdir() if path.is_file()}
+
+
+def packed_shaders(wheel: Path) -> set[str]:
+    names = (Path(name) for name in zipfile.ZipFile(wheel).namelist())
+    return {name.name for name in names if name.parts[:2] == ("splatgl", "shaders")}
+
+
+def test_wheel_carries_shaders_and_types(tmp_path: Path) -> None:
+    wheel = build(ROOT, "wheel", tmp_path)
+    assert shaders(ROOT) and packed_shaders(wheel) == shaders(ROOT)
+    names = zipfile.ZipFile(wheel).namelist()
+    assert "splatgl/py.typed" in names and "splatgl/gl/context.py" in names
+    assert {name.split("/")[0] for name in names} == {"splatgl", f"splatgl-{sg.__version__}.dist-info"}
+
+
+def test_wheel_from_sdist_is_the_same(tmp_path: Path) -> None:
+    with tarfile.open(build(ROOT, "sdist", tmp_path / "sdist")) as archive:
+        archive.extraction_filter = getattr(tarfile, "data_filter", None)  # the default from Python 3.14 on
+        archive.extractall(tmp_path / "unpacked")
+    (source,) = (tmp_path / "unpacked").iterdir()
+    wheel = build(source, "wheel", tmp_path / "wheel")
+    assert packed_shaders(wheel) == shaders(ROOT)
+
+
+def test_core_is_six_packages() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert {line.split(">=")[0] for line in project["dependencies"]} == CORE
+    assert project["scripts"] == {"splatgl": "splatgl.cli.main:main"}

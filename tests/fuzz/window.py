@@ -1,0 +1,236 @@
+"""Random input for the window: keys, drags, wheel, drops and resizes by real events; tracebacks and memory are watched.
+
+    .venv/bin/python -m tests.fuzz.window [FILE …] [--seconds S] [--seed N]
+
+Needs Xvfb and xdotool. FILE: what is opened first, and dropped now and then; two small files of its own by default.
+Memory is compared where the same picture is at rest: now and then the first file is shown as it was at first. Ends with
+1 after a traceback, a window that ends or hangs, or memory that grows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+DRAG_SOURCE = ROOT / "tests" / "helpers" / "drag_source.py"
+SCREEN = 900, 700
+# X's names of the keys that are pressed; those that quit are left out
+LETTERS = "abcdefghijklmnoprstuvwxyz0123456789"
+NAMED = "space Tab Escape F1 Home End Left Right Up Down Prior Next Return bracketleft bracketright comma period less"
+KEYS = (*LETTERS, *NAMED.split(), "greater", "question", "plus", "minus", "ctrl+z", "ctrl+shift+z", "shift+s", "ctrl+1")
+# share of the run after which memory is expected to be flat, by how much it may grow from there, and how often it is
+# measured at rest
+WARM, GROWTH, RESTS = 0.3, 1.05, 40
+# seconds without an answer to a key after which the window hangs, and for which a picture at rest has been refined
+HANGS, STILL = 120.0, 3.0
+PAGE = os.sysconf("SC_PAGE_SIZE")
+
+
+@dataclass
+class Session:
+    """A window on a display of its own, with a generator that decides what is done to it."""
+
+    files: Sequence[Path]
+    seed: int
+    folder: Path
+    environment: dict[str, str] = field(default_factory=dict)
+    done: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        read, write = os.pipe()
+        screen = f"{SCREEN[0]}x{SCREEN[1]}x24"
+        command = ["Xvfb", "-displayfd", str(write), "-screen", "0", screen, "-nolisten", "tcp"]
+        self.server = subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL)
+        os.close(write)
+        with os.fdopen(read) as pipe:
+            number = pipe.readline().strip()
+        self.environment = {**os.environ, "DISPLAY": f":{number}", "SPLATGL_RECENT": "off"}
+        self.errors = (self.folder / f"errors-{self.seed}.txt").open("w+")
+        # a window that hangs is aborted, and says where
+        python = [sys.executable, "-X", "faulthandler"]
+        view = [*python, "-m", "splatgl", "view", str(self.files[0]), "--folder", str(self.folder)]
+        self.window = subprocess.Popen([*view, "--size", "640x480"], env=self.environment, stderr=self.errors)
+        self.chance = random.Random(self.seed)
+        search = ["search", "--sync", "--onlyvisible", "--all", "--pid", str(self.window.pid), "--name", ""]
+        self.identity = self.hands(*search).split()[-1]
+
+    def hands(self, *arguments: object) -> str:
+        """Runs xdotool; returns what it prints."""
+        command = ["xdotool", *map(str, arguments)]
+        found = subprocess.run(command, env=self.environment, capture_output=True, text=True, timeout=HANGS)
+        return found.stdout
+
+    def place(self) -> tuple[int, int]:
+        """A place in the window, one of three times where the panel is."""
+        left = 640 - 330 if self.chance.random() < 1 / 3 else 0
+        return self.chance.randrange(left, 640), self.chance.randrange(480)
+
+    def once(self) -> None:
+        """Does one thing."""
+        kinds = [self.key, self.drag, self.wheel, self.click, self.resize, self.drop, self.word]
+        act = self.chance.choices(kinds, (30, 25, 15, 20, 2, 3, 5))[0]
+        self.done.append(act())
+
+    def key(self) -> str:
+        """One to three keys."""
+        keys = self.chance.choices(KEYS, k=self.chance.randint(1, 3))
+        self.hands("key", *keys)
+        return f"key {' '.join(keys)}"
+
+    def word(self) -> str:
+        """Something typed into whatever takes it: a number in a field of the panel."""
+        x, y = self.place()
+        text = self.chance.choice(("0.5", "1e9", "-3", "abc", ""))
+        self.hands("mousemove", x, y, "keydown", "ctrl", "click", 1, "keyup", "ctrl", "type", text)
+        self.hands("key", "Return")
+        return f"word {x} {y} {text}"
+
+    def drag(self) -> str:
+        """A drag of any button, with or without a modifier."""
+        button, held = self.chance.choice((1, 1, 1, 2, 3)), self.chance.choice(("", "", "shift", "ctrl"))
+        places = [self.place() for _ in range(4)]
+        moves = [part for place in places[1:] for part in ("mousemove", *place)]
+        down, up = (("keydown", held), ("keyup", held)) if held else ((), ())
+        self.hands("mousemove", *places[0], *down, "mousedown", button, *moves, "mouseup", button, *up)
+        return f"drag {button} {held} {places}"
+
+    def wheel(self) -> str:
+        """Some notches of the wheel."""
+        (x, y), button, count = self.place(), self.chance.choice((4, 5)), self.chance.randint(1, 6)
+        self.hands("mousemove", x, y, "click", "--repeat", count, "--delay", 5, button)
+        return f"wheel {x} {y} {button} {count}"
+
+    def click(self) -> str:
+        """One or two clicks."""
+        (x, y), button, count = self.place(), self.chance.choice((1, 1, 1, 3)), self.chance.randint(1, 2)
+        self.hands("mousemove", x, y, "click", "--repeat", count, "--delay", 30, button)
+        return f"click {x} {y} {button} {count}"
+
+    def resize(self) -> str:
+        """Another size, back to the first one half of the time."""
+        size = (640, 480) if self.chance.random() < 0.5 else (self.chance.randint(1, 900), self.chance.randint(1, 700))
+        self.hands("windowsize", self.identity, *size)
+        return f"resize {size}"
+
+    def drop(self) -> str:
+        """One file or several, now and then one that is not there."""
+        some = self.chance.sample(self.files, self.chance.randint(1, len(self.files)))
+        paths = [self.folder / "nothing.npy"] if self.chance.random() < 0.2 else some
+        command = [sys.executable, str(DRAG_SOURCE), self.identity, *map(str, paths)]
+        subprocess.run(command, env=self.environment, timeout=HANGS, check=False)
+        return f"drop {[path.name for path in paths]}"
+
+    def rested(self) -> float:
+        """Megabytes held while the first file is shown at rest, with the settings of a scene of it."""
+        scene = self.folder / "rest.toml"
+        scene.write_text(f"volume = {json.dumps(str(self.files[0].resolve()))}\n")
+        # ends what turns, plays, is open or is being read
+        self.hands("key", *["Escape"] * 4)
+        self.hands("windowsize", self.identity, 640, 480)
+        command = [sys.executable, str(DRAG_SOURCE), self.identity, str(scene)]
+        subprocess.run(command, env=self.environment, timeout=HANGS, check=False)
+        end, since = time.monotonic() + HANGS, time.monotonic()
+        # the picture before may be refined, too; what is given up is freed at rest
+        while time.monotonic() - since < STILL:
+            time.sleep(0.2)
+            if "refined" not in self.hands("getwindowname", self.identity):
+                since = time.monotonic()
+            if time.monotonic() > end:
+                raise subprocess.TimeoutExpired("a refined picture", HANGS)
+        self.done.append("rest")
+        return self.megabytes
+
+    @property
+    def megabytes(self) -> float:
+        """Memory that the window's process holds."""
+        return int(Path(f"/proc/{self.window.pid}/statm").read_text().split()[1]) * PAGE / 2**20
+
+    def end(self) -> str:
+        """Ends the window and its display; returns what it wrote to the standard error."""
+        if self.window.poll() is None:
+            self.window.terminate()
+        self.window.wait(HANGS)
+        self.server.terminate()
+        self.server.wait(HANGS)
+        self.errors.seek(0)
+        return self.errors.read()
+
+
+def run(files: Sequence[Path], seed: int, seconds: float, folder: Path) -> list[str]:
+    """What went wrong in so many seconds of random input."""
+    session = Session(files, seed, folder)
+    begun, memory, wrong = time.monotonic(), [], []
+    rests: list[tuple[float, float]] = []
+    while (gone := time.monotonic() - begun) < seconds and session.window.poll() is None:
+        try:
+            session.once()
+            if gone > len(rests) * seconds / RESTS:
+                rests.append((gone, session.rested()))
+        except subprocess.TimeoutExpired as error:
+            if session.window.poll() is not None:
+                # a drop into nothing waits for an answer
+                break
+            wrong.append(f"hangs after {session.done[-5:]}: {error}")
+            session.window.send_signal(signal.SIGABRT)
+            session.window.wait(HANGS)
+            break
+        if session.window.poll() is None:
+            memory.append((gone, session.megabytes))
+    if not wrong and session.window.poll() is not None:
+        wrong.append(f"ended with {session.window.returncode} after {session.done[-5:]}")
+    said = session.end()
+    if wrong or "Traceback" in said:
+        wrong.append(said)
+    warm = [size for at, size in rests if at > WARM * seconds]
+    half = len(warm) // 2
+    told = "too short for memory"
+    if half:
+        earlier, later = statistics.median(warm[:half]), statistics.median(warm[half:])
+        most = max(size for _, size in memory)
+        told = f"at rest {earlier:.0f} then {later:.0f} MB, {most:.0f} at most"
+        print(" ".join(f"{size:.0f}" for _, size in rests))
+        if later > GROWTH * earlier:
+            wrong.append(f"memory grows: {told}")
+    print(f"seed {seed}: {len(session.done)} inputs in {gone:.0f} s, {told}, {len(wrong)} faults", flush=True)
+    return wrong
+
+
+def own_files(folder: Path) -> list[Path]:
+    """Two balls of other sizes."""
+    paths = []
+    for side in (24, 40):
+        z, y, x = np.indices((side, side, side)) - (side - 1) / 2
+        paths.append(folder / f"ball{side}.npy")
+        np.save(paths[-1], np.clip(side * 0.45 - np.sqrt(x * x + y * y + z * z), 0, None).astype(np.float32))
+    return paths
+
+
+def main() -> int:
+    """Runs one seed; returns 1 if anything went wrong."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", nargs="*", type=Path)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as place:
+        wrong = run(args.files or own_files(Path(place)), args.seed, args.seconds, Path(place))
+    print("\n".join(wrong))
+    return int(bool(wrong))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,148 @@
+"""Levels of multiscale images: which one a picture takes, and what that is measured by."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.cli.main import main
+from splatgl.gl import large_volumes
+from splatgl.gl.large_volumes import just_finer, level_for, render_slabs
+from splatgl.readers.chunked import Chunked
+from splatgl.splat.settings import Settings
+from tests.helpers.bricks import noise
+from tests.helpers.levels import SOFT, with_levels, write
+
+
+@pytest.fixture(scope="module")
+def smooth() -> sg.Volume:
+    """A ball of one voxel's size 64 times over, with three coarser levels."""
+    z, y, x = np.mgrid[:64, :64, :64] - 31.5
+    return with_levels(sg.Volume((1 - np.sqrt(x * x + y * y + z * z) / 40).astype(np.float32), spacing=(1, 1, 1.2)), 3)
+
+
+def test_the_level_is_just_finer_than_a_pixel(smooth: sg.Volume) -> None:
+    assert just_finer(replace(smooth, coarser=()), sg.Camera.orbit(smooth, size=(4, 4))) == 0
+    for size in (16, 40, 100, 400):
+        camera = sg.Camera.orbit(smooth, 20, 10, size=(size, size))
+        nearest = camera.eye_from_points(smooth.corners)[:, 2].min()
+        number = just_finer(smooth, camera)
+        sides = [max(level.spacing) for level in (smooth, *smooth.coarser)]
+        # [M98 Eq. 3]: nearer than z_k a voxel is wider than a pixel
+        assert number == 0 or camera.z_k(sides[number]) <= nearest
+        assert number == 3 or camera.z_k(sides[number + 1]) > nearest
+    inside = sg.Camera.look_at(smooth.center, smooth.center + 1.0, (0, 0, 1), 60, (8, 8))
+    assert just_finer(smooth, inside) == 0
+
+
+@pytest.mark.long
+def test_smooth_volumes_take_a_coarser_level(smooth: sg.Volume, renderer: sg.Renderer) -> None:
+    camera = sg.Camera.orbit(smooth, 20, 10, size=(16, 16))
+    found = level_for(smooth, SOFT, camera, Settings(), renderer)
+    assert found.number >= 1 and found.volume.shape == smooth.coarser[found.number - 1].shape
+    assert 0 < found.off[found.number] <= found.allowed and found.boxes == large_volumes.BOXES
+    assert str(found).startswith(f"level {found.number}, ") and "level 0 by" in str(found)
+    # opacities are those of the finest voxels' length
+    assert found.transfer.unit == pytest.approx(1.2 ** (1 / 3))
+    image = render_slabs(smooth, SOFT, camera, renderer=renderer)
+    assert image.info["level"] == found.number and image.info["level_rmse"] == found.off[found.number]
+    settings = Settings(antialias="supersample", samples=8)
+    right = renderer.render(sg.extract(smooth, SOFT), camera, settings, verify_bound=False)
+    assert np.sqrt(((image.pixels - right.pixels) ** 2).mean()) < 0.01 < right.pixels.max()
+
+
+@pytest.mark.parametrize("opacity", [0.9, 0.3])
+def test_thin_things_take_the_finest_level(opacity: float, threads: sg.Volume, renderer: sg.Renderer) -> None:
+    transfer = sg.Transfer([(0.3, 0.0), (1.0, opacity)], shading=False)
+    camera = sg.Camera.orbit(threads, 20, 10, size=(24, 24))
+    assert just_finer(threads, camera) > 0
+    found = level_for(threads, transfer, camera, Settings(), renderer)
+    assert found.number == 0 and set(found.off) == set(range(just_finer(threads, camera) + 1))
+    assert all(found.off[number] > found.allowed for number in found.off if number)
+    # a twentieth more than the finest level itself is off
+    assert found.allowed == pytest.approx(max(1.05 * found.off[0], Settings().tolerance))
+
+
+@pytest.mark.long
+def test_boxes_lie_where_opacity_varies(renderer: sg.Renderer) -> None:
+    """Of fog with threads in one corner: means lose these, however few of the places hold any."""
+    samples = np.full((96, 96, 96), 0.4, np.float32)
+    rng = np.random.default_rng(3)
+    for y, x in rng.integers(0, 14, (25, 2)):
+        samples[:14, y, x] = 1.0
+    volume = with_levels(sg.Volume(samples), 3)
+    transfer = sg.Transfer([(0.3, 0.01), (0.8, 0.01), (0.9, 0.9)], shading=False)
+    camera = sg.Camera.orbit(volume, 20, 10, size=(24, 24))
+    assert just_finer(volume, camera) > 1
+    found = level_for(volume, transfer, camera, Settings(), renderer)
+    assert max(found.off.values()) > 0.02 and found.number < just_finer(volume, camera)
+    assert found.info["level_boxes"] == found.boxes == large_volumes.BOXES
+
+
+@pytest.mark.long
+def test_boxes_end_between_coarse_voxels(renderer: sg.Renderer) -> None:
+    """A linear ramp, of which levels of any step are means: no level is off because its boxes are others."""
+    ramp = np.tile(np.linspace(0, 1, 150, dtype=np.float32), (75, 75, 1))
+    coarse = ramp.reshape(25, 3, 25, 3, 10, 15).mean(axis=(1, 3, 5))
+    level = sg.Volume(coarse, spacing=(15, 3, 3), origin=(7, 1, 1))
+    volume = sg.Volume(ramp, coarser=(level,))
+    transfer = sg.Transfer([(-1.0, 0.02), (2.0, 0.02)], shading=False)
+    camera = sg.Camera.orbit(volume, 20, 10, size=(8, 8))
+    found = level_for(volume, transfer, camera, Settings(), renderer)
+    assert found.number == 1 and found.off[1] < 0.02
+
+
+def test_nothing_in_sight_takes_the_finest_level(smooth: sg.Volume, renderer: sg.Renderer) -> None:
+    camera = sg.Camera.orbit(smooth, size=(16, 16))
+    found = level_for(smooth, sg.Transfer([(2.0, 0.0), (3.0, 1.0)]), camera, Settings(), renderer)
+    assert found.number == 0 and not found.off and str(found) == "level 0, 64×64×64"
+    away = sg.Camera.look_at(camera.eye, camera.eye - camera.forward, (0, 0, 1), 40, (16, 16))
+    assert level_for(smooth, SOFT, away, Settings(), renderer).number == 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("blend", ["xray", "mip"])
+@pytest.mark.parametrize("parallel", [False, True])
+def test_levels_of_other_pictures(blend: str, parallel: bool, smooth: sg.Volume, renderer: sg.Renderer) -> None:
+    camera = sg.Camera.orbit(smooth, 20, 10, size=(16, 16))
+    camera = camera.parallel(smooth) if parallel else camera
+    found = level_for(smooth, SOFT, camera, Settings(blend=blend), renderer)
+    assert found.number >= 1 and found.off[found.number] <= found.allowed
+
+
+@pytest.mark.long
+def test_levels_of_a_store(
+    smooth: sg.Volume, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path / "v.zarr", smooth)
+    monkeypatch.chdir(tmp_path)
+    volume = sg.load("v.zarr")
+    assert len(volume.coarser) == 3 and all(isinstance(level.samples, Chunked) for level in volume.coarser)
+    for level, right in zip(volume.coarser, smooth.coarser, strict=True):
+        assert level.spacing == pytest.approx(right.spacing) and level.origin == pytest.approx(right.origin)
+        assert np.array_equal(np.asarray(level.samples[:]), right.samples)
+    # one that is asked for, or of which the file's grid is not known, has no others
+    assert not sg.load("v.zarr", level=1).coarser and not sg.load("v.zarr", spacing=(1, 1, 1)).coarser
+    asked = ["render", "v.zarr", "--points", "0.2:0,0.8:0.05", "--shading", "off", "--size", "16"]
+    assert main([*asked, "-o", "auto.npy"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("level ") and "off by RMSE" in said and not said.startswith("level 0")
+    assert f"drawn in float64, of level {said[6]}'s voxels" in said
+    assert main([*asked, "-o", "finest.npy", "--level", "0", "--quiet"]) == 0
+    auto, finest = np.load("auto.npy"), np.load("finest.npy")
+    assert not np.array_equal(auto, finest) and np.sqrt(((auto - finest) ** 2).mean()) < 0.01
+    # near enough, the finest
+    assert main([*asked, "-o", "near.npy", "--size", "200"]) == 0
+    assert "level" not in capsys.readouterr().out
+
+
+def test_the_statistics_of_a_large_image_are_those_of_a_level(monkeypatch: pytest.MonkeyPatch) -> None:
+    from splatgl.splat import statistics
+
+    volume = with_levels(sg.Volume(noise(np.random.default_rng(1), (32, 32, 32))), 2)
+    monkeypatch.setattr(statistics, "MOST_OF_LEVEL", 16**3)
+    assert np.array_equal(statistics.statistics(volume).values, statistics.statistics(volume.coarser[0]).values)

@@ -1,0 +1,105 @@
+"""Pictures in portions and in chunks: the same bits, however they are cut, and an end between any two of them."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.gl import buffers, quads, target, tiles
+from tests.helpers.noise import noise, views
+from tests.helpers.splatting import SPLATS
+
+TECHNIQUES = ("quads", "tiles")
+
+
+def record(asked: list[bool]) -> bool:
+    """Counts a call that cancels nothing."""
+    asked.append(False)
+    return False
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Portions of a few hundred splats, and dispatches of a few tiles."""
+    monkeypatch.setattr(target, "FIRST", 300)
+    monkeypatch.setattr(target, "GROWTH", 1.0)
+    monkeypatch.setattr(tiles, "ENTRIES", 1000)
+
+
+@pytest.mark.parametrize("kind", TECHNIQUES)
+@pytest.mark.usefixtures("small")
+def test_a_picture_can_be_cancelled_between_portions(renderer: sg.Renderer, kind: str) -> None:
+    """Wherever it is cancelled, what comes next is right bit for bit; whoever asks changes nothing."""
+    splats = noise(size=20, opacity=0.9)
+    camera = views(splats)["fitted"]
+    for change in ({}, {"occlusion": "off"}, {"blend": "xray"}):
+        settings = SPLATS.but(technique=kind, **change)
+        right = renderer.render(splats, camera, settings).pixels
+        asked: list[bool] = []
+        counted = renderer.render(splats, camera, settings, interrupted=partial(record, asked)).pixels
+        assert (counted == right).all()
+        assert len(asked) > 5
+        for allowed in (0, 1, len(asked) - 1):
+            answers = iter([False] * allowed + [True])
+            with pytest.raises(sg.Interrupted):
+                renderer.render(splats, camera, settings, interrupted=partial(next, answers))
+        assert (renderer.render(splats, camera, settings).pixels == right).all()
+
+
+def test_too_many_that_flow_are_refused(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their flow is kept beside their records, whole."""
+    splats = noise(size=8, opacity=0.5)
+    flow = sg.Motion(flow=np.full((len(splats), 3), 0.1))
+    settings = SPLATS.but(motion="exact")
+    renderer.render(splats, views(splats)["fitted"], settings, motion=flow)
+    monkeypatch.setattr(quads, "MOST_KEPT", len(splats) - 1)
+    with pytest.raises(sg.InputError, match=r"^splats: expected at most \d+ that flow, got \d+; raise the"):
+        renderer.render(splats, views(splats)["fitted"], settings, motion=flow)
+
+
+def test_portions_grow_and_shrink_with_the_time_they_take(
+    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr("splatgl.gl.target.time.perf_counter", lambda: now[0])
+    found = target.Portions(renderer.ctx, None, 2**22)
+    ends, each = [], 1e-4
+    for begin, end in found.over(0, 400_000):
+        now[0] += (end - begin) * each
+        each = 1e-7 if begin > 100_000 else 1e-4
+        ends.append(end)
+    sizes = np.diff([0, *ends])
+    # a picture of four times the pixels begins with a quarter; then what takes 0.3 s; then what is quick
+    assert sizes[0] == 2**6 and abs(sizes[3] - 3000) < 5 and max(sizes) == 2**15 and ends[-1] == 400_000
+
+
+def test_the_end_of_a_range_makes_portions_no_larger(renderer: sg.Renderer) -> None:
+    found = target.Portions(renderer.ctx, None, 100)
+    for _ in range(3):
+        assert list(found.over(0, 200)) == [(0, 200)]
+    assert next(end for _, end in found.over(0, 400)) == target.FIRST
+
+
+@pytest.mark.few(3)
+@pytest.mark.parametrize("change", [{}, {"blend": "xray"}, {"attenuation": "fill"}], ids=str)
+@pytest.mark.parametrize("kind", TECHNIQUES)
+def test_too_many_splats_to_be_kept_are_drawn_in_chunks(
+    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, kind: str, change: dict
+) -> None:
+    splats = noise(size=14, opacity=0.5)
+    for view in ("fitted", "far"):
+        camera = views(splats)[view]
+        settings = SPLATS.but(technique=kind, occlusion="off", order="front-to-back", **change)
+        whole = renderer.render(splats, camera, settings).pixels
+        with monkeypatch.context() as patched:
+            for module in (buffers, tiles):
+                patched.setattr(module, "MOST_KEPT", 1000)
+            patched.setattr(buffers, "CHUNK", 300)
+            chunked = [renderer.render(splats, camera, settings).pixels for _ in range(2)]
+        renderer.passes.splats.release()
+        assert (chunked[0] == chunked[1]).all()
+        # sums in another order, for want of one
+        assert np.abs(chunked[0] - whole).max() <= 2e-6 * whole.max()

@@ -1,0 +1,154 @@
+"""What techniques refuse is told; and programs that are left compile: of each pair of choices, and many of more."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.gl.program import build, build_compute, splat_switches
+from splatgl.gl.shader import declared_switches
+from splatgl.splat.motion_blur import MOTIONS
+from splatgl.splat.plan import Program
+from splatgl.splat.settings import BLENDS, choices
+from splatgl.splat.technique import TECHNIQUES, combinations
+from splatgl.studies.tables import as_markdown
+from tests.helpers.noise import GRIDS as PLACED
+from tests.helpers.noise import noise
+from tests.helpers.splatting import SPLATS
+
+# what a program depends on
+COMPILED = ("blend", "align", "attenuation", "footprint", "shading")
+GRIDS = ("cubes", "sheared")
+
+
+def test_the_readme_tells_what_techniques_refuse() -> None:
+    readme = (Path(__file__).parents[2] / "splatgl" / "gl" / "README.md").read_text(encoding="utf-8")
+    assert as_markdown(("setting", *TECHNIQUES), combinations()).strip() in readme, "run scripts/pictures.py tables"
+
+
+def cameras_of(splats: sg.Splats) -> list[sg.Camera]:
+    fitted = sg.Camera.orbit(splats, size=(32, 32))
+    middle = splats.corners.mean(axis=0)
+    inside = sg.Camera.look_at(middle, middle + np.array([1.0, 0.3, 0.2]), (0, 0, 1), 60, (32, 32))
+    far = sg.Camera.orbit(splats, size=(32, 32), zoom=1 / 16)
+    return [fitted, inside, far, fitted.parallel(splats), far.parallel(splats)]
+
+
+def programs() -> set[Program]:
+    """All that plans compile of the values of every two settings, the others as they are by default, and of every
+    eighth combination of all.
+    """
+    names = (*COMPILED, "tolerance", "table_bits")
+    values = {**{name: choices()[name] for name in COMPILED}, "tolerance": (1 / 255, 1e-6), "table_bits": (32, 8)}
+    # the others take values
+    values["blend"] = tuple(name for name, mode in BLENDS.items() if not mode.post_only)
+    every, *pairs = (
+        [tuple(zip(chosen, each, strict=True)) for each in itertools.product(*(values[name] for name in chosen))]
+        for chosen in (names, *itertools.combinations(names, 2))
+    )
+    wanted = {*every[::8], *itertools.chain(*pairs)}
+    moves = sg.Motion(spin=(0, 0, 5))
+    found = set()
+    for grid in GRIDS:
+        splats = noise(grid, size=4, opacity=0.5)
+        for camera, change in itertools.product(cameras_of(splats), wanted):
+            settings = SPLATS.but(**dict(change))
+            found |= {sg.plan(splats, camera, settings, tiles=tiles).program for tiles in (True, None)}
+            if settings.align == "auto":
+                for motion in MOTIONS:
+                    found.add(sg.plan(splats, camera, settings.but(motion=motion), moves).program)
+    return found
+
+
+def of_sheets() -> set[Program]:
+    """All that plans of sheets compile, classified before or after."""
+    found = set()
+    transfer = sg.Transfer([(0.3, 0), (1, 0.5)], shading=True)
+    for grid in GRIDS:
+        volume = sg.Volume(np.random.default_rng(3).random((4, 4, 4)), **PLACED[grid])
+        for how in ("pre", "post-all"):
+            splats = sg.extract(volume, transfer, classification=how)
+            changes = itertools.product((2, 3, 4), (1 / 255, 1e-6), ("on", "off"), ("auto", "optical-depth"))
+            cameras = cameras_of(splats)
+            for count, tolerance, shading, attenuation in changes:
+                settings = SPLATS.but(classification="auto", compositing="sheets", sheets=count, tolerance=tolerance)
+                settings = settings.but(shading=shading, attenuation=attenuation)
+                joined = splats.post is not None and shading == "off" and attenuation == "auto"
+                found |= {
+                    sg.plan(splats, camera, settings.but(blend=name), tiles=tiles).program
+                    for name, mode in BLENDS.items()
+                    if name == "composite" or (joined and mode.one_value)
+                    for camera in cameras
+                    for tiles in (True, None)
+                }
+    return found
+
+
+def distinct(found: set[Program]) -> set[tuple[object, ...]]:
+    """(stages, *switches) of all that is compiled."""
+    keys: set[tuple[object, ...]] = set()
+    for program in found:
+        switches = splat_switches(program)
+        parts = []
+        if program.technique == "tiles":
+            parts = [("tile_place.frag", "ORDERED"), ("tile_place.frag", "CULLED")]
+            kinds = [("sheet_draw.comp", "CARRIED"), ("sheet_sort.comp", "COUNTING")]
+            parts += kinds if program.look.sheets else [("tile_draw.comp", "CARRIED")]
+        elif program.look.sheets:
+            parts = [("sheet_close.frag", "SHEETS")]
+            parts += [("sheet_show.frag", "SHEETS")] * program.look.blend.one_value
+        for name, more in parts:
+            read = {**switches, more: switches.get(more, True)}
+            keys.add((name, *((s, read[s]) for s in sorted(declared_switches(name) & read.keys()))))
+        if program.technique != "tiles":
+            declared = declared_switches("splat.vert") | declared_switches("splat.frag")
+            keys.add(("splat", *sorted((name, value) for name, value in switches.items() if name in declared)))
+    return keys
+
+
+def compiles(renderer: sg.Renderer, keys: set[tuple[object, ...]]) -> None:
+    for name, *switches in sorted(keys, key=str):
+        if name == "splat":
+            build(renderer.ctx, "splat.vert", "splat.frag", dict(switches)).release()
+        elif str(name).endswith(".frag"):
+            build(renderer.ctx, "whole.vert", name, dict(switches)).release()
+        else:
+            build_compute(renderer.ctx, name, dict(switches)).release()
+
+
+def covering(keys: set[tuple[object, ...]]) -> set[tuple[object, ...]]:
+    """So many programs that each two values that a shader's switches have in some program are in one of these."""
+    found, seen = set(), set[object]()
+    for key in sorted(keys, key=str):
+        name, *switches = key
+        pairs = {(name, *pair) for pair in itertools.combinations(switches, 2)} or {(name,)}
+        if pairs - seen:
+            found.add(key)
+            seen |= pairs
+    return found
+
+
+@pytest.mark.long
+def test_programs_of_any_choices_compile(renderer: sg.Renderer) -> None:
+    """Those in which each two values of switches meet, and every sixteenth of the others."""
+    keys = distinct(programs())
+    some = covering(keys) | set(sorted(keys, key=str)[::16])
+    print(f"{len(some)} of {len(keys)} programs")
+    assert len(keys) > 300 and len(some) > 60
+    compiles(renderer, some)
+
+
+@pytest.mark.long
+def test_programs_of_sheets_compile(renderer: sg.Renderer) -> None:
+    """As above, of thousands, of which every shader is one."""
+    keys = distinct(of_sheets())
+    some = covering(keys) | set(sorted(keys, key=str)[::64])
+    stages = {name for name, *_ in some}
+    print(f"{len(some)} of {len(keys)} programs")
+    quads = {"splat", "sheet_close.frag", "sheet_show.frag"}
+    assert stages == quads | {"tile_place.frag", "sheet_draw.comp", "sheet_sort.comp"}
+    compiles(renderer, some)

@@ -1,0 +1,62 @@
+"""Boxes of voxels in GLSL, and their float64 twins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.gl.sheet_tiles import box_uniforms
+from splatgl.gl.textures import MASK_UNIT
+from splatgl.gl.uniforms import base_of
+from splatgl.reference.label_boxes import BoxRays, BoxScene, Passed
+from tests.helpers.boxes import noise as labels_of_noise
+from tests.helpers.boxes import splats_of
+from tests.helpers.noise import views
+from tests.helpers.twins import COUNT, Twin
+
+CUT = ((0.6, 0.0, 0.8, 2.0), (0.0, 1.0, 0.0, -1.0))
+
+
+def box_ray(rays: BoxRays, base: np.ndarray) -> np.ndarray:
+    """[N, 12]: a place on each ray, its ends, lengths per depth, its direction, and its face."""
+    start, along = rays.start.T - base + rays.direction.T, rays.toward
+    return np.column_stack([start, rays.near, along, rays.stretch, rays.face, rays.faced])
+
+
+def box_ends(rays: BoxRays, position: np.ndarray) -> np.ndarray:
+    return np.asarray(rays.ends(position, np.arange(len(position))).T)
+
+
+def box_light(scene: BoxScene, rays: BoxRays, ends: np.ndarray) -> np.ndarray:
+    every = np.arange(len(ends))
+    return np.stack(scene._shone(Passed(every, every, ends.T), rays), axis=1)
+
+
+@pytest.mark.parametrize("view", ["fitted", "parallel"])
+def test_boxes_of_voxels(view: str, twin: Twin, renderer: sg.Renderer, rng: np.random.Generator) -> None:
+    """Rays of any pixel, cut by planes; where they enter and leave voxels; and their light there."""
+    splats = splats_of(labels_of_noise(rng, "sheared"))
+    settings = sg.Settings(antialias="off", light="glossy", clip=CUT)
+    plan = sg.plan(splats, views(splats)[view], settings, tiles=True)
+    assert plan.program.boxes and splats.labels is not None
+    renderer.passes.mask.use(splats.labels, True)
+    scene, size = BoxScene(splats, plan.resolved), plan.view.size
+    at = rng.integers(0, size, (COUNT, 2)) + 0.5
+    rays = BoxRays.of(plan.resolved, ((at - np.array(size) / 2) * plan.view.pitch).T)
+    base, position = base_of(splats, plan.view.eye_index), splats.positions[rng.integers(0, len(splats), COUNT)]
+    state = {**box_uniforms(splats, plan), "mask_field": MASK_UNIT}
+    right = box_ray(rays, base)
+    for n, what in enumerate(("r.start + r.direction, r.near", "r.toward, r.stretch", "r.face")):
+        said = f"BoxRay r = box_ray(a); result = vec4({what})"
+        assert np.abs(twin("boxes.glsl", said, plan, splats, state, a=at) - right[:, 4 * n : 4 * n + 4]).max() < 1e-4
+    ends = box_ends(rays, position.astype(np.float64))
+    given = {"a": at, "p": position - base}
+    found = twin("boxes.glsl", "result.xy = box_ends(box_ray(a), p)", plan, splats, state, **given)[:, :2]
+    met = ends[:, 1] > ends[:, 0]
+    assert np.abs(found - ends)[met].max() < 1e-4 and ((found[:, 1] > found[:, 0]) == met).mean() > 0.999
+    entry = rng.uniform(0, 60, COUNT)
+    ends = np.stack([entry, entry + rng.uniform(0.1, 1.5, COUNT)], axis=1)
+    given = {"a": at, "e": ends}
+    found = twin("boxes.glsl", "result.xy = box_light(box_ray(a), e)", plan, splats, state, **given)[:, :2]
+    assert np.abs(found - box_light(scene, rays, ends)).max() < 1e-3

@@ -1,0 +1,16 @@
+"""Memory that a process holds."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+
+def resident_mebibytes() -> float:
+    """Memory that this process holds."""
+    try:
+        with open("/proc/self/statm") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+    except OSError:
+        pytest.skip("no /proc here to read the memory from")

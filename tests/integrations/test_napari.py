@@ -1,0 +1,520 @@
+"""The plugin of napari: its manifest, files as layers right to the voxel, the viewer's camera, pictures of layers."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl import readers
+from splatgl.integrations.napari import draw
+from splatgl.integrations.napari import reader as reading
+from tests.helpers.phantom import F
+
+ROOT = Path(__file__).parents[2]
+MANIFEST = Path(reading.__file__).with_name("napari.yaml")
+SPACING, ORIGIN = (0.5, 0.7, 2.0), (-3.0, 4.0, 5.0)
+TURNED = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+class Image:
+    """A stand-in of napari's layer, which `Volume.of` tells by its module."""
+
+    __module__ = "napari.layers.image"
+
+    def __init__(self, data: np.ndarray, scale: tuple[float, ...] = (1, 1, 1), **given: Any) -> None:
+        self.data, self.ndim, self.scale, self.name = data, data.ndim, np.array(scale, float), "cells"
+        self.visible, self.rgb, self.multiscale, self.opacity, self.gamma, self.units = (
+            True,
+            False,
+            False,
+            1.0,
+            1.0,
+            None,
+        )
+        self.contrast_limits, self.rendering, self.blending = (0.0, 255.0), "mip", "translucent"
+        self.dtype = data.dtype
+        self.colormap = SimpleNamespace(name="red", map=lambda at: np.outer(at, [1, 0, 0]))
+        self.__dict__.update(given)
+
+    def data_to_world(self, at: Any) -> Any:
+        return tuple(np.asarray(at) * self.scale)
+
+    def world_to_data(self, at: Any) -> Any:
+        return tuple(np.asarray(at) / self.scale)
+
+
+def viewer(*layers: Any, **given: Any) -> Any:
+    """A stand-in of a viewer of a canvas of 64×48 pixels."""
+    camera = {"center": (0.0, 0.0, 0.0), "zoom": 2.0, "perspective": 0.0, "orientation": ("away", "down", "right")}
+    camera |= {"view_direction": (1.0, 0.0, 0.0), "up_direction": (0.0, -1.0, 0.0)}
+    dims = {"ndisplay": 3, "ndim": 3, "order": (0, 1, 2), "point": (0.0, 0.0, 0.0)}
+    for name, value in given.items():
+        (camera if name in camera else dims)[name] = value
+    return SimpleNamespace(
+        layers=list(layers),
+        camera=SimpleNamespace(**camera),
+        dims=SimpleNamespace(**dims),
+        canvas=SimpleNamespace(size=(48, 64)),
+    )
+
+
+def world_of(given: dict[str, Any], at: tuple[int, ...]) -> np.ndarray:
+    """Where the keywords of a layer place a voxel, in napari's world."""
+    if "affine" in given:
+        return np.asarray((given["affine"] @ [*at, 1.0])[:-1])
+    return np.asarray(np.array(at) * given["scale"] + given["translate"])
+
+
+def save_nrrd(path: Path, direction: np.ndarray) -> Path:
+    nrrd = pytest.importorskip("nrrd", reason="pynrrd writes the file")
+    header = {"space": "left-posterior-superior", "space directions": (direction * SPACING).T, "space origin": ORIGIN}
+    nrrd.write(str(path), F, header, index_order="C")
+    return path
+
+
+def test_the_manifest_is_npe2s() -> None:
+    npe2 = pytest.importorskip("npe2", reason="npe2 reads manifests")
+    manifest = npe2.PluginManifest.from_file(MANIFEST)
+    assert manifest.name == "splatgl"
+    (reader,), (widget,) = manifest.contributions.readers, manifest.contributions.widgets
+    assert reader.filename_patterns == reading.patterns() and reader.accepts_directories
+    names = {each.id: str(each.python_name) for each in manifest.contributions.commands}
+    assert names[reader.command] == f"{reading.__name__}:{reading.reader_of.__name__}"
+    assert names[widget.command] == "splatgl.integrations.napari.widget:Panel"
+
+
+def test_the_package_names_the_manifest() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    module, name = project["entry-points"]["napari.manifest"]["splatgl"].split(":")
+    assert ROOT.joinpath(*module.split("."), name) == MANIFEST and MANIFEST.is_file()
+
+
+@pytest.mark.parametrize("direction", [np.eye(3), TURNED], ids=["straight", "turned"])
+def test_voxels_lie_where_the_file_says(tmp_path: Path, direction: np.ndarray) -> None:
+    path = save_nrrd(tmp_path / "letter.nrrd", direction)
+    read = reading.reader_of([str(path)])
+    assert read is not None and reading.reader_of([str(path), str(path)]) is None
+    ((data, given, kind),) = read(str(path))
+    assert (kind, given["name"], given["metadata"]["frame"]) == ("image", "letter", "LPS")
+    assert ("affine" in given) == (direction is TURNED)
+    volume = sg.load(path)
+    for at in np.ndindex(F.shape):
+        assert data[at] == F[at]
+        right = volume.world_from_index @ at[::-1] + ORIGIN
+        np.testing.assert_allclose(world_of(given, at), right[::-1], atol=1e-12)
+
+
+def test_channels_have_their_colours_and_windows(tmp_path: Path) -> None:
+    tifffile = pytest.importorskip("tifffile", reason="tifffile writes the file")
+    two = np.stack([F.astype(np.uint16), F.astype(np.uint16) * 2])
+    ranges = {"Ranges": (1.0, 90.0, 2.0, 180.0), "mode": "composite", "axes": "ZCYX", "spacing": 3, "unit": "um"}
+    path = tmp_path / "two.tif"
+    tifffile.imwrite(path, two.transpose(1, 0, 2, 3), imagej=True, metadata=ranges, resolution=(2, 2))
+    volume = sg.load(path)
+    for n, (data, given, kind) in enumerate(reading.read(str(path))):
+        np.testing.assert_array_equal(data, two[n])
+        assert kind == "image" and given["scale"] == [3, 0.5, 0.5] and given["units"] == ("um",) * 3
+        assert given["contrast_limits"] == ((1, 90), (2, 180))[n] and given["blending"] == "additive"
+        assert given.get("colormap") == volume.channels[n].hints.color
+
+
+def test_times_are_read_when_they_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tifffile = pytest.importorskip("tifffile", reason="tifffile writes the file")
+    pytest.importorskip("dask.array", reason="times are an array of dask")
+    series = np.stack([F.astype(np.uint16) + n for n in range(3)])
+    path = tmp_path / "times.tif"
+    tifffile.imwrite(path, series[:, :, None], imagej=True, metadata={"axes": "TZCYX", "finterval": 2.5})
+    asked: list[Any] = []
+    own = readers.load
+    monkeypatch.setattr(readers, "load", lambda *a, **k: asked.append(k) or own(*a, **k))
+    ((data, given, _),) = reading.read(str(path))
+    assert data.shape == series.shape and given["scale"][0] == 2.5 and asked == [{}]
+    np.testing.assert_array_equal(np.asarray(data[2]), series[2])
+    assert asked == [{}, {"time": 2}]
+
+
+def test_contrast_limits_of_time_points_are_of_all_planes(tmp_path: Path) -> None:
+    tifffile = pytest.importorskip("tifffile", reason="tifffile writes the file")
+    pytest.importorskip("dask", reason="time points are read by dask")
+    # the first plane is dark
+    movie = np.arange(3)[:, None, None, None] + np.array([0, 700, 40], np.uint16)[:, None, None] * np.ones((4, 5))
+    path = tmp_path / "movie.ome.tif"
+    tifffile.imwrite(path, movie.astype(np.uint16), metadata={"axes": "TZYX"}, photometric="minisblack")
+    ((data, given, kind),) = reading.read(str(path))
+    assert data.shape == (3, 3, 4, 5) and kind == "image" and given["contrast_limits"] == (0.0, 700.0)
+
+
+def test_what_is_read_in_parts_stays_lazy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    zarr = pytest.importorskip("zarr", reason="zarr writes the file")
+    pytest.importorskip("dask", reason="parts are read by dask")
+    samples = np.arange(6 * 7 * 8, dtype=np.uint16).reshape(6, 7, 8)
+    array = zarr.create_array(tmp_path / "a.zarr", shape=samples.shape, chunks=(2, 4, 4), dtype=samples.dtype)
+    array[:] = samples
+    monkeypatch.setattr("splatgl.readers.ome_zarr.WHOLE", 100)
+    ((data, _, kind),) = reading.read(str(tmp_path / "a.zarr"))
+    assert kind == "image" and not isinstance(data, np.ndarray)
+    assert data.dtype == samples.dtype and np.array_equal(np.asarray(data), samples)
+
+
+def test_labels_are_labels(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = (sg.data.volume.Label(1, "liver", "#ff0000"), sg.data.volume.Label(2, "", None))
+    volume = sg.Volume(F.astype(np.uint8) % 3, labels=table)
+    monkeypatch.setattr(readers, "load", lambda path: volume)
+    ((_, given, kind),) = reading.read("seg.nii")
+    assert kind == "labels" and given["colormap"] == {None: "transparent", 0: "transparent", 1: "#ff0000"}
+    assert given["features"] == {"index": [0, 1, 2], "name": ["", "liver", ""]}
+
+
+def pixel_of(camera: sg.Camera, point: tuple[float, float, float], mirrored: bool) -> tuple[float, float]:
+    """(column, row) of a point (z, y, x)."""
+    right, down, ahead = camera.eye_from_points(np.array(point[::-1]))
+    pitch = camera.pixel_pitch(ahead)
+    column = camera.size[0] / 2 + right / pitch
+    return (camera.size[0] - column if mirrored else column), camera.size[1] / 2 + down / pitch
+
+
+BOX = np.array([[x, y, z] for x in (-9.0, 9.0) for y in (-9.0, 9.0) for z in (-9.0, 9.0)])
+
+
+@pytest.mark.parametrize("perspective", [0.0, 40.0])
+@pytest.mark.parametrize("ndisplay", [2, 3])
+@pytest.mark.parametrize("depth", ["away", "towards"])
+def test_the_camera_shows_x_to_the_right_and_y_down(perspective: float, ndisplay: int, depth: str) -> None:
+    """The zoom is pixels per unit at the centre; turning the axis of depth alone mirrors nothing on the screen."""
+    seen = viewer(
+        center=(1.0, 2.0, 3.0),
+        ndisplay=ndisplay,
+        perspective=perspective,
+        orientation=(depth, "down", "right"),
+        view_direction=(1.0 if depth == "away" else -1.0, 0.0, 0.0),
+    )
+    camera, mirrored = draw.camera_of(seen, BOX)
+    assert camera.perspective == (perspective > 0 and ndisplay == 3) and camera.size == (64, 48)
+    z = 1.0 if ndisplay == 3 else 0.0
+    np.testing.assert_allclose(pixel_of(camera, (z, 2.0, 3.0), mirrored), (32, 24), atol=1e-9)
+    np.testing.assert_allclose(pixel_of(camera, (z, 2.0, 8.0), mirrored), (42, 24), atol=1e-9)
+    np.testing.assert_allclose(pixel_of(camera, (z, 7.0, 3.0), mirrored), (32, 34), atol=1e-9)
+    # nothing is behind the eye of parallel rays
+    assert camera.perspective or (camera.eye_from_points(BOX)[:, 2] > 0).all()
+
+
+def test_the_order_of_the_axes_is_the_viewers() -> None:
+    """Axes (z, y, x) shown as (y, z, x): y away, z down, x right."""
+    seen = viewer(order=(1, 0, 2), center=(2.0, 1.0, 3.0))
+    camera, mirrored = draw.camera_of(seen, BOX)
+    np.testing.assert_allclose(camera.forward, (0, 1, 0), atol=1e-12)
+    np.testing.assert_allclose(pixel_of(camera, (6.0, 2.0, 4.0), mirrored), (34, 34), atol=1e-9)
+    with pytest.raises(sg.InputError, match="view: expected the last three axes"):
+        draw.camera_of(viewer(ndim=4, order=(1, 0, 2, 3)), BOX)
+
+
+def spots(*places: tuple[int, int, int]) -> np.ndarray:
+    data = np.zeros((8, 10, 12), np.uint8)
+    for place in places:
+        data[place] = 255
+    return data
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("blend", [None, "composite"])
+def test_a_picture_shows_a_voxel_where_napari_does(blend: str | None) -> None:
+    """A voxel at z 1, y 2, x 9 of a grid scaled by (3, 2, 1.5) is right of the middle, and high."""
+    layer = Image(spots((1, 2, 9)), (3, 2, 1.5))
+    image = draw.picture(viewer(layer, center=(0.0, 9.0, 8.25)), blend, size=None)
+    red = image.pixels[..., 0]
+    rows, columns = np.indices(red.shape) + 0.5
+    place = [float((axis * red).sum() / red.sum()) for axis in (columns, rows)]
+    # 2 pixels per unit from the centre
+    np.testing.assert_allclose(place, (32 + 2 * (13.5 - 8.25), 24 + 2 * (4 - 9)), atol=0.05)
+    assert image.info["blend"] == (blend or "mip") and image.pixels[..., 1:3].max() == 0
+    assert draw.told(image).startswith(f"64×48 pixels, {blend or 'mip'} of ")
+
+
+def test_a_maximum_has_the_layers_colours() -> None:
+    """Half of the contrast limits is half of the map's sRGB; gamma and opacity change it."""
+    data = np.full((8, 10, 12), 128, np.uint8)
+    seen = viewer(Image(data, contrast_limits=(0.0, 256.0)), center=(4.0, 5.0, 6.0))
+    middle = draw.picture(seen).to_pil().getpixel((32, 24))
+    assert abs(middle[0] - 128) <= 2 and middle[1] == 0
+    seen.layers[0].gamma = 2.0
+    assert abs(draw.picture(seen).to_pil().getpixel((32, 24))[0] - 64) <= 2
+
+
+def test_the_slider_picks_the_time() -> None:
+    series = np.stack([spots(), spots((4, 5, 6)), spots()])
+    layer = Image(series, (2.0, 1, 1, 1))
+    for point, there in ((2.0, True), (4.0, False)):
+        seen = viewer(layer, center=(4.0, 5.0, 6.0), ndim=4, order=(0, 1, 2, 3), point=(point, 0.0, 0.0, 0.0))
+        assert (draw.picture(seen).pixels[..., 0].max() > 0.2) == there
+
+
+def shade_of(image: sg.Image, at: tuple[int, int] = (32, 24)) -> tuple[int, int, int]:
+    """sRGB of a pixel (column, row)."""
+    found: Any = image.to_pil().convert("RGB").getpixel(at)
+    return found
+
+
+def block(value: int = 128) -> np.ndarray:
+    return np.full((8, 10, 12), value, np.uint8)
+
+
+MIDDLE = (4.0, 5.0, 6.0)
+
+
+def test_opacity_is_a_displays() -> None:
+    """0.4 of a layer is 0.4 of its brightness, as of any picture that a display mixes."""
+    full = Image(block(200), opacity=1.0)
+    assert abs(shade_of(draw.picture(viewer(full, center=MIDDLE)))[0] - 200) <= 2
+    full.opacity = 0.4
+    assert abs(shade_of(draw.picture(viewer(full, center=MIDDLE)))[0] - 80) <= 2
+
+
+GREEN = SimpleNamespace(name="green", map=lambda at: np.outer(at, [0, 1, 0]))
+BLENDINGS = {
+    "translucent": (72, 60, 0),
+    "translucent_no_depth": (72, 60, 0),
+    "additive": (120, 60, 0),
+    "minimum": (0, 0, 0),
+    "multiplicative": (0, 0, 0),
+    "opaque": (0, 150, 0),
+}
+
+
+@pytest.mark.parametrize("blending", BLENDINGS)
+@pytest.mark.parametrize("ndisplay", [2, 3])
+def test_layers_are_blended_as_napari_does(blending: str, ndisplay: int) -> None:
+    """Red at 0.6 of 200, and 0.4 of green at 150 over it."""
+    layers = Image(block(200), opacity=0.6), Image(block(150), opacity=0.4, blending=blending, colormap=GREEN)
+    image = draw.picture(viewer(*layers, center=MIDDLE, ndisplay=ndisplay, point=MIDDLE))
+    assert np.abs(np.subtract(shade_of(image), BLENDINGS[blending])).max() <= 2
+
+
+def test_a_maximum_leaves_out_what_is_below_its_limits() -> None:
+    """Where its largest value is at the low contrast limit, the layer below is seen as it is."""
+    below = Image(block(200))
+    above = Image(spots((4, 5, 11)), blending="translucent", colormap=GREEN)
+    image = draw.picture(viewer(below, above, center=MIDDLE))
+    assert abs(shade_of(image, (26, 24))[0] - 200) <= 2 and shade_of(image, (26, 24))[1] == 0
+    assert shade_of(image, (42, 24))[1] > 100
+
+
+def planes(*rows: tuple[tuple[float, ...], tuple[float, ...], bool]) -> list[SimpleNamespace]:
+    return [SimpleNamespace(position=at, normal=normal, enabled=enabled) for at, normal, enabled in rows]
+
+
+@pytest.mark.long
+def test_clipping_planes_cut_a_layer() -> None:
+    """The right half of a block is left; napari takes places for the world's, and draws from half a voxel before."""
+    cut = planes(((0, 0, 12.0), (0, 0, 1), True), ((0, 0, 4.0), (0, 0, -1), False))
+    layer = Image(block(), (1, 1, 2), experimental_clipping_planes=cut)
+    seen = viewer(layer, center=(4.0, 5.0, 11.0))
+    red = draw.picture(seen).pixels[24, :, 0]
+    # from 12 − 1 to 23 world units, of two pixels
+    assert np.flatnonzero(red > 0.1).tolist() == list(range(32, 56))
+    other = Image(block(), (1, 1, 2))
+    assert (draw.picture(viewer(layer, other, center=MIDDLE)).pixels[24, 20, 0]) > 0.1, "the others stay whole"
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize(("thickness", "right"), [(1.0, 90), (4.0, 130)])
+def test_a_plane_shows_what_is_across_it(thickness: float, right: int) -> None:
+    """Values rise along z by 20: napari takes samples from half its thickness before the plane on."""
+    ramp = np.broadcast_to((np.arange(12) * 20)[:, None, None], (12, 10, 12)).astype(np.uint8)
+    plane = SimpleNamespace(position=(5.0, 5.0, 6.0), normal=(1, 0, 0), thickness=thickness)
+    image = draw.picture(viewer(Image(ramp, depiction="plane", plane=plane), center=MIDDLE))
+    # thickness 1: one sample, at 4.5; thickness 4: five, up to 6.5
+    assert abs(shade_of(image)[0] - right) <= 4
+    assert image.info["notes"] == ()
+
+
+@pytest.mark.long
+def test_iso_surfaces_stand_at_their_threshold() -> None:
+    """A ball of values 200 less 20 for each voxel from its middle: 100 is reached at a radius of 5."""
+    z, y, x = np.mgrid[:17, :17, :17] - 8.0
+    ball = (200 - 20 * np.sqrt(x * x + y * y + z * z)).clip(0).astype(np.float32)
+    for threshold in (100.0, 60.0):
+        layer = Image(ball, rendering="iso", iso_threshold=threshold)
+        image = draw.picture(viewer(layer, center=(8.0, 8.0, 8.0)))
+        radius = np.sqrt((image.pixels[..., 0] > 0.02).sum() / np.pi) / 2
+        assert radius == pytest.approx((200 - threshold) / 20, abs=0.25)
+
+
+def test_additive_rendering_multiplies_what_is_left() -> None:
+    """8 voxels of colour c: 1 less (1 − c)^(8 / 0.8), in each channel."""
+    colors = SimpleNamespace(name="two", map=lambda at: np.outer(at, [0.2, 0.1, 0.0]))
+    image = draw.picture(viewer(Image(block(255), rendering="additive", colormap=colors), center=MIDDLE))
+    right = [255 * (1 - (1 - c) ** 10) for c in (0.2, 0.1, 0.0)]
+    assert shade_of(image) == pytest.approx(right, abs=3)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (2, 1, 0)])
+@pytest.mark.parametrize("vertical", ["down", "up"])
+def test_a_flat_view_shows_its_slice(order: tuple[int, int, int], vertical: str) -> None:
+    """Each pixel is the nearest voxel of the slice where the slider stands."""
+    data = np.random.default_rng(3).integers(0, 255, (8, 10, 12)).astype(np.uint8)
+    center, point = (0.0, 4.2, 5.1), np.zeros(3)
+    point[order[0]] = 3.4 * 2
+    flat = {"ndisplay": 2, "order": order, "point": tuple(point), "center": center}
+    layer = Image(data, (2, 2, 2))
+    image = draw.picture(viewer(layer, **flat, orientation=("away", vertical, "right")))
+    shown = np.moveaxis(data, order, (0, 1, 2))[3]
+    sign = 1 if vertical == "down" else -1
+    rows = (center[1] + sign * (np.arange(48) + 0.5 - 24) / 2) / 2
+    columns = (center[2] + (np.arange(64) + 0.5 - 32) / 2) / 2
+    right = np.zeros((48, 64))
+    for row, at in enumerate(np.floor(rows + 0.5).astype(int)):
+        for column, place in enumerate(np.floor(columns + 0.5).astype(int)):
+            if 0 <= at < shown.shape[0] and 0 <= place < shown.shape[1]:
+                right[row, column] = shown[at, place]
+    assert (np.abs(np.asarray(image.to_pil().convert("RGB"))[..., 0].astype(int) - right) <= 1).all()
+    assert draw.told(image) == "64×48 pixels, slices"
+
+
+def test_a_flat_view_is_interpolated_and_ends() -> None:
+    steps = np.zeros((4, 4, 4), np.uint8)
+    steps[2, :, 2:] = 200
+    flat = {"ndisplay": 2, "point": (2.0, 0.0, 0.0), "center": (0.0, 1.5, 1.5), "zoom": 8.0}
+    red = np.asarray(draw.picture(viewer(Image(steps, interpolation2d="linear"), **flat)).to_pil())[24, :, 0]
+    assert abs(int(red[32]) - 100 - 200 / 16) <= 1 and red[15] == red[48] == 0 and red[47] == 200
+    outside = viewer(Image(steps), **{**flat, "point": (4.0, 0.0, 0.0)})
+    assert not draw.picture(outside).pixels[..., :3].any()
+
+
+def test_what_is_left_out_is_told() -> None:
+    points = type("Points", (), {"visible": True, "ndim": 3, "name": "spots"})()
+    hidden = type("Shapes", (), {"visible": False, "ndim": 3, "name": "lines"})()
+    colors = Image(np.zeros((8, 10, 12, 3), np.uint8), rgb=True, name="photo", ndim=3)
+    first = Image(block(), rendering="attenuated_mip", interpolation3d="nearest")
+    second = Image(block(), rendering="translucent", name="nuclei", bounding_box=SimpleNamespace(visible=True))
+    seen = viewer(points, hidden, colors, first, second, center=MIDDLE)
+    seen.scale_bar, seen.axes = SimpleNamespace(visible=True), SimpleNamespace(visible=False)
+    image = draw.picture(seen)
+    notes: Any = image.info["notes"]
+    assert notes == (
+        "not drawn: spots, a Points layer",
+        "not drawn: photo, colours (rgb)",
+        "not drawn: scale bar",
+        "cells: drawn without its attenuation, as mip",
+        "cells: drawn between voxels, not by the nearest",
+        "not drawn: nuclei's bounding box",
+        "nuclei: its colour map is opaque, so that napari shows the faces of its box: drawn denser for larger values",
+        "layers that are not opaque surfaces are laid over each other in their order, not by depth",
+    )
+    assert draw.told(image).splitlines()[1:] == list(notes)
+    assert draw.picture(viewer(Image(block()), center=MIDDLE)).info["notes"] == ()
+
+
+def test_nothing_to_draw_is_told() -> None:
+    hidden = Image(spots(), visible=False)
+    with pytest.raises(sg.InputError, match="layers: expected a visible Image or Labels layer"):
+        draw.picture(viewer(hidden))
+    with pytest.raises(sg.InputError, match="blend: expected one of composite"):
+        draw.picture(viewer(Image(spots((1, 1, 1)))), "iso")
+
+
+SCREEN = """
+import os, sys, time
+import numpy as np, napari, splatgl as sg
+from qtpy.QtWidgets import QApplication
+from splatgl.integrations.napari import draw, panel
+
+z, y, x = np.mgrid[:30, :36, :42].astype(float)
+balls = [((10, 13, 15), 7, 1.0), ((20, 22, 28), 6, 0.7), ((15, 10, 33), 5, 0.5)]
+data = sum(s * np.clip((r - np.sqrt((z - a) ** 2 + (y - b) ** 2 + (x - c) ** 2)) / 2 + 0.5, 0, 1)
+           for (a, b, c), r, s in balls).astype(np.float32) * 200
+cut = [{"position": (18, 18, 21), "normal": (0, 1, 1), "enabled": True}]
+plane = {"position": (13, 15, 21), "normal": (1, 0.3, 0.2), "thickness": 4}
+CASES = {
+    "maximum": [{}], "opacity": [{"opacity": 0.4}], "clip": [{"experimental_clipping_planes": cut}],
+    "iso": [{"rendering": "iso", "iso_threshold": 60}], "plane": [{"depiction": "plane", "plane": plane}],
+    "additive": [{"rendering": "additive"}], "average": [{"rendering": "average"}],
+    "flat": [{"opacity": 0.5}],
+    "two": [{"colormap": "red", "opacity": 0.6}, {"colormap": "green", "blending": "additive", "opacity": 0.5}],
+}
+viewer = napari.Viewer(show=True)
+viewer.window._qt_window.resize(620, 480)
+for name, layers in CASES.items():
+    viewer.layers.clear()
+    for number, given in enumerate(layers):
+        given = {"rendering": "mip", **given}
+        viewer.add_image(data[:, ::-1] if number else data, scale=(2, 1, 1), contrast_limits=(0, 200), **given)
+    viewer.dims.ndisplay = 2 if name == "flat" else 3
+    viewer.dims.set_point(0, 21)
+    viewer.fit_to_view() if hasattr(viewer, "fit_to_view") else viewer.reset_view()
+    if name != "flat":
+        viewer.camera.angles = (10, 25, 60)
+    QApplication.processEvents()
+    ours = np.asarray(drawing.picture(viewer).to_pil().convert("RGB")).astype(float)
+    theirs = viewer.screenshot(canvas_only=True, flash=False)[..., :3].astype(float)
+    assert ours.shape == theirs.shape
+    both, either = [f([ours.max(axis=-1) > 25, theirs.max(axis=-1) > 25]) for f in
+                    (lambda m: m[0] & m[1], lambda m: m[0] | m[1])]
+    print(name, both.sum() / either.sum(), ours.sum() / theirs.sum(), flush=True)
+# the viewer's context is current again: a program of its own that is new is compiled in it
+one = viewer.add_image(data, interpolation3d="linear")
+viewer.screenshot(flash=False)
+sg.render(one, size=32)
+one.rendering, one.interpolation3d = "minip", "cubic"
+viewer.add_labels((data > 100).astype(int))
+viewer.screenshot(flash=False)
+drawn = panel.Panel(viewer)
+drawn.draw()
+assert drawn.image is not None and drawn.keep.isEnabled() and "pixels" in drawn.summary.text()
+viewer.layers.clear()
+drawn.draw()
+assert drawn.image is None and not drawn.keep.isEnabled() and drawn.shown.pixmap().isNull()
+assert "expected a visible Image or Labels layer" in drawn.summary.text()
+print("done", flush=True)
+os._exit(0)
+"""
+
+
+@pytest.mark.long
+def test_in_napari_pictures_are_its_screenshots() -> None:
+    """Outlines and brightness, of a viewer on a display of its own, beside napari's own drawing; then the panel."""
+    pytest.importorskip("napari", reason="the extra napari has the viewer")
+    pytest.importorskip("qtpy.QtWidgets", reason="napari's window takes PyQt6 or PySide6", exc_type=Exception)
+    if shutil.which("xvfb-run") is None:
+        pytest.skip("xvfb-run: its display is where napari's window opens")
+    command = ["xvfb-run", "-a", sys.executable, "-W", "ignore", "-c", SCREEN]
+    ended = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "QT_QPA_PLATFORM": "xcb"})
+    lines = ended.stdout.split("\n")
+    assert "done" in lines, ended.stderr
+    found = {
+        name: (float(overlap), float(light)) for name, overlap, light in map(str.split, lines[: lines.index("done")])
+    }
+    print(found)
+    assert len(found) == 9
+    for name, (overlap, light) in found.items():
+        # the plane is seen from its edge
+        assert overlap > (0.8 if name == "plane" else 0.93), name
+        # surfaces are lit otherwise
+        assert name == "iso" or light == pytest.approx(1, abs=0.07), name
+
+
+def test_in_napari_layers_stand_where_files_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What napari makes of the keywords comes back as the volume that was read."""
+    monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
+    layers = pytest.importorskip("napari.layers", reason="layers of napari")
+    for direction in (np.eye(3), TURNED):
+        path = save_nrrd(tmp_path / "letter.nrrd", direction)
+        ((data, given, _),) = reading.read(str(path))
+        found, right = sg.Volume.of(layers.Image(data, **given)), sg.load(path)
+        np.testing.assert_allclose(found.world_from_index, right.world_from_index, atol=1e-12)
+        np.testing.assert_allclose(found.origin, right.origin, atol=1e-12)
+        assert (found.samples == F).all() and found.name == "letter"
+    table = (sg.data.volume.Label(1, "liver", "#ff0000"),)
+    monkeypatch.setattr(readers, "load", lambda path: sg.Volume(F.astype(np.uint8), labels=table))
+    ((data, given, _),) = reading.read("seg.nii")
+    labels = layers.Labels(data, **given)
+    np.testing.assert_allclose(labels.get_color(1), (1, 0, 0, 1))

@@ -1,0 +1,223 @@
+"""Segmentations and contours of DICOM are labels where they lie, with their names and colours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.cli.main import main
+from splatgl.data.volume import Label
+from splatgl.errors import InputError
+
+pytest.importorskip("pydicom", reason="writes the files; it is in the extra dicom")
+from tests.fuzz.seed_dicom import image, save
+
+SEG, STRUCTURES = "1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.481.3"
+# 7 rows and columns: frames of 49 bits do not end at bytes
+SHAPE, STEP = (8, 7, 7), 3.0
+NAMES = ("Liver", "Tumour", "Vessel")
+COLORS = ([43803, 26565, 37722], [34885, 53485, 50171], None)
+
+
+def item(**tags: object) -> Any:
+    from pydicom.dataset import Dataset
+
+    found = Dataset()
+    for name, value in tags.items():
+        if value is not None:
+            setattr(found, name, value)
+    return found
+
+
+def masks(overlap: bool = True) -> np.ndarray:
+    """Three segments [3, D, H, W]; two of them meet, or overlap in one column."""
+    found = np.zeros((3, *SHAPE), bool)
+    found[0, 2:6, 1:4, 1 : 4 + overlap] = True
+    found[1, 4:8, 2:6, 4:6] = True
+    found[2, 0, 0, 0] = True
+    return found
+
+
+def segmentation(
+    path: Path, of: np.ndarray, kind: str = "BINARY", places: Sequence[float] = (), thick: float = STEP
+) -> Path:
+    """A SEG of the planes that are not empty, or of labels in all planes."""
+    places = places or [STEP * n for n in range(of.shape[1])]
+    if kind == "LABELMAP":
+        numbers = (of * np.arange(1, len(of) + 1)[:, None, None, None]).max(axis=0).astype(np.uint8)
+        chosen, stored = [(0, k) for k in range(of.shape[1])], numbers
+    else:
+        chosen = [(s, k) for s in range(len(of)) for k in range(of.shape[1]) if of[s, k].any()]
+        stored = np.stack([of[s, k] for s, k in chosen]).astype(np.uint8) * (200 if kind == "FRACTIONAL" else 1)
+    data = image(stored, Modality="SEG", SOPClassUID=SEG, SegmentationType=kind)
+    for name in ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing", "SliceThickness"):
+        delattr(data, name)
+    if kind == "BINARY":
+        data.BitsAllocated, data.BitsStored, data.HighBit = 1, 1, 0
+        bits = np.packbits(stored.ravel(), bitorder="little").tobytes()
+        data.PixelData = bits + b"\0" * (len(bits) % 2)
+    data.MaximumFractionalValue = 255
+    data.SegmentSequence = [
+        item(SegmentNumber=n + 1, SegmentLabel=NAMES[n], RecommendedDisplayCIELabValue=COLORS[n])
+        for n in range(len(of))
+    ]
+    measures = item(PixelSpacing=[2.0, 1.5], SliceThickness=thick)
+    orientation = item(ImageOrientationPatient=[1, 0, 0, 0, 1, 0])
+    data.SharedFunctionalGroupsSequence = [
+        item(PixelMeasuresSequence=[measures], PlaneOrientationSequence=[orientation])
+    ]
+    data.PerFrameFunctionalGroupsSequence = [
+        item(
+            PlanePositionSequence=[item(ImagePositionPatient=[10.0, 20.0, places[k]])],
+            SegmentIdentificationSequence=[item(ReferencedSegmentNumber=s + 1)],
+        )
+        for s, k in chosen
+    ]
+    save(data, path)
+    return path
+
+
+def found_in(volume: sg.Volume) -> dict[str, np.ndarray]:
+    """World places [N, 3] of the voxels of each segment, by its name, sorted."""
+    found = {}
+    for part in volume.channels or (volume,):
+        for label in part.labels or ():
+            index = np.argwhere(np.asarray(part.samples) == label.number)[:, ::-1]
+            places = np.round(index @ part.world_from_index.T + part.origin, 6)
+            found[label.name] = places[np.lexsort(places.T)]
+    return found
+
+
+def places_of(mask: np.ndarray) -> np.ndarray:
+    found = np.argwhere(mask)[:, ::-1] * [1.5, 2.0, STEP] + [10.0, 20.0, 0.0]
+    return found[np.lexsort(found.T)]
+
+
+@pytest.mark.parametrize("kind", ["BINARY", "FRACTIONAL", "LABELMAP"])
+@pytest.mark.parametrize("overlap", [False, True])
+def test_each_segment_lies_where_its_frames_do(kind: str, overlap: bool, tmp_path: Path) -> None:
+    """In one volume of labels; in several channels if segments overlap, which labels of voxels can't."""
+    of = masks(overlap and kind != "LABELMAP")
+    volume = sg.load(segmentation(tmp_path / "seg.dcm", of, kind))
+    found = found_in(volume)
+    assert list(volume.labels or ()) == [
+        Label(1, "Liver", "#80ae80"),
+        Label(2, "Tumour", "#ff0000"),
+        Label(3, "Vessel", None),
+    ]
+    for name, mask in zip(NAMES, of, strict=True):
+        np.testing.assert_allclose(found[name], places_of(mask))
+    assert len(volume.channels) == (2 if overlap and kind != "LABELMAP" else 0) and volume.frame == "LPS"
+    assert any("half" in note for note in volume.notes) == (kind == "FRACTIONAL")
+    if volume.channels:
+        second = sg.load(tmp_path / "seg.dcm", channel=1)
+        assert [label.name for label in second.labels or ()] == ["Tumour"] and not second.channels
+        inside = sg.Volume(np.ones(SHAPE), (1.5, 2.0, STEP), (10, 20, 0), frame="LPS").masked(tmp_path / "seg.dcm")
+        np.testing.assert_array_equal(inside.kept((0, 0, 0), SHAPE), of.any(axis=0))
+
+
+def test_segments_between_uneven_slices(tmp_path: Path) -> None:
+    """Each slice is as thick as it says."""
+    of = np.zeros((1, 4, 7, 7), bool)
+    of[0, :, 2:4, 2:5] = True
+    volume = sg.load(segmentation(tmp_path / "a.dcm", of, places=[0.0, 2.0, 5.0, 8.0], thick=3.0))
+    assert np.asarray(volume.samples).any(axis=(1, 2)).all() and volume.spacing[2] == pytest.approx(2)
+    of[0, 1:3] = False
+    volume = sg.load(segmentation(tmp_path / "b.dcm", of))
+    assert np.asarray(volume.samples).any(axis=(1, 2)).tolist() == [True, False, False, True]
+
+
+def structures(path: Path, contours: Sequence[tuple[int, str, np.ndarray]]) -> Path:
+    """An RTSTRUCT of regions 1, 2, …: number, geometric type and points [N, 3] of each contour."""
+    data = image(np.zeros((2, 2), np.uint8), Modality="RTSTRUCT", SOPClassUID=STRUCTURES)
+    for name in ("Rows", "Columns", "PixelData", "ImagePositionPatient", "PixelSpacing"):
+        delattr(data, name)
+    numbers = sorted({number for number, _, _ in contours})
+    data.StructureSetROISequence = [item(ROINumber=n, ROIName=NAMES[n - 1]) for n in numbers]
+    data.ROIContourSequence = [
+        item(
+            ReferencedROINumber=n,
+            ROIDisplayColor=[255, 128, n],
+            ContourSequence=[
+                item(ContourGeometricType=kind, ContourData=[f"{v:.4f}" for v in points.ravel()])
+                for number, kind, points in contours
+                if number == n
+            ],
+        )
+        for n in numbers
+    ]
+    save(data, path)
+    return path
+
+
+def circle(radius: float, z: float, middle: tuple[float, float] = (40.0, 36.0)) -> np.ndarray:
+    angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)
+    return np.stack([middle[0] + radius * np.cos(angles), middle[1] + radius * np.sin(angles), np.full(72, z)], -1)
+
+
+def test_contours_fill_their_volume(tmp_path: Path) -> None:
+    """Discs of polygons, of which inner ones are holes, and every other slice of a region stands for two."""
+    area = 36 * np.sin(2 * np.pi / 72)
+    planes = [3.0 * k for k in range(2, 10)]
+    contours = [(1, "CLOSED_PLANAR", circle(20, z)) for z in planes]
+    contours += [(2, "CLOSED_PLANAR", circle(radius, z, (55.0, 36.0))) for z in planes for radius in (20, 10)]
+    contours += [(3, "CLOSED_PLANAR", circle(6, z, (0.0, -20.0))) for z in planes[::2]]
+    contours += [(3, "POINT", np.array([[1.0, 2, 6]]))]
+    volume = sg.load(structures(tmp_path / "rt.dcm", contours))
+    sizes = {}
+    for part in volume.channels:
+        for label in part.labels or ():
+            sizes[label.name] = float((np.asarray(part.samples) == label.number).sum() * np.prod(part.spacing))
+    assert sizes["Liver"] == pytest.approx(area * 400 * 24, rel=0.01)
+    assert sizes["Tumour"] == pytest.approx(area * 300 * 24, rel=0.01)
+    assert sizes["Vessel"] == pytest.approx(area * 36 * 24, rel=0.03)
+    assert [label.color for label in volume.labels or ()] == ["#ff8001", "#ff8002", "#ff8003"]
+    places = found_in(volume)["Liver"]
+    np.testing.assert_allclose(places.mean(axis=0), (40, 36, 16.5), atol=0.3)
+    assert volume.notes[-1].startswith("1 contours are left out") and volume.frame == "LPS"
+
+
+def test_segments_over_their_images(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A picture shows both segments of a voxel's column; files beside images in one folder are told."""
+    (tmp_path / "ct").mkdir()
+    for n in range(8):
+        save(image(np.full((7, 7), 40, np.int16), STEP * n), tmp_path / "ct" / f"{n}.dcm")
+    seg = segmentation(tmp_path / "seg.dcm", masks())
+    options = ["--size", "24", "-o", str(tmp_path / "a.png"), "--points=100:0,200:1"]
+    assert main(["render", str(tmp_path / "ct"), "--labels", str(seg), *options]) == 0
+    assert "splats" in capsys.readouterr().out
+    found = {}
+    for names in ("1", "2", "3"):
+        assert main(["render", str(seg), "--only-labels", names, "--size", "24", "-o", str(tmp_path / "a.npy")]) == 0
+        pixels = np.load(tmp_path / "a.npy")
+        found[names] = pixels[pixels[..., 3] > 0.5][:, :3].mean(axis=0)
+    red, green, _ = found["2"]
+    assert red > 5 * green and found["1"][1] > found["1"][0]
+    seg.rename(tmp_path / "ct" / "seg.dcm")
+    (note,) = sg.load(tmp_path / "ct").notes
+    assert note == "segmentations in 1 files (SEG) beside the images are not drawn: --labels FILE adds one"
+    with pytest.raises(InputError, match="channel: expected none, for images"):
+        sg.load(tmp_path / "ct", channel=0)
+
+
+def test_what_is_no_segmentation_is_told(tmp_path: Path) -> None:
+    path = segmentation(tmp_path / "a.dcm", masks())
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(InputError, match="pixels: expected 56 bytes"):
+        sg.load(path)
+    far = segmentation(tmp_path / "b.dcm", masks(), places=[0, 3, 6, 9, 12, 15, 18, 1e6])
+    with pytest.raises(InputError, match="slices within 4096 planes"):
+        sg.load(far)
+    empty = structures(tmp_path / "c.dcm", [(1, "OPEN_PLANAR", circle(3, 0))])
+    with pytest.raises(InputError, match="closed ones in axial planes"):
+        sg.load(empty)
+    segmentation(tmp_path / "d.dcm", masks())
+    for name in ("b.dcm", "c.dcm"):
+        (tmp_path / name).unlink()
+    with pytest.raises(InputError, match=r"expected one segmentation, got 2: a\.dcm, d\.dcm"):
+        sg.load(tmp_path)

@@ -1,0 +1,151 @@
+"""The paper's rendered figures: panels pixel for pixel, letters, numbers; from any volume."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import splatgl as sg
+from splatgl.annotations.contact_sheet import GAP, INK, MARGIN, ROOM, WHITE, Panel, sheet
+from splatgl.cli.main import main
+from splatgl.scene.scene_file import Scene
+from splatgl.scene.view import View
+from splatgl.studies.figures.rendered import PICTURES, Shown, by_moments
+from tests.helpers.figures import refused
+from tests.helpers.splatting import SPLATS
+
+DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def page(path: str = "f.png") -> np.ndarray:
+    with Image.open(path) as picture:
+        return np.asarray(picture)
+
+
+def test_panels_are_pixel_for_pixel(rng: np.random.Generator) -> None:
+    first, second = rng.random((2, 4, 5, 3))
+    line = np.zeros((8, 10), bool)
+    line[2, 3] = True
+    found = sheet([[Panel.of(first, "one", 2), Panel.of(second, "two", 2, line)], [Panel.of(first, "", 3)]])
+    shown = np.rint(sg.Image(np.dstack([first, np.ones((4, 5))])).straight()[..., :3] * 255)
+    assert (found[MARGIN : MARGIN + 8 : 2, MARGIN : MARGIN + 10 : 2] == shown).all()
+    left = MARGIN + 10 + GAP
+    assert tuple(found[MARGIN + 2, left + 3]) == INK and tuple(found[MARGIN + 1, left + 3]) == WHITE
+    top = MARGIN + 8 + ROOM + GAP
+    assert (found[top : top + 12 : 3, MARGIN : MARGIN + 15 : 3] == shown).all()
+    # letters stand below the first row, none below the second
+    assert (found[MARGIN + 8 : top] < 128).any() and not (found[top + 12 :] < 128).any()
+
+
+@pytest.mark.long
+def test_figure_5_is_the_tunnel_twice(here: Path, renderer: sg.Renderer, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["figure", "5", "-o", "f.png", "--size", "60"]) == 0
+    assert "Figure 5. A tunnel" in capsys.readouterr().out
+    found = page()
+    scene = Scene("tunnel", view=View(size=(60, 60)))
+    volume = scene.open()
+    splats = sg.extract(volume, scene.transfer_for(volume), classification="pre")
+    camera = scene.view.camera(volume, splats)
+    for panel, name in enumerate(("off", "paper")):
+        right = renderer.render(splats, camera, SPLATS.but(antialias=name, background=(0, 0, 0)))
+        shown = np.rint(right.straight()[..., :3] * 255)
+        left = MARGIN + panel * (180 + GAP)
+        drawn = found[MARGIN : MARGIN + 180, left : left + 180].reshape(60, 3, 60, 3, 3)[:, 1, :, 1]
+        # all but the line at z_k, of which little lies in a picture of 60 pixels
+        assert (drawn == shown).all(axis=-1).mean() > 0.93
+    with Image.open("f.png") as picture:
+        assert picture.info["Description"] == PICTURES[5].caption
+
+
+def test_figure_12_has_four_panels_of_the_users_volume(here: Path) -> None:
+    assert main(["figure", "12", "letter-f", "-o", "f.png", "--size", "40", "--moments", "5", "--spin", "120"]) == 0
+    four = page()
+    assert main(["figure", "12", "letter-f", "-o", "g.png", "--size", "40", "--moments", "0", "--spin", "120"]) == 0
+    two = page("g.png")
+    assert four.shape[1] == two.shape[1] == 80 + GAP + 2 * MARGIN and four.shape[0] > 1.7 * two.shape[0]
+    # the blurred ones are blurred: there is less contrast in them
+    height = (four.shape[0] - 2 * MARGIN - 2 * ROOM - GAP) // 2
+    panels = [
+        four[MARGIN + row * (height + ROOM + GAP) :][:height, MARGIN : MARGIN + 40].astype(float) for row in (0, 1)
+    ]
+    steps = [(np.diff(p, axis=1) ** 2).sum() for p in panels]
+    assert steps[1] < 0.7 * steps[0]
+
+
+def test_figure_14_abuts_columns_of_blocks(here: Path, renderer: sg.Renderer) -> None:
+    assert main(["figure", "14", "letter-f", "-o", "f.png", "--size", "32", "--frames", "7", "--moments", "2"]) == 0
+    found = page()
+    strip = found[MARGIN:, MARGIN : MARGIN + 35]
+    height = found.shape[0] - 2 * MARGIN
+    blocks = strip[: (height - 2 * ROOM - GAP) // 2].reshape(-1, 5, 7, 5, 3)
+    assert (blocks == blocks[:, :1, :, :1]).all()
+    scene = Scene("letter-f", view=View(size=(32, 32)))
+    shown = Shown(PICTURES[14], scene, renderer.render, by_moments(2))
+    strips = shown.strips(1.0, 7)
+    assert len(strips) == 4 and strips[0].shape == (16, 7, 4)
+    # the first column is the middle one of the first frame
+    first = renderer.render(shown.splats, shown.camera, shown.settings(0)).pixels[:16, 16]
+    assert np.abs(strips[0][:, 0] - first).max() < 1e-5
+
+
+@pytest.mark.long
+def test_numbers_of_still_figures(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["figure", "5", "letter-f", "--numbers", "--csv", "n.csv", "--size", "16"]) == 0
+    said = capsys.readouterr().out
+    for words in ("beyond z_k", "aliasing energy, antialiased (fill)", "gaussian", "mean squared error", "changes"):
+        assert words in said
+    rows = Path("n.csv").read_text().splitlines()
+    assert rows[0] == "what,value,against standard" and len(rows) > 12
+    assert [p.name for p in here.iterdir()] == ["n.csv"]
+
+
+@pytest.mark.long
+def test_numbers_of_turning_figures(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["figure", "13", "letter-f", "--numbers", "--size", "12", "--moments", "2"]) == 0
+    said = capsys.readouterr().out
+    for words in ("at 1°: (a)", "at 1°: (d)", "at 5°: (c)", "longest path", "popping", "beyond z_k", "aliasing energy"):
+        assert words in said
+    for words in ("energy of blurred splats", "16 moments: (d)", "noise at these depths"):
+        assert words in said
+
+
+def test_real_terrain_is_seen_from_low(here: Path) -> None:
+    folder = DATA / "terrain_puget"
+    if not folder.is_dir():
+        pytest.skip("no terrain_puget: set SPLATGL_DATA")
+    load = {"color": str(folder / "texture_1024.png")}
+    scene = Scene(str(folder / "height_u8_512.png"), load=load, view=View(size=(48, 48)))
+    shown = Shown(PICTURES[13], scene, lambda *_: sg.Image(np.zeros((48, 48, 4))))
+    eye = shown.camera.eye_from_points(shown.splats.outline)
+    assert (eye[:, 2] > 0).all() and np.abs(eye[:, 0] / eye[:, 2]).max() < 0.75
+    assert shown.camera.forward[2] > -0.6
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["5", "-o", "a.svg"], "a name that ends in .png"),
+        (["5", "--spin", "3"], "figure 5: expected no --spin"),
+        (["6", "--frames", "3"], "figure 6: expected no --frames"),
+        (["12", "--spin", "0"], "--spin: expected an angle"),
+        (["14", "--frames", "1"], "--frames: expected"),
+        (["13", "--moments", "-1"], "--moments: expected"),
+        (["5", "nothing.nrrd"], "nothing.nrrd"),
+        (["3", "letter-f"], "figure 3: expected no picture options"),
+        (["5", "--size", "no"], "argument --size"),
+    ],
+)
+def test_bad_input_is_one_line(
+    arguments: list[str], message: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    refused(arguments, message, here, capsys)

@@ -1,0 +1,221 @@
+"""Scenes at the extremes: every case of the stress suite keeps its bound, and its report says so, or says not."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.cli.main import main
+from splatgl.studies.accuracy import methods
+from splatgl.studies.stress import CASES, optics, run_case
+from splatgl.studies.stress import case as bench
+from splatgl.studies.stress.case import Bench, Case, Check, Result, check
+from splatgl.studies.stress.report import PAGES, WIDTHS, as_csv, as_json, as_markdown, heading, line, lines, verdict
+from tests.helpers.splatting import SPLATS
+
+# columns of a terminal
+TERMINAL = 100
+# quick cases that the paper's settings or formulas must break: what a case asks can be missed
+BEYOND_THE_PAPER = (
+    "eye-in-kernel",
+    "opacity-extremes",
+    "opacity-correction",
+    "depth-range",
+    "far-voxel",
+    "zoom-range",
+    "lattice-sums",
+    "thin-shell",
+    "rim",
+    "tiny-volumes",
+)
+
+
+# what takes long runs under --all; in its stead there is as much of it as finds the same faults
+LONG = ("constant-fog", "half-angle-89.9", "million-faint", "wall-0.1", "wall-0.5", "methods")
+
+
+def told(result: Result) -> str:
+    return f"{result.bad_pixels} values not finite\n{lines(result)}\n{'; '.join(c.what for c in result.checks)}"
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.long if n in LONG else ()) for n in CASES])
+def test_every_case_keeps_its_bound(renderer: sg.Renderer, name: str) -> None:
+    kept(run_case(CASES[name], renderer))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", [n for n in CASES if n not in LONG][::4])
+def test_cases_at_the_default_tolerance(renderer: sg.Renderer, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bounds are stated at a tolerance of 1e-6; what it leaves out at its default is at most the tolerance."""
+    monkeypatch.setattr(bench, "FINEST", SPLATS.tolerance)
+    result = run_case(CASES[name], renderer)
+    assert result.bad_pixels == 0
+    for each in result.checks:
+        allowed = SPLATS.tolerance * (1.0 if each.relative else max(1.0, abs(each.right)))
+        assert each.error <= each.bound + allowed, told(result)
+
+
+@pytest.mark.long
+def test_fog_seen_from_a_few_places(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(optics, "VIEWS", 8)
+    kept(run_case(CASES["constant-fog"], renderer))
+
+
+@pytest.mark.long
+def test_a_method_of_every_axis(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    few = {name: replace(axis, methods=axis.methods[-1:]) for name, axis in methods.AXES.items()}
+    monkeypatch.setattr(methods, "AXES", {**few, "settings": methods.AXES["settings"]})
+    kept(run_case(CASES["methods"], renderer))
+
+
+def kept(result: Result) -> None:
+    assert result.ok, told(result)
+    assert result.pictures > 0
+    assert all(np.isfinite(each.bound) for each in result.checks)
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("name", BEYOND_THE_PAPER)
+def test_the_papers_form_breaks_it(renderer: sg.Renderer, name: str) -> None:
+    checks = run_case(CASES[name], renderer).checks
+    assert any(each.paper_error is not None and each.paper_error > each.bound for each in checks)
+
+
+def test_cases_say_what_they_are() -> None:
+    for case in CASES.values():
+        assert len(case.name) <= WIDTHS[0]
+        assert case.stresses and case.how and case.right
+    assert set(PAGES) <= set(CASES)
+    assert len(CASES) >= 39
+
+
+def test_an_error_is_measured_where_it_is_largest() -> None:
+    found = check("both", [[1.0, 2.5], [3.0, 4.0]], [[1.0, 2.0], [3.0, 4.1]], 0.4, paper=[[0.0, 2.0], [3.0, 4.0]])
+    assert (found.right, found.found, found.error, found.ok) == (2.0, 2.5, 0.5, False)
+    assert (found.paper, found.paper_error) == (0.0, 1.0)
+    assert found.share == pytest.approx(1.25)
+    assert check("share", 1.01, 1.0, 0.011, relative=True).ok
+    assert not check("share", 2.01e-8, 2e-8, 0.001, relative=True).ok
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_no_number_keeps_no_bound(value: float) -> None:
+    assert not check("one", [0.0, value], 0.0, 1e300).ok
+
+
+def test_no_bound_is_no_promise() -> None:
+    """Nothing is kept by an infinite bound, whatever the error; the line says so."""
+    for error in (0.0, 0.24):
+        found = check("α", 1.0 - error, 1.0, np.inf)
+        assert not found.ok and found.share == np.inf
+        assert line(Result(draws(0.0), (found,), 1, 0, 0.0)).endswith("BROKEN")
+
+
+def draws(value: float) -> Case:
+    """A case whose picture has that value in it."""
+
+    def run(bench: Bench) -> list[Check]:
+        bench.pictures, bench.bad_pixels = 1, int(not np.isfinite(value))
+        return [check("value", 0.0 if np.isnan(value) else value, 0.0, 0.5)]
+
+    return Case("made-up", "nothing", "not at all", "0", run)
+
+
+def raises(bench: Bench) -> list[Check]:
+    raise ValueError("no such thing")
+
+
+def test_results_of_made_up_cases(renderer: sg.Renderer) -> None:
+    assert run_case(draws(0.4), renderer).ok
+    assert not run_case(draws(0.6), renderer).ok
+    assert not run_case(draws(np.nan), renderer).ok
+    raised = run_case(Case("raising", "an error", "by raising", "none", raises), renderer)
+    assert not raised.ok
+    assert "raising: ValueError: no such thing" in verdict([raised])
+
+
+def test_pixels_that_are_no_numbers_are_counted(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(renderer)
+    pixels = np.zeros((2, 2, 4), np.float32)
+    pixels[0, 0, 1], pixels[1, 1, 3] = np.nan, np.inf
+    monkeypatch.setattr(sg.Renderer, "render", lambda *_: sg.Image(pixels))
+    bench.draw(None, None)  # type: ignore[arg-type]
+    assert (bench.pictures, bench.bad_pixels) == (1, 2)
+
+
+@pytest.fixture
+def results(renderer: sg.Renderer) -> list[Result]:
+    return [run_case(case, renderer) for case in (CASES["rim"], CASES["tiny-volumes"], draws(0.6))]
+
+
+def test_tables_fit_a_terminal(results: list[Result]) -> None:
+    text = "\n".join([heading(), *map(line, results), *map(lines, results), verdict(results)])
+    assert max(map(len, text.splitlines())) <= TERMINAL
+    assert "BROKEN" in line(results[2]) and "BROKEN" not in line(results[0])
+    assert "2 of 3 cases keep their bounds" in text and "broken: made-up: value" in text
+
+
+def test_files_hold_every_check(results: list[Result]) -> None:
+    rows = list(csv.DictReader(io.StringIO(as_csv(results))))
+    assert len(rows) == sum(len(result.checks) for result in results)
+    assert float(rows[0]["error"]) == results[0].checks[0].error
+    assert rows[-1]["kept"] == "False"
+    read = json.loads(as_json(results, "some renderer"))
+    assert [case["kept"] for case in read["cases"]] == [True, True, False]
+    assert read["cases"][1]["checks"][0]["found"] == results[1].checks[0].found
+    table = as_markdown(results, "some renderer")
+    assert "| `made-up` | nothing | **0.6** | 0.5 |" in table and "some renderer" in table
+    barred = Case("barred", "|v|² in a cell", "by hand", "none", raises)
+    row = as_markdown([Result(barred, results[0].checks, 1, 0, 0.0)], "").splitlines()[2]
+    assert row.replace(r"\|", "").count("|") == 6
+
+
+def test_infinite_numbers_are_no_json() -> None:
+    case = draws(0.0)
+    result = Result(case, (check("all", np.nan, 0.0, np.inf),), 1, 0, 0.0)
+    assert json.loads(as_json([result], ""))["cases"][0]["checks"][0]["found"] is None
+
+
+def test_the_command_runs_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stress", "--case", "rim", "-o", str(tmp_path / "out")]) == 0
+    assert "1 of 1 cases keep their bounds" in capsys.readouterr().out
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["stress.csv", "stress.json", "stress.md"]
+
+
+def test_a_broken_bound_is_exit_code_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setitem(CASES, "made-up", draws(0.6))
+    assert main(["stress", "--case", "made-up"]) == 1
+    assert "broken: made-up" in capsys.readouterr().out
+
+
+def test_the_list_and_bad_names(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["stress", "--list"]) == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in CASES)
+    for wrong in (["--case", "nothing"], ["--explain", "nothing"], ["--csv", str(tmp_path / "a.txt")]):
+        assert main(["stress", *wrong]) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("name", sorted(set(PAGES) - {"million-faint"}))
+def test_pages_fit_a_terminal_and_hold_numbers(renderer: sg.Renderer, name: str) -> None:
+    page = PAGES[name](Bench(renderer))
+    assert max(map(len, page.splitlines())) <= TERMINAL
+    assert "nan" not in page
+    assert sum(character.isdigit() for character in page) > 100
+
+
+@pytest.mark.long
+def test_a_page_by_the_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stress", "--explain", "thin-shell"]) == 0
+    page = capsys.readouterr().out
+    assert "sampled ever more coarsely" in page and "thin-shell" in page

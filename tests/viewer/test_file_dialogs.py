@@ -1,0 +1,185 @@
+"""Files in the window: dialogs to open and to save, and the list of those that were opened lately."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.cli.main import main
+from splatgl.viewer.loading import MOST, Recent
+from tests.helpers.blobs import blob
+from tests.helpers.window import MISSING, Window, pointed
+
+driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
+WITH_GUI = "needs the extra gui: pip install splatgl[gui]"
+# places in a window of 600 × 450 pixels: the section Files, the second file of it; in the dialog, the fifth row
+SECTION, SECOND, ROW = (400, 45), (300, 105), (92, 148)
+
+
+def test_recent_files_are_kept(tmp_path: Path) -> None:
+    """The last ten, each once, the latest first, for the user alone."""
+    environment = {"XDG_STATE_HOME": str(tmp_path / "state")}
+    recent = Recent.of(environment)
+    for number in range(12):
+        recent = recent.opened(str(tmp_path / f"{number}.npy"))
+    recent = recent.opened(str(tmp_path / "5.npy"))
+    names = [Path(path).name for path in recent.paths]
+    assert len(names) == MOST and names[:3] == ["5.npy", "11.npy", "10.npy"] and names.count("5.npy") == 1
+    assert Recent.of(environment).paths == recent.paths and recent.file is not None
+    assert json.loads(recent.file.read_text()) == list(recent.paths)
+    assert stat.S_IMODE(recent.file.parent.stat().st_mode) == 0o700
+    assert [path.name for path in recent.file.parent.iterdir()] == ["recent.json"]
+    # another window's are not lost
+    other = Recent.of(environment).opened("/other.npy")
+    assert recent.opened("/this.npy").paths[:2] == ("/this.npy", "/other.npy") and len(other.paths) == MOST
+    # no built-in scenes, and no addresses, which may hold keys
+    assert recent.opened("tunnel").opened("https://host/v.zarr?key=1") == recent
+    assert recent.forgotten().paths == () == Recent.of(environment).paths
+
+
+@pytest.mark.parametrize("text", ["", "{", '{"a": 1}', "[1, 2]", "[" * 100000, '"x"'])
+def test_a_damaged_list_is_empty(tmp_path: Path, text: str) -> None:
+    (tmp_path / "splatgl").mkdir()
+    (tmp_path / "splatgl" / "recent.json").write_text(text)
+    recent = Recent.of({"XDG_STATE_HOME": str(tmp_path)})
+    assert recent.paths == () and recent.opened("/a.npy").paths == ("/a.npy",)
+
+
+def test_recent_files_need_no_folder(tmp_path: Path) -> None:
+    """Where none can be made the list lasts as long as the window; a switch turns it off; XDG takes no relative one."""
+    (tmp_path / "file").write_text("")
+    recent = Recent.of({"XDG_STATE_HOME": str(tmp_path / "file")})
+    assert recent.opened("/a.npy").paths == ("/a.npy",)
+    for off in ("off", "0", ""):
+        switched = Recent.of({"XDG_STATE_HOME": str(tmp_path / "state"), "SPLATGL_RECENT": off})
+        assert switched.opened("/a.npy").paths == () and not (tmp_path / "state").exists()
+    found = Recent.of({"XDG_STATE_HOME": "here", "HOME": str(tmp_path)})
+    assert found.file == tmp_path / ".local" / "state" / "splatgl" / "recent.json"
+
+
+# --- driven -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    np.save(tmp_path / "blob.npy", blob().samples)
+    np.save(tmp_path / "other ä.npy", blob(16).samples)
+    return tmp_path
+
+
+def helper(folder: Path) -> dict[str, str]:
+    """A desktop's dialog, which answers at once with what stands in a file."""
+    (folder / "bin").mkdir()
+    program = folder / "bin" / "zenity"
+    program.write_text(f"#!/bin/sh\nprintf '%s\\n' \"$@\" > '{folder}/asked'\ncat '{folder}/answer'\n")
+    program.chmod(0o755)
+    return {"PATH": f"{folder / 'bin'}:{os.environ['PATH']}", "XDG_STATE_HOME": str(folder / "state")}
+
+
+@pytest.mark.long
+@driven
+def test_the_desktop_s_dialog(folder: Path) -> None:
+    """What it answers is opened, or saved under that name; what is cancelled does nothing."""
+    pytest.importorskip("imgui_bundle", reason=WITH_GUI)
+    environment = {**helper(folder), "SPLATGL_RECENT": "on"}
+    window = Window(folder / "blob.npy", folder, environment)
+    (folder / "answer").write_text("")
+    assert window.key("ctrl+o")["source"].endswith("blob.npy")
+    told = window.until(lambda told: not told["dialog"])
+    assert told["source"].endswith("blob.npy") and not told["message"]
+    asked = (folder / "asked").read_text()
+    assert "*.nii.gz" in asked and "*.toml" in asked and str(folder) in asked
+    (folder / "answer").write_text(f"{folder / 'other ä.npy'}\n")
+    window.key("ctrl+o")
+    window.until(lambda told: told["source"].endswith("other ä.npy"))
+    assert window.ask("settle")["recent"] == [str(folder / "other ä.npy")]
+    # edits are saved by a scene, not by a picture
+    window.key("]")
+    for name in ("picture.png", "named", "floats.npy"):
+        (folder / "answer").write_text(f"{folder / name}\n")
+        window.key("ctrl+s")
+        told = window.until(lambda told, name=name: f"saved {name}" in told["message"])  # type: ignore[misc]
+        assert f"saved {name}" in told["message"]
+    assert (
+        main(["render", str(folder / "named.toml"), "-o", str(folder / "again.npy"), "--backend", "egl", "--quiet"])
+        == 0
+    )
+    assert np.array_equal(np.load(folder / "again.npy"), np.load(folder / "floats.npy"))
+    assert sg.Image.load(folder / "picture.png").pixels.shape[:2] == (180, 240)
+    # the volume itself is not overwritten
+    volume = (folder / "other ä.npy").read_bytes()
+    (folder / "answer").write_text(f"{folder / 'other ä.npy'}\n")
+    window.key("ctrl+s")
+    assert "another file" in window.until(lambda told: "another" in told["message"])["message"]
+    assert (folder / "other ä.npy").read_bytes() == volume
+    assert window.key("q")["closed"]
+    window.end()
+
+
+@pytest.mark.long
+@driven
+def test_the_window_s_own_dialog(folder: Path) -> None:
+    """Without a desktop's, the window has one: a double click opens, Escape closes, letters are text."""
+    pytest.importorskip("imgui_bundle", reason=WITH_GUI)
+    (folder / "empty").mkdir()
+    state = {"PATH": str(folder / "empty"), "XDG_STATE_HOME": str(folder / "state"), "SPLATGL_RECENT": "on"}
+    window = Window(folder / "blob.npy", folder, state, size=(600, 450), panel=True)
+    told = window.key("ctrl+o")
+    assert told["dialog"] and told["panel"]
+    told = window.key("escape")
+    assert not told["dialog"] and not told["closed"]
+    window.key("ctrl+o")
+    window.ask("double", within=300.0)
+    pointed(window, *ROW)
+    window.hands("click", 1, "click", 1)
+    told = window.until(lambda told: told["source"].endswith("other ä.npy"))
+    assert not window.ask("settle")["dialog"] and told["recent"] == [str(folder / "other ä.npy")]
+    # a name is typed, whose letters are no shortcuts
+    told = window.key("ctrl+s")
+    before = told["settings"]
+    for letter in "ab":
+        told = window.key(letter)
+    assert told["dialog"] and told["settings"] == before
+    told = window.key("enter")
+    assert not told["dialog"] and "saved" in told["message"] and (folder / "ab.toml").exists()
+    # the list of the panel opens the first file again
+    window.drop(folder / "blob.npy")
+    pointed(window, *SECTION)
+    window.hands("click", 1)
+    window.ask("settle")
+    pointed(window, *SECOND)
+    window.hands("click", 1)
+    assert window.until(lambda told: told["source"].endswith("other ä.npy"))["source"].endswith("other ä.npy")
+    window.end()
+
+
+@driven
+def test_without_the_library_keys_say_so(folder: Path) -> None:
+    hidden = folder / "hidden"
+    hidden.mkdir()
+    (hidden / "sitecustomize.py").write_text(
+        "import importlib.util, sys\n"
+        "found = importlib.util.find_spec\n"
+        "hide = lambda name, package=None: None if name == 'imgui_bundle' else found(name, package)\n"
+        "importlib.util.find_spec = hide\n"
+    )
+    paths = os.pathsep.join([str(hidden), *filter(None, [os.environ.get("PYTHONPATH")])])
+    window = Window(folder / "blob.npy", folder, {"PYTHONPATH": paths}, panel=True)
+    assert not window.state["panel"]
+    for key, what in (
+        ("ctrl+o", "the file dialog"),
+        ("ctrl+s", "the file dialog"),
+        ("tab", "the panel with the opacity curve, colours, settings, cuts and files"),
+    ):
+        told = window.key(key)
+        assert told["message"].startswith(f"{what}: needs") and "splatgl[gui]" in told["message"]
+        assert not told["panel"] and not told["closed"]
+    # everything else works
+    assert window.key("]")["points"] != window.state["points"] and "saved" in window.key("s")["message"]
+    window.end()

@@ -1,0 +1,77 @@
+"""What is typed and dragged in the panel's fields, by real keys and buttons."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from tests.helpers.blobs import blob
+from tests.helpers.window import MISSING, Window, pointed
+
+pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
+# places in a window of 600 × 450 pixels: the fields of the extinction and of the threshold, and a list
+EXTINCTION, THRESHOLD, COLORS = (330, 391), (330, 414), (330, 322)
+
+
+@pytest.fixture(scope="module")
+def shared_panel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Window]:
+    pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
+    folder = tmp_path_factory.mktemp("panel")
+    np.save(folder / "blob.npy", blob().samples)
+    window = Window(folder / "blob.npy", folder, size=(600, 450), panel=True)
+    yield window
+    window.end()
+
+
+@pytest.fixture
+def panel(shared_panel: Window) -> Window:
+    """The panel, as it began."""
+    shared_panel.ask("reset")
+    shared_panel.key("tab")
+    return shared_panel
+
+
+def test_numbers_are_dragged(panel: Window) -> None:
+    before = panel.ask("look")
+    pointed(panel, *THRESHOLD)
+    after = panel.drag(1, THRESHOLD, (THRESHOLD[0] + 60, THRESHOLD[1]))
+    assert after["threshold"] > before["threshold"] == 0.0 and np.allclose(after["eye"], before["eye"])
+    pointed(panel, *EXTINCTION)
+    assert panel.drag(1, EXTINCTION, (EXTINCTION[0] + 60, EXTINCTION[1]))["extinction"] != 1.0
+
+
+@pytest.mark.long
+def test_numbers_are_typed(panel: Window) -> None:
+    """Ctrl+click opens a field; its letters and digits are no shortcuts; escape gives up what is typed."""
+    before = panel.ask("look")
+    pointed(panel, *THRESHOLD)
+    panel.hands("keydown", "ctrl", "click", 1, "keyup", "ctrl")
+    panel.ask("settle")
+    for key in ("b", "q", "1", "escape"):
+        told = panel.key(key)
+    assert told["settings"] == before["settings"] and told["axes"] == before["axes"] and not told["closed"]
+    assert told["threshold"] == 0.0
+    panel.hands("keydown", "ctrl", "click", 1, "keyup", "ctrl")
+    panel.ask("settle")
+    panel.hands("key", "ctrl+a")
+    panel.hands("type", "0.25")
+    assert panel.key("enter")["threshold"] == 0.25
+    # shortcuts again
+    assert panel.key("b")["settings"]["blend"] == "xray"
+    assert panel.key("ctrl+z")["settings"]["blend"] == "composite" and panel.key("ctrl+z")["threshold"] == 0.0
+
+
+@pytest.mark.long
+def test_escape_closes_a_list(panel: Window) -> None:
+    """One thing at a time, and never the window."""
+    pointed(panel, *COLORS)
+    panel.hands("click", 1)
+    assert panel.ask("settle")["dialog"]
+    told = panel.key("escape")
+    assert not told["dialog"] and told["panel"] and not told["closed"]
+    panel.hands("mousemove", 100, 200)
+    assert panel.key("?")["help"] and not panel.key("escape")["help"]
+    told = panel.key("escape")
+    assert not told["closed"] and told["panel"]

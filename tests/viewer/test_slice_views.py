@@ -1,0 +1,373 @@
+"""Three linked slices beside the picture: how they lie, what they show, and what the mouse does there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import permutations
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.annotations.axes import letters
+from splatgl.data.color import srgb_from_linear
+from splatgl.gl.screen import Stroke
+from splatgl.scene.scene_file import Scene
+from splatgl.viewer.commands import acted
+from splatgl.viewer.document import Content
+from splatgl.viewer.saving import with_slices
+from splatgl.viewer.slice_views import (
+    Pane,
+    Slicing,
+    colors,
+    column,
+    grey,
+    left_of,
+    panes,
+    plane,
+    strided,
+    window_of,
+    world_axes,
+)
+from splatgl.viewer.state import Slices, State
+from tests.helpers.blobs import blob
+from tests.helpers.window import MISSING, Window
+
+driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
+UP = np.array([0.0, 0.0, 1.0])
+# letters to the left, right, top and bottom of axial, coronal and sagittal slices, as radiologists have them
+RADIOLOGICAL = (("R", "L", "A", "P"), ("R", "L", "S", "I"), ("A", "P", "S", "I"))
+
+
+def edges(pane: Pane, volume: sg.Volume) -> tuple[str, ...]:
+    """The patient's letters at the left, right, top and bottom of a slice."""
+    found = []
+    for side, axis in enumerate((pane.across, pane.down)):
+        towards = volume.world_from_index[:, axis] * (-1 if pane.back[side] else 1)
+        found += [letters(volume.frame, -towards), letters(volume.frame, towards)]
+    return tuple(found)
+
+
+def shown(volume: sg.Volume, up: np.ndarray = UP) -> tuple[Pane, ...]:
+    return panes(volume, up, (1024, 768))
+
+
+@pytest.mark.parametrize("frame", ["LPS", "RAS"])
+@pytest.mark.parametrize("order", list(permutations(range(3))))
+def test_patients_lie_as_radiologists_have_them(frame: str, order: tuple[int, ...], rng: np.random.Generator) -> None:
+    """However the grid lies in the patient; the first slice is axial, the second coronal, the third sagittal."""
+    direction = np.eye(3)[:, list(order)] * rng.choice([-1, 1], 3)
+    volume = sg.Volume(np.zeros((5, 6, 7), np.uint8), direction=direction, spacing=(1.0, 2.0, 3.0), frame=frame)
+    found = shown(volume)
+    assert tuple(edges(pane, volume) for pane in found) == RADIOLOGICAL
+    assert [world_axes(volume)[pane.axis] for pane in found] == [2, 1, 0]
+
+
+def test_others_lie_as_the_views_from_above_front_and_right() -> None:
+    volume = sg.Volume(np.zeros((5, 6, 7), np.uint8))
+    assert [(pane.axis, pane.across, pane.down, pane.back) for pane in shown(volume)] == [
+        (2, 0, 1, (False, True)),
+        (1, 0, 2, (False, True)),
+        (0, 1, 2, (False, True)),
+    ]
+    # planes of a microscope: y points down in all that have it
+    assert [(pane.axis, pane.across, pane.down, pane.back) for pane in shown(volume, -np.eye(3)[1])] == [
+        (2, 0, 1, (False, False)),
+        (1, 0, 2, (False, True)),
+        (0, 2, 1, (False, False)),
+    ]
+
+
+def test_slices_have_the_volume_s_proportions() -> None:
+    volume = sg.Volume(np.zeros((10, 20, 40), np.uint8), spacing=(1.0, 3.0, 2.0))
+    for pane in (*shown(volume), *panes(volume, UP, (200, 900))):
+        left, top, right, bottom = pane.box
+        lengths = [volume.shape[2 - axis] * volume.spacing[axis] for axis in (pane.across, pane.down)]
+        assert (right - left) / (bottom - top) == pytest.approx(lengths[0] / lengths[1])
+        assert pane.room[0] <= left < right <= pane.room[2] and pane.room[1] <= top < bottom <= pane.room[3]
+    # windows of any size
+    for window in ((64, 64), (2000, 100), (100, 2000), (1, 1)):
+        assert 0 <= column(window, True) <= window[0] / 2 and column(window, False) == 0
+        assert all(np.isfinite(pane.box).all() for pane in panes(volume, UP, window, 2.0))
+
+
+@pytest.mark.parametrize("frame", [None, "LPS", "RAS"])
+@pytest.mark.parametrize("order", list(permutations(range(3))))
+def test_every_pixel_is_the_voxel_that_is_there(
+    frame: str | None, order: tuple[int, ...], rng: np.random.Generator
+) -> None:
+    """The middle of each voxel in a slice is found at its pixel, and its value is in that row and column."""
+    direction = np.eye(3)[:, list(order)] * rng.choice([-1, 1], 3)
+    volume = sg.Volume(rng.random((4, 5, 6)), direction=direction, spacing=(1.0, 2.0, 0.5), frame=frame)
+    for pane in shown(volume):
+        at = (2, 3, 1)
+        pixels = plane(volume.samples, pane, at[pane.axis])
+        rows, columns = pixels.shape
+        left, top, right, bottom = pane.box
+        for row, line in enumerate(np.linspace(top, bottom, rows, endpoint=False) + (bottom - top) / rows / 2):
+            for number in range(columns):
+                x = left + (number + 0.5) * (right - left) / columns
+                index = pane.index((x, line), at, volume)
+                assert np.allclose(pane.place(index, volume), (x, line))
+                i, j, k = (round(each) for each in index)
+                assert np.allclose(index, (i, j, k)) and index[pane.axis] == at[pane.axis]
+                assert pixels[row, number] == volume.samples[k, j, i]
+
+
+def test_the_point_stays_in_the_volume() -> None:
+    volume = sg.Volume(np.zeros((4, 5, 6), np.uint8), origin=(10.0, 0.0, 0.0), spacing=(2.0, 1.0, 1.0))
+    slices = Slices()
+    assert slices.index(volume) == (3, 2, 2)
+    assert slices.moved(0, 2, volume).index(volume) == (5, 2, 2)
+    assert slices.moved(0, 99, volume).index(volume) == (5, 2, 2) and slices.moved(2, -9, volume).index(volume)[2] == 0
+    assert slices.through(np.array([14.0, 3.0, 1.0]), volume).index(volume) == (2, 3, 1)
+    # the same place in half as many voxels, and in one
+    half = replace(volume, samples=volume.samples[::2, ::2, ::2], spacing=(4.0, 2.0, 2.0))
+    assert slices.moved(0, 2, volume).index(half) == (2, 1, 1)
+    assert slices.moved(0, 2, volume).index(sg.Volume(np.zeros((1, 1, 1)))) == (0, 0, 0)
+
+
+def test_grey_is_the_window() -> None:
+    values = np.array([[-5.0, 0.0, 5.0, 10.0, 99.0, np.nan, np.inf, -np.inf]])
+    assert grey(values, (0.0, 10.0))[0, :, 0].tolist() == [0, 0, 127, 255, 255, 0, 255, 0]
+    assert (grey(values, (0.0, 10.0))[..., 3] == 255).all()
+    decades = np.array([[0.0, 1.0, 10.0, 1000.0]])
+    assert grey(decades, (1.0, 100.0), logarithmic=True)[0, :, 0].tolist() == [0, 0, 127, 255]
+    constant = sg.Transfer(points=[(3.0, 0.5)])
+    assert grey(np.array([[2, 3, 4]]), window_of(constant))[0, :, 0].tolist() == [0, 127, 255]
+
+
+@pytest.mark.parametrize("scale", ["linear", "log"])
+def test_colors_are_the_transfer_function_s(rng: np.random.Generator, scale: str) -> None:
+    transfer = sg.Transfer(points=[(1.0, 0.0), (90.0, 1.0)], colormap="hot", scale=scale)
+    values = rng.uniform(-5 if scale == "linear" else 0.5, 120, (20, 30)).astype(np.float32)
+    exact = srgb_from_linear(transfer.color(values)) * 255
+    # the table has enough entries, but where sRGB is steep near black
+    assert np.abs(colors(values, transfer)[..., :3] - exact).max() < 2.0
+    labels = sg.Transfer(points=[(0.0, 0.0), (2.0, 1.0)], labels=((1, "#ff0000", 1.0), (2, "#0000ff", 1.0)))
+    assert colors(np.array([[1, 2]]), labels)[0, :, :3].tolist() == [[255, 0, 0], [0, 0, 255]]
+
+
+@dataclass
+class Parts:
+    """Samples that are read in parts, and what was read of them."""
+
+    values: np.ndarray
+    reads: list[Any] = field(default_factory=list)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.values.shape
+
+    @property
+    def dtype(self) -> np.dtype:
+        return self.values.dtype
+
+    def __getitem__(self, key: Any) -> np.ndarray:
+        found = self.values[key]
+        self.reads.append(found.size)
+        return found
+
+
+def test_only_the_slice_is_read(rng: np.random.Generator) -> None:
+    parts = Parts(rng.random((8, 9, 10)))
+    volume = sg.Volume(parts)
+    for pane in shown(volume):
+        parts.reads.clear()
+        assert plane(volume.samples, pane, 2).size == volume.count / volume.shape[2 - pane.axis]
+        assert parts.reads == [volume.count / volume.shape[2 - pane.axis]]
+
+
+def test_large_slices_are_thinned_out() -> None:
+    volume = sg.Volume(np.zeros((4, 3000, 700), np.uint8))
+    first = shown(volume)[0]
+    thin = strided(plane(volume.samples, first, 0), first)
+    high, wide = first.box[3] - first.box[1], first.box[2] - first.box[0]
+    assert high <= thin.shape[0] <= 4 * high and wide <= thin.shape[1] <= 4 * wide
+
+
+def test_lines_end_at_the_slices() -> None:
+    red = (1.0, 0.0, 0.0, 1.0)
+    lines = Stroke((10.0, 0.0), (50.0, 40.0), red), Stroke((40.0, 5.0), (60.0, 5.0), red)
+    beyond, before = Stroke((60.0, 0.0), (90.0, 9.0), red), Stroke((0.0, 0.0), (20.0, 9.0), red)
+    found = left_of((*lines, beyond, before), 50.0)
+    assert [(each.start, each.stop) for each in found] == [
+        ((10.0, 0.0), (50.0, 40.0)),
+        ((40.0, 5.0), (50.0, 5.0)),
+        ((0.0, 0.0), (20.0, 9.0)),
+    ]
+
+
+def test_keys_show_them(tmp_path: Path) -> None:
+    np.save(tmp_path / "blob.npy", blob().samples)
+    content = Content.open(Scene(str(tmp_path / "blob.npy")))
+    state = acted(State.of(content, (120, 80)), "slices", content)
+    assert state.slices.shown and not acted(state, "slices", content).slices.shown
+    moved = replace(state, slices=acted(state, "slice-colors", content).slices.at((0, 0, 0), content.volume))
+    # another file: shown, in its middle
+    assert moved.slices.colored and moved.opened(content).slices == Slices(shown=True, colored=True)
+
+
+# --- driven -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Window]:
+    folder = tmp_path_factory.mktemp("slices")
+    # values grow along x, y and z by 1, 20 and 400
+    values = np.tensordot([400.0, 20.0, 1.0], np.indices((16, 16, 16)), 1).astype(np.float32)
+    np.save(folder / "grid.npy", values)
+    text = 'volume = "grid.npy"\n[transfer]\npoints = [[3000.0, 0.0], [6400.0, 0.6]]\nwindow = [0.0, 6400.0]\n'
+    (folder / "grid.toml").write_text(text)
+    found = Window(folder / "grid.toml", folder, size=(400, 300))
+    yield found
+    found.end()
+
+
+def test_slices_are_saved_at_the_picture_s_height() -> None:
+    """Whatever height the window has by then."""
+    picture = sg.Image(np.full((6, 5, 4), 0.5, np.float32), {"blend": "composite"})
+    for height in (4, 6, 9):
+        both = with_slices(picture, np.full((height, 3, 3), 255, np.uint8)).pixels
+        assert both.shape == (6, 8, 4) and (both[:, :5] == 0.5).all() and (both[:height, 5:] == 1).all()
+        assert (both[height:, 5:, :3] == 0).all()
+
+
+@pytest.mark.long
+@driven
+def test_slices_are_shown_moved_and_hidden(window: Window) -> None:
+    before, plain = window.ask("reset"), window.shot()
+    told = window.key("z")
+    assert told["size"] == [300, 300] and window.shot().shape == plain.shape
+    middles = {}
+    for number, pane in enumerate(told["panes"]):
+        left, top, right, bottom = pane["box"]
+        middles[pane["axis"]] = round((left + right) / 2), round((top + bottom) / 2)
+        assert number * 100 <= top < bottom <= (number + 1) * 100
+    # the wheel moves the slice across z by voxels; the picture is not drawn again, and the view stays
+    window.hands("mousemove", *middles[2], "click", 4, "click", 4)
+    moved = window.ask("settle")
+    assert moved["slices"]["place"][2] == pytest.approx(10.5 / 16) and moved["eye"] == told["eye"]
+    # between its lines, a slice is grey by the window
+    shot, index = window.shot(), (12, 3, 10)
+    left, top, right, bottom = moved["panes"][0]["box"]
+    x, y = left + (index[0] + 0.5) / 16 * (right - left), bottom - (index[1] + 0.5) / 16 * (bottom - top)
+    grey_of = (400 * index[2] + 20 * index[1] + index[0]) / 6400 * 255
+    assert shot[int(y), int(x)].tolist() == pytest.approx([grey_of] * 3, abs=3.0)
+    # a click moves the two others, a drag too, which does not turn the view
+    window.hands("mousemove", round(x), round(y), "click", 1)
+    linked = window.ask("settle")
+    assert linked["slices"]["place"] == pytest.approx([12.5 / 16, 3.5 / 16, 10.5 / 16])
+    dragged = window.drag(1, middles[1], (middles[1][0] + 30, middles[1][1]))
+    assert dragged["slices"]["place"][0] > 0.5 and dragged["axes"] == told["axes"]
+    # beside them, the mouse turns the view
+    assert window.drag(1, (100, 100), (140, 80))["axes"] != told["axes"]
+    assert window.key("shift+z")["slices"]["colored"] and np.ptp(window.shot()[:, 300:].astype(int), axis=2).max() > 20
+    # what is seen is saved, with annotations and without
+    for key in ("b", "j"):
+        assert window.key(key)["settings"]["blend"] == "xray"
+        shot, name = window.shot(), window.key("s")["message"].split()[-1]
+        saved = (sg.Image.load(window.folder / name).over((0.0, 0.0, 0.0)).straight()[..., :3] * 255).round()
+        assert saved.shape == shot.shape and np.abs(saved[:, 300:] - shot[:, 300:]).max() <= 1
+        assert np.median(np.abs(saved[:200, :300] - shot[:200, :300])) == 0
+        # their lines, too, above what is written; edges are blended in linear light, which makes them wider
+        lines, found = (np.ptp(each[40:140, :300].astype(int), axis=2) > 60 for each in (shot, saved))
+        assert 0.01 < lines.mean() < found.mean() < 2 * lines.mean() and (lines & ~found).mean() < 1e-3
+    # while the window's size changes
+    told = window.ask("set", state={"fullscreen": True}, asks=["screenshot"])
+    shape = sg.Image.load(window.folder / told["message"].split()[-1]).pixels.shape
+    assert told["fullscreen"] and shape == (told["size"][1], window.shot().shape[1], 4)
+    window.key("F11")
+    window.ask("reset")
+    assert np.array_equal(window.shot(), plain) and window.ask("look")["size"] == before["size"]
+    name = window.key("s")["message"].split()[-1]
+    assert sg.Image.load(window.folder / name).pixels.shape[1] == 400
+
+
+@pytest.mark.long
+@driven
+def test_slices_follow_the_window_and_the_file(window: Window) -> None:
+    window.ask("reset")
+    window.key("z")
+    window.hands("windowsize", "--sync", window.identity, 300, 240)
+    assert window.ask("settle")["size"] == [220, 240] and window.shot().shape == (240, 300, 3)
+    # a double click on the volume sets the point, too
+    window.ask("double", within=300.0)
+    window.hands("mousemove", 110, 120, "click", 1, "click", 1)
+    told = window.ask("settle")
+    assert told["message"] == "turns about this point" and told["slices"]["place"] != [0.5, 0.5, 0.5]
+    np.save(window.folder / "other.npy", blob(20).samples)
+    assert window.drop(window.folder / "other.npy")["slices"] == {**told["slices"], "place": [0.5, 0.5, 0.5]}
+    window.drop(window.folder / "grid.toml")
+    window.hands("windowsize", "--sync", window.identity, 400, 300)
+    window.ask("settle")
+
+
+@pytest.mark.long
+def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And says so; its pane is empty, where another one's picture would stand under its number."""
+    zarr = pytest.importorskip("zarr")
+    zarr.save(str(tmp_path / "grid.zarr"), np.zeros((16, 16, 16), np.float32))
+    monkeypatch.setattr("splatgl.readers.ome_zarr.WHOLE", 1000)
+    content = Content.open(Scene(str(tmp_path / "grid.zarr"), transfer={"points": ((0.0, 0.0), (1.0, 0.5))}))
+    assert not isinstance(content.volume.samples, np.ndarray)
+    state = replace(State.of(content, (400, 300)), slices=Slices(shown=True))
+    said: list[str] = []
+    window = SimpleNamespace(wake=lambda: None, scale=1.0)
+    viewer = SimpleNamespace(
+        window=window, state=state, content=content, whole=(400, 300), say=said.append, now=time.monotonic
+    )
+    slicing, asked = Slicing(cast(Any, viewer)), []
+
+    def plane(*given: object) -> None:
+        asked.append(given)
+        raise KeyError("chunk")
+
+    monkeypatch.setattr("splatgl.viewer.slice_views.plane", plane)
+    for _ in range(8):
+        marks = slicing.marks()
+        assert slicing.jobs.settled(300.0)
+        slicing.collect()
+    assert len(asked) == 3 == len(said) and "slice cannot be read" in said[0]
+    assert not any(each.smooth for each in marks.sprites)
+    # nor is it saved, under a number that it has not; once it can be read, it is, after slices were hidden
+    with pytest.raises(sg.InputError, match="cannot be read: 'chunk'; hide the slices"):
+        slicing.picture()
+    monkeypatch.undo()
+    viewer.state = replace(state, slices=Slices())
+    assert not slicing.marks()
+    viewer.state = state
+    for _ in range(3):
+        slicing.marks()
+        assert slicing.jobs.settled(300.0)
+        slicing.collect()
+    assert sum(each.smooth for each in slicing.marks().sprites) == 3 and not slicing.failed
+
+
+@pytest.mark.long
+@driven
+def test_samples_in_parts_are_read_behind_the_window(tmp_path: Path) -> None:
+    zarr = pytest.importorskip("zarr")
+    values = np.tensordot([400.0, 20.0, 1.0], np.indices((16, 16, 16)), 1).astype(np.float32)
+    zarr.save(str(tmp_path / "grid.zarr"), values)
+    # slices are grey by the window of the colours
+    scene = Scene(str(tmp_path / "grid.zarr"), transfer={"points": ((0.0, 0.0), (6315.0, 0.5))})
+    (tmp_path / "scene.toml").write_text(scene.to_toml(tmp_path))
+    window = Window(tmp_path / "scene.toml", tmp_path, size=(400, 300), whole=1000)
+    told = window.key("z")
+    left, top, right, bottom = map(round, told["panes"][0]["box"])
+    first = window.shot()[top:bottom, left:right].mean()
+    window.hands("mousemove", (left + right) // 2, (top + bottom) // 2, "click", 5, "click", 5)
+    assert window.ask("settle")["slices"]["place"][2] < told["slices"]["place"][2]
+    assert window.shot()[top:bottom, left:right].mean() < first - 3
+    # a picture that is saved at once has the slice that it names
+    name = window.ask("set", place=[0.5, 0.5, 0.9], asks=["screenshot"])["message"].split()[-1]
+    window.ask("settle")
+    saved = (sg.Image.load(tmp_path / name).over((0.0, 0.0, 0.0)).straight()[..., :3] * 255).round()
+    assert np.abs(saved[top:bottom, left:right] - window.shot()[top:bottom, left:right]).max() <= 1
+    window.end()

@@ -1,0 +1,129 @@
+"""What of a volume the window shows, within a budget of memory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.scene.scene_file import Scene
+from splatgl.splat.bricks import EACH, FIXED, SAMPLE
+from splatgl.splat.settings import Settings
+from splatgl.viewer import stand_in
+from splatgl.viewer.document import Content
+from splatgl.viewer.loading import News
+from splatgl.viewer.saving import scene_of
+from splatgl.viewer.stand_in import every, portion
+from splatgl.viewer.state import State
+from tests.helpers.bricks import noise
+from tests.helpers.levels import SOFT, with_levels, write
+
+ALL = sg.Transfer([(-1.0, 0.5), (2.0, 0.5)])
+
+
+@pytest.fixture
+def volume() -> sg.Volume:
+    return sg.Volume(noise(np.random.default_rng(1), (48, 40, 44)), spacing=(1, 2, 3), origin=(5, 6, 7))
+
+
+def allow(splats: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Room for so many splats, and little more."""
+    monkeypatch.setattr(stand_in, "budget", lambda: int(FIXED + SAMPLE * stand_in.PIXELS + (EACH + 4) * splats))
+
+
+def test_what_fits_is_shown_whole(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+    allow(volume.count, monkeypatch)
+    for given in (volume, with_levels(volume, 2)):
+        found = portion(given, ALL, Settings())
+        assert found.volume.samples is volume.samples and not found.told and found.finer is None
+    # read in a moment or not: what takes longer is preceded by its coarsest level
+    monkeypatch.setattr(stand_in, "LARGE", 1000)
+    found = portion(with_levels(volume, 2), ALL, Settings())
+    assert found.volume.shape == (12, 10, 11) and found.told == "level 2 of 2, 11 x 10 x 12 voxels" and found.finer
+    found = found.finer()
+    assert found.told == "level 1 of 2, 22 x 20 x 24 voxels" and found.finer
+    found = found.finer()
+    assert found.volume.samples is volume.samples and not found.told and found.finer is None
+
+
+def test_a_level_that_fits(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+    allow(volume.count / 8, monkeypatch)
+    found = portion(with_levels(volume, 3), ALL, Settings())
+    said = "level 1 of 3, 22 x 20 x 24 voxels: finer ones are too large for a window"
+    assert found.volume.shape == (24, 20, 22) and found.told == said and found.finer is None
+    # whatever fits: most is not read for a window
+    allow(volume.count, monkeypatch)
+    monkeypatch.setattr(stand_in, "MOST_OF_LEVEL", volume.count - 1)
+    assert portion(with_levels(volume, 3), ALL, Settings()).told == said
+    # the coarser levels are those of pictures in motion
+    assert found.volume.coarser[0].shape == (12, 10, 11)
+
+
+def test_means_that_fit(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+    allow(volume.count / 60, monkeypatch)
+    monkeypatch.setattr(stand_in, "STAND_IN", volume.count / 27)
+    found = portion(volume, ALL, Settings())
+    assert found.told == "every 3rd voxel" and np.array_equal(found.volume.samples, volume.samples[::3, ::3, ::3])
+    assert found.volume.spacing == (3, 6, 9) and found.volume.origin == volume.origin and found.finer
+    finer = found.finer()
+    assert finer.volume.shape == (12, 10, 11) and finer.told.startswith("means of 4^3 voxels: smaller ones need more")
+
+
+def test_colours_go_along(volume: sg.Volume) -> None:
+    color = np.zeros((*volume.shape, 3), np.uint8)
+    color[..., 0] = np.arange(volume.shape[2])
+    found = every(sg.Volume(volume.samples, color=color), 4)
+    assert found.color is not None and np.array_equal(found.color[0, 0, :, 0], np.arange(0, 44, 4))
+
+
+def test_contents_keep_opacities_a_length(volume: sg.Volume, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    np.save(tmp_path / "v.npy", volume.samples)
+    scene = Scene(str(tmp_path / "v.npy"), transfer={"points": SOFT.points})
+    whole = Content.open(scene)
+    assert whole.transfer.unit is None and whole.portion is not None and not whole.portion.told
+    allow(volume.count / 60, monkeypatch)
+    content = Content.open(scene)
+    finer = content.finer()
+    assert content.transfer.unit == pytest.approx(1.0) == finer.transfer.unit
+    assert finer.volume.count < volume.count / 7 and finer.portion and finer.portion.finer is None
+    # what is edited stays the same portion
+    edited = finer.changed(sg.Transfer([(0.3, 0.0), (0.8, 0.1)]), 0.0)
+    assert edited.portion is finer.portion and edited.volumes is finer.volumes
+
+
+@pytest.mark.long
+def test_the_smallest_there_is_where_nothing_fits(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stand_in, "budget", lambda: 1)
+    found = portion(volume, ALL, Settings())
+    assert found.finer and found.finer().volume.shape == (3, 3, 3)
+    found = portion(with_levels(volume, 2), ALL, Settings())
+    assert found.volume.shape == (6, 5, 6) and found.told == "every 2nd voxel" and found.finer
+    assert found.finer().volume.shape == (3, 3, 3)
+
+
+def test_a_level_is_saved_with_its_scene(
+    volume: sg.Volume, renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(tmp_path / "v.zarr", with_levels(volume, 3))
+    monkeypatch.setattr(stand_in, "MOST_OF_LEVEL", volume.count - 1)
+    content = Content.open(Scene(str(tmp_path / "v.zarr"), transfer={"points": SOFT.points}))
+    found = scene_of(State.of(content, (20, 16)), content)
+    assert found.load == {"level": 1} and found.open().shape == content.volume.shape
+    assert np.array_equal(found.splats(found.open(), found.transfer_for(found.open())).records, content.at(1).records)
+
+
+@pytest.mark.long
+def test_a_finer_portion_of_what_is_no_longer_shown_is_not_taken(
+    volume: sg.Volume, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    allow(volume.count / 60, monkeypatch)
+    np.save(tmp_path / "v.npy", volume.samples)
+    scenes = [Scene(str(tmp_path / "v.npy"), transfer={"points": SOFT.points}) for _ in range(2)]
+    shown, other = (Content.open(scene) for scene in scenes)
+    news = News(shown.finer(), finer=True)
+    edited = shown.changed(sg.Transfer([(0.3, 0.0), (0.8, 0.1)]), 0.0)
+    assert [news.stale(content) for content in (shown, edited, other)] == [False, False, True]
+    # another file is taken whatever is shown
+    assert not News(other).stale(shown)
