@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import zipfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -139,9 +140,9 @@ def dicom_seeds(packed: bool, written: Written) -> list[Seed]:
     if packed:
         pictures = [packed_image(wide, "rle"), packed_image(CUBE[0], "jpeg"), packed_image(large, "j2k")]
         pictures += [packed_image(wide[0], codec) for codec in ("lossless", "ls")]
-        return [written("a.dcm", lambda path, data=data: save(data, path)) for data in pictures]
+        return [written("a.dcm", partial(save, data)) for data in pictures]
     rgb = np.repeat(CUBE[0][..., None], 3, axis=-1)
     padded = image(CUBE[0].astype(np.int16), PixelPaddingValue=5, RescaleSlope="0.5")
     plain = [image(CUBE[0].astype(np.int16)), enhanced(wide), image(CUBE), image(rgb), padded]
-    files = [written("a.dcm", lambda path, data=data: save(data, path)) for data in plain]
+    files = [written("a.dcm", partial(save, data)) for data in plain]
     return [*files, written("a", series), written("a", series), written("a.zip", zipped)]

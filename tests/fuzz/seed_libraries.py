@@ -148,7 +148,7 @@ def mgh() -> list[Seed]:
 
 def nrrd_components() -> list[Seed]:
     head = "NRRD0004\ntype: {type}\ndimension: 4\nsizes: {sizes}\nencoding: raw\nendian: little\nkinds: {kinds}\n\n"
-    told = {
+    told: dict[str, tuple[str, np.ndarray, str, tuple[int, ...]]] = {
         "3-color": ("uchar", FLOW.astype(np.uint8), "3-color space space space", (3, X, Y, Z)),
         "vector": ("float", np.moveaxis(FLOW, -1, 0), "space space space vector", (X, Y, Z, 3)),
         "time": ("float", np.moveaxis(FLOW, -1, 1)[:, :1], "space space time space", (X, Y, 1, Z)),

@@ -227,8 +227,8 @@ def zarr_store(version: int) -> list[Seed]:
     seeds = [written("a.zarr", grouped), written("a.zarr", partial(array, compressors=None))]
     if version == 3:
         seeds.append(written("a.zarr", partial(array, shards=(6, 9, 11))))
-        packed = written("a.zarr", partial(array, compressors=zarr.codecs.GzipCodec()))
-        return [*seeds, packed, *channels_of_zarr(version)]
+        zipped = written("a.zarr", partial(array, compressors=zarr.codecs.GzipCodec()))
+        return [*seeds, zipped, *channels_of_zarr(version)]
     from numcodecs import GZip, Zstd
 
     packed = [written("a.zarr", partial(array, compressors=codec)) for codec in (GZip(), Zstd())]

@@ -142,7 +142,7 @@ def quick_looks() -> None:
         os.write(theirs, os.fsencode(command[-1]) + b"\0")
         return SimpleNamespace(returncode=int(os.read(answers, 16)))
 
-    hdf5.subprocess = SimpleNamespace(run=run, DEVNULL=None)  # type: ignore[assignment]
+    hdf5.subprocess = SimpleNamespace(run=run, DEVNULL=None)  # type: ignore[assignment, attr-defined]
 
 
 def _serve(ours: int, answer: int) -> None:

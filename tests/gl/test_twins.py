@@ -280,7 +280,7 @@ def test_colours_of_tiles(twin: Twin, rng: np.random.Generator) -> None:
 def test_gradients_of_tiles(twin: Twin, rng: np.random.Generator) -> None:
     """To 2⁻¹⁶ of the power of two above the largest component; what lends its last bytes keeps 15 bits."""
     gradient = rng.normal(size=(3, COUNT)) * 10.0 ** rng.uniform(-6, 2, COUNT)
-    gradient[:, :4] = [[0, 1, -2, 1e-30], [0, 0, 2, 0], [0, 0, -2, 0]]
+    gradient[:, :4] = np.array([[0, 1, -2, 1e-30], [0, 0, 2, 0], [0, 0, -2, 0]])
     others = rng.uniform(0.01, 100, (3, COUNT)).astype(np.float32)
     words = packed_gradient(gradient.astype(np.float32), others.view(np.uint32).astype(np.int64))
     above = 2.0 ** np.clip(np.frexp(np.abs(gradient).max(axis=0))[1], -22, 9)
