@@ -7,7 +7,7 @@
 #include "light.glsl"
 #include "depth_limits.glsl"
 #constant FACE       // voxels along a ray behind a cut that are lit as its face
-#constant GRAZING_RAY  // see clip.py
+#constant GRAZING_RAY  // see clipping.py
 #constant FLUSH
 #constant MASK_ZERO  // what a byte holds for components 0 and, beyond it, 1
 #constant MASK_ONE

@@ -1,4 +1,4 @@
-"""TOML tables, atomic writes, byte sizes, checks of output paths."""
+"""TOML tables, atomic writes, byte sizes, and checks of output paths."""
 
 from __future__ import annotations
 

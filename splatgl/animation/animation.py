@@ -1,4 +1,4 @@
-"""Animation: frames, resume, Dask."""
+"""`Animation`: the frames of a turntable, of keyframes or of a series in time, drawn here or by workers of Dask."""
 
 from __future__ import annotations
 

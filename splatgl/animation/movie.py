@@ -1,4 +1,4 @@
-"""Encoding, time series."""
+"""Encodes frames as movies, and lists the volumes of a series in time."""
 
 from __future__ import annotations
 

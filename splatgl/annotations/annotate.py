@@ -1,4 +1,4 @@
-"""Annotate(): registry of annotations, composition."""
+"""`annotated`: draws the annotations that are asked for over an image."""
 
 from __future__ import annotations
 

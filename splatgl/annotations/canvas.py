@@ -1,4 +1,4 @@
-"""Antialiased lines and text with halo; Subject."""
+"""Antialiased lines and text with halos, and the `Subject` that annotations describe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scale bar, nice numbers."""
+"""The scale bar, and round numbers for bars and ticks."""
 
 from __future__ import annotations
 

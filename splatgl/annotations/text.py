@@ -1,4 +1,4 @@
-"""Text blocks with Pillow."""
+"""Text blocks, drawn by Pillow."""
 
 from __future__ import annotations
 

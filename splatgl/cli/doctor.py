@@ -1,4 +1,4 @@
-"""Splatgl doctor."""
+"""Describes this machine's OpenGL, and checks each technique against the float64 reference."""
 
 from __future__ import annotations
 

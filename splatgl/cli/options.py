@@ -1,4 +1,4 @@
-"""Argparse from field metadata."""
+"""Adds options to argparse, and builds scenes from parsed arguments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `splatgl render` tells of a picture that it wrote: four or five lines; --explain tells the rest."""
+"""The summary that `splatgl render` prints, and the text of `--explain`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Splatgl pyramid.
+"""`splatgl pyramid`: writes a volume with coarser levels, or with voxels already classified.
 
-A voxel of half as many has the mean opacity of the rays through its eight along each axis, as extinction: the mean of
-extinctions makes an opaque thread in it as wide as the voxel (RMSE .15 where this has .08), that of values loses it.
+A coarser voxel of classified ones has the mean opacity of the rays through its eight voxels along each axis, as
+extinction. The mean of extinctions would make an opaque thread in it as wide as the voxel (RMSE .15; this .08), and
+the mean of values would lose the thread.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Splatgl render, --depth."""
+"""`splatgl render`: draws a picture, a depth map, or both."""
 
 from __future__ import annotations
 

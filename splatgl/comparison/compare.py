@@ -1,4 +1,4 @@
-"""Reads pairs, compares."""
+"""Compares two images: reads them, aligns their sizes and computes all metrics."""
 
 from __future__ import annotations
 

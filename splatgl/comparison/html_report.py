@@ -1,4 +1,4 @@
-"""One-file report."""
+"""Writes comparisons with their images into one HTML file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SSIM, PSNR, FLIP, unmatched, 8-bit steps."""
+"""Image metrics: SSIM, PSNR, FLIP, unmatched pixels and steps of 8 bits."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Input and output: volumes, their readers, and images."""
+"""Volumes, masks, meshes, images and built-in scenes."""

@@ -1,4 +1,4 @@
-"""Units, spacing and direction of affine grids."""
+"""Units, spacing and direction of affine grids, from coordinates of axes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Volumes from arrays and images of other libraries, which the module of their type tells.
+"""`volume_of`: volumes from arrays and images of other libraries, chosen by the type's module.
 
 No library is imported here that `x` does not come from. Samples are views where the library permits, and stay on disk
 where they are there.

@@ -1,4 +1,4 @@
-"""Frames and parts, joining."""
+"""Draws frames, or parts of one image, on workers of Dask, and joins parts."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Room 3, gl: the only package that calls OpenGL; draws a plan."""
+"""The only package that calls OpenGL; draws a plan."""

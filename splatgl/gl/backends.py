@@ -1,4 +1,4 @@
-"""EGL, OSMesa, GLFW loaders.
+"""Opens contexts by EGL, OSMesa and GLFW.
 
 OpenGL keeps one current context per thread, and the window systems are independent: if an EGL context is made current
 while an OSMesa one is, calls go to the wrong one. Each thread therefore stores its current loader and unbinds it before

@@ -1,4 +1,4 @@
-"""Levels of detail, render_slabs.
+"""Chooses levels of detail, and draws volumes that exceed memory in slabs.
 
 Means of values lose what is thinner than their voxels, and are classified as something else. So a coarser level is
 drawn only if it is right in boxes of this volume, under this transfer function and camera.

@@ -1,4 +1,4 @@
-"""Footprint tables, mask and light textures."""
+"""Textures of footprints, masks and light."""
 
 from __future__ import annotations
 

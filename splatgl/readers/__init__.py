@@ -1,4 +1,4 @@
-"""Load(), FORMATS registry, format detection."""
+"""`load`: reads a volume of any format; `FORMATS` has one row for each, with its reader in this folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lazy chunked arrays, axis order, chunk min/max cache."""
+"""Chunked arrays that are read in parts, in any order of axes, with a cache of each chunk's extremes."""
 
 from __future__ import annotations
 

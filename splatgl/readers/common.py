@@ -1,4 +1,4 @@
-"""Byte checks, mapping, inflating, number text."""
+"""Checks of sizes, memory maps, decompression and parsing of numbers, shared by readers."""
 
 from __future__ import annotations
 

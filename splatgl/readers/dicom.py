@@ -1,4 +1,4 @@
-"""DICOM series: choice, slice grid, read.
+"""DICOM series: chooses one, sorts its slices into a grid, and reads it.
 
 Slices are sorted by ImagePositionPatient along the normal of ImageOrientationPatient (PS3.3 C.7.6.2); the patient's
 frame is LPS in millimetres. Stored windows (VOI) are meant for slices and don't become the volume's: most begin below

@@ -1,4 +1,4 @@
-"""Files of a folder or zip; header fields of frames."""
+"""Finds DICOM files in folders and archives, and reads the header fields of their frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Decoding frames with pydicom."""
+"""Decodes frames with pydicom, after their stated sizes are checked."""
 
 from __future__ import annotations
 

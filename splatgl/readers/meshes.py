@@ -1,4 +1,4 @@
-"""PLY STL OBJ OFF GLB VTP TRK TCK; arrays of vertices."""
+"""Meshes: PLY, STL, OBJ, OFF, GLB, VTP, TRK and TCK, with values at vertices."""
 
 from __future__ import annotations
 

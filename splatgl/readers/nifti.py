@@ -1,6 +1,6 @@
-"""NIfTI, Analyze, MGH through nibabel.
+"""NIfTI, Analyze and MGH, through nibabel.
 
-nibabel's arrays are [x, y, z], and its affine takes (x, y, z) to RAS+. Analyze files state no orientation: nibabel
+Analyze files state no orientation: nibabel
 takes x from right to left, as SPM does. A pair in the NIfTI format has these names too, and is read as such.
 
 nibabel's arrays are [x, y, z] with x fastest, and its affine takes (x, y, z) to RAS+ (nipy.org/nibabel,

@@ -1,4 +1,4 @@
-"""Zarr 2/3, OME-Zarr.
+"""Zarr 2 and 3, and OME-Zarr.
 
 A multiscale image gives its finest level unless `level` or `array` names another; spacing, origin and unit come from
 the level's coordinate transformations (OME-Zarr 0.4 and 0.5).

@@ -1,4 +1,4 @@
-"""LoadOptions; FILE.h5:/NAME paths."""
+"""`LoadOptions`, and paths of datasets: FILE.h5:/NAME."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-""".npy, .npz, headerless raw."""
+"""NumPy files (.npy, .npz), and raw samples without a header."""
 
 from __future__ import annotations
 

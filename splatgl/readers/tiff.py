@@ -1,4 +1,4 @@
-"""TIFF, OME-TIFF, ImageJ stacks.
+"""TIFF, OME-TIFF and stacks of ImageJ.
 
 Pages are planes along z, rows run along y, row 0 first. The resolution tags count only where ImageJ's metadata
 confirms them: other programs write 72 dpi by default.

@@ -1,4 +1,4 @@
-"""Images and channels of a TIFF file: which is read, what its OME-XML says, where GeoTIFF places it."""
+"""Selects images and channels of a TIFF file, by its OME-XML, and places them by GeoTIFF tags."""
 
 from __future__ import annotations
 

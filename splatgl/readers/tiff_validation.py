@@ -1,4 +1,4 @@
-"""Structure and LZW checks before decoding.
+"""Checks the structure and the LZW codes of TIFF files before they are decoded.
 
 A code of a strip refers to one that came before it. The decoder of imagecodecs follows those that do not into memory
 that was never written.

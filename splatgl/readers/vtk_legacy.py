@@ -1,4 +1,4 @@
-""".vtk structured points; array selection.
+"""Legacy VTK files (.vtk) with structured points, and the selection of arrays in all VTK files.
 
 Format: "VTK File Formats", docs.vtk.org; x runs fastest.
 """

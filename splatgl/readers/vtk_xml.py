@@ -1,4 +1,4 @@
-""".vti .vtr .pvti .pvtr .pvd .vtm.
+"""VTK XML images: .vti, .vtr, .pvti, .pvtr, .pvd and .vtm.
 
 Samples are those of the points, or of the cells: these stand half a step further, and are one fewer along each axis. A
 point's index counts from index 0, not from the extent's lower end, and Direction is listed row by row. Rectilinear

@@ -1,4 +1,4 @@
-"""Blending and pixel means in float64.
+"""Blending, and means of samples over pixels, in float64.
 
 An image in progress holds optical depth (a compensated sum) and premultiplied colour.
 """

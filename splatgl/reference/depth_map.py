@@ -1,4 +1,4 @@
-"""Depth maps.
+"""Depth maps, by rays through the reconstructed field.
 
 Rays pass boxes of voxels that hold nothing at once, and walk through others in half voxels and from plane to plane of
 samples, between which values have no kinks; within the step that decides, values are looked up PARTS times.

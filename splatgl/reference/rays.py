@@ -1,6 +1,6 @@
-"""Pixel rays, splat-pixel pairs, extents.
+"""Rays of pixels, pairs of splats and pixels, and extents of splats on the screen.
 
-Lengths in mean spacings, eye axes; boxes are of slopes (perspective) or of eye x, y (orthographic).
+Lengths are in mean spacings, in eye axes; boxes are of slopes (perspective) or of eye x, y (orthographic).
 
 No loop over splats: boxes are unrolled into rows, rows into pixels.
 """

@@ -1,8 +1,8 @@
-"""Float64 renderer; renderer protocols.
+"""Draws the reference picture in float64, and declares the protocols that renderers implement.
 
-`gl.renderer.Renderer` implements both renderer protocols.
+`gl.renderer.Renderer` implements both protocols.
 
-It uses blend, kernel, antialias, attenuation, shading, order and background, and ignores the settings of
+The reference uses blend, kernel, antialias, attenuation, shading, order and background, and ignores the settings of
 approximations: align, footprint, target, tolerance. Slow and exact: the ground truth for other images.
 """
 

@@ -1,4 +1,4 @@
-"""Sheets in float64.
+"""Sheets in float64: the twin of the shaders `sheet_*.glsl`.
 
 Classified before: extinction and extinction · colour add up within a sheet. Classified after: masses, and values and
 gradients by mass, add up within a sheet; a quadratic B-spline joins the sums of sheets, and their means are classified

@@ -1,6 +1,6 @@
-"""Streaks in float64.
+"""Streaks in float64: splats that move during the exposure.
 
-Compared with `temporal.Moments`, the reference, it measures the error of streaks: straight lines for curved
+Compared with means of subframes, it measures the error of streaks: straight lines for curved
 paths, one width for a changing depth, and optical depth that is smeared before it occludes.
 """
 
@@ -174,7 +174,7 @@ def render(
 @dataclass(frozen=True, eq=False)
 class _Drawn:
     """Data shared by all bands: the streaks' row and boxes, and order, colour, depth, coverage (the remaining fraction
-    of opacity) and isolated (see motion_opacity.py) of all splats.
+    of opacity) and isolated (see motion_blur.py) of all splats.
     """
 
     row: StreakRow

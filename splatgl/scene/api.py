@@ -1,4 +1,4 @@
-"""Sg.render, sg.show."""
+"""`sg.render` and `sg.depth_map`: scenes from volumes, arrays, files, splats and plotters, and their pictures."""
 
 from __future__ import annotations
 

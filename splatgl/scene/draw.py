@@ -1,4 +1,4 @@
-"""Draws a scene: level of detail, bricks or splats, layers, annotations."""
+"""Draws a scene: chooses level of detail, bricks or splats, joins layers, and adds annotations."""
 
 from __future__ import annotations
 

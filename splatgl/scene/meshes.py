@@ -1,4 +1,4 @@
-"""Mesh and vector entries of a scene."""
+"""Meshes and vectors of scenes: options, files, colours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Text to numbers, colours and sizes, for the command line, TOML and keywords."""
+"""Parses text into numbers, colours and sizes, for the command line, TOML and keywords."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SceneFile: scene.toml.
+"""`Scene`: a scene.toml, or the same from arguments; masks and transfer functions by name.
 
 volume = "head.nii.gz"          # beside the scene file, or the name of a built-in scene
 threshold = 0.0

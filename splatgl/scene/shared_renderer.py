@@ -1,4 +1,4 @@
-"""Renderers of scenes: the one that calls share, and the time that left-out steps save."""
+"""The renderer that calls share, and the measurement of the time that skipped steps save."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Camera from angles, stacks, background."""
+"""`View`: the camera from angles and sizes; flat stacks; backgrounds."""
 
 from __future__ import annotations
 

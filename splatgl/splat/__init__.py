@@ -1,1 +1,1 @@
-"""Room 2, splat: extraction, kernels, integrals, views and plans of splats; numpy in float64, no GL."""
+"""Extraction, kernels, integrals, views and plans of splats; float64 numpy, no OpenGL."""

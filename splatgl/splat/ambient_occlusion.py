@@ -1,9 +1,9 @@
-"""Coarse extinction grid: sky and shadow terms.
+"""Ambient occlusion and shadows: a coarse grid of extinction, and the light that its cells receive.
 
 Cells are blocks of whole voxels of the first volume's grid, with means of the voxels in them; voxels of other volumes
 are shared out over the eight cells around each.
 
-Both come from a coarse grid of extinction. Of the sky a cell keeps the mean m₀ and the first moment m₁ of what passes
+Of the sky a cell keeps the mean m₀ and the first moment m₁ of what passes
 from directions all around, so that a surface with normal n sees m₀ + 2 n · m₁ of it, weighted by cosines: 1 of an open
 plane, whatever its slope.
 

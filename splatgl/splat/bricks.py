@@ -1,4 +1,4 @@
-"""Out-of-core bricks, memory estimate.
+"""Volumes larger than memory: bricks in the order of sheets, and the memory that they need.
 
 Sheets are spheres around the eye. Once no brick is left that could hold a splat of a sheet, that sheet is complete, and
 its splats are given out, in batches whose sheets never come before those of the batch before. Records are those of the

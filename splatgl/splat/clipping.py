@@ -1,4 +1,4 @@
-"""Clip planes, clip expressions, crop.
+"""Clip planes, their text form, and crop boxes.
 
 Rays are clipped, so that values classified after reconstruction, and boxes of labels, end exactly at a plane; other
 voxels that are classified before are kept or left out whole. A face that a plane cuts is lit by the plane's normal, to

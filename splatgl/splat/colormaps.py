@@ -1,4 +1,4 @@
-"""Colour maps, label colours, mesh colours."""
+"""Colour maps, and colours of labels and meshes."""
 
 from __future__ import annotations
 

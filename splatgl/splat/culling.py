@@ -1,7 +1,7 @@
-"""Frustum, block, hidden-splat culling; screen bounds.
+"""Culling: splats behind the eye, outside the frustum, in blocks, and hidden by others; bounds on the screen.
 
-Values of the field on the plane depend on voxels behind it, too: of those classified after reconstruction so many are
-kept, as rays begin at the plane.
+In parallel views rays begin at the eye's plane. Values on that plane depend on voxels behind it, too, so that splats
+classified after reconstruction are kept as far behind it as their kernels reach.
 """
 
 from __future__ import annotations

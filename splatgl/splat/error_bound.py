@@ -1,6 +1,7 @@
-"""Bound against the reference.
+"""The error bound: the largest difference of a picture from the float64 reference.
 
-It is the sum of three errors: the position D in float32 and by the form, the form's gain, and the table.
+The error of a footprint is the sum of three: of the position D in float32 and by the form, of the form's gain, and of
+the table.
 
 The reference is row 1 of Table 1 for every `align`: the bound includes errors of the form, of tables and of float32.
 
@@ -11,7 +12,7 @@ the transmittance behind it, ∂C/∂τF = T (c − colour behind), so that
     ρ Σ T τF |c − behind| ≤ ρ/2,    within sheets ρ (MIXED),
 
 since with q for the colour seen, c = q − dq/dτ in [0, 1], and ∫ e^(−τ) |dq/dτ| dτ ≤ 1/2 for every q. Where F is small a
-relative error is large and an absolute one is not, so that (ρ, σ) is chosen per picture (footprint_error.py).
+relative error is large and an absolute one is not, so that (ρ, σ) is chosen per picture.
 Three quantities are measured, with a margin: ROUNDINGS, the second-order error beyond z_k (BENT, MOVED), and what
 misplaced sheets change (DISPLACED).
 

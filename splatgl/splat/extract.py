@@ -1,8 +1,7 @@
-"""Extract(): entry and pre-classification.
+"""`extract`: splats of a volume; voxels classified before reconstruction.
 
-It reads the volume slab by slab.
-
-Each splat depends only on its voxel and six neighbours, so the result is bit-identical for any slab size.
+The volume is read slab by slab. Each splat depends only on its voxel and six neighbours, so the result is
+bit-identical for any slab size.
 """
 
 from __future__ import annotations

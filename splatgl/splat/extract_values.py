@@ -1,4 +1,4 @@
-"""Extraction for classification after reconstruction: values and gradients of the voxels that opaque points need.
+"""Extraction of values and gradients, which are classified after reconstruction.
 
 A point's value is a mean of coefficients around it, and near the samples there. A voxel is kept if the interval of the
 samples within the kernel's reach meets a value of non-zero opacity; the others only contribute to transparent points,

@@ -1,11 +1,16 @@
-"""Table 1 rows, approximations, quads, (z_k/z_v)^2 attenuation in float64.
+"""Footprints of splats: the five rows of Table 1, approximations, quads, and attenuation beyond z_k, in float64.
 
-Substituting t = z_v (z − z_v)/z turns row 1's integral into a straight line in perspective space, with
+The eye is at the origin, +z is depth, the voxel spacing 1. A voxel is v = (x, y, z_v); a ray passes
+through (w, 1)·z. All values are line integrals of the kernel (arc length), low-passed where
+z_v ≥ z_k: stretched by m = z_v/z_k, weakened by 1/m² [M98 Eq. 4, 6]. Arrays broadcast: voxel [..., 3],
+slope [..., 2] → [...]. OpenGL draws rows 4 and 5 by `quads.py`.
+
+Approximations: substituting t = z_v (z − z_v)/z turns row 1's integral into a straight line in perspective space, with
 the slope of the voxel's own ray, a_v = c/(z_v m). From it follow `b`, `b1`, `a` and `bprime`; before z_k
 the footprint at the true distance, `c`, is exact. Forms take and return what `footprint.ROWS` do, and
 are the twins of `shaders/approximations.glsl`: `c` of `near_quad`, `bprime` of `cubic_quad`.
 
-A pixel wider than a voxel shows an average over sub-pixel columns. Weakening opacity by 1/m² suits
+Attenuation: a pixel wider than a voxel shows an average over sub-pixel columns. Weakening opacity by 1/m² suits
 isolated matter, weakening optical depth suits matter that fills its pixel; with both, matter behind
 opaque matter widens it. The runs of occupied cells around a splat give the required quantities:
 
@@ -21,13 +26,8 @@ opaque matter widens it. The runs of occupied cells around a splat give the requ
 
 The constants are fits to supersampled pictures; scripts/benchmarks/attenuation.py prints their errors.
 
-The float64 twin of `shaders/quads.glsl`, in the same steps. Lengths in mean spacings, eye axes.
+Quads are the float64 twin of `shaders/quads.glsl`, in the same steps. Lengths in mean spacings, eye axes.
 [M98 Table 1 row 4] [M98 Table 1 row 5]
-
-The eye is at the origin, +z is depth, the voxel spacing 1. A voxel is v = (x, y, z_v); a ray passes
-through (w, 1)·z. All values are line integrals of the kernel (arc length), low-passed where
-z_v ≥ z_k: stretched by m = z_v/z_k, weakened by 1/m² [M98 Eq. 4, 6]. Arrays broadcast: voxel [..., 3],
-slope [..., 2] → [...]. OpenGL draws rows 4 and 5 by `quads.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Grid: affine lattice, rows and planes, trilinear."""
+"""`Grid`: the affine lattice of voxels, and trilinear lookups in it."""
 
 from __future__ import annotations
 

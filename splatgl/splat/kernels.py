@@ -1,4 +1,4 @@
-"""Radial kernels, footprint tables, polynomials.
+"""Reconstruction kernels, their footprints, tables and polynomials.
 
 A kernel h(x) = g(|x|) lives on the unit lattice; g, the footprint F(d) = ∫ g(√(d²+t²)) dt and the
 partial integral P_d(t) = ∫₀ᵗ g(√(d²+u²)) du all have closed forms.  [M98 §2]

@@ -1,4 +1,4 @@
-"""Light models."""
+"""Light models, and the shading of voxels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exact line integral, straight and curved rays.
+"""The exact line integral of a kernel, along straight and along curved rays.
 
 Seen in a voxel's perspective space, t = z_v (z − z_v)/z, a stretched axis runs straight along a pixel's
 ray and an unstretched one bends: every point of the ray is p₀ + p₁ t + p₂ δ in the kernel's own space,

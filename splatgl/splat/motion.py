@@ -1,4 +1,4 @@
-"""Motion, rigid transforms, moments.
+"""`Motion` during the exposure: rigid transforms, flows, and subframes.
 
 Times are in frames: 0 is the current frame, −1 the previous one. With a shutter of 180° the exposure lasts
 from −½ to 0, and a moving splat is blurred along that part of its path.  [M98 §5]

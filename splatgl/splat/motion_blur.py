@@ -1,4 +1,4 @@
-"""Streak footprints and tables.
+"""Streaks: footprints that are cut in half and stretched along their motion, their tables and opacity.
 
 A splat that moves by a length l while the shutter is open contributes, at (u, v) along and across its path from
 the path's middle, the mean of its footprint: B = (G(u + l/2, v) − G(u − l/2, v))/l with the partial area
@@ -6,7 +6,7 @@ G(u, v) = ∫₋∞ᵘ F(√(u'² + v²)) du'. The paper instead cuts the footpr
 between the halves, and weakens it [M98 §5, Fig. 11, Eq. 11]. All lengths are in voxels, or, where
 antialiasing has stretched the footprint by m, in units of m voxels.
 
-G(u, v) of `blur.py` is the whole line's area times the share of it before u. Over u in half chords
+In the table G(u, v) is the whole line's area times the share of it before u. Over u in half chords
 √(R² − v²) and v² the share hardly changes from line to line, so that few texels suffice: at 64 × 512 its error
 is 5e−7 of the line's area, while G itself over u and v² needs 256 × 1024 for 8e−6.
 

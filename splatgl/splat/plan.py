@@ -1,4 +1,4 @@
-"""Plan: all decisions for one picture.
+"""`Plan`: all decisions for one picture.
 
 `program` holds the enums and booleans that select shader text and GL state, and is the key of the
 program cache; the rest is numbers for uniforms, so that a moving camera compiles nothing.
@@ -106,7 +106,7 @@ class Program:
 
     footprint: its source, table, radial, polynomial, single (polynomial) or box. kernel: the one whose polynomials
     are compiled in. motion: form of streaks. flow: whether splats have velocities of their own. points: whether their
-    places are not those of voxels; see records.py. exp_doublings: see optics.glsl.
+    places are not those of voxels; see splats.py. exp_doublings: see optics.glsl.
     """
 
     technique: str

@@ -1,4 +1,4 @@
-"""Running integrals of the transfer function (post-classification).
+"""Classification after reconstruction: running integrals of the transfer function.
 
 Along a part of a ray values are linear; its extinction and emission are means over the values that it passes. [Engel,
 Kraus & Ertl 2001, without its table of pairs: differences of one running integral]

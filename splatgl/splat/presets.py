@@ -1,6 +1,7 @@
-"""Presets by name, default transfer function.
+"""Transfer functions by name, and the default for a volume.
 
-Those of CT are in Hounsfield units. Other values are taken for a CT whose classes lie where tissues do: see `adapted`.
+Presets of CT are in Hounsfield units. Other values are taken for a CT whose classes lie where tissues do, see
+`adapted`.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ NEAR = 1 / 3
 SQUARES = 512
 # splats counted at a time
 PART = 2**20
-# beyond z_k a footprint reaches at most 2 R pixels: block_culling.STRETCHED
+# beyond z_k a footprint reaches at most 2 R pixels: culling.STRETCHED
 STRETCHED = 2.0
 
 

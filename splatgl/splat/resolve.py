@@ -1,4 +1,4 @@
-"""Resolved: settings without auto.
+"""`Resolved`: the settings of a picture without `auto`, and the splats that they need.
 
 `plan` adds the choices for OpenGL; the float64 references use this alone.
 """
@@ -72,7 +72,7 @@ class Resolved:
     averaged: whether pixels are means of samples with the end correction of resolve.frag.
     view: at samples × samples a pixel; whether any splat is widened, and beyond which depths. camera: likewise.
     z_k: depth at which the smallest voxel is one sample wide [M98 Eq. 3]. depths: of the box of all splats, nearest and
-    farthest. unsure: see widening.py. background: linear RGB, None: transparent. notes: omitted steps with reasons, a
+    farthest. unsure: see view.py. background: linear RGB, None: transparent. notes: omitted steps with reasons, a
     line each. sheets: None: splats composite one by one. clip: the planes that cut rays; None: no ray is cut.
     mask: what cuts them besides; None: nothing. cues: what light reaches matter; None: all of it.
     """

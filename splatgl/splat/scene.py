@@ -1,6 +1,6 @@
-"""Scene and Layer: the ONE in-memory scene.
+"""`Scene` and `Layer`: several volumes and meshes in one picture.
 
-Where they overlap, extinctions and emissions add up: the order is right at every depth of every ray.
+Where layers overlap, extinctions and emissions add up: the order is right at every depth of every ray.
 """
 
 from __future__ import annotations

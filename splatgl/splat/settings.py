@@ -1,4 +1,4 @@
-"""Settings with field metadata; BLENDS."""
+"""`Settings` of a picture, and the table of blend modes."""
 
 from __future__ import annotations
 

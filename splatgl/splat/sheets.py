@@ -1,12 +1,12 @@
-"""Sheet thickness and B-spline weights.
-
-A sheet's mean is of voxels at one distance from the eye, e, which a ray passes at √(e² − D²), or behind the eye. From
-a few sheets on that is the sheet's own place; nearer, it is up to a third of a voxel off it. There voxels belong to
-planes across each ray, by where it passes them, also to one behind the eye.
+"""Sheets: slabs of equal distance from the eye, within which splats add up; the first ones are planes.
 
 Sheets are spheres around the eye, planes in parallel views, of equal distance in index space, where a kernel is a
 sphere: on every ray a voxel at distance e is passed at √(e² − D²), whatever the grid. A splat belongs to `count`
 sheets by the weights of a B-spline of degree count − 1, which add up to 1.  [Mueller & Crawfis 1998]
+
+Voxels at a distance e lie on a ray at √(e² − D²), which from a few sheets on is their sheet's place; nearer to the eye
+it is up to a third of a voxel off. The first sheets are therefore planes across each ray: voxels belong to them by
+where the ray passes them, also to one behind the eye.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Splats: records, rows, caches.
-
-A run of one is the width of a dot, thread, sheet or surface layer. Runs give the filled share of a pixel
-wider than a voxel and its number of layers in depth.
+"""`Splats`: records in rows, caches, parts and points.
 
 Positions are grid indices, small and exact in float32; the affine grid maps them to world space in
 float64. Only non-empty rows are stored (compressed sparse rows).  [M98 §5, voxel extractor]
+
+Run lengths count occupied cells around a splat along each axis: a run of one is the width of a dot, thread, sheet or
+surface layer. They give the filled share of a pixel wider than a voxel, and its number of layers in depth.
 """
 
 from __future__ import annotations
@@ -97,8 +97,8 @@ def checked_spacing(spacing: float | Sequence[float]) -> np.ndarray:
 
 
 # position: (x, y, z) in grid indices. color: linear RGB, of a voxel as 16-bit fractions. optical_depth: extinction ×
-# mean spacing. normal: unit world gradient as signed 16-bit fractions, zero where there is none. runs: see
-# run_lengths.py; filled in on upload if the plan needs them.
+# mean spacing. normal: unit world gradient as signed 16-bit fractions, zero where there is none. runs: coded
+# run lengths, filled in on upload if the plan needs them.
 VOXEL = np.dtype(
     [("position", "<u2", 3), ("color", "<u2", 3), ("optical_depth", "<f4"), ("normal", "<i2", 3), ("runs", "<i2")]
 )
@@ -214,7 +214,7 @@ BRIGHTEST = 1e30
 class Splats:
     """Splats in row order: z, then y, then x ascending.
 
-    records [N]: see records.py; of values if `post` classifies them. cell_x int [N]: each splat's cell along x.
+    records [N]: of values if `post` classifies them. cell_x int [N]: each splat's cell along x.
     row_z, row_y int32 [M]: the non-empty rows; row_start int64 [M+1] into the records.
     unit: reference length of opacities, world units. shaded: whether the transfer function shades.
     dropped_depth: largest optical depth that the threshold removed from one axis line. source: of all splats of a
@@ -371,7 +371,7 @@ class Splats:
 
     @cached_property
     def runs(self) -> np.ndarray:
-        """int16 [N]: coded run lengths around each splat; see run_lengths.py."""
+        """int16 [N]: coded run lengths around each splat."""
         return packed_runs(self)
 
     @cached_property

@@ -1,7 +1,7 @@
-"""Histogram statistics, Otsu, background noise.
+"""Statistics of histograms, Otsu's threshold, and background noise.
 
-Nothing is assumed of the noise but that its density falls within each standard deviation by more than a half: that of
-cameras (Gaussian, Poisson, or cut off at zero) falls much faster from two on.
+Of background noise one thing is assumed: that its density falls within each standard deviation by more than a
+half. The noise of cameras (Gaussian, Poisson, or cut off at zero) falls much faster from two on.
 
 Big mapped files are not read whole: at most PLANES planes, each subsampled.
 """

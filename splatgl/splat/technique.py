@@ -1,6 +1,6 @@
-"""Quads/tiles/streaks: who refuses what; alignment.
+"""Techniques: quads, tiles and streaks, what each refuses, and the alignment of footprints.
 
-A tile has one column of pixels per SIMD lane of a software renderer.
+A tile of pixels has one column for each SIMD lane of a software renderer.
 """
 
 from __future__ import annotations

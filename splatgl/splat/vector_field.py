@@ -1,4 +1,4 @@
-"""Streamlines, arrows, magnitude and direction volumes."""
+"""Vector fields: streamlines, arrows, and volumes of magnitude and direction."""
 
 from __future__ import annotations
 

@@ -1,14 +1,14 @@
-"""View: grid seen by camera; ellipses; depth slabs.
+"""`View`: a grid as a camera sees it, in float64; ellipses of kernels, and slabs of depth.
 
-Twin of `shaders/ellipse.glsl`. Lengths in mean spacings, eye axes; vectors are [3, N].
+Ellipses are twins of `shaders/ellipse.glsl`; vectors are [3, N].
 
 Lengths are in mean voxel spacings s̄, in eye axes (right, down, forward). A voxel's kernel is
 h(A⁻¹(x − v)), of unit volume, A = eye_from_index/s̄. Antialiasing widens it across the view: along the
 axes u_i of A's first two rows, of half widths σ_i, an offset shrinks by (σ_i/p)(z_v/z) where a pixel's
 side p at the voxel's depth z_v is longer than σ_i.
 
-The model jumps by O(1/z_k) at the depth where widening begins, so that a plane of voxels at exactly that depth would be
-widened in one precision and not in the other. The depth is increased slightly, into a gap between splats wider than
+Antialiasing jumps by O(1/z_k) at the depth where widening begins, so that a plane of voxels at exactly that depth would
+be widened in one precision and not in the other. The depth is increased slightly, into a gap between splats wider than
 float32's error.
 """
 
@@ -108,7 +108,7 @@ class View:
     """A grid seen by a camera. eye_from_index [3, 3]: A. pitch: a pixel's side at depth 1, or everywhere.
 
     eye_index [3]: the eye in grid indices. size: pixels along x and y. antialias: whether widths below p are widened.
-    beyond: depths from which σ_1 and σ_2 are widened; None: from where p is wider, see `widening.py`.
+    beyond: depths from which σ_1 and σ_2 are widened; None: from where p is wider.
     """
 
     kernel: Kernel

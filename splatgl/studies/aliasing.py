@@ -1,4 +1,4 @@
-"""Aliasing and flicker metrics.
+"""Metrics of aliasing in images, and of flicker between frames.
 
 Pixels represent at most half a cycle per pixel; faster detail of the scene aliases into slower patterns. The same
 image at four samples a pixel, with splats as wide as in the original, shows how much there is.

@@ -1,4 +1,4 @@
-"""The paper's claims checked.
+"""The paper's claims, each computed and compared.
 
 The scene is the paper's (`figures.setting`); a level is 1/255 of row 1's largest value for that voxel.
 """

@@ -1,4 +1,4 @@
-"""Matplotlib style, label placement."""
+"""Style of Matplotlib figures, and placement of labels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""CSV, JSON, Markdown tables (one writer)."""
+"""Writes tables as CSV, JSON, Markdown and text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frame pacing, preview levels.
+"""Adapts the quality of previews to the time of frames, refines still pictures, and returns memory.
 
 LADDER lists the quality levels of a preview, with a floor: half of the pixels, and every second voxel of up to MANY
 splats, every fourth of more. A frame's time is that of its picture, which a level changes, and that of all else (text,

@@ -1,4 +1,4 @@
-"""Worker thread, extraction jobs."""
+"""The worker thread of a window, and its extraction jobs."""
 
 from __future__ import annotations
 

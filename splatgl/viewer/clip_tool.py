@@ -1,4 +1,4 @@
-"""Clip box and plane handles."""
+"""Handles of the clip box and of clip planes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All actions of the window, and the state that each leads to."""
+"""All actions of the window: functions from one state to the next."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The open scene, and its splats at each stride."""
+"""The open scene, with its splats at each stride."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Native and ImGui dialogs."""
+"""File dialogs: the desktop's, or those of Dear ImGui."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Preview and full frames."""
+"""Draws previews and full frames of the window."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mouse and keys -> commands."""
+"""Routes mouse and keys to tools and commands."""
 
 from __future__ import annotations
 

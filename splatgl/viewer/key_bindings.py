@@ -1,4 +1,4 @@
-"""Keymap, GLFW key names, TOML overrides.
+"""Key bindings: the default ones, GLFW's names of keys, and a TOML file of others.
 
 [bindings]
 turn = ["space", "t"]       # action = the keys that do it, instead of the usual ones

@@ -1,4 +1,4 @@
-"""Pick, distance."""
+"""The value under the cursor, and measured distances."""
 
 from __future__ import annotations
 

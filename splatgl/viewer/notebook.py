@@ -1,4 +1,4 @@
-"""Jupyter widget."""
+"""The view of Jupyter notebooks."""
 
 from __future__ import annotations
 

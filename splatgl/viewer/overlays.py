@@ -1,4 +1,4 @@
-"""Annotations and tool graphics."""
+"""Annotations over the window's picture, and the lines of its tools."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""View, slices, clipping, layers."""
+"""Sections of the panel: view, slices, clipping and layers."""
 
 from __future__ import annotations
 

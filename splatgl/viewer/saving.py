@@ -1,4 +1,4 @@
-"""Screenshots, scenes."""
+"""Saves screenshots and scenes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sg.show: a window, the view of a notebook, or the picture."""
+"""`sg.show`: a window, the view of a notebook, or the picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Three linked slices."""
+"""Three linked slices beside the picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""State, Cuts, Ruler, Slices, Look; undo history."""
+"""`State`: everything that the window shows, as one immutable value, and its undo history."""
 
 from __future__ import annotations
 

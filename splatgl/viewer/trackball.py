@@ -1,4 +1,4 @@
-"""Camera pose, drag, project/unproject.
+"""The camera's pose, and drags that turn, move and zoom it.
 
 Cursor positions are in image pixels, (0, 0) at the upper left corner.
 """

@@ -1,4 +1,4 @@
-"""Opacity curve over histogram."""
+"""The curve of opacity over the histogram, and its edits by mouse."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Viewer: event loop."""
+"""`Viewer`: the event loop of the window."""
 
 from __future__ import annotations
 

@@ -13,8 +13,7 @@ import splatgl as sg
 from splatgl.gl import sheet_quads, sheet_tiles, target, tiles
 from splatgl.gl.target import Interrupted
 from splatgl.reference.ray_integral import ray_integral
-from splatgl.splat import technique as occlusion_policy
-from splatgl.splat import technique as tiling
+from splatgl.splat import technique as techniques
 from splatgl.splat.kernels import KERNELS, depth_deviation, kernel
 from splatgl.splat.ordering import order_for
 from splatgl.splat.settings import Technique
@@ -164,10 +163,10 @@ def test_tiles_end_where_almost_no_light_passes(renderer: sg.Renderer, monkeypat
     listed: list[int] = []
     count = tiles.Tiles._count
     monkeypatch.setattr(tiles.Tiles, "_count", lambda self, plan, n: listed.append(n) or count(self, plan, n))
-    monkeypatch.setattr(occlusion_policy, "SOLID", 0.0)
+    monkeypatch.setattr(techniques, "SOLID", 0.0)
     for most, many, batches in ((2**20, 10**9, 1), (200, 10**9, -(-len(splats) // 100)), (2**20, 1000, 3)):
         monkeypatch.setattr(tiles, "MOST", most)
-        monkeypatch.setattr(tiling, "MANY_IN_SHEETS", many)
+        monkeypatch.setattr(techniques, "MANY_IN_SHEETS", many)
         listed.clear()
         ended = renderer.render(splats, camera, settings, verify_bound=False).pixels
         assert 0 < np.abs(ended - whole).max() <= 1.01 * cutoff + 3e-6 and len(listed) == batches

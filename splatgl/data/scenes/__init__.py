@@ -1,4 +1,4 @@
-"""Tunnel, phantoms, analytic fields.
+"""Built-in scenes: the paper's tunnel, terrain and nerve, phantoms with known answers, and analytic fields.
 
 A formula takes world points [3, P] and returns values [P] and gradients [P, 3] per world length.
 

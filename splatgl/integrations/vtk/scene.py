@@ -1,4 +1,4 @@
-"""VTK/PyVista -> Scene."""
+"""Scenes from renderers of VTK and plotters of PyVista."""
 
 from __future__ import annotations
 

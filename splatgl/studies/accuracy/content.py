@@ -1,4 +1,4 @@
-"""Blocks and sentences of the report."""
+"""The blocks and sentences of an accuracy report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cached references of a subject."""
+"""References of a subject, drawn once and cached."""
 
 from __future__ import annotations
 

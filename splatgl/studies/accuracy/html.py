@@ -1,4 +1,4 @@
-"""HTML page, thumbnails, publishing."""
+"""Writes an accuracy report as an HTML page with thumbnails, and its files."""
 
 from __future__ import annotations
 

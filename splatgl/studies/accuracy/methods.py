@@ -31,7 +31,8 @@ class Method:
     changes: of Settings, from the exact splats of version 0.1; own: from the scene's settings as they are; paper: from
     the settings of 1998. z_s_share: z_s as a fraction of the way from
     the nearest splat to the farthest. threshold: of the extractor, above the scene's own. coarse: how often voxels are
-    downsampled by two. quick: whether --quick draws it. peer: of `peers.MAPPERS`, which draws it instead of splatgl.
+    downsampled by two. quick: whether --quick draws it. peer: of `vtk_peers.MAPPERS`, which draws it instead of
+    splatgl.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Runs, times, stores, loads results."""
+"""Draws and times every method, and stores and loads the results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures 9, 10.
+"""Figures 9 and 10: errors of footprints.
 
 An error is |form − row 1| of one splat on one ray. `Plane` is the paper's analysis in the (y, z) plane, where
 a stretch by m attenuates by 1/m; `Space` is the splat as drawn.

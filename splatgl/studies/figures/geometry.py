@@ -1,4 +1,4 @@
-"""Figures 1-4, 7, 8."""
+"""Figures 1 to 4, 7 and 8: the geometry of splats."""
 
 from __future__ import annotations
 

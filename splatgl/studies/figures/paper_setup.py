@@ -1,4 +1,4 @@
-"""The paper's camera, kernel, volume.
+"""The paper's camera, kernel and volume.
 
 Lengths are in voxel spacings; the eye is at the origin and looks along +z.
 """

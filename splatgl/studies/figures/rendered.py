@@ -1,4 +1,4 @@
-"""Figures 5, 6, 12-14."""
+"""Figures 5, 6 and 12 to 14: rendered pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Edges, walls, stiff scenes."""
+"""Stress cases of attenuation: edges, walls and stiff scenes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Eye positions and lenses."""
+"""Stress cases of cameras: positions of the eye, and lenses."""
 
 from __future__ import annotations
 

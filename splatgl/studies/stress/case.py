@@ -1,4 +1,4 @@
-"""Case, Check, Bench, small scenes."""
+"""`Case`, `Check` and `Bench`: one stress case and its small scenes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sample types, spacings, axes."""
+"""Stress cases of grids: sample types, spacings and axes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Image sizes, classification, every method."""
+"""Stress cases of images: sizes, classification, and every method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Opacity range, piles, fog."""
+"""Stress cases of optics: range of opacity, piles of splats, and fog."""
 
 from __future__ import annotations
 

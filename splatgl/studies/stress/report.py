@@ -1,4 +1,4 @@
-"""Tables and explanations."""
+"""Tables and explanations of stress cases."""
 
 from __future__ import annotations
 
