@@ -426,7 +426,7 @@ SCREEN = """
 import os, sys, time
 import numpy as np, napari, splatgl as sg
 from qtpy.QtWidgets import QApplication
-from splatgl.integrations.napari import draw, panel
+from splatgl.integrations.napari import draw, widget
 
 z, y, x = np.mgrid[:30, :36, :42].astype(float)
 balls = [((10, 13, 15), 7, 1.0), ((20, 22, 28), 6, 0.7), ((15, 10, 33), 5, 0.5)]
@@ -454,7 +454,7 @@ for name, layers in CASES.items():
     if name != "flat":
         viewer.camera.angles = (10, 25, 60)
     QApplication.processEvents()
-    ours = np.asarray(drawing.picture(viewer).to_pil().convert("RGB")).astype(float)
+    ours = np.asarray(draw.picture(viewer).to_pil().convert("RGB")).astype(float)
     theirs = viewer.screenshot(canvas_only=True, flash=False)[..., :3].astype(float)
     assert ours.shape == theirs.shape
     both, either = [f([ours.max(axis=-1) > 25, theirs.max(axis=-1) > 25]) for f in
@@ -467,7 +467,7 @@ sg.render(one, size=32)
 one.rendering, one.interpolation3d = "minip", "cubic"
 viewer.add_labels((data > 100).astype(int))
 viewer.screenshot(flash=False)
-drawn = panel.Panel(viewer)
+drawn = widget.Panel(viewer)
 drawn.draw()
 assert drawn.image is not None and drawn.keep.isEnabled() and "pixels" in drawn.summary.text()
 viewer.layers.clear()
