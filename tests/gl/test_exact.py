@@ -213,14 +213,20 @@ def test_attenuation(attenuation: str, renderer: sg.Renderer) -> None:
 
 @pytest.mark.few(4)
 @pytest.mark.parametrize(
-    ("name", "planes"),
+    ("name", "planes", "blend"),
     [
-        ("tunnel", slice(110, None, 25)),
-        pytest.param("tunnel", ALL, marks=pytest.mark.long),
-        *(("stent_ct_128x128x256.nrrd", ALL), ("neuron_a_409x415x119.tif", ALL)),
+        pytest.param("tunnel", ALL, "composite", marks=pytest.mark.long),
+        *(
+            (*subject, blend)
+            for blend in ("composite", "xray", "mip")
+            for subject in (
+                ("tunnel", slice(110, None, 25)),
+                ("stent_ct_128x128x256.nrrd", ALL),
+                ("neuron_a_409x415x119.tif", ALL),
+            )
+        ),
     ],
 )
-@pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 def test_scenes(name: str, planes: slice, blend: str, renderer: sg.Renderer) -> None:
     """A built-in scene or some planes of it, a CT and a microscopy volume at 256²: RMSE below 2e−4, maximum below
     3e−3.

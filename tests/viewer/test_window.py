@@ -384,8 +384,7 @@ def test_values_classified_after_reconstruction(values: Window, folder: Path) ->
     still = window.key("space")
     assert still["full"] and told_of(still, "classified after")
     window.key("m")
-    # the float64 reference of the same values, and what is under the cursor
-    assert window.key("d")["reference"] and told_of(window.ask("look"), "classified after")
+    # what is under the cursor
     before = window.ask("double", within=PATIENCE)
     window.hands("mousemove", 200, 150, "click", 1, "click", 1)
     pivoted = window.ask("settle")
@@ -395,6 +394,8 @@ def test_values_classified_after_reconstruction(values: Window, folder: Path) ->
     for asked in ("pre", "auto", "post"):
         told = window.key("c")
         assert told["settings"]["classification"] == asked and told_of(told, "classified after") == (asked != "pre")
+    # the float64 reference of the same values: last, as each change would draw it again
+    assert window.key("d")["reference"] and told_of(window.ask("look"), "classified after")
 
 
 @pytest.mark.long
@@ -606,13 +607,13 @@ def test_memory_stays_where_the_window_is_resized(panel: Window) -> None:
     """Pictures of other sizes leave no room behind that none of them fits."""
     sizes = (640, 480), (450, 350), (600, 450)
     megabytes = []
-    for _ in range(12):
+    for _ in range(8):
         for size in sizes:
             panel.hands("windowsize", "--sync", panel.identity, *size)
             told = panel.ask("settle")
         megabytes.append(told["megabytes"])
     # it grew by a hundred where freed pictures were kept
-    assert max(megabytes[6:]) - max(megabytes[3:6]) < 20, megabytes
+    assert max(megabytes[5:]) - max(megabytes[2:5]) < 20, megabytes
 
 
 # --- the panel ----------------------------------------------------------------------------------------------------
