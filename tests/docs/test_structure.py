@@ -228,6 +228,19 @@ def test_files_hold_one_subject() -> None:
     assert {relative(path) for path in short if len(importers[module_of(path)]) < 2} == set(SHORT_FILES)
 
 
+def test_no_test_imports_another() -> None:
+    """What several tests share stands in tests/helpers, or is a fixture of tests/conftest.py."""
+    found = []
+    for path in Path(__file__).parents[1].rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            module = node.module or "" if isinstance(node, ast.ImportFrom) else ""
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
+            parts = [part for name in names for part in f"{module}.{name}".split(".")]
+            if any(part == "conftest" or part.startswith("test_") for part in parts):
+                found.append(f"{path.name}:{node.lineno}")
+    assert found == []
+
+
 def test_functions_stay_small() -> None:
     assert [wrong for path in files() for wrong in long_functions(path)] == []
 
