@@ -26,6 +26,7 @@ from splatgl.data.image import Image
 from splatgl.distributed.worker import Drawing, kept, renderer
 from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, shortened, size_of, write_whole
+from splatgl.scene.background import backed
 from splatgl.scene.draw import (
     PATIENCE,
     at_time,
@@ -41,7 +42,6 @@ from splatgl.scene.draw import (
 )
 from splatgl.scene.meshes import is_mesh
 from splatgl.scene.scene_file import Scene
-from splatgl.scene.view import backed
 from splatgl.splat.bricks import Bricks, bricks_of, fits, required_bricks
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.motion import Motion, flow_of, moments

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from splatgl.errors import expected
 from splatgl.readers.options import VALUES, LoadOptions, inside
 from splatgl.readers.remote import is_address
-from splatgl.scene.meshes import ARROWS, LINES, SHOWN, MeshFile, asked_vectors, clipped, is_mesh
+from splatgl.scene.meshes import ARROWS, LINES, SHOWN, MeshFile, asked_vectors, is_mesh, mark_clipped
 from splatgl.scene.parse import (
     AUTO,
     BACKGROUNDS,
@@ -281,7 +281,7 @@ def scene_from_transfer(args: argparse.Namespace) -> Scene:
     if getattr(args, "clip_meshes", False):
         named = [each.file for each in meshes if isinstance(each, MeshFile)]
         alone = (MeshFile(scene.volume),) if is_mesh(scene.volume) and scene.volume not in named else ()
-        meshes = tuple(clipped(each) for each in (*alone, *meshes))
+        meshes = tuple(mark_clipped(each) for each in (*alone, *meshes))
     given = getattr(args, "surfaces", None)
     smoothing = scene.surfaces if given is None else strength_of(given)
     vectors = asked_vectors(vars(args), scene.vectors)

@@ -12,8 +12,8 @@ from splatgl.cli.options import add_backend, add_source, add_view, scene_from_so
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
+from splatgl.scene.background import suited
 from splatgl.scene.scene_file import Scene
-from splatgl.scene.view import suited
 from splatgl.splat.presets import PRESETS, default_transfer, preset
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer

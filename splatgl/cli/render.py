@@ -19,6 +19,7 @@ from splatgl.data.image_files import need
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import bytes_of, check_output, check_source
+from splatgl.scene.background import as_drawn, backed
 from splatgl.scene.draw import (
     OF_BLENDS,
     Drawing,
@@ -36,7 +37,6 @@ from splatgl.scene.draw import (
 )
 from splatgl.scene.meshes import is_mesh
 from splatgl.scene.scene_file import Scene
-from splatgl.scene.view import as_drawn, backed
 from splatgl.splat.settings import BLENDS
 from splatgl.splat.transfer import Transfer
 

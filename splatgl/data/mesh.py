@@ -129,7 +129,7 @@ class Mesh:
 
     def cut(self, planes: Sequence[Sequence[float]]) -> Mesh:
         """What lies where n · x ≥ d of all planes (n_x, n_y, n_z, d): triangles are cut, whatever their size."""
-        return cut(self, planes)
+        return clip_mesh(self, planes)
 
     def to_pyvista(self) -> Any:
         """A pyvista.PolyData of the triangles, and of the colours of vertices. InputError without PyVista."""
@@ -267,7 +267,7 @@ def _between(rings: np.ndarray) -> np.ndarray:
     return np.concatenate([np.stack([a, b, b + SIDES], axis=1), np.stack([a, b + SIDES, a + SIDES], axis=1)])
 
 
-def cut(mesh: Mesh, planes: Sequence[Sequence[float]]) -> Mesh:
+def clip_mesh(mesh: Mesh, planes: Sequence[Sequence[float]]) -> Mesh:
     """What lies where n · x ≥ d of all planes (n_x, n_y, n_z, d), open where it is cut; as it is, if that is all."""
     rows = np.asarray(planes, np.float64).reshape(-1, 4)
     if not len(mesh) or (mesh.vertices @ rows[:, :3].T >= rows[:, 3]).all():

@@ -22,12 +22,13 @@ from splatgl.errors import expected
 from splatgl.fileio import bytes_of
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
+from splatgl.scene.background import as_drawn, grounded
 from splatgl.scene.draw import Drawing, depth_share, depths_of, draw, drawn, lay, origin, unbacked, with_room
-from splatgl.scene.meshes import MeshFile, asked_vectors, clipped
+from splatgl.scene.meshes import MeshFile, asked_vectors, mark_clipped
 from splatgl.scene.parse import AUTO, BACKGROUNDS, CLEAR, background, size
 from splatgl.scene.scene_file import Scene
 from splatgl.scene.shared_renderer import kept_renderer
-from splatgl.scene.view import View, as_drawn, grounded, typed
+from splatgl.scene.view import View, typed
 from splatgl.splat.segment_surfaces import strength_of
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
@@ -192,7 +193,7 @@ def scene_of(
     found = replace(
         scene,
         **cuts,
-        meshes=tuple(clipped(each) if clip_meshes else each for each in (*scene.meshes, *meshes)),
+        meshes=tuple(mark_clipped(each) if clip_meshes else each for each in (*scene.meshes, *meshes)),
         vectors=asked_vectors(vectors, scene.vectors),
         surfaces=scene.surfaces if surfaces is None else strength_of(surfaces),
         annotate=scene.annotate if annotate is None else over,

@@ -156,7 +156,7 @@ def surfaces_of(scene: Scene) -> list[MeshFile]:
     return [MeshFile(scene.volume), *found] if alone else found
 
 
-def clipped(mesh: MeshFile | Mesh) -> MeshFile | Mesh:
+def mark_clipped(mesh: MeshFile | Mesh) -> MeshFile | Mesh:
     """The same, cut by planes."""
     return replace(mesh, clip=True) if isinstance(mesh, MeshFile) else replace(mesh, clipped=True)
 

@@ -15,8 +15,8 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.scene import Scene as Layers
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
-from splatgl.viewer.background import Cancelled, Jobs
 from splatgl.viewer.document import Content
+from splatgl.viewer.jobs import Cancelled, Jobs
 
 if TYPE_CHECKING:
     from splatgl.viewer.viewer import Viewer

@@ -87,8 +87,9 @@ def reading(scene: Scene, source: str = "", reopen: Reopen | None = None) -> Fil
     """Begins to read a scene. Raises what its reader does, if that is found out within AT_ONCE. source: of what is
     watched, and read again by `reopen`.
     """
-    from splatgl.viewer.background import Jobs
-    from splatgl.viewer.loading import Files, watched
+    from splatgl.viewer.file_watch import watched
+    from splatgl.viewer.jobs import Jobs
+    from splatgl.viewer.loading import Files
 
     jobs = Jobs(lambda: None)
     files = Files(jobs, watched(source, scene) if source else (), reopen, time.monotonic())

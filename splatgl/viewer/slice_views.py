@@ -17,7 +17,7 @@ from splatgl.errors import InputError
 from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
-from splatgl.viewer.background import Jobs
+from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.state import Slices
 from splatgl.viewer.trackball import Place, segment, up_of
 

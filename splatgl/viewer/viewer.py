@@ -18,12 +18,12 @@ from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen
 from splatgl.gl.target import Interrupted
 from splatgl.viewer.adaptive_quality import LADDER, REST, STEP, TARGET, Moment, Refiner, Sweep, give_back_large
-from splatgl.viewer.background import EXTRACTING, Extractor, Jobs, followed
 from splatgl.viewer.document import Content
 from splatgl.viewer.file_dialogs import OPEN, SAVE, Dialogs
 from splatgl.viewer.frame_renderer import Painter
 from splatgl.viewer.hud import progress
 from splatgl.viewer.input import Hands
+from splatgl.viewer.jobs import EXTRACTING, Extractor, Jobs, followed
 from splatgl.viewer.key_bindings import BINDINGS, Binding
 from splatgl.viewer.loading import Files, Recent, arrived
 from splatgl.viewer.overlays import Marking

@@ -27,8 +27,8 @@ from splatgl.gl.renderer import Renderer
 from splatgl.readers import ome_zarr
 from splatgl.scene.scene_file import Scene
 from splatgl.viewer import hud, stand_in, trackball
-from splatgl.viewer.background import Jobs
 from splatgl.viewer.document import Content
+from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.loading import Files
 from splatgl.viewer.show import reading
 from splatgl.viewer.viewer import Options, Viewer

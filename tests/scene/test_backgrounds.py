@@ -10,8 +10,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
+from splatgl.scene.background import BLACK, WHITE, grounded, suited
 from splatgl.scene.parse import AUTO, CLEAR, background
-from splatgl.scene.view import BLACK, WHITE, grounded, suited
 
 SURFACE = sg.Transfer([(0.4, 0.0), (0.6, 0.9)])
 GLOW = sg.Transfer([(0.4, 0.0), (0.6, 0.9)], shading=False)

@@ -16,7 +16,8 @@ from splatgl.scene.meshes import MeshFile
 from splatgl.scene.scene_file import Scene
 from splatgl.viewer.commands import acted, drawable
 from splatgl.viewer.document import Content, Together, read_meshes
-from splatgl.viewer.loading import opened, watched
+from splatgl.viewer.file_watch import watched
+from splatgl.viewer.loading import opened
 from splatgl.viewer.saving import picture_of, save_scene, scene_of
 from splatgl.viewer.state import History, State
 from tests.helpers.blobs import blob

@@ -17,9 +17,9 @@ from splatgl.annotations.text import legible, plain
 from splatgl.scene.scene_file import Scene
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, STRIDES, Sweep
-from splatgl.viewer.background import Done
 from splatgl.viewer.document import Content
 from splatgl.viewer.frame_renderer import Painter
+from splatgl.viewer.jobs import Done
 from splatgl.viewer.reference_view import Reference
 from splatgl.viewer.saving import saved, saved_as
 from splatgl.viewer.state import State

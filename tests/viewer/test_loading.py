@@ -16,8 +16,8 @@ from splatgl.scene.meshes import MeshFile
 from splatgl.scene.scene_file import Scene
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES
-from splatgl.viewer.background import Done, Extractor, Jobs, followed
 from splatgl.viewer.document import Content, Together, read_meshes
+from splatgl.viewer.jobs import Done, Extractor, Jobs, followed
 from splatgl.viewer.loading import TIME, Brought, Files, News, arrived, opened
 from splatgl.viewer.state import History, State
 from splatgl.viewer.viewer import answered

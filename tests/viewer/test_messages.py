@@ -14,8 +14,8 @@ from splatgl.annotations.text import FONT, Text, _fitted
 from splatgl.scene.scene_file import Scene
 from splatgl.splat.settings import Settings
 from splatgl.viewer import loading
-from splatgl.viewer.background import Jobs
 from splatgl.viewer.document import Content
+from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.key_bindings import BINDINGS, MOUSE
 from splatgl.viewer.loading import Files, News
 from splatgl.viewer.state import State

@@ -24,10 +24,11 @@ from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.statistics import statistics
 from splatgl.viewer import hud, transfer_editor
 from splatgl.viewer.adaptive_quality import FULL, LADDER, STRIDES, Level, Moment, Pace, Refiner
-from splatgl.viewer.background import Jobs
 from splatgl.viewer.commands import ACTIONS, acted
 from splatgl.viewer.document import Content
+from splatgl.viewer.file_watch import Watch, watched
 from splatgl.viewer.frame_renderer import MOMENTS, SHARE, TINT, Painter, crossing, share_beyond, tinted
+from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.key_bindings import (
     BINDINGS,
     checked,
@@ -38,7 +39,6 @@ from splatgl.viewer.key_bindings import (
     load_bindings,
     remapped,
 )
-from splatgl.viewer.loading import Watch, watched
 from splatgl.viewer.measure_tool import picked
 from splatgl.viewer.reference_view import enlarged
 from splatgl.viewer.saving import free, picture_of, save_picture, save_scene, scene_of
