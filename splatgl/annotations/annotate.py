@@ -1,4 +1,4 @@
-"""`annotated`: draws the annotations that are asked for over an image."""
+"""`annotated`: draws the annotations that are asked for over an image. Its check boxes: `panel_sections.OVER`."""
 
 from __future__ import annotations
 

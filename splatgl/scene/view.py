@@ -1,4 +1,4 @@
-"""`View`: the camera from angles and sizes; flat stacks; backgrounds."""
+"""`View`: the camera from angles and sizes; flat stacks of microscopes."""
 
 from __future__ import annotations
 

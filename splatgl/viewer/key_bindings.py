@@ -1,4 +1,4 @@
-"""Key bindings: the default ones, GLFW's names of keys, and a TOML file of others.
+"""Key bindings: the default ones, GLFW's names of keys, and a TOML file of others. `commands.ACTIONS` acts.
 
 [bindings]
 turn = ["space", "t"]       # action = the keys that do it, instead of the usual ones

@@ -1,4 +1,4 @@
-"""Opens, watches and remembers files, and applies the results of background jobs to the viewer."""
+"""Opens and remembers files, and applies the results of background jobs to the viewer."""
 
 from __future__ import annotations
 
