@@ -233,9 +233,10 @@ def test_no_test_imports_another() -> None:
     found = []
     for path in Path(__file__).parents[1].rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.Import | ast.ImportFrom):
+                continue
             module = node.module or "" if isinstance(node, ast.ImportFrom) else ""
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
-            parts = [part for name in names for part in f"{module}.{name}".split(".")]
+            parts = [part for alias in node.names for part in f"{module}.{alias.name}".split(".")]
             if any(part == "conftest" or part.startswith("test_") for part in parts):
                 found.append(f"{path.name}:{node.lineno}")
     assert found == []
